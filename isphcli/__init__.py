@@ -1,0 +1,3 @@
+"""isphcli: flow through rock and other complex solids by consistent implicit incompressible SPH."""
+
+__version__ = "0.1.0"
