@@ -1,0 +1,407 @@
+"""Files that a run leaves: snapshots and their time series, the history, the summary; and the stopwatch.
+
+Plain arrays and dictionaries in, files out. Two rules hold for every writer here: a file appears whole
+or not at all (it is written beside itself and renamed), and NaN or infinity never reaches a file.
+`docs/output.md` describes every file, column and key.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import json
+import math
+import os
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TextIO
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+SNAPSHOTS = "snapshots"
+FLUSH_EVERY = 8
+INTEGER_FIELDS = ("phase", "kind", "component")
+LIBRARIES = ("isphcli", "numpy", "scipy", "numba", "pyamg", "meshio", "matplotlib", "pyyaml", "click", "rich")
+
+# What `prepare_directory` takes for the files of an earlier run (beside snapshots and their .pvd). The
+# effective case.yaml is not among them: someone may run `isph run case.yaml` with `directory: .`
+OWN_FILES = ("history.csv", "summary.json", "run.log", "restart.*") + tuple(
+    f"{name}*.png" for name in ("slice", "histories", "profile", "render")
+)
+_SNAPSHOT = re.compile(r"(?P<name>.+)_(?P<step>\d{6,})\.vtu")
+
+# The order of keys in summary.json; keys not named here follow in the order in which they came.
+SUMMARY_KEYS = (
+    "title", "status", "message", "dimension", "particles", "porosity", "terms", "steps", "time",
+    "permeability", "permeability_error", "permeability_tensor", "superficial_velocity", "mean_velocity",
+    "mass_error", "max_divergence", "iterations", "errors", "cpu_seconds", "wall_seconds",
+    "peak_memory_bytes", "threads", "versions",
+)  # fmt: skip
+
+
+class NotFiniteError(ValueError):
+    """A value that was to be written is NaN or infinite."""
+
+
+# -- whole or not at all ---------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def replacing(path: str | os.PathLike) -> Iterator[Path]:
+    """Yield a temporary path beside `path`; move it there if the block succeeds, remove it if not."""
+    path = Path(path)
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    try:
+        yield Path(name)
+        os.chmod(name, 0o666 & ~_umask())
+        os.replace(name, path)
+    except BaseException:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(name)
+        raise
+
+
+def write_text(path: str | os.PathLike, text: str) -> None:
+    """Write `text` (UTF-8) to `path`, whole or not at all."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def prepare_directory(path: str | os.PathLike, resume: bool = False) -> Path:
+    """Make the output directory; remove what an earlier run left in it, keep every other file.
+
+    `resume` keeps the earlier run's files too (a run that goes on from its restart file).
+    Raises NotADirectoryError where `path` is a file.
+    """
+    path = Path(path)
+    if path.exists() and not path.is_dir():
+        raise NotADirectoryError(f"{path}: is a file; the output directory cannot be made there")
+    snapshots = path / SNAPSHOTS
+    snapshots.mkdir(parents=True, exist_ok=True)
+    if resume:
+        return path
+    for file in snapshots.iterdir():
+        if match := _SNAPSHOT.fullmatch(file.name):
+            file.unlink()
+            (path / f"{match['name']}.pvd").unlink(missing_ok=True)
+    for pattern in OWN_FILES:
+        for file in path.glob(pattern):
+            if file.is_file():
+                file.unlink()
+    return path
+
+
+def require_finite(name: str, values: Any) -> np.ndarray:
+    """`values` as an array; NotFiniteError with the field's name and the count if any is NaN or infinite."""
+    values = np.asarray(values)
+    if values.dtype.kind in "fc":
+        bad = values.size - int(np.count_nonzero(np.isfinite(values)))
+        if bad:
+            nan = int(np.count_nonzero(np.isnan(values)))
+            raise NotFiniteError(
+                f"{name}: {bad} of {values.size} values are not finite ({nan} NaN, {bad - nan} infinite); "
+                "nothing was written"
+            )
+    return values
+
+
+# -- snapshots -------------------------------------------------------------------------------------------
+
+
+def write_vtu(path: str | os.PathLike, x: np.ndarray, fields: Mapping[str, np.ndarray]) -> None:
+    """Write points with their fields as a VTU of vertex cells (binary, zlib).
+
+    x: (n, 2 or 3), m. fields: (n,) scalars or (n, 2 or 3) vectors; vectors are written with three
+    components, `phase`, `kind` and `component` as int32, flags as int8. `distance` that is +inf everywhere
+    says that there is no wall, and is left out. Raises NotFiniteError for NaN or infinity, ValueError for a
+    wrong length or no particles at all.
+    """
+    import meshio
+
+    x = require_finite("x", np.asarray(x, dtype=np.float64))
+    n = len(x)
+    if n == 0:
+        raise ValueError(f"{Path(path).name}: there are no particles to write")
+    data: dict[str, np.ndarray] = {}
+    for name, values in fields.items():
+        values = np.asarray(values)
+        if values.ndim not in (1, 2) or len(values) != n:
+            raise ValueError(f"{name}: shape {values.shape} does not fit {n} particles")
+        if name == "distance" and n and np.all(np.isposinf(values)):
+            continue
+        require_finite(f"{Path(path).name}: {name}", values)
+        if name in INTEGER_FIELDS:
+            values = values.astype(np.int32)
+        elif values.dtype == bool:
+            values = values.astype(np.int8)
+        data[name] = _three(values) if values.ndim == 2 else np.ascontiguousarray(values)
+    mesh = meshio.Mesh(_three(x), [("vertex", np.arange(n).reshape(n, 1))], point_data=data)
+    with replacing(path) as temporary:
+        meshio.vtu.write(temporary, mesh, binary=True, compression="zlib")
+
+
+def read_vtu(path: str | os.PathLike) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Points (n, 3) and fields of a snapshot that `write_vtu` wrote."""
+    import meshio
+
+    mesh = meshio.read(path)
+    return mesh.points, dict(mesh.point_data)
+
+
+def _three(vectors: np.ndarray) -> np.ndarray:
+    """(n, 1..3) as C-ordered (n, 3), the missing components zero."""
+    if vectors.shape[1] == 3:
+        return np.ascontiguousarray(vectors)
+    padded = np.zeros((len(vectors), 3), dtype=vectors.dtype)
+    padded[:, : vectors.shape[1]] = vectors
+    return padded
+
+
+class Series:
+    """Snapshots `snapshots/<name>_<step>.vtu` and the `<name>.pvd` that opens them all in ParaView."""
+
+    def __init__(
+        self, directory: str | os.PathLike, name: str = "particles", resume_time: float | None = None
+    ):
+        """`resume_time`: take up the series in `directory`, without snapshots later than this time (s)."""
+        self.directory = Path(directory)
+        self.name = name
+        self.entries: list[tuple[float, str]] = []
+        (self.directory / SNAPSHOTS).mkdir(parents=True, exist_ok=True)
+        if resume_time is not None and self.path.exists():
+            self.entries = [e for e in read_pvd(self.path) if e[0] <= resume_time]
+
+    @property
+    def path(self) -> Path:
+        """The .pvd file."""
+        return self.directory / f"{self.name}.pvd"
+
+    def write(self, step: int, time: float, x: np.ndarray, fields: Mapping[str, np.ndarray]) -> Path:
+        """Write the particles at `time` (s) and renew the .pvd; returns the path of the snapshot.
+
+        x and fields: see `write_vtu`. A step that was written before is replaced.
+        """
+        if not math.isfinite(time):
+            raise NotFiniteError(f"{self.name}: the time of step {step} is {time}; nothing was written")
+        file = f"{SNAPSHOTS}/{self.name}_{step:06d}.vtu"
+        write_vtu(self.directory / file, x, fields)
+        self.entries = [e for e in self.entries if e[1] != file] + [(float(time), file)]
+        write_text(self.path, _pvd(self.entries))
+        return self.directory / file
+
+
+def _pvd(entries: list[tuple[float, str]]) -> str:
+    rows = "".join(
+        f'    <DataSet timestep="{time!r}" group="" part="0" file={quoteattr(file)}/>\n'
+        for time, file in entries
+    )
+    return (
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n'
+        f"  <Collection>\n{rows}  </Collection>\n</VTKFile>\n"
+    )
+
+
+def read_pvd(path: str | os.PathLike) -> list[tuple[float, str]]:
+    """(time, file relative to the .pvd) of each snapshot of a series."""
+    from xml.etree import ElementTree
+
+    return [
+        (float(e.get("timestep", "nan")), e.get("file", "")) for e in ElementTree.parse(path).iter("DataSet")
+    ]
+
+
+# -- history ---------------------------------------------------------------------------------------------
+
+
+class History:
+    """history.csv: a row a step; the first row's keys are the columns. A context manager."""
+
+    def __init__(self, path: str | os.PathLike, resume_time: float | None = None):
+        """`resume_time`: go on with the file there, without its rows later than this time (s)."""
+        self.path = Path(path)
+        self.columns: list[str] | None = None
+        self.rows = 0
+        self._file: TextIO | None = None
+        if resume_time is not None and self.path.exists():
+            kept = [row for row in read_history(self.path) if row["time"] <= resume_time]
+            self.path.unlink()
+            for row in kept:
+                self.append(row)
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Add a row. A key that is missing, or None, leaves an empty cell: "there is no such value here".
+
+        Raises NotFiniteError for NaN and infinity, KeyError for a column that the first row did not have.
+        """
+        if self.columns is None:
+            self.columns = list(row)
+        if unknown := [key for key in row if key not in self.columns]:
+            raise KeyError(f"{self.path.name}: no column {', '.join(unknown)} in its first row")
+        cells = {
+            key: _cell(f"{self.path.name}: {key} in row {self.rows + 1}", row.get(key))
+            for key in self.columns
+        }
+        if self._file is None:
+            self._file = open(self.path, "w", newline="", encoding="utf-8")
+            csv.writer(self._file).writerow(self.columns)
+        csv.writer(self._file).writerow([cells[key] for key in self.columns])
+        self.rows += 1
+        if self.rows % FLUSH_EVERY == 1:
+            self._file.flush()
+
+    def close(self) -> None:
+        """Write what is pending and close the file."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def __enter__(self) -> History:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def _cell(name: str, value: Any) -> str:
+    if value is None:
+        return ""
+    value = require_finite(name, value).item()
+    return f"{value:.10g}" if isinstance(value, float) else str(value)
+
+
+def read_history(path: str | os.PathLike) -> list[dict[str, Any]]:
+    """Rows of a history: whole numbers as int, numbers as float, empty cells as None, the rest as text."""
+    with open(path, newline="", encoding="utf-8") as file:
+        return [{key: _value(text) for key, text in row.items()} for row in csv.DictReader(file)]
+
+
+def _value(text: str | None) -> Any:
+    if not text:
+        return None
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(text)
+    return {"True": True, "False": False}.get(text, text)
+
+
+# -- summary ---------------------------------------------------------------------------------------------
+
+
+def write_summary(path: str | os.PathLike, summary: Mapping[str, Any]) -> None:
+    """Write the summary as JSON, whole or not at all.
+
+    numpy numbers and arrays become numbers and lists; keys come in the order of `SUMMARY_KEYS`, others
+    after them. Raises NotFiniteError, naming the key, for NaN and infinity: give None for "no value".
+    """
+    order = {key: i for i, key in enumerate(SUMMARY_KEYS)}
+    keys = sorted(summary, key=lambda key: order.get(key, len(order)))
+    plain = {key: _plain(key, summary[key]) for key in keys}
+    write_text(path, json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def _plain(name: str, value: Any) -> Any:
+    """`value` as JSON knows it; `name` is the path of keys that leads to it."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(f"{name}.{key}", item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        items = sorted(value) if isinstance(value, (set, frozenset)) else value
+        return [_plain(f"{name}[{i}]", item) for i, item in enumerate(items)]
+    if value is None or isinstance(value, (str, bool, int)):
+        return value
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, (float, np.generic, np.ndarray)):
+        return require_finite(f"summary.json: {name}", value).tolist()
+    raise TypeError(f"summary.json: {name}: cannot write a {type(value).__name__}")
+
+
+# -- where the time went ---------------------------------------------------------------------------------
+
+
+class Clock:
+    """Wall and CPU seconds of named sections: `with clock("neighbours"): ...`
+
+    CPU seconds are those of the process, all threads together. While an inner section runs its outer one
+    stands still, so that the sections add up to the total and nothing is counted twice.
+    """
+
+    def __init__(self) -> None:
+        self._names: list[str] = []
+        self._spent: dict[str, tuple[float, float]] = {}
+        self._start = self._mark = _now()
+
+    @contextlib.contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        """Count the block under `name`."""
+        self._lap()
+        self._names.append(name)
+        try:
+            yield
+        finally:
+            self._lap()
+            self._names.pop()
+
+    def add(self, name: str, wall: float, cpu: float, taken_from: str | None = None) -> None:
+        """Count seconds measured elsewhere (of a compiler, say), at the cost of section `taken_from`."""
+        for section, sign in ((name, 1), (taken_from, -1)):
+            if section is not None:
+                w, c = self._spent.get(section, (0.0, 0.0))
+                self._spent[section] = (w + sign * wall, c + sign * cpu)
+
+    def cpu(self) -> dict[str, float]:
+        """CPU seconds by section, by first use; `other` is what no section holds; then `total`."""
+        return self._split(1)
+
+    def wall(self) -> dict[str, float]:
+        """Wall seconds by section, as `cpu`."""
+        return self._split(0)
+
+    def _lap(self) -> None:
+        now = _now()
+        if self._names:
+            w, c = self._spent.get(self._names[-1], (0.0, 0.0))
+            self._spent[self._names[-1]] = (w + now[0] - self._mark[0], c + now[1] - self._mark[1])
+        self._mark = now
+
+    def _split(self, which: int) -> dict[str, float]:
+        self._lap()
+        split = {name: spent[which] for name, spent in self._spent.items()}
+        total = self._mark[which] - self._start[which]
+        return {**split, "other": max(total - sum(split.values()), 0.0), "total": total}
+
+
+def _now() -> tuple[float, float]:
+    return time.perf_counter(), time.process_time()
+
+
+def peak_memory() -> int | None:
+    """Largest resident size of this process so far, bytes; None where the system does not tell (Windows)."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the libraries that are installed, read without importing them."""
+    from importlib import metadata
+
+    found = {"python": sys.version.split()[0]}
+    for name in LIBRARIES:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found

@@ -1,0 +1,272 @@
+"""Files of a run: what is written can be read back, is whole, and is finite."""
+
+import io
+import json
+import math
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from isphcli import output
+from isphcli.progress import Progress, duration, stage
+
+rng = np.random.default_rng(1)
+
+
+def fields(n, dim):
+    return {
+        "velocity": rng.normal(size=(n, dim)),
+        "pressure": rng.normal(size=n),
+        "phase": np.zeros(n, dtype=np.int8),
+        "distance": rng.random(n),
+    }
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_snapshot_reads_back_bit_for_bit(tmp_path, dim):
+    x = rng.random((50, dim)) * 1e-4
+    f = fields(50, dim)
+    path = output.Series(tmp_path, "rock").write(12, 0.5, x, f)
+    assert path == tmp_path / "snapshots" / "rock_000012.vtu"
+    points, data = output.read_vtu(path)
+    assert np.array_equal(points[:, :dim], x) and not points[:, dim:].any()
+    assert data["velocity"].shape == (50, 3) and np.array_equal(data["velocity"][:, :dim], f["velocity"])
+    assert np.array_equal(data["pressure"], f["pressure"]) and data["phase"].dtype == np.int32
+
+
+def test_a_snapshot_without_particles_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="no particles"):
+        output.Series(tmp_path).write(0, 0.0, np.zeros((0, 3)), fields(0, 3))
+
+
+def test_vtk_opens_the_series(tmp_path):
+    vtk = pytest.importorskip("vtkmodules.vtkIOXML")
+    series = output.Series(tmp_path, "rock")
+    x = rng.random((20, 3))
+    for step in (0, 10):
+        path = series.write(step, 0.1 * step, x, fields(20, 3))
+    reader = vtk.vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    grid = reader.GetOutput()
+    assert grid.GetNumberOfPoints() == grid.GetNumberOfCells() == 20
+    assert grid.GetPointData().GetArray("velocity").GetNumberOfComponents() == 3
+    assert output.read_pvd(series.path) == [
+        (0.0, "snapshots/rock_000000.vtu"),
+        (1.0, "snapshots/rock_000010.vtu"),
+    ]
+
+
+def test_series_goes_on_after_a_restart(tmp_path):
+    series, x = output.Series(tmp_path), np.zeros((1, 2))
+    for step in range(4):
+        series.write(step, float(step), x, {})
+    again = output.Series(tmp_path, resume_time=1.0)
+    again.write(2, 1.5, x, {})
+    assert [t for t, _ in output.read_pvd(again.path)] == [0.0, 1.0, 1.5]
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_no_snapshot_with_nan(tmp_path, bad):
+    f = fields(10, 2)
+    f["pressure"][3:5] = bad
+    series = output.Series(tmp_path)
+    with pytest.raises(output.NotFiniteError, match="pressure: 2 of 10"):
+        series.write(0, 0.0, np.zeros((10, 2)), f)
+    assert not list((tmp_path / "snapshots").iterdir()) and not series.path.exists()
+
+
+def test_distance_without_walls_is_left_out(tmp_path):
+    x = np.zeros((3, 2))
+    path = output.Series(tmp_path).write(0, 0.0, x, {"distance": np.full(3, np.inf)})
+    assert "distance" not in output.read_vtu(path)[1]
+    with pytest.raises(output.NotFiniteError, match="distance: 1 of 3"):
+        output.Series(tmp_path).write(1, 0.0, x, {"distance": np.array([1.0, 2.0, np.inf])})
+
+
+def test_wrong_length_is_named(tmp_path):
+    with pytest.raises(ValueError, match=r"pressure: shape \(4,\) does not fit 3"):
+        output.Series(tmp_path).write(0, 0.0, np.zeros((3, 2)), {"pressure": np.zeros(4)})
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path):
+    path = tmp_path / "a.txt"
+    output.write_text(path, "old")
+    with pytest.raises(RuntimeError), output.replacing(path) as temporary:
+        temporary.write_text("half")
+        raise RuntimeError
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_history_reads_back(tmp_path):
+    path = tmp_path / "history.csv"
+    with output.History(path) as history:
+        history.append({"step": 1, "time": 0.1, "limit": "cfl", "iterations_p": np.int64(3), "p": None})
+        history.append({"step": 2, "time": np.float64(0.2), "limit": "end", "p": 1e-7})
+    assert output.read_history(path) == [
+        {"step": 1, "time": 0.1, "limit": "cfl", "iterations_p": 3, "p": None},
+        {"step": 2, "time": 0.2, "limit": "end", "iterations_p": None, "p": 1e-7},
+    ]
+    with output.History(path, resume_time=0.15) as history:
+        history.append({"step": 2, "time": 0.19})
+    assert [row["time"] for row in output.read_history(path)] == [0.1, 0.19]
+
+
+def test_history_can_be_read_while_it_grows(tmp_path):
+    history = output.History(tmp_path / "h.csv")
+    for step in range(20):
+        history.append({"step": step})
+    assert len(output.read_history(history.path)) >= 20 - output.FLUSH_EVERY
+    history.close()
+
+
+def test_history_refuses_nan_and_new_columns(tmp_path):
+    history = output.History(tmp_path / "h.csv")
+    history.append({"dt": 1.0})
+    with pytest.raises(output.NotFiniteError, match="dt in row 2"):
+        history.append({"dt": math.nan})
+    with pytest.raises(KeyError, match="residual"):
+        history.append({"dt": 1.0, "residual": 1.0})
+    history.close()
+
+
+def test_summary(tmp_path):
+    path = tmp_path / "summary.json"
+    output.write_summary(
+        path,
+        {"extra": None, "time": np.float64(1.5), "title": "µ", "particles": {"fluid": np.int64(3)},
+         "permeability_tensor": np.eye(2), "terms": {"viscosity", "pressure"}, "ok": np.bool_(True)},
+    )  # fmt: skip
+    read = json.loads(path.read_text(encoding="utf-8"))
+    assert list(read) == ["title", "particles", "terms", "time", "permeability_tensor", "extra", "ok"]
+    assert read["permeability_tensor"] == [[1, 0], [0, 1]] and read["ok"] is True
+    assert read["terms"] == ["pressure", "viscosity"]
+    with pytest.raises(output.NotFiniteError, match=r"errors\.velocity\[1\]"):
+        output.write_summary(path, {"errors": {"velocity": [1.0, math.nan]}})
+    assert json.loads(path.read_text(encoding="utf-8")) == read
+
+
+def test_clock_counts_nothing_twice():
+    clock = output.Clock()
+    with clock("outer"):
+        time.sleep(0.02)
+        for _ in range(2):
+            with clock("inner"):
+                time.sleep(0.02)
+    wall, cpu = clock.wall(), clock.cpu()
+    assert list(wall) == ["outer", "inner", "other", "total"]
+    assert 0.02 <= wall["outer"] < 0.04 <= wall["inner"]
+    assert math.isclose(sum(wall.values()) - wall["total"], wall["total"], rel_tol=1e-9)
+    assert cpu["total"] < 0.5 * wall["total"]  # sleeping costs no CPU
+    clock.add("compile", 0.01, 0.0, taken_from="inner")
+    assert math.isclose(clock.wall()["inner"], wall["inner"] - 0.01)
+
+
+def test_peak_memory_and_versions():
+    before = output.peak_memory()
+    block = np.ones(int(2e7))  # 160 MB
+    assert block.nbytes <= output.peak_memory() and before <= output.peak_memory()
+    found = output.versions()
+    assert found["numpy"] == np.__version__ and "isphcli" in found
+
+
+def test_prepare_directory_keeps_what_is_not_ours(tmp_path):
+    x = np.zeros((1, 2))
+    output.Series(tmp_path, "old").write(3, 0.0, x, {})
+    for name in (
+        "history.csv",
+        "summary.json",
+        "restart.npz",
+        "slice.png",
+        "notes.txt",
+        "case.yaml",
+        "mine.pvd",
+    ):
+        (tmp_path / name).write_text("")
+    (tmp_path / "snapshots" / "mine.vtu").write_text("")
+    output.prepare_directory(tmp_path, resume=True)
+    assert (tmp_path / "old.pvd").exists()
+    output.prepare_directory(tmp_path)
+    left = sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file())
+    assert left == ["case.yaml", "mine.pvd", "notes.txt", "snapshots/mine.vtu"]
+    with pytest.raises(NotADirectoryError):
+        output.prepare_directory(tmp_path / "notes.txt")
+
+
+# -- progress --------------------------------------------------------------------------------------------
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def march(stream, **options):
+    with Progress(total_time=1.0, stream=stream, **options) as progress:
+        for step in range(1, 5):
+            progress.update(
+                step,
+                time=step / 4,
+                dt=0.25,
+                limit="cfl",
+                iterations={"poisson": 13},
+                residuals={"divergence": 1e-7},
+            )
+            with stage("AMG set-up") as s:
+                s.update("level 2")
+
+
+def test_plain_lines_are_few():
+    stream = io.StringIO()
+    march(stream)
+    (line,) = stream.getvalue().splitlines()
+    assert line.startswith("100 %  step 4  t 1  dt 0.25 (cfl)  iterations poisson 13  divergence 1.0e-07")
+    march(stream := io.StringIO(), interval=0.0)
+    assert len(stream.getvalue().splitlines()) == 4
+    march(stream := io.StringIO(), quiet=True)
+    assert stream.getvalue() == ""
+
+
+def test_terminal_shows_bar_and_detail(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "120")
+    march(stream := Terminal())
+    assert "step 4" in stream.getvalue() and "poisson 13" in stream.getvalue()
+
+
+def test_stage_tells_how_it_ended():
+    with stage("building operators", stream=(stream := io.StringIO())) as s:
+        s.update("iteration 12")
+    assert stream.getvalue().startswith("building operators: iteration 12; done in 0.0 s")
+    with pytest.raises(RuntimeError), stage("solving", stream=(stream := io.StringIO())):
+        raise RuntimeError
+    assert "stopped after" in stream.getvalue()
+    with stage("solving", quiet=True, stream=(stream := io.StringIO())):
+        pass
+    assert stream.getvalue() == ""
+
+
+def test_stage_on_a_terminal(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    with stage("solving", stream=(stream := Terminal())) as s:
+        s.update("iteration 12")
+    assert "solving: iteration 12; done in" in stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    "seconds, text", [(0.34, "0.3 s"), (42, "42 s"), (185, "3 min 05 s"), (7800, "2 h 10 min")]
+)
+def test_duration(seconds, text):
+    assert duration(seconds) == text
+
+
+def test_output_and_progress_import_nothing_heavy():
+    import subprocess
+
+    code = (
+        "import sys, isphcli.output, isphcli.progress; "
+        "assert not {'meshio', 'rich', 'matplotlib', 'scipy', 'numba'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
