@@ -116,7 +116,7 @@ class Progress:
 
 
 class stage:
-    """Display of one long piece of work: `with stage("solving") as s: s.update("iteration 12, residual 1e-4")`.
+    """Display of one long piece of work: `with stage("solving") as s: s.update("iteration 12")`.
 
     On a terminal a spinner with the time that has passed; inside a `Progress` its second line; elsewhere a
     line at the end, and one every `interval` seconds on the way.
