@@ -1,0 +1,63 @@
+"""Periodic images as halo particles: rows of one table (owner, shift); kernels never see periodicity."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Halo:
+    """Images of owned particles within one support of a periodic face.
+
+    owner: (n_halo,) int32 index of the particle that is imaged; shift: (n_halo, dim) whole box lengths added
+    to its position, m.
+    """
+
+    owner: np.ndarray
+    shift: np.ndarray
+
+    def positions(self, x):
+        """Owned rows followed by their images, (n + n_halo, dim)."""
+        return np.concatenate([x, x[self.owner] + self.shift]) if len(self.owner) else x
+
+    def owners(self, n):
+        """Owner of every row, (n + n_halo,) int32: the identity for the first n."""
+        return np.concatenate([np.arange(n, dtype=np.int32), self.owner])
+
+
+def wrap(x, lower, upper, periodic):
+    """Positions moved back into the box along periodic axes, (n, dim)."""
+    x = x.copy()
+    for axis in np.flatnonzero(periodic):
+        length = upper[axis] - lower[axis]
+        x[:, axis] -= length * np.floor((x[:, axis] - lower[axis]) / length)
+        # round-off may put a particle exactly on the far face, which is the near face of the next box
+        x[x[:, axis] >= upper[axis], axis] = lower[axis]
+    return x
+
+
+def build_halo(x, lower, upper, periodic, support):
+    """Images of x within one support of the box; a box thinner than a support gets several images along that axis.
+
+    x: (n, dim) inside the box; lower, upper: (dim,); periodic: (dim,) bool; support: m.
+    """
+    n, dim = x.shape
+    owner = np.arange(n, dtype=np.int32)
+    shift = np.zeros((n, dim))
+    position = x
+    for axis in np.flatnonzero(periodic):
+        length = upper[axis] - lower[axis]
+        images = []
+        for k in range(1, int(np.ceil(support / length)) + 1):
+            for sign in (k, -k):
+                moved = position[:, axis] + sign * length
+                near = (moved > lower[axis] - support) & (moved < upper[axis] + support)
+                images.append((np.flatnonzero(near), sign * length))
+        rows = np.concatenate([rows for rows, _ in images])
+        added = np.repeat([d for _, d in images], [len(rows) for rows, _ in images])
+        new_shift = shift[rows].copy()
+        new_shift[:, axis] += added
+        owner = np.concatenate([owner, owner[rows]])
+        shift = np.concatenate([shift, new_shift])
+        position = np.concatenate([position, x[owner[-len(rows):]] + new_shift]) if len(rows) else position
+    return Halo(owner[n:], shift[n:])
