@@ -49,7 +49,8 @@ def plot_slice(
     one, in solids, are not drawn; spacing: of the particles. plane: (normal axis, position), otherwise
     the mid-plane with more fluid in it of the two, moved to the nearest particles. flow_axis: otherwise the
     largest mean component. lower, upper: (dim,) box; otherwise that of the particles. permeability: m2, for
-    the second line. phase: (n,) draws the interfaces. units: of length and velocity; ("m", "m/s") are written with the prefix that fits,
+    the second line. phase: (n,) draws the interfaces. units: of length and velocity; ("m", "m/s") are written
+    with the prefix that fits,
     others, such as ("", ""), as they are.
     Raises ValueError if there is nothing to draw or a value is not finite.
     """
