@@ -1,0 +1,288 @@
+"""What every geometry answers, and which parts of its fluid are connected.
+
+`VoxelGeometry` (voxel_geometry.py) and `ShapeGeometry` (shapes.py) implement `Geometry`; `report` counts
+the connected fluid of a lattice of labels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+if TYPE_CHECKING:
+    from .case import Case
+
+
+class Geometry(Protocol):
+    """Labels and wall distances of a scene. Points are (n, dim) float64, lengths in metres.
+
+    Points may lie outside the box: along periodic axes they are wrapped, along the others everything outside
+    is solid.
+    """
+
+    dim: int
+    lower: np.ndarray  # (dim,) corner of the box
+    upper: np.ndarray  # (dim,)
+    periodic: tuple[bool, ...]  # per axis
+    wall_velocity: np.ndarray  # (n_walls, dim); wall 0 is at rest
+    slip_length: np.ndarray  # (n_walls,) Navier slip length, m
+    has_solid: bool  # False: no solid anywhere
+
+    def phase(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int8: -1 in a solid, otherwise the index of the fluid."""
+        ...
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """(n,) signed distance to the wall, > 0 in fluid; +inf where there is no wall at all."""
+        ...
+
+    def wall(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int32 index of the nearest wall in `wall_velocity` and `slip_length`."""
+        ...
+
+    def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
+        """(n,) fraction t in (0, 1] of the way from fluid point xi to xj where the first wall is met;
+        1.0 where none is met."""
+        ...
+
+
+@dataclass(frozen=True)
+class Connectivity:
+    """Connected fluid of a lattice; axes in the order x, y(, z)."""
+
+    porosity: float  # fluid cells over all cells
+    components: int
+    percolates: tuple[bool, ...]  # per axis
+    percolating_porosity: tuple[float, ...]  # per axis: cells of components percolating along it / all cells
+    isolated_pockets: int  # components that percolate along no axis
+    isolated_volume: float  # their cells times the cell volume
+    largest_share: float  # cells of the largest component over fluid cells (0 without fluid)
+
+
+def components(fluid: np.ndarray, periodic: tuple[bool, ...]) -> tuple[np.ndarray, int, np.ndarray]:
+    """Face-connected components of a fluid mask, across periodic faces.
+
+    fluid: bool [z, y, x] or [y, x]; periodic: per axis in the order x, y(, z).
+    Returns (labels with 0 in solid and 1..n, n, percolates (n + 1, dim) bool with axes x, y(, z)).
+    A component percolates along a periodic axis if a closed path in it winds round that axis, and along
+    another axis if it touches both faces.
+    """
+    fluid = np.asarray(fluid, dtype=bool)
+    dim = fluid.ndim
+    if len(periodic) != dim:
+        raise ValueError(f"periodic has {len(periodic)} entries for an image of {dim} dimensions")
+    raw, n_raw = ndimage.label(fluid)
+    edges = _periodic_edges(raw, periodic)
+    n, owner, winding = _merge(n_raw, edges, dim)
+    labels = np.concatenate([[0], owner + 1]).astype(raw.dtype)[raw]
+    percolates = np.zeros((n + 1, dim), dtype=bool)
+    percolates[1:] = winding
+    for axis in range(dim):
+        if not periodic[axis]:
+            first, last = np.take(labels, [0, -1], axis=dim - 1 - axis).swapaxes(0, dim - 1 - axis)
+            percolates[np.intersect1d(first, last), axis] = True
+    percolates[0] = False
+    return labels, n, percolates
+
+
+def report(fluid: np.ndarray, periodic: tuple[bool, ...], cell_volume: float = 1.0) -> Connectivity:
+    """Porosity, components, percolation and pockets of a fluid mask [z, y, x] or [y, x]; see `components`."""
+    fluid = np.asarray(fluid, dtype=bool)
+    labels, n, percolates = components(fluid, periodic)
+    size = np.bincount(labels.ravel(), minlength=n + 1)
+    size[0] = 0
+    isolated = ~percolates.any(axis=1)
+    isolated[0] = False
+    return Connectivity(
+        porosity=float(size.sum() / max(fluid.size, 1)),
+        components=n,
+        percolates=tuple(bool(p) for p in percolates.any(axis=0)),
+        percolating_porosity=tuple(float(s) for s in size @ percolates / max(fluid.size, 1)),
+        isolated_pockets=int(isolated.sum()),
+        isolated_volume=float(size[isolated].sum() * cell_volume),
+        largest_share=float(size.max() / max(size.sum(), 1)),
+    )
+
+
+def percolating(fluid: np.ndarray, periodic: tuple[bool, ...], axis: int) -> np.ndarray:
+    """Mask (shape of fluid) of the fluid in components that percolate along the axis (0 x, 1 y, 2 z)."""
+    labels, _, percolates = components(fluid, periodic)
+    return percolates[:, axis][labels]
+
+
+def _periodic_edges(raw: np.ndarray, periodic: tuple[bool, ...]) -> np.ndarray:
+    """(m, 3) int: component on the upper face, the one it touches on the lower face, axis."""
+    dim = raw.ndim
+    edges = [np.empty((0, 3), dtype=np.int64)]
+    for axis in range(dim):
+        if periodic[axis]:
+            upper = np.take(raw, -1, axis=dim - 1 - axis).ravel().astype(np.int64)
+            lower = np.take(raw, 0, axis=dim - 1 - axis).ravel().astype(np.int64)
+            both = (upper > 0) & (lower > 0)
+            pairs = np.unique(np.stack([upper[both], lower[both]], axis=1), axis=0)
+            edges.append(np.column_stack([pairs - 1, np.full(len(pairs), axis)]))
+    return np.concatenate(edges)
+
+
+def _merge(n_raw: int, edges: np.ndarray, dim: int) -> tuple[int, np.ndarray, np.ndarray]:
+    """Join components by periodic edges: (n, owner (n_raw,), winding (n, dim) bool).
+
+    Each raw component gets the periodic cell it lies in along a spanning tree; an edge that disagrees with
+    the tree closes a path round the box.
+    """
+    graph = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n_raw, n_raw)).tocsr()
+    n, owner = connected_components(graph, directed=False) if n_raw else (0, np.empty(0, dtype=np.int64))
+    winding = np.zeros((n, dim), dtype=bool)
+    if not len(edges):
+        return n, owner, winding
+    shift_of: dict[tuple[int, int], np.ndarray] = {}
+    for upper, lower, axis in edges:
+        step = np.zeros(dim, dtype=np.int64)
+        step[axis] = 1
+        shift_of[int(upper), int(lower)] = step
+        shift_of.setdefault((int(lower), int(upper)), -step)
+    cell = np.zeros((n_raw, dim), dtype=np.int64)
+    for start in np.unique(owner[edges[:, 0]]):
+        root = int(edges[owner[edges[:, 0]] == start][0, 0])
+        order, parent = breadth_first_order(graph, root, directed=False)
+        for node in order[1:]:
+            cell[node] = cell[parent[node]] + shift_of[int(parent[node]), int(node)]
+    step = np.zeros((len(edges), dim), dtype=np.int64)
+    step[np.arange(len(edges)), edges[:, 2]] = 1
+    loop = cell[edges[:, 0]] + step - cell[edges[:, 1]]
+    np.logical_or.at(winding, owner[edges[:, 0]], loop != 0)
+    return n, owner, winding
+
+
+def block_distance(q: np.ndarray) -> np.ndarray:
+    """Signed distance of a block from its per-axis signed distances q (n, k), exact inside and outside."""
+    return np.linalg.norm(np.maximum(q, 0.0), axis=1) + np.minimum(q.max(axis=1), 0.0)
+
+
+def face_distance(
+    x: np.ndarray, lower: np.ndarray, upper: np.ndarray, periodic: tuple[bool, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Signed distance (n,) to the faces of the non-periodic axes, > 0 in the box, and the wall number (n,)
+    int32 of the nearest: 1 + 2 axis + side. +inf and 0 where all axes are periodic."""
+    walls = [a for a in range(len(lower)) if not periodic[a]]
+    if not walls:
+        return np.full(len(x), np.inf), np.zeros(len(x), dtype=np.int32)
+    depth = np.stack([q for a in walls for q in (x[:, a] - lower[a], upper[a] - x[:, a])], axis=1)
+    numbers = np.array([1 + 2 * a + side for a in walls for side in (0, 1)], dtype=np.int32)
+    return -block_distance(-depth), numbers[np.argmin(depth, axis=1)]
+
+
+def face_walls(
+    dim: int, slip: float, face_velocity: dict | None, face_slip: dict | None, n_more: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Table of walls: velocity (n, dim), m/s, and slip length (n,), m.
+
+    Wall 0 is any wall at rest, 1 + 2 axis + side a face, n_more others follow. face_velocity, face_slip:
+    {(axis, side): value}, side 0 lower, 1 upper.
+    """
+    velocity = np.zeros((1 + 2 * dim + n_more, dim))
+    slips = np.full(len(velocity), float(slip))
+    for (axis, side), value in (face_velocity or {}).items():
+        velocity[1 + 2 * axis + side] = value
+    for (axis, side), value in (face_slip or {}).items():
+        slips[1 + 2 * axis + side] = value
+    return velocity, slips
+
+
+def build_geometry(case: Case, axis: int | None = None) -> Geometry:
+    """Geometry of a case.
+
+    axis: axis of flow (0 x, 1 y, 2 z), that of the drive where it is not given; an image that is not periodic
+    along it gets its clear layers there.
+    """
+    scene = case.geometry
+    names = tuple(case.fluids)
+    faces = {("xyz".index(name[0]), int(name.endswith("max"))): wall for name, wall in scene.walls.items()}
+    walls = dict(
+        slip_length=scene.slip_length,
+        face_velocity={f: w.velocity for f, w in faces.items() if w.velocity is not None},
+        face_slip={f: w.slip_length for f, w in faces.items() if w.slip_length is not None},
+    )
+    if scene.voxels is not None:
+        return _image_geometry(case, _flow_axis(case) if axis is None else axis, walls)
+    from .shapes import Shape, ShapeGeometry
+
+    lower = np.array(scene.origin or np.zeros(len(scene.box)), dtype=float)
+    upper = lower + scene.box
+    shapes = [
+        Shape(
+            _body(s, lower, upper),
+            -1 if s.what == "solid" else names.index(s.what),
+            s.outside,
+            s.velocity,
+            s.slip_length,
+        )
+        for s in scene.shapes
+    ]
+    fluid = -1 if scene.fluid == "solid" else names.index(scene.fluid or names[0])
+    periodic = ["xyz"[a] in scene.periodic for a in range(len(lower))]
+    return ShapeGeometry(lower, upper, periodic, fluid, shapes, **walls)
+
+
+def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
+    from . import voxels
+    from .voxel_geometry import VoxelGeometry
+
+    spec = case.geometry.voxels
+    image = voxels.read_image(spec.file, spec.array)
+    values = image.values.transpose() if spec.axes == "xyz" else image.values
+    values = voxels.crop(values, spec.crop, spec.file)
+    labels = voxels.apply_labels(values, spec.labels, tuple(case.fluids), spec.file)
+    size = np.ravel(spec.voxel_size)
+    periodic = ["xyz"[a] in case.geometry.periodic for a in range(labels.ndim)]
+    clear = 0
+    if axis is not None and not periodic[axis]:
+        h = size[axis if len(size) > 1 else 0]
+        clear = 6 if spec.clear_layer is None else round(spec.clear_layer / h)
+    return VoxelGeometry(labels, size, periodic, case.wall_distance, axis, clear, **walls)
+
+
+def _flow_axis(case: Case) -> int | None:
+    """Axis of the drive: of its only or its largest component; None without a drive."""
+    drive = case.drive
+    if drive is None:
+        return None
+    if drive.axes:
+        return "xyz".index(drive.axes[0])
+    force = np.zeros(3)
+    if drive.body_force is not None:
+        force[: len(drive.body_force)] = np.abs(drive.body_force)
+    elif drive.pressure_drop is not None:
+        for name, drop in drive.pressure_drop.items():
+            force["xyz".index(name)] = abs(drop)
+    return int(np.argmax(force)) if force.any() else None
+
+
+def _body(spec, lower: np.ndarray, upper: np.ndarray):
+    """The body of a shape of the case language."""
+    from . import shapes
+
+    if spec.sphere is not None:
+        return shapes.Sphere(spec.sphere.centre, spec.sphere.radius)
+    if spec.spheres is not None:
+        return shapes.Spheres(*shapes.read_spheres(spec.spheres.file, len(lower), spec.spheres.radius))
+    if spec.box is not None:
+        return shapes.Box(spec.box.lower, spec.box.upper)
+    if spec.half_space is not None:
+        return shapes.HalfSpace(spec.half_space.point, spec.half_space.normal)
+    cylinder = spec.cylinder
+    axis = "xyz".index(cylinder.axis)
+    ends = None
+    if cylinder.lower is not None or cylinder.upper is not None:
+        size = upper[axis] - lower[axis]  # an end that is not given lies beyond the box
+        ends = (
+            lower[axis] - size if cylinder.lower is None else cylinder.lower,
+            upper[axis] + size if cylinder.upper is None else cylinder.upper,
+        )
+    centre = (lower + upper) / 2 if cylinder.centre is None else cylinder.centre
+    return shapes.Cylinder(axis, centre, cylinder.radius, ends)
