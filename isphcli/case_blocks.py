@@ -1,0 +1,382 @@
+# ruff: noqa: RUF009  (a dataclass default that is a call is what `key` is for; it makes a `field`)
+"""The blocks of the case language, as frozen dataclasses.
+
+These declarations and `case.Case` are the one source of names, types, defaults, bounds and documentation
+of the keys: `case_reader` reads a file by them, `case_docs` writes `docs/keys.md` and the JSON schema from
+them. Checks that take more than one key are in `case_checks`. Units are SI, or any consistent set.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from .case_reader import Table, key
+
+Vector = tuple[float, ...]
+
+AXES = ("x", "y", "z")
+FACES = tuple(f"{axis}_{end}" for axis in AXES for end in ("min", "max"))
+SOLID = "solid"
+LATTICES = {2: ("square", "hexagonal"), 3: ("cubic", "bcc")}  # by dimension, the default first
+SUPPORTS = {"stokes": 2.1, "navier_stokes": 2.5}  # default by flow; moving particles need more neighbours
+WALL_DISTANCES = ("exact", "smooth", "stairs")
+KERNELS = ("wendland_c2", "wendland_c4", "quintic_spline")
+FIELDS = ("velocity", "pressure", "phase", "distance", "divergence")
+REFERENCE_KINDS = (
+    "slit",
+    "couette",
+    "poiseuille",
+    "startup_couette",
+    "startup_poiseuille",
+    "two_layer_poiseuille",
+    "square_duct",
+    "sphere_array",
+    "cylinder_array",
+    "taylor_green",
+    "taylor_green_3d",
+    "lid_driven_cavity",
+    "static_drop",
+    "oscillating_drop",
+    "capillary_wave",
+    "rising_bubble",
+    "contact_angle",
+    "permeability",
+    "flow_split",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Voxels:
+    """A segmented image."""
+
+    file: Path = key("image file: npy, npz, mhd", input=True)
+    labels: Table[tuple[int, ...]] = key(
+        "for `solid` and each fluid in the image, the voxel value or values that stand for it",
+        single=True,
+        unique=True,
+        at_least=0,
+    )
+    voxel_size: float | Vector = key(
+        "edge of a voxel: one number, or one an axis (x, y, z)", unit="m", above=0, lengths=(2, 3)
+    )
+    array: str | None = key("name of the array in an npz that holds several", default=None)
+    axes: str = key(
+        "order of the axes of the array; zyx: x varies fastest, as in raw and mhd images",
+        default="zyx",
+        choices=("zyx", "xyz"),
+    )
+    clear_layer: float | None = key(
+        "thickness of the layer of clear fluid added at each end of the axis of flow, where the image is "
+        "not periodic along it. Without it: six voxels",
+        default=None,
+        unit="m",
+        at_least=0,
+    )
+    crop: tuple[tuple[int, int], ...] | None = key(
+        "voxel ranges [first, end) along x, y, z that are kept, before anything else",
+        default=None,
+        at_least=0,
+        lengths=(2, 3),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sphere:
+    """A sphere; a disk in 2D."""
+
+    centre: Vector = key("centre of the sphere", unit="m", per_axis=True)
+    radius: float = key("radius of the sphere", unit="m", above=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spheres:
+    """Spheres listed in a file."""
+
+    file: Path = key("csv of the centres: a header, columns x, y, z and optionally the radius", input=True)
+    radius: float | None = key(
+        "radius of all spheres, where the file has no fourth column", default=None, unit="m", above=0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box:
+    """A box along the axes."""
+
+    lower: Vector = key("lower corner", unit="m", per_axis=True)
+    upper: Vector = key("upper corner", unit="m", per_axis=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cylinder:
+    """A circular cylinder along an axis, infinite unless ends are given; 3D only."""
+
+    axis: str = key("direction of the cylinder", choices=AXES)
+    radius: float = key("radius of the cylinder", unit="m", above=0)
+    centre: Vector | None = key(
+        "a point of its axis. Without it: the middle of the box", default=None, unit="m", per_axis=True
+    )
+    lower: float | None = key("coordinate of the lower end along the axis", default=None, unit="m")
+    upper: float | None = key("coordinate of the upper end along the axis", default=None, unit="m")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HalfSpace:
+    """The side of a plane that its normal points away from: (x - point) . normal < 0."""
+
+    point: Vector = key("a point of the plane", unit="m", per_axis=True)
+    normal: Vector = key("normal of the plane, of any length, pointing out of the shape", per_axis=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shape:
+    """A region of space and what fills it."""
+
+    ONE_OF: ClassVar = ("sphere", "spheres", "box", "cylinder", "half_space")
+
+    sphere: Sphere | None = key("a sphere, in 2D a disk", default=None)
+    spheres: Spheres | None = key("many spheres, from a file", default=None)
+    box: Box | None = key("a box along the axes", default=None)
+    cylinder: Cylinder | None = key("a circular cylinder", default=None)
+    half_space: HalfSpace | None = key("one side of a plane", default=None)
+    outside: bool = key("the region is the outside of the shape", default=False)
+    what: str = key("what fills the region: `solid` or the name of a fluid", name="is")
+    velocity: Vector | None = key(
+        "velocity of the wall, if solid. Without it: at rest", default=None, unit="m/s", per_axis=True
+    )
+    slip_length: float | None = key(
+        "Navier slip length of the wall, if solid. Without it: that of the geometry",
+        default=None,
+        unit="m",
+        at_least=0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wall:
+    """A face of the box."""
+
+    velocity: Vector | None = key(
+        "velocity of the wall, along itself. Without it: at rest", default=None, unit="m/s", per_axis=True
+    )
+    slip_length: float | None = key(
+        "Navier slip length. Without it: that of the geometry", default=None, unit="m", at_least=0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """Where there is fluid and where there is solid: an image, or a box with shapes."""
+
+    ONE_OF: ClassVar = ("voxels", "box")
+
+    voxels: Voxels | None = key("a segmented image", default=None)
+    box: Vector | None = key(
+        "edges of the box; two numbers make the scene 2D", default=None, unit="m", above=0, lengths=(2, 3)
+    )
+    origin: Vector | None = key(
+        "lower corner of the box. Without it: zeros", default=None, unit="m", per_axis=True
+    )
+    fluid: str | None = key("what fills the box before the shapes. Without it: the first fluid", default=None)
+    shapes: tuple[Shape, ...] = key("regions of the box, later ones on top of earlier ones", default=())
+    periodic: tuple[str, ...] = key(
+        "axes along which the scene repeats; along the others the faces are walls (image: sealed sides)",
+        default=(),
+        choices=AXES,
+        unique=True,
+    )
+    walls: Table[Wall] = key(
+        "faces of the box that move or slip: x_min, x_max, y_min, y_max, z_min, z_max",
+        default=Table(),
+        names=FACES,
+    )
+    wall_distance: str | None = key(
+        "how the distance to the walls is found: exact (shapes), smooth (sub-voxel, from the image) or "
+        "stairs (to the faces of the voxels). Without it: exact for shapes, smooth for an image",
+        default=None,
+        choices=WALL_DISTANCES,
+    )
+    slip_length: float = key(
+        "Navier slip length of all walls that do not state their own", default=0.0, unit="m", at_least=0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lattice:
+    """The particles: how many, how arranged, how many neighbours they see."""
+
+    spacing: float = key(
+        "lattice constant; bcc has two particles a cube of this edge; hexagonal: distance of neighbours",
+        unit="m",
+        above=0,
+    )
+    lattice: str | None = key(
+        f"arrangement: {' or '.join(LATTICES[2])} in 2D, {' or '.join(LATTICES[3])} in 3D. "
+        "Without it: the first of each",
+        default=None,
+        choices=LATTICES[2] + LATTICES[3],
+    )
+    support: float | None = key(
+        "support radius of the kernel over the spacing. Without it: "
+        + ", ".join(f"{value} for {flow}" for flow, value in SUPPORTS.items()),
+        default=None,
+        at_least=1.5,
+        at_most=6,
+    )
+    kernel: str = key("smoothing kernel", default=KERNELS[0], choices=KERNELS)
+    offset: Vector | None = key(
+        "shift of the lattice, in spacings. Without it: chosen by the geometry", default=None, per_axis=True
+    )
+    jitter: float = key(
+        "random displacement of the particles, over the spacing (0.2: 20 %)",
+        default=0.0,
+        at_least=0,
+        at_most=0.5,
+    )
+    seed: int = key("seed of the random displacement", default=0, at_least=0)
+    shifting: float = key(
+        "coefficient C of the particle shifting (Xu et al. 2009); 0 switches it off", default=0.1, at_least=0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fluid:
+    """A Newtonian fluid."""
+
+    ONE_OF: ClassVar = ("viscosity", "kinematic_viscosity")
+
+    density: float = key("density", unit="kg/m3", above=0)
+    viscosity: float | None = key("dynamic viscosity", default=None, unit="Pa s", above=0)
+    kinematic_viscosity: float | None = key("kinematic viscosity", default=None, unit="m2/s", above=0)
+
+    @property
+    def mu(self) -> float:
+        """Dynamic viscosity, Pa s."""
+        if self.viscosity is not None:
+            return self.viscosity
+        assert self.kinematic_viscosity is not None
+        return self.kinematic_viscosity * self.density
+
+    @property
+    def nu(self) -> float:
+        """Kinematic viscosity, m2/s."""
+        if self.kinematic_viscosity is not None:
+            return self.kinematic_viscosity
+        return self.mu / self.density
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interface:
+    """Surface tension between two fluids."""
+
+    tension: float = key("surface tension", unit="N/m", above=0)
+    contact_angle: float = key(
+        "at walls, measured through the first fluid", default=90.0, unit="degrees", at_least=0, at_most=180
+    )
+    method: str = key(
+        "a sharp jump of pressure, or a continuous force in a band (csf)",
+        default="jump",
+        choices=("jump", "csf"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """What makes the fluid move."""
+
+    body_force: Vector | None = key("acceleration", default=None, unit="m/s2", per_axis=True)
+    pressure_drop: Table[float] | None = key(
+        "axis: drop over the box along it; the same as a body force of drop / (density length)",
+        default=None,
+        unit="Pa",
+        names=AXES,
+    )
+    axes: tuple[str, ...] | None = key(
+        "permeability along these axes, one solve each from shared matrices (stokes); all axes of a "
+        "periodic scene give the tensor",
+        default=None,
+        choices=AXES,
+        unique=True,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Initial:
+    """The state at time zero."""
+
+    velocity: tuple[str, ...] = key(
+        'one formula of x, y, z an axis, such as "sin(2*pi*x)*cos(2*pi*y)"',
+        unit="m/s",
+        per_axis=True,
+        formula=True,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Time:
+    """How long and in which steps; needs `end` or `steady`, and stops at what comes first."""
+
+    end: float | None = key("time at which the run ends", default=None, unit="s", above=0)
+    steady: float | None = key(
+        "relative rate of change of the mean velocity below which the flow counts as steady and the run ends",
+        default=None,
+        above=0,
+        below=1,
+    )
+    cfl: float = key(
+        "distance over the spacing that a particle may move in a step", default=0.2, above=0, at_most=1
+    )
+    step: float | None = key(
+        "fixed time step. Without it: as large as the limits allow", default=None, unit="s", above=0
+    )
+    max_steps: int = key("steps after which the run ends in any case", default=1_000_000, at_least=1)
+    scheme: str = key(
+        "time integration: second order (bdf2) or first order, very stable (euler)",
+        default="bdf2",
+        choices=("bdf2", "euler"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solver:
+    """The linear solvers."""
+
+    tolerance: float = key("residual over the right-hand side", default=1e-6, above=0, below=1)
+    restart: int = key("Krylov vectors kept before GMRES restarts", default=60, at_least=1)
+    max_iterations: int = key("iterations after which a solve has failed", default=400, at_least=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """What a run leaves behind."""
+
+    directory: Path | None = key(
+        "where results go, from the working directory. Without it: out/<name of the case file>", default=None
+    )
+    every: float | None = key(
+        "time between snapshots. Without it: the first and the last state", default=None, unit="s", above=0
+    )
+    fields: tuple[str, ...] = key(
+        "fields in the snapshots", default=("velocity", "pressure", "phase"), choices=FIELDS, unique=True
+    )
+    dummies: bool = key("write the particles in the solids too", default=False)
+    snapshots: bool = key("write snapshots", default=True)
+    plots: bool = key("draw pictures", default=True)
+    restart_every: int | None = key(
+        "steps between restart files. Without it: at the end only", default=None, at_least=1
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reference:
+    """What `isph validate` compares the result with."""
+
+    kind: str = key("the solution to compare with", choices=REFERENCE_KINDS)
+    value: float | Vector | None = key(
+        "published number, for the kinds that need one (permeability: m2, one or one an axis)", default=None
+    )
+    tolerance: float | None = key("bound on the relative error", default=None, above=0)
+    source: str = key("where the value is from", default="")
+    reason: str = key("why that bound", default="")
+    parameters: Table[float | str] = key("name: value of what the kind needs", default=Table())
