@@ -1,0 +1,155 @@
+"""Steady creeping flow on the fixed lattice: one coupled solve for velocity and pressure (design.md 8).
+
+    -nu lap u + grad p / rho = f,        div u + S p = 0
+
+in the scaled unknowns u and P = p dx / (rho nu), each equation multiplied by dx^2 / nu and dx, so that all entries
+are of order one whatever the units. S damps the odd-even pressure mode that the central gradient does not see:
+
+    S_i P = -tau dx^2 sum_j w_ij [ (P_j - P_i) - (grad P_i + grad P_j) . x_ji / 2 ]
+
+with w the symmetric weights of the pressure Laplacian: a difference of fourth order in dx that vanishes for
+quadratic P, at walls too. (Rhie and Chow 1983 in the particles' words.)
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+
+from .linear import ComponentMeans, SolveError, assemble, components, cycle, gmres, hierarchy
+
+TAU = 0.05  # strength of S, measured in design.md 8
+
+
+@dataclass(frozen=True)
+class StokesFlow:
+    """velocity: (n, dim) m/s; pressure: (n,) Pa over density, i.e. m2/s2; report: linear.Report."""
+
+    velocity: np.ndarray
+    pressure: np.ndarray
+    report: object
+
+
+class StokesSystem:
+    """Matrices of one lattice; every right-hand side shares them.
+
+    ops: Operators with walls (or without); x: (n_rows, dim) table of positions; row: (n_pairs,) rows of the
+    neighbours in it; spacing: m; viscosity: kinematic, m2/s.
+    """
+
+    def __init__(self, ops, x, row, spacing, viscosity, natural=None, tau=TAU):
+        self.ops, self.x, self.row = ops, x, row
+        self.spacing, self.viscosity, self.tau = spacing, viscosity, tau
+        self.natural = natural if natural is not None else ops.lap_p
+        self.dim = ops.grad.shape[1]
+        n = ops.n
+        walls = ops.walls
+        self.wall_lap = walls.lap if walls is not None else np.zeros(n)
+        self.wall_div = walls.div if walls is not None else np.zeros((n, self.dim))
+        self.slip = walls.slip if walls is not None else None
+        self.count, labels = components(ops.start, ops.column)
+        self.means = ComponentMeans(labels)
+        self.levels = hierarchy(assemble(ops.start, ops.column, ops.lap, 0.0, spacing**2, self.wall_lap))
+        self._cycle = cycle(self.levels)
+
+    def split(self, v):
+        """(velocity (n, dim), scaled pressure (n,)) of a vector of unknowns."""
+        n = self.ops.n
+        return v[: n * self.dim].reshape(n, self.dim), v[n * self.dim :]
+
+    def apply(self, v):
+        """The coupled matrix times v, pressures without their means (eq. 25)."""
+        u, p = self.split(v)
+        out = np.empty_like(v)
+        momentum, mass = self.split(out)
+        o = self.ops
+        grad_p = np.empty((o.n, self.dim))
+        _momentum(o.start, o.column, o.lap, o.grad_p, self.wall_lap, self.spacing, u, p, momentum, grad_p)
+        if self.slip is not None:
+            momentum -= self.spacing**2 * np.einsum("nkm,nm->nk", self.slip, u)
+        _mass(o.start, o.column, self.row, self.x, o.grad, self.natural, self.wall_div, self.spacing, self.tau,
+              u, p, grad_p, mass)
+        mass[:] = self.means.remove(mass)
+        return out
+
+    def precondition(self, v):
+        """Block-triangular: the Schur complement is close to the identity, then a V-cycle a velocity component."""
+        momentum, mass = self.split(v)
+        out = np.empty_like(v)
+        u, p = self.split(out)
+        p[:] = self.means.remove(mass)
+        o = self.ops
+        rest = momentum - self.spacing * _gradient(o.start, o.column, o.grad_p, p)
+        for k in range(self.dim):
+            u[:, k] = self._cycle(np.ascontiguousarray(rest[:, k]))
+        return out
+
+    def solve(self, force, tolerance, restart=60, max_iterations=400, watch=None):
+        """Flow under the acceleration `force` ((dim,) or (n, dim), m/s2) and the motion of the walls.
+
+        Raises SolveError where the tolerance is missed after the restart length has been doubled.
+        """
+        n, walls = self.ops.n, self.ops.walls
+        rhs = np.zeros(n * (self.dim + 1))
+        momentum, mass = self.split(rhs)
+        momentum[:] = np.broadcast_to(force, (n, self.dim)) * (self.spacing**2 / self.viscosity)
+        if walls is not None:
+            momentum += self.spacing**2 * walls.lap_velocity
+            mass[:] = self.means.remove(-self.spacing * walls.div_velocity)
+        solution, report = gmres(self.apply, rhs, self.precondition, tolerance, restart, max_iterations, watch=watch)
+        if not report.converged:
+            solution, report = gmres(self.apply, rhs, self.precondition, tolerance, 2 * restart,
+                                     2 * max_iterations, start=solution, watch=watch)
+        if not report.converged:
+            raise SolveError("Stokes", report)
+        u, p = self.split(solution)
+        return StokesFlow(u.copy(), self.means.remove(p) * (self.viscosity / self.spacing), report)
+
+
+@njit(cache=True, parallel=True)
+def _momentum(start, column, lap, grad_p, wall_lap, dx, u, p, momentum, gradient):
+    """-dx^2 lap u + dx grad P into momentum; grad P into gradient."""
+    n, dim = u.shape
+    for i in prange(n):
+        for k in range(dim):
+            momentum[i, k] = wall_lap[i] * u[i, k]
+            gradient[i, k] = 0.0
+        for q in range(start[i], start[i + 1]):
+            j = column[q]
+            dp = p[j] - p[i]
+            for k in range(dim):
+                momentum[i, k] -= lap[q] * (u[j, k] - u[i, k])
+                gradient[i, k] += grad_p[q, k] * dp
+        for k in range(dim):
+            momentum[i, k] = dx * dx * momentum[i, k] + dx * gradient[i, k]
+
+
+@njit(cache=True, parallel=True)
+def _mass(start, column, row, x, grad, natural, wall_div, dx, tau, u, p, grad_p, mass):
+    """dx div u + S P into mass."""
+    n, dim = u.shape
+    for i in prange(n):
+        divergence = 0.0
+        stabilisation = 0.0
+        for k in range(dim):
+            divergence -= wall_div[i, k] * u[i, k]
+        for q in range(start[i], start[i + 1]):
+            j, r = column[q], row[q]
+            jump = p[j] - p[i]
+            for k in range(dim):
+                divergence += grad[q, k] * (u[j, k] - u[i, k])
+                jump -= 0.5 * (grad_p[i, k] + grad_p[j, k]) * (x[r, k] - x[i, k])
+            stabilisation += natural[q] * jump
+        mass[i] = dx * divergence - tau * dx * dx * stabilisation
+
+
+@njit(cache=True, parallel=True)
+def _gradient(start, column, grad_p, p):
+    n, dim = len(p), grad_p.shape[1]
+    result = np.zeros((n, dim))
+    for i in prange(n):
+        for q in range(start[i], start[i + 1]):
+            dp = p[column[q]] - p[i]
+            for k in range(dim):
+                result[i, k] += grad_p[q, k] * dp
+    return result

@@ -1,0 +1,252 @@
+"""Walls: neighbours beyond a wall, the consistent form of paper eq. 11.
+
+Eq. 11 extends a Dirichlet field linearly into the wall, f_D = f_W + (d_D / d_I)(f_W - f_I). With t the fraction
+of the way from the fluid particle i to the dummy particle at which the pair crosses the wall,
+(f_D - f_I) / r = (f_W - f_I) / (t r): the slope of eq. 6 is that to the point of the wall where the pair meets it.
+We therefore put that point, and not the dummy, into the correction tensors G_i and L_i as well. Quadratic
+functions with their wall values are then exact at any wall distance (plane Poiseuille flow to round-off), and
+every particle keeps its full star of directions, in a throat one particle wide too.
+
+Pairs of fluid particles that see each other only through a wall are wall pairs as well.
+
+Pressure has no values at walls: its gradient is corrected over fluid neighbours only, its Laplacian is the
+uncorrected sum over them (homogeneous Neumann, conservative).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+
+from .kernel import normalisation, slope
+from .operators import (
+    CHUNKS,
+    Operators,
+    add_moments,
+    correction,
+    direction,
+    invert_gradient,
+    pair_weights,
+)
+
+NEAREST = 1e-6  # a wall is never nearer than this fraction of a pair: no division by zero for a particle on it
+
+
+@dataclass(frozen=True)
+class WallSums:
+    """What the wall contributes to the rows of the fluid particles, walls moving with velocity u_W.
+
+    lap: (n,) sum of the Laplacian weights a_iW; lap_velocity: (n, dim) sum a_iW u_W;
+    div: (n, dim) sum of the gradient weights g_iW; div_velocity: (n,) sum g_iW . u_W;
+    slip: (n, dim, dim) what a slip wall takes off the diagonal, or None where no wall slips;
+    natural: (n_pairs,) symmetric-form weights of the pressure Laplacian;
+    row: (n_pairs,) int32 row of each fluid neighbour in the table of positions; near: (n,) bool, particle sees a wall.
+    """
+
+    lap: np.ndarray
+    lap_velocity: np.ndarray
+    div: np.ndarray
+    div_velocity: np.ndarray
+    slip: np.ndarray | None
+    natural: np.ndarray
+    row: np.ndarray
+    near: np.ndarray
+
+
+@dataclass(frozen=True)
+class WallTable:
+    """Wall data of every row of the table of positions.
+
+    fluid: (n_rows,) bool; distance: (n_rows,) signed, m; wall: (n_rows,) int32 nearest wall;
+    velocity: (n_walls, dim) m/s; slip_length: (n_walls,) m; normal: (n_rows, dim) into the fluid, used by slip walls
+    only (else empty).
+    """
+
+    fluid: np.ndarray
+    distance: np.ndarray
+    wall: np.ndarray
+    velocity: np.ndarray
+    slip_length: np.ndarray
+    normal: np.ndarray
+
+
+def crossings(geometry, x, pairs, table):
+    """Fraction t of each pair at which it meets a wall, (n_pairs,) in (0, 1]; 2.0 for fluid pairs that see each other.
+
+    geometry: a Geometry; x: (n_rows, dim); pairs: neighbours of the fluid particles; table: WallTable.
+    """
+    fraction = np.full(len(pairs.index), 2.0)
+    ask = _suspects(x, pairs.start, pairs.index, table.fluid, table.distance)
+    if len(ask):
+        i = np.searchsorted(pairs.start, ask, side="right") - 1
+        j = pairs.index[ask]
+        t = geometry.crossing(x[i], x[j])
+        # a fluid neighbour in sight stays one; a dummy that the geometry calls free is met at its own place
+        sees = table.fluid[j] & (t >= 1.0)
+        fraction[ask] = np.where(sees, 2.0, np.clip(t, NEAREST, 1.0))
+    return fraction
+
+
+def build_wall_operators(x, pairs, fraction, owner, volume, table, kind, support, order=1):
+    """Operators of a scene with walls.
+
+    x: (n_rows, dim); pairs, fraction: neighbours of the n fluid particles and their wall crossings;
+    owner: (n_rows,); volume: (n_owned,) of fluid particles and dummies; order: of the velocity gradient.
+    """
+    n, dim = len(pairs.start) - 1, x.shape[1]
+    start = np.zeros(n + 1, dtype=np.int64)
+    np.cumsum(_visible(pairs.start, fraction), out=start[1:])
+    size = start[-1]
+    slips = bool(np.any(table.slip_length > 0.0))
+    column, row = np.empty(size, np.int32), np.empty(size, np.int32)
+    lap, natural = np.empty(size), np.empty(size)
+    grad, grad_p = np.empty((size, dim)), np.empty((size, dim))
+    sums = WallSums(np.zeros(n), np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(n),
+                    np.zeros((n, dim, dim)) if slips else None, natural, row, np.zeros(n, dtype=np.bool_))
+    deficient = _wall_rows(
+        x, pairs.start, pairs.index, fraction, owner, volume, kind, support, order,
+        table.distance, table.wall, table.velocity, table.slip_length, table.normal,
+        start, column, row, lap, grad, natural, grad_p,
+        sums.lap, sums.lap_velocity, sums.div, sums.div_velocity,
+        sums.slip if slips else np.zeros((0, dim, dim)), sums.near,
+    )
+    lap_p = np.where(np.repeat(sums.near, np.diff(start)), natural, lap)
+    return Operators(start, column, lap, grad, lap_p, grad_p, volume[:n], int(deficient.sum()), sums)
+
+
+def wall_laplacian(walls, u):
+    """What walls add to the velocity Laplacian of u (n, dim)."""
+    result = walls.lap_velocity - walls.lap[:, None] * u
+    if walls.slip is not None:
+        result += np.einsum("nkm,nm->nk", walls.slip, u)
+    return result
+
+
+def wall_divergence(walls, u):
+    """What walls add to the divergence of u (n, dim), (n,)."""
+    return walls.div_velocity - np.einsum("nk,nk->n", walls.div, u)
+
+
+@njit(cache=True)
+def _suspects(x, start, index, fluid, distance):
+    """Pairs that may cross a wall: those with a dummy, and fluid pairs that two balls clear of walls do not cover."""
+    count = 0
+    keep = np.empty(len(index), np.bool_)
+    for i in range(len(start) - 1):
+        for p in range(start[i], start[i + 1]):
+            j = index[p]
+            keep[p] = not fluid[j]
+            if fluid[j]:
+                r2 = 0.0
+                for k in range(x.shape[1]):
+                    r2 += (x[j, k] - x[i, k]) ** 2
+                clear = (distance[i] + distance[j]) * (1.0 + 1e-9)
+                keep[p] = clear * clear < r2
+            count += keep[p]
+    out = np.empty(count, np.int64)
+    count = 0
+    for p in range(len(index)):
+        if keep[p]:
+            out[count] = p
+            count += 1
+    return out
+
+
+@njit(cache=True)
+def _visible(start, fraction):
+    counts = np.zeros(len(start) - 1, np.int64)
+    for i in range(len(counts)):
+        for p in range(start[i], start[i + 1]):
+            counts[i] += fraction[p] > 1.0
+    return counts
+
+
+@njit(cache=True, parallel=True)
+def _wall_rows(x, start, index, fraction, owner, volume, kind, support, order,
+               distance, wall, velocity, slip_length, normal,
+               fluid_start, column, row, lap, grad, natural, grad_p,
+               wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip, near):
+    n, dim = len(start) - 1, x.shape[1]
+    deficient = np.zeros(CHUNKS, np.int64)
+    scale = normalisation(kind, support, dim)
+    for chunk in prange(CHUNKS):
+        moments, fluid_moments, pair, out = np.empty(41), np.empty(41), np.empty(3), np.empty(4)
+        g, gp, system, right = np.empty((3, 3)), np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 4))
+        drift, spread, wall_u, slide = np.empty(3), np.empty((3, 3)), np.empty(dim), np.empty((dim, dim))
+        for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
+            moments[:] = 0.0
+            fluid_moments[:] = 0.0
+            full = 0.0  # sum of w r over the whole star, dummies at their own places
+            for p in range(start[i], start[i + 1]):
+                j = index[p]
+                q = direction(x, i, j, support, pair)
+                weight = slope(kind, q) * scale * volume[owner[j]]
+                full += weight * q
+                if fraction[p] > 1.0:
+                    add_moments(moments, pair, q, weight)
+                    add_moments(fluid_moments, pair, q, weight)
+                else:
+                    near[i] = True
+                    add_moments(moments, pair, fraction[p] * q, weight)
+            poor = invert_gradient(moments, dim, g)
+            poor |= correction(moments, dim, g, system, right, drift, spread)
+            deficient[chunk] += poor
+            if near[i]:
+                invert_gradient(fluid_moments, dim, gp)
+            at = fluid_start[i]
+            for p in range(start[i], start[i + 1]):
+                j = index[p]
+                q = direction(x, i, j, support, pair)
+                weight = slope(kind, q) * scale * volume[owner[j]]
+                visible = fraction[p] > 1.0
+                s = q if visible else fraction[p] * q
+                if s == 0.0:
+                    out[:] = 0.0
+                else:
+                    pair_weights(pair, s, weight, g, right, drift, spread, order, out)
+                if visible:
+                    column[at] = owner[j]
+                    row[at] = j
+                    lap[at] = out[0] / (support * support)
+                    natural[at] = 2.0 * dim * weight / (full * q * support * support) if q > 0.0 else 0.0
+                    for k in range(dim):
+                        grad[at, k] = out[1 + k] / support
+                        if near[i]:
+                            b = 0.0
+                            for m in range(dim):
+                                b += gp[k, m] * pair[m]
+                            grad_p[at, k] = b * weight / support
+                        else:
+                            grad_p[at, k] = grad[at, k]
+                    at += 1
+                else:
+                    a = out[0] / (support * support)
+                    w = wall[j]
+                    wall_lap[i] += a
+                    for k in range(dim):
+                        wall_u[k] = velocity[w, k]
+                        wall_lap_velocity[i, k] += a * wall_u[k]
+                        wall_div[i, k] += out[1 + k] / support
+                        wall_div_velocity[i] += out[1 + k] / support * wall_u[k]
+                    if slip_length[w] > 0.0:
+                        _add_slip(a, out, support, slip_length[w], max(distance[i], 0.0), normal, j, wall_u, slide,
+                                  slip[i], wall_lap_velocity[i], wall_div[i], wall_div_velocity, i)
+    return deficient
+
+
+@njit(cache=True)
+def _add_slip(a, out, support, length, distance, normal, j, wall_u, slide,
+              slip, lap_velocity, div, div_velocity, i):
+    """Navier slip: u at the wall is u_W + B (u_i - u_W), B = length / (length + d) times the tangential projection."""
+    dim = len(wall_u)
+    factor = length / (length + distance)
+    for k in range(dim):
+        for m in range(dim):
+            slide[k, m] = factor * ((1.0 if k == m else 0.0) - normal[j, k] * normal[j, m])
+    for k in range(dim):
+        for m in range(dim):
+            slip[k, m] += a * slide[k, m]
+            lap_velocity[k] -= a * slide[k, m] * wall_u[m]
+            div[m] -= out[1 + k] / support * slide[k, m]
+            div_velocity[i] -= out[1 + k] / support * slide[k, m] * wall_u[m]
