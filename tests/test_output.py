@@ -5,6 +5,7 @@ import json
 import math
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -146,6 +147,11 @@ def test_summary(tmp_path):
     with pytest.raises(output.NotFiniteError, match=r"errors\.velocity\[1\]"):
         output.write_summary(path, {"errors": {"velocity": [1.0, math.nan]}})
     assert json.loads(path.read_text(encoding="utf-8")) == read
+
+
+def test_every_key_of_the_summary_is_documented():
+    page = (Path(__file__).parents[1] / "docs" / "output.md").read_text(encoding="utf-8")
+    assert [key for key in output.SUMMARY_KEYS if f"`{key}`" not in page] == []
 
 
 def test_clock_counts_nothing_twice():

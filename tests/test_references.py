@@ -85,8 +85,8 @@ def test_square_duct():
     g = np.linspace(0, 1, 201)
     y, z = np.meshgrid(g, g, indexing="ij")
     u = ref.square_duct(y.ravel(), z.ravel(), 1.0, 1.0, 1.0).reshape(201, 201)
-    assert np.abs(u - u.T).max() < 1e-8  # the series treats y and z differently
-    assert max(np.abs(u[[0, -1]]).max(), np.abs(u[:, [0, -1]]).max()) < 1e-8
+    assert np.abs(u - u.T).max() < 2e-7  # the series treats y and z differently; its tail is 1e-7 at a wall
+    assert max(np.abs(u[[0, -1]]).max(), np.abs(u[:, [0, -1]]).max()) < 2e-7
     assert math.isclose(
         simpson(simpson(u, dx=g[1]), dx=g[1]), ref.square_duct_flux(1.0, 1.0, 1.0), rel_tol=1e-5
     )
@@ -270,7 +270,6 @@ def test_capillary_wave_against_the_table():
     fine = np.linspace(0.0, 0.8, 20001)
     a = ref.capillary_wave(fine, 1.0, 1.0, (1.0, 1.0), 0.0182571749236)
     zero = fine[1:][np.diff(np.sign(a)) != 0] * tau[1] / t[1]
-    # straight lines between the table's points put the first two at 1.796 and 5.286
     assert np.allclose(zero, [1.787, 5.264, 8.709], atol=1e-3)
 
 
