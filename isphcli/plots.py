@@ -46,7 +46,7 @@ def plot_slice(
     """Draw the velocity magnitude: of a 2D scene the whole, of a 3D one a plane that holds the flow axis.
 
     x: (n, dim); velocity: (n, dim); distance: (n,) signed wall distance or None: particles with a negative
-    one, in solids, are not drawn; spacing: of the particles. plane: (normal axis, position), otherwise
+    one, in solids, are not drawn, and +inf everywhere says that there are no solids; spacing: of the particles. plane: (normal axis, position), otherwise
     the mid-plane with more fluid in it of the two, moved to the nearest particles. flow_axis: otherwise the
     largest mean component. lower, upper: (dim,) box; otherwise that of the particles. permeability: m2, for
     the second line. phase: (n,) draws the interfaces. units: of length and velocity; ("m", "m/s") are written
@@ -66,6 +66,8 @@ def plot_slice(
     box = low[list(shown)], high[list(shown)]
     values = {"speed": speed[near]} | ({} if phase is None else {"phase": phase[near].astype(float)})
     filled, images = _splat(x[near][:, list(shown)], offset[near], spacing, *box, values)
+    if distance is not None and np.isposinf(distance).all():
+        filled[:] = 1.0  # no walls: gaps between particles are not solids
     if not (filled > _FILLED).any():
         raise ValueError(f"{path}: no fluid in the plane {'xyz'[normal or 0]} = {position:.4g}")
 
