@@ -45,13 +45,13 @@ def plot_slice(
 ) -> None:
     """Draw the velocity magnitude: of a 2D scene the whole, of a 3D one a plane that holds the flow axis.
 
-    x: (n, dim); velocity: (n, dim); distance: (n,) signed wall distance or None: particles with a negative
-    one, in solids, are not drawn, and +inf everywhere says that there are no solids; spacing: of the particles. plane: (normal axis, position), otherwise
-    the mid-plane with more fluid in it of the two, moved to the nearest particles. flow_axis: otherwise the
-    largest mean component. lower, upper: (dim,) box; otherwise that of the particles. permeability: m2, for
-    the second line. phase: (n,) draws the interfaces. units: of length and velocity; ("m", "m/s") are written
-    with the prefix that fits,
-    others, such as ("", ""), as they are.
+    x: (n, dim); velocity: (n, dim). distance: (n,) signed wall distance or None; particles with a negative
+    one, in solids, are not drawn, and +inf everywhere says that there are no solids. spacing: of the
+    particles. plane: (normal axis, position), otherwise the mid-plane with more fluid in it of the two,
+    moved to the nearest particles. flow_axis: otherwise the largest mean component. lower, upper: (dim,)
+    box; otherwise that of the particles. permeability: m2, for the second line. phase: (n,) draws the
+    interfaces. units: of length and velocity; ("m", "m/s") are written with the prefix that fits, others,
+    such as ("", ""), as they are.
     Raises ValueError if there is nothing to draw or a value is not finite.
     """
     x, speed, flow, phase = _drawable(x, velocity, distance, phase)
