@@ -10,6 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from numba import get_num_threads, njit, prange
+from scipy import ndimage
+from scipy.special import ndtr, ndtri
 
 from .geometry import face_distance, face_walls
 
@@ -136,10 +138,42 @@ def wall_field(
 ) -> np.ndarray:
     """Signed wall distance at the voxel centres, float32 [z, y, x], in units of `voxel` (x, y, z).
 
-    Faces of the image are not walls here; the kernels add them exactly.
+    Faces of the image are not walls here; the kernels add them exactly. 'stairs': the Euclidean distance to
+    the nearest centre of the other kind less half a voxel, exact for walls along the axes. 'smooth': near
+    walls that look smooth this gives way to the distance at which a plane has the same Gaussian average of
+    the labels (width s, one voxel), less the shift s^2 / 2 lap d of a curved wall. Error within two voxels of
+    the wall in voxels, rms / mean, against the true bodies (max 0.4 to 0.8: the labels decide the sign):
+
+                                 stairs            smooth
+        sphere, R 8.2            0.182 / +0.001    0.117 / +0.011
+        sphere, R 4.3            0.178 / +0.007    0.151 / +0.033
+        tube, R 8.2              0.220 / -0.035    0.183 / -0.034
+        plane (1, 3, 0.7)        0.182 / -0.015    0.095 / -0.014
+        plane (1, 1, 1)          0.120 / +0.062    0.088 / +0.064
+
+    For the sphere of R 8.2, the mean of the distances to the boundary voxels of both kinds has 0.165, one
+    binomial pass over the distance 0.158, the Gaussian without the curvature term 0.161 (mean +0.127).
     """
     solid = grid < 0
-    return nearest_centre(solid, voxel, around) - nearest_centre(~solid, voxel, around)
+    edt = nearest_centre(solid, voxel, around) - nearest_centre(~solid, voxel, around)
+    if wall_distance == "stairs":
+        return edt
+    axes = [a for a in range(3) if grid.shape[2 - a] > 1]  # x, y, z
+    s = float(np.prod(voxel[axes]) ** (1 / max(len(axes), 1)))
+    mean = (~solid).astype(np.float32)
+    for a in axes:
+        mode = "wrap" if around[a] else "nearest"
+        mean = ndimage.convolve1d(mean, _gaussian(s / voxel[a]), axis=2 - a, mode=mode)
+    plane = np.float32(s) * ndtri(np.clip(mean, 1e-6, 1 - 1e-6, out=mean))
+    _blend(edt, plane.astype(np.float32, copy=False), voxel, around, s)
+    return np.where(solid, np.minimum(edt, -SIGN), np.maximum(edt, SIGN)).astype(np.float32)
+
+
+def _gaussian(s: float) -> np.ndarray:
+    """Weights of voxels under a Gaussian of s voxels; a plane along the axes then averages to ndtr(d / s)."""
+    k = np.arange(-int(np.ceil(6 * s)), int(np.ceil(6 * s)) + 1)
+    w = ndtr((k + 0.5) / s) - ndtr((k - 0.5) / s)
+    return w / w.sum()
 
 
 def nearest_centre(target: np.ndarray, voxel: np.ndarray, around: np.ndarray) -> np.ndarray:
@@ -195,6 +229,58 @@ def _lower_envelopes(f, g, h, periodic):
             p = place[j]
             f[line, q] = value[p % n] + h * h * (q - p) ** 2
             g[line, q] = step[p % n] + (q - p) ** 2
+
+
+@njit(cache=True, parallel=True)
+def _blend(edt, plane, voxel, around, s):
+    """Replace edt in place by the corrected plane distance near smooth walls, where |grad plane| is 1.
+
+    A second wall within the Gaussian (throats, thin walls) changes the gradient: there edt stays. It also
+    stays where the two differ by less than 0.04 s, so that walls along the axes are exact.
+    """
+    nz, ny, nx = edt.shape
+    for layer in prange(nz):
+        z = np.int64(layer)
+        for y in range(ny):
+            for x in range(nx):
+                near = _step((2.5 * s - abs(edt[z, y, x])) / s)
+                if near == 0.0:
+                    continue
+                centre = plane[z, y, x]
+                slope2, bend = 0.0, 0.0
+                low, high, apart = _beside(x, nx, around[0])
+                if apart > 0:
+                    slope2 += ((plane[z, y, high] - plane[z, y, low]) / (apart * voxel[0])) ** 2
+                    bend += (plane[z, y, high] - 2 * centre + plane[z, y, low]) / voxel[0] ** 2
+                low, high, apart = _beside(y, ny, around[1])
+                if apart > 0:
+                    slope2 += ((plane[z, high, x] - plane[z, low, x]) / (apart * voxel[1])) ** 2
+                    bend += (plane[z, high, x] - 2 * centre + plane[z, low, x]) / voxel[1] ** 2
+                low, high, apart = _beside(z, nz, around[2])
+                if apart > 0:
+                    slope2 += ((plane[high, y, x] - plane[low, y, x]) / (apart * voxel[2])) ** 2
+                    bend += (plane[high, y, x] - 2 * centre + plane[low, y, x]) / voxel[2] ** 2
+                smooth = _step((0.1 - abs(np.sqrt(slope2) - 1.0)) / 0.05)
+                more = centre - 0.5 * s * s * bend - edt[z, y, x]
+                edt[z, y, x] += near * smooth * _step((abs(more) / s - 0.04) / 0.03) * more
+
+
+@njit(cache=True)
+def _beside(i, n, periodic):
+    """Neighbours of i along an axis and how far apart they are; 0 apart on an axis of one voxel."""
+    if n == 1:
+        return i, i, 0
+    if periodic:
+        return (i - 1) % n, (i + 1) % n, 2
+    low, high = max(i - 1, 0), min(i + 1, n - 1)
+    return low, high, high - low
+
+
+@njit(cache=True)
+def _step(x):
+    """0 below 0, 1 above 1, smooth between."""
+    x = min(max(x, 0.0), 1.0)
+    return x * x * (3 - 2 * x)
 
 
 @njit(cache=True, inline="always")

@@ -53,7 +53,7 @@ class Image:
 def read_image(path: str | Path, array: str | None = None, grey: bool = False) -> Image:
     """Read an npy, npz (`array`: which of several), mhd or mha file.
 
-    The values are the smallest unsigned integers that hold them. grey: grey values, which may also be negative
+        raise VoxelError(f"{path}: images of type '{path.suffix}' are not read; give npy, npz, mhd or mha")
     or floating point (never NaN). Raises VoxelError.
     """
     path = Path(path)
