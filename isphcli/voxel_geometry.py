@@ -123,7 +123,7 @@ class VoxelGeometry:
         if not self.has_solid:
             return np.ones(len(u))
         stairs = self.wall_distance == "stairs"
-        return _crossings(self._grid, self._field, self._around, self._voxel, stairs, u, v, get_num_threads())
+        return _crossings(self._grid, self._field, self._around, stairs, u, v, get_num_threads())
 
     def _points(self, x: np.ndarray) -> np.ndarray:
         """Voxel coordinates (n, 3); the layer of a 2D image has z = 1/2."""
@@ -236,7 +236,7 @@ def _blend(edt, plane, voxel, around, s):
     """Replace edt in place by the corrected plane distance near smooth walls, where |grad plane| is 1.
 
     A second wall within the Gaussian (throats, thin walls) changes the gradient: there edt stays. It also
-    stays where the two differ by less than 0.04 s, so that walls along the axes are exact.
+    stays where the two differ by less than 0.06 s, so that walls along the axes are exact.
     """
     nz, ny, nx = edt.shape
     for layer in prange(nz):
@@ -262,7 +262,7 @@ def _blend(edt, plane, voxel, around, s):
                     bend += (plane[high, y, x] - 2 * centre + plane[low, y, x]) / voxel[2] ** 2
                 smooth = _step((0.1 - abs(np.sqrt(slope2) - 1.0)) / 0.05)
                 more = centre - 0.5 * s * s * bend - edt[z, y, x]
-                edt[z, y, x] += near * smooth * _step((abs(more) / s - 0.04) / 0.03) * more
+                edt[z, y, x] += near * smooth * _step((abs(more) / s - 0.06) / 0.03) * more
 
 
 @njit(cache=True)
@@ -406,19 +406,19 @@ def _distances(grid, field, around, voxel, stairs, u):
 
 
 @njit(cache=True, parallel=True)
-def _crossings(grid, field, around, voxel, stairs, u, v, chunks):
+def _crossings(grid, field, around, stairs, u, v, chunks):
     t = np.empty(len(u))
     for chunk in prange(chunks):
         cell, step, left = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3, np.int64)
         face = np.empty(3)
         for k in range(chunk * len(u) // chunks, (chunk + 1) * len(u) // chunks):
-            first = _march(grid, field, around, voxel, stairs, u[k], v[k], cell, step, left, face)
+            first = _march(grid, field, around, stairs, u[k], v[k], cell, step, left, face)
             t[k] = min(max(first, LEAST_T), 1.0)
     return t
 
 
 @njit(cache=True)
-def _march(grid, field, around, voxel, stairs, u, v, cell, step, left, face):
+def _march(grid, field, around, stairs, u, v, cell, step, left, face):
     """First wall along the segment u -> v: walk from voxel face to voxel face (Amanatides and Woo 1987).
 
     The number of faces along each axis is fixed beforehand, so that round-off can neither miss the last voxel
@@ -437,21 +437,31 @@ def _march(grid, field, around, voxel, stairs, u, v, cell, step, left, face):
         tie = t + TIE / fastest * 10
         x, y, z = face[0] <= tie, face[1] <= tie, face[2] <= tie
         if x + y + z > 1 and not _passable(grid, around, cell, step, x, y, z):
-            return t
+            edge = stairs or _interpolate(field, around, *_along(u, v, t)) > -TIE
+            return t if edge else _root(field, around, u, v, t, True)
         for a in range(3):
             if face[a] <= tie:
                 cell[a] += step[a]
                 left[a] -= 1
                 face[a] = _face(u[a], v[a], cell[a], step[a], left[a])
         if _label(grid, around, cell[0], cell[1], cell[2]) < 0:
-            if stairs:
+            if stairs or _is_outside(grid, around, cell):
                 return t
             leave = min(face[0], face[1], face[2], 1.0)
             inside = 1.0 if left[0] + left[1] + left[2] == 0 else 0.5 * (t + leave)
-            found = _root(grid, field, around, voxel, u, v, inside, inside == 1.0)
+            found = _root(field, around, u, v, inside, inside == 1.0)
             if found >= 0:
                 return found
     return 1.0
+
+
+@njit(cache=True)
+def _is_outside(grid, around, cell):
+    """Whether a voxel lies beyond a face of a non-periodic axis."""
+    nz, ny, nx = grid.shape
+    x = not around[0] and (cell[0] < 0 or cell[0] >= nx)
+    y = not around[1] and (cell[1] < 0 or cell[1] >= ny)
+    return x or y or (not around[2] and (cell[2] < 0 or cell[2] >= nz))
 
 
 @njit(cache=True)
@@ -481,27 +491,31 @@ def _passable(grid, around, cell, step, x, y, z):
 
 
 @njit(cache=True)
-def _root(grid, field, around, voxel, u, v, b, last):
+def _root(field, around, u, v, b, last):
     """Zero of the smooth distance between the start of a segment and its place b in a solid voxel, by a
-    guarded secant; -1 if b is not behind a smooth wall (`last`: b is the end, always behind)."""
-    fb = _smooth(grid, field, around, voxel, *_along(u, v, b))
+    guarded secant (Illinois); -1 if b is not behind a smooth wall (`last`: b is the end, always behind)."""
+    fb = _interpolate(field, around, *_along(u, v, b))
     if fb > -TIE:
         if not last:
             return -1.0 if fb > TIE else b
         fb = -SIGN
-    fa = _smooth(grid, field, around, voxel, u[0], u[1], u[2])
+    fa = _interpolate(field, around, u[0], u[1], u[2])
     if fa <= TIE:
         return b * SIGN / (SIGN - fb)
-    a = 0.0
+    a, side = 0.0, 0
     t = b * fa / (fa - fb)
-    for _ in range(3):
-        f = _smooth(grid, field, around, voxel, *_along(u, v, t))
-        if abs(f) < 1e-7:
+    for _ in range(20):  # mostly two or three
+        f = _interpolate(field, around, *_along(u, v, t))
+        if abs(f) < 1e-12:
             break
         if f > 0:
             a, fa = t, f
+            fb = 0.5 * fb if side == 1 else fb
+            side = 1
         else:
             b, fb = t, f
+            fa = 0.5 * fa if side == -1 else fa
+            side = -1
         t = a + (b - a) * fa / (fa - fb)
     return t
 

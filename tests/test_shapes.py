@@ -1,0 +1,258 @@
+"""Exact distances and crossings of shapes, against brute force and plane geometry."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from isphcli.shapes import (
+    Box,
+    Cylinder,
+    Disk,
+    HalfSpace,
+    Shape,
+    ShapeError,
+    ShapeGeometry,
+    Sphere,
+    Spheres,
+    read_spheres,
+)
+
+SCALES = [1.0, 1e-6, 1e3]
+
+
+def images(dim, reach=2):
+    return np.array(list(itertools.product(range(-reach, reach + 1), repeat=dim)))
+
+
+def first_solid(geometry, xi, xj, n=2000):
+    """Fraction of the way to the first of n samples that is solid; 1 without one."""
+    t = np.linspace(0, 1, n + 1)[1:]
+    x = xi[:, None] + t[None, :, None] * (xj - xi)[:, None]
+    solid = geometry.phase(x.reshape(-1, xi.shape[1])).reshape(len(xi), n) < 0
+    return np.where(solid.any(1), t[solid.argmax(1)], 1.0)
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_planes_off_the_lattice_are_exact(scale):
+    """Couette walls: crossing and distance to 1e-13 of the box whatever the lattice and the unit."""
+    rng = np.random.default_rng(0)
+    g = ShapeGeometry(
+        np.array([0, 0.013]) * scale,
+        np.array([1, 1.07]) * scale,
+        (True, False),
+        face_velocity={(1, 1): (1, 0)},
+    )
+    xi = np.c_[rng.uniform(0, 1, 500), rng.uniform(0.02, 1.06, 500)] * scale
+    xj = xi + rng.uniform(-0.5, 0.5, xi.shape) * scale
+    t = g.crossing(xi, xj)
+    y = (xi + t[:, None] * (xj - xi))[:, 1] / scale
+    low, high = xj[:, 1] < 0.013 * scale, xj[:, 1] > 1.07 * scale
+    assert low.sum() > 20 and high.sum() > 20
+    assert np.abs(y[low] - 0.013).max() < 1e-13 and np.abs(y[high] - 1.07).max() < 1e-13
+    assert (t[~low & ~high] == 1).all()
+    assert np.allclose(
+        g.distance(xi) / scale, np.minimum(xi[:, 1] / scale - 0.013, 1.07 - xi[:, 1] / scale), atol=1e-15
+    )
+    assert (g.wall_velocity[g.wall(xj[high])] == [1, 0]).all() and (
+        g.wall_velocity[g.wall(xj[low])] == 0
+    ).all()
+
+
+@pytest.mark.parametrize("centre", [(0.1, 0.5, 0.5), (0.0, 0.0, 0.0), (0.99, 0.02, 0.5)])
+def test_a_sphere_acts_across_periodic_faces(centre):
+    rng = np.random.default_rng(1)
+    g = ShapeGeometry((0, 0, 0), (1, 1, 1), (True,) * 3, shapes=[Shape(Sphere(centre, 0.35))])
+    x = rng.uniform(-1, 2, (500, 3))
+    exact = (np.linalg.norm(x[:, None] - (images(3, 3) + centre), axis=2) - 0.35).min(1)
+    assert np.abs(g.distance(x) - exact).max() < 1e-14
+    assert (g.phase(x) == np.where(exact <= 0, -1, 0)).all()
+
+
+def test_walls_do_not_let_shapes_through():
+    """Along a non-periodic axis there is no image: only the face counts."""
+    g = ShapeGeometry((0, 0), (1, 1), (True, False), shapes=[Shape(Disk((0.5, 0.05), 0.2))])
+    assert g.distance(np.array([[0.5, 0.95]]))[0] == pytest.approx(0.05)
+    assert g.phase(np.array([[0.5, 1.01], [0.5, -0.01], [1.6, 0.5], [0.55, 0.2]])).tolist() == [-1, -1, 0, -1]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("equal", [True, False])
+def test_overlapping_spheres_against_brute_force(dim, equal):
+    rng = np.random.default_rng(2)
+    centres = rng.uniform(-0.2, 1.2, (60, dim))  # some lie outside the box and are wrapped
+    radii = 0.08 if equal else rng.uniform(0.02, 0.12, 60)
+    g = ShapeGeometry([0] * dim, [1] * dim, [True] * dim, shapes=[Shape(Spheres(centres, radii))])
+    x = rng.uniform(-0.5, 1.5, (400, dim))
+    every = (centres[None] + images(dim)[:, None]).reshape(-1, dim)
+    r = np.tile(np.broadcast_to(radii, 60), len(images(dim)))
+    exact = (np.linalg.norm(x[:, None] - every, axis=2) - r).min(1)
+    assert np.abs(g.distance(x) - exact).max() < 1e-14
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_crossings_of_beads_lie_on_the_surface(scale):
+    rng = np.random.default_rng(3)
+    beads = Spheres(rng.uniform(0, 1, (80, 3)) * scale, rng.uniform(0.05, 0.12, 80) * scale)
+    g = ShapeGeometry([0] * 3, [scale] * 3, (True, True, False), shapes=[Shape(beads)])
+    xi = rng.uniform(0, 1, (1500, 3)) * scale
+    xi = xi[g.phase(xi) == 0]
+    xj = xi + rng.normal(0, 0.06, xi.shape) * scale
+    t = g.crossing(xi, xj)
+    hit = t < 1
+    assert np.abs(g.distance((xi + t[:, None] * (xj - xi))[hit])).max() < 2e-12 * scale
+    sampled = first_solid(g, xi, xj, 1000)
+    assert np.mean(np.abs(t - sampled) > 1.1e-3) == 0
+    assert np.array_equal(t, g.crossing(xi, xj, g.distance(xi), g.distance(xj)))
+
+
+def test_a_thin_plate_between_two_fluid_points_is_seen():
+    plate = Shape(Box((-1, 0.5), (2, 0.52)), velocity=(0.3, 0))
+    g = ShapeGeometry((0, 0), (1, 1), (True, True), shapes=[plate])
+    xi, xj = np.array([[0.2, 0.4], [0.2, 0.61]]), np.array([[0.3, 0.63], [0.2, 0.4]])
+    t = g.crossing(xi, xj)
+    y = (xi + t[:, None] * (xj - xi))[:, 1]
+    assert np.allclose(y, [0.5, 0.52], atol=1e-12)
+    assert (g.wall_velocity[g.wall(xj)] == [0.3, 0]).all()
+
+
+@pytest.mark.parametrize(
+    "body, exact",
+    [
+        (HalfSpace((0.5, 0.5, 0.5), (1, 2, 2)), lambda x: (x - 0.5) @ np.array([1, 2, 2]) / 3),
+        (Cylinder(1, (0.5, 0, 0.4), 0.2), lambda x: np.hypot(x[:, 0] - 0.5, x[:, 2] - 0.4) - 0.2),
+        (Sphere((0.5, 0.4, 0.3), 0.2), lambda x: np.linalg.norm(x - [0.5, 0.4, 0.3], axis=1) - 0.2),
+    ],
+)
+def test_bodies_and_their_outsides(body, exact):
+    x = np.random.default_rng(4).uniform(0.05, 0.95, (300, 3))
+    g = ShapeGeometry((-9,) * 3, (9,) * 3, (False,) * 3, shapes=[Shape(body)])
+    assert np.abs(g.distance(x) - exact(x)).max() < 1e-14
+    g = ShapeGeometry((-9,) * 3, (9,) * 3, (True,) * 3, shapes=[Shape(body, outside=True)])
+    assert np.abs(g.distance(x) + exact(x)).max() < 1e-14
+    assert (g.phase(x) == np.where(-exact(x) <= 0, -1, 0)).all()
+
+
+def test_box_and_capped_cylinder_against_samples_of_their_surface():
+    """Distance to a box and to a capped cylinder from the distances to points dense on their surfaces."""
+    n = 120
+    s, c = (np.arange(n) + 0.5) / n, np.linspace(0, 2 * np.pi, 4 * n)
+    u, v = (a.ravel() for a in np.meshgrid(s, s))
+    faces = [np.insert(np.c_[u, v], axis, side, axis=1) for axis in range(3) for side in (0, 1)]
+    box = np.concatenate(faces) * [0.4, 0.3, 0.5] + [0.3, 0.3, 0.2]
+    r, a = (q.ravel() for q in np.meshgrid(s, c))
+    caps = [np.c_[0.2 * r * np.cos(a), 0.2 * r * np.sin(a), np.full(r.size, h)] for h in (-0.25, 0.25)]
+    side = np.c_[0.2 * np.cos(a), 0.2 * np.sin(a), 0.5 * r - 0.25]
+    cylinder = np.concatenate([*caps, side]) + 0.5
+    from scipy.spatial import cKDTree
+
+    x = np.random.default_rng(5).uniform(0, 1, (500, 3))
+    for body, surface in [
+        (Box((0.3, 0.3, 0.2), (0.7, 0.6, 0.7)), box),
+        (Cylinder(2, (0.5, 0.5, 0), 0.2, (0.25, 0.75)), cylinder),
+    ]:
+        d = ShapeGeometry((-9,) * 3, (9,) * 3, (False,) * 3, shapes=[Shape(body)]).distance(x)
+        assert np.abs(np.abs(d) - cKDTree(surface).query(x)[0]).max() < 4e-3
+        assert 0.02 < (d < 0).mean() < 0.1
+
+
+def test_a_box_across_the_whole_period_has_no_seam():
+    g = ShapeGeometry((0, 0), (1, 1), (True, True), shapes=[Shape(Box((0, 0.4), (1, 0.6)))])
+    x = np.c_[np.linspace(-1, 2, 61), np.full(61, 0.5)]
+    assert np.allclose(g.distance(x), -0.1, atol=1e-15)
+
+
+def test_later_shapes_lie_on_top():
+    """Solid, a fluid lens carved out of it, a solid bead in the lens. The fourth point is 0.1 from where the
+    half-space was before the carving: near what is left of carved solids the distance is a lower bound."""
+    shapes = [
+        Shape(HalfSpace((0.5, 0.5), (1, 0))),
+        Shape(Disk((0.5, 0.5), 0.2), phase=1),
+        Shape(Disk((0.4, 0.5), 0.05), slip_length=0.1),
+    ]
+    g = ShapeGeometry((0, 0), (1, 1), (False, False), shapes=shapes, slip_length=0.02)
+    x = np.array([[0.2, 0.5], [0.32, 0.5], [0.4, 0.5], [0.6, 0.5], [0.9, 0.5]])
+    assert g.phase(x).tolist() == [-1, 1, -1, 1, 0]
+    assert np.allclose(g.distance(x), [-0.1, 0.02, -0.05, 0.1, 0.1], atol=1e-14)
+    assert g.slip_length[g.wall(x)].tolist() == [0.02, 0.02, 0.1, 0.02, 0.02]
+
+
+def test_fluid_shapes_alone_make_no_wall():
+    g = ShapeGeometry((0, 0), (1, 1), (True, True), shapes=[Shape(Disk((0.5, 0.5), 0.2), phase=1)])
+    x = np.array([[0.5, 0.5], [0.1, 0.1]])
+    assert not g.has_solid and np.isposinf(g.distance(x)).all() and g.phase(x).tolist() == [1, 0]
+    assert (g.crossing(x, x + 0.5) == 1).all()
+
+
+def test_points_on_a_face_and_outside_are_solid():
+    g = ShapeGeometry((0, 0), (1, 1), (False, False))
+    x = np.array([[0.0, 0.5], [1.0, 0.5], [1.3, 1.4], [0.5, 0.5]])
+    assert g.phase(x).tolist() == [-1, -1, -1, 0]
+    assert np.allclose(g.distance(x), [0, 0, -0.5, 0.5])
+
+
+@pytest.mark.parametrize(
+    "shape, message",
+    [
+        (Shape(Sphere((0, 0), 1)), "centre"),
+        (Shape(Sphere((0, 0, 0), -1)), "radius"),
+        (Shape(Box((0, 0, 0), (1, 0, 1))), "upper corner"),
+        (Shape(HalfSpace((0, 0, 0), (0, 0, 0))), "normal"),
+        (Shape(Cylinder(3, (0, 0, 0), 1)), "axis"),
+        (Shape(Cylinder(0, (0, 0, 0), 1, (1, 0))), "ends"),
+        (Shape(Spheres(np.zeros((0, 3)), 1.0)), "centres"),
+        (Shape(Spheres(np.zeros((2, 3)), np.array([1.0, np.nan]))), "radii"),
+    ],
+)
+def test_bad_bodies_are_refused(shape, message):
+    with pytest.raises(ShapeError, match=message):
+        ShapeGeometry((0,) * 3, (1,) * 3, (True,) * 3, shapes=[shape])
+
+
+def test_bad_boxes_are_refused():
+    for lower, upper, periodic in [
+        ((0, 0), (1, 0), (True, True)),
+        ((0,), (1,), (True,)),
+        ((0, 0), (1, np.inf), (0, 0)),
+    ]:
+        with pytest.raises(ShapeError):
+            ShapeGeometry(lower, upper, periodic)
+
+
+def test_reading_spheres(tmp_path):
+    file = tmp_path / "beads.csv"
+    file.write_text("# beads\nx_m,y_m,z_m\n1,2,3\n4,5,6\n")
+    centres, radii = read_spheres(file, radius=0.5)
+    assert centres.tolist() == [[1, 2, 3], [4, 5, 6]] and radii.tolist() == [0.5, 0.5]
+    file.write_text("1,2,3,0.1\n4,5,6,0.2\n")
+    assert read_spheres(file)[1].tolist() == [0.1, 0.2]
+    file.write_text("1,2,0.1\n")
+    assert read_spheres(file, dim=2)[0].tolist() == [[1, 2]]
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("", "no sphere"),
+        ("x,y,z\n", "no sphere"),
+        ("1,2,3\n", "radius"),
+        ("1,2,3,1\n1,2,3\n", ":2: 3 columns"),
+        ("1,2,3,1\n1,2,x,4\n", ":2:"),
+        ("1,2,nan,1\n", "not finite"),
+        ("1,2,3,-1\n", "not positive"),
+        ("1;2\n", "columns"),
+    ],
+)
+def test_bad_sphere_files(tmp_path, text, message):
+    file = tmp_path / "beads.csv"
+    file.write_text(text)
+    with pytest.raises(ShapeError, match=message):
+        read_spheres(file)
+
+
+def test_missing_and_binary_sphere_files(tmp_path):
+    with pytest.raises(ShapeError, match="cannot be read"):
+        read_spheres(tmp_path / "none.csv")
+    (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00\x81")
+    with pytest.raises(ShapeError):
+        read_spheres(tmp_path / "b.csv")
