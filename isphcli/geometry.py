@@ -7,7 +7,7 @@ the connected fluid of a lattice of labels.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from scipy import ndimage
@@ -96,12 +96,12 @@ def report(fluid: np.ndarray, periodic: tuple[bool, ...], cell_volume: float = 1
     labels, n, percolates = components(fluid, periodic)
     size = np.bincount(labels.ravel(), minlength=n + 1)
     size[0] = 0
-    isolated = ~percolates.any(axis=1)
+    isolated = np.logical_not(percolates.any(axis=1))
     isolated[0] = False
     return Connectivity(
         porosity=float(size.sum() / max(fluid.size, 1)),
         components=n,
-        percolates=tuple(bool(p) for p in percolates.any(axis=0)),
+        percolates=tuple(bool(p) for p in np.ravel(percolates.any(axis=0))),
         percolating_porosity=tuple(float(s) for s in size @ percolates / max(fluid.size, 1)),
         isolated_pockets=int(isolated.sum()),
         isolated_volume=float(size[isolated].sum() * cell_volume),
@@ -203,7 +203,7 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
     scene = case.geometry
     names = tuple(case.fluids)
     faces = {("xyz".index(name[0]), int(name.endswith("max"))): wall for name, wall in scene.walls.items()}
-    walls = dict(
+    walls: dict[str, Any] = dict(
         slip_length=scene.slip_length,
         face_velocity={f: w.velocity for f, w in faces.items() if w.velocity is not None},
         face_slip={f: w.slip_length for f, w in faces.items() if w.slip_length is not None},
@@ -212,6 +212,7 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
         return _image_geometry(case, _flow_axis(case) if axis is None else axis, walls)
     from .shapes import Shape, ShapeGeometry
 
+    assert scene.box is not None  # one of voxels and box is there
     lower = np.array(scene.origin or np.zeros(len(scene.box)), dtype=float)
     upper = lower + scene.box
     shapes = [
@@ -234,6 +235,7 @@ def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
     from .voxel_geometry import VoxelGeometry
 
     spec = case.geometry.voxels
+    assert spec is not None
     image = voxels.read_image(spec.file, spec.array)
     values = image.values.transpose() if spec.axes == "xyz" else image.values
     values = voxels.crop(values, spec.crop, spec.file)

@@ -155,8 +155,8 @@ class ShapeGeometry:
 
     def __init__(
         self,
-        lower: Sequence[float],
-        upper: Sequence[float],
+        lower: Sequence[float] | np.ndarray,
+        upper: Sequence[float] | np.ndarray,
         periodic: Sequence[bool],
         fluid: int = 0,
         shapes: Sequence[Shape] = (),

@@ -35,7 +35,7 @@ class VoxelGeometry:
     def __init__(
         self,
         labels: np.ndarray,
-        voxel_size: float | Sequence[float],
+        voxel_size: float | Sequence[float] | np.ndarray,
         periodic: Sequence[bool],
         wall_distance: str = "smooth",
         flow_axis: int | None = None,

@@ -82,7 +82,7 @@ def write_image(path: str | Path, values: np.ndarray, spacing: Sequence[float] |
         if suffix == ".npy":
             np.save(path, values, allow_pickle=False)
         elif suffix == ".npz":
-            extra = {} if spacing is None else {SPACING: np.asarray(spacing, dtype=float)}
+            extra: dict[str, Any] = {} if spacing is None else {SPACING: np.asarray(spacing, dtype=float)}
             np.savez_compressed(path, image=values, **extra)
         else:
             _write_meta(path, values, spacing)
@@ -242,7 +242,7 @@ def _coarsened(values: np.ndarray, block: int, solids: Sequence[int], path: str 
     return np.where(2 * n_solid > block ** len(shape), value_of[1], value_of[0])
 
 
-def _sizes(voxel_size: float | Sequence[float], dim: int, path: str | Path) -> tuple[float, ...]:
+def _sizes(voxel_size: float | Sequence[float] | np.ndarray, dim: int, path: str | Path) -> tuple[float, ...]:
     sizes = np.ravel(np.asarray(voxel_size, dtype=float))
     if sizes.size not in (1, dim) or not np.isfinite(sizes).all() or not (sizes > 0).all():
         raise VoxelError(f"{path}: voxel size {voxel_size} must be positive: one number or {dim}")
@@ -413,7 +413,7 @@ def _read_meta(path: Path, array: str | None) -> tuple[np.ndarray, tuple | None,
             data = _inflate(data_path, file, there - max(skip, 0), needed)
         else:
             _check_size(data_path, needed, there - max(skip, 0))
-            data = file.read(needed)
+            data = bytearray(file.read(needed))
     key = "ElementSpacing" if "ElementSpacing" in header else "ElementSize"
     spacing = _sizes(_meta_numbers(path, header, key, float), len(dims), path) if key in header else None
     values = np.frombuffer(data, dtype=dtype).reshape(dims[::-1])
