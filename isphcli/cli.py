@@ -1,0 +1,541 @@
+"""The command line: `isph run`, `validate`, `convert-voxels`, `keys`.
+
+Nothing but click is imported before a command runs, so that `isph --help` answers at once. Results go to
+stdout, everything else to stderr. Exit codes: see `EXIT_CODES`.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import re
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from . import __version__
+
+if TYPE_CHECKING:
+    from .case import Case
+
+INTERNAL, BAD_INPUT, FAILED, OUTSIDE, INTERRUPTED = 1, 2, 3, 4, 130
+EXIT_CODES = """\
+\b
+Exit codes:
+  0    done
+  1    a fault of isph itself (please report it; --debug shows where)
+  2    the case, a file or an option cannot be used; nothing was written
+  3    the run failed on the way: a solve that did not converge, a full disk
+  4    a result is farther from its reference than the tolerance (validate)
+  130  interrupted
+"""
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+MILLIDARCY = 9.869233e-16  # m2
+
+
+class Unusable(ValueError):
+    """An option that cannot be used."""
+
+
+def set_threads(threads: int | None) -> None:
+    """Threads of the numba kernels, and one of BLAS unless the environment says otherwise.
+
+    BLAS threads spin while they wait and were measured to triple the time of a solve. To be called before
+    numpy is imported; a number given where numba runs already changes that instead.
+    """
+    for name in BLAS_THREADS:
+        os.environ.setdefault(name, "1")
+    if threads is None:
+        return
+    if "numba" in sys.modules:
+        import numba
+
+        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+    else:
+        os.environ["NUMBA_NUM_THREADS"] = str(threads)
+
+
+# -- errors become one message and an exit code ----------------------------------------------------------
+
+
+def exit_code(error: BaseException) -> int:
+    """Exit code of an exception."""
+    from .case_yaml import CaseError
+
+    if isinstance(error, KeyboardInterrupt):
+        return INTERRUPTED
+    if isinstance(error, (CaseError, Unusable)):
+        return BAD_INPUT
+    names = {cls.__name__ for cls in type(error).__mro__}  # without importing what did not run
+    if names & {"VoxelError", "ShapeError", "ParticleError", "ExpressionError"}:
+        return BAD_INPUT
+    if names & {"SolveError", "RunError", "NotFiniteError"} or isinstance(error, (OSError, MemoryError)):
+        return FAILED
+    return INTERNAL
+
+
+def message(error: BaseException) -> str:
+    """What is said about an exception."""
+    if isinstance(error, KeyboardInterrupt):
+        restart = getattr(error, "restart", None)
+        return "interrupted" + (f"; restart file: {restart}" if restart else "")
+    if isinstance(error, MemoryError):
+        return "error: out of memory; `isph validate --check-only` estimates what a case needs"
+    code = exit_code(error)
+    text = str(error) or type(error).__name__
+    if code == INTERNAL:
+        return (
+            f"internal error: {type(error).__name__}: {text}\nplease report it; --debug shows the traceback"
+        )
+    lines = text.splitlines()
+    return f"error: {text}" if len(lines) == 1 else f"{len(lines)} errors:\n{text}"
+
+
+def guarded(function: Callable[..., int | None]) -> Callable[..., None]:
+    """The command with `--debug`, its errors as messages on stderr and its return value as the exit code."""
+
+    @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+    @functools.wraps(function)
+    def command(*args: Any, debug: bool, **options: Any) -> None:
+        try:
+            code = function(*args, **options) or 0
+        except (click.ClickException, BrokenPipeError):
+            raise
+        except (Exception, KeyboardInterrupt) as error:
+            if debug:
+                raise
+            click.echo(message(error), err=True)
+            code = exit_code(error)
+        sys.exit(code)
+
+    return command
+
+
+@click.group(
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}, epilog=EXIT_CODES
+)
+@click.version_option(__version__, prog_name="isph")
+def main() -> None:
+    """Flow through rock, bead packs and other complex solids by incompressible SPH.
+
+    A case is a YAML file; `isph keys` lists what can stand in it. Units are SI or any consistent set.
+
+    \b
+    isph validate --check-only case.yaml     what a run would do, need and cost
+    isph run case.yaml                       run it; results go to out/case
+    isph convert-voxels scan.npy rock.npz --threshold 90 --voxel-size 5e-6
+    """
+
+
+set_option = click.option(
+    "--set", "overrides", multiple=True, metavar="KEY=VALUE",
+    help="Put a value into the case: --set particles.spacing=1e-5. May be repeated.",
+)  # fmt: skip
+threads_option = click.option(
+    "--threads", type=click.IntRange(1, os.cpu_count() or 1), help="Threads of the kernels. [default: all]"
+)
+quiet_option = click.option("--quiet", is_flag=True, help="No progress display; results only.")
+
+
+# -- run -------------------------------------------------------------------------------------------------
+
+
+@main.command(epilog=EXIT_CODES)
+@click.argument("case_file", metavar="CASE", type=click.Path(path_type=Path))
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Output directory. [default: the case's, or out/CASE]"
+)
+@threads_option
+@set_option
+@quiet_option
+@guarded
+def run(
+    case_file: Path, out: Path | None, threads: int | None, overrides: tuple[str, ...], quiet: bool
+) -> None:
+    """Run a case.
+
+    Prints permeability in m2 and millidarcy, the error against the case's reference and where the time went;
+    leaves snapshots, history, summary and pictures in the output directory (docs/output.md). What an earlier
+    run left there is replaced.
+
+    \b
+    isph run beadpack.yaml
+    isph run beadpack.yaml --set particles.spacing=2e-5 --out out/fine --threads 4
+    """
+    set_threads(threads)
+    case = load(case_file, overrides, out)
+    check_directory(directory_of(case))
+    from .run import run_case
+
+    try:
+        summary = run_case(case, quiet=quiet)
+    except KeyboardInterrupt as interrupt:
+        found = sorted(directory_of(case).glob("restart.*"))
+        interrupt.restart = getattr(interrupt, "restart", None) or next(iter(found), None)  # type: ignore[attr-defined]
+        raise
+    click.echo(closing_lines(case, summary))
+
+
+def load(path: Path, overrides: Iterable[str], out: Path | None = None) -> Case:
+    """Read a case, its output directory replaced by `out`."""
+    from dataclasses import replace
+
+    from .case import load_case
+
+    case = load_case(path, tuple(overrides))
+    return case if out is None else replace(case, output=replace(case.output, directory=out.absolute()))
+
+
+def directory_of(case: Case) -> Path:
+    """Output directory of a case that was loaded."""
+    assert case.output.directory is not None
+    return case.output.directory
+
+
+def check_directory(path: Path) -> None:
+    """Raise Unusable where the output directory can neither be made nor written to."""
+    there = next(p for p in (path.absolute(), *path.absolute().parents) if p.exists())
+    if not there.is_dir():
+        raise Unusable(f"{there}: is a file; choose another output directory with --out")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise Unusable(f"{there}: cannot be written to; choose another output directory with --out")
+
+
+def closing_lines(case: Case, summary: Mapping[str, Any]) -> str:
+    """What is printed at the end of a run."""
+    lines = [*permeability_lines(summary), *reference_lines(case, summary), *time_lines(summary)]
+    directory = directory_of(case)
+    lines += [("results", str(directory))]
+    lines += [("picture", str(path)) for path in sorted(directory.glob("*.png"))]
+    if summary.get("message"):
+        lines += [("note", str(summary["message"]))]
+    return table(lines)
+
+
+def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Permeability, m2 and mD: one number, one an axis, or the tensor."""
+    lines = [(f"permeability{axis}", permeability(k)) for axis, k in per_axis(summary.get("permeability"))]
+    lines += [(f"  +-{axis}", permeability(k)) for axis, k in per_axis(summary.get("permeability_error"))]
+    tensor = summary.get("permeability_tensor")
+    if tensor is not None:
+        heads = ["tensor, m2"] + [""] * (len(tensor) - 1)
+        lines += [(head, " ".join(f"{k:12.4e}" for k in row)) for head, row in zip(heads, tensor)]
+    return lines
+
+
+def per_axis(value: Any) -> list[tuple[str, float]]:
+    """(' x', value) of each axis; ('', value) of a single number; values that are None left out."""
+    if value is None:
+        return []
+    if isinstance(value, Mapping):
+        return [(f" {axis}", k) for axis, k in value.items() if k is not None]
+    if isinstance(value, (list, tuple)):
+        return [(f" {axis}", k) for axis, k in zip("xyz", value) if k is not None]
+    return [("", value)]
+
+
+def permeability(k: float) -> str:
+    """1.234e-12 m2 = 1250 mD."""
+    return f"{k:.4e} m2 = {k / MILLIDARCY:.4g} mD"
+
+
+def reference_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The published value, and the errors that the run found against the reference."""
+    reference = case.reference
+    if reference is None:
+        return []
+    lines = []
+    is_permeability = reference.kind == "permeability"
+    for axis, value in per_axis(reference.value):
+        lines.append((f"published{axis}", permeability(value) if is_permeability else f"{value:.6g}"))
+    if reference.source:
+        lines.append(("  source", reference.source))
+    errors = summary.get("errors") or {}
+    lines += [(f"error {name}", shown_error(e, reference.tolerance)) for name, e in errors.items()]
+    if is_permeability and not errors and reference.value is not None:
+        found = per_axis(summary.get("permeability"))
+        values = per_axis(reference.value)
+        published = (
+            dict(values) if len(values) > 1 else dict.fromkeys((axis for axis, _ in found), values[0][1])
+        )
+        for axis, k in found:
+            if axis in published:
+                lines.append((f"error{axis}", shown_error(k / published[axis] - 1, reference.tolerance)))
+    return lines
+
+
+def shown_error(error: Any, tolerance: float | None) -> str:
+    """A relative error in per cent, and the bound on it."""
+    if not isinstance(error, (int, float)):
+        return str(error)
+    return f"{100 * error:+.3g} %" + (f" (bound {100 * tolerance:.3g} %)" if tolerance else "")
+
+
+def time_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """CPU and wall seconds, and their split."""
+    lines = []
+    for name, key in (("wall", "wall_seconds"), ("cpu", "cpu_seconds")):
+        split = summary.get(key)
+        if isinstance(split, Mapping):
+            parts = ", ".join(
+                f"{part} {s:.2f}" for part, s in split.items() if part != "total" and s >= 0.005
+            )
+            total = split.get("total", sum(split.values()))
+            lines.append((f"{name} time", f"{total:.2f} s" + (f" ({parts})" if parts else "")))
+        elif split is not None:
+            lines.append((f"{name} time", f"{split:.2f} s"))
+    return lines
+
+
+def table(lines: Iterable[tuple[str, str]]) -> str:
+    """Names and values in two columns."""
+    lines = list(lines)
+    width = max((len(name) for name, _ in lines), default=0)
+    return "\n".join(f"{name:{width}}  {value}".rstrip() for name, value in lines)
+
+
+# -- validate --------------------------------------------------------------------------------------------
+
+
+@main.command(epilog=EXIT_CODES)
+@click.argument("case_files", metavar="[CASE]...", nargs=-1, type=click.Path(path_type=Path))
+@set_option
+@click.option("--check-only", is_flag=True, help="Check the cases; run none of them.")
+@click.option("--levels", type=click.IntRange(1), help="Resolutions at which a reference is run.")
+@click.option(
+    "--budget", type=click.FloatRange(0, min_open=True), help="Seconds that the runs may take in all."
+)
+@click.option("--out", type=click.Path(path_type=Path), help="Directory of the runs. [default: out/validate]")
+@threads_option
+@quiet_option
+@guarded
+def validate(
+    case_files: tuple[Path, ...],
+    overrides: tuple[str, ...],
+    check_only: bool,
+    levels: int | None,
+    budget: float | None,
+    out: Path | None,
+    threads: int | None,
+    quiet: bool,
+) -> int:
+    """Check cases without running them, and run those that name a reference.
+
+    Without CASE: all of the folder `cases`. The check says what a run would use, need and cost (particles,
+    memory, time), how fine the throats are resolved, which time step binds, and what is likely to go wrong.
+
+    \b
+    isph validate --check-only beadpack.yaml
+    isph validate cases/slit.yaml --levels 3 --budget 60
+    """
+    set_threads(threads)
+    case_files = case_files or default_cases()
+    from .check import check_case_file
+
+    code, to_run = 0, []
+    for path in case_files:
+        try:
+            report = check_case_file(path, overrides)
+        except (Exception, KeyboardInterrupt) as error:
+            if len(case_files) == 1 or exit_code(error) != BAD_INPUT:
+                raise
+            click.echo(message(error), err=True)
+            code = BAD_INPUT
+            continue
+        click.echo(report.text() + "\n")
+        if not report.can_run:
+            code = BAD_INPUT
+        elif report.case.reference is not None:
+            to_run.append(report.case)
+    if check_only or not to_run:
+        return code
+    return code or run_references(to_run, levels=levels, budget=budget, out=out, quiet=quiet)
+
+
+def default_cases() -> tuple[Path, ...]:
+    """The cases of the folder `cases` here or beside the package."""
+    for folder in (Path("cases"), Path(__file__).parents[1] / "cases"):
+        if found := tuple(sorted(folder.glob("*.yaml"))):
+            return found
+    raise Unusable("no CASE given and no folder 'cases' here; name a case file")
+
+
+def run_references(cases: list[Case], **options: Any) -> int:
+    """Run the cases against their references where `validate.py` is there; its exit code."""
+    from importlib.util import find_spec
+
+    if find_spec("isphcli.validate") is None:
+        click.echo("references were not run: this version only checks", err=True)
+        return 0
+    from .validate import validate_cases
+
+    # validate_cases(cases, *, levels, budget, out, quiet) -> (report, whether all are within their bounds)
+    text, passed = validate_cases(cases, **options)
+    click.echo(text)
+    return 0 if passed else OUTSIDE
+
+
+# -- convert-voxels --------------------------------------------------------------------------------------
+
+
+def numbers(text: str, kind: Callable[[str], Any] = float) -> tuple[Any, ...]:
+    """'1,2,3' as numbers; raises ValueError for anything else, NaN and infinity included."""
+    values = tuple(kind(part) for part in text.split(","))
+    if not all(math.isfinite(v) for v in values):
+        raise ValueError
+    return values
+
+
+def parser(read: Callable[[str], Any], form: str) -> Callable[[Any, Any, str | None], Any]:
+    """Callback of an option: its text through `read`; `form` says how it should look."""
+
+    def callback(context: Any, parameter: Any, text: str | None) -> Any:
+        try:
+            return None if text is None else read(text)
+        except ValueError:
+            raise click.BadParameter(f"{text!r} is not of the form {form}") from None
+
+    return callback
+
+
+def pairs(text: str, between: str) -> tuple[tuple[int, int], ...]:
+    """'a:b,c:d' as ((a, b), (c, d))."""
+    split = (part.split(between) for part in text.split(","))
+    return tuple((int(first), int(second)) for first, second in split)
+
+
+@main.command("convert-voxels", epilog=EXIT_CODES)
+@click.argument("source", metavar="IN", type=click.Path(path_type=Path))
+@click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
+@click.option("--threshold", callback=parser(lambda t: numbers(t)[0], "90"), metavar="T",
+              help="Grey values of T and above are solid (1), those below pore (0).")  # fmt: skip
+@click.option("--invert", is_flag=True, help="With --threshold: grey values below T are solid.")
+@click.option("--crop", callback=parser(lambda t: pairs(t, ":"), "0:100,0:100,0:50"), metavar="RANGES",
+              help="Voxels that are kept, x0:x1,y0:y1,z0:z1; the upper ends are left out.")  # fmt: skip
+@click.option("--labels", callback=parser(lambda t: dict(pairs(t, "=")), "255=1,7=0"), metavar="OLD=NEW,...",
+              help="Replace voxel values.")  # fmt: skip
+@click.option("--solid", callback=parser(lambda t: numbers(t, int), "1,2"), metavar="VALUE,...", default="1",
+              show_default=True, help="Values that are solid, for --downsample and the report.")  # fmt: skip
+@click.option(
+    "--downsample", type=click.IntRange(1), default=1, metavar="N", help="N x N x N voxels become one."
+)
+@click.option("--voxel-size", callback=parser(numbers, "5e-6 or 5e-6,5e-6,1e-5"), metavar="M",
+              help="Edge of a voxel of IN, m; one number or x,y,z.")  # fmt: skip
+@click.option("--array", metavar="NAME", help="Which array of an npz that holds several.")
+@guarded
+def convert_voxels(
+    source: Path,
+    target: Path,
+    threshold: float | None,
+    invert: bool,
+    crop: tuple[tuple[int, int], ...] | None,
+    labels: dict[int, int] | None,
+    solid: tuple[int, ...],
+    downsample: int,
+    voxel_size: tuple[float, ...] | None,
+    array: str | None,
+) -> None:
+    """Convert an image of rock (npy, npz, mhd with raw, mha) and say what it holds.
+
+    In this order: crop, threshold, labels, downsample.
+
+    \b
+    isph convert-voxels scan.mhd rock.npz --threshold 90
+    isph convert-voxels scan.npy rock.npz --crop 0:200,0:200,0:200 --voxel-size 5.3e-6
+    isph convert-voxels seg.npy rock.mhd --labels 255=1 --downsample 2 --voxel-size 5.3e-6
+    """
+    if invert and threshold is None:
+        raise click.UsageError("--invert belongs to --threshold")
+    set_threads(None)
+    from .voxels import convert
+
+    report = convert(source, target, threshold, invert, crop, labels, solid, downsample, voxel_size, array)
+    click.echo(image_lines(report))
+
+
+def image_lines(report: Mapping[str, Any]) -> str:
+    """The report of `voxels.convert` as text."""
+    size, solid = report["voxel_size"], report["solid"]
+    total = sum(report["labels"].values())
+    axes = report["percolates"]
+    lines = [
+        ("written", report["file"]),
+        ("voxels", " x ".join(str(n) for n in report["shape"].values()) + f" ({', '.join(axes)})"),
+        (
+            "voxel size",
+            "not known; give --voxel-size" if size is None else " x ".join(f"{s:g}" for s in size) + " m",
+        ),
+    ]
+    if "threshold" in report:
+        lines.append(("threshold", report["threshold"]))
+    for value, count in list(report["labels"].items())[:20]:
+        kind = "solid" if value in solid else "pore"
+        lines.append((f"value {value}", f"{kind}, {count} voxels, {100 * count / total:.2f} %"))
+    if len(report["labels"]) > 20:
+        lines.append(
+            ("", f"and {len(report['labels']) - 20} further values; are these grey values? --threshold")
+        )
+    through = [f"{axis} ({100 * report['percolating_porosity'][axis]:.2f} %)" for axis in axes if axes[axis]]
+    unit = "voxels" if size is None else "m3" if len(axes) == 3 else "m2"
+    lines += [
+        ("porosity", f"{100 * report['porosity']:.2f} %"),
+        (
+            "connected",
+            f"{report['components']} pores; the largest holds {100 * report['largest_share']:.2f} % of all",
+        ),
+        ("through-going", ", ".join(through) if through else "along no axis"),
+        ("pockets", f"{report['isolated_pockets']} closed, {report['isolated_volume']:.4g} {unit}"),
+    ]
+    return table(lines)
+
+
+# -- keys ------------------------------------------------------------------------------------------------
+
+
+@main.command()
+@click.argument("name", required=False)
+@guarded
+def keys(name: str | None) -> None:
+    """List the keys of a case: all, those of a block, or one.
+
+    \b
+    isph keys
+    isph keys particles
+    isph keys geometry.voxels.labels
+    """
+    from .case_docs import keys_page
+
+    found = [cells for cells in documented_keys(keys_page()) if stands_below(name or "", cells[0])]
+    if not found:
+        raise Unusable(f"{name}: no such key; `isph keys` lists all")
+    for path, value, default, meaning in found:
+        facts = [value] + (
+            [f"default {default}"] if default.startswith(("`", '"')) else [default] * bool(default)
+        )
+        click.echo(f"{path}  ({', '.join(facts).replace('*', '').replace('`', '')})\n    {meaning}")
+
+
+def documented_keys(page: str) -> Iterable[list[str]]:
+    """[path, value, default, meaning] of each key of docs/keys.md."""
+    block = ""
+    for line in page.splitlines():
+        if line.startswith("## "):
+            block = line.strip("#` ") + "." if "`" in line else ""
+        elif line.startswith("| `"):
+            cells = re.split(r" (?<!\\)\| ", line.strip("| "))
+            yield [block + cells[0].strip("`"), *(c.replace("\\|", "|").strip() for c in cells[1:])]
+
+
+def stands_below(name: str, path: str) -> bool:
+    """Whether the documented path `fluids.<name>.density` is at or below `fluids.water`."""
+    asked = [part for part in name.split(".") if part and not part.isdigit()]
+    parts = path.replace("[]", "").split(".")
+    return len(asked) <= len(parts) and all(a == p or p == "<name>" for a, p in zip(asked, parts))
+
+
+if __name__ == "__main__":
+    main()
