@@ -51,6 +51,22 @@ class StokesSystem:
         self.means = ComponentMeans(labels)
         self.levels = hierarchy(assemble(ops.start, ops.column, ops.lap, 0.0, spacing**2, self.wall_lap))
         self._cycle = cycle(self.levels)
+        self._darcy = cycle(hierarchy(self._conductance()))
+
+    def _conductance(self):
+        """-div(w grad) of the pressure, w the response of the velocity to a unit force without pressure.
+
+        In a pore of width h, w is about h^2 / 12: pressure modes much longer than the pore is wide obey Darcy's law,
+        and the Schur complement of the coupled system is this operator there, the identity for short modes.
+        """
+        o = self.ops
+        force = np.ones(o.n)
+        # two V-cycles tell the width of a pore well enough
+        w = self._cycle(force)
+        lap = assemble(o.start, o.column, o.lap, 0.0, self.spacing**2, self.wall_lap)
+        w = np.maximum(w + self._cycle(force - lap @ w), 1e-3)
+        pair = _harmonic(o.start, o.column, w)
+        return assemble(o.start, o.column, self.natural * pair, 0.0, self.spacing**2)
 
     def split(self, v):
         """(velocity (n, dim), scaled pressure (n,)) of a vector of unknowns."""
@@ -73,11 +89,13 @@ class StokesSystem:
         return out
 
     def precondition(self, v):
-        """Block-triangular: the Schur complement is close to the identity, then a V-cycle a velocity component."""
+        """Block-triangular: the inverse Schur complement (Cahouet and Chabard's sum of its two limits), then a
+        V-cycle a velocity component."""
         momentum, mass = self.split(v)
         out = np.empty_like(v)
         u, p = self.split(out)
-        p[:] = self.means.remove(mass)
+        mass = self.means.remove(mass)
+        p[:] = mass + self.means.remove(self._darcy(mass))
         o = self.ops
         rest = momentum - self.spacing * _gradient(o.start, o.column, o.grad_p, p)
         for k in range(self.dim):
@@ -141,6 +159,16 @@ def _mass(start, column, row, x, grad, natural, wall_div, dx, tau, u, p, grad_p,
                 jump -= 0.5 * (grad_p[i, k] + grad_p[j, k]) * (x[r, k] - x[i, k])
             stabilisation += natural[q] * jump
         mass[i] = dx * divergence - tau * dx * dx * stabilisation
+
+
+@njit(cache=True, parallel=True)
+def _harmonic(start, column, w):
+    """Harmonic means of w over the pairs, (n_pairs,)."""
+    out = np.empty(len(column))
+    for i in prange(len(w)):
+        for q in range(start[i], start[i + 1]):
+            out[q] = 2.0 * w[i] * w[column[q]] / (w[i] + w[column[q]])
+    return out
 
 
 @njit(cache=True, parallel=True)
