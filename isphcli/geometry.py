@@ -78,7 +78,7 @@ def components(fluid: np.ndarray, periodic: tuple[bool, ...]) -> tuple[np.ndarra
         raise ValueError(f"periodic has {len(periodic)} entries for an image of {dim} dimensions")
     raw, n_raw = ndimage.label(fluid)
     edges = _periodic_edges(raw, periodic)
-    n, owner, winding = _merge(n_raw, edges, dim)
+    n, owner, winding = merge_periodic(n_raw, edges, dim)
     labels = np.concatenate([[0], owner + 1]).astype(raw.dtype)[raw]
     percolates = np.zeros((n + 1, dim), dtype=bool)
     percolates[1:] = winding
@@ -129,7 +129,7 @@ def _periodic_edges(raw: np.ndarray, periodic: tuple[bool, ...]) -> np.ndarray:
     return np.concatenate(edges)
 
 
-def _merge(n_raw: int, edges: np.ndarray, dim: int) -> tuple[int, np.ndarray, np.ndarray]:
+def merge_periodic(n_raw: int, edges: np.ndarray, dim: int) -> tuple[int, np.ndarray, np.ndarray]:
     """Join components by periodic edges: (n, owner (n_raw,), winding (n, dim) bool).
 
     Each raw component gets the periodic cell it lies in along a spanning tree; an edge that disagrees with

@@ -1,0 +1,338 @@
+"""A case from its file to its results: the one place that chooses which terms a scene has."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from . import output, progress
+from .case import dump_case
+from .geometry import build_geometry
+from .particles import ParticleError
+
+FORCE_UNIT = "m/s2"
+
+
+def run_case(case, quiet=False):
+    """Runs a case and leaves its files (docs/output.md) in case.output.directory. Returns the summary (dict).
+
+    Raises ValueError (CaseError, VoxelError, ShapeError, ParticleError, NoFlowError) for a case that cannot run,
+    before anything is written; SolveError, StepError or RunError for one that had to stop.
+    """
+    clock = output.Clock()
+    _refuse_unbuilt(case)
+    with clock("compile"):
+        _import_numerics()
+    run = _run_stokes if case.flow == "stokes" else _run_navier_stokes
+    return run(case, clock, quiet)
+
+
+def _refuse_unbuilt(case):
+    """What the language knows and the code does not yet do is said before the run, not ignored."""
+    if case.interface is not None:
+        raise ValueError("interface: two fluids with surface tension are not built yet; leave the block out")
+    if len({(f.density, f.mu) for f in case.fluids.values()}) > 1:
+        raise ValueError("fluids: different fluids in one scene are not built yet; name one fluid")
+
+
+def _import_numerics():
+    """Imported here, so that the time for it is seen and `isph --help` does not pay it."""
+    from . import run_navier_stokes, run_stokes  # noqa: F401
+
+
+# --- steady creeping flow ---------------------------------------------------------------------------------------
+
+
+def _run_stokes(case, clock, quiet):
+    from .run_stokes import NoFlowError, build_scene, drives, extrapolate, solve_axis
+
+    flows = {}  # (axis, spacing): Creep
+    history, halo = [], 0
+    spacings = (case.particles.spacing, *case.refine)
+    axes = None
+    scene = None
+    for spacing in spacings:
+        scene, built_for = None, None
+        first = build_geometry(case)
+        axes = drives(case, first.dim)
+        sealed = getattr(first, "sample_lower", None) is not None and not all(_periodic_of(case, first.dim))
+        for axis, force in axes:
+            if scene is None or (sealed and built_for != axis):
+                with clock("geometry"), progress.stage(f"geometry at spacing {spacing:g}", quiet):
+                    geometry = first if scene is None and axis == axes[0][0] else build_geometry(case, axis)
+                with progress.stage("particles, operators and hierarchies", quiet):
+                    needs = [a for a, _ in axes if a is not None] if not sealed else [axis] * (axis is not None)
+                    scene = build_scene(case, geometry, spacing, clock, needs)
+                    built_for = axis
+                    halo = scene.halo
+            label = f"flow along {'xyz'[axis]}" if axis is not None else "flow driven by walls"
+            with progress.stage(f"{label}, {scene.particles.n_fluid:,} particles", quiet) as stage:
+                flow = solve_axis(case, scene, axis, force, clock, _watch(stage))
+            flows[axis, spacing] = flow
+            history.append({"step": len(history) + 1, "spacing": spacing, "axis": "xyz"[axis] if axis is not None else "",
+                            "iterations_stokes": flow.report.iterations, "residual_stokes": flow.report.residual,
+                            **{f"superficial_velocity_{a}": float(v) for a, v in zip("xyz", flow.superficial)}})
+            if axis is not None and flow.permeability[axis] <= 0.0:
+                raise NoFlowError(f"the flow along {'xyz'[axis]} is zero; check the drive and the labels")
+    base = case.particles.spacing
+    main = flows[axes[0][0], min(spacings)]
+    permeability, messages, bars, ladders = {}, [], {}, {}
+    for axis, _ in axes:
+        if axis is None:
+            continue
+        values = [flows[axis, h].permeability[axis] for h in spacings]
+        permeability["xyz"[axis]] = float(values[0])
+        ladders["xyz"[axis]] = {f"{h:g}": float(k) for h, k in sorted(zip(spacings, values))}
+        if len(spacings) > 1:
+            limit, bar, _, sentence = extrapolate(spacings, values)
+            messages.append(f"{'xyz'[axis]}: {sentence}")
+            permeability["xyz"[axis]], bars["xyz"[axis]] = float(limit), bar
+    tensor = None
+    if len(permeability) == main.geometry.dim and not bars:
+        tensor = np.array([flows["xyz".index(a), base].permeability for a in "xyz"[: main.geometry.dim]]).T
+    single = next(iter(permeability.values())) if len(permeability) == 1 else None
+    fluid = next(iter(case.fluids.values()))
+    x = main.particles.x[: main.particles.n_fluid]
+    result = SimpleNamespace(
+        x=x, velocity=main.velocity, pressure=main.pressure, time=None, spacing=main.spacing,
+        phase=main.particles.phase, permeability=permeability or None, geometry=main.geometry, history=history,
+        flows={"xyz"[a]: f for (a, h), f in flows.items() if a is not None and h == base}, tensor=tensor,
+        density=fluid.density,
+    )
+    summary = {
+        "status": "finished",
+        "message": "; ".join(messages) or None,
+        "particles": _counts(main.particles, halo),
+        "porosity": _porosity(main.geometry, main.particles),
+        "terms": _terms(case, main.geometry, _drive_of(axes)),
+        "steps": 0,
+        "time": None,
+        "permeability": single if single is not None else permeability or None,
+        "permeability_error": (next(iter(bars.values())) if len(bars) == 1 else bars) or None,
+        "permeability_by_spacing": ladders if len(spacings) > 1 else None,
+        "permeability_tensor": tensor,
+        "superficial_velocity": main.superficial,
+        "mean_velocity": main.mean,
+        "mass_error": main.mass_error,
+        "max_divergence": main.divergence,
+        "iterations": {"stokes": _mean_max([r["iterations_stokes"] for r in history])},
+        "components": scene.system.count,
+        "isolated_pockets": int((~scene.percolates.any(axis=1)).sum()),
+    }
+    directory = output.prepare_directory(case.output.directory)
+    with clock("output"), progress.stage("files and pictures", quiet):
+        series = _series(case, directory)
+        if series is not None:
+            series.write(0, 0.0, *_snapshot(case, main.geometry, main.particles, x, main.velocity, main.pressure, None))
+        with output.History(directory / "history.csv") as file:
+            for row in history:
+                file.append(row)
+        if case.output.plots:
+            _pictures(case, directory, main, single or next(iter(permeability.values()), None))
+    return _finish(case, directory, summary, result, clock)
+
+
+def _periodic_of(case, dim):
+    return [a in case.geometry.periodic for a in "xyz"[:dim]]
+
+
+def _watch(stage):
+    def watch(iteration, residual):
+        stage.update(f"iteration {iteration}, residual {residual:.1e}")
+
+    return watch
+
+
+def _drive_of(axes):
+    return any(force.any() for _, force in axes)
+
+
+def _pictures(case, directory, flow, permeability):
+    from .plots import plot_slice
+
+    x = flow.particles.x[: flow.particles.n_fluid]
+    plot_slice(directory / "slice.png", x, flow.velocity, None, flow.geometry.dim, flow.spacing, case.title,
+               flow_axis=flow.axis, lower=flow.geometry.lower, upper=flow.geometry.upper, permeability=permeability)
+
+
+# --- moving particles --------------------------------------------------------------------------------------------
+
+
+def _run_navier_stokes(case, clock, quiet):
+    from . import run_navier_stokes as ns
+
+    with clock("geometry"), progress.stage("geometry", quiet):
+        geometry = build_geometry(case)
+    state, stepper, particles = ns.prepare(case, geometry, clock)
+    if len(np.unique(particles.phase)) > 1:
+        raise ParticleError("two fluids in one scene are not built yet")
+    fluid = next(iter(case.fluids.values()))
+    box = float(np.prod(geometry.upper - geometry.lower))
+    march = ns.March(case, stepper, particles.site_volume, fluid.density, box)
+    with progress.stage("neighbours and operators", quiet):
+        config = stepper.configure(state.x)
+    directory = output.prepare_directory(case.output.directory)
+    output.write_text(directory / "case.yaml", dump_case(case))
+    series = _series(case, directory)
+    history = []
+
+    def snapshot(state, config):
+        if series is not None:
+            with clock("output"):
+                series.write(state.step, state.time, *_snapshot(case, geometry, particles, state.x, state.u,
+                                                                state.p * fluid.density, stepper._divergence(config.ops, state.u)))
+
+    snapshot(state, config)
+    restart = directory / "restart.npz"
+    try:
+        with output.History(directory / "history.csv") as file, progress.Progress(
+            case.time.end, case.time.max_steps if case.time.end is None else None, case.title, quiet
+        ) as bar:
+
+            def row(values):
+                history.append(values)
+                file.append(values)
+                if case.output.restart_every and values["step"] % case.output.restart_every == 0:
+                    ns.save_restart(restart, march.last)
+
+            def show(state, dt, limit):
+                reports = stepper.reports
+                bar.update(state.step, state.time, dt, limit, {k: r.iterations for k, r in reports.items()},
+                           {k: r.residual for k, r in reports.items()} | {"divergence": stepper.divergence})
+
+            state, config = march.run(state, config, snapshot, row, show)
+    except (KeyboardInterrupt, ns.RunError) as stop:
+        ns.save_restart(restart, march.last)
+        stop.restart = restart
+        raise
+    with clock("output"):
+        ns.save_restart(restart, state)
+    if series is None or not series.entries or series.entries[-1][0] < state.time:
+        snapshot(state, config)
+    return _finish_march(case, directory, clock, geometry, particles, fluid, march, stepper, state, config, history)
+
+
+def _finish_march(case, directory, clock, geometry, particles, fluid, march, stepper, state, config, history):
+    superficial = state.u.mean(axis=0) * len(state.u) * particles.site_volume / march.box_volume
+    gravity = np.linalg.norm(stepper.force)
+    permeability = None
+    if gravity > 0.0 and geometry.has_solid and case.time.steady is not None:
+        permeability = float(fluid.nu * (superficial @ stepper.force) / gravity**2)
+    result = SimpleNamespace(
+        x=state.x, velocity=state.u, pressure=state.p * fluid.density, time=state.time, spacing=case.particles.spacing,
+        phase=particles.phase, permeability=permeability, geometry=geometry, history=history, flows={}, tensor=None,
+        density=fluid.density,
+    )
+    summary = {
+        "status": march.outcome,
+        "message": None,
+        "particles": _counts(particles, config.halo),
+        "porosity": _porosity(geometry, particles),
+        "terms": _terms(case, geometry, gravity > 0.0),
+        "steps": state.step,
+        "time": state.time,
+        "permeability": permeability,
+        "superficial_velocity": superficial,
+        "mean_velocity": state.u.mean(axis=0),
+        "mass_error": 0.0,  # particles are neither made nor lost
+        "max_divergence": max((r["divergence"] for r in history), default=0.0),
+        "iterations": {name: _mean_max([r[f"iterations_{name}"] for r in history]) for name in ("velocity", "pressure")},
+    }
+    if case.output.plots:
+        from .plots import plot_histories, plot_slice
+
+        with clock("output"):
+            plot_slice(directory / "slice.png", state.x, state.u, None, geometry.dim, case.particles.spacing, case.title,
+                       lower=geometry.lower, upper=geometry.upper, permeability=permeability)
+            plot_histories(directory / "histories.png", history, case.title)
+    return _finish(case, directory, summary, result, clock)
+
+
+# --- what both leave ---------------------------------------------------------------------------------------------
+
+
+def _finish(case, directory, summary, result, clock):
+    """Errors against the reference, the effective case and summary.json."""
+    errors = None
+    if case.reference is not None:
+        from .compare import compare
+
+        errors = compare(case, result)
+    import numba
+
+    output.write_text(directory / "case.yaml", dump_case(replace(case, output=replace(case.output, directory=directory))))
+    summary = {
+        "title": case.title,
+        **{k: summary[k] for k in ("status", "message")},
+        "dimension": result.geometry.dim,
+        **{k: v for k, v in summary.items() if k not in ("status", "message")},
+        "errors": errors,
+        "cpu_seconds": clock.cpu(),
+        "wall_seconds": clock.wall(),
+        "peak_memory_bytes": output.peak_memory(),
+        "threads": numba.get_num_threads(),
+        "versions": output.versions(),
+    }
+    output.write_summary(directory / "summary.json", summary)
+    summary["directory"] = str(directory)
+    summary["pictures"] = sorted(str(p) for p in Path(directory).glob("*.png"))
+    return summary
+
+
+def _series(case, directory):
+    return output.Series(directory) if case.output.snapshots else None
+
+
+def _snapshot(case, geometry, particles, x, velocity, pressure, divergence):
+    """(positions, fields) of a snapshot, dummies behind the fluid where they are asked for."""
+    known = {"velocity": velocity, "pressure": pressure, "phase": particles.phase.astype(np.int32)}
+    if divergence is not None:
+        known["divergence"] = divergence
+    if "distance" in case.output.fields and geometry.has_solid:
+        known["distance"] = geometry.distance(x)
+    fields = {name: known[name] for name in case.output.fields if name in known}
+    if not case.output.dummies or particles.n_dummy == 0:
+        return x, fields
+    dummies = particles.x[particles.n_fluid:]
+    rest = {"phase": np.full(len(dummies), -1, np.int32)}
+    if "distance" in fields:
+        rest["distance"] = geometry.distance(dummies)
+    joined = {name: np.concatenate([v, rest.get(name, np.zeros((len(dummies), *v.shape[1:]), v.dtype))])
+              for name, v in fields.items()}
+    joined["kind"] = np.repeat(np.array([0, 1], np.int32), [len(x), len(dummies)])
+    return np.concatenate([x, dummies]), joined
+
+
+def _counts(particles, halo):
+    return {"fluid": particles.n_fluid, "dummy": particles.n_dummy, "halo": halo, "left_out": particles.left_out}
+
+
+def _porosity(geometry, particles):
+    """Fluid share of the sample (of an image without its clear layers), by lattice sites."""
+    lower = getattr(geometry, "sample_lower", geometry.lower)
+    upper = getattr(geometry, "sample_upper", geometry.upper)
+    x = particles.x[: particles.n_fluid]
+    inside = int(np.all((x >= lower) & (x <= upper), axis=1).sum())
+    return inside * particles.site_volume / float(np.prod(upper - lower))
+
+
+def _terms(case, geometry, driven):
+    terms = ["viscosity", "pressure"]
+    if driven:
+        terms.append("body force")
+    if geometry.has_solid:
+        terms.append("walls")
+        if np.any(geometry.wall_velocity):
+            terms.append("moving walls")
+        if np.any(geometry.slip_length > 0.0):
+            terms.append("slip walls")
+    if any(geometry.periodic):
+        terms.append("periodic halo")
+    if case.flow == "navier_stokes" and case.particles.shifting > 0.0:
+        terms.append("shifting")
+    return terms
+
+
+def _mean_max(counts):
+    return {"mean": float(np.mean(counts)), "max": int(max(counts))} if counts else {"mean": 0.0, "max": 0}

@@ -1,0 +1,180 @@
+"""The time loop of moving particles: step sizes, snapshots, history, steady states, restart files."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from . import expressions, linear
+from .kernel import KERNELS
+from .output import replacing
+from .particles import make_lattice, place
+from .run_stokes import drives
+from .step import State, Stepper, StepError
+
+VISCOUS = 4.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
+FIRST = 1.0 / 16.0  # of the step that the limits allow: the length of the first one
+GROWTH = 2.0  # of the step from one to the next: second order needs less than 2.41
+HALVINGS = 4  # of a step that fails, before the run stops
+STEADY_WINDOW = 0.8  # a run is steady when the kinetic energy has changed little since this fraction of the time
+
+
+class RunError(RuntimeError):
+    """A run that had to stop: where, why and what to try. Attribute `restart`: file of the last good state."""
+
+    restart = None
+
+
+def prepare(case, geometry, clock):
+    """(State, Stepper, Particles) of a case at rest or with its initial velocity."""
+    spacing, support = case.particles.spacing, case.support * case.particles.spacing
+    with clock("geometry"):
+        lattice = make_lattice(case.lattice_in(geometry.dim), geometry.lower, geometry.upper, geometry.periodic,
+                               spacing, support, case.particles.offset)
+        particles = place(geometry, lattice, support, case.particles.jitter, spacing, case.particles.seed)
+    n = particles.n_fluid
+    fluid = case.fluids[case.fluid_names[particles.phase[0]]]
+    x = particles.x[:n].copy()
+    u = np.zeros_like(x)
+    if case.initial is not None:
+        names = dict(zip("xyz", x.T))
+        for k, formula in enumerate(case.initial.velocity):
+            u[:, k] = expressions.evaluate(formula, **names)
+    force = sum((force for _, force in drives(case, geometry.dim)), np.zeros(geometry.dim))
+    stepper = Stepper(
+        geometry=geometry, dummies=particles.x[n:], spacing=spacing, support=support,
+        kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume, viscosity=fluid.nu, force=force,
+        shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2", tolerance=case.solver.tolerance,
+        restart=case.solver.restart, max_iterations=case.solver.max_iterations, clock=clock,
+    )
+    return State(x, u, u.copy(), np.zeros(n)), stepper, particles
+
+
+class March:
+    """Runs a state to its end; everything written on the way goes through the callbacks.
+
+    snapshot(state, config), row(dict) and progress(dict) are called as the run goes.
+    """
+
+    def __init__(self, case, stepper, site_volume, density, box_volume):
+        self.case, self.stepper = case, stepper
+        self.site_volume, self.density, self.box_volume = site_volume, density, box_volume
+        self.energies = []
+        self.outcome = "finished"
+
+    def limits(self, state):
+        """{name: step} of everything that bounds the next step, s."""
+        time, stepper = self.case.time, self.stepper
+        found = {}
+        if time.step is not None:
+            found["step"] = time.step
+        else:
+            speed = np.sqrt((state.u * state.u).sum(axis=1).max())
+            if state.dt_old:
+                acceleration = np.sqrt(((state.u - state.u_old) ** 2).sum(axis=1).max()) / state.dt_old
+            else:
+                acceleration = np.linalg.norm(stepper.force)
+            # u dt + a dt^2 / 2 = cfl dx
+            reach = time.cfl * stepper.spacing
+            root = speed + np.sqrt(speed * speed + 2.0 * acceleration * reach)
+            if root > 0.0:
+                found["cfl"] = 2.0 * reach / root
+            if time.steady is None or not found:
+                found["viscous"] = VISCOUS * stepper.spacing**2 / stepper.viscosity
+        if state.dt_old:
+            found["start"] = GROWTH * state.dt_old
+        else:
+            found = {"start": FIRST * min(found.values())}
+        return found
+
+    def run(self, state, config, snapshot, row, progress):
+        """(state, config) at the end. Raises RunError; KeyboardInterrupt leaves `self.last` as the last good state."""
+        case = self.case
+        end = case.time.end if case.time.end is not None else np.inf
+        every = case.output.every or np.inf
+        due = (np.floor(state.time / every) + 1.0) * every if np.isfinite(every) else np.inf
+        self.last = state
+        while state.time < end * (1.0 - 1e-12) and state.step < case.time.max_steps:
+            limits = self.limits(state)
+            limit = min(limits, key=limits.get)
+            dt = limits[limit]
+            target = min(end, due) - state.time
+            if dt > target * (1.0 - 1e-9):
+                dt, limit = target, "end"
+            elif dt > 0.5 * target:
+                dt = 0.5 * target  # two like steps instead of a long one and a stump
+            state, config, dt = self._attempt(state, config, dt)
+            self.last = state
+            row(self._row(state, dt, limit))
+            progress(state, dt, limit)
+            if state.time >= due * (1.0 - 1e-9):
+                snapshot(state, config)
+                due += every
+            if case.time.steady is not None and self._is_steady(state):
+                self.outcome = "steady"
+                break
+        else:
+            if case.time.steady is not None:
+                self.outcome = "not steady at the end"
+            elif state.step >= case.time.max_steps and state.time < end * (1.0 - 1e-12):
+                self.outcome = "out of steps"
+        return state, config
+
+    def _attempt(self, state, config, dt):
+        for _ in range(HALVINGS):
+            try:
+                new, new_config = self.stepper.advance(state, config, dt)
+                return new, new_config, dt
+            except (linear.SolveError, StepError) as error:
+                problem = error
+                dt *= 0.5
+        raise RunError(f"step {state.step + 1} at time {state.time:g}: {problem} (after {HALVINGS} halvings of the "
+                       f"step, down to {dt:.3g})") from problem
+
+    def _is_steady(self, state):
+        energy = float((state.u * state.u).sum())
+        self.energies.append((state.time, energy))
+        times = [t for t, _ in self.energies]
+        k = np.searchsorted(times, STEADY_WINDOW * state.time)
+        if state.step < 20 or len(times) - k < 5 or energy == 0.0:
+            self.change = None
+            return False
+        window = [e for _, e in self.energies[k:]]
+        self.change = (max(window) - min(window)) / energy
+        return self.change < self.case.time.steady
+
+    change = None
+
+    def _row(self, state, dt, limit):
+        stepper = self.stepper
+        mean = state.u.mean(axis=0)
+        energy = 0.5 * self.density * self.site_volume * float((state.u * state.u).sum())
+        fraction = len(state.u) * self.site_volume / self.box_volume
+        row = {"step": state.step, "time": state.time, "dt": dt, "limit": limit}
+        for name in ("velocity", "pressure"):
+            report = stepper.reports[name]
+            row[f"iterations_{name}"] = report.iterations
+            row[f"residual_{name}"] = report.residual
+        row |= {"rebuilt": int(stepper.rebuilt), "divergence": stepper.divergence, "kinetic_energy": energy}
+        row |= {f"mean_velocity_{a}": float(m) for a, m in zip("xyz", mean)}
+        row |= {f"superficial_velocity_{a}": float(m * fraction) for a, m in zip("xyz", mean)}
+        if self.case.time.steady is not None:
+            row["change"] = self.change
+        return row
+
+
+def save_restart(path, state):
+    """The state as a compressed npz, written whole or not at all."""
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        np.savez_compressed(file, x=state.x, u=state.u, u_old=state.u_old, p=state.p, time=state.time,
+                            step=state.step, dt_old=state.dt_old)
+
+
+def load_restart(path, state):
+    """The state of a restart file for the scene of `state`. Raises ValueError where it does not fit."""
+    with np.load(path, allow_pickle=False) as file:
+        found = {name: file[name] for name in ("x", "u", "u_old", "p")}
+        scalars = {"time": float(file["time"]), "step": int(file["step"]), "dt_old": float(file["dt_old"])}
+    if found["x"].shape != state.x.shape:
+        raise ValueError(f"{path}: {len(found['x'])} particles, but the case has {len(state.x)}; "
+                         f"restart with the case that wrote it")
+    return replace(state, **found, **scalars)

@@ -1,0 +1,254 @@
+"""One step of the Lagrangian predictor-corrector (paper eqs 2-4, 8-10).
+
+The particles are moved first, with the velocity extrapolated to the middle of the step, and shifted; every operator is
+then evaluated once, on the new configuration, where the new velocity has to be divergence-free. Time derivatives
+along the particle paths are backward differences of second order (BDF2 with variable steps; L-stable):
+
+    (g0 u* - b0 u^n - b1 u^{n-1}) / dt = -grad p / rho + nu lap u* + F           (eq. 2)
+    div (grad q) = (g0 rho / dt) div u*,   u = u* - dt grad q / (g0 rho)         (eq. 3)
+    p <- p + q - nu rho div u*                                                    (eq. 4, rotational form)
+
+Eq. 2 of the paper is a Crank-Nicolson step on the old configuration. It is first order in time, because the old
+configuration is not where the new velocity lives, and it does not damp the modes that an impulsive start excites.
+Pressures here are divided by the density (m2/s2).
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from . import linear
+from .halo import build_halo, wrap
+from .neighbours import find_pairs
+from .operators import build_operators, divergence, gradient_p, particle_volumes
+from .shifting import carry, shift
+
+JACOBI_LIMIT = 2.0  # nu dt / dx^2 up to which the Helmholtz matrix is solved with its diagonal alone
+STALE = 1.5  # a hierarchy is rebuilt when its iterations exceed those of its first use by this factor and by 4
+
+
+class StepError(RuntimeError):
+    """A step that broke a limit; the message says which."""
+
+
+@dataclass(frozen=True)
+class State:
+    """Fluid particles at one time. x, u, u_old: (n, dim); p: (n,) over density; dt_old: 0 before the first step."""
+
+    x: np.ndarray
+    u: np.ndarray
+    u_old: np.ndarray
+    p: np.ndarray
+    time: float = 0.0
+    step: int = 0
+    dt_old: float = 0.0
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Everything that depends on the positions only."""
+
+    ops: object
+    x: np.ndarray
+    pairs: object
+    means: linear.ComponentMeans
+    halo: int
+
+
+@dataclass
+class Stepper:
+    """What a scene needs to be advanced; the preconditioners that it may keep are its only changing state.
+
+    geometry: Geometry; dummies: (n_dummy, dim); spacing, support: m; kind: kernel number; site_volume: m^dim;
+    viscosity: m2/s; force: (dim,) m/s2; shifting: coefficient, 0 for none; second_order: BDF2 or implicit Euler;
+    clock: output.Clock.
+    """
+
+    geometry: object
+    dummies: np.ndarray
+    spacing: float
+    support: float
+    kind: int
+    site_volume: float
+    viscosity: float
+    force: np.ndarray
+    shifting: float
+    second_order: bool
+    tolerance: float
+    restart: int
+    max_iterations: int
+    clock: object
+    reports: dict = field(default_factory=dict)
+    rebuilt: bool = False
+    held: int = 0
+
+    def __post_init__(self):
+        self._levels = {}
+        self._first = {}
+        self._scene = None
+        if self.geometry.has_solid:
+            from .wall_scene import WallScene
+
+            self._scene = WallScene(self.geometry, self.dummies, self.support, self.kind, self.site_volume)
+
+    def configure(self, x):
+        """Neighbours and operators of fluid positions x (n, dim)."""
+        n = len(x)
+        geometry = self.geometry
+        if self._scene is not None:
+            with self.clock("operators"):
+                ops, table, pairs, images = self._scene.configure(x)
+        else:
+            with self.clock("neighbours"):
+                images = build_halo(x, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support)
+                table = images.positions(x)
+                pairs = find_pairs(table, n, self.support)
+            with self.clock("operators"):
+                volume = particle_volumes(table, pairs, self.kind, self.support)
+                ops = build_operators(table, pairs, images.owners(n), volume, self.kind, self.support)
+        with self.clock("assembly"):
+            # a periodic box full of fluid is one component; pores can be many
+            labels = np.zeros(n, np.int32) if self._scene is None else linear.components(ops.start, ops.column)[1]
+        return Configuration(ops, table, pairs, linear.ComponentMeans(labels), len(images.owner))
+
+    def move(self, state, config, dt):
+        """Positions after dt, and the fields carried to where the particles were shifted."""
+        ratio = dt / state.dt_old if state.dt_old else 0.0
+        u, u_old, p = state.u, state.u_old, state.p
+        speed = np.sqrt((u * u).sum(axis=1).max())
+        displacement = dt * (u + 0.5 * ratio * (u - u_old))
+        if self.shifting > 0.0 and speed > 0.0:
+            with self.clock("terms"):
+                dr = shift(config.x, config.pairs, len(u), speed, dt, self.shifting, self.spacing)
+                walls = config.ops.walls
+                second = ~walls.near if walls is not None else np.ones(len(u), dtype=np.bool_)
+                fields = carry(config.ops, np.concatenate([u, u_old], axis=1), dr, second)
+                u, u_old = np.ascontiguousarray(fields[:, : u.shape[1]]), np.ascontiguousarray(fields[:, u.shape[1]:])
+            displacement += dr
+        p = p + (gradient_p(config.ops, p) * displacement).sum(axis=1)
+        x = wrap(state.x + displacement, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
+        if self._scene is not None:
+            # a particle never enters a wall: one that would stays where it is
+            stopped = self.geometry.phase(x) < 0
+            x[stopped] = state.x[stopped]
+            self.held = int(stopped.sum())
+        return replace(state, x=x, u=u, u_old=u_old, p=p)
+
+    def advance(self, state, config, dt):
+        """One step of length dt: (new state, its configuration). Raises SolveError or StepError."""
+        self.reports, self.rebuilt = {}, False
+        moved = self.move(state, config, dt)
+        config = self.configure(moved.x)
+        ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0
+        g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
+        history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
+        p = moved.p
+        # the first step finds the pressure of the start: it is taken again with what it found
+        for _ in range(1 if state.dt_old else 3):
+            u, p, div = self._project(config, moved.u, history, p, g0, dt)
+        if not np.isfinite(u).all() or not np.isfinite(p).all():
+            raise StepError("the velocity or the pressure is no longer a number; take a smaller time step (time.cfl)")
+        self.divergence = float(np.abs(div).max()) * dt
+        return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt), config
+
+    def _project(self, config, guess, history, p, g0, dt):
+        ops, walls = config.ops, config.ops.walls
+        right = history + self.force - gradient_p(ops, p)
+        if walls is not None:
+            right += self.viscosity * walls.lap_velocity
+        star = self._helmholtz(config, g0 / dt, right, guess)
+        source = self._divergence(ops, star)
+        q = self._poisson(config, -(g0 / dt) * source)
+        u = star - (dt / g0) * gradient_p(ops, q)
+        p = config.means.remove(p + q - self.viscosity * source)
+        return u, p, self._divergence(ops, u)
+
+    def _divergence(self, ops, u):
+        div = divergence(ops, u)
+        if ops.walls is not None:
+            from .walls import wall_divergence
+
+            div += wall_divergence(ops.walls, u)
+        return div
+
+    def _helmholtz(self, config, shift_, right, guess):
+        """(g0 / dt - nu lap) u* = right, one matrix for all components."""
+        ops = config.ops
+        with self.clock("assembly"):
+            matrix = linear.assemble(ops.start, ops.column, ops.lap, shift_, self.viscosity,
+                                     ops.walls.lap if ops.walls is not None else None)
+            slip = ops.walls.slip if ops.walls is not None else None
+        stiff = self.viscosity > JACOBI_LIMIT * shift_ * self.spacing**2
+        if slip is not None:
+            return self._coupled_helmholtz(matrix, slip, right, guess)
+        if not stiff:
+            inverse = 1.0 / matrix.diagonal()
+            solve = lambda b, x0: linear.gmres(matrix.dot, b, inverse.__mul__, self.tolerance, self.restart,  # noqa: E731
+                                               self.max_iterations, start=x0)
+        else:
+            solve = lambda b, x0: self._multigrid("velocity", matrix, b, x0, None)  # noqa: E731
+        out = np.empty_like(right)
+        for k in range(right.shape[1]):
+            with self.clock("krylov"):
+                out[:, k], report = solve(np.ascontiguousarray(right[:, k]), np.ascontiguousarray(guess[:, k]))
+            self._record("velocity", report)
+        return out
+
+    def _coupled_helmholtz(self, matrix, slip, right, guess):
+        """With slip walls the components of the velocity are coupled beside them."""
+        n, dim = right.shape
+        inverse = np.repeat(1.0 / matrix.diagonal(), dim)
+
+        def apply(v):
+            u = v.reshape(n, dim)
+            return (matrix @ u - self.viscosity * np.einsum("nkm,nm->nk", slip, u)).ravel()
+
+        with self.clock("krylov"):
+            solution, report = linear.gmres(apply, right.ravel(), inverse.__mul__, self.tolerance, self.restart,
+                                            self.max_iterations, start=guess.ravel())
+        self._record("velocity", report)
+        return solution.reshape(n, dim)
+
+    def _poisson(self, config, right):
+        """-lap q = right with the constant of each component projected out (eqs 25-26)."""
+        ops, means = config.ops, config.means
+        with self.clock("assembly"):
+            matrix = linear.assemble(ops.start, ops.column, ops.lap_p, 0.0, 1.0)
+        with self.clock("krylov"):
+            q, report = self._multigrid("pressure", matrix, means.remove(right), None, means.remove)
+        self._record("pressure", report)
+        return means.remove(q)
+
+    def _multigrid(self, name, matrix, right, guess, project):
+        """GMRES with the hierarchy kept under `name`; a stale one is rebuilt, a failed solve is tried again with a
+        new one."""
+        apply = matrix.dot if project is None else lambda v: project(matrix @ v)
+        for attempt in range(2):
+            fresh = name not in self._levels
+            if fresh:
+                with self.clock("preconditioner"):
+                    self._levels[name] = linear.hierarchy(matrix)
+                self.rebuilt = True
+            levels = self._levels[name]
+            levels.levels[0].A = matrix
+            once = linear.cycle(levels)
+            smooth = once if project is None else lambda v: project(once(v))  # noqa: B023
+            solution, report = linear.gmres(apply, right, smooth, self.tolerance, self.restart, self.max_iterations,
+                                            start=guess)
+            if fresh:
+                self._first[name] = report.iterations
+            if report.converged:
+                if report.iterations > max(STALE * self._first[name], self._first[name] + 4):
+                    del self._levels[name]
+                return solution, report
+            self._levels.pop(name, None)
+            if fresh:
+                break
+        return solution, report
+
+    def _record(self, name, report):
+        if not report.converged:
+            raise linear.SolveError(name, report)
+        before = self.reports.get(name)
+        if before is None or before.iterations < report.iterations:
+            self.reports[name] = report

@@ -1,0 +1,60 @@
+"""Operators of scenes with walls: dummies, wall data of every row, crossings. Imported only where there are solids."""
+
+import numpy as np
+
+from .halo import build_halo
+from .neighbours import find_pairs
+from .operators import particle_volumes
+from .walls import WallTable, build_wall_operators, crossings
+
+
+class WallScene:
+    """Dummies of a scene and their wall data, which never change.
+
+    geometry: Geometry; dummies: (n_dummy, dim) m; support: m; kind: kernel number; site_volume: m^dim.
+    """
+
+    def __init__(self, geometry, dummies, support, kind, site_volume):
+        self.geometry, self.dummies = geometry, dummies
+        self.support, self.kind, self.site_volume = support, kind, site_volume
+        self.dummy_distance = geometry.distance(dummies)
+        self.dummy_wall = geometry.wall(dummies)
+        self.slips = bool(np.any(geometry.slip_length > 0.0))
+        self.dummy_normal = self._normals(dummies) if self.slips else None
+
+    def configure(self, x, fixed=False):
+        """(Operators, table of positions, pairs, Halo) of fluid positions x (n, dim).
+
+        fixed: the particles sit on their lattice and will stay there: every volume is that of a site.
+        """
+        geometry, n = self.geometry, len(x)
+        owned = np.concatenate([x, self.dummies])
+        images = build_halo(owned, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support)
+        table, owner = images.positions(owned), images.owners(len(owned))
+        pairs = find_pairs(table, n, self.support)
+        walls = WallTable(
+            owner < n,
+            np.concatenate([geometry.distance(x), self.dummy_distance])[owner],
+            np.concatenate([geometry.wall(x), self.dummy_wall])[owner],
+            geometry.wall_velocity,
+            geometry.slip_length,
+            np.concatenate([self._normals(x), self.dummy_normal])[owner] if self.slips else np.zeros((0, x.shape[1])),
+        )
+        fraction = crossings(geometry, table, pairs, walls)
+        volume = np.full(len(owned), self.site_volume)
+        if not fixed:
+            volume[:n] = particle_volumes(table, pairs, self.kind, self.support)
+        ops = build_wall_operators(table, pairs, fraction, owner, volume, walls, self.kind, self.support,
+                                   order=1 if fixed else 2)
+        return ops, table, pairs, images
+
+    def _normals(self, x):
+        """Unit normals into the fluid, (n, dim), from central differences of the wall distance."""
+        h = 1e-3 * self.support
+        normal = np.empty_like(x)
+        for k in range(x.shape[1]):
+            step = np.zeros(x.shape[1])
+            step[k] = h
+            normal[:, k] = self.geometry.distance(x + step) - self.geometry.distance(x - step)
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        return normal / np.where(length > 0.0, length, 1.0)
