@@ -30,7 +30,7 @@ def find_pairs(x, n, support):
     support: m.
     """
     lower = x.min(axis=0)
-    cells = np.maximum(1, np.floor((x.max(axis=0) - lower) / support)).astype(np.int64)
+    cells = np.clip(np.floor((x.max(axis=0) - lower) / support), 1, 2**20).astype(np.int64)
     # never more cells than particles: a sparse scene in a huge box must not allocate the box
     while cells.prod() > max(64, 4 * len(x)):
         cells = np.maximum(1, cells // 2)
