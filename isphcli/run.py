@@ -7,11 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from . import output, progress
-from .case import dump_case
+from .case import CaseError, Problem, dump_case
 from .geometry import build_geometry
 from .particles import ParticleError
-
-FORCE_UNIT = "m/s2"
 
 
 def run_case(case, quiet=False):
@@ -23,22 +21,44 @@ def run_case(case, quiet=False):
     clock = output.Clock()
     _refuse_unbuilt(case)
     with clock("compile"):
-        _import_numerics()
+        from . import run_navier_stokes, run_stokes  # noqa: F401  imported here, so that the time for it is seen
     run = _run_stokes if case.flow == "stokes" else _run_navier_stokes
-    return run(case, clock, quiet)
+    with _compile_listener(clock):
+        return run(case, clock, quiet)
+
+
+def _compile_listener(clock):
+    """Counts the time of the compiler as `compile`, at the cost of the section in which a kernel is first used."""
+    from numba.core import event
+
+    class Compiling(event.Listener):
+        depth, section = 0, None
+
+        def on_start(self, _):
+            if self.depth == 0:
+                self.section = clock("compile")
+                self.section.__enter__()
+            self.depth += 1
+
+        def on_end(self, _):
+            self.depth -= 1
+            if self.depth == 0:
+                self.section.__exit__(None, None, None)
+
+    return event.install_listener("numba:compiler_lock", Compiling())
 
 
 def _refuse_unbuilt(case):
     """What the language knows and the code does not yet do is said before the run, not ignored."""
+    problems = []
     if case.interface is not None:
-        raise ValueError("interface: two fluids with surface tension are not built yet; leave the block out")
+        problems.append(Problem(str(case.path), None, "interface", "surface tension is not built yet",
+                                "leave the block out"))
     if len({(f.density, f.mu) for f in case.fluids.values()}) > 1:
-        raise ValueError("fluids: different fluids in one scene are not built yet; name one fluid")
-
-
-def _import_numerics():
-    """Imported here, so that the time for it is seen and `isph --help` does not pay it."""
-    from . import run_navier_stokes, run_stokes  # noqa: F401
+        problems.append(Problem(str(case.path), None, "fluids", "different fluids in one scene are not built yet",
+                                "name one fluid"))
+    if problems:
+        raise CaseError(tuple(problems))
 
 
 # --- steady creeping flow ---------------------------------------------------------------------------------------
@@ -95,7 +115,7 @@ def _run_stokes(case, clock, quiet):
     fluid = next(iter(case.fluids.values()))
     x = main.particles.x[: main.particles.n_fluid]
     result = SimpleNamespace(
-        x=x, velocity=main.velocity, pressure=main.pressure, time=None, spacing=main.spacing,
+        x=x, velocity=main.velocity, cell_velocity=main.cell_velocity, pressure=main.pressure, time=None, spacing=main.spacing,
         phase=main.particles.phase, permeability=permeability or None, geometry=main.geometry, history=history,
         flows={"xyz"[a]: f for (a, h), f in flows.items() if a is not None and h == base}, tensor=tensor,
         density=fluid.density,
@@ -220,7 +240,7 @@ def _finish_march(case, directory, clock, geometry, particles, fluid, march, ste
     if gravity > 0.0 and geometry.has_solid and case.time.steady is not None:
         permeability = float(fluid.nu * (superficial @ stepper.force) / gravity**2)
     result = SimpleNamespace(
-        x=state.x, velocity=state.u, pressure=state.p * fluid.density, time=state.time, spacing=case.particles.spacing,
+        x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * fluid.density, time=state.time, spacing=case.particles.spacing,
         phase=particles.phase, permeability=permeability, geometry=geometry, history=history, flows={}, tensor=None,
         density=fluid.density,
     )

@@ -8,11 +8,11 @@ from . import linear
 from .geometry import build_geometry, merge_periodic
 from .kernel import KERNELS
 from .operators import build_operators
-from .particles import make_lattice, place
+from .particles import ParticleError, make_lattice, place
 from .stokes import StokesSystem
 
 
-class NoFlowError(ValueError):
+class NoFlowError(ParticleError):
     """A scene through which nothing can flow along the drive."""
 
 
@@ -20,8 +20,8 @@ class NoFlowError(ValueError):
 class Creep:
     """Flow along one axis at one spacing.
 
-    axis: 0, 1, 2 or None where the walls drive the flow; velocity (n, dim) m/s; pressure (n,) Pa;
-    superficial, mean: (dim,) m/s over the box of the rock and over its fluid; permeability: (dim,) m2, what a drive
+    axis: 0, 1, 2 or None where the walls drive the flow; velocity (n, dim) m/s of the particles; cell_velocity
+    (n, dim) m/s, its mean over their cells of the lattice; pressure (n,) Pa; superficial, mean: (dim,) m/s over the box of the rock and over its fluid; permeability: (dim,) m2, what a drive
     along `axis` gives along every axis (None without a drive).
     """
 
@@ -30,6 +30,7 @@ class Creep:
     geometry: object
     spacing: float
     velocity: np.ndarray
+    cell_velocity: np.ndarray
     pressure: np.ndarray
     superficial: np.ndarray
     mean: np.ndarray
@@ -146,14 +147,16 @@ def solve_axis(case, scene, axis, force, clock, watch=None):
     upper = getattr(geometry, "sample_upper", geometry.upper)
     inside = np.all((x >= lower) & (x <= upper), axis=1)
     volume = particles.site_volume
-    total = (flow.velocity[inside] + _quadrature(scene, flow, force, fluid.nu)[inside]).sum(axis=0)
+    cell_velocity = flow.velocity + _quadrature(scene, flow, force, fluid.nu)
+    total = cell_velocity[inside].sum(axis=0)
     superficial = total * volume / np.prod(upper - lower)
     permeability = None
     if axis is not None:
         # the force acts on the whole length of the box, the rock resists on its own
         gravity = np.linalg.norm(force) * (geometry.upper - geometry.lower)[axis] / (upper - lower)[axis]
         permeability = fluid.nu * superficial / gravity * np.sign(force[axis])
-    return Creep(axis, particles, geometry, system.spacing, flow.velocity, flow.pressure * fluid.density, superficial,
+    return Creep(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
+                 flow.pressure * fluid.density, superficial,
                  total / max(int(inside.sum()), 1), permeability, *_mass(scene, flow, axis), flow.report)
 
 
