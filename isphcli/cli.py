@@ -54,7 +54,7 @@ def set_threads(threads: int | None) -> None:
     if "numba" in sys.modules:
         import numba
 
-        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     else:
         os.environ["NUMBA_NUM_THREADS"] = str(threads)
 
@@ -64,25 +64,24 @@ def set_threads(threads: int | None) -> None:
 
 def exit_code(error: BaseException) -> int:
     """Exit code of an exception."""
-    from .case_yaml import CaseError
-
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED
-    if isinstance(error, (CaseError, Unusable)):
-        return BAD_INPUT
     names = {cls.__name__ for cls in type(error).__mro__}  # without importing what did not run
-    if names & {"VoxelError", "ShapeError", "ParticleError", "ExpressionError"}:
-        return BAD_INPUT
-    if names & {"SolveError", "RunError", "NotFiniteError"} or isinstance(error, (OSError, MemoryError)):
+    if names & {"SolveError", "StepError", "RunError", "NotFiniteError", "CompareError", "LinAlgError"}:
         return FAILED
+    if isinstance(error, (OSError, MemoryError)):
+        return FAILED
+    if isinstance(error, ValueError):  # of ours: CaseError, VoxelError, ShapeError, ParticleError, ...
+        return BAD_INPUT
     return INTERNAL
 
 
 def message(error: BaseException) -> str:
     """What is said about an exception."""
+    restart = getattr(error, "restart", None)
+    left = f"\nrestart file: {restart}" if restart else ""
     if isinstance(error, KeyboardInterrupt):
-        restart = getattr(error, "restart", None)
-        return "interrupted" + (f"; restart file: {restart}" if restart else "")
+        return f"interrupted{left}"
     if isinstance(error, MemoryError):
         return "error: out of memory; `isph validate --check-only` estimates what a case needs"
     code = exit_code(error)
@@ -91,8 +90,8 @@ def message(error: BaseException) -> str:
         return (
             f"internal error: {type(error).__name__}: {text}\nplease report it; --debug shows the traceback"
         )
-    lines = text.splitlines()
-    return f"error: {text}" if len(lines) == 1 else f"{len(lines)} errors:\n{text}"
+    problems = getattr(error, "problems", ())
+    return (f"{len(problems)} errors:\n{text}" if len(problems) > 1 else f"error: {text}") + left
 
 
 def guarded(function: Callable[..., int | None]) -> Callable[..., None]:
@@ -254,17 +253,17 @@ def reference_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, s
         lines.append((f"published{axis}", permeability(value) if is_permeability else f"{value:.6g}"))
     if reference.source:
         lines.append(("  source", reference.source))
-    errors = summary.get("errors") or {}
-    lines += [(f"error {name}", shown_error(e, reference.tolerance)) for name, e in errors.items()]
-    if is_permeability and not errors and reference.value is not None:
-        found = per_axis(summary.get("permeability"))
-        values = per_axis(reference.value)
-        published = (
-            dict(values) if len(values) > 1 else dict.fromkeys((axis for axis, _ in found), values[0][1])
-        )
-        for axis, k in found:
-            if axis in published:
-                lines.append((f"error{axis}", shown_error(k / published[axis] - 1, reference.tolerance)))
+    errors = dict(summary.get("errors") or {})
+    main = errors.pop("main", None)
+    for name, error in errors.items():
+        bound = reference.tolerance if name == main or len(errors) == 1 else None
+        lines.append((f"error {name}", shown_error(error, bound)))
+    if is_permeability and not errors:
+        published = per_axis(reference.value)
+        for axis, k in per_axis(summary.get("permeability")):
+            expected = published[0][1] if len(published) == 1 else dict(published).get(axis)
+            if expected:
+                lines.append((f"error{axis}", shown_error(k / expected - 1, reference.tolerance)))
     return lines
 
 
