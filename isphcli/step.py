@@ -186,7 +186,7 @@ class Stepper:
             solve = lambda b, x0: linear.gmres(matrix.dot, b, inverse.__mul__, self.tolerance, self.restart,  # noqa: E731
                                                self.max_iterations, start=x0)
         else:
-            solve = lambda b, x0: self._multigrid("velocity", matrix, b, x0, None)  # noqa: E731
+            solve = lambda b, x0: self._multigrid("velocity", matrix, matrix.dot, b, x0, None)  # noqa: E731
         out = np.empty_like(right)
         for k in range(right.shape[1]):
             with self.clock("krylov"):
@@ -210,19 +210,38 @@ class Stepper:
         return solution.reshape(n, dim)
 
     def _poisson(self, config, right):
-        """-lap q = right with the constant of each component projected out (eqs 25-26)."""
+        """-lap q = right with the constant of each component projected out (eqs 25-26).
+
+        Without walls the Laplacian of eq. 6 stands for div grad. Beside walls the divergence sees the wall and the
+        pressure gradient does not: there the two differ so much that a correction by the Laplacian overshoots and the
+        pressure grows from step to step. Scenes with walls therefore solve with div grad itself, the odd-even mode
+        added, preconditioned by the Laplacian.
+        """
         ops, means = config.ops, config.means
         with self.clock("assembly"):
             matrix = linear.assemble(ops.start, ops.column, ops.lap_p, 0.0, 1.0)
+        if ops.walls is None:
+
+            def apply(q):
+                return means.remove(matrix @ q)
+        else:
+            from .coupling import divergence_and_jump
+
+            walls = ops.walls
+
+            def apply(q):
+                slope = gradient_p(ops, q)
+                return means.remove(divergence_and_jump(ops, config.x, walls.row, walls.natural, walls.div, slope, q,
+                                                        slope, -1.0, -1.0))
+
         with self.clock("krylov"):
-            q, report = self._multigrid("pressure", matrix, means.remove(right), None, means.remove)
+            q, report = self._multigrid("pressure", matrix, apply, means.remove(right), None, means.remove)
         self._record("pressure", report)
         return means.remove(q)
 
-    def _multigrid(self, name, matrix, right, guess, project):
+    def _multigrid(self, name, matrix, apply, right, guess, project):
         """GMRES with the hierarchy kept under `name`; a stale one is rebuilt, a failed solve is tried again with a
         new one."""
-        apply = matrix.dot if project is None else lambda v: project(matrix @ v)
         for attempt in range(2):
             fresh = name not in self._levels
             if fresh:

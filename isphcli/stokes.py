@@ -3,12 +3,7 @@
     -nu lap u + grad p / rho = f,        div u + S p = 0
 
 in the scaled unknowns u and P = p dx / (rho nu), each equation multiplied by dx^2 / nu and dx, so that all entries
-are of order one whatever the units. S damps the odd-even pressure mode that the central gradient does not see:
-
-    S_i P = -tau dx^2 sum_j w_ij [ (P_j - P_i) - (grad P_i + grad P_j) . x_ji / 2 ]
-
-with w the symmetric weights of the pressure Laplacian: a difference of fourth order in dx that vanishes for
-quadratic P, at walls too. (Rhie and Chow 1983 in the particles' words.)
+are of order one whatever the units. S damps the odd-even pressure mode: see `coupling`.
 """
 
 from dataclasses import dataclass
@@ -16,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
+from .coupling import divergence_and_jump
 from .linear import ComponentMeans, SolveError, assemble, components, cycle, gmres, hierarchy
+from .operators import gradient_p
 
 TAU = 0.05  # strength of S, measured in design.md 8
 
@@ -83,9 +80,10 @@ class StokesSystem:
         _momentum(o.start, o.column, o.lap, o.grad_p, self.wall_lap, self.spacing, u, p, momentum, grad_p)
         if self.slip is not None:
             momentum -= self.spacing**2 * np.einsum("nkm,nm->nk", self.slip, u)
-        _mass(o.start, o.column, self.row, self.x, o.grad, self.natural, self.wall_div, self.spacing, self.tau,
-              u, p, grad_p, mass)
-        mass[:] = self.means.remove(mass)
+        dx = self.spacing
+        both = divergence_and_jump(o, self.x, self.row, self.natural, self.wall_div, u, p, grad_p,
+                                   dx, -self.tau * dx * dx)
+        mass[:] = self.means.remove(both)
         return out
 
     def precondition(self, v):
@@ -97,7 +95,7 @@ class StokesSystem:
         mass = self.means.remove(mass)
         p[:] = mass + self.means.remove(self._darcy(mass))
         o = self.ops
-        rest = momentum - self.spacing * _gradient(o.start, o.column, o.grad_p, p)
+        rest = momentum - self.spacing * gradient_p(o, p)
         for k in range(self.dim):
             u[:, k] = self._cycle(np.ascontiguousarray(rest[:, k]))
         return out
@@ -143,25 +141,6 @@ def _momentum(start, column, lap, grad_p, wall_lap, dx, u, p, momentum, gradient
 
 
 @njit(cache=True, parallel=True)
-def _mass(start, column, row, x, grad, natural, wall_div, dx, tau, u, p, grad_p, mass):
-    """dx div u + S P into mass."""
-    n, dim = u.shape
-    for i in prange(n):
-        divergence = 0.0
-        stabilisation = 0.0
-        for k in range(dim):
-            divergence -= wall_div[i, k] * u[i, k]
-        for q in range(start[i], start[i + 1]):
-            j, r = column[q], row[q]
-            jump = p[j] - p[i]
-            for k in range(dim):
-                divergence += grad[q, k] * (u[j, k] - u[i, k])
-                jump -= 0.5 * (grad_p[i, k] + grad_p[j, k]) * (x[r, k] - x[i, k])
-            stabilisation += natural[q] * jump
-        mass[i] = dx * divergence - tau * dx * dx * stabilisation
-
-
-@njit(cache=True, parallel=True)
 def _harmonic(start, column, w):
     """Harmonic means of w over the pairs, (n_pairs,)."""
     out = np.empty(len(column))
@@ -170,14 +149,3 @@ def _harmonic(start, column, w):
             out[q] = 2.0 * w[i] * w[column[q]] / (w[i] + w[column[q]])
     return out
 
-
-@njit(cache=True, parallel=True)
-def _gradient(start, column, grad_p, p):
-    n, dim = len(p), grad_p.shape[1]
-    result = np.zeros((n, dim))
-    for i in prange(n):
-        for q in range(start[i], start[i + 1]):
-            dp = p[column[q]] - p[i]
-            for k in range(dim):
-                result[i, k] += grad_p[q, k] * dp
-    return result
