@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-CHUNKS = 64  # rows are handed to threads in this many pieces
+CHUNKS = 64  # rows are handed to threads in this many pieces, each with a scratch row
+FINE = 3  # cells are this much shorter along x, where those in line are contiguous: fewer pairs tried in vain
 
 
 @dataclass(frozen=True)
@@ -29,90 +30,144 @@ def find_pairs(x, n, support):
     x: (n_rows, dim) positions, owned particles first, then halo and dummies; n: rows that get neighbours;
     support: m.
     """
-    lower = x.min(axis=0)
-    cells = np.clip(np.floor((x.max(axis=0) - lower) / support), 1, 2**20).astype(np.int64)
-    # never more cells than particles: a sparse scene in a huge box must not allocate the box
+    lower, upper = _extent(x)
+    narrowest = support / np.array([FINE, 1, 1])
+    # clipped: the number of cells of a sparse scene in a huge box must not overflow
+    cells = np.clip(np.floor((upper - lower) / narrowest), 1, 2**20).astype(np.int64)
+    # nor must it allocate the box
     while cells.prod() > max(64, 4 * len(x)):
         cells = np.maximum(1, cells // 2)
-    width = np.maximum((x.max(axis=0) - lower) / cells, support) * (1.0 + 1e-12)
-    three = np.ones(3, dtype=np.int64)
-    three[: x.shape[1]] = cells
-    order, first = _bin(x, lower, width, three)
-    counts = _count(x, order, first, lower, width, three, n, support)
+    width = np.maximum((upper - lower) / cells, narrowest) * (1.0 + 1e-12)
+    order, first, cell, sorted_x = _bin(x, lower, 1.0 / width, cells)
+    counts = _count(x, first, cell, sorted_x, cells, n, support * support)
     start = np.zeros(n + 1, dtype=np.int64)
     np.cumsum(counts, out=start[1:])
     index = np.empty(start[-1], dtype=np.int32)
-    _fill(x, order, first, lower, width, three, n, support, start, index)
+    _fill(x, order, first, cell, sorted_x, cells, n, support * support, start, index)
     return Pairs(start, index)
 
 
-@njit(cache=True, inline="always")
-def _cell(x, k, axis, lower, width, cells):
-    if axis >= x.shape[1]:
-        return 0
-    c = int((x[k, axis] - lower[axis]) / width[axis])
-    return min(max(c, 0), cells[axis] - 1)
+@njit(cache=True)
+def _extent(x):
+    """Corners of the smallest box round x, (3,) each."""
+    lower, upper = np.zeros(3), np.zeros(3)
+    for axis in range(x.shape[1]):
+        lower[axis] = upper[axis] = x[0, axis]
+    for k in range(x.shape[0]):
+        for axis in range(x.shape[1]):
+            lower[axis], upper[axis] = min(lower[axis], x[k, axis]), max(upper[axis], x[k, axis])
+    return lower, upper
 
 
 @njit(cache=True)
-def _bin(x, lower, width, cells):
-    """Counting sort of the rows by cell: (order, first row of each cell)."""
-    n = x.shape[0]
-    cell = np.empty(n, np.int64)
+def _bin(x, lower, per_width, cells):
+    """Counting sort of the rows by cell.
+
+    Returns the rows in the order of their cells, the first place of each cell in it, the cell of each row
+    and the sorted coordinates (3, n_rows): neighbours in space are neighbours in memory.
+    """
+    n, dim = x.shape
+    cell = np.zeros((n, 3), np.int32)
+    flat = np.empty(n, np.int64)
     first = np.zeros(cells[0] * cells[1] * cells[2] + 1, np.int64)
     for k in range(n):
-        c = (_cell(x, k, 2, lower, width, cells) * cells[1] + _cell(x, k, 1, lower, width, cells)) * cells[0]
-        c += _cell(x, k, 0, lower, width, cells)
-        cell[k] = c
-        first[c + 1] += 1
+        for axis in range(dim):
+            cell[k, axis] = min(max(int((x[k, axis] - lower[axis]) * per_width[axis]), 0), cells[axis] - 1)
+        flat[k] = (cell[k, 2] * cells[1] + cell[k, 1]) * cells[0] + cell[k, 0]
+        first[flat[k] + 1] += 1
     for c in range(len(first) - 1):
         first[c + 1] += first[c]
     order = np.empty(n, np.int32)
+    sorted_x = np.zeros((3, n))
     cursor = first[:-1].copy()
     for k in range(n):
-        order[cursor[cell[k]]] = k
-        cursor[cell[k]] += 1
-    return order, first
+        place = cursor[flat[k]]
+        cursor[flat[k]] += 1
+        order[place] = k
+        for axis in range(dim):
+            sorted_x[axis, place] = x[k, axis]
+    return order, first, cell, sorted_x
 
 
-@njit(cache=True, inline="always")
-def _scan(x, i, order, first, lower, width, cells, support2, index, at):
-    """Visit the neighbours of row i; write them to index from `at` on if index is not empty. Returns how many."""
-    dim = x.shape[1]
-    cx, cy, cz = (_cell(x, i, 0, lower, width, cells), _cell(x, i, 1, lower, width, cells),
-                  _cell(x, i, 2, lower, width, cells))
-    found = 0
-    write = len(index) > 0
-    x0, x1 = x[i, 0], x[i, 1]
-    x2 = x[i, 2] if dim == 3 else 0.0
+@njit(cache=True)
+def _runs(cx, cy, cz, first, cells, runs):
+    """Sorted rows near a cell into runs[:, 0:2], begin and end; returns how many runs: cells in line along x
+    are contiguous."""
+    count = 0
+    left, right = max(cx - FINE, 0), min(cx + FINE + 1, cells[0])
     for z in range(max(cz - 1, 0), min(cz + 2, cells[2])):
         for y in range(max(cy - 1, 0), min(cy + 2, cells[1])):
-            row = (z * cells[1] + y) * cells[0]
-            # cells that are neighbours along x are contiguous
-            for k in range(first[row + max(cx - 1, 0)], first[row + min(cx + 2, cells[0])]):
-                j = order[k]
-                d0, d1 = x[j, 0] - x0, x[j, 1] - x1
-                r2 = d0 * d0 + d1 * d1
-                if dim == 3:
-                    d2 = x[j, 2] - x2
-                    r2 += d2 * d2
-                if r2 < support2 and j != i:
-                    if write:
-                        index[at + found] = j
-                    found += 1
+            line = (z * cells[1] + y) * cells[0]
+            runs[count, 0], runs[count, 1] = first[line + left], first[line + right]
+            count += 1
+    return count
+
+
+# The next two do the same arithmetic: what one counts the other finds. Unsigned loops spare the check for
+# negative indices, which keeps LLVM from vectorising.
+
+
+@njit(cache=True)
+def _count_run(begin, end, x0, x1, x2, xs, ys, zs, reach2):
+    """How many of the sorted rows from begin to end are within reach of (x0, x1, x2)."""
+    found = 0
+    for k in range(np.uint64(begin), np.uint64(end)):
+        d0, d1, d2 = xs[k] - x0, ys[k] - x1, zs[k] - x2
+        found += d0 * d0 + d1 * d1 + d2 * d2 < reach2
     return found
 
 
+@njit(cache=True)
+def _fill_run(begin, end, x0, x1, x2, xs, ys, zs, reach2, order, inside, row, found):
+    """Appends those rows to row[0:found]; returns the new number. inside: scratch."""
+    begin, end, found = np.uint64(begin), np.uint64(end), np.uint64(found)
+    for k in range(begin, end):
+        d0, d1, d2 = xs[k] - x0, ys[k] - x1, zs[k] - x2
+        inside[k - begin] = d0 * d0 + d1 * d1 + d2 * d2 < reach2
+    for k in range(begin, end):
+        row[found] = order[k]  # overwritten by the next one unless it is inside: no branch to mispredict
+        found += np.uint64(inside[k - begin])
+    return np.int64(found)
+
+
 @njit(cache=True, parallel=True)
-def _count(x, order, first, lower, width, cells, n, support):
+def _count(x, first, cell, sorted_x, cells, n, reach2):
+    """Neighbours of each of the first n rows, (n,)."""
     counts = np.empty(n, np.int64)
-    nothing = np.empty(0, np.int32)
-    for i in prange(n):
-        counts[i] = _scan(x, i, order, first, lower, width, cells, support * support, nothing, 0)
+    xs, ys, zs = sorted_x[0], sorted_x[1], sorted_x[2]
+    for chunk in prange(CHUNKS):
+        runs = np.empty((9, 2), np.int64)
+        for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
+            found = -1  # the particle itself is not its neighbour
+            x2 = x[i, 2] if x.shape[1] == 3 else 0.0
+            for r in range(_runs(cell[i, 0], cell[i, 1], cell[i, 2], first, cells, runs)):
+                found += _count_run(runs[r, 0], runs[r, 1], x[i, 0], x[i, 1], x2, xs, ys, zs, reach2)
+            counts[i] = found
     return counts
 
 
 @njit(cache=True, parallel=True)
-def _fill(x, order, first, lower, width, cells, n, support, start, index):
-    for i in prange(n):
-        _scan(x, i, order, first, lower, width, cells, support * support, index, start[i])
+def _fill(x, order, first, cell, sorted_x, cells, n, reach2, start, index):
+    longest = 0
+    for i in range(n):
+        longest = max(longest, start[i + 1] - start[i])
+    widest = 0  # rows of a run, at most
+    reach = min(2 * FINE + 1, cells[0])
+    for c in range(len(first) - reach):
+        widest = max(widest, first[c + reach] - first[c])
+    xs, ys, zs = sorted_x[0], sorted_x[1], sorted_x[2]
+    for chunk in prange(CHUNKS):
+        runs = np.empty((9, 2), np.int64)
+        row = np.empty(longest + 2, np.int32)  # with the particle itself, and a place to write to in vain
+        inside = np.empty(widest, np.uint8)
+        for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
+            found = 0
+            x2 = x[i, 2] if x.shape[1] == 3 else 0.0
+            for r in range(_runs(cell[i, 0], cell[i, 1], cell[i, 2], first, cells, runs)):
+                found = _fill_run(runs[r, 0], runs[r, 1], x[i, 0], x[i, 1], x2, xs, ys, zs, reach2,
+                                  order, inside, row, found)
+            at = start[i]
+            for k in range(found):
+                if row[k] != i:
+                    index[at] = row[k]
+                    at += 1
