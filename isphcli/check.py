@@ -22,13 +22,28 @@ from .case import AXES, Case, load_case
 from .geometry import Connectivity, Geometry, build_geometry, report
 from .particles import Lattice, ParticleError, make_lattice
 
-# one core, 2026-11-22, prototypes of design.md 8 and 11, support 2.1; compilation is not in them
-MICROSECONDS = {"navier_stokes": 10.0, "stokes": 60.0}  # a particle and step; a particle and right-hand side
+# Measured 2026-11-22 on one core at support 2.1, compilation left out: CPU microseconds a particle and step, for
+# stokes a particle and axis. stokes: 57 (sphere array, 86,608 particles), 60 (two tubes), 27 in 2D.
+# navier_stokes: 7.5 and 14 in 2D, in 3D 22 to 24 without walls, 20 to 63 with them (63: large viscous steps)
+MICROSECONDS = {
+    ("stokes", 2): 27.0,
+    ("stokes", 3): 60.0,
+    ("navier_stokes", 2): 10.0,
+    ("navier_stokes", 3): 30.0,
+}
 PAIRS = {2: 2.72, 3: 3.46}  # neighbours over support^dim at one site a spacing^dim: 32 in 3D at 2.1
-BYTES_PAIR = {True: 80, False: 36}  # operators of a pair; with walls or without
+# Bytes of a pair by flow and walls, from the peak memory of the same runs: 5.2 kB a particle for the sphere
+# array; 6.0 and, with walls, 11.3 kB for navier_stokes in 3D, which holds two configurations at a time
+BYTES_PAIR = {
+    ("stokes", True): 80,
+    ("stokes", False): 36,
+    ("navier_stokes", True): 310,
+    ("navier_stokes", False): 150,
+}
 BYTES_MATRIX = 1.5 * 12  # of a pair, in the matrix and its hierarchy
 BYTES_PARTICLE = 200  # positions, fields and work arrays of a particle of any kind
 BYTES_VOXEL = 6  # labels and wall distance
+BYTES_PROGRAM = 2e8  # Python and its libraries
 
 STEPS_TO_STEADY = 16  # at least, however large they are (design.md 7)
 
@@ -343,7 +358,7 @@ def _widths(x: np.ndarray, geometry: Geometry, spacing: float) -> np.ndarray:
 def _critical(distance: np.ndarray, around: tuple[bool, ...], axis: int, spacing: float) -> float:
     """Diameter of the largest ball that passes along the axis, m; distance: [x, y(, z)], 0 in solids."""
     low, high = 0.0, float(distance.max())
-    while high - low > 0.1 * spacing:
+    while high - low > 0.02 * spacing:
         middle = (low + high) / 2
         passes = report((distance >= middle).T, around).percolates[axis]
         low, high = (middle, high) if passes else (low, middle)
@@ -435,7 +450,8 @@ def _costs(result: CheckReport, geometry: Geometry) -> None:
     pairs = fluid * result.neighbours
     vectors = case.solver.restart * 8 * (dim + 1 if case.flow == "stokes" else 1)
     result.memory = {
-        "operators": pairs * BYTES_PAIR[geometry.has_solid],
+        "program": BYTES_PROGRAM,
+        "operators": pairs * BYTES_PAIR[case.flow, geometry.has_solid],
         "matrices": pairs * BYTES_MATRIX,
         "Krylov vectors": fluid * vectors,
         "particles": (fluid + result.particles["dummy"] * finest) * BYTES_PARTICLE,
@@ -451,7 +467,7 @@ def _costs(result: CheckReport, geometry: Geometry) -> None:
         runs = result.steps.count
     density_of_pairs = result.neighbours / (PAIRS[dim] * 2.1**dim)
     if runs is not None:
-        result.seconds = fluid * runs * density_of_pairs * MICROSECONDS[case.flow] * 1e-6
+        result.seconds = fluid * runs * density_of_pairs * MICROSECONDS[case.flow, dim] * 1e-6
 
 
 def machine_memory() -> float | None:
@@ -468,7 +484,7 @@ def machine_memory() -> float | None:
 def _drive_findings(
     result: CheckReport, geometry: Geometry, driven: Sequence[int], through: Sequence[int]
 ) -> None:
-    """Nothing can flow: an error of a steady case; a warning of others, and of a lattice that is too coarse."""
+    """Nothing can flow: an error of a steady case; a warning of others and of too coarse a lattice."""
     case = result.case
     steady = case.flow == "stokes" or (case.time is not None and case.time.steady is not None)
     moved = geometry.has_solid and bool(np.any(geometry.wall_velocity))

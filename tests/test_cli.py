@@ -1,0 +1,375 @@
+"""The command line: imports, exit codes, messages, what is left behind."""
+
+import json
+import os
+import subprocess
+import sys
+import types
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import isphcli
+from isphcli import cli
+from isphcli.cli import BAD_INPUT, FAILED, INTERNAL, INTERRUPTED, OUTSIDE, main
+from isphcli.linear import SolveError
+from isphcli.output import NotFiniteError
+
+CASE = """\
+title: slit
+geometry: {box: [1, 0.5], periodic: [x]}
+particles: {spacing: 0.125}
+fluids: {water: {density: 1, viscosity: 1}}
+drive: {body_force: [1, 0]}
+flow: stokes
+output: {plots: false}
+"""
+IMAGE = """\
+geometry: {voxels: {file: rock.npy, labels: {solid: 1, water: 0}, voxel_size: 1e-5}, periodic: [x]}
+particles: {spacing: 1e-5}
+fluids: {water: {density: 1000, viscosity: 1e-3}}
+drive: {body_force: [1, 0, 0]}
+flow: stokes
+"""
+HEAVY = ("numpy", "scipy", "numba", "pyamg", "matplotlib", "yaml", "rich", "meshio")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "case.yaml").write_text(CASE)
+    return tmp_path
+
+
+def isph(*words):
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def fake_run(monkeypatch, outcome):
+    """`isphcli.run` whose `run_case` raises `outcome` or returns it; returns the list of its calls."""
+    calls = []
+
+    def run_case(case, quiet=False):
+        calls.append((case, quiet))
+        if isinstance(outcome, BaseException):
+            raise outcome
+        return outcome
+
+    module = types.ModuleType("isphcli.run")
+    module.run_case = run_case
+    monkeypatch.setitem(sys.modules, "isphcli.run", module)
+    monkeypatch.setattr(isphcli, "run", module, raising=False)
+    return calls
+
+
+# -- imports ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "words", [["--help"], ["--version"], ["run", "--help"], ["convert-voxels", "--help"]]
+)
+def test_help_imports_nothing_heavy(words):
+    script = (
+        "import sys\nfrom isphcli.cli import main\n"
+        f"try:\n    main({words!r})\nexcept SystemExit as end:\n    assert not end.code\n"
+        f"print([name for name in {HEAVY!r} if name in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0 and done.stderr.strip() == "[]" and done.stdout
+
+
+def test_python_m_isphcli_is_isph():
+    done = subprocess.run([sys.executable, "-m", "isphcli", "--version"], capture_output=True, text=True)
+    assert done.stdout.strip() == f"isph, version {isphcli.__version__}"
+
+
+def test_every_help_has_an_example_and_the_exit_codes():
+    for name in ("run", "validate", "convert-voxels"):
+        text = isph(name, "--help").output
+        assert f"isph {name} " in text and "interrupted" in text
+
+
+def test_one_blas_thread_and_the_numba_threads_that_were_asked_for():
+    script = (
+        "import os\n"
+        "for name in list(os.environ):\n    if name.endswith('_NUM_THREADS'): del os.environ[name]\n"
+        "os.environ['MKL_NUM_THREADS'] = '5'\n"
+        "from isphcli.cli import set_threads\nset_threads(1)\nimport numba\n"
+        "print(*[os.environ[n] for n in ('OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'OMP_NUM_THREADS')], "
+        "numba.get_num_threads())"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout.split() == ["1", "5", "1", "1"], done.stderr
+
+
+# -- run -------------------------------------------------------------------------------------------------
+
+
+def test_run_prints_permeability_its_error_and_the_time(monkeypatch, folder):
+    (folder / "case.yaml").write_text(
+        CASE + "reference: {kind: permeability, value: 2e-12, tolerance: 0.1, source: somewhere}\n"
+    )
+    (folder / "there").mkdir()
+    (folder / "there/slice.png").touch()
+    times = {"krylov": 1.5, "output": 0.001, "total": 2.0}
+    calls = fake_run(monkeypatch, {"permeability": 1.9e-12, "cpu_seconds": times, "wall_seconds": times})
+    done = isph("run", "case.yaml", "--out", "there", "--quiet", "--set", "particles.spacing=0.0625")
+    assert done.exit_code == 0, done.output
+    for text in (
+        "1.9000e-12 m2 = 1925 mD",
+        "-5 % (bound 10 %)",
+        "somewhere",
+        "krylov 1.50",
+        "there/slice.png",
+    ):
+        assert text in done.output
+    case, quiet = calls[0]
+    assert quiet and case.particles.spacing == 0.0625 and case.output.directory == folder / "there"
+
+
+def test_run_prints_each_axis_and_the_tensor(monkeypatch):
+    tensor = np.diag([1e-12, 2e-12]).tolist()
+    summary = {"permeability": {"x": 1e-12, "y": 2e-12}, "permeability_error": {"x": 1e-14}}
+    fake_run(monkeypatch, summary | {"permeability_tensor": tensor, "errors": None})
+    out = isph("run", "case.yaml").output
+    assert "permeability x" in out and "permeability y" in out and "+- x" in out
+    assert "1.0000e-12   0.0000e+00" in out
+
+
+def test_errors_of_the_run_are_shown_and_the_bound_stands_beside_the_main_one(monkeypatch, folder):
+    (folder / "case.yaml").write_text(CASE + "reference: {kind: slit, tolerance: 0.01}\n")
+    fake_run(
+        monkeypatch, {"errors": {"velocity_max": 0.02, "velocity_relative_l2": 0.003, "main": "velocity_max"}}
+    )
+    lines = isph("run", "case.yaml").output.splitlines()
+    assert any("velocity_max" in line and "+2 % (bound 1 %)" in line for line in lines)
+    assert any("velocity_relative_l2" in line and line.endswith("+0.3 %") for line in lines)
+
+
+@pytest.mark.parametrize(
+    "error, code, text",
+    [
+        (ValueError("interface: not built yet"), BAD_INPUT, "error: interface: not built yet"),
+        (NotFiniteError("velocity: 3 values are not finite"), FAILED, "error: velocity: 3"),
+        (OSError(28, "No space left on device"), FAILED, "No space left"),
+        (MemoryError(), FAILED, "out of memory"),
+        (KeyError("x"), INTERNAL, "internal error: KeyError"),
+        (KeyboardInterrupt(), INTERRUPTED, "interrupted"),
+    ],
+)
+def test_errors_become_one_message_and_an_exit_code(monkeypatch, error, code, text):
+    fake_run(monkeypatch, error)
+    done = isph("run", "case.yaml")
+    assert done.exit_code == code and text in done.stderr and not done.stdout
+    assert "Traceback" not in done.output
+
+
+def test_a_failed_solve_and_its_restart_file(monkeypatch):
+    report = types.SimpleNamespace(residual=1e-2, iterations=400, tolerance=1e-6, reason="out of iterations")
+    error = SolveError("Stokes", report)
+    error.restart = "out/case/restart.npz"
+    fake_run(monkeypatch, error)
+    done = isph("run", "case.yaml")
+    assert done.exit_code == FAILED and "did not converge" in done.stderr
+    assert "restart file: out/case/restart.npz" in done.stderr
+
+
+def test_an_interrupted_run_says_where_its_restart_file_is(monkeypatch, folder):
+    (folder / "out/case").mkdir(parents=True)
+    (folder / "out/case/restart.npz").touch()
+    fake_run(monkeypatch, KeyboardInterrupt())
+    assert "out/case/restart.npz" in isph("run", "case.yaml").stderr
+
+
+def test_debug_raises(monkeypatch):
+    fake_run(monkeypatch, KeyError("x"))
+    assert isinstance(isph("run", "case.yaml", "--debug").exception, KeyError)
+
+
+def test_an_output_directory_that_cannot_be_made(monkeypatch, folder):
+    calls = fake_run(monkeypatch, {})
+    (folder / "file").touch()
+    done = isph("run", "case.yaml", "--out", "file/below")
+    assert done.exit_code == BAD_INPUT and "is a file" in done.stderr and not calls
+
+
+@pytest.mark.parametrize(
+    "words", [["--threads", 0], ["--threads", 10**6], ["--threads", "two"], ["--nosuch"], []]
+)
+def test_bad_options(words, folder):
+    done = isph("run", *words, *(["case.yaml"] if words else []))
+    assert done.exit_code == BAD_INPUT and "Usage" in done.stderr
+    assert os.listdir(folder) == ["case.yaml"]
+
+
+def test_a_real_run(folder):
+    pytest.importorskip("isphcli.run")
+    done = isph("run", "case.yaml", "--quiet")
+    assert done.exit_code == 0, done.output
+    assert "permeability" in done.stdout and not done.stderr
+    k = json.loads((folder / "out/case/summary.json").read_text())["permeability"]
+    assert k == pytest.approx(0.5**2 / 12, rel=0.05)  # four particles across
+
+
+# -- bad input: one message, exit code 2, nothing written ------------------------------------------------
+
+
+def rock(shape=(6, 6, 6)):
+    values = np.zeros(shape, np.uint8)
+    values[:, 0] = 1
+    return values
+
+
+BLOCKED = rock()
+BLOCKED[:, :, 2:4] = 1
+BAD = {
+    "missing case": (None, None, [], "cannot be read"),
+    "not yaml": ("a: [1", None, [], "not YAML"),
+    "typo in a key": (CASE.replace("viscosity", "viscosty"), None, [], "did you mean 'viscosity'"),
+    "typo in --set": (CASE, None, ["--set", "particles.spacng=1"], "did you mean 'spacing'"),
+    "zero": (CASE.replace("0.125", "0"), None, [], "particles.spacing"),
+    "negative": (CASE.replace("viscosity: 1", "viscosity: -1"), None, [], "viscosity"),
+    "not a number": (CASE.replace("0.125", ".nan"), None, [], "particles.spacing"),
+    "text for a number": (CASE.replace("0.125", "fine"), None, [], "particles.spacing"),
+    "spacing above the box": (CASE.replace("0.125", "2"), None, [], "not smaller than the box"),
+    "missing image": (IMAGE, None, [], "rock.npy"),
+    "wrong shape": (IMAGE, np.zeros((2, 2, 2, 2), np.uint8), [], "4 dimensions"),
+    "NaN": (IMAGE, np.full((4, 4, 4), np.nan), [], "holds NaN"),
+    "grey values": (IMAGE, np.full((4, 4, 4), 0.5), [], "threshold"),
+    "empty image": (IMAGE, np.zeros((0, 4, 4), np.uint8), [], "empty"),
+    "value without a label": (IMAGE, rock() + 1, [], "label"),
+    "label without a voxel": (IMAGE, np.ones((4, 4, 4), np.uint8), [], "no voxel has the label of 'water'"),
+    "all solid": (
+        CASE.replace("periodic", "shapes: [{box: {lower: [-1, -1], upper: [2, 2]}, is: solid}], periodic"),
+        None, [], "no fluid",
+    ),
+    "no percolation": (IMAGE, BLOCKED, [], "permeability is zero"),
+    "closed at both ends": (CASE.replace("[1, 0]", "[0, 1]"), None, [], "along y"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("command", ["validate", "run"])
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input(name, command, folder):
+    text, image, words, message = BAD[name]
+    if command == "run":
+        pytest.importorskip("isphcli.run")
+    (folder / "case.yaml").unlink()
+    if text is not None:
+        (folder / "case.yaml").write_text(text)
+    if image is not None:
+        np.save(folder / "rock.npy", image)
+    before = sorted(os.listdir(folder))
+    done = isph(command, "case.yaml", *words)
+    assert done.exit_code == BAD_INPUT, done.output
+    assert message in done.output
+    assert "Traceback" not in done.output and "internal error" not in done.output
+    if command == "run":
+        assert not done.stdout
+    assert sorted(os.listdir(folder)) == before
+
+
+def test_bytes_that_are_no_case(folder):
+    (folder / "case.yaml").write_bytes(bytes(range(256)))
+    done = isph("run", "case.yaml")
+    assert done.exit_code == BAD_INPUT and "case.yaml" in done.stderr
+
+
+# -- validate --------------------------------------------------------------------------------------------
+
+
+def test_validate_goes_on_after_a_bad_case(folder):
+    (folder / "bad.yaml").write_text("nosuch: 1\n")
+    done = isph("validate", "bad.yaml", "case.yaml", "--check-only")
+    assert done.exit_code == BAD_INPUT
+    assert "nosuch" in done.stderr and "can run" in done.stdout
+
+
+def test_validate_takes_the_folder_of_cases(folder, monkeypatch):
+    (folder / "cases").mkdir()
+    (folder / "case.yaml").rename(folder / "cases/slit.yaml")
+    done = isph("validate", "--check-only")
+    assert done.exit_code == 0 and "slit.yaml: slit" in done.stdout
+
+
+@pytest.mark.parametrize("passed, code", [(True, 0), (False, OUTSIDE)])
+def test_validate_runs_the_cases_that_name_a_reference(monkeypatch, folder, passed, code):
+    (folder / "slit.yaml").write_text(CASE + "reference: {kind: slit}\n")
+    module = types.ModuleType("isphcli.validate")
+    module.validate_cases = lambda cases, **options: (
+        f"{[c.title for c in cases]} {options['levels']}",
+        passed,
+    )
+    monkeypatch.setitem(sys.modules, "isphcli.validate", module)
+    monkeypatch.setattr(cli, "has_module", lambda name: True)
+    done = isph("validate", "slit.yaml", "case.yaml", "--levels", 3)
+    assert done.exit_code == code and "['slit'] 3" in done.stdout
+    assert isph("validate", "slit.yaml", "--check-only").exit_code == 0
+
+
+# -- convert-voxels --------------------------------------------------------------------------------------
+
+
+def test_convert_voxels_says_what_it_wrote(folder):
+    grey = np.zeros((4, 6, 8))
+    grey[:, 1:3] = 100
+    np.save("grey.npy", grey)
+    words = [
+        "--threshold",
+        90,
+        "--invert",
+        "--voxel-size",
+        "2e-6",
+        "--crop",
+        "0:8,0:4,0:4",
+        "--downsample",
+        2,
+    ]
+    done = isph("convert-voxels", "grey.npy", "rock.npz", *words)
+    assert done.exit_code == 0, done.output
+    for text in ("4 x 2 x 2 (x, y, z)", "4e-06", "grey < 90.0 is solid", "porosity"):
+        assert text in done.stdout
+    assert (folder / "rock.npz").exists()
+
+
+def test_convert_voxels_relabels(folder):
+    np.save("seg.npy", np.array([[0, 255], [255, 255]], np.uint8))
+    done = isph("convert-voxels", "seg.npy", "rock.npy", "--labels", "255=1")
+    assert done.exit_code == 0 and "solid, 3 voxels, 75.00 %" in done.stdout
+    assert np.load("rock.npy").max() == 1
+
+
+@pytest.mark.parametrize(
+    "words, message",
+    [
+        (["nosuch.npy", "rock.npy"], "no such file"),
+        (["seg.npy", "rock.tif"], "are not written"),
+        (["seg.npy", "nowhere/rock.npy"], "cannot be written"),
+        (["seg.npy", "rock.npy", "--crop", "0-3"], "not of the form"),
+        (["seg.npy", "rock.npy", "--crop", "0:3,0:99"], "crop y"),
+        (["seg.npy", "rock.npy", "--labels", "7=1"], "no voxel has the value"),
+        (["seg.npy", "rock.npy", "--labels", "a=1"], "not of the form"),
+        (["seg.npy", "rock.npy", "--threshold", "nan"], "not of the form"),
+        (["seg.npy", "rock.npy", "--voxel-size", "-1"], "must be positive"),
+        (["seg.npy", "rock.npy", "--downsample", "0"], "--downsample"),
+        (["seg.npy", "rock.npy", "--downsample", "99"], "downsample 99"),
+        (["seg.npy", "rock.npy", "--invert"], "--threshold"),
+    ],
+)
+def test_convert_voxels_refuses(words, message, folder):
+    np.save("seg.npy", np.zeros((4, 4), np.uint8))
+    done = isph("convert-voxels", *words)
+    assert done.exit_code == BAD_INPUT and message in done.stderr
+    assert sorted(os.listdir(folder)) == ["case.yaml", "seg.npy"]
+
+
+# -- keys ------------------------------------------------------------------------------------------------
+
+
+def test_keys():
+    assert "particles.spacing  (number, m, > 0, required)" in isph("keys", "particles.spacing").output
+    assert "fluids.<name>.density" in isph("keys", "fluids.water.density").output
+    assert "geometry.shapes[].is" in isph("keys", "geometry.shapes.0").output
+    assert isph("keys").output.count("\n") > 150
+    assert isph("keys", "nosuch").exit_code == BAD_INPUT
