@@ -22,8 +22,8 @@ from .case import AXES, Case, load_case
 from .geometry import Connectivity, Geometry, build_geometry, report
 from .particles import Lattice, ParticleError, make_lattice
 
-# Measured 2026-11-22 on one core at support 2.1, compilation left out: CPU microseconds a particle and step, for
-# stokes a particle and axis. stokes: 57 (sphere array, 86,608 particles), 60 (two tubes), 27 in 2D.
+# Measured 2026-11-22 on one core at support 2.1, compilation left out: CPU microseconds a particle and step,
+# for stokes a particle and axis. stokes: 57 (sphere array, 86,608 particles), 60 (two tubes), 27 in 2D.
 # navier_stokes: 7.5 and 14 in 2D, in 3D 22 to 24 without walls, 20 to 63 with them (63: large viscous steps)
 MICROSECONDS = {
     ("stokes", 2): 27.0,
