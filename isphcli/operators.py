@@ -20,9 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-from .kernel import normalisation, shape, slope
+from .kernel import QUINTIC_SPLINE, WENDLAND_C2, WENDLAND_C4, normalisation, shape, slope
 
 CHUNKS = 64  # rows are handed to threads in this many pieces, each with its own scratch arrays
+LANES = 8  # rows are padded to a multiple of this many neighbours: whole vectors
+# LLVM vectorises a sum only if it may reorder it. NaN and infinity keep their meaning (no nnan, no ninf).
+REDUCE = {"reassoc", "contract", "nsz"}
 SINGULAR = 1e-7  # scaled pivot below which a correction system counts as rank-deficient
 
 
@@ -31,7 +34,7 @@ class Operators:
     """Weights of one configuration; the first `n` rows are the fluid particles.
 
     start: (n + 1,) row pointers; column: (n_pairs,) int32 owners of the fluid neighbours;
-    lap: (n_pairs,) weights of the velocity Laplacian, 1/m2; grad: (n_pairs, dim) weights of the velocity gradient, 1/m;
+    lap: (n_pairs,) weights of the velocity Laplacian, 1/m2; grad: (n_pairs, dim) of its gradient, 1/m;
     lap_p, grad_p: the same for the pressure (the very same arrays where a scene has no walls);
     volume: (n,) m^dim; deficient: particles that fell back on a simpler correction;
     walls: sums over the neighbours beyond a wall, or None (see `walls.WallSums`).
@@ -104,74 +107,156 @@ def _volumes(x, start, index, kind, support):
 
 
 @njit(cache=True)
-def direction(x, i, j, support, pair):
-    """Writes e into pair[0:3]; returns r / support. Coincident particles get no direction and r = 0."""
-    d0, d1 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
-    d2 = x[j, 2] - x[i, 2] if x.shape[1] == 3 else 0.0
-    r = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
-    inverse = 1.0 / r if r > 0.0 else 0.0
-    pair[0], pair[1], pair[2] = d0 * inverse, d1 * inverse, d2 * inverse
-    return r / support
+def star_size(start):
+    """Places that the longest row takes up once padded."""
+    longest = 0
+    for i in range(len(start) - 1):
+        longest = max(longest, start[i + 1] - start[i])
+    return longest + LANES
 
 
 @njit(cache=True)
-def add_moments(moments, pair, s, weight):
-    """Adds a neighbour to the moment sums. pair[0:3] = e, s = distance / support, weight = F V.
+def new_star(size):
+    """Scratch arrays for the neighbours of one particle, see `gather_star`."""
+    return np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
+
+
+@njit(cache=True, error_model="numpy")
+def gather_star(x, i, begin, end, index, owner, volume, kind, support, star):
+    """The neighbours index[begin:end] of particle i into star = (ex, ey, ez, s, w).
+
+    e: direction; s: distance / support; w: F V support. Coincident particles get e = 0, w = 0 and s = 1: they
+    do not act on each other, shifting parts them. Weightless neighbours fill up whole vectors.
+    Returns the number with those.
+    """
+    ex, ey, ez, s, w = star
+    count, dim = end - begin, x.shape[1]
+    x0, x1 = x[i, 0], x[i, 1]
+    x2 = x[i, 2] if dim == 3 else 0.0
+    for k in range(count):
+        j = np.uint32(index[begin + k])
+        ex[k], ey[k] = x[j, 0] - x0, x[j, 1] - x1
+        ez[k] = x[j, 2] - x2 if dim == 3 else 0.0
+        w[k] = volume[np.uint32(owner[j])]
+    padded = (count + LANES - 1) // LANES * LANES
+    for k in range(count, padded):
+        ex[k], ey[k], ez[k], w[k] = 0.0, 0.0, 0.0, 0.0
+    inverse_support = 1.0 / support
+    for k in range(padded):
+        r = math.sqrt(ex[k] * ex[k] + ey[k] * ey[k] + ez[k] * ez[k])
+        inverse = 1.0 / r if r > 0.0 else 0.0
+        ex[k] *= inverse
+        ey[k] *= inverse
+        ez[k] *= inverse
+        s[k] = r * inverse_support if r > 0.0 else 1.0  # no slope at the edge of the support: w = 0
+    # a loop for each kernel: with a kernel known when it is compiled it vectorises
+    scale = normalisation(kind, support, dim)
+    if kind == WENDLAND_C2:
+        for k in range(padded):
+            w[k] *= scale * slope(WENDLAND_C2, s[k])
+    elif kind == WENDLAND_C4:
+        for k in range(padded):
+            w[k] *= scale * slope(WENDLAND_C4, s[k])
+    else:
+        for k in range(padded):
+            w[k] *= scale * slope(QUINTIC_SPLINE, s[k])
+    return padded
+
+
+@njit(cache=True, fastmath=REDUCE)
+def star_moments(star, padded, moments):
+    """Moment sums of a star.
 
     moments[0:6]: sum w s e e; [6:16]: sum w e e e; [16:26]: sum w s^2 e e e; [26:41]: sum w s e e e e,
-    the components of each in the order of `_unpack`.
+    the components of each in the order of `_SECOND`, `_THIRD` and `_FOURTH`.
     """
-    x, y, z = pair[0], pair[1], pair[2]
-    xx, yy, zz, yz, xz, xy = x * x, y * y, z * z, y * z, x * z, x * y
-    a = weight * s
-    ax, ay, az, ayz, axz, axy = a * xx, a * yy, a * zz, a * yz, a * xz, a * xy
-    moments[0] += ax
-    moments[1] += ay
-    moments[2] += az
-    moments[3] += ayz
-    moments[4] += axz
-    moments[5] += axy
-    c0, c1, c2, c3, c4 = x * xx, y * yy, z * zz, x * xy, x * xz
-    c5, c6, c7, c8, c9 = y * xy, y * yz, z * xz, z * yz, x * yz
-    moments[6] += weight * c0
-    moments[7] += weight * c1
-    moments[8] += weight * c2
-    moments[9] += weight * c3
-    moments[10] += weight * c4
-    moments[11] += weight * c5
-    moments[12] += weight * c6
-    moments[13] += weight * c7
-    moments[14] += weight * c8
-    moments[15] += weight * c9
-    b = a * s
-    moments[16] += b * c0
-    moments[17] += b * c1
-    moments[18] += b * c2
-    moments[19] += b * c3
-    moments[20] += b * c4
-    moments[21] += b * c5
-    moments[22] += b * c6
-    moments[23] += b * c7
-    moments[24] += b * c8
-    moments[25] += b * c9
-    moments[26] += ax * xx
-    moments[27] += ax * yy
-    moments[28] += ax * zz
-    moments[29] += ax * yz
-    moments[30] += ax * xz
-    moments[31] += ax * xy
-    moments[32] += ay * yy
-    moments[33] += ay * zz
-    moments[34] += ay * yz
-    moments[35] += ay * xz
-    moments[36] += ay * xy
-    moments[37] += az * zz
-    moments[38] += az * yz
-    moments[39] += az * xz
-    moments[40] += az * xy
+    ex, ey, ez, s, w = star
+    # several loops: their sums stay in registers, 41 do not
+    m0 = m1 = m2 = m3 = m4 = m5 = 0.0
+    t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = t8 = t9 = 0.0
+    for k in range(padded):
+        x, y, z = ex[k], ey[k], ez[k]
+        wx, wy, wz = w[k] * x, w[k] * y, w[k] * z
+        a, b, c, d, e, f = wx * x, wy * y, wz * z, wy * z, wx * z, wx * y
+        m0 += s[k] * a
+        m1 += s[k] * b
+        m2 += s[k] * c
+        m3 += s[k] * d
+        m4 += s[k] * e
+        m5 += s[k] * f
+        t0 += a * x
+        t1 += b * y
+        t2 += c * z
+        t3 += a * y
+        t4 += a * z
+        t5 += b * x
+        t6 += b * z
+        t7 += c * x
+        t8 += c * y
+        t9 += f * z
+    moments[0], moments[1], moments[2], moments[3], moments[4], moments[5] = m0, m1, m2, m3, m4, m5
+    moments[6], moments[7], moments[8], moments[9], moments[10] = t0, t1, t2, t3, t4
+    moments[11], moments[12], moments[13], moments[14], moments[15] = t5, t6, t7, t8, t9
+    t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = t8 = t9 = 0.0
+    for k in range(padded):
+        x, y, z = ex[k], ey[k], ez[k]
+        v = w[k] * s[k] * s[k]
+        a, b, c, f = v * x * x, v * y * y, v * z * z, v * x * y
+        t0 += a * x
+        t1 += b * y
+        t2 += c * z
+        t3 += a * y
+        t4 += a * z
+        t5 += b * x
+        t6 += b * z
+        t7 += c * x
+        t8 += c * y
+        t9 += f * z
+    moments[16], moments[17], moments[18], moments[19], moments[20] = t0, t1, t2, t3, t4
+    moments[21], moments[22], moments[23], moments[24], moments[25] = t5, t6, t7, t8, t9
+    f0 = f1 = f2 = f3 = f4 = f5 = f6 = f7 = f8 = f9 = f10 = f11 = f12 = f13 = f14 = 0.0
+    for k in range(padded):
+        x, y, z = ex[k], ey[k], ez[k]
+        v = w[k] * s[k]
+        xx, yy, zz, yz, xz, xy = x * x, y * y, z * z, y * z, x * z, x * y
+        a, b, c = v * xx, v * yy, v * zz
+        f0 += a * xx
+        f1 += a * yy
+        f2 += a * zz
+        f3 += a * yz
+        f4 += a * xz
+        f5 += a * xy
+        f6 += b * yy
+        f7 += b * zz
+        f8 += b * yz
+        f9 += b * xz
+        f10 += b * xy
+        f11 += c * zz
+        f12 += c * yz
+        f13 += c * xz
+        f14 += c * xy
+    moments[26], moments[27], moments[28], moments[29], moments[30] = f0, f1, f2, f3, f4
+    moments[31], moments[32], moments[33], moments[34], moments[35] = f5, f6, f7, f8, f9
+    moments[36], moments[37], moments[38], moments[39], moments[40] = f10, f11, f12, f13, f14
 
 
-# Where the third moments (v, k), v a pair of axes in the order xx yy zz yz xz xy, stand among the ten distinct ones
+@njit(cache=True)
+def second_moments(star, fraction, moments):
+    """moments[0:6] of `star_moments` over the neighbours that no wall hides, fraction > 1."""
+    ex, ey, ez, s, w = star
+    moments[:6] = 0.0
+    for k in range(len(fraction)):
+        if fraction[k] > 1.0:
+            x, y, z, a = ex[k], ey[k], ez[k], w[k] * s[k]
+            moments[0] += a * x * x
+            moments[1] += a * y * y
+            moments[2] += a * z * z
+            moments[3] += a * y * z
+            moments[4] += a * x * z
+            moments[5] += a * x * y
+
+
+# Where the third moments (v, k) stand among the ten distinct ones, v a pair of axes: xx yy zz yz xz xy
 _THIRD = np.array([[0, 3, 4], [5, 1, 6], [7, 8, 2], [9, 6, 8], [4, 9, 7], [3, 5, 9]])
 # and the fourth moments (v, u) among the fifteen
 _FOURTH = np.array(
@@ -228,9 +313,9 @@ def _pseudo_inverse(moments, dim, g):
                     g[k, m] += vectors[k, v] * vectors[m, v] / values[v]
 
 
-@njit(cache=True)
-def correction(moments, dim, g, system, right, drift, spread):
-    """Solves for L_i and K_i.
+@njit(cache=True, error_model="numpy")
+def correction(moments, dim, order, g, system, right, drift, spread):
+    """Solves for L_i and, for order 2, K_i.
 
     moments: (41,) sums; g: (3, 3) G_i. Scratch: system (6, 6). Results, in the order xx yy zz yz xz xy:
     right (6, 4): column 0 the weights l of L_i : e e = sum_v l_v e_v, columns 1-3 K_i;
@@ -261,7 +346,7 @@ def correction(moments, dim, g, system, right, drift, spread):
                 system[u, v] = 0.0
                 system[v, u] = 0.0
             system[v, v] = system[0, 0]
-    deficient = not _solve(system, right)
+    deficient = not _solve(system, right, 1 if order == 1 else 4)
     if deficient:
         for v in range(6):
             for c in range(4):
@@ -273,17 +358,18 @@ def correction(moments, dim, g, system, right, drift, spread):
         for v in range(6):
             s += right[v, 0] * moments[6 + _THIRD[v, k]]
         drift[k] = 2.0 * s
-        for m in range(3):
-            t = 1.0 if m == k else 0.0
-            for v in range(6):
-                t += right[v, 1 + m] * moments[6 + _THIRD[v, k]]
-            spread[m, k] = t
+        if order == 2:
+            for m in range(3):
+                t = 1.0 if m == k else 0.0
+                for v in range(6):
+                    t += right[v, 1 + m] * moments[6 + _THIRD[v, k]]
+                spread[m, k] = t
     return deficient
 
 
-@njit(cache=True)
-def _solve(a, b):
-    """Gaussian elimination with row pivoting of a (6, 6) and b (6, 4), in place. False where a is near singular."""
+@njit(cache=True, error_model="numpy")
+def _solve(a, b, columns):
+    """Gaussian elimination with row pivoting of a (6, 6) and b (6, columns), in place. False: singular."""
     largest, smallest = 0.0, math.inf
     for k in range(6):
         best = k
@@ -293,7 +379,7 @@ def _solve(a, b):
         if best != k:
             for c in range(6):
                 a[k, c], a[best, c] = a[best, c], a[k, c]
-            for c in range(4):
+            for c in range(columns):
                 b[k, c], b[best, c] = b[best, c], b[k, c]
         pivot = abs(a[k, k])
         largest, smallest = max(largest, pivot), min(smallest, pivot)
@@ -305,11 +391,11 @@ def _solve(a, b):
             if f != 0.0:
                 for c in range(k + 1, 6):
                     a[r, c] -= f * a[k, c]
-                for c in range(4):
+                for c in range(columns):
                     b[r, c] -= f * b[k, c]
     for k in range(5, -1, -1):
         inverse = 1.0 / a[k, k]
-        for c in range(4):
+        for c in range(columns):
             s = b[k, c]
             for m in range(k + 1, 6):
                 s -= a[k, m] * b[m, c]
@@ -317,59 +403,75 @@ def _solve(a, b):
     return True
 
 
-@njit(cache=True)
-def pair_weights(pair, s, weight, g, right, drift, spread, order, out):
-    """Weights of one neighbour: out[0] of the Laplacian (times support^2), out[1:4] of the gradient (times support)."""
-    x, y, z = pair[0], pair[1], pair[2]
-    xx, yy, zz, yz, xz, xy = x * x, y * y, z * z, y * z, x * z, x * y
-    g0 = weight * (g[0, 0] * x + g[0, 1] * y + g[0, 2] * z)
-    g1 = weight * (g[1, 0] * x + g[1, 1] * y + g[1, 2] * z)
-    g2 = weight * (g[2, 0] * x + g[2, 1] * y + g[2, 2] * z)
-    near = weight / s
-    tensor = (right[0, 0] * xx + right[1, 0] * yy + right[2, 0] * zz
-              + right[3, 0] * yz + right[4, 0] * xz + right[5, 0] * xy)
-    out[0] = 2.0 * tensor * near - (drift[0] * g0 + drift[1] * g1 + drift[2] * g2)
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def star_weights(star, padded, g, right, drift, spread, order, out):
+    """Weights of every neighbour of a star into out (4, padded).
+
+    out[0]: of the Laplacian (times support^2); out[1:4]: of the gradient (times support).
+    """
+    ex, ey, ez, s, w = star
+    lap, gx, gy, gz = out[0], out[1], out[2], out[3]
+    g00, g01, g02, g11, g12, g22 = g[0, 0], g[0, 1], g[0, 2], g[1, 1], g[1, 2], g[2, 2]
+    l0, l1, l2, l3, l4, l5 = right[0, 0], right[1, 0], right[2, 0], right[3, 0], right[4, 0], right[5, 0]
+    d0, d1, d2 = drift[0], drift[1], drift[2]
+    for k in range(padded):
+        x, y, z = ex[k], ey[k], ez[k]
+        g0, g1, g2 = g00 * x + g01 * y + g02 * z, g01 * x + g11 * y + g12 * z, g02 * x + g12 * y + g22 * z
+        tensor = x * (l0 * x + l4 * z + l5 * y) + y * (l1 * y + l3 * z) + z * (l2 * z)
+        lap[k] = w[k] * (2.0 * tensor / s[k] - (d0 * g0 + d1 * g1 + d2 * g2))
+        gx[k], gy[k], gz[k] = w[k] * g0, w[k] * g1, w[k] * g2
     if order == 1:
-        out[1], out[2], out[3] = g0, g1, g2
-    else:
-        for m in range(3):
-            bend = (right[0, 1 + m] * xx + right[1, 1 + m] * yy + right[2, 1 + m] * zz
-                    + right[3, 1 + m] * yz + right[4, 1 + m] * xz + right[5, 1 + m] * xy)
-            out[1 + m] = spread[m, 0] * g0 + spread[m, 1] * g1 + spread[m, 2] * g2 - bend * near
+        return
+    s00, s01, s02 = spread[0, 0], spread[0, 1], spread[0, 2]
+    s10, s11, s12 = spread[1, 0], spread[1, 1], spread[1, 2]
+    s20, s21, s22 = spread[2, 0], spread[2, 1], spread[2, 2]
+    a0, a1, a2, a3, a4, a5 = right[0, 1], right[1, 1], right[2, 1], right[3, 1], right[4, 1], right[5, 1]
+    b0, b1, b2, b3, b4, b5 = right[0, 2], right[1, 2], right[2, 2], right[3, 2], right[4, 2], right[5, 2]
+    c0, c1, c2, c3, c4, c5 = right[0, 3], right[1, 3], right[2, 3], right[3, 3], right[4, 3], right[5, 3]
+    for k in range(padded):
+        x, y, z, near = ex[k], ey[k], ez[k], w[k] / s[k]
+        xx, yy, zz, yz, xz, xy = x * x, y * y, z * z, y * z, x * z, x * y
+        g0, g1, g2 = gx[k], gy[k], gz[k]
+        gx[k] = s00 * g0 + s01 * g1 + s02 * g2 - near * (
+            a0 * xx + a1 * yy + a2 * zz + a3 * yz + a4 * xz + a5 * xy)
+        gy[k] = s10 * g0 + s11 * g1 + s12 * g2 - near * (
+            b0 * xx + b1 * yy + b2 * zz + b3 * yz + b4 * xz + b5 * xy)
+        gz[k] = s20 * g0 + s21 * g1 + s22 * g2 - near * (
+            c0 * xx + c1 * yy + c2 * zz + c3 * yz + c4 * xz + c5 * xy)
 
 
 @njit(cache=True, parallel=True)
 def _rows(x, start, index, owner, volume, kind, support, order):
-    n, dim = len(start) - 1, x.shape[1]
+    n, dim, size = len(start) - 1, x.shape[1], star_size(start)
     lap = np.empty(len(index))
     grad = np.empty((len(index), dim))
     deficient = np.zeros(CHUNKS, np.int64)
-    scale = normalisation(kind, support, dim)
     for chunk in prange(CHUNKS):
-        moments, pair, out = np.empty(41), np.empty(3), np.empty(4)
+        star, moments, out = new_star(size), np.empty(41), np.empty((4, size))
         g, system, right = np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 4))
         drift, spread = np.empty(3), np.empty((3, 3))
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
-            moments[:] = 0.0
-            for p in range(start[i], start[i + 1]):
-                j = index[p]
-                q = direction(x, i, j, support, pair)
-                add_moments(moments, pair, q, slope(kind, q) * scale * volume[owner[j]])
+            padded = gather_star(x, i, start[i], start[i + 1], index, owner, volume, kind, support, star)
+            star_moments(star, padded, moments)
             poor = invert_gradient(moments, dim, g)
-            poor |= correction(moments, dim, g, system, right, drift, spread)
+            poor |= correction(moments, dim, order, g, system, right, drift, spread)
             deficient[chunk] += poor
-            for p in range(start[i], start[i + 1]):
-                j = index[p]
-                q = direction(x, i, j, support, pair)
-                if q == 0.0:  # coincident particles do not act on each other; shifting parts them
-                    out[:] = 0.0
-                else:
-                    weight = slope(kind, q) * scale * volume[owner[j]]
-                    pair_weights(pair, q, weight, g, right, drift, spread, order, out)
-                lap[p] = out[0] / (support * support)
-                for k in range(dim):
-                    grad[p, k] = out[1 + k] / support
+            star_weights(star, padded, g, right, drift, spread, order, out)
+            _store(out, start[i], start[i + 1], support, lap, grad)
     return lap, grad, deficient
+
+
+@njit(cache=True)
+def _store(out, begin, end, support, lap, grad):
+    """Weights of one row to their places, with their units."""
+    per_length = 1.0 / support
+    per_area = per_length * per_length
+    for k in range(end - begin):
+        p = np.uint64(begin + k)
+        lap[p] = out[0, k] * per_area
+        grad[p, 0], grad[p, 1] = out[1, k] * per_length, out[2, k] * per_length
+        if grad.shape[1] == 3:
+            grad[p, 2] = out[3, k] * per_length
 
 
 @njit(cache=True, parallel=True)

@@ -1,8 +1,8 @@
 """Walls: neighbours beyond a wall, the consistent form of paper eq. 11.
 
-Eq. 11 extends a Dirichlet field linearly into the wall, f_D = f_W + (d_D / d_I)(f_W - f_I). With t the fraction
-of the way from the fluid particle i to the dummy particle at which the pair crosses the wall,
-(f_D - f_I) / r = (f_W - f_I) / (t r): the slope of eq. 6 is that to the point of the wall where the pair meets it.
+Eq. 11 extends a Dirichlet field linearly into the wall, f_D = f_W + (d_D / d_I)(f_W - f_I). With t the
+fraction of the way from the fluid particle i to the dummy particle at which the pair crosses the wall,
+(f_D - f_I) / r = (f_W - f_I) / (t r): the slope of eq. 6 is that to the point where the pair meets the wall.
 We therefore put that point, and not the dummy, into the correction tensors G_i and L_i as well. Quadratic
 functions with their wall values are then exact at any wall distance (plane Poiseuille flow to round-off), and
 every particle keeps its full star of directions, in a throat one particle wide too.
@@ -13,24 +13,25 @@ Pressure has no values at walls: its gradient is corrected over fluid neighbours
 uncorrected sum over them (homogeneous Neumann, conservative).
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit, prange
 
-from .kernel import normalisation, slope
 from .operators import (
     CHUNKS,
     Operators,
-    add_moments,
     correction,
-    direction,
+    gather_star,
     invert_gradient,
-    pair_weights,
+    new_star,
+    second_moments,
+    star_moments,
+    star_size,
+    star_weights,
 )
 
-NEAREST = 1e-6  # a wall is never nearer than this fraction of a pair: no division by zero for a particle on it
+NEAREST = 1e-6  # a wall is never nearer than this fraction of a pair: a particle may lie on it
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,8 @@ class WallSums:
     div: (n, dim) sum of the gradient weights g_iW; div_velocity: (n,) sum g_iW . u_W;
     slip: (n, dim, dim) what a slip wall takes off the diagonal, or None where no wall slips;
     natural: (n_pairs,) symmetric-form weights of the pressure Laplacian;
-    row: (n_pairs,) int32 row of each fluid neighbour in the table of positions; near: (n,) bool, particle sees a wall.
+    row: (n_pairs,) int32 row of each fluid neighbour in the table of positions;
+    near: (n,) bool, particle sees a wall.
     """
 
     lap: np.ndarray
@@ -59,8 +61,8 @@ class WallTable:
     """Wall data of every row of the table of positions.
 
     fluid: (n_rows,) bool; distance: (n_rows,) signed, m; wall: (n_rows,) int32 nearest wall;
-    velocity: (n_walls, dim) m/s; slip_length: (n_walls,) m; normal: (n_rows, dim) into the fluid, used by slip walls
-    only (else empty).
+    velocity: (n_walls, dim) m/s; slip_length: (n_walls,) m; normal: (n_rows, dim) into the fluid,
+    used by slip walls only (else empty).
     """
 
     fluid: np.ndarray
@@ -72,7 +74,7 @@ class WallTable:
 
 
 def crossings(geometry, x, pairs, table):
-    """Fraction t of each pair at which it meets a wall, (n_pairs,) in (0, 1]; 2.0 for fluid pairs that see each other.
+    """Fraction t of each pair at which it meets a wall, (n_pairs,) in (0, 1]; 2.0 for fluid pairs in sight.
 
     geometry: a Geometry; x: (n_rows, dim); pairs: neighbours of the fluid particles; table: WallTable.
     """
@@ -130,7 +132,7 @@ def wall_divergence(walls, u):
 
 @njit(cache=True)
 def _suspects(x, start, index, fluid, distance):
-    """Pairs that may cross a wall: those with a dummy, and fluid pairs that two balls clear of walls do not cover."""
+    """Pairs that may cross a wall: those with a dummy, and fluid pairs that two free balls do not cover."""
     count = 0
     keep = np.empty(len(index), np.bool_)
     for i in range(len(start) - 1):
@@ -167,78 +169,70 @@ def _wall_rows(x, start, index, fraction, owner, volume, kind, support, order,
                distance, wall, velocity, slip_length, normal,
                fluid_start, column, row, lap, grad, natural, grad_p,
                wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip, near):
-    n, dim = len(start) - 1, x.shape[1]
+    n, dim, size = len(start) - 1, x.shape[1], star_size(start)
     deficient = np.zeros(CHUNKS, np.int64)
-    scale = normalisation(kind, support, dim)
+    per_length = 1.0 / support
+    per_area = per_length * per_length
     for chunk in prange(CHUNKS):
-        moments, fluid_moments, pair, out = np.empty(41), np.empty(41), np.empty(3), np.empty(4)
+        star, moments, out = new_star(size), np.empty(41), np.empty((4, size))
+        ex, ey, ez, s, w = star
         g, gp, system, right = np.empty((3, 3)), np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 4))
         drift, spread, wall_u, slide = np.empty(3), np.empty((3, 3)), np.empty(dim), np.empty((dim, dim))
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
-            moments[:] = 0.0
-            fluid_moments[:] = 0.0
+            begin, count = start[i], start[i + 1] - start[i]
+            padded = gather_star(x, i, begin, start[i + 1], index, owner, volume, kind, support, star)
             full = 0.0  # sum of w r over the whole star, dummies at their own places
-            for p in range(start[i], start[i + 1]):
-                j = index[p]
-                q = direction(x, i, j, support, pair)
-                weight = slope(kind, q) * scale * volume[owner[j]]
-                full += weight * q
-                if fraction[p] > 1.0:
-                    add_moments(moments, pair, q, weight)
-                    add_moments(fluid_moments, pair, q, weight)
-                else:
+            for k in range(count):
+                full += w[k] * s[k]
+            for k in range(count):
+                if fraction[begin + k] <= 1.0:
                     near[i] = True
-                    add_moments(moments, pair, fraction[p] * q, weight)
+                    s[k] *= fraction[begin + k]  # to where the pair meets the wall
+            star_moments(star, padded, moments)
             poor = invert_gradient(moments, dim, g)
-            poor |= correction(moments, dim, g, system, right, drift, spread)
+            poor |= correction(moments, dim, order, g, system, right, drift, spread)
             deficient[chunk] += poor
+            star_weights(star, padded, g, right, drift, spread, order, out)
             if near[i]:
-                invert_gradient(fluid_moments, dim, gp)
+                second_moments(star, fraction[begin : begin + count], moments)
+                invert_gradient(moments, dim, gp)
             at = fluid_start[i]
-            for p in range(start[i], start[i + 1]):
-                j = index[p]
-                q = direction(x, i, j, support, pair)
-                weight = slope(kind, q) * scale * volume[owner[j]]
-                visible = fraction[p] > 1.0
-                s = q if visible else fraction[p] * q
-                if s == 0.0:
-                    out[:] = 0.0
-                else:
-                    pair_weights(pair, s, weight, g, right, drift, spread, order, out)
-                if visible:
+            for k in range(count):
+                j = index[begin + k]
+                a = out[0, k] * per_area
+                if fraction[begin + k] > 1.0:
                     column[at] = owner[j]
                     row[at] = j
-                    lap[at] = out[0] / (support * support)
-                    natural[at] = 2.0 * dim * weight / (full * q * support * support) if q > 0.0 else 0.0
-                    for k in range(dim):
-                        grad[at, k] = out[1 + k] / support
+                    lap[at] = a
+                    natural[at] = 2.0 * dim * per_area * w[k] / (full * s[k]) if w[k] > 0.0 else 0.0
+                    for m in range(dim):
+                        grad[at, m] = out[1 + m, k] * per_length
                         if near[i]:
-                            b = 0.0
-                            for m in range(dim):
-                                b += gp[k, m] * pair[m]
-                            grad_p[at, k] = b * weight / support
+                            b = gp[m, 0] * ex[k] + gp[m, 1] * ey[k] + gp[m, 2] * ez[k]
+                            grad_p[at, m] = b * w[k] * per_length
                         else:
-                            grad_p[at, k] = grad[at, k]
+                            grad_p[at, m] = grad[at, m]
                     at += 1
                 else:
-                    a = out[0] / (support * support)
-                    w = wall[j]
+                    met = wall[j]
                     wall_lap[i] += a
-                    for k in range(dim):
-                        wall_u[k] = velocity[w, k]
-                        wall_lap_velocity[i, k] += a * wall_u[k]
-                        wall_div[i, k] += out[1 + k] / support
-                        wall_div_velocity[i] += out[1 + k] / support * wall_u[k]
-                    if slip_length[w] > 0.0:
-                        _add_slip(a, out, support, slip_length[w], max(distance[i], 0.0), normal, j, wall_u, slide,
+                    for m in range(dim):
+                        wall_u[m] = velocity[met, m]
+                        wall_lap_velocity[i, m] += a * wall_u[m]
+                        wall_div[i, m] += out[1 + m, k] * per_length
+                        wall_div_velocity[i] += out[1 + m, k] * per_length * wall_u[m]
+                    if slip_length[met] > 0.0:
+                        _add_slip(a, out[1:, k], per_length, slip_length[met], max(distance[i], 0.0),
+                                  normal, j, wall_u, slide,
                                   slip[i], wall_lap_velocity[i], wall_div[i], wall_div_velocity, i)
     return deficient
 
 
 @njit(cache=True)
-def _add_slip(a, out, support, length, distance, normal, j, wall_u, slide,
+def _add_slip(a, slope, per_length, length, distance, normal, j, wall_u, slide,
               slip, lap_velocity, div, div_velocity, i):
-    """Navier slip: u at the wall is u_W + B (u_i - u_W), B = length / (length + d) times the tangential projection."""
+    """Navier slip: u at the wall is u_W + B (u_i - u_W), B = length / (length + d) times the projection
+    on the wall."""
     dim = len(wall_u)
     factor = length / (length + distance)
     for k in range(dim):
@@ -248,5 +242,5 @@ def _add_slip(a, out, support, length, distance, normal, j, wall_u, slide,
         for m in range(dim):
             slip[k, m] += a * slide[k, m]
             lap_velocity[k] -= a * slide[k, m] * wall_u[m]
-            div[m] -= out[1 + k] / support * slide[k, m]
-            div_velocity[i] -= out[1 + k] / support * slide[k, m] * wall_u[m]
+            div[m] -= slope[k] * per_length * slide[k, m]
+            div_velocity[i] -= slope[k] * per_length * slide[k, m] * wall_u[m]
