@@ -102,18 +102,17 @@ def build_wall_operators(x, pairs, fraction, owner, volume, table, kind, support
     size = start[-1]
     slips = bool(np.any(table.slip_length > 0.0))
     column, row = np.empty(size, np.int32), np.empty(size, np.int32)
-    lap, natural = np.empty(size), np.empty(size)
+    lap, natural, lap_p = np.empty(size), np.empty(size), np.empty(size)
     grad, grad_p = np.empty((size, dim)), np.empty((size, dim))
     sums = WallSums(np.zeros(n), np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(n),
                     np.zeros((n, dim, dim)) if slips else None, natural, row, np.zeros(n, dtype=np.bool_))
     deficient = _wall_rows(
         x, pairs.start, pairs.index, fraction, owner, volume, kind, support, order,
         table.distance, table.wall, table.velocity, table.slip_length, table.normal,
-        start, column, row, lap, grad, natural, grad_p,
+        start, column, row, lap, grad, natural, lap_p, grad_p,
         sums.lap, sums.lap_velocity, sums.div, sums.div_velocity,
         sums.slip if slips else np.zeros((0, dim, dim)), sums.near,
     )
-    lap_p = np.where(np.repeat(sums.near, np.diff(start)), natural, lap)
     return Operators(start, column, lap, grad, lap_p, grad_p, volume[:n], int(deficient.sum()), sums)
 
 
@@ -167,7 +166,7 @@ def _visible(start, fraction):
 @njit(cache=True, parallel=True)
 def _wall_rows(x, start, index, fraction, owner, volume, kind, support, order,
                distance, wall, velocity, slip_length, normal,
-               fluid_start, column, row, lap, grad, natural, grad_p,
+               fluid_start, column, row, lap, grad, natural, lap_p, grad_p,
                wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip, near):
     n, dim, size = len(start) - 1, x.shape[1], star_size(start)
     deficient = np.zeros(CHUNKS, np.int64)
@@ -196,15 +195,16 @@ def _wall_rows(x, start, index, fraction, owner, volume, kind, support, order,
             if near[i]:
                 second_moments(star, fraction[begin : begin + count], moments)
                 invert_gradient(moments, dim, gp)
-            at = fluid_start[i]
+            at = np.uint64(fluid_start[i])
             for k in range(count):
-                j = index[begin + k]
+                j = np.uint32(index[begin + k])
                 a = out[0, k] * per_area
                 if fraction[begin + k] > 1.0:
                     column[at] = owner[j]
                     row[at] = j
                     lap[at] = a
                     natural[at] = 2.0 * dim * per_area * w[k] / (full * s[k]) if w[k] > 0.0 else 0.0
+                    lap_p[at] = natural[at] if near[i] else a
                     for m in range(dim):
                         grad[at, m] = out[1 + m, k] * per_length
                         if near[i]:
@@ -212,7 +212,7 @@ def _wall_rows(x, start, index, fraction, owner, volume, kind, support, order,
                             grad_p[at, m] = b * w[k] * per_length
                         else:
                             grad_p[at, m] = grad[at, m]
-                    at += 1
+                    at += np.uint64(1)
                 else:
                     met = wall[j]
                     wall_lap[i] += a
