@@ -1,8 +1,8 @@
 """Errors of a result against the reference that its case names, for scenes with one fluid.
 
 `compare(case, result)` reads of the result: x (n, dim) m, velocity (n, dim) m/s, pressure (n,) Pa, time s,
-spacing m, geometry (a `geometry.Geometry`), permeability (None, m2, {axis: m2} or (dim, dim) m2) and, if it has
-one, tensor ((dim, dim) m2 or None). What a reference needs and the case itself does not say stands in
+spacing m, geometry (a `geometry.Geometry`), permeability (None, m2, {axis: m2} or (dim, dim) m2) and tensor
+((dim, dim) m2 or None), if it has one. What a reference needs and the case itself does not say stands in
 `reference.parameters`.
 
 All errors are relative and plain floats; those of permeabilities carry a sign. `velocity_relative_l2` is
