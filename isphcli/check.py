@@ -528,7 +528,7 @@ def _unbuilt(case: Case) -> str | None:
     from . import run
 
     try:
-        getattr(run, "_refuse_unbuilt", lambda case: None)(case)
+        getattr(run, "refuse_unbuilt", lambda case: None)(case)
     except ValueError as error:
         return str(error)
     return None

@@ -49,6 +49,8 @@ def set_threads(threads: int | None) -> None:
     """
     for name in BLAS_THREADS:
         os.environ.setdefault(name, "1")
+    # threads that spin between kernels take the cores from everything else on the machine
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     if threads is None:
         return
     if "numba" in sys.modules:

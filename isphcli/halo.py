@@ -31,8 +31,9 @@ def wrap(x, lower, upper, periodic):
     for axis in np.flatnonzero(periodic):
         length = upper[axis] - lower[axis]
         x[:, axis] -= length * np.floor((x[:, axis] - lower[axis]) / length)
-        # round-off may put a particle exactly on the far face, which is the near face of the next box
-        x[x[:, axis] >= upper[axis], axis] = lower[axis]
+        # round-off may put a particle on the far face, which is the near face of the next box, or just below that
+        outside = (x[:, axis] >= upper[axis]) | (x[:, axis] < lower[axis])
+        x[outside, axis] = lower[axis]
     return x
 
 

@@ -1,6 +1,5 @@
 """Linear systems: GMRES with a smoothed-aggregation preconditioner, null spaces, reports (paper 2.4, eqs 25-26)."""
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -149,8 +148,8 @@ def gmres(apply, rhs, precondition, tolerance, restart, max_iterations, start=No
         x0=start,
         rtol=tolerance,
         atol=0.0,
-        restart=min(restart, size),
-        maxiter=max(1, -(-max_iterations // restart)),
+        restart=min(restart, size, max_iterations),
+        maxiter=max(1, max_iterations // restart),
         M=sla.LinearOperator((size, size), matvec=precondition, dtype=float),
         callback=each,
         callback_type="pr_norm",
@@ -163,8 +162,3 @@ def gmres(apply, rhs, precondition, tolerance, restart, max_iterations, start=No
     else:
         reason = "out of iterations"
     return solution, Report(count, residual, tolerance, reason)
-
-
-def seconds():
-    """CPU seconds of this process, all threads."""
-    return time.process_time()

@@ -19,7 +19,7 @@ def run_case(case, quiet=False):
     before anything is written; SolveError, StepError or RunError for one that had to stop.
     """
     clock = output.Clock()
-    _refuse_unbuilt(case)
+    refuse_unbuilt(case)
     with clock("compile"):
         from . import run_navier_stokes, run_stokes  # noqa: F401  imported here, so that the time for it is seen
     run = _run_stokes if case.flow == "stokes" else _run_navier_stokes
@@ -48,7 +48,7 @@ def _compile_listener(clock):
     return event.install_listener("numba:compiler_lock", Compiling())
 
 
-def _refuse_unbuilt(case):
+def refuse_unbuilt(case):
     """What the language knows and the code does not yet do is said before the run, not ignored."""
     problems = []
     if case.interface is not None:
