@@ -343,7 +343,7 @@ class Solver:
     """The linear solvers."""
 
     tolerance: float = key("residual over the right-hand side", default=1e-6, above=0, below=1)
-    restart: int = key("Krylov vectors kept before GMRES restarts", default=60, at_least=1)
+    restart: int = key("Krylov vectors kept before GMRES restarts", default=100, at_least=1)
     max_iterations: int = key("iterations after which a solve has failed", default=400, at_least=1)
 
 

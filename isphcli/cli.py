@@ -306,11 +306,23 @@ def table(lines: Iterable[tuple[str, str]]) -> str:
 @click.argument("case_files", metavar="[CASE]...", nargs=-1, type=click.Path(path_type=Path))
 @set_option
 @click.option("--check-only", is_flag=True, help="Check the cases; run none of them.")
-@click.option("--levels", type=click.IntRange(1), help="Resolutions at which a reference is run.")
 @click.option(
-    "--budget", type=click.FloatRange(0, min_open=True), help="Seconds that the runs may take in all."
+    "--levels", type=click.IntRange(1, 12), help="Resolutions at which a reference is run. [default: 3]"
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Directory of the runs. [default: out/validate]")
+@click.option(
+    "--budget", type=click.FloatRange(0, min_open=True), metavar="SECONDS",
+    help="Seconds that the levels of a case (in each setting) may take; none is begun that would take longer. "
+    "[default: 60 for those finer than the case]",
+)  # fmt: skip
+@click.option(
+    "--vary", multiple=True, metavar="KEY=A,B,...", callback=lambda *found: settings(found[-1]),
+    help="Run the levels with each of these values: --vary particles.support=2.1,2.5. May be repeated: then "
+    "every combination is run.",
+)  # fmt: skip
+@click.option(
+    "--out", type=click.Path(path_type=Path),
+    help="Directory of the runs, a folder a case in it. [default: out/validate]",
+)  # fmt: skip
 @threads_option
 @quiet_option
 @guarded
@@ -320,24 +332,28 @@ def validate(
     check_only: bool,
     levels: int | None,
     budget: float | None,
+    vary: tuple[tuple[str, tuple[str, ...]], ...],
     out: Path | None,
     threads: int | None,
     quiet: bool,
 ) -> int:
-    """Check cases without running them, and run those that name a reference.
+    """Check cases, and run those that name a reference: error against run time.
 
     Without CASE: all of the folder `cases`. The check says what a run would use, need and cost (particles,
     memory, time), how fine the throats are resolved, which time step binds, and what is likely to go wrong.
+    A reference is run at twice the spacing of the case, at its own and at half of it; the error at its own
+    has to be within reference.tolerance.
 
     \b
     isph validate --check-only beadpack.yaml
     isph validate cases/slit.yaml --levels 3 --budget 60
+    isph validate cases/taylor_green_2d.yaml --vary particles.support=2.1,2.5,3
     """
     set_threads(threads)
     case_files = case_files or default_cases()
     from .check import check_case_file
 
-    code, to_run = 0, []
+    code, to_run, estimates = 0, [], {}
     for path in case_files:
         try:
             report = check_case_file(path, overrides)
@@ -352,9 +368,23 @@ def validate(
             code = BAD_INPUT
         elif report.case.reference is not None:
             to_run.append(report.case)
+            estimates[report.case.path] = report.seconds
     if check_only or not to_run:
         return code
-    return code or run_references(to_run, levels=levels, budget=budget, out=out, quiet=quiet)
+    options = {"levels": levels, "budget": budget, "out": out, "quiet": quiet, "vary": vary}
+    return code or run_references(to_run, overrides=overrides, estimates=estimates, **options)
+
+
+def settings(texts: Iterable[str]) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """'key=a,b' of each --vary as (key, ('a', 'b')); commas within brackets do not part values."""
+    found = []
+    for text in texts:
+        name, equals, values = text.partition("=")
+        parts = tuple(part.strip() for part in re.split(r",(?![^\[]*\])(?![^{]*\})", values))
+        if not (name.strip() and equals and all(parts)):
+            raise click.BadParameter(f"{text!r} is not of the form key=a,b,c")
+        found.append((name.strip(), parts))
+    return tuple(found)
 
 
 def default_cases() -> tuple[Path, ...]:
@@ -362,7 +392,10 @@ def default_cases() -> tuple[Path, ...]:
     for folder in (Path("cases"), Path(__file__).parents[1] / "cases"):
         if found := tuple(sorted(folder.glob("*.yaml"))):
             return found
-    raise Unusable("no CASE given and no folder 'cases' here; name a case file")
+    raise Unusable(
+        "no CASE given, and no folder 'cases' here or beside the package (it is part of the source, not of an "
+        "installed isphcli); name a case file"
+    )
 
 
 def has_module(name: str) -> bool:
@@ -379,7 +412,6 @@ def run_references(cases: list[Case], **options: Any) -> int:
         return 0
     from .validate import validate_cases
 
-    # validate_cases(cases, *, levels, budget, out, quiet) -> (report, whether all are within their bounds)
     text, passed = validate_cases(cases, **options)
     click.echo(text)
     return 0 if passed else OUTSIDE

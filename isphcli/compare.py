@@ -293,7 +293,7 @@ def _flow_split(case: Case, result: Any) -> Errors:
     value = case.reference.value  # type: ignore[union-attr]
     if not isinstance(value, tuple) or min(value) <= 0:
         raise CompareError("reference.kind flow_split needs reference.value, the flow of each part: [16, 81]")
-    along = result.velocity[:, AXES.index(_flow_axis(case))]
+    along = getattr(result, "cell_velocity", result.velocity)[:, AXES.index(_flow_axis(case))]
     flows = np.sort(np.bincount(connected_parts(result), weights=along))[::-1][: len(value)][::-1]
     if len(flows) < len(value):
         raise CompareError(f"the fluid has {len(flows)} parts; reference.value names {len(value)}")

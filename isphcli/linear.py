@@ -142,7 +142,7 @@ def gmres(apply, rhs, precondition, tolerance, restart, max_iterations, start=No
         if watch is not None:
             watch(count, residual)
 
-    solution, info = sla.gmres(
+    solution, _ = sla.gmres(
         sla.LinearOperator((size, size), matvec=apply, dtype=float),
         rhs,
         x0=start,
@@ -157,7 +157,7 @@ def gmres(apply, rhs, precondition, tolerance, restart, max_iterations, start=No
     residual = float(np.linalg.norm(rhs - apply(solution)) / norm)
     if not np.isfinite(residual):
         reason = "not finite"
-    elif info == 0 or residual <= tolerance:
+    elif residual <= tolerance:
         reason = "converged"
     else:
         reason = "out of iterations"

@@ -113,7 +113,7 @@ def build_scene(case, geometry, spacing, clock, needs=()):
                               f"check geometry.voxels.labels and geometry.periodic, or take a smaller spacing")
     with clock("preconditioner"):
         nu = next(iter(case.fluids.values())).nu
-        system = StokesSystem(ops, table, row, spacing, nu, natural)
+        system = StokesSystem(ops, table, row, spacing, nu, natural, conservative=case.particles.jitter == 0.0)
     return Scene(geometry, particles, system, len(images.owner), percolates)
 
 

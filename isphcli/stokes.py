@@ -31,14 +31,16 @@ class StokesSystem:
     """Matrices of one lattice; every right-hand side shares them.
 
     ops: Operators with walls (or without); x: (n_rows, dim) table of positions; row: (n_pairs,) rows of the
-    neighbours in it; spacing: m; viscosity: kinematic, m2/s.
+    neighbours in it; spacing: m; viscosity: kinematic, m2/s;
+    conservative: take the divergence as a balance of fluxes, on lattices only (see `coupling`).
     """
 
-    def __init__(self, ops, x, row, spacing, viscosity, natural=None, tau=TAU):
+    def __init__(self, ops, x, row, spacing, viscosity, natural=None, tau=TAU, conservative=True):
         self.ops, self.x, self.row = ops, x, row
         self.spacing, self.viscosity, self.tau = spacing, viscosity, tau
         self.natural = natural if natural is not None else ops.lap_p
         self.dim = ops.grad.shape[1]
+        self.conservative = conservative
         n = ops.n
         walls = ops.walls
         self.wall_lap = walls.lap if walls is not None else np.zeros(n)
@@ -82,7 +84,7 @@ class StokesSystem:
             momentum -= self.spacing**2 * np.einsum("nkm,nm->nk", self.slip, u)
         dx = self.spacing
         both = divergence_and_jump(o, self.x, self.row, self.natural, self.wall_div, u, p, grad_p,
-                                   dx, -self.tau * dx * dx)
+                                   dx, -self.tau * dx * dx, self.conservative)
         mass[:] = self.means.remove(both)
         return out
 
@@ -111,7 +113,8 @@ class StokesSystem:
         momentum[:] = np.broadcast_to(force, (n, self.dim)) * (self.spacing**2 / self.viscosity)
         if walls is not None:
             momentum += self.spacing**2 * walls.lap_velocity
-            mass[:] = self.means.remove(-self.spacing * walls.div_velocity)
+            if not self.conservative:  # walls move along themselves: no flux passes them
+                mass[:] = self.means.remove(-self.spacing * walls.div_velocity)
         solution, report = gmres(self.apply, rhs, self.precondition, tolerance, restart, max_iterations, watch=watch)
         if not report.converged:
             solution, report = gmres(self.apply, rhs, self.precondition, tolerance, 2 * restart,

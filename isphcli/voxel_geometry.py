@@ -236,6 +236,7 @@ def _lower_envelopes(f, g, h, periodic):
 def _blend(edt, plane, voxel, around, s):
     """Replace edt in place by the corrected plane distance near smooth walls, where |grad plane| is 1.
 
+    At a face of the image the field goes on as it comes there: in a straight line, without a bend.
     A second wall within the Gaussian (throats, thin walls) changes the gradient: there edt stays. It also
     stays where the two differ by less than 0.06 s, so that walls along the axes are exact.
     """
@@ -252,15 +253,18 @@ def _blend(edt, plane, voxel, around, s):
                 low, high, apart = _beside(x, nx, around[0])
                 if apart > 0:
                     slope2 += ((plane[z, y, high] - plane[z, y, low]) / (apart * voxel[0])) ** 2
-                    bend += (plane[z, y, high] - 2 * centre + plane[z, y, low]) / voxel[0] ** 2
+                    if apart == 2:
+                        bend += (plane[z, y, high] - 2 * centre + plane[z, y, low]) / voxel[0] ** 2
                 low, high, apart = _beside(y, ny, around[1])
                 if apart > 0:
                     slope2 += ((plane[z, high, x] - plane[z, low, x]) / (apart * voxel[1])) ** 2
-                    bend += (plane[z, high, x] - 2 * centre + plane[z, low, x]) / voxel[1] ** 2
+                    if apart == 2:
+                        bend += (plane[z, high, x] - 2 * centre + plane[z, low, x]) / voxel[1] ** 2
                 low, high, apart = _beside(z, nz, around[2])
                 if apart > 0:
                     slope2 += ((plane[high, y, x] - plane[low, y, x]) / (apart * voxel[2])) ** 2
-                    bend += (plane[high, y, x] - 2 * centre + plane[low, y, x]) / voxel[2] ** 2
+                    if apart == 2:
+                        bend += (plane[high, y, x] - 2 * centre + plane[low, y, x]) / voxel[2] ** 2
                 smooth = _step((0.1 - abs(np.sqrt(slope2) - 1.0)) / 0.05)
                 more = centre - 0.5 * s * s * bend - edt[z, y, x]
                 edt[z, y, x] += near * smooth * _step((abs(more) / s - 0.06) / 0.03) * more

@@ -81,9 +81,6 @@ def test_runs_and_agrees_with_its_reference(name, tmp_path):
     assert abs(errors[errors["main"]]) < bound
 
 
-@pytest.mark.xfail(
-    strict=True, reason="smooth distance is wrong in a solid layer one voxel thick at a sealed face"
-)
 def test_two_tubes_as_they_stand(tmp_path):
     """The walls of the tubes are planes along the axes, where the smooth distance is exact as well."""
     errors = run("two_tubes", tmp_path)["errors"]

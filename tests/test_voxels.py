@@ -323,6 +323,26 @@ def test_slits_along_the_axes_are_exact_at_centres(kind, axis, width, scale):
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("thick", [1, 2, 3, 5])
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("inverse", [False, True])
+def test_layers_at_a_sealed_face_are_exact_at_centres(axis, thick, side, inverse):
+    """A layer of any thickness next to a face that is not periodic; faces themselves are added exactly."""
+    inside = np.zeros(12)
+    inside[:thick] = -1
+    exact = thick - (np.arange(12) + 0.5)
+    if side:
+        inside, exact = inside[::-1], exact[::-1]
+    labels, exact = (-1 - inside, exact) if inverse else (inside, -exact)
+    grid = np.empty((12, 12, 12), np.int8)
+    np.moveaxis(grid, 2 - axis, 2)[:] = labels
+    around = np.array([a != axis for a in range(3)])
+    for faces in (around, np.zeros(3, bool)):
+        found = np.moveaxis(wall_field(grid, np.ones(3), faces), 2 - axis, 2)
+        assert np.abs(found - exact).max() < 1e-6
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
 def test_planes_between_anisotropic_voxels(axis):
     h = np.array([1.0, 1.7, 0.6])
     labels = np.zeros((12, 12, 12), np.int8)
