@@ -7,18 +7,21 @@ the fluid round unions of solids.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numba import get_num_threads
+from numba import get_num_threads, njit, prange
 from scipy.spatial import cKDTree
 
 from .geometry import block_distance, face_distance, face_walls
 
 ROUND_OFF = 1e-12  # of the largest side of the box: points closer than this to a wall are on it
+BALL, BLOCK, CYLINDER, HALF_SPACE = range(4)  # convex pieces of bodies, see `Body.pieces`
+CELLS_A_PIECE = 8  # cells of the grid of pieces: beads then meet about three cells each way
 
 
 class ShapeError(ValueError):
@@ -30,6 +33,11 @@ class Body(Protocol):
 
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
         """(n,) distance of x (n, dim) to the surface of the region and its images of period (dim,)."""
+        ...
+
+    def pieces(self, period: np.ndarray) -> np.ndarray:
+        """(m, 8) convex pieces: kind, centre (3,), size (3,), axis; z is 0 in 2D. Size: of a ball its radius;
+        of a block its half sides; of a cylinder radius and half length; of a half-space its unit normal."""
         ...
 
 
@@ -44,6 +52,9 @@ class Sphere:
         return (
             np.linalg.norm(_nearest_image(x - np.asarray(self.centre, float), period), axis=1) - self.radius
         )
+
+    def pieces(self, period: np.ndarray) -> np.ndarray:
+        return _pieces(BALL, [self.centre], [[self.radius]])
 
 
 Disk = Sphere
@@ -62,6 +73,10 @@ class Spheres:
         for tree, radii in self._classes(period):
             _lower_to_nearest(d, _into_box(x, period), tree, radii)
         return d
+
+    def pieces(self, period: np.ndarray) -> np.ndarray:
+        centres = np.atleast_2d(np.asarray(self.centres, float))
+        return _pieces(BALL, centres, np.broadcast_to(np.asarray(self.radii, float), len(centres))[:, None])
 
     def _classes(self, period: np.ndarray) -> list[tuple[cKDTree, np.ndarray]]:
         """Search trees of balls of like radius, the largest first; built once per box."""
@@ -89,6 +104,11 @@ class Box:
         q = np.abs(_nearest_image(x - (lower + upper) / 2, period)) - (upper - lower) / 2
         return block_distance(np.where(upper - lower >= period * (1 - ROUND_OFF), -np.inf, q))
 
+    def pieces(self, period: np.ndarray) -> np.ndarray:
+        lower, upper = np.asarray(self.lower, float), np.asarray(self.upper, float)
+        half = np.where(upper - lower >= period * (1 - ROUND_OFF), np.inf, (upper - lower) / 2)
+        return _pieces(BLOCK, [(lower + upper) / 2], [[*half, np.inf][:3]])
+
 
 @dataclass(frozen=True)
 class Cylinder:
@@ -113,6 +133,12 @@ class Cylinder:
         axial = np.abs(_nearest_image(x[:, [self.axis]] - middle, period[[self.axis]]))[:, 0] - half
         return block_distance(np.stack([radial, axial], axis=1))
 
+    def pieces(self, period: np.ndarray) -> np.ndarray:
+        centre, half = np.array(self.centre, float), np.inf
+        if self.ends is not None and self.ends[1] - self.ends[0] < period[self.axis] * (1 - ROUND_OFF):
+            centre[self.axis], half = (self.ends[0] + self.ends[1]) / 2, (self.ends[1] - self.ends[0]) / 2
+        return _pieces(CYLINDER, [centre], [[self.radius, half]], self.axis)
+
 
 @dataclass(frozen=True)
 class HalfSpace:
@@ -127,6 +153,9 @@ class HalfSpace:
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
         normal = np.asarray(self.normal, float)
         return (x - np.asarray(self.point, float)) @ (normal / np.linalg.norm(normal))
+
+    def pieces(self, period: np.ndarray) -> np.ndarray:
+        return _pieces(HALF_SPACE, [self.point], [np.asarray(self.normal, float) / np.linalg.norm(self.normal)])
 
 
 @dataclass(frozen=True)
@@ -182,7 +211,8 @@ class ShapeGeometry:
         self.round_off = ROUND_OFF * float((self.upper - self.lower).max())
         for k, shape in enumerate(self.shapes):
             _check_body(shape.body, self.dim, f"shape {k + 1}")
-        self.has_solid = not all(self.periodic) or any(s.phase < 0 for s in self.shapes)
+        self._grid: _Grid | None = None  # for `crossing`, when it is first asked
+        self.has_solid = self.fluid < 0 or not all(self.periodic) or any(s.phase < 0 for s in self.shapes)
         self.wall_velocity, self.slip_length = face_walls(
             self.dim, slip_length, face_velocity, face_slip, len(self.shapes)
         )
@@ -210,24 +240,22 @@ class ShapeGeometry:
         wall that is met."""
         return self._nearest(x)[1]
 
-    def crossing(
-        self, xi: np.ndarray, xj: np.ndarray, di: np.ndarray | None = None, dj: np.ndarray | None = None
-    ) -> np.ndarray:
+    def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
         """(n,) fraction t in (0, 1] from fluid point xi to xj at the first wall; 1.0 where none is met.
 
-        di, dj: `distance` of the points where the caller has it already. A distance is 1-Lipschitz, so a
-        segment with di + dj >= |xi - xj| is free; the others are halved until free, blocked or short.
+        Exact: the chords of the segment in the bodies cut it into parts, and the first part whose topmost
+        shape is solid begins at t.
         """
         xi, xj = np.asarray(xi, float), np.asarray(xj, float)
-        t = np.ones(len(xi))
         if not self.has_solid or not len(xi):
-            return t
-        di = self.distance(xi) if di is None else np.asarray(di, float)
-        dj = self.distance(xj) if dj is None else np.asarray(dj, float)
-        r = np.linalg.norm(xj - xi, axis=1)
-        near = np.flatnonzero((di + dj < r) | (dj <= self.round_off))
-        t[near] = self._first_crossing(xi[near], xj[near], di[near], dj[near], r[near])
-        return t
+            return np.ones(len(xi))
+        if self._grid is None:
+            self._grid = _Grid.of(self)
+        grid = self._grid
+        return _crossings(
+            xi, xj, grid.lower, grid.edge, grid.counts, grid.around, grid.start, grid.entry, grid.piece,
+            grid.shape, grid.solid, grid.outside, self.fluid < 0, self.round_off, get_num_threads(),
+        )
 
     def _wrapped(self, x: np.ndarray) -> np.ndarray:
         x = np.array(x, dtype=float, ndmin=2)
@@ -239,13 +267,13 @@ class ShapeGeometry:
     def _nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Signed distance and index of the wall that gives it."""
         x = self._wrapped(x)
-        d = np.full(len(x), np.inf)
+        d = np.full(len(x), np.inf if self.fluid >= 0 else -np.inf)
         wall = np.zeros(len(x), dtype=np.int32)
         for k, shape in enumerate(self.shapes):
             if shape.phase < 0:
                 sd = shape.signed_distance(x, self.period)
                 closer = sd < d
-            elif any(s.phase < 0 for s in self.shapes[:k]):
+            elif self.fluid < 0 or any(s.phase < 0 for s in self.shapes[:k]):
                 sd = -shape.signed_distance(x, self.period)
                 closer = sd > d
             else:
@@ -258,69 +286,295 @@ class ShapeGeometry:
         wall[closer] = face_wall[closer]
         return d, wall
 
-    def _first_crossing(
-        self, xi: np.ndarray, xj: np.ndarray, di: np.ndarray, dj: np.ndarray, r: np.ndarray, depth: int = 5
-    ) -> np.ndarray:
-        """First crossings of segments that may be blocked: bracket by halving, then a guarded secant."""
-        n = len(r)
-        t_solid = np.where(dj <= self.round_off, 1.0, np.inf)  # first sample known to be solid
-        d_solid = dj.copy()
-        samples = [(np.arange(n), np.zeros(n), di)]
-        pair, ta, tb, da, db = np.arange(n), np.zeros(n), np.ones(n), di, dj
-        for level in range(depth):
-            length = (tb - ta) * r[pair]
-            open_ = np.where(db > self.round_off, da + db < length, (da - db < 0.99 * length) & (level < 2))
-            keep = open_ & (ta < t_solid[pair])
-            pair, ta, tb, da, db = pair[keep], ta[keep], tb[keep], da[keep], db[keep]
-            if not len(pair):
-                break
-            tm = (ta + tb) / 2
-            dm = self.distance(xi[pair] + tm[:, None] * (xj - xi)[pair])
-            solid = dm <= self.round_off
-            for k in np.flatnonzero(solid & (tm < t_solid[pair])):  # few
-                if tm[k] < t_solid[pair[k]]:
-                    t_solid[pair[k]], d_solid[pair[k]] = tm[k], dm[k]
-            samples.append((pair[~solid], tm[~solid], dm[~solid]))
-            right = ~solid
-            pair, ta, tb, da, db = (
-                np.concatenate([pair, pair[right]]),
-                np.concatenate([ta, tm[right]]),
-                np.concatenate([tm, tb[right]]),
-                np.concatenate([da, dm[right]]),
-                np.concatenate([dm, db[right]]),
-            )
-        t_fluid, d_fluid = _last_before(samples, t_solid, n)
-        t = np.ones(n)
-        hit = np.flatnonzero(np.isfinite(t_solid))
-        t[hit] = self._root(xi[hit], (xj - xi)[hit], t_fluid[hit], t_solid[hit], d_fluid[hit], d_solid[hit])
-        return np.clip(t, ROUND_OFF, 1.0)
 
-    def _root(
-        self, x: np.ndarray, dx: np.ndarray, a: np.ndarray, b: np.ndarray, fa: np.ndarray, fb: np.ndarray
-    ) -> np.ndarray:
-        """Zero of the distance along x + t dx between a (fluid) and b (solid): Illinois, at most 60 steps."""
-        a, b, fa, fb = a.copy(), b.copy(), np.maximum(fa, 0.0), np.minimum(fb, 0.0)
-        gap = fa - fb
-        t = np.where(gap > 0, (a * -fb + b * fa) / np.where(gap > 0, gap, 1.0), b)
-        active = np.flatnonzero((fa > self.round_off) & (fb < -self.round_off))
-        last = np.zeros(len(t), dtype=np.int8)
-        for step in range(60):
-            if not len(active):
-                break
-            k = active
-            if step:
-                t[k] = (a[k] * -fb[k] + b[k] * fa[k]) / (fa[k] - fb[k])
-            if step % 8 == 7:
-                t[k] = (a[k] + b[k]) / 2
-            f = self.distance(x[k] + t[k, None] * dx[k])
-            positive = f > 0
-            up, down = k[positive], k[~positive]
-            fb[up[last[up] == 1]] /= 2
-            fa[down[last[down] == -1]] /= 2
-            a[up], fa[up], last[up] = t[up], f[positive], 1
-            b[down], fb[down], last[down] = t[down], f[~positive], -1
-            active = k[np.abs(f) > self.round_off]
-        return t
+@dataclass(frozen=True)
+class _Grid:
+    """Convex pieces of a scene and their images, listed by the cells of a grid over the box; axes x, y, z.
+
+    lower, edge (3,): of the cells, m; counts (3,), around (3,): cells and periodicity; start, entry: pieces of
+    each cell; piece (m, 8): see `Body.pieces`; shape (m,): the shape each is of; solid, outside: of each shape.
+    """
+
+    lower: np.ndarray
+    edge: np.ndarray
+    counts: np.ndarray
+    around: np.ndarray
+    start: np.ndarray
+    entry: np.ndarray
+    piece: np.ndarray
+    shape: np.ndarray
+    solid: np.ndarray
+    outside: np.ndarray
+
+    @classmethod
+    def of(cls, geometry: ShapeGeometry) -> _Grid:
+        lower, upper = np.zeros((2, 3))
+        upper[:] = 2 * geometry.round_off  # the layer of a 2D scene
+        lower[: geometry.dim], upper[: geometry.dim] = geometry.lower, geometry.upper
+        lower[geometry.dim :] = -upper[geometry.dim :]
+        around = np.array([*geometry.periodic, False][:3])
+        of_shape = [s.body.pieces(geometry.period) for s in geometry.shapes]
+        piece = np.concatenate([np.zeros((0, 8)), *of_shape])
+        shape = np.repeat(np.arange(len(of_shape)), [len(p) for p in of_shape])
+        piece, shape = _images(piece, shape, lower, upper, around)
+        size = upper - lower
+        edge = (size[: geometry.dim].prod() / (CELLS_A_PIECE * max(len(piece), 1))) ** (1 / geometry.dim)
+        counts = np.clip(np.round(size / edge), 1, 500).astype(np.int64)
+        counts[geometry.dim :] = 1
+        edge = size / counts
+        solid = np.array([s.phase < 0 for s in geometry.shapes], dtype=np.bool_)
+        outside = np.array([s.outside for s in geometry.shapes], dtype=np.bool_)
+        start, entry = _fill_cells(piece, _extent(piece), lower, edge, counts)
+        return cls(lower, edge, counts, around, start, entry, piece, shape, solid, outside)
+
+
+def _pieces(kind: int, centres, sizes, axis: int = 0) -> np.ndarray:
+    """Rows of `Body.pieces`; what is missing of centres and sizes is 0."""
+    centres, sizes = np.asarray(centres, float), np.asarray(sizes, float)
+    rows = np.zeros((len(centres), 8))
+    rows[:, 0], rows[:, 7] = kind, axis
+    rows[:, 1 : 1 + centres.shape[1]] = centres
+    rows[:, 4 : 4 + sizes.shape[1]] = sizes
+    return rows
+
+
+def _extent(piece: np.ndarray) -> np.ndarray:
+    """Half sides (m, 3) of the blocks round the pieces."""
+    extent = np.full((len(piece), 3), np.inf)
+    kind, axis = piece[:, 0].astype(int), piece[:, 7].astype(int)
+    extent[kind == BALL] = piece[kind == BALL, 4:5]
+    extent[kind == BLOCK] = piece[kind == BLOCK, 4:7]
+    tube = np.flatnonzero(kind == CYLINDER)
+    extent[tube] = piece[tube, 4:5]
+    extent[tube, axis[tube]] = piece[tube, 5]
+    return extent
+
+
+def _images(
+    piece: np.ndarray, shape: np.ndarray, lower: np.ndarray, upper: np.ndarray, around: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pieces with their periodic images, as far as they reach into the box, and their shapes."""
+    size, extent = upper - lower, _extent(piece)
+    piece = piece.copy()
+    moves = np.isfinite(extent) & around
+    centre = piece[:, 1:4]
+    centre[:] = np.where(moves, lower + np.mod(centre - lower, size), centre)
+    reach = np.ceil(np.max(np.where(moves, extent, 0.0), axis=0, initial=0.0) / size).astype(int)
+    found, owner = [np.zeros((0, 8))], [np.zeros(0, dtype=np.int64)]
+    for shift in itertools.product(*(range(-r, r + 1) for r in reach)):
+        at = centre + np.array(shift) * size
+        slack = extent + ROUND_OFF * size
+        keep = ((at + slack >= lower) & (at - slack <= upper) | ~around).all(axis=1)
+        keep &= (moves | (np.array(shift) == 0)).all(axis=1)
+        found.append(np.column_stack([piece[keep, 0], at[keep], piece[keep, 4:]]))
+        owner.append(shape[keep])
+    return np.concatenate(found), np.concatenate(owner)
+
+
+@njit(cache=True)
+def _fill_cells(piece, extent, lower, edge, counts):
+    """Pieces of each cell: entry[start[c] : start[c + 1]], c = (z ny + y) nx + x."""
+    cells = counts[0] * counts[1] * counts[2]
+    start = np.zeros(cells + 1, np.int64)
+    entry = np.zeros(0, np.int64)
+    first, last = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    for counting in (True, False):
+        for p in range(len(piece)):
+            for a in range(3):
+                slack = extent[p, a] * (1.0 + 1e-9) + 1e-9 * edge[a]
+                low = (piece[p, 1 + a] - slack - lower[a]) / edge[a]
+                high = (piece[p, 1 + a] + slack - lower[a]) / edge[a]
+                first[a] = int(np.floor(min(max(low, 0.0), counts[a] + 0.0)))
+                last[a] = int(np.floor(min(max(high, -1.0), counts[a] - 1.0)))
+            for z in range(first[2], last[2] + 1):
+                for y in range(first[1], last[1] + 1):
+                    for x in range(first[0], last[0] + 1):
+                        if piece[p, 0] == BALL:
+                            gap = 0.0
+                            for a in range(3):
+                                low = lower[a] + (x if a == 0 else y if a == 1 else z) * edge[a]
+                                away = max(low - piece[p, 1 + a], piece[p, 1 + a] - low - edge[a], 0.0)
+                                gap += away * away
+                            if np.sqrt(gap) > extent[p, 0] * (1.0 + 1e-9) + 1e-9 * edge[0]:
+                                continue
+                        cell = (z * counts[1] + y) * counts[0] + x
+                        if counting:
+                            start[cell + 1] += 1
+                        else:
+                            entry[start[cell]] = p
+                            start[cell] += 1
+        if counting:
+            start = np.cumsum(start)
+            entry = np.zeros(start[-1], np.int64)
+    start[1:] = start[:-1].copy()
+    start[0] = 0
+    return start, entry
+
+
+@njit(cache=True, parallel=True)
+def _crossings(
+    xi, xj, lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled, round_off, chunks
+):
+    n, dim = xi.shape
+    t = np.empty(n)
+    for chunk in prange(chunks):
+        x, dx = np.zeros(3), np.zeros(3)
+        walk = np.zeros((3, 3), np.int64)  # cell, step, steps left of each axis
+        face, local = np.zeros(3), np.zeros(3)
+        chords, owner = np.zeros((32, 2)), np.zeros(32, np.int64)
+        for k in range(chunk * n // chunks, (chunk + 1) * n // chunks):
+            end, r2 = 1.0, 0.0
+            for a in range(dim):
+                x[a], dx[a] = xi[k, a], xj[k, a] - xi[k, a]
+                r2 += dx[a] * dx[a]
+                if around[a]:
+                    period = edge[a] * counts[a]
+                    x[a] -= np.floor((x[a] - lower[a]) / period) * period
+                elif dx[a] != 0.0:
+                    wall = lower[a] + edge[a] * counts[a] if dx[a] > 0 else lower[a]
+                    end = min(end, max((wall - x[a]) / dx[a], 0.0))
+            if r2 > 0.0:
+                m, chords, owner = _chords(
+                    x, dx, end, lower, edge, counts, around, start, entry, piece, shape,
+                    walk, face, local, chords, owner,
+                )
+                end = _first_solid(chords, owner, m, end, solid, outside, filled, round_off / np.sqrt(r2))
+            t[k] = max(end, ROUND_OFF)
+    return t
+
+
+@njit(cache=True)
+def _chords(
+    x, dx, end, lower, edge, counts, around, start, entry, piece, shape, walk, face, local, chords, owner
+):
+    """Chords (t_in, t_out) of the segment in the pieces of the cells that it passes (Amanatides and Woo 1987),
+    their shapes, and how many there are."""
+    m = 0
+    for a in range(3):
+        first = int(np.floor((x[a] - lower[a]) / edge[a]))
+        last = int(np.floor((x[a] + end * dx[a] - lower[a]) / edge[a]))
+        if not around[a]:
+            first, last = min(max(first, 0), counts[a] - 1), min(max(last, 0), counts[a] - 1)
+        walk[a, 0], walk[a, 1], walk[a, 2] = first, 1 if last > first else -1, abs(last - first)
+        face[a] = _cell_face(x[a], dx[a], lower[a], edge[a], walk[a])
+    entered = 0.0
+    while True:
+        axis = 0 if face[0] <= face[1] and face[0] <= face[2] else 1 if face[1] <= face[2] else 2
+        left = min(max(face[axis], entered), end)
+        cell = 0
+        for a in range(2, -1, -1):
+            turns = walk[a, 0] // counts[a]
+            cell = cell * counts[a] + walk[a, 0] - turns * counts[a]
+            local[a] = x[a] - turns * (edge[a] * counts[a])
+        for q in range(start[cell], start[cell + 1]):
+            p = entry[q]
+            t_in, t_out = _chord(piece[p], local, dx)
+            if piece[p, 0] == HALF_SPACE:  # the only one without images: cut where points are wrapped
+                t_in, t_out = max(t_in, entered), min(t_out, left)
+            if t_in >= t_out or t_in >= end or t_out <= 0.0:
+                continue
+            known = False
+            for c in range(m):
+                known |= chords[c, 0] == t_in and chords[c, 1] == t_out and owner[c] == shape[p]
+            if known:
+                continue
+            if m == len(chords):
+                chords = np.concatenate((chords, np.zeros_like(chords)))
+                owner = np.concatenate((owner, np.zeros_like(owner)))
+            chords[m, 0], chords[m, 1], owner[m] = t_in, t_out, shape[p]
+            m += 1
+        if walk[0, 2] + walk[1, 2] + walk[2, 2] == 0:
+            return m, chords, owner
+        entered = left
+        walk[axis, 0] += walk[axis, 1]
+        walk[axis, 2] -= 1
+        face[axis] = _cell_face(x[axis], dx[axis], lower[axis], edge[axis], walk[axis])
+
+
+@njit(cache=True)
+def _cell_face(x, dx, lower, edge, walk):
+    """Place along the segment of the next cell face of one axis; infinite when no face is left."""
+    if walk[2] == 0:
+        return np.inf
+    return (lower + (walk[0] + (1 if walk[1] > 0 else 0)) * edge - x) / dx
+
+
+@njit(cache=True)
+def _chord(piece, x, dx):
+    """Where the line x + t dx enters and leaves a piece; (inf, -inf) if it misses it."""
+    kind, axis = int(piece[0]), int(piece[7])
+    if kind == HALF_SPACE:
+        height, rise = 0.0, 0.0
+        for a in range(3):
+            height += (x[a] - piece[1 + a]) * piece[4 + a]
+            rise += dx[a] * piece[4 + a]
+        if rise == 0.0:
+            return (-np.inf, np.inf) if height < 0.0 else (np.inf, -np.inf)
+        return (-height / rise, np.inf) if rise < 0.0 else (-np.inf, -height / rise)
+    t_in, t_out = -np.inf, np.inf
+    if kind == BLOCK:
+        for a in range(3):
+            low, high = _slab(x[a] - piece[1 + a], dx[a], piece[4 + a])
+            t_in, t_out = max(t_in, low), min(t_out, high)
+        return t_in, t_out
+    away2, along, step2 = 0.0, 0.0, 0.0
+    for a in range(3):
+        if kind == BALL or a != axis:
+            away = x[a] - piece[1 + a]
+            away2 += away * away
+            along += away * dx[a]
+            step2 += dx[a] * dx[a]
+    away = np.sqrt(away2)
+    power = (away - piece[4]) * (away + piece[4])
+    if step2 == 0.0:
+        if power >= 0.0:
+            return np.inf, -np.inf
+    else:
+        root = along * along - step2 * power
+        if root <= 0.0:
+            return np.inf, -np.inf
+        q = np.sqrt(root) + abs(along)  # without cancellation
+        t_in, t_out = (power / q, q / step2) if along < 0.0 else (-q / step2, -power / q)
+    if kind == CYLINDER:
+        low, high = _slab(x[axis] - piece[1 + axis], dx[axis], piece[5])
+        t_in, t_out = max(t_in, low), min(t_out, high)
+    return t_in, t_out
+
+
+@njit(cache=True)
+def _slab(x, dx, half):
+    """Where x + t dx is within half of 0."""
+    if half == np.inf:
+        return -np.inf, np.inf
+    if dx == 0.0:
+        return (-np.inf, np.inf) if abs(x) < half else (np.inf, -np.inf)
+    low, high = (-half - x) / dx, (half - x) / dx
+    return min(low, high), max(low, high)
+
+
+@njit(cache=True)
+def _first_solid(chords, owner, m, end, solid, outside, filled, least):
+    """Begin of the first part of the segment, longer than `least`, whose topmost shape is solid, or `end`."""
+    begin = 0.0
+    while begin < end:
+        stop = end  # next end of a chord
+        for c in range(m):
+            for side in range(2):
+                if chords[c, side] > begin:
+                    stop = min(stop, chords[c, side])
+        if stop - begin > least:
+            middle, is_solid = 0.5 * (begin + stop), filled
+            for s in range(len(solid) - 1, -1, -1):
+                inside = False
+                for c in range(m):
+                    inside |= owner[c] == s and chords[c, 0] < middle and middle < chords[c, 1]
+                if inside != outside[s]:
+                    is_solid = solid[s]
+                    break
+            if is_solid:
+                return begin
+        begin = stop
+    return end
 
 
 def read_spheres(
@@ -419,17 +673,6 @@ def _lower_to_nearest(d: np.ndarray, x: np.ndarray, tree: cKDTree, radii: np.nda
         if equal or k == len(radii):
             return
         todo, k = todo[distance[:, -1] - largest < d[todo]], 4 * k
-
-
-def _last_before(samples: list, t_solid: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of fluid samples (pair, t, d), the last before the first solid one of each pair: (t (n,), d (n,))."""
-    pair, t, d = (np.concatenate(column) for column in zip(*samples))
-    keep = t < t_solid[pair]
-    pair, t, d = pair[keep], t[keep], d[keep]
-    order = np.lexsort((t, pair))
-    t_fluid, d_fluid = np.zeros(n), np.zeros(n)
-    t_fluid[pair[order]], d_fluid[pair[order]] = t[order], d[order]  # the last write of a pair stays
-    return t_fluid, d_fluid
 
 
 def _check_body(body: Body, dim: int, name: str) -> None:

@@ -103,7 +103,8 @@ def test_crossings_of_beads_lie_on_the_surface(scale):
     assert np.abs(g.distance((xi + t[:, None] * (xj - xi))[hit])).max() < 2e-12 * scale
     sampled = first_solid(g, xi, xj, 1000)
     assert np.mean(np.abs(t - sampled) > 1.1e-3) == 0
-    assert np.array_equal(t, g.crossing(xi, xj, g.distance(xi), g.distance(xj)))
+    far = np.array([7, -3, 0]) * scale
+    assert np.allclose(t, g.crossing(xi + far, xj + far), atol=1e-9, rtol=0)
 
 
 def test_a_thin_plate_between_two_fluid_points_is_seen():
@@ -175,6 +176,52 @@ def test_later_shapes_lie_on_top():
     assert g.phase(x).tolist() == [-1, 1, -1, 1, 0]
     assert np.allclose(g.distance(x), [-0.1, 0.02, -0.05, 0.1, 0.1], atol=1e-14)
     assert g.slip_length[g.wall(x)].tolist() == [0.02, 0.02, 0.1, 0.02, 0.02]
+
+
+SCENES = {
+    "on top": (0, [
+        Shape(HalfSpace((0.5, 0.5, 0.5), (1, 0.3, 0.1))),
+        Shape(Sphere((0.5, 0.5, 0.5), 0.3), phase=1),
+        Shape(Box((0.4, 0.3, 0.2), (0.5, 0.6, 0.9))),
+        Shape(Cylinder(2, (0.3, 0.9, 0.5), 0.2, (0.1, 0.7))),
+    ]),
+    "carved": (-1, [
+        Shape(Cylinder(0, (0, 0.5, 0.5), 0.3), phase=0),
+        Shape(Spheres(np.array([[0.1, 0.9, 0.4], [0.95, 0.2, 0.1]]), np.array([0.3, 0.2])), phase=1),
+    ]),
+    "outside": (0, [
+        Shape(Spheres(np.array([[0.2, 0.4, 0.4], [0.7, 0.6, 0.5]]), 0.45), outside=True),
+        Shape(Box((0, 0.5, 0.3), (1, 0.55, 0.7))),
+    ]),
+}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("periodic", [(True, True, True), (False, True, False)])
+def test_crossings_against_samples(scene, periodic):
+    """Scenes of every body, carved and turned outside in, across periodic faces."""
+    rng = np.random.default_rng(6)
+    g = ShapeGeometry((0,) * 3, (1,) * 3, periodic, SCENES[scene][0], SCENES[scene][1])
+    xi = rng.uniform(0, 1, (1500, 3))
+    xi = xi[g.phase(xi) >= 0][:400]
+    xj = xi + rng.normal(0, 0.3, xi.shape)
+    t = g.crossing(xi, xj)
+    assert 0.2 < np.mean(t < 1) < 0.95
+    missed = np.abs(t - first_solid(g, xi, xj, 2000)) > 6e-4
+    assert missed.mean() < 0.006  # chords shorter than the samples
+    met = (xi + t[:, None] * (xj - xi))[t < 1]
+    step = (1e-6 * (xj - xi))[t < 1]
+    seam = (np.abs(met - np.round(met)) < 1e-9).any(1)  # where a half-space has no images
+    assert (g.phase(met - step) >= 0).all() and (g.phase(met + step) == -1)[~seam].all()
+    assert np.abs(g.distance(met)[~seam]).max() < 1e-12
+
+
+def test_solid_with_a_fluid_ball_in_it():
+    g = ShapeGeometry((0, 0), (1, 1), (True, True), -1, [Shape(Disk((0.5, 0.5), 0.2), phase=0)])
+    x = np.array([[0.5, 0.6], [0.5, 0.9], [0.1, 0.5]])
+    assert g.has_solid and g.phase(x).tolist() == [0, -1, -1]
+    assert np.allclose(g.distance(x), [0.1, -0.2, -0.2], atol=1e-15)
+    assert np.allclose(g.crossing(x[:1], x[1:2]), 1 / 3, atol=1e-14)
 
 
 def test_fluid_shapes_alone_make_no_wall():

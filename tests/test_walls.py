@@ -199,7 +199,7 @@ def test_particle_on_a_wall_is_finite():
     for gap in (1e-9, 1e-11):
         s = Scene(channel(2, 1.0), 1 / 8, 2.1, offset=[0.0, 0.5 - gap])
         assert s.n == 64 and np.isfinite(s.ops.walls.lap).all() and np.isfinite(s.ops.lap).all()
-        assert s.ops.walls.lap.max() > 1e2 * 64  # 1 / NEAREST times that of a wall at half a spacing
+        assert s.ops.walls.lap.max() > 10 * 64  # a wall at half a spacing gives about 4
 
 
 @pytest.mark.parametrize("ratio", SUPPORTS)
