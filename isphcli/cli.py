@@ -311,7 +311,7 @@ def table(lines: Iterable[tuple[str, str]]) -> str:
 )
 @click.option(
     "--budget", type=click.FloatRange(0, min_open=True), metavar="SECONDS",
-    help="Seconds that the levels of a case (in each setting) may take; none is begun that would take longer. "
+    help="Seconds that the levels of a case (in each setting) may take; none is begun that would take more. "
     "[default: 60 for those finer than the case]",
 )  # fmt: skip
 @click.option(
@@ -393,8 +393,8 @@ def default_cases() -> tuple[Path, ...]:
         if found := tuple(sorted(folder.glob("*.yaml"))):
             return found
     raise Unusable(
-        "no CASE given, and no folder 'cases' here or beside the package (it is part of the source, not of an "
-        "installed isphcli); name a case file"
+        "no CASE given, and no folder 'cases' here or beside the package (it is part of the source, not of "
+        "an installed isphcli); name a case file"
     )
 
 
