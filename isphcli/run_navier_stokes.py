@@ -12,8 +12,11 @@ from .run_stokes import drives
 from .step import State, Stepper, StepError
 
 VISCOUS = 4.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
-FIRST = 1.0 / 16.0  # of the step that the limits allow: the length of the first one
-GROWTH = 2.0  # of the step from one to the next: second order needs less than 2.41
+# The first step, as a part of what the limits allow, and the growth of the steps after it (second order needs less
+# than 2.41). A wall that sets fluid in motion at once makes a layer that grows with the square root of time: only steps
+# that stay a fifth of the time since the start resolve it.
+FIRST, GROWTH = 1.0 / 16.0, 2.0
+FIRST_AT_WALLS, GROWTH_AT_WALLS = 1.0 / 64.0, 1.25
 HALVINGS = 4  # of a step that fails, before the run stops
 STEADY_WINDOW = 0.8  # a run is steady when the kinetic energy has changed little since this fraction of the time
 
@@ -80,10 +83,11 @@ class March:
                 found["cfl"] = 2.0 * reach / root
             if time.steady is None or not found:
                 found["viscous"] = VISCOUS * stepper.spacing**2 / stepper.viscosity
+        walls = stepper.geometry.has_solid
         if state.dt_old:
-            found["start"] = GROWTH * state.dt_old
+            found["start"] = (GROWTH_AT_WALLS if walls else GROWTH) * state.dt_old
         else:
-            found = {"start": FIRST * min(found.values())}
+            found = {"start": (FIRST_AT_WALLS if walls else FIRST) * min(found.values())}
         return found
 
     def run(self, state, config, snapshot, row, progress):

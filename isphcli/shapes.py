@@ -456,7 +456,7 @@ def _chords(
         if not around[a]:
             first, last = min(max(first, 0), counts[a] - 1), min(max(last, 0), counts[a] - 1)
         walk[a, 0], walk[a, 1], walk[a, 2] = first, 1 if last > first else -1, abs(last - first)
-        face[a] = _cell_face(x[a], dx[a], lower[a], edge[a], walk[a])
+        face[a] = _cell_face(x, dx, lower, edge, walk, a)
     entered = 0.0
     while True:
         axis = 0 if face[0] <= face[1] and face[0] <= face[2] else 1 if face[1] <= face[2] else 2
@@ -468,7 +468,7 @@ def _chords(
             local[a] = x[a] - turns * (edge[a] * counts[a])
         for q in range(start[cell], start[cell + 1]):
             p = entry[q]
-            t_in, t_out = _chord(piece[p], local, dx)
+            t_in, t_out = _chord(piece, p, local, dx)
             if piece[p, 0] == HALF_SPACE:  # the only one without images: cut where points are wrapped
                 t_in, t_out = max(t_in, entered), min(t_out, left)
             if t_in >= t_out or t_in >= end or t_out <= 0.0:
@@ -488,44 +488,44 @@ def _chords(
         entered = left
         walk[axis, 0] += walk[axis, 1]
         walk[axis, 2] -= 1
-        face[axis] = _cell_face(x[axis], dx[axis], lower[axis], edge[axis], walk[axis])
+        face[axis] = _cell_face(x, dx, lower, edge, walk, axis)
 
 
 @njit(cache=True)
-def _cell_face(x, dx, lower, edge, walk):
-    """Place along the segment of the next cell face of one axis; infinite when no face is left."""
-    if walk[2] == 0:
+def _cell_face(x, dx, lower, edge, walk, a):
+    """Place along the segment of the next cell face of axis a; infinite when no face is left."""
+    if walk[a, 2] == 0:
         return np.inf
-    return (lower + (walk[0] + (1 if walk[1] > 0 else 0)) * edge - x) / dx
+    return (lower[a] + (walk[a, 0] + (1 if walk[a, 1] > 0 else 0)) * edge[a] - x[a]) / dx[a]
 
 
 @njit(cache=True)
-def _chord(piece, x, dx):
-    """Where the line x + t dx enters and leaves a piece; (inf, -inf) if it misses it."""
-    kind, axis = int(piece[0]), int(piece[7])
+def _chord(piece, p, x, dx):
+    """Where the line x + t dx enters and leaves piece p; (inf, -inf) if it misses it."""
+    kind, axis = int(piece[p, 0]), int(piece[p, 7])
     if kind == HALF_SPACE:
         height, rise = 0.0, 0.0
         for a in range(3):
-            height += (x[a] - piece[1 + a]) * piece[4 + a]
-            rise += dx[a] * piece[4 + a]
+            height += (x[a] - piece[p, 1 + a]) * piece[p, 4 + a]
+            rise += dx[a] * piece[p, 4 + a]
         if rise == 0.0:
             return (-np.inf, np.inf) if height < 0.0 else (np.inf, -np.inf)
         return (-height / rise, np.inf) if rise < 0.0 else (-np.inf, -height / rise)
     t_in, t_out = -np.inf, np.inf
     if kind == BLOCK:
         for a in range(3):
-            low, high = _slab(x[a] - piece[1 + a], dx[a], piece[4 + a])
+            low, high = _slab(x[a] - piece[p, 1 + a], dx[a], piece[p, 4 + a])
             t_in, t_out = max(t_in, low), min(t_out, high)
         return t_in, t_out
     away2, along, step2 = 0.0, 0.0, 0.0
     for a in range(3):
         if kind == BALL or a != axis:
-            away = x[a] - piece[1 + a]
+            away = x[a] - piece[p, 1 + a]
             away2 += away * away
             along += away * dx[a]
             step2 += dx[a] * dx[a]
     away = np.sqrt(away2)
-    power = (away - piece[4]) * (away + piece[4])
+    power = (away - piece[p, 4]) * (away + piece[p, 4])
     if step2 == 0.0:
         if power >= 0.0:
             return np.inf, -np.inf
@@ -536,7 +536,7 @@ def _chord(piece, x, dx):
         q = np.sqrt(root) + abs(along)  # without cancellation
         t_in, t_out = (power / q, q / step2) if along < 0.0 else (-q / step2, -power / q)
     if kind == CYLINDER:
-        low, high = _slab(x[axis] - piece[1 + axis], dx[axis], piece[5])
+        low, high = _slab(x[axis] - piece[p, 1 + axis], dx[axis], piece[p, 5])
         t_in, t_out = max(t_in, low), min(t_out, high)
     return t_in, t_out
 
