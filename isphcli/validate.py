@@ -142,8 +142,10 @@ def validate_cases(
         estimate = (estimates or {}).get(ladders[0].case.path)
         say(f"{ladders[0].case.title or folder.name}: {_kind(ladders[0].case)}")
         for ladder in ladders:
-            _climb(ladder, folder, levels or LEVELS, budget, estimate, quiet, say)
-            write_results(folder, ladders)
+            try:
+                _climb(ladder, folder, levels or LEVELS, budget, estimate, quiet, say)
+            finally:  # an interrupted ladder leaves what it has
+                write_results(folder, ladders)
         say("")
     everything = [ladder for ladders in plans for ladder in ladders]
     page = closing_page(everything)
