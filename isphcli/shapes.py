@@ -11,7 +11,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numba import get_num_threads, njit, prange
@@ -155,7 +155,8 @@ class HalfSpace:
         return (x - np.asarray(self.point, float)) @ (normal / np.linalg.norm(normal))
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
-        return _pieces(HALF_SPACE, [self.point], [np.asarray(self.normal, float) / np.linalg.norm(self.normal)])
+        normal = np.asarray(self.normal, float)
+        return _pieces(HALF_SPACE, [self.point], [normal / np.linalg.norm(normal)])
 
 
 @dataclass(frozen=True)
@@ -251,11 +252,7 @@ class ShapeGeometry:
             return np.ones(len(xi))
         if self._grid is None:
             self._grid = _Grid.of(self)
-        grid = self._grid
-        return _crossings(
-            xi, xj, grid.lower, grid.edge, grid.counts, grid.around, grid.start, grid.entry, grid.piece,
-            grid.shape, grid.solid, grid.outside, self.fluid < 0, self.round_off, get_num_threads(),
-        )
+        return _crossings(xi, xj, *self._grid, self.fluid < 0, self.round_off, get_num_threads())
 
     def _wrapped(self, x: np.ndarray) -> np.ndarray:
         x = np.array(x, dtype=float, ndmin=2)
@@ -287,12 +284,12 @@ class ShapeGeometry:
         return d, wall
 
 
-@dataclass(frozen=True)
-class _Grid:
+class _Grid(NamedTuple):
     """Convex pieces of a scene and their images, listed by the cells of a grid over the box; axes x, y, z.
 
-    lower, edge (3,): of the cells, m; counts (3,), around (3,): cells and periodicity; start, entry: pieces of
-    each cell; piece (m, 8): see `Body.pieces`; shape (m,): the shape each is of; solid, outside: of each shape.
+    lower, edge (3,): of the cells, m; counts, around (3,): cells and periodicity; start, entry: pieces of
+    each cell; piece (m, 8): see `Body.pieces`; shape (m,): the shape each is of; solid, outside, sure: of each
+    shape, sure: what is in its pieces is solid whatever the other shapes.
     """
 
     lower: np.ndarray
@@ -305,6 +302,7 @@ class _Grid:
     shape: np.ndarray
     solid: np.ndarray
     outside: np.ndarray
+    sure: np.ndarray
 
     @classmethod
     def of(cls, geometry: ShapeGeometry) -> _Grid:
@@ -324,8 +322,9 @@ class _Grid:
         edge = size / counts
         solid = np.array([s.phase < 0 for s in geometry.shapes], dtype=np.bool_)
         outside = np.array([s.outside for s in geometry.shapes], dtype=np.bool_)
+        sure = solid & ~outside & np.logical_and.accumulate(solid[::-1])[::-1]
         start, entry = _fill_cells(piece, _extent(piece), lower, edge, counts)
-        return cls(lower, edge, counts, around, start, entry, piece, shape, solid, outside)
+        return cls(lower, edge, counts, around, start, entry, piece, shape, solid, outside, sure)
 
 
 def _pieces(kind: int, centres, sizes, axis: int = 0) -> np.ndarray:
@@ -413,7 +412,8 @@ def _fill_cells(piece, extent, lower, edge, counts):
 
 @njit(cache=True, parallel=True)
 def _crossings(
-    xi, xj, lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled, round_off, chunks
+    xi, xj, lower, edge, counts, around, start, entry, piece, shape, solid, outside, sure,
+    filled, round_off, chunks,
 ):
     n, dim = xi.shape
     t = np.empty(n)
@@ -434,21 +434,26 @@ def _crossings(
                     wall = lower[a] + edge[a] * counts[a] if dx[a] > 0 else lower[a]
                     end = min(end, max((wall - x[a]) / dx[a], 0.0))
             if r2 > 0.0:
-                m, chords, owner = _chords(
-                    x, dx, end, lower, edge, counts, around, start, entry, piece, shape,
+                least = round_off / np.sqrt(r2)
+                end, m, chords, owner = _chords(
+                    x, dx, end, least, lower, edge, counts, around, start, entry, piece, shape, sure,
                     walk, face, local, chords, owner,
                 )
-                end = _first_solid(chords, owner, m, end, solid, outside, filled, round_off / np.sqrt(r2))
+                end = _first_solid(chords, owner, m, end, solid, outside, filled, least)
             t[k] = max(end, ROUND_OFF)
     return t
 
 
 @njit(cache=True)
 def _chords(
-    x, dx, end, lower, edge, counts, around, start, entry, piece, shape, walk, face, local, chords, owner
+    x, dx, end, least, lower, edge, counts, around, start, entry, piece, shape, sure,
+    walk, face, local, chords, owner,
 ):
-    """Chords (t_in, t_out) of the segment in the pieces of the cells that it passes (Amanatides and Woo 1987),
-    their shapes, and how many there are."""
+    """Chords (t_in, t_out) of a segment in the pieces of the cells that it passes (Amanatides and Woo 1987).
+
+    Returns (end, m, chords, owner): where a piece that is surely solid begins, the number of chords before,
+    the chords and their shapes.
+    """
     m = 0
     for a in range(3):
         first = int(np.floor((x[a] - lower[a]) / edge[a]))
@@ -473,6 +478,10 @@ def _chords(
                 t_in, t_out = max(t_in, entered), min(t_out, left)
             if t_in >= t_out or t_in >= end or t_out <= 0.0:
                 continue
+            if sure[shape[p]]:
+                if t_out - max(t_in, 0.0) > least:
+                    end = max(t_in, 0.0)
+                continue
             known = False
             for c in range(m):
                 known |= chords[c, 0] == t_in and chords[c, 1] == t_out and owner[c] == shape[p]
@@ -483,8 +492,8 @@ def _chords(
                 owner = np.concatenate((owner, np.zeros_like(owner)))
             chords[m, 0], chords[m, 1], owner[m] = t_in, t_out, shape[p]
             m += 1
-        if walk[0, 2] + walk[1, 2] + walk[2, 2] == 0:
-            return m, chords, owner
+        if walk[0, 2] + walk[1, 2] + walk[2, 2] == 0 or left >= end:
+            return end, m, chords, owner
         entered = left
         walk[axis, 0] += walk[axis, 1]
         walk[axis, 2] -= 1
@@ -524,12 +533,13 @@ def _chord(piece, p, x, dx):
             away2 += away * away
             along += away * dx[a]
             step2 += dx[a] * dx[a]
-    away = np.sqrt(away2)
-    power = (away - piece[p, 4]) * (away + piece[p, 4])
+    power = away2 - piece[p, 4] * piece[p, 4]
     if step2 == 0.0:
         if power >= 0.0:
             return np.inf, -np.inf
     else:
+        if along >= 0.0 and power >= 0.0:
+            return np.inf, -np.inf
         root = along * along - step2 * power
         if root <= 0.0:
             return np.inf, -np.inf
