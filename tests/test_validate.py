@@ -281,6 +281,4 @@ def test_other_codes_in_the_picture():
     validate.write_results(Path("."), [vortex])
     page = Path("validation.md").read_text()
     assert "| PySPH ISPH | not recorded | 32 | 0.0042 | 0.95 | yes |" in page
-    assert "no: time 0.028125 against 0.0316" in page and math.isfinite(
-        Path("work_precision.png").stat().st_size
-    )
+    assert "no: time 0.028125 against 0.0316" in page and Path("work_precision.png").stat().st_size > 5000
