@@ -287,8 +287,8 @@ class ShapeGeometry:
 class _Grid(NamedTuple):
     """Convex pieces of a scene and their images, listed by the cells of a grid over the box; axes x, y, z.
 
-    lower, edge (3,): of the cells, m; counts, around (3,): cells and periodicity; start, entry: pieces of
-    each cell; piece (m, 8): see `Body.pieces`; shape (m,): the shape each is of; solid, outside, sure: of each
+    lower, edge (3,): of cells, m; counts, around (3,): cells and periodicity; start, entry: pieces of each
+    cell; piece (m, 8): see `Body.pieces`; shape (m,): the shape each is of; solid, outside, sure: of each
     shape, sure: what is in its pieces is solid whatever the other shapes.
     """
 
