@@ -125,7 +125,8 @@ def _run_stokes(case, clock, quiet):
         "message": "; ".join(messages) or None,
         "particles": _counts(main.particles, halo),
         "porosity": _porosity(main.geometry, main.particles),
-        "terms": _terms(case, main.geometry, _drive_of(axes)),
+        "terms": _terms(case, main.geometry, _drive_of(axes))
+        + (["flux-balanced divergence"] if scene.system.conservative else []),
         "steps": 0,
         "time": None,
         "permeability": single if single is not None else permeability or None,

@@ -11,7 +11,7 @@ from .particles import make_lattice, place
 from .run_stokes import drives
 from .step import State, Stepper, StepError
 
-VISCOUS = 4.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
+VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
 # The first step, as a part of what the limits allow, and the growth of the steps after it (second order needs less
 # than 2.41). A wall that sets fluid in motion at once makes a layer that grows with the square root of time: only steps
 # that stay a fifth of the time since the start resolve it.

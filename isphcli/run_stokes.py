@@ -113,8 +113,14 @@ def build_scene(case, geometry, spacing, clock, needs=()):
                               f"check geometry.voxels.labels and geometry.periodic, or take a smaller spacing")
     with clock("preconditioner"):
         nu = next(iter(case.fluids.values())).nu
-        system = StokesSystem(ops, table, row, spacing, nu, natural, conservative=case.particles.jitter == 0.0)
+        system = StokesSystem(ops, table, row, spacing, nu, natural, conservative=_balances_fluxes(case, geometry))
     return Scene(geometry, particles, system, len(images.owner), percolates)
+
+
+def _balances_fluxes(case, geometry):
+    """Images: throats of a few voxels need exact mass. Shapes: the consistent divergence, of higher order (1.7 against
+    1.2 on sphere arrays); the solve falls back on the balance where pores are not resolved."""
+    return hasattr(geometry, "voxel_size") and case.particles.jitter == 0.0
 
 
 def _percolation(ops, row, owned, images, dim):
@@ -174,7 +180,7 @@ def _quadrature(scene, flow, force, nu):
         return np.zeros_like(flow.velocity)
     from .operators import gradient_p
 
-    return (gradient_p(scene.system.ops, flow.pressure) - force) * (dx * dx / (24.0 * nu))
+    return (gradient_p(scene.system.ops, flow.pressure) - scene.system.drive(force)) * (dx * dx / (24.0 * nu))
 
 
 def _mass(scene, flow, axis):

@@ -1,0 +1,57 @@
+"""CPU time a particle and step of moving particles in 3D, with its split.
+
+usage: python benchmarks/step_cost.py [POINTS] [STEPS]        (48 points across, 12 steps)
+
+Taylor-Green vortex at Re 100, support 2.1, solver tolerance of the case language. Compilation, the first
+configuration, files and the first two steps (which find the pressure and the hierarchy) are left out; the steps after
+that hold their share of hierarchy rebuilds. For comparison: implicit-sph (LAMMPS + Trilinos 13.2), Taylor-Green 3D
+32^3, took 166 us a particle and step with 107 neighbours (design note of the project, measured on another day).
+"""
+
+import os
+import sys
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+from isphcli.case import read_case
+from isphcli.geometry import build_geometry
+from isphcli.output import Clock
+from isphcli.run_navier_stokes import March, prepare
+
+CASE = """
+geometry: {{box: [1, 1, 1], periodic: [x, y, z]}}
+particles: {{spacing: {spacing}}}
+fluids: {{water: {{density: 1, kinematic_viscosity: 0.01}}}}
+initial: {{velocity: ["sin(2*pi*x)*cos(2*pi*y)*cos(2*pi*z)", "-cos(2*pi*x)*sin(2*pi*y)*cos(2*pi*z)", "0"]}}
+time: {{end: 10}}
+"""
+PEER = 166.0
+
+
+def main(points=48, steps=12):
+    case = read_case(CASE.format(spacing=1.0 / points).encode(), "step_cost.yaml")
+    geometry = build_geometry(case)
+    state, stepper, particles = prepare(case, geometry, Clock())
+    config = stepper.configure(state.x)
+    march = March(case, stepper, particles.site_volume, 1.0, 1.0)
+    clock, iterations = None, []
+    for k in range(steps + 2):
+        if k == 2:
+            clock = stepper.clock = Clock()
+        dt = 0.2 / points  # CFL 0.2 from the start, no growing first steps
+        state, config = stepper.advance(state, config, dt)
+        if k >= 2:
+            iterations.append({name: r.iterations for name, r in stepper.reports.items()})
+    spent = clock.cpu()
+    scale = 1e6 / (particles.n_fluid * steps)
+    print(f"{particles.n_fluid} particles, {steps} steps, {len(config.ops.column) / particles.n_fluid:.0f} neighbours, "
+          f"iterations {iterations[-1]}")
+    for name, seconds in spent.items():
+        print(f"  {name:15s} {seconds * scale:7.2f} us a particle and step")
+    print(f"ratio to implicit-sph's {PEER:.0f} us: 1 / {PEER / (spent['total'] * scale):.1f}; limits {march.limits(state)}")
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
