@@ -1,5 +1,6 @@
 """A case from its file to its results: the one place that chooses which terms a scene has."""
 
+import importlib
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -8,6 +9,7 @@ import numpy as np
 
 from . import output, progress
 from .case import CaseError, Problem, dump_case
+from .drive import darcy, drives, sample_box
 from .geometry import build_geometry
 from .particles import ParticleError
 
@@ -20,11 +22,11 @@ def run_case(case, quiet=False):
     """
     clock = output.Clock()
     refuse_unbuilt(case)
-    with clock("compile"):
-        from . import run_navier_stokes, run_stokes  # noqa: F401  imported here, so that the time for it is seen
-    run = _run_stokes if case.flow == "stokes" else _run_navier_stokes
+    with clock("compile"), _compile_listener(clock):  # imports of what the flow needs, and nothing else
+        run = _run_stokes if case.flow == "stokes" else _run_navier_stokes
+        solver = importlib.import_module(f".run_{case.flow}", __package__)
     with _compile_listener(clock):
-        return run(case, clock, quiet)
+        return run(case, solver, clock, quiet)
 
 
 def _compile_listener(clock):
@@ -64,9 +66,7 @@ def refuse_unbuilt(case):
 # --- steady creeping flow ---------------------------------------------------------------------------------------
 
 
-def _run_stokes(case, clock, quiet):
-    from .run_stokes import NoFlowError, build_scene, drives, extrapolate, solve_axis
-
+def _run_stokes(case, solver, clock, quiet):
     flows = {}  # (axis, spacing): Creep
     history, halo = [], 0
     spacings = (case.particles.spacing, *case.refine)
@@ -83,18 +83,19 @@ def _run_stokes(case, clock, quiet):
                     geometry = first if scene is None and axis == axes[0][0] else build_geometry(case, axis)
                 with progress.stage("particles, operators and hierarchies", quiet):
                     needs = [a for a, _ in axes if a is not None] if not sealed else [axis] * (axis is not None)
-                    scene = build_scene(case, geometry, spacing, clock, needs)
+                    scene = solver.build_scene(case, geometry, spacing, clock, needs)
                     built_for = axis
                     halo = scene.halo
             label = f"flow along {'xyz'[axis]}" if axis is not None else "flow driven by walls"
             with progress.stage(f"{label}, {scene.particles.n_fluid:,} particles", quiet) as stage:
-                flow = solve_axis(case, scene, axis, force, clock, _watch(stage))
+                flow = solver.solve_axis(case, scene, axis, force, clock, _watch(stage))
             flows[axis, spacing] = flow
-            history.append({"step": len(history) + 1, "spacing": spacing, "axis": "xyz"[axis] if axis is not None else "",
+            history.append({"step": len(history) + 1, "spacing": spacing,
+                            "axis": "xyz"[axis] if axis is not None else "",
                             "iterations_stokes": flow.report.iterations, "residual_stokes": flow.report.residual,
                             **{f"superficial_velocity_{a}": float(v) for a, v in zip("xyz", flow.superficial)}})
             if axis is not None and flow.permeability[axis] <= 0.0:
-                raise NoFlowError(f"the flow along {'xyz'[axis]} is zero; check the drive and the labels")
+                raise solver.NoFlowError(f"the flow along {'xyz'[axis]} is zero; check the drive and the labels")
     base = case.particles.spacing
     main = flows[axes[0][0], min(spacings)]
     permeability, messages, bars, ladders = {}, [], {}, {}
@@ -105,7 +106,7 @@ def _run_stokes(case, clock, quiet):
         permeability["xyz"[axis]] = float(values[0])
         ladders["xyz"[axis]] = {f"{h:g}": float(k) for h, k in sorted(zip(spacings, values))}
         if len(spacings) > 1:
-            limit, bar, _, sentence = extrapolate(spacings, values)
+            limit, bar, _, sentence = solver.extrapolate(spacings, values)
             messages.append(f"{'xyz'[axis]}: {sentence}")
             permeability["xyz"[axis]], bars["xyz"[axis]] = float(limit), bar
     tensor = None
@@ -115,7 +116,8 @@ def _run_stokes(case, clock, quiet):
     fluid = next(iter(case.fluids.values()))
     x = main.particles.x[: main.particles.n_fluid]
     result = SimpleNamespace(
-        x=x, velocity=main.velocity, cell_velocity=main.cell_velocity, pressure=main.pressure, time=None, spacing=main.spacing,
+        x=x, velocity=main.velocity, cell_velocity=main.cell_velocity, pressure=main.pressure, time=None,
+        spacing=main.spacing,
         phase=main.particles.phase, permeability=permeability or None, geometry=main.geometry, history=history,
         flows={"xyz"[a]: f for (a, h), f in flows.items() if a is not None and h == base}, tensor=tensor,
         density=fluid.density,
@@ -145,7 +147,7 @@ def _run_stokes(case, clock, quiet):
     with clock("output"), progress.stage("files and pictures", quiet):
         series = _series(case, directory)
         if series is not None:
-            series.write(0, 0.0, *_snapshot(case, main.geometry, main.particles, x, main.velocity, main.pressure, None))
+            series.write(0, 0.0, *_snapshot(case, main.geometry, main.particles, x, main.velocity, main.pressure))
         with output.History(directory / "history.csv") as file:
             for row in history:
                 file.append(row)
@@ -180,9 +182,7 @@ def _pictures(case, directory, flow, permeability):
 # --- moving particles --------------------------------------------------------------------------------------------
 
 
-def _run_navier_stokes(case, clock, quiet):
-    from . import run_navier_stokes as ns
-
+def _run_navier_stokes(case, ns, clock, quiet):
     with clock("geometry"), progress.stage("geometry", quiet):
         geometry = build_geometry(case)
     state, stepper, particles = ns.prepare(case, geometry, clock)
@@ -201,8 +201,9 @@ def _run_navier_stokes(case, clock, quiet):
     def snapshot(state, config):
         if series is not None:
             with clock("output"):
-                series.write(state.step, state.time, *_snapshot(case, geometry, particles, state.x, state.u,
-                                                                state.p * fluid.density, stepper._divergence(config.ops, state.u)))
+                fields = _snapshot(case, geometry, particles, state.x, state.u, state.p * fluid.density,
+                                   stepper.total_divergence(config.ops, state.u))
+                series.write(state.step, state.time, *fields)
 
     snapshot(state, config)
     restart = directory / "restart.npz"
@@ -235,13 +236,13 @@ def _run_navier_stokes(case, clock, quiet):
 
 
 def _finish_march(case, directory, clock, geometry, particles, fluid, march, stepper, state, config, history):
-    superficial = state.u.mean(axis=0) * len(state.u) * particles.site_volume / march.box_volume
     gravity = np.linalg.norm(stepper.force)
-    permeability = None
-    if gravity > 0.0 and geometry.has_solid and case.time.steady is not None:
-        permeability = float(fluid.nu * (superficial @ stepper.force) / gravity**2)
+    axis = int(np.argmax(np.abs(stepper.force))) if gravity > 0.0 else None
+    superficial, mean, along = darcy(geometry, state.x, state.u, particles.site_volume, axis, stepper.force, fluid.nu)
+    permeability = float(along[axis]) if axis is not None and geometry.has_solid and march.outcome == "steady" else None
     result = SimpleNamespace(
-        x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * fluid.density, time=state.time, spacing=case.particles.spacing,
+        x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * fluid.density, time=state.time,
+        spacing=case.particles.spacing,
         phase=particles.phase, permeability=permeability, geometry=geometry, history=history, flows={}, tensor=None,
         density=fluid.density,
     )
@@ -255,17 +256,19 @@ def _finish_march(case, directory, clock, geometry, particles, fluid, march, ste
         "time": state.time,
         "permeability": permeability,
         "superficial_velocity": superficial,
-        "mean_velocity": state.u.mean(axis=0),
+        "mean_velocity": mean,
         "mass_error": 0.0,  # particles are neither made nor lost
         "max_divergence": max((r["divergence"] for r in history), default=0.0),
-        "iterations": {name: _mean_max([r[f"iterations_{name}"] for r in history]) for name in ("velocity", "pressure")},
+        "iterations": {
+            name: _mean_max([r[f"iterations_{name}"] for r in history]) for name in ("velocity", "pressure")
+        },
     }
     if case.output.plots:
         from .plots import plot_histories, plot_slice
 
         with clock("output"):
-            plot_slice(directory / "slice.png", state.x, state.u, None, geometry.dim, case.particles.spacing, case.title,
-                       lower=geometry.lower, upper=geometry.upper, permeability=permeability)
+            plot_slice(directory / "slice.png", state.x, state.u, None, geometry.dim, case.particles.spacing,
+                       case.title, lower=geometry.lower, upper=geometry.upper, permeability=permeability)
             plot_histories(directory / "histories.png", history, case.title)
     return _finish(case, directory, summary, result, clock)
 
@@ -282,7 +285,8 @@ def _finish(case, directory, summary, result, clock):
         errors = compare(case, result)
     import numba
 
-    output.write_text(directory / "case.yaml", dump_case(replace(case, output=replace(case.output, directory=directory))))
+    effective = replace(case, output=replace(case.output, directory=directory))
+    output.write_text(directory / "case.yaml", dump_case(effective))
     summary = {
         "title": case.title,
         **{k: summary[k] for k in ("status", "message")},
@@ -305,7 +309,7 @@ def _series(case, directory):
     return output.Series(directory) if case.output.snapshots else None
 
 
-def _snapshot(case, geometry, particles, x, velocity, pressure, divergence):
+def _snapshot(case, geometry, particles, x, velocity, pressure, divergence=None):
     """(positions, fields) of a snapshot, dummies behind the fluid where they are asked for."""
     known = {"velocity": velocity, "pressure": pressure, "phase": particles.phase.astype(np.int32)}
     if divergence is not None:
@@ -331,8 +335,7 @@ def _counts(particles, halo):
 
 def _porosity(geometry, particles):
     """Fluid share of the sample (of an image without its clear layers), by lattice sites."""
-    lower = getattr(geometry, "sample_lower", geometry.lower)
-    upper = getattr(geometry, "sample_upper", geometry.upper)
+    lower, upper = sample_box(geometry)
     x = particles.x[: particles.n_fluid]
     inside = int(np.all((x >= lower) & (x <= upper), axis=1).sum())
     return inside * particles.site_volume / float(np.prod(upper - lower))

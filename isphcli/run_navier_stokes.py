@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from . import expressions, linear
+from .drive import drives
 from .kernel import KERNELS
 from .output import replacing
 from .particles import make_lattice, place
-from .run_stokes import drives
-from .step import State, Stepper, StepError
+from .step import State, StepError, Stepper
 
 VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
 # The first step, as a part of what the limits allow, and the growth of the steps after it (second order needs less

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import linear
-from .geometry import build_geometry, merge_periodic
+from .drive import darcy
+from .geometry import merge_periodic
 from .kernel import KERNELS
 from .operators import build_operators
 from .particles import ParticleError, make_lattice, place
@@ -21,8 +22,8 @@ class Creep:
     """Flow along one axis at one spacing.
 
     axis: 0, 1, 2 or None where the walls drive the flow; velocity (n, dim) m/s of the particles; cell_velocity
-    (n, dim) m/s, its mean over their cells of the lattice; pressure (n,) Pa; superficial, mean: (dim,) m/s over the box of the rock and over its fluid; permeability: (dim,) m2, what a drive
-    along `axis` gives along every axis (None without a drive).
+    (n, dim) m/s, its mean over their cells of the lattice; pressure (n,) Pa; superficial, mean, permeability: see
+    `drive.darcy`; divergence, mass_error: see `_mass`.
     """
 
     axis: int | None
@@ -49,32 +50,6 @@ class Scene:
     system: StokesSystem
     halo: int
     percolates: np.ndarray
-
-
-def drives(case, dim):
-    """[(axis, acceleration (dim,))] that a case asks for; [(None, zeros)] where only walls move."""
-    drive = case.drive
-    density = next(iter(case.fluids.values())).density
-    if drive is not None and drive.axes:
-        return [("xyz".index(a), np.eye(dim)["xyz".index(a)]) for a in drive.axes]
-    force = np.zeros(dim)
-    if drive is not None and drive.body_force is not None:
-        force[:] = drive.body_force
-    if drive is not None and drive.pressure_drop is not None:
-        for name, drop in drive.pressure_drop.items():
-            axis = "xyz".index(name)
-            length = _box_length(case, axis)
-            force[axis] += drop / (density * length)
-    if not force.any():
-        return [(None, force)]
-    return [(int(np.argmax(np.abs(force))), force)]
-
-
-def _box_length(case, axis):
-    if case.geometry.box is not None:
-        return case.geometry.box[axis]
-    geometry = build_geometry(case, axis)
-    return float(geometry.upper[axis] - geometry.lower[axis])
 
 
 def build_scene(case, geometry, spacing, clock, needs=()):
@@ -148,22 +123,11 @@ def solve_axis(case, scene, axis, force, clock, watch=None):
     fluid = next(iter(case.fluids.values()))
     with clock("krylov"):
         flow = system.solve(force, case.solver.tolerance, case.solver.restart, case.solver.max_iterations, watch)
-    x = particles.x[: particles.n_fluid]
-    lower = getattr(geometry, "sample_lower", geometry.lower)
-    upper = getattr(geometry, "sample_upper", geometry.upper)
-    inside = np.all((x >= lower) & (x <= upper), axis=1)
-    volume = particles.site_volume
     cell_velocity = flow.velocity + _quadrature(scene, flow, force, fluid.nu)
-    total = cell_velocity[inside].sum(axis=0)
-    superficial = total * volume / np.prod(upper - lower)
-    permeability = None
-    if axis is not None:
-        # the force acts on the whole length of the box, the rock resists on its own
-        gravity = np.linalg.norm(force) * (geometry.upper - geometry.lower)[axis] / (upper - lower)[axis]
-        permeability = fluid.nu * superficial / gravity * np.sign(force[axis])
+    superficial, mean, permeability = darcy(geometry, particles.x[: particles.n_fluid], cell_velocity,
+                                            particles.site_volume, axis, force, fluid.nu)
     return Creep(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
-                 flow.pressure * fluid.density, superficial,
-                 total / max(int(inside.sum()), 1), permeability, *_mass(scene, flow, axis), flow.report)
+                 flow.pressure * fluid.density, superficial, mean, permeability, *_mass(scene, flow, axis), flow.report)
 
 
 def _quadrature(scene, flow, force, nu):

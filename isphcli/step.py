@@ -157,13 +157,14 @@ class Stepper:
         if walls is not None:
             right += self.viscosity * walls.lap_velocity
         star = self._helmholtz(config, g0 / dt, right, guess)
-        source = self._divergence(ops, star)
+        source = self.total_divergence(ops, star)
         q = self._poisson(config, -(g0 / dt) * source)
         u = star - (dt / g0) * gradient_p(ops, q)
         p = config.means.remove(p + q - self.viscosity * source)
-        return u, p, self._divergence(ops, u)
+        return u, p, self.total_divergence(ops, u)
 
-    def _divergence(self, ops, u):
+    def total_divergence(self, ops, u):
+        """Divergence (n,) of u (n, dim), walls included."""
         div = divergence(ops, u)
         if ops.walls is not None:
             from .walls import wall_divergence
@@ -179,14 +180,17 @@ class Stepper:
                                      ops.walls.lap if ops.walls is not None else None)
             slip = ops.walls.slip if ops.walls is not None else None
         stiff = self.viscosity > JACOBI_LIMIT * shift_ * self.spacing**2
+        if not stiff:
+            guess = right / shift_  # what viscosity then changes little
         if slip is not None:
             return self._coupled_helmholtz(matrix, slip, right, guess)
-        if not stiff:
-            inverse = 1.0 / matrix.diagonal()
-            solve = lambda b, x0: linear.gmres(matrix.dot, b, inverse.__mul__, self.tolerance, self.restart,  # noqa: E731
-                                               self.max_iterations, start=x0)
-        else:
-            solve = lambda b, x0: self._multigrid("velocity", matrix, matrix.dot, b, x0, None)  # noqa: E731
+        inverse = 1.0 / matrix.diagonal()
+
+        def solve(b, x0):
+            if stiff:
+                return self._multigrid("velocity", matrix, matrix.dot, b, x0, None)
+            return linear.gmres(matrix.dot, b, inverse.__mul__, self.tolerance, self.restart, self.max_iterations, x0)
+
         out = np.empty_like(right)
         for k in range(right.shape[1]):
             with self.clock("krylov"):
@@ -242,7 +246,7 @@ class Stepper:
     def _multigrid(self, name, matrix, apply, right, guess, project):
         """GMRES with the hierarchy kept under `name`; a stale one is rebuilt, a failed solve is tried again with a
         new one."""
-        for attempt in range(2):
+        for _ in range(2):
             fresh = name not in self._levels
             if fresh:
                 with self.clock("preconditioner"):

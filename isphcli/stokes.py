@@ -131,7 +131,8 @@ class StokesSystem:
             # pores that the lattice does not resolve: only a balance of fluxes is well posed there
             self.conservative = True
             mass[:] = 0.0
-            solution, report = gmres(self.apply, rhs, self.precondition, tolerance, restart, max_iterations, watch=watch)
+            solution, report = gmres(self.apply, rhs, self.precondition, tolerance, restart, max_iterations,
+                                     watch=watch)
         if not report.converged:
             solution, report = gmres(self.apply, rhs, self.precondition, tolerance, 2 * restart,
                                      2 * max_iterations, start=solution, watch=watch)

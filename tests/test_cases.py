@@ -13,6 +13,7 @@ from isphcli.case import load_case
 from isphcli.geometry import build_geometry
 from isphcli.particles import make_lattice
 from isphcli.references import square_duct_flux
+from isphcli.output import read_pvd, read_vtu
 from isphcli.run import run_case
 
 CASES = Path(__file__).parent.parent / "cases"
@@ -51,7 +52,7 @@ SMALL = {
         "8 particles across the narrow tube, walls where the voxels end: 0.9 %",
     ),
 }
-OTHERS = {"berea", "berea_three_axes", "bead_pack", "bead_pack_table1"}  # each with a test of its own below
+OTHERS = {"couette_off_lattice", "berea", "berea_three_axes", "bead_pack", "bead_pack_table1"}  # each with a test of its own below
 
 
 def run(name, directory, *overrides):
@@ -79,6 +80,14 @@ def test_runs_and_agrees_with_its_reference(name, tmp_path):
     summary = run(name, tmp_path, *overrides)
     errors = summary["errors"]
     assert abs(errors[errors["main"]]) < bound
+
+
+def test_couette_off_the_lattice_is_exact(tmp_path):
+    """A linear profile is reproduced to round-off with the walls 30 % of a spacing off the lattice."""
+    run("couette_off_lattice", tmp_path, "output.snapshots=true")
+    x, fields = read_vtu(tmp_path / read_pvd(tmp_path / "particles.pvd")[-1][1])
+    exact = 1e-3 * (x[:, 1] - 2.0625e-4) / 1e-3
+    assert np.abs(fields["velocity"][:, 0] - exact).max() < 1e-10 * 1e-3
 
 
 def test_two_tubes_as_they_stand(tmp_path):

@@ -1,0 +1,57 @@
+"""What makes the fluid move: accelerations of a case, a pressure drop among them."""
+
+import numpy as np
+
+from .geometry import build_geometry
+
+
+def drives(case, dim):
+    """[(axis, acceleration (dim,))] that a case asks for; [(None, zeros)] where only walls move."""
+    drive = case.drive
+    density = next(iter(case.fluids.values())).density
+    if drive is not None and drive.axes:
+        return [("xyz".index(a), np.eye(dim)["xyz".index(a)]) for a in drive.axes]
+    force = np.zeros(dim)
+    if drive is not None and drive.body_force is not None:
+        force[:] = drive.body_force
+    if drive is not None and drive.pressure_drop is not None:
+        for name, drop in drive.pressure_drop.items():
+            axis = "xyz".index(name)
+            length = _box_length(case, axis)
+            force[axis] += drop / (density * length)
+    if not force.any():
+        return [(None, force)]
+    return [(int(np.argmax(np.abs(force))), force)]
+
+
+def _box_length(case, axis):
+    if case.geometry.box is not None:
+        return case.geometry.box[axis]
+    geometry = build_geometry(case, axis)
+    return float(geometry.upper[axis] - geometry.lower[axis])
+
+
+def sample_box(geometry):
+    """(lower, upper) corners of the rock itself: of an image without its clear layers, else of the box."""
+    return getattr(geometry, "sample_lower", geometry.lower), getattr(geometry, "sample_upper", geometry.upper)
+
+
+def darcy(geometry, x, velocity, site_volume, axis, force, viscosity):
+    """Superficial and mean velocity (dim,) of the sample, and its permeability.
+
+    x, velocity: (n, dim) of the fluid particles; axis: of the drive or None; force: (dim,) m/s2; viscosity: kinematic.
+    permeability: (dim,) m2, entry `axis` along the drive, the others across it; None without a drive. The force acts on
+    the whole length of the box, the sample resists on its own length: k = nu U L_sample / (g L_box).
+    """
+    lower, upper = sample_box(geometry)
+    inside = np.all((x >= lower) & (x <= upper), axis=1)
+    total = velocity[inside].sum(axis=0)
+    superficial = total * (site_volume / np.prod(upper - lower))
+    mean = total / max(int(inside.sum()), 1)
+    if axis is None:
+        return superficial, mean, None
+    size = np.linalg.norm(force)
+    gravity = size * (geometry.upper - geometry.lower)[axis] / (upper - lower)[axis]
+    permeability = viscosity / gravity * superficial * np.sign(force[axis])
+    permeability[axis] = viscosity / gravity * float(superficial @ force) / size
+    return superficial, mean, permeability
