@@ -44,13 +44,26 @@ def check_case(case: Case, report: Report, places: dict[str, Where]) -> None:
         check()
 
 
+def check_dimension(case: Case, dim: int) -> None:
+    """Raise CaseError where a case does not fit its image of `dim` dimensions, known only once the image is read."""
+    report = Report()
+    checks = _Checks(case, report, {"": Where(str(case.path or "case"), None)}, dim)
+    checks.periodic()
+    checks.voxel_size()
+    checks.vectors()
+    checks.lattice()
+    checks.driven_axes()
+    checks.formulas()
+    report.raise_if_any()
+
+
 class _Checks:
-    def __init__(self, case: Case, report: Report, places: dict[str, Where]):
+    def __init__(self, case: Case, report: Report, places: dict[str, Where], dim: int | None = None):
         self.case = case
         self.report = report
         self.places = places
         self.clear = report.clear_of
-        self.dim = case.dim if self.clear("geometry.box", "geometry.voxels") else None
+        self.dim = dim or (case.dim if self.clear("geometry.box", "geometry.voxels") else None)
         self.axes = language.AXES[: self.dim or 3]
 
     def bad(self, path: str, message: str, fix: str = "") -> None:
@@ -174,15 +187,24 @@ class _Checks:
                 numbers = " or ".join(map(str, wanted))
                 self.bad(path, f"has {len(value)} entries", f"the scene has {numbers} dimensions")
 
+    def voxel_size(self) -> None:
+        size = self.case.geometry.voxels.voxel_size if self.case.geometry.voxels else None
+        if isinstance(size, tuple) and len(size) != self.dim:
+            fix = f"the image has {self.dim} dimensions"
+            self.bad("geometry.voxels.voxel_size", f"has {len(size)} entries", fix)
+
     def particles(self) -> None:
         if not self.dim or not self.clear("particles.spacing", "particles.lattice"):
             return
-        particles = self.case.particles
-        allowed = language.LATTICES[self.dim]
-        if particles.lattice and particles.lattice not in allowed:
-            message = f"{particles.lattice} is not a lattice in {self.dim}D"
+        self.lattice()
+        self._spacing_fits(self.case.particles.spacing, "particles.spacing")
+
+    def lattice(self) -> None:
+        assert self.dim
+        lattice, allowed = self.case.particles.lattice, language.LATTICES[self.dim]
+        if lattice and lattice not in allowed:
+            message = f"{lattice} is not a lattice in {self.dim}D"
             self.bad("particles.lattice", message, f"use {' or '.join(allowed)}")
-        self._spacing_fits(particles.spacing, "particles.spacing")
 
     def _spacing_fits(self, spacing: float, path: str) -> None:
         box = self.case.geometry.box
@@ -207,13 +229,17 @@ class _Checks:
             self.bad("drive", "drives nothing", "give body_force, pressure_drop or axes")
         if drive.axes and self.clear("flow") and self.case.flow != "stokes":
             self.bad("drive.axes", "needs flow: stokes", "use body_force or pressure_drop")
+        self.driven_axes()
+
+    def driven_axes(self) -> None:
         for name in ("pressure_drop", "axes"):
-            if self._axes_exist(getattr(drive, name) or (), f"drive.{name}"):
-                self._driven_axes_open(getattr(drive, name) or (), f"drive.{name}")
+            axes = getattr(self.case.drive, name, None) or ()
+            if self._axes_exist(axes, f"drive.{name}"):
+                self._driven_axes_open(axes, f"drive.{name}")
 
     def _driven_axes_open(self, axes: Any, path: str) -> None:
         """In a box a flow from face to face needs a periodic axis; an image gets clear layers instead."""
-        if not self.dim or not self.clear("geometry.periodic"):
+        if self.case.geometry.box is None or not self.dim or not self.clear("geometry.periodic"):
             return
         for axis in axes:
             if axis not in self.case.geometry.periodic:

@@ -232,6 +232,7 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
 
 def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
     from . import voxels
+    from .case_checks import check_dimension
     from .voxel_geometry import VoxelGeometry
 
     spec = case.geometry.voxels
@@ -240,6 +241,7 @@ def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
     values = image.values.transpose() if spec.axes == "xyz" else image.values
     values = voxels.crop(values, spec.crop, spec.file)
     labels = voxels.apply_labels(values, spec.labels, tuple(case.fluids), spec.file)
+    check_dimension(case, labels.ndim)
     size = np.ravel(spec.voxel_size)
     periodic = ["xyz"[a] in case.geometry.periodic for a in range(labels.ndim)]
     clear = 0

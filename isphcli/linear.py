@@ -106,7 +106,7 @@ def hierarchy(matrix):
 
 
 def cycle(levels):
-    """One V-cycle of a hierarchy from a zero guess, as a function of the right-hand side.
+    """One W-cycle of a hierarchy from a zero guess, as a function of the right-hand side.
 
     pyamg's own cycle measures the residual before and after: two of the five products with the finest matrix.
     """
@@ -117,7 +117,11 @@ def cycle(levels):
             return levels.coarse_solver(level.A, b)
         x = np.zeros_like(b)
         level.presmoother(level.A, x, b)
-        x += level.P @ descend(k + 1, level.R @ (b - level.A @ x))
+        coarse = level.R @ (b - level.A @ x)
+        y = descend(k + 1, coarse)
+        if k + 2 < len(levels.levels):
+            y += descend(k + 1, coarse - levels.levels[k + 1].A @ y)
+        x += level.P @ y
         level.postsmoother(level.A, x, b)
         return x
 

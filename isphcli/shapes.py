@@ -592,7 +592,8 @@ def read_spheres(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Centres (m, dim) and radii (m,) of a CSV file with columns x, y(, z)[, radius].
 
-    A header line and lines starting with # are skipped. radius is used where the file has no such column.
+    Lines starting with # are skipped. A header line may be there; names in it that say another order of the
+    columns, or diameters, are refused. radius is used where the file has no such column.
     """
     path = Path(path)
     try:
@@ -608,6 +609,7 @@ def read_spheres(
             values = [float(c) for c in cells]
         except ValueError:
             if not rows and not any(_is_number(c) for c in cells):
+                _check_header(cells, dim, f"{path}:{number}")
                 continue
             raise ShapeError(
                 f"{path}:{number}: '{line.strip()[:60]}' is not a row of numbers; fix it"
@@ -627,6 +629,15 @@ def read_spheres(
     if (radii <= 0).any():
         raise ShapeError(f"{path}: radius {radii.min()} is not positive")
     return np.ascontiguousarray(table[:, :dim]), radii
+
+
+def _check_header(cells: list[str], dim: int, where: str) -> None:
+    names = [c.strip("'\"").lower() for c in cells]
+    order = list("xyz"[:dim])
+    moved = any(a in names and names.index(a) != i for i, a in enumerate(order))
+    if moved or any(n == "d" or n.startswith("diam") for n in names) or names[0] in ("r", "radius"):
+        found = ",".join(names)[:60]
+        raise ShapeError(f"{where}: the columns are {found}; give {','.join(order)}[,radius] in this order")
 
 
 def _is_number(text: str) -> bool:

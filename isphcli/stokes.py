@@ -60,7 +60,7 @@ class StokesSystem:
         """
         o = self.ops
         force = np.ones(o.n)
-        # two V-cycles tell the width of a pore well enough
+        # two W-cycles tell the width of a pore well enough
         w = self._cycle(force)
         lap = assemble(o.start, o.column, o.lap, 0.0, self.spacing**2, self.wall_lap)
         w = np.maximum(w + self._cycle(force - lap @ w), 1e-3)
@@ -90,7 +90,7 @@ class StokesSystem:
 
     def precondition(self, v):
         """Block-triangular: the inverse Schur complement (Cahouet and Chabard's sum of its two limits), then a
-        V-cycle a velocity component."""
+        W-cycle a velocity component."""
         momentum, mass = self.split(v)
         out = np.empty_like(v)
         u, p = self.split(out)
