@@ -4,12 +4,14 @@ import dataclasses
 import json
 import os
 import pickle
+import re
 import subprocess
 import sys
 import time
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given, settings
@@ -18,6 +20,7 @@ from hypothesis import strategies as st
 from isphcli import case_docs
 from isphcli.case import Case, CaseError, Table, dump_case, load_case, read_case
 from isphcli.case_yaml import MAX_BYTES
+from isphcli.geometry import build_geometry
 
 BEADS = """\
 title: CO2 in a brine-saturated bead pack
@@ -417,3 +420,38 @@ def _numbers(tree):
 def test_paths_of_outputs_may_be_anywhere(files):
     assert read(MINIMAL, "output.directory=/tmp/a/../b").output.directory == Path("/tmp/b")
     assert read(MINIMAL, "output.directory=x").output.directory == Path(os.getcwd()) / "x"
+
+
+IMAGE = """\
+geometry:
+  voxels: {file: i.npy, labels: {solid: 1, water: 0}, voxel_size: 1}
+particles: {spacing: 1}
+fluids: {water: {density: 1, viscosity: 1}}
+flow: stokes
+drive: {axes: [x]}
+"""
+
+
+@pytest.mark.parametrize(
+    "old, new, message",
+    [
+        ("axes: [x]", "axes: [z]", "drive.axes: a 2D scene has no axis z"),
+        ("axes: [x]", "pressure_drop: {z: 1}", "drive.pressure_drop: a 2D scene has no axis z"),
+        ("axes: [x]", "body_force: [0, 0, 1]", "drive.body_force: has 3 entries"),
+        ("voxel_size: 1}", "voxel_size: [1, 1, 1]}", "voxel_size: has 3 entries; the image has 2 dimensions"),
+        ("voxel_size: 1}", "voxel_size: 1}\n  periodic: [z]", "geometry.periodic: a 2D scene has no axis z"),
+        ("spacing: 1", "spacing: 1, lattice: bcc", "particles.lattice: bcc is not a lattice in 2D"),
+        ("spacing: 1", "spacing: 1, offset: [0, 0, 0]", "particles.offset: has 3 entries"),
+        ("flow: stokes\ndrive: {axes: [x]}", "time: {end: 1}\ninitial: {velocity: ['z', '0']}", "unknown name 'z'"),
+    ],
+)
+def test_a_case_must_fit_the_dimensions_of_its_image(old, new, message, tmp_path):
+    image = np.zeros((6, 6), np.uint8)
+    image[2:4, 2:4] = 1
+    np.save(tmp_path / "i.npy", image)
+    (tmp_path / "case.yaml").write_text(IMAGE)
+    assert build_geometry(load_case(tmp_path / "case.yaml")).dim == 2
+    assert old in IMAGE
+    (tmp_path / "case.yaml").write_text(IMAGE.replace(old, new))
+    with pytest.raises(CaseError, match=re.escape(message)):
+        build_geometry(load_case(tmp_path / "case.yaml"))

@@ -288,6 +288,9 @@ def test_reading_spheres(tmp_path):
         ("1,2,nan,1\n", "not finite"),
         ("1,2,3,-1\n", "not positive"),
         ("1;2\n", "columns"),
+        ("radius,x,y,z\n0.1,1,2,3\n", ":1: the columns are radius,x,y,z; give x,y,z"),
+        ("z,y,x\n1,2,3\n", ":1: the columns are z,y,x"),
+        ("x,y,z,diameter\n1,2,3,1\n", ":1: the columns are"),
     ],
 )
 def test_bad_sphere_files(tmp_path, text, message):
