@@ -10,6 +10,7 @@ import functools
 import math
 import os
 import re
+import signal
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -146,17 +147,22 @@ quiet_option = click.option("--quiet", is_flag=True, help="No progress display; 
 
 
 @main.command(epilog=EXIT_CODES)
-@click.argument("case_file", metavar="CASE", type=click.Path(path_type=Path))
+@click.argument("case_file", metavar="[CASE]", type=click.Path(path_type=Path), required=False)
 @click.option(
     "--out", type=click.Path(path_type=Path), help="Output directory. [default: the case's, or out/CASE]"
 )
+@click.option(
+    "--restart", type=click.Path(path_type=Path, exists=True, file_okay=False), metavar="DIR",
+    help="Go on from DIR/restart.npz with the case in DIR; --set time.end=... runs it longer.",
+)  # fmt: skip
 @threads_option
 @set_option
 @quiet_option
 @guarded
 def run(
-    case_file: Path, out: Path | None, threads: int | None, overrides: tuple[str, ...], quiet: bool
-) -> None:
+    case_file: Path | None, out: Path | None, restart: Path | None, threads: int | None,
+    overrides: tuple[str, ...], quiet: bool,
+) -> None:  # fmt: skip
     """Run a case.
 
     Prints permeability in m2 and millidarcy, the error against the case's reference and where the time went;
@@ -166,14 +172,18 @@ def run(
     \b
     isph run beadpack.yaml
     isph run beadpack.yaml --set particles.spacing=2e-5 --out out/fine --threads 4
+    isph run --restart out/beadpack
     """
+    if (case_file is None) == (restart is None):
+        raise click.UsageError("give a CASE, or --restart DIR")
     set_threads(threads)
-    case = load(case_file, overrides, out)
+    case = load(case_file or restart / "case.yaml", overrides, out or restart)  # type: ignore[operator]
     check_directory(directory_of(case))
     from .run import run_case
 
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: with a restart file
     try:
-        summary = run_case(case, quiet=quiet)
+        summary = run_case(case, quiet=quiet, resume=restart)
     except KeyboardInterrupt as interrupt:
         found = sorted(directory_of(case).glob("restart.*"))
         interrupt.restart = getattr(interrupt, "restart", None) or next(iter(found), None)  # type: ignore[attr-defined]

@@ -6,12 +6,15 @@ from .geometry import build_geometry
 
 
 def drives(case, dim):
-    """[(axis, acceleration (dim,))] that a case asks for; [(None, zeros)] where only walls move."""
+    """[(axis, acceleration (dim,))] that a case asks for. The axis is None where walls move: what they drag along is
+    not a response to the drive, and gives no permeability."""
     drive = case.drive
     density = next(iter(case.fluids.values())).density
-    if drive is not None and drive.axes:
+    if drive is not None and drive.axes and not _walls_move(case):
         return [("xyz".index(a), np.eye(dim)["xyz".index(a)]) for a in drive.axes]
     force = np.zeros(dim)
+    if drive is not None and drive.axes:
+        force["xyz".index(drive.axes[0])] = 1.0
     if drive is not None and drive.body_force is not None:
         force[:] = drive.body_force
     if drive is not None and drive.pressure_drop is not None:
@@ -19,9 +22,14 @@ def drives(case, dim):
             axis = "xyz".index(name)
             length = _box_length(case, axis)
             force[axis] += drop / (density * length)
-    if not force.any():
+    if not force.any() or _walls_move(case):
         return [(None, force)]
     return [(int(np.argmax(np.abs(force))), force)]
+
+
+def _walls_move(case):
+    walls = [*case.geometry.walls.values(), *case.geometry.shapes]
+    return any(wall.velocity is not None and any(wall.velocity) for wall in walls)
 
 
 def _box_length(case, axis):

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .halo import wrap
+
 CLASSIFY_AT_ONCE = 2_000_000  # lattice sites asked of the geometry in one go: bounds the memory of large scenes
 
 
@@ -110,7 +112,9 @@ def place(geometry, lattice, support, jitter=0.0, spacing=0.0, seed=0):
     stays. Raises ParticleError where there is no fluid.
     """
     fluid, phases, dummies, inside, left_out = [], [], [], 0, 0
-    for x in lattice.slabs():
+    for sites in lattice.slabs():
+        # an offset lattice sticks out of the box along periodic axes
+        x = wrap(sites, geometry.lower, geometry.upper, geometry.periodic)
         phase = geometry.phase(x)
         is_fluid = phase >= 0
         fluid.append(x[is_fluid])
@@ -128,6 +132,7 @@ def place(geometry, lattice, support, jitter=0.0, spacing=0.0, seed=0):
     if jitter > 0.0:
         rng = np.random.default_rng(seed)
         moved = x + rng.uniform(-jitter, jitter, x.shape) * spacing
+        moved = wrap(moved, geometry.lower, geometry.upper, geometry.periodic)
         stays = geometry.phase(moved) != phase
         x = np.where(stays[:, None], x, moved)
     rows = np.concatenate([x, *dummies]) if dummies else x

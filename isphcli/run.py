@@ -14,8 +14,10 @@ from .geometry import build_geometry
 from .particles import ParticleError
 
 
-def run_case(case, quiet=False):
+def run_case(case, quiet=False, resume=None):
     """Runs a case and leaves its files (docs/output.md) in case.output.directory. Returns the summary (dict).
+
+    resume: directory whose restart.npz a run of moving particles goes on from.
 
     Raises ValueError (CaseError, VoxelError, ShapeError, ParticleError, NoFlowError) for a case that cannot run,
     before anything is written; SolveError, StepError or RunError for one that had to stop.
@@ -26,7 +28,7 @@ def run_case(case, quiet=False):
         run = _run_stokes if case.flow == "stokes" else _run_navier_stokes
         solver = importlib.import_module(f".run_{case.flow}", __package__)
     with _compile_listener(clock):
-        return run(case, solver, clock, quiet)
+        return run(case, solver, clock, quiet, resume)
 
 
 def _compile_listener(clock):
@@ -66,7 +68,10 @@ def refuse_unbuilt(case):
 # --- steady creeping flow ---------------------------------------------------------------------------------------
 
 
-def _run_stokes(case, solver, clock, quiet):
+def _run_stokes(case, solver, clock, quiet, resume):
+    if resume is not None:
+        raise CaseError((Problem(str(case.path), None, "flow", "a steady solve has nothing to go on from",
+                                 "run it without --restart"),))
     flows = {}  # (axis, spacing): Creep
     history, halo = [], 0
     spacings = (case.particles.spacing, *case.refine)
@@ -182,7 +187,7 @@ def _pictures(case, directory, flow, permeability):
 # --- moving particles --------------------------------------------------------------------------------------------
 
 
-def _run_navier_stokes(case, ns, clock, quiet):
+def _run_navier_stokes(case, ns, clock, quiet, resume):
     with clock("geometry"), progress.stage("geometry", quiet):
         geometry = build_geometry(case)
     state, stepper, particles = ns.prepare(case, geometry, clock)
@@ -193,10 +198,16 @@ def _run_navier_stokes(case, ns, clock, quiet):
     march = ns.March(case, stepper, particles.site_volume, fluid.density, box)
     with progress.stage("neighbours and operators", quiet):
         config = stepper.configure(state.x)
-    directory = output.prepare_directory(case.output.directory)
+    since = None
+    if resume is not None:
+        state = ns.load_restart(Path(resume) / "restart.npz", state)
+        config, since = stepper.configure(state.x), state.time
+    directory = output.prepare_directory(case.output.directory, resume=resume is not None)
     output.write_text(directory / "case.yaml", dump_case(case))
-    series = _series(case, directory)
+    series = _series(case, directory, since)
     history = []
+    if resume is not None:
+        history = [row for row in output.read_history(directory / "history.csv") if row["time"] <= since]
 
     def snapshot(state, config):
         if series is not None:
@@ -205,10 +216,11 @@ def _run_navier_stokes(case, ns, clock, quiet):
                                    stepper.total_divergence(config.ops, state.u))
                 series.write(state.step, state.time, *fields)
 
-    snapshot(state, config)
+    if resume is None:
+        snapshot(state, config)
     restart = directory / "restart.npz"
     try:
-        with output.History(directory / "history.csv") as file, progress.Progress(
+        with output.History(directory / "history.csv", since) as file, progress.Progress(
             case.time.end, case.time.max_steps if case.time.end is None else None, case.title, quiet
         ) as bar:
 
@@ -305,8 +317,8 @@ def _finish(case, directory, summary, result, clock):
     return summary
 
 
-def _series(case, directory):
-    return output.Series(directory) if case.output.snapshots else None
+def _series(case, directory, resume_time=None):
+    return output.Series(directory, resume_time=resume_time) if case.output.snapshots else None
 
 
 def _snapshot(case, geometry, particles, x, velocity, pressure, divergence=None):

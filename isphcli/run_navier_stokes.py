@@ -1,5 +1,6 @@
 """The time loop of moving particles: step sizes, snapshots, history, steady states, restart files."""
 
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from . import expressions, linear
 from .drive import drives
 from .kernel import KERNELS
 from .output import replacing
-from .particles import make_lattice, place
+from .particles import ParticleError, make_lattice, place
 from .step import State, StepError, Stepper
 
 VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
@@ -174,11 +175,15 @@ def save_restart(path, state):
 
 
 def load_restart(path, state):
-    """The state of a restart file for the scene of `state`. Raises ValueError where it does not fit."""
-    with np.load(path, allow_pickle=False) as file:
-        found = {name: file[name] for name in ("x", "u", "u_old", "p")}
-        scalars = {"time": float(file["time"]), "step": int(file["step"]), "dt_old": float(file["dt_old"])}
+    """The state of a restart file for the scene of `state`. Raises ParticleError where it does not fit or is damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found = {name: file[name] for name in ("x", "u", "u_old", "p")}
+            scalars = {"time": float(file["time"]), "step": int(file["step"]), "dt_old": float(file["dt_old"])}
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as problem:
+        what = f"{path}: is no restart file of ours, or damaged ({problem}); run the case anew"
+        raise ParticleError(what) from None
     if found["x"].shape != state.x.shape:
-        raise ValueError(f"{path}: {len(found['x'])} particles, but the case has {len(state.x)}; "
+        raise ParticleError(f"{path}: {len(found['x'])} particles, but the case has {len(state.x)}; "
                          f"restart with the case that wrote it")
     return replace(state, **found, **scalars)

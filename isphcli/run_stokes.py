@@ -8,9 +8,9 @@ from . import linear
 from .drive import darcy
 from .geometry import merge_periodic
 from .kernel import KERNELS
-from .operators import build_operators
 from .particles import ParticleError, make_lattice, place
 from .stokes import StokesSystem
+from .wall_scene import WallScene
 
 
 class NoFlowError(ParticleError):
@@ -57,6 +57,9 @@ def build_scene(case, geometry, spacing, clock, needs=()):
 
     needs: axes along which the fluid has to percolate; NoFlowError where it does not.
     """
+    if not geometry.has_solid:
+        raise NoFlowError("no wall holds the flow: steady creeping flow needs solids or walls; "
+                          "add them, or take flow: navier_stokes")
     support = case.support * spacing
     kind = KERNELS[case.particles.kernel]
     with clock("geometry"):
@@ -65,21 +68,9 @@ def build_scene(case, geometry, spacing, clock, needs=()):
         particles = place(geometry, lattice, support, case.particles.jitter, spacing, case.particles.seed)
     n = particles.n_fluid
     with clock("operators"):
-        if geometry.has_solid:
-            from .wall_scene import WallScene
-
-            scene = WallScene(geometry, particles.x[n:], support, kind, particles.site_volume)
-            ops, table, _, images = scene.configure(particles.x[:n], fixed=case.particles.jitter == 0.0)
-            row, natural = ops.walls.row, ops.walls.natural
-        else:
-            from .halo import build_halo
-            from .neighbours import find_pairs
-
-            images = build_halo(particles.x, geometry.lower, geometry.upper, np.array(geometry.periodic), support)
-            table = images.positions(particles.x)
-            pairs = find_pairs(table, n, support)
-            ops = build_operators(table, pairs, images.owners(n), np.full(n, particles.site_volume), kind, support, 1)
-            row, natural = pairs.index, ops.lap
+        scene = WallScene(geometry, particles.x[n:], support, kind, particles.site_volume)
+        ops, table, _, images = scene.configure(particles.x[:n], fixed=case.particles.jitter == 0.0)
+        row, natural = ops.walls.row, ops.walls.natural
     with clock("assembly"):
         percolates = _percolation(ops, row, len(particles.x), images, geometry.dim)
     for axis in needs:
@@ -172,7 +163,7 @@ def _mass(scene, flow, axis):
 
 
 def extrapolate(spacings, values):
-    """Richardson extrapolation of values (m,) at spacings (m,): (value, error bar or None, order, sentence).
+    """Richardson extrapolation of values (m,) at spacings (m,): (value, error bar, order or None, sentence).
 
     Two spacings assume order 1.5, what walls on a lattice showed; three or more measure it on the finest three.
     """
@@ -182,15 +173,17 @@ def extrapolate(spacings, values):
         p = 1.5
     else:
         d1, d2 = k[1] - k[0], k[2] - k[1]
+        spread = float(np.ptp(k[:3]))
+        early = "the trend over the spacings is not yet asymptotic: no extrapolation, the error is their spread"
         if d1 * d2 <= 0.0:
-            return k[0], None, None, "the trend over the spacings is not yet asymptotic: no extrapolation"
+            return k[0], spread, None, early
         from scipy.optimize import brentq
 
         def mismatch(p):
             return d1 * (h[2] ** p - h[1] ** p) - d2 * (h[1] ** p - h[0] ** p)
 
         if mismatch(0.3) * mismatch(4.0) > 0.0:
-            return k[0], None, None, "the trend over the spacings is not yet asymptotic: no extrapolation"
+            return k[0], spread, None, early
         p = brentq(mismatch, 0.3, 4.0)
     slope = (k[1] - k[0]) / (h[1] ** p - h[0] ** p)
     limit = k[0] - slope * h[0] ** p

@@ -50,7 +50,7 @@ def fake_run(monkeypatch, outcome):
     """`isphcli.run` whose `run_case` raises `outcome` or returns it; returns the list of its calls."""
     calls = []
 
-    def run_case(case, quiet=False):
+    def run_case(case, quiet=False, resume=None):
         calls.append((case, quiet))
         if isinstance(outcome, BaseException):
             raise outcome

@@ -166,6 +166,18 @@ flow: stokes
     assert oblique[0] == pytest.approx(straight[0], rel=1e-4)
 
 
+@pytest.mark.parametrize("offset", [[0.0, 0.7, 0.0], [2.0, -2.0, 0.3]])
+def test_an_offset_lattice_stays_in_the_box(offset):
+    """No particle is lost: k moves by what a lattice moves it, 1 % at 16 spacings a cell."""
+    assert abs(spheres(16, offset=offset)[0]) < 0.02
+
+
+def test_without_walls_there_is_no_steady_flow():
+    with pytest.raises(NoFlowError, match="no wall holds the flow"):
+        solve("geometry: {box: [1, 1], periodic: [x, y]}\nparticles: {spacing: 0.1}\n"
+              "fluids: {water: {density: 1, viscosity: 1}}\nflow: stokes\n")
+
+
 def test_no_path_is_refused():
     text = """
 geometry: {box: [1, 1], periodic: [x, y], shapes: [{box: {lower: [0.4, 0], upper: [0.6, 1]}, is: solid}]}
@@ -183,7 +195,8 @@ def test_extrapolation_recovers_a_power_law():
     limit, bar, order, sentence = extrapolate(h, 3.0 + 0.2 * h**1.7)
     assert limit == pytest.approx(3.0, rel=1e-8) and order == pytest.approx(1.7, rel=1e-6)
     assert bar == pytest.approx(0.2 * 0.25**1.7, rel=1e-6) and "observed" in sentence
-    assert extrapolate(h, [1.0, 2.0, 1.5])[1] is None  # no trend, no error bar
+    limit, bar, order, _ = extrapolate(h, [1.0, 2.0, 1.5])  # no trend: the finest value and the spread
+    assert (limit, bar, order) == (1.5, 1.0, None)
 
 
 def test_a_body_that_overlaps_the_faces_is_the_same_wherever_the_cell_is_cut():
