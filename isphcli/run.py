@@ -85,7 +85,8 @@ def _run_stokes(case, solver, clock, quiet, resume):
         for axis, force in axes:
             if scene is None or (sealed and built_for != axis):
                 with clock("geometry"), progress.stage(f"geometry at spacing {spacing:g}", quiet):
-                    geometry = first if scene is None and axis == axes[0][0] else build_geometry(case, axis)
+                    geometry = first if axis == axes[0][0] else build_geometry(case, axis)
+                scene = None  # frees the matrices of the axis before
                 with progress.stage("particles, operators and hierarchies", quiet):
                     needs = [a for a, _ in axes if a is not None] if not sealed else [axis] * (axis is not None)
                     scene = solver.build_scene(case, geometry, spacing, clock, needs)
