@@ -24,6 +24,8 @@ MAX_SITES = 1e9  # of the lattice: far above what a machine holds, so the length
 
 def check_case(case: Case, report: Report, places: dict[str, Where]) -> None:
     """Report what is wrong between the keys; `places` says where each path was written."""
+    if any(block is None for block in (case.geometry, case.particles, case.fluids)):
+        return  # a required block that could not be read has been reported; the checks need all three
     checks = _Checks(case, report, places)
     for check in (
         checks.fluids,

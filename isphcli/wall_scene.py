@@ -48,6 +48,24 @@ class WallScene:
                                    order=1 if fixed else 2)
         return ops, table, pairs, images
 
+    def keep_off(self, x, displacement, dr, nearest):
+        """The shift dr (n, dim) or None, with what keeps particles from coming nearer to a wall than `nearest`.
+
+        x: (n, dim) positions; displacement: (n, dim) with the flow. A particle that starts nearer does not approach
+        further. The flow along a no-slip wall never presses a particle against it; shifting and round-off of the
+        velocity do, and the correction tensors of a particle on the wall are lopsided.
+        """
+        ahead = x + displacement if dr is None else x + displacement + dr
+        distance = self.geometry.distance(ahead)
+        rows = np.flatnonzero(distance < nearest)
+        if len(rows) == 0:
+            return dr
+        least = np.minimum(np.maximum(self.geometry.distance(x[rows]), 0.0), nearest)
+        missing = np.maximum(least - distance[rows], 0.0)
+        dr = np.zeros_like(x) if dr is None else dr
+        dr[rows] += missing[:, None] * self._normals(ahead[rows])
+        return dr
+
     def _normals(self, x):
         """Unit normals into the fluid, (n, dim), from central differences of the wall distance."""
         h = 1e-3 * self.support

@@ -455,3 +455,12 @@ def test_a_case_must_fit_the_dimensions_of_its_image(old, new, message, tmp_path
     (tmp_path / "case.yaml").write_text(IMAGE.replace(old, new))
     with pytest.raises(CaseError, match=re.escape(message)):
         build_geometry(load_case(tmp_path / "case.yaml"))
+
+
+@pytest.mark.parametrize("block", ["geometry", "particles", "fluids"])
+def test_an_empty_required_block_is_a_problem(block):
+    """Found by the property test: `geometry: null` once ended in a traceback."""
+    text = {"geometry": "{box: [1, 1]}", "particles": "{spacing: 0.1}", "fluids": "{a: {density: 1, viscosity: 1}}"}
+    text[block] = "null"
+    with pytest.raises(CaseError):
+        read_case("".join(f"{k}: {v}\n" for k, v in text.items()).encode(), "case.yaml")
