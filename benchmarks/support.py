@@ -1,4 +1,6 @@
-"""Error against run time of the support radius, for moving particles: how the default of 2.3 spacings was chosen (2.1 lost 1 of 27 runs from jittered starts).
+"""Error against run time of the support radius, for moving particles.
+
+How the default of 2.3 spacings was chosen: 2.1 is more accurate, but lost 1 of 27 runs from coarse jittered starts.
 
 usage: python benchmarks/support.py [POINTS]        (50 across)
 

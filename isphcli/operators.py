@@ -87,6 +87,11 @@ def gradient_p(ops, p):
     return _gradient_scalar(ops.start, ops.column, ops.grad_p, p)
 
 
+def gradient_one_sided(ops, f):
+    """Gradients (n, c, dim) of f (n, c) with the weights of the pressure: over fluid neighbours only beside walls."""
+    return _gradient(ops.start, ops.column, ops.grad_p, f)
+
+
 def divergence(ops, u):
     """Divergence (n,) of u (n, dim) without the wall terms."""
     return _divergence(ops.start, ops.column, ops.grad, u)

@@ -175,7 +175,7 @@ def save_restart(path, state):
 
 
 def load_restart(path, state):
-    """The state of a restart file for the scene of `state`. Raises ParticleError where it does not fit or is damaged."""
+    """The state of a restart file for the scene of `state`; ParticleError where it does not fit or is damaged."""
     try:
         with np.load(path, allow_pickle=False) as file:
             found = {name: file[name] for name in ("x", "u", "u_old", "p")}

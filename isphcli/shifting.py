@@ -11,6 +11,8 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from .operators import gradient_one_sided
+
 LONGEST = 0.1  # of the spacing: a longer shift is cut, so that the Taylor series stays good
 
 
@@ -28,7 +30,7 @@ def carry(ops, fields, dr, second):
 
     second: (n,) bool, where the second derivative is taken too (not beside walls, where the gradient is one-sided).
     """
-    slope = _slopes(ops.start, ops.column, ops.grad_p, fields)
+    slope = gradient_one_sided(ops, fields)
     return _carry(ops.start, ops.column, ops.grad_p, fields, slope, dr, second)
 
 
@@ -63,21 +65,6 @@ def _shift(x, start, index, n, amount, longest):
         if length > longest:
             for k in range(dim):
                 out[i, k] *= longest / length
-    return out
-
-
-@njit(cache=True, parallel=True)
-def _slopes(start, column, grad, f):
-    n, width = f.shape
-    dim = grad.shape[1]
-    out = np.zeros((n, width, dim))
-    for i in prange(n):
-        for p in range(start[i], start[i + 1]):
-            j = column[p]
-            for c in range(width):
-                d = f[j, c] - f[i, c]
-                for k in range(dim):
-                    out[i, c, k] += grad[p, k] * d
     return out
 
 
