@@ -18,10 +18,12 @@ import yaml
 from .case_blocks import (
     AXES,
     FIELDS,
+    FLOWS,
     LATTICES,
     REFERENCE_KINDS,
     SOLID,
-    SUPPORTS,
+    SUPPORT,
+    SUPPORT_MOVING_2D,
     Drive,
     Fluid,
     Initial,
@@ -81,7 +83,7 @@ class Case:
     flow: str = key(
         "navier_stokes: moving particles, in time; stokes: steady creeping flow on the fixed lattice",
         default="navier_stokes",
-        choices=tuple(reversed(SUPPORTS)),
+        choices=FLOWS,
     )
     time: Time | None = key("how long and in which steps (navier_stokes)", default=None)
     solver: Solver = key("the linear solvers", default=Solver())
@@ -110,7 +112,8 @@ class Case:
     @property
     def support(self) -> float:
         """Support radius over the spacing."""
-        return self.particles.support or SUPPORTS[self.flow]
+        moving_2d = self.flow == "navier_stokes" and self.dim == 2
+        return self.particles.support or (SUPPORT_MOVING_2D if moving_2d else SUPPORT)
 
     @property
     def wall_distance(self) -> str:

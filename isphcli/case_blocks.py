@@ -20,7 +20,8 @@ AXES = ("x", "y", "z")
 FACES = tuple(f"{axis}_{end}" for axis in AXES for end in ("min", "max"))
 SOLID = "solid"
 LATTICES = {2: ("square", "hexagonal"), 3: ("cubic", "bcc")}  # by dimension, the default first
-SUPPORTS = {"stokes": 2.1, "navier_stokes": 2.3}  # default by flow, measured: benchmarks/support.py
+FLOWS = ("navier_stokes", "stokes")
+SUPPORT, SUPPORT_MOVING_2D = 2.1, 2.3  # defaults, measured: benchmarks/support.py
 WALL_DISTANCES = ("exact", "smooth", "stairs")
 KERNELS = ("wendland_c2", "wendland_c4", "quintic_spline")
 FIELDS = ("velocity", "pressure", "phase", "distance", "divergence")
@@ -219,7 +220,7 @@ class Lattice:
     )
     support: float | None = key(
         "support radius of the kernel over the spacing. Without it: "
-        + ", ".join(f"{value} for {flow}" for flow, value in SUPPORTS.items()),
+        + f"{SUPPORT}, and {SUPPORT_MOVING_2D} for moving particles in a 2D box",
         default=None,
         at_least=1.5,
         at_most=6,

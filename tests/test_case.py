@@ -97,7 +97,7 @@ def test_reads_an_image_case(files):
     assert case.fluids["brine"].nu == pytest.approx(1e-6)
     assert case.fluids["co2"].mu == pytest.approx(1e-4)
     assert case.dim is None
-    assert (case.wall_distance, case.support, case.lattice_in(3)) == ("smooth", 2.3, "bcc")
+    assert (case.wall_distance, case.support, case.lattice_in(3)) == ("smooth", 2.1, "bcc")
     assert case.output.directory == files / "out/beadpack"
     assert case.path == files / "case.yaml"
 
