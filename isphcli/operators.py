@@ -97,6 +97,16 @@ def divergence(ops, u):
     return _divergence(ops.start, ops.column, ops.grad, u)
 
 
+def total_divergence(ops, u):
+    """Divergence (n,) of u (n, dim), walls included."""
+    div = divergence(ops, u)
+    if ops.walls is not None:
+        from .walls import wall_divergence  # scenes without walls do not import them
+
+        div += wall_divergence(ops.walls, u)
+    return div
+
+
 @njit(cache=True, parallel=True)
 def _volumes(x, start, index, kind, support):
     n, dim = len(start) - 1, x.shape[1]

@@ -105,6 +105,14 @@ class Particles:
         return len(self.x) - len(self.phase)
 
 
+def place_case(case, geometry, spacing):
+    """The particles of a case at a spacing, which may be another than its own. Raises ParticleError."""
+    asked, support = case.particles, case.support * spacing
+    lattice = make_lattice(case.lattice_in(geometry.dim), geometry.lower, geometry.upper, geometry.periodic, spacing,
+                           support, asked.offset)
+    return place(geometry, lattice, support, asked.jitter, spacing, asked.seed)
+
+
 def place(geometry, lattice, support, jitter=0.0, spacing=0.0, seed=0):
     """Fluid particles and dummies of a lattice.
 

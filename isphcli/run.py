@@ -211,10 +211,12 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
         history = [row for row in output.read_history(directory / "history.csv") if row["time"] <= since]
 
     def snapshot(state, config):
+        from .operators import total_divergence
+
         if series is not None:
             with clock("output"):
                 fields = _snapshot(case, geometry, particles, state.x, state.u, state.p * fluid.density,
-                                   stepper.total_divergence(config.ops, state.u))
+                                   total_divergence(config.ops, state.u))
                 series.write(state.step, state.time, *fields)
 
     if resume is None:

@@ -9,7 +9,7 @@ from . import expressions, linear
 from .drive import drives
 from .kernel import KERNELS
 from .output import replacing
-from .particles import ParticleError, make_lattice, place
+from .particles import ParticleError, place_case
 from .step import State, StepError, Stepper
 
 VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
@@ -32,9 +32,7 @@ def prepare(case, geometry, clock):
     """(State, Stepper, Particles) of a case at rest or with its initial velocity."""
     spacing, support = case.particles.spacing, case.support * case.particles.spacing
     with clock("geometry"):
-        lattice = make_lattice(case.lattice_in(geometry.dim), geometry.lower, geometry.upper, geometry.periodic,
-                               spacing, support, case.particles.offset)
-        particles = place(geometry, lattice, support, case.particles.jitter, spacing, case.particles.seed)
+        particles = place_case(case, geometry, spacing)
     n = particles.n_fluid
     fluid = case.fluids[case.fluid_names[particles.phase[0]]]
     x = particles.x[:n].copy()

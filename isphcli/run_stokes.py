@@ -8,7 +8,8 @@ from . import linear
 from .drive import darcy
 from .geometry import merge_periodic
 from .kernel import KERNELS
-from .particles import ParticleError, make_lattice, place
+from .operators import gradient_p, total_divergence
+from .particles import ParticleError, place_case
 from .stokes import StokesSystem
 from .wall_scene import WallScene
 
@@ -63,23 +64,20 @@ def build_scene(case, geometry, spacing, clock, needs=()):
     support = case.support * spacing
     kind = KERNELS[case.particles.kernel]
     with clock("geometry"):
-        lattice = make_lattice(case.lattice_in(geometry.dim), geometry.lower, geometry.upper, geometry.periodic,
-                               spacing, support, case.particles.offset)
-        particles = place(geometry, lattice, support, case.particles.jitter, spacing, case.particles.seed)
+        particles = place_case(case, geometry, spacing)
     n = particles.n_fluid
     with clock("operators"):
         scene = WallScene(geometry, particles.x[n:], support, kind, particles.site_volume)
         ops, table, _, images = scene.configure(particles.x[:n], fixed=case.particles.jitter == 0.0)
-        row, natural = ops.walls.row, ops.walls.natural
     with clock("assembly"):
-        percolates = _percolation(ops, row, len(particles.x), images, geometry.dim)
+        percolates = _percolation(ops, ops.walls.row, len(particles.x), images, geometry.dim)
     for axis in needs:
         if not percolates[:, axis].any():
             raise NoFlowError(f"no fluid path leads through the scene along {'xyz'[axis]}: its permeability is zero; "
                               f"check geometry.voxels.labels and geometry.periodic, or take a smaller spacing")
     with clock("preconditioner"):
         nu = next(iter(case.fluids.values())).nu
-        system = StokesSystem(ops, table, row, spacing, nu, natural, conservative=_balances_fluxes(case, geometry))
+        system = StokesSystem(ops, table, spacing, nu, conservative=_balances_fluxes(case, geometry))
     return Scene(geometry, particles, system, len(images.owner), percolates)
 
 
@@ -133,21 +131,13 @@ def _quadrature(scene, flow, force, nu):
     dx = scene.system.spacing
     if voxel is None or not np.allclose(voxel / dx, np.maximum(np.round(voxel / dx), 1.0), rtol=1e-6):
         return np.zeros_like(flow.velocity)
-    from .operators import gradient_p
-
     return (gradient_p(scene.system.ops, flow.pressure) - scene.system.drive(force)) * (dx * dx / (24.0 * nu))
 
 
 def _mass(scene, flow, axis):
     """(largest |div u| over the largest speed per spacing, spread of the flux between planes across the axis)."""
-    from .operators import divergence
-
     ops, dx = scene.system.ops, scene.system.spacing
-    div = divergence(ops, flow.velocity)
-    if ops.walls is not None:
-        from .walls import wall_divergence
-
-        div += wall_divergence(ops.walls, flow.velocity)
+    div = total_divergence(ops, flow.velocity)
     speed = np.abs(flow.velocity).max()
     worst = float(np.abs(div).max() * dx / speed) if speed > 0.0 else 0.0
     if axis is None:

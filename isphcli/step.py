@@ -20,7 +20,7 @@ import numpy as np
 from . import linear
 from .halo import build_halo, wrap
 from .neighbours import find_pairs
-from .operators import build_operators, divergence, gradient_p, particle_volumes
+from .operators import build_operators, gradient_p, particle_volumes, total_divergence
 from .shifting import carry, shift
 
 JACOBI_LIMIT = 2.0  # nu dt / dx^2 up to which the Helmholtz matrix is solved with its diagonal alone
@@ -162,20 +162,11 @@ class Stepper:
         if walls is not None:
             right += self.viscosity * walls.lap_velocity
         star = self._helmholtz(config, g0 / dt, right, guess)
-        source = self.total_divergence(ops, star)
+        source = total_divergence(ops, star)
         q = self._poisson(config, -(g0 / dt) * source)
         u = star - (dt / g0) * gradient_p(ops, q)
         p = config.means.remove(p + q - self.viscosity * source)
-        return u, p, self.total_divergence(ops, u)
-
-    def total_divergence(self, ops, u):
-        """Divergence (n,) of u (n, dim), walls included."""
-        div = divergence(ops, u)
-        if ops.walls is not None:
-            from .walls import wall_divergence
-
-            div += wall_divergence(ops.walls, u)
-        return div
+        return u, p, total_divergence(ops, u)
 
     def _helmholtz(self, config, shift_, right, guess):
         """(g0 / dt - nu lap) u* = right, one matrix for all components."""

@@ -30,22 +30,18 @@ class StokesFlow:
 class StokesSystem:
     """Matrices of one lattice; every right-hand side shares them.
 
-    ops: Operators with walls (or without); x: (n_rows, dim) table of positions; row: (n_pairs,) rows of the
-    neighbours in it; spacing: m; viscosity: kinematic, m2/s;
+    ops: Operators with walls (without them no steady flow exists); x: (n_rows, dim) table of positions;
+    spacing: m; viscosity: kinematic, m2/s;
     conservative: take the divergence as a balance of fluxes, on lattices only (see `coupling`).
     """
 
-    def __init__(self, ops, x, row, spacing, viscosity, natural=None, tau=TAU, conservative=True):
-        self.ops, self.x, self.row = ops, x, row
+    def __init__(self, ops, x, spacing, viscosity, tau=TAU, conservative=True):
+        walls = ops.walls
+        self.ops, self.x, self.row, self.natural = ops, x, walls.row, walls.natural
         self.spacing, self.viscosity, self.tau = spacing, viscosity, tau
-        self.natural = natural if natural is not None else ops.lap_p
         self.dim = ops.grad.shape[1]
         self.conservative = conservative
-        n = ops.n
-        walls = ops.walls
-        self.wall_lap = walls.lap if walls is not None else np.zeros(n)
-        self.wall_div = walls.div if walls is not None else np.zeros((n, self.dim))
-        self.slip = walls.slip if walls is not None else None
+        self.wall_lap, self.wall_div, self.slip = walls.lap, walls.div, walls.slip
         self.count, labels = components(ops.start, ops.column)
         self.means = ComponentMeans(labels)
         self.levels = hierarchy(assemble(ops.start, ops.column, ops.lap, 0.0, spacing**2, self.wall_lap))
@@ -62,7 +58,7 @@ class StokesSystem:
         force = np.ones(o.n)
         # two W-cycles tell the width of a pore well enough
         w = self._cycle(force)
-        lap = assemble(o.start, o.column, o.lap, 0.0, self.spacing**2, self.wall_lap)
+        lap = self.levels.levels[0].A
         w = np.maximum(w + self._cycle(force - lap @ w), 1e-3)
         pair = _harmonic(o.start, o.column, w)
         return assemble(o.start, o.column, self.natural * pair, 0.0, self.spacing**2)
@@ -122,10 +118,9 @@ class StokesSystem:
         rhs = np.zeros(n * (self.dim + 1))
         momentum, mass = self.split(rhs)
         momentum[:] = self.drive(force) * (self.spacing**2 / self.viscosity)
-        if walls is not None:
-            momentum += self.spacing**2 * walls.lap_velocity
-            if not self.conservative:  # walls move along themselves: no flux passes them
-                mass[:] = self.means.remove(-self.spacing * walls.div_velocity)
+        momentum += self.spacing**2 * walls.lap_velocity
+        if not self.conservative:  # walls move along themselves: no flux passes them
+            mass[:] = self.means.remove(-self.spacing * walls.div_velocity)
         solution, report = gmres(self.apply, rhs, self.precondition, tolerance, restart, max_iterations, watch=watch)
         if not report.converged and not self.conservative:
             # pores that the lattice does not resolve: only a balance of fluxes is well posed there
