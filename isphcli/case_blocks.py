@@ -328,6 +328,11 @@ class Time:
     cfl: float = key(
         "distance over the spacing that a particle may move in a step", default=0.2, above=0, at_most=1
     )
+    capillary: float = key(
+        "largest step over sqrt(rho dx^3 / (2 pi sigma)), in which a capillary wave of the spacing moves by its radian",
+        default=1.0,
+        above=0,
+    )
     step: float | None = key(
         "fixed time step. Without it: as large as the limits allow", default=None, unit="s", above=0
     )

@@ -251,9 +251,11 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
 
 
 def _finish_march(case, directory, clock, geometry, particles, fluid, march, stepper, state, config, history):
-    gravity = np.linalg.norm(stepper.force)
-    axis = int(np.argmax(np.abs(stepper.force))) if gravity > 0.0 else None
-    superficial, mean, along = darcy(geometry, state.x, state.u, particles.site_volume, axis, stepper.force, fluid.nu)
+    force = stepper.fluids.force
+    gravity = np.linalg.norm(force)
+    axis = int(np.argmax(np.abs(force))) if gravity > 0.0 else None
+    superficial, mean, along = darcy(geometry, state.x, state.u, particles.site_volume, axis, force,
+                                     stepper.fluids.stiffest)
     permeability = float(along[axis]) if axis is not None and geometry.has_solid and march.outcome == "steady" else None
     result = SimpleNamespace(
         x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * fluid.density, time=state.time,

@@ -7,6 +7,7 @@ import numpy as np
 
 from . import expressions, linear
 from .drive import drives
+from .fluids import OneFluid
 from .kernel import KERNELS
 from .output import replacing
 from .particles import ParticleError, place_case
@@ -34,7 +35,6 @@ def prepare(case, geometry, clock):
     with clock("geometry"):
         particles = place_case(case, geometry, spacing)
     n = particles.n_fluid
-    fluid = case.fluids[case.fluid_names[particles.phase[0]]]
     x = particles.x[:n].copy()
     u = np.zeros_like(x)
     if case.initial is not None:
@@ -44,11 +44,32 @@ def prepare(case, geometry, clock):
     force = sum((force for _, force in drives(case, geometry.dim)), np.zeros(geometry.dim))
     stepper = Stepper(
         geometry=geometry, dummies=particles.x[n:], spacing=spacing, support=support,
-        kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume, viscosity=fluid.nu, force=force,
+        kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,
+        fluids=choose_fluids(case, geometry, particles, force),
         shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2", tolerance=case.solver.tolerance,
         restart=case.solver.restart, max_iterations=case.solver.max_iterations, clock=clock,
     )
     return State(x, u, u.copy(), np.zeros(n)), stepper, particles
+
+
+def choose_fluids(case, geometry, particles, force):
+    """OneFluid or TwoFluids: the one place that chooses what an interface needs."""
+    present = [case.fluids[case.fluid_names[k]] for k in np.unique(particles.phase)]
+    differ = len({(f.density, f.mu) for f in present}) > 1
+    if len(present) == 1 or (case.interface is None and not differ):
+        return OneFluid(present[0].density, present[0].nu, force)
+    from .two_fluids import TwoFluids
+
+    kind, spacing = KERNELS[case.particles.kernel], case.particles.spacing
+    support = case.support * spacing
+    tension = None
+    if case.interface is not None:
+        from .surface_tension import SurfaceTension
+
+        tension = SurfaceTension(case.interface.tension, case.interface.method, [f.density for f in present], kind,
+                                 support, spacing)
+    return TwoFluids(particles.phase, [f.density for f in present], [f.mu for f in present], force, kind, support,
+                     tension)
 
 
 class March:
@@ -74,14 +95,16 @@ class March:
             if state.dt_old:
                 acceleration = np.sqrt(((state.u - state.u_old) ** 2).sum(axis=1).max()) / state.dt_old
             else:
-                acceleration = np.linalg.norm(stepper.force)
+                acceleration = np.linalg.norm(stepper.fluids.force)
             # u dt + a dt^2 / 2 = cfl dx
             reach = time.cfl * stepper.spacing
             root = speed + np.sqrt(speed * speed + 2.0 * acceleration * reach)
             if root > 0.0:
                 found["cfl"] = 2.0 * reach / root
             if time.steady is None or not found:
-                found["viscous"] = VISCOUS * stepper.spacing**2 / stepper.viscosity
+                found["viscous"] = VISCOUS * stepper.spacing**2 / stepper.fluids.stiffest
+        if stepper.fluids.tension is not None:
+            found["capillary"] = time.capillary * stepper.fluids.tension.largest_step if time.step is None else np.inf
         walls = stepper.geometry.has_solid
         if state.dt_old:
             found["start"] = (GROWTH_AT_WALLS if walls else GROWTH) * state.dt_old

@@ -47,13 +47,19 @@ class State:
 
 @dataclass(frozen=True)
 class Configuration:
-    """Everything that depends on the positions only."""
+    """Everything that depends on the positions only.
+
+    ops: Operators; x: (n_rows, dim) table of positions, row: (n_pairs,) rows of the neighbours in it; terms: Terms, the
+    operators with the densities and viscosities of the fluids, and the forces.
+    """
 
     ops: object
     x: np.ndarray
+    row: np.ndarray
     pairs: object
     means: linear.ComponentMeans
     halo: int
+    terms: object
 
 
 @dataclass
@@ -61,7 +67,7 @@ class Stepper:
     """What a scene needs to be advanced; the preconditioners that it may keep are its only changing state.
 
     geometry: Geometry; dummies: (n_dummy, dim); spacing, support: m; kind: kernel number; site_volume: m^dim;
-    viscosity: m2/s; force: (dim,) m/s2; shifting: coefficient, 0 for none; second_order: BDF2 or implicit Euler;
+    fluids: OneFluid or TwoFluids; shifting: coefficient, 0 for none; second_order: BDF2 or implicit Euler;
     clock: output.Clock.
     """
 
@@ -71,8 +77,7 @@ class Stepper:
     support: float
     kind: int
     site_volume: float
-    viscosity: float
-    force: np.ndarray
+    fluids: object
     shifting: float
     second_order: bool
     tolerance: float
@@ -99,18 +104,22 @@ class Stepper:
         if self._scene is not None:
             with self.clock("operators"):
                 ops, table, pairs, images = self._scene.configure(x)
+                row, owner = ops.walls.row, images.owners(n + len(self.dummies))
         else:
             with self.clock("neighbours"):
                 images = build_halo(x, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support)
-                table = images.positions(x)
+                table, owner = images.positions(x), images.owners(n)
                 pairs = find_pairs(table, n, self.support)
+                row = pairs.index
             with self.clock("operators"):
                 volume = particle_volumes(table, pairs, self.kind, self.support)
-                ops = build_operators(table, pairs, images.owners(n), volume, self.kind, self.support)
+                ops = build_operators(table, pairs, owner, volume, self.kind, self.support)
+        with self.clock("terms"):
+            terms = self.fluids.terms(ops, table, row, pairs, owner)
         with self.clock("assembly"):
             # a periodic box full of fluid is one component; pores can be many
             labels = np.zeros(n, np.int32) if self._scene is None else linear.components(ops.start, ops.column)[1]
-        return Configuration(ops, table, pairs, linear.ComponentMeans(labels), len(images.owner))
+        return Configuration(ops, table, row, pairs, linear.ComponentMeans(labels), len(images.owner), terms)
 
     def move(self, state, config, dt):
         """Positions after dt, and the fields carried to where the particles were shifted."""
@@ -127,10 +136,16 @@ class Stepper:
             if dr is not None:
                 walls = config.ops.walls
                 second = ~walls.near if walls is not None else np.ones(len(u), dtype=np.bool_)
+                if config.terms.smooth is not None:
+                    second = second & config.terms.smooth
                 fields = carry(config.ops, np.concatenate([u, u_old], axis=1), dr, second)
                 u, u_old = np.ascontiguousarray(fields[:, : u.shape[1]]), np.ascontiguousarray(fields[:, u.shape[1] :])
                 displacement += dr
-        p = p + (gradient_p(config.ops, p) * displacement).sum(axis=1)
+        terms = config.terms
+        slope = gradient_p(terms.ops, p)
+        if terms.jump is not None:
+            slope -= terms.jump
+        p = p + terms.density * (slope * displacement).sum(axis=1)
         x = wrap(state.x + displacement, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
         if self._scene is not None:
             # a particle never enters a wall: one that would stays where it is
@@ -157,29 +172,30 @@ class Stepper:
         return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt), config
 
     def _project(self, config, guess, history, p, g0, dt):
-        ops, walls = config.ops, config.ops.walls
-        right = history + self.force - gradient_p(ops, p)
-        if walls is not None:
-            right += self.viscosity * walls.lap_velocity
+        ops, terms = config.ops, config.terms
+        right = history + terms.force - gradient_p(terms.ops, p)
+        if ops.walls is not None:
+            right += terms.viscosity * terms.ops.walls.lap_velocity
         star = self._helmholtz(config, g0 / dt, right, guess)
         source = total_divergence(ops, star)
         q = self._poisson(config, -(g0 / dt) * source)
-        u = star - (dt / g0) * gradient_p(ops, q)
-        p = config.means.remove(p + q - self.viscosity * source)
+        u = star - (dt / g0) * gradient_p(terms.ops, q)
+        p = config.means.remove(p + q - terms.bulk * source)
         return u, p, total_divergence(ops, u)
 
     def _helmholtz(self, config, shift_, right, guess):
-        """(g0 / dt - nu lap) u* = right, one matrix for all components."""
-        ops = config.ops
+        """(g0 / dt - nu lap) u* = right, one matrix for all components unless slip or a transposed stress couple
+        them."""
+        terms, walls = config.terms, config.terms.ops.walls
         with self.clock("assembly"):
-            matrix = linear.assemble(ops.start, ops.column, ops.lap, shift_, self.viscosity,
-                                     ops.walls.lap if ops.walls is not None else None)
-            slip = ops.walls.slip if ops.walls is not None else None
-        stiff = self.viscosity > JACOBI_LIMIT * shift_ * self.spacing**2
+            matrix = linear.assemble(terms.ops.start, terms.ops.column, terms.ops.lap, shift_, terms.viscosity,
+                                     walls.lap if walls is not None else None)
+            slip = walls.slip if walls is not None else None
+        stiff = self.fluids.stiffest > JACOBI_LIMIT * shift_ * self.spacing**2
         if not stiff:
             guess = right / shift_  # what viscosity then changes little
-        if slip is not None:
-            return self._coupled_helmholtz(matrix, slip, right, guess)
+        if slip is not None or terms.turn is not None:
+            return self._coupled_helmholtz(config, matrix, slip, right, guess, stiff)
         inverse = 1.0 / matrix.diagonal()
 
         def solve(b, x0):
@@ -194,18 +210,35 @@ class Stepper:
             self._record("velocity", report)
         return out
 
-    def _coupled_helmholtz(self, matrix, slip, right, guess):
-        """With slip walls the components of the velocity are coupled beside them."""
+    def _coupled_helmholtz(self, config, matrix, slip, right, guess, stiff):
+        """All components at once; the preconditioner leaves their coupling out."""
         n, dim = right.shape
-        inverse = np.repeat(1.0 / matrix.diagonal(), dim)
+        turn, viscosity = config.terms.turn, config.terms.viscosity
 
         def apply(v):
             u = v.reshape(n, dim)
-            return (matrix @ u - self.viscosity * np.einsum("nkm,nm->nk", slip, u)).ravel()
+            out = matrix @ u
+            if slip is not None:
+                out -= viscosity * np.einsum("nkm,nm->nk", slip, u)
+            if turn is not None:
+                turn.add(u, out, -1.0)
+            return out.ravel()
+
+        def by_component(once):
+            def precondition(v):
+                parts = v.reshape(n, dim)
+                return np.stack([once(np.ascontiguousarray(parts[:, k])) for k in range(dim)], axis=1).ravel()
+
+            return precondition
 
         with self.clock("krylov"):
-            solution, report = linear.gmres(apply, right.ravel(), inverse.__mul__, self.tolerance, self.restart,
-                                            self.max_iterations, start=guess.ravel())
+            if stiff:
+                solution, report = self._multigrid("velocity", matrix, apply, right.ravel(), guess.ravel(), None,
+                                                   by_component)
+            else:
+                inverse = np.repeat(1.0 / matrix.diagonal(), dim)
+                solution, report = linear.gmres(apply, right.ravel(), inverse.__mul__, self.tolerance, self.restart,
+                                                self.max_iterations, start=guess.ravel())
         self._record("velocity", report)
         return solution.reshape(n, dim)
 
@@ -217,9 +250,9 @@ class Stepper:
         pressure grows from step to step. Scenes with walls therefore solve with div grad itself, the odd-even mode
         added, preconditioned by the Laplacian.
         """
-        ops, means = config.ops, config.means
+        ops, means, weighted = config.ops, config.means, config.terms.ops
         with self.clock("assembly"):
-            matrix = linear.assemble(ops.start, ops.column, ops.lap_p, 0.0, 1.0)
+            matrix = linear.assemble(ops.start, ops.column, weighted.lap_p, 0.0, 1.0)
         if ops.walls is None:
 
             def apply(q):
@@ -227,21 +260,21 @@ class Stepper:
         else:
             from .coupling import divergence_and_jump
 
-            walls = ops.walls
+            walls, natural = ops.walls, weighted.walls.natural
 
             def apply(q):
-                slope = gradient_p(ops, q)
+                slope = gradient_p(weighted, q)
                 return means.remove(divergence_and_jump(ops, config.x, walls.row, walls.natural, walls.div, slope, q,
-                                                        slope, -1.0, -1.0))
+                                                        slope, -1.0, -1.0, natural_p=natural))
 
         with self.clock("krylov"):
             q, report = self._multigrid("pressure", matrix, apply, means.remove(right), None, means.remove)
         self._record("pressure", report)
         return means.remove(q)
 
-    def _multigrid(self, name, matrix, apply, right, guess, project):
+    def _multigrid(self, name, matrix, apply, right, guess, project, spread=None):
         """GMRES with the hierarchy kept under `name`; a stale one is rebuilt, a failed solve is tried again with a
-        new one."""
+        new one. spread: makes of a cycle for one component one for all."""
         for _ in range(2):
             fresh = name not in self._levels
             if fresh:
@@ -251,6 +284,8 @@ class Stepper:
             levels = self._levels[name]
             levels.levels[0].A = matrix
             once = linear.cycle(levels)
+            if spread is not None:
+                once = spread(once)
             smooth = once if project is None else lambda v: project(once(v))  # noqa: B023
             solution, report = linear.gmres(apply, right, smooth, self.tolerance, self.restart, self.max_iterations,
                                             start=guess)

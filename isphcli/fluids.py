@@ -1,0 +1,44 @@
+"""The fluids of a scene as the equations see them; a scene of one fluid needs no more than this."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Terms:
+    """The fluids of one configuration, as the equations see them.
+
+    ops: Operators, the weights of the pressure over the density, those of the velocity times the viscosity;
+    viscosity: number that still multiplies the latter, m2/s; force: (dim,) or (n, dim) m/s2; jump: (n, dim) the part of
+    it that stands for a jump of the pressure, or None; density: over that of the first fluid, (n,) or 1;
+    bulk: dynamic viscosity over the density of the first fluid, (n,) or a number, m2/s;
+    turn: Turn, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity has no kink, or None.
+    """
+
+    ops: object
+    viscosity: float
+    force: np.ndarray
+    jump: np.ndarray | None = None
+    density: object = 1.0
+    bulk: object = None
+    turn: object = None
+    smooth: np.ndarray | None = None
+
+
+class OneFluid:
+    """A single fluid, or two that differ in name only. reference: density, kg/m3; viscosity: kinematic,
+    m2/s; force: (dim,) m/s2."""
+
+    tension = None
+
+    def __init__(self, reference, viscosity, force):
+        self.reference, self.viscosity, self.force = reference, viscosity, force
+
+    @property
+    def stiffest(self):
+        """Largest kinematic viscosity, m2/s."""
+        return self.viscosity
+
+    def terms(self, ops, x, row, pairs, owner):
+        return Terms(ops, self.viscosity, self.force, bulk=self.viscosity)

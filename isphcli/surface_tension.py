@@ -1,0 +1,162 @@
+"""Surface tension: the curvature of the interface, and the force that it makes (paper eqs 14-24).
+
+Curvature. Eq. 23 takes the divergence of the normals over neighbours of the same fluid and is 30 % off. We take the
+derivative of the normals along the interface only, by least squares over both fluids:
+
+    K_i = argmin sum_j w_ij |(n_j - n_i) - K P x_ji|^2,   kappa_i = - tr K,   P = 1 - n_i (x) n_i,  w_ij = F V_j / r
+
+with n into the first fluid, so that a drop of it has kappa > 0, and its pressure is higher by sigma kappa.
+
+Force, `jump` (default): the pressure of unlike neighbours differs by J_ij = sigma kappa_ij (c_j - c_i), c the colour.
+Eq. 2 sees what is left of the difference, so that each particle is accelerated by  sum_j b_ij J_ij grad_ij  with the
+very weights b_ij grad_ij of its pressure gradient: a constant curvature is balanced to round-off by a pressure.
+`csf` (eq. 24): the force sigma kappa grad C in the band, per mean density.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from .interface import find_band
+from .kernel import shape, slope
+from .operators import invert_gradient
+
+SMOOTHINGS = 3  # kernel averages of the curvature over the band
+
+
+class SurfaceTension:
+    """tension: N/m; method: jump or csf; density: (2,) kg/m3; kind: kernel number; support, spacing: m;
+    contact: contact_angle.ContactAngle or None."""
+
+    def __init__(self, tension, method, density, kind, support, spacing, contact=None):
+        self.tension, self.method, self.density = tension, method, np.asarray(density, float)
+        self.kind, self.support, self.spacing = kind, support, spacing
+        self.contact = contact
+        self.band = self.curvature = None
+
+    @property
+    def largest_step(self):
+        """Time in which a capillary wave of two spacings moves on by its radian, sqrt(rho dx^3 / (2 pi sigma)), s."""
+        return math.sqrt(self.density.mean() * self.spacing**3 / (2.0 * math.pi * self.tension))
+
+    def force(self, ops, weighted, x, row, pairs, owner, colour, reference):
+        """Acceleration (n, dim), m/s2.
+
+        ops: Operators; weighted: the same with its pressure weights divided by the density of each pair over
+        `reference`; x: (n_rows, dim) table; row: (n_pairs,) rows of the neighbours; colour: (n,).
+        """
+        ghosts = None
+        if self.contact is not None:
+            ghosts = self.contact.ghosts(ops, x, row, pairs, owner, colour)
+        band = find_band(ops, x, row, colour, self.kind, self.support, self.spacing, ghosts)
+        curvature = _curvature(ops.start, ops.column, row, x, ops.volume, self.kind, self.support,
+                               band.normal, band.strength, *_ghost_normals(ghosts, *colour.shape, x.shape[1]))
+        for _ in range(SMOOTHINGS):
+            curvature = _smooth(ops.start, ops.column, row, x, ops.volume, self.kind, self.support, curvature,
+                                band.strength)
+        self.band, self.curvature = band, curvature
+        if self.method == "jump":
+            return _jump(ops.start, ops.column, weighted.grad_p, colour, curvature, band.strength,
+                         self.tension / reference)
+        push = self.tension * curvature * band.strength / self.density.mean()
+        return push[:, None] * band.normal
+
+
+def _ghost_normals(ghosts, n, dim):
+    if ghosts is None:
+        return np.zeros(n + 1, np.int64), np.zeros((0, dim)), np.zeros((0, dim)), 0.0
+    return ghosts.start, ghosts.offset, ghosts.normal, ghosts.volume
+
+
+@njit(cache=True, parallel=True)
+def _curvature(start, column, row, x, volume, kind, support, normal, strength,
+               ghost_start, ghost_offset, ghost_normal, ghost_volume):
+    n, dim = len(start) - 1, x.shape[1]
+    kappa = np.zeros(n)
+    for i in prange(n):
+        if strength[i] > 0.0:
+            along, bend = np.zeros((3, 3)), np.zeros((3, 3))
+            trace = 0.0
+            for p in range(start[i], start[i + 1]):
+                j = column[p]
+                if strength[j] > 0.0:
+                    trace += _add_turn(x[row[p]] - x[i], normal[i], normal[j], volume[j], kind, support, along, bend)
+            for p in range(ghost_start[i], ghost_start[i + 1]):
+                size = 0.0
+                for k in range(dim):
+                    size += ghost_normal[p, k] ** 2
+                if size > 0.0:
+                    trace += _add_turn(ghost_offset[p], normal[i], ghost_normal[p], ghost_volume, kind, support,
+                                       along, bend)
+            if trace > 0.0:
+                moments, inverse = np.zeros(6), np.zeros((3, 3))
+                for k in range(dim):
+                    for m in range(dim):
+                        along[k, m] += trace * normal[i, k] * normal[i, m]
+                moments[0], moments[1], moments[2] = along[0, 0], along[1, 1], along[2, 2]
+                moments[3], moments[4], moments[5] = along[1, 2], along[0, 2], along[0, 1]
+                invert_gradient(moments, dim, inverse)
+                for k in range(dim):
+                    for m in range(dim):
+                        kappa[i] -= bend[k, m] * inverse[m, k]
+    return kappa
+
+
+@njit(cache=True)
+def _add_turn(offset, here, there, volume, kind, support, along, bend):
+    """Adds w P d (x) P d to `along` and w P (n_j - n_i) (x) P d to `bend`; returns the trace of the first."""
+    dim = len(here)
+    r2, up, turned = 0.0, 0.0, 0.0
+    for k in range(dim):
+        r2 += offset[k] ** 2
+        up += offset[k] * here[k]
+        turned += there[k] * here[k]
+    if r2 == 0.0:
+        return 0.0
+    r = math.sqrt(r2)
+    w = volume * slope(kind, r / support) / r
+    for k in range(dim):
+        for m in range(dim):
+            d = offset[m] - up * here[m]
+            along[k, m] += w * (offset[k] - up * here[k]) * d
+            bend[k, m] += w * (there[k] - turned * here[k]) * d
+    return w * (r2 - up * up)
+
+
+@njit(cache=True, parallel=True)
+def _smooth(start, column, row, x, volume, kind, support, kappa, strength):
+    """Kernel average of the curvature, weighted with |grad C|."""
+    n, dim = len(start) - 1, x.shape[1]
+    out = np.zeros(n)
+    for i in prange(n):
+        if strength[i] > 0.0:
+            total = strength[i] * volume[i] * shape(kind, 0.0)
+            mean = total * kappa[i]
+            for p in range(start[i], start[i + 1]):
+                j = column[p]
+                if strength[j] > 0.0:
+                    r2 = 0.0
+                    for k in range(dim):
+                        r2 += (x[row[p], k] - x[i, k]) ** 2
+                    w = strength[j] * volume[j] * shape(kind, math.sqrt(r2) / support)
+                    total += w
+                    mean += w * kappa[j]
+            out[i] = mean / total
+    return out
+
+
+@njit(cache=True, parallel=True)
+def _jump(start, column, grad, colour, kappa, strength, tension):
+    n, dim = len(start) - 1, grad.shape[1]
+    out = np.zeros((n, dim))
+    for i in prange(n):
+        for p in range(start[i], start[i + 1]):
+            j = column[p]
+            if colour[j] != colour[i]:
+                both = strength[i] + strength[j]
+                if both > 0.0:
+                    jump = tension * (strength[i] * kappa[i] + strength[j] * kappa[j]) / both * (colour[j] - colour[i])
+                    for k in range(dim):
+                        out[i, k] += grad[p, k] * jump
+    return out
