@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-from .kernel import shape
+from .kernel import shape, slope
+from .operators import invert_gradient
 
 AVERAGES = 1  # kernel averages of the colour
 FAINT = 0.02  # |grad C| dx below which a particle is not of the band
@@ -48,10 +49,13 @@ def find_band(ops, x, row, colour, kind, support, spacing, ghosts=None):
     reach = near_interface(ops.start, ops.column, colour)
     smooth = colour
     for _ in range(AVERAGES):
-        reach = _dilate(ops.start, ops.column, reach)
+        reach = dilate(ops.start, ops.column, reach)
         smooth = _average(ops.start, ops.column, row, x, ops.volume, kind, support, smooth, reach,
                           *_ghost_arrays(ghosts, len(colour), x.shape[1]))
     normal, strength = _normals(ops.start, ops.column, ops.grad_p, smooth, reach, FAINT / spacing)
+    if ghosts is not None:
+        _normals_with_ghosts(ops.start, ops.column, row, x, ops.volume, kind, support, smooth, reach, FAINT / spacing,
+                             ghosts.start, ghosts.offset, ghosts.colour, ghosts.volume, normal, strength)
     return Band(smooth, normal, strength)
 
 
@@ -88,7 +92,8 @@ def _near(start, column, colour):
 
 
 @njit(cache=True, parallel=True)
-def _dilate(start, column, mark):
+def dilate(start, column, mark):
+    """The marked particles and their neighbours, (n,) bool."""
     n = len(start) - 1
     out = mark.copy()
     for i in prange(n):
@@ -145,6 +150,51 @@ def _normals(start, column, grad, f, mark, faint):
             for k in range(dim):
                 normal[i, k] = normal[i, k] / size if size > faint else 0.0
     return normal, strength
+
+
+@njit(cache=True, parallel=True)
+def _normals_with_ghosts(start, column, row, x, volume, kind, support, f, mark, faint,
+                         ghost_start, ghost_offset, ghost_f, ghost_volume, normal, strength):
+    """Normals of the particles that see ghosts: gradients of eq. 5 over fluid and ghosts."""
+    n, dim = len(start) - 1, x.shape[1]
+    for i in prange(n):
+        if mark[i] and ghost_start[i + 1] > ghost_start[i]:
+            spread, rise, offset = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+            for p in range(start[i], start[i + 1]):
+                for k in range(dim):
+                    offset[k] = x[row[p], k] - x[i, k]
+                _add_slope(offset, f[column[p]] - f[i], volume[column[p]], kind, support, spread, rise)
+            for p in range(ghost_start[i], ghost_start[i + 1]):
+                for k in range(dim):
+                    offset[k] = ghost_offset[p, k]
+                _add_slope(offset, ghost_f[p] - f[i], ghost_volume, kind, support, spread, rise)
+            moments, inverse = np.zeros(6), np.zeros((3, 3))
+            moments[0], moments[1], moments[2] = spread[0, 0], spread[1, 1], spread[2, 2]
+            moments[3], moments[4], moments[5] = spread[1, 2], spread[0, 2], spread[0, 1]
+            invert_gradient(moments, dim, inverse)
+            size = 0.0
+            for k in range(dim):
+                normal[i, k] = 0.0
+                for m in range(dim):
+                    normal[i, k] += inverse[k, m] * rise[m]
+                size += normal[i, k] ** 2
+            size = math.sqrt(size)
+            strength[i] = size if size > faint else 0.0
+            for k in range(dim):
+                normal[i, k] = normal[i, k] / size if size > faint else 0.0
+
+
+@njit(cache=True)
+def _add_slope(offset, difference, volume, kind, support, spread, rise):
+    """Adds w d (x) d to `spread` and w d (f_j - f_i) to `rise`, w = F V / r."""
+    r2 = offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2
+    if r2 > 0.0:
+        r = math.sqrt(r2)
+        w = volume * slope(kind, r / support) / r
+        for k in range(3):
+            rise[k] += w * offset[k] * difference
+            for m in range(3):
+                spread[k, m] += w * offset[k] * offset[m]
 
 
 @njit(cache=True, parallel=True)

@@ -66,10 +66,21 @@ def choose_fluids(case, geometry, particles, force):
     if case.interface is not None:
         from .surface_tension import SurfaceTension
 
+        contact = _contact(case, geometry, particles, kind, support) if geometry.has_solid else None
         tension = SurfaceTension(case.interface.tension, case.interface.method, [f.density for f in present], kind,
-                                 support, spacing)
+                                 support, spacing, contact)
     return TwoFluids(particles.phase, [f.density for f in present], [f.mu for f in present], force, kind, support,
                      tension)
+
+
+def _contact(case, geometry, particles, kind, support):
+    from .contact_angle import ContactAngle
+    from .wall_scene import wall_normals
+
+    dummies = particles.x[particles.n_fluid:]
+    return ContactAngle(case.interface.contact_angle, dummies, np.maximum(-geometry.distance(dummies), 0.0),
+                        wall_normals(geometry, dummies, support), kind, support, case.particles.spacing,
+                        particles.site_volume)
 
 
 class March:

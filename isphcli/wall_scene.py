@@ -67,12 +67,16 @@ class WallScene:
         return dr
 
     def _normals(self, x):
-        """Unit normals into the fluid, (n, dim), from central differences of the wall distance."""
-        h = 1e-3 * self.support
-        normal = np.empty_like(x)
-        for k in range(x.shape[1]):
-            step = np.zeros(x.shape[1])
-            step[k] = h
-            normal[:, k] = self.geometry.distance(x + step) - self.geometry.distance(x - step)
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        return normal / np.where(length > 0.0, length, 1.0)
+        return wall_normals(self.geometry, x, self.support)
+
+
+def wall_normals(geometry, x, support):
+    """Unit normals into the fluid at x (n, dim), from central differences of the wall distance."""
+    h = 1e-3 * support
+    normal = np.empty_like(x)
+    for k in range(x.shape[1]):
+        step = np.zeros(x.shape[1])
+        step[k] = h
+        normal[:, k] = geometry.distance(x + step) - geometry.distance(x - step)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return normal / np.where(length > 0.0, length, 1.0)
