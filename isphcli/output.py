@@ -25,6 +25,7 @@ import numpy as np
 
 SNAPSHOTS = "snapshots"
 FLUSH_EVERY = 8
+TEMPORARY = ".isph-"  # how the names of unfinished files begin
 INTEGER_FIELDS = ("phase", "kind", "component")
 LIBRARIES = ("isphcli", "numpy", "scipy", "numba", "pyamg", "meshio", "matplotlib", "pyyaml", "click", "rich")
 
@@ -53,13 +54,18 @@ class NotFiniteError(ValueError):
 
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; move it there if the block succeeds, remove it if not."""
+    """Yield a temporary path beside `path`; move it there if the block succeeds, remove it if not.
+
+    The bytes are on the disk before the name is: not even a power cut leaves half a file under it.
+    """
     path = Path(path)
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{path.stem}.", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     try:
         yield Path(name)
         os.chmod(name, 0o666 & ~_umask())
+        with open(name, "rb+") as file:
+            os.fsync(file.fileno())
         os.replace(name, path)
     except BaseException:
         with contextlib.suppress(FileNotFoundError):
@@ -70,7 +76,7 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
 def write_text(path: str | os.PathLike, text: str) -> None:
     """Write `text` (UTF-8) to `path`, whole or not at all."""
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", newline="")
 
 
 def _umask() -> int:
@@ -82,7 +88,7 @@ def _umask() -> int:
 def prepare_directory(path: str | os.PathLike, resume: bool = False) -> Path:
     """Make the output directory; remove what an earlier run left in it, keep every other file.
 
-    `resume` keeps the earlier run's files too (a run that goes on from its restart file).
+    `resume` keeps the earlier run's files too (a run that goes on from its restart file), but for unfinished ones.
     Raises NotADirectoryError where `path` is a file.
     """
     path = Path(path)
@@ -90,6 +96,9 @@ def prepare_directory(path: str | os.PathLike, resume: bool = False) -> Path:
         raise NotADirectoryError(f"{path}: is a file; the output directory cannot be made there")
     snapshots = path / SNAPSHOTS
     snapshots.mkdir(parents=True, exist_ok=True)
+    for folder in (path, snapshots):  # of a run that was killed as it wrote
+        for file in folder.glob(f"{TEMPORARY}*"):
+            file.unlink()
     if resume:
         return path
     for file in snapshots.iterdir():
@@ -182,6 +191,7 @@ class Series:
         (self.directory / SNAPSHOTS).mkdir(parents=True, exist_ok=True)
         if resume_time is not None and self.path.exists():
             self.entries = [e for e in read_pvd(self.path) if e[0] <= resume_time]
+            write_text(self.path, _pvd(self.entries))
 
     @property
     def path(self) -> Path:
@@ -228,17 +238,37 @@ def read_pvd(path: str | os.PathLike) -> list[tuple[float, str]]:
 class History:
     """history.csv: a row a step; the first row's keys are the columns. A context manager."""
 
-    def __init__(self, path: str | os.PathLike, resume_time: float | None = None):
-        """`resume_time`: go on with the file there, without its rows later than this time (s)."""
+    def __init__(self, path: str | os.PathLike, resume_step: int | None = None):
+        """`resume_step`: go on with the file there, without its rows after this step."""
         self.path = Path(path)
         self.columns: list[str] | None = None
         self.rows = 0
         self._file: TextIO | None = None
-        if resume_time is not None and self.path.exists():
-            kept = [row for row in read_history(self.path) if row["time"] <= resume_time]
-            self.path.unlink()
-            for row in kept:
-                self.append(row)
+        self._resumed = False
+        if resume_step is not None and self.path.exists():
+            self._cut_back(resume_step)
+
+    def _cut_back(self, step: int) -> None:
+        """Leave the rows up to `step`, whole or not at all, and go on behind them."""
+        with open(self.path, newline="", encoding="utf-8", errors="replace") as file:
+            # a run that was killed may have left half a line at the end
+            head, *lines = [line for line in file if line.endswith("\n")] or [""]
+        first = [line.split(",", 1)[0] for line in lines]
+        kept = [line for line, number in zip(lines, first) if number.isdecimal() and int(number) <= step]
+        if not head.startswith("step,"):
+            return
+        write_text(self.path, "".join([head, *kept]))
+        self.columns, self.rows, self._resumed = next(csv.reader([head])), len(kept), True
+        self._file = open(self.path, "a", newline="", encoding="utf-8")
+
+    def _widen(self, names: list[str]) -> None:
+        """Columns that the run had not before its restart; the rows before it have empty cells there."""
+        self.close()
+        head, *lines = self.path.read_text(encoding="utf-8").splitlines()
+        rows = [",".join([head, *names]), *(line + "," * len(names) for line in lines)]
+        write_text(self.path, "".join(row + "\r\n" for row in rows))
+        self.columns = [*(self.columns or []), *names]
+        self._file = open(self.path, "a", newline="", encoding="utf-8")
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Add a row. A key that is missing, or None, leaves an empty cell: "there is no such value here".
@@ -247,7 +277,10 @@ class History:
         """
         if self.columns is None:
             self.columns = list(row)
-        if unknown := [key for key in row if key not in self.columns]:
+        unknown = [key for key in row if key not in self.columns]
+        if unknown and self._resumed:
+            self._widen(unknown)
+        elif unknown:
             raise KeyError(f"{self.path.name}: no column {', '.join(unknown)} in its first row")
         cells = {
             key: _cell(f"{self.path.name}: {key} in row {self.rows + 1}", row.get(key))
@@ -260,6 +293,12 @@ class History:
         self.rows += 1
         if self.rows % FLUSH_EVERY == 1:
             self._file.flush()
+
+    def sync(self) -> None:
+        """Bring every row to the disk."""
+        if self._file is not None:
+            self._file.flush()
+            os.fsync(self._file.fileno())
 
     def close(self) -> None:
         """Write what is pending and close the file."""

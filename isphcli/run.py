@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from . import output, progress
+from . import output, progress, restart
 from .case import CaseError, Problem, dump_case
 from .drive import darcy, drives, sample_box
 from .geometry import build_geometry
@@ -197,18 +197,20 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
     fluid = next(iter(case.fluids.values()))
     box = float(np.prod(geometry.upper - geometry.lower))
     march = ns.March(case, stepper, particles.site_volume, fluid.density, box)
+    since, last_step = None, None
+    if resume is not None:
+        saved = restart.load(Path(resume) / restart.NAME, state)
+        state, march.energies = saved.state, list(saved.energies)
+        if Path(resume).resolve() == case.output.directory.resolve():  # elsewhere its files begin anew
+            since, last_step = state.time, state.step
     with progress.stage("neighbours and operators", quiet):
         config = stepper.configure(state.x)
-    since = None
-    if resume is not None:
-        state = ns.load_restart(Path(resume) / "restart.npz", state)
-        config, since = stepper.configure(state.x), state.time
-    directory = output.prepare_directory(case.output.directory, resume=resume is not None)
+        if resume is not None:
+            stepper.take_up(saved.origins)
+    directory = output.prepare_directory(case.output.directory, resume=last_step is not None)
     output.write_text(directory / "case.yaml", dump_case(case))
     series = _series(case, directory, since)
-    history = []
-    if resume is not None:
-        history = [row for row in output.read_history(directory / "history.csv") if row["time"] <= since]
+    history, restart_file = [], directory / restart.NAME
 
     def snapshot(state, config):
         from .operators import total_divergence
@@ -219,34 +221,42 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
                                    total_divergence(config.ops, state.u))
                 series.write(state.step, state.time, *fields)
 
-    if resume is None:
+    if last_step is None:
         snapshot(state, config)
-    restart = directory / "restart.npz"
     try:
-        with output.History(directory / "history.csv", since) as file, progress.Progress(
+        with output.History(directory / "history.csv", last_step) as file, progress.Progress(
             case.time.end, case.time.max_steps if case.time.end is None else None, case.title, quiet
         ) as bar:
+            if file.rows:
+                history = output.read_history(directory / "history.csv")
 
             def row(values):
                 history.append(values)
                 file.append(values)
-                if case.output.restart_every and values["step"] % case.output.restart_every == 0:
-                    ns.save_restart(restart, march.last)
+
+            def save():
+                if march.last is not None:
+                    file.sync()  # a restart finds every row and every snapshot up to its step
+                    restart.save(restart_file, march.last)
 
             def show(state, dt, limit):
+                if case.output.restart_every and state.step % case.output.restart_every == 0:
+                    with clock("output"):
+                        save()
                 reports = stepper.reports
                 bar.update(state.step, state.time, dt, limit, {k: r.iterations for k, r in reports.items()},
                            {k: r.residual for k, r in reports.items()} | {"divergence": stepper.divergence})
 
-            state, config = march.run(state, config, snapshot, row, show)
-    except (KeyboardInterrupt, ns.RunError) as stop:
-        ns.save_restart(restart, march.last)
-        stop.restart = restart
+            try:
+                state, config = march.run(state, config, snapshot, row, show)
+                if series is None or not series.entries or series.entries[-1][0] < state.time:
+                    snapshot(state, config)
+            finally:
+                with clock("output"):
+                    save()
+    except BaseException as stop:
+        stop.restart = restart_file if restart_file.exists() else None
         raise
-    with clock("output"):
-        ns.save_restart(restart, state)
-    if series is None or not series.entries or series.entries[-1][0] < state.time:
-        snapshot(state, config)
     return _finish_march(case, directory, clock, geometry, particles, fluid, march, stepper, state, config, history)
 
 

@@ -1,16 +1,13 @@
 """The time loop of moving particles: step sizes, snapshots, history, steady states, restart files."""
 
-import zipfile
-from dataclasses import replace
-
 import numpy as np
 
 from . import expressions, linear
 from .drive import drives
 from .fluids import OneFluid
 from .kernel import KERNELS
-from .output import replacing
-from .particles import ParticleError, place_case
+from .particles import place_case
+from .restart import Saved
 from .step import State, StepError, Stepper
 
 VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
@@ -86,13 +83,14 @@ def _contact(case, geometry, particles, kind, support):
 class March:
     """Runs a state to its end; everything written on the way goes through the callbacks.
 
-    snapshot(state, config), row(dict) and progress(dict) are called as the run goes.
+    snapshot(state, config), row(dict) and progress(state, dt, limit) are called as the run goes. `last` is the last
+    step of which all is told (restart.Saved): what a run that stops goes on from.
     """
 
     def __init__(self, case, stepper, site_volume, density, box_volume):
         self.case, self.stepper = case, stepper
         self.site_volume, self.density, self.box_volume = site_volume, density, box_volume
-        self.energies = []
+        self.energies, self.change, self.last = [], None, None
         self.outcome = "finished"
 
     def limits(self, state):
@@ -124,13 +122,14 @@ class March:
         return found
 
     def run(self, state, config, snapshot, row, progress):
-        """(state, config) at the end. Raises RunError; KeyboardInterrupt leaves `self.last` as the last good state."""
+        """(state, config) at the end. Raises RunError."""
         case = self.case
         end = case.time.end if case.time.end is not None else np.inf
-        every = case.output.every or np.inf
-        due = (np.floor(state.time / every) + 1.0) * every if np.isfinite(every) else np.inf
-        self.last = state
-        while state.time < end * (1.0 - 1e-12) and state.step < case.time.max_steps:
+        if case.time.steady is not None and state.step:
+            self._look_back(state)
+        self.last = self._saved(state)
+        while not self._steady_by_now(state) and state.time < end * (1.0 - 1e-12) and state.step < case.time.max_steps:
+            due = self._next_snapshot(state.time)
             limits = self.limits(state)
             limit = min(limits, key=limits.get)
             dt = limits[limit]
@@ -140,20 +139,17 @@ class March:
             elif dt > 0.5 * target:
                 dt = 0.5 * target  # two like steps instead of a long one and a stump
             state, config, dt = self._attempt(state, config, dt)
-            self.last = state
-            row(self._row(state, dt, limit))
-            progress(state, dt, limit)
+            if case.time.steady is not None:
+                self._look_back(state)
             if state.time >= due * (1.0 - 1e-9):
                 snapshot(state, config)
-                due += every
-            if case.time.steady is not None and self._is_steady(state):
-                self.outcome = "steady"
-                break
-        else:
-            if case.time.steady is not None:
-                self.outcome = "not steady at the end"
-            elif state.step >= case.time.max_steps and state.time < end * (1.0 - 1e-12):
-                self.outcome = "out of steps"
+            row(self._row(state, dt, limit))
+            self.last = self._saved(state)
+            progress(state, dt, limit)
+        if case.time.steady is not None:
+            self.outcome = "steady" if self._steady_by_now(state) else "not steady at the end"
+        elif state.step >= case.time.max_steps and state.time < end * (1.0 - 1e-12):
+            self.outcome = "out of steps"
         return state, config
 
     def _attempt(self, state, config, dt):
@@ -167,19 +163,25 @@ class March:
         raise RunError(f"step {state.step + 1} at time {state.time:g}: {problem} (after {HALVINGS} halvings of the "
                        f"step, down to {dt:.3g})") from problem
 
-    def _is_steady(self, state):
-        energy = float((state.u * state.u).sum())
-        self.energies.append((state.time, energy))
-        times = [t for t, _ in self.energies]
-        k = np.searchsorted(times, STEADY_WINDOW * state.time)
-        if state.step < 20 or len(times) - k < 5 or energy == 0.0:
-            self.change = None
-            return False
-        window = [e for _, e in self.energies[k:]]
-        self.change = (max(window) - min(window)) / energy
-        return self.change < self.case.time.steady
+    def _saved(self, state):
+        return Saved(state, self.stepper.origins(), tuple(self.energies))
 
-    change = None
+    def _next_snapshot(self, time):
+        """When the next snapshot after `time` is due, from the time alone: a restarted run finds the same number."""
+        every = self.case.output.every
+        return np.inf if every is None else (np.floor(time / every * (1.0 + 1e-9)) + 1.0) * every
+
+    def _look_back(self, state):
+        """`change`: of the kinetic energy since STEADY_WINDOW of the time, relative; None before that says anything."""
+        energy = float((state.u * state.u).sum())
+        window = [e for e in self.energies if STEADY_WINDOW * state.time <= e[0] < state.time]
+        self.energies = [*window, (state.time, energy)]
+        values = [e for _, e in self.energies]
+        known = state.step >= 20 and len(values) >= 5 and energy > 0.0
+        self.change = (max(values) - min(values)) / energy if known else None
+
+    def _steady_by_now(self, state):
+        return self.change is not None and self.change < self.case.time.steady
 
     def _row(self, state, dt, limit):
         stepper = self.stepper
@@ -197,25 +199,3 @@ class March:
         if self.case.time.steady is not None:
             row["change"] = self.change
         return row
-
-
-def save_restart(path, state):
-    """The state as a compressed npz, written whole or not at all."""
-    with replacing(path) as temporary, open(temporary, "wb") as file:
-        np.savez_compressed(file, x=state.x, u=state.u, u_old=state.u_old, p=state.p, time=state.time,
-                            step=state.step, dt_old=state.dt_old)
-
-
-def load_restart(path, state):
-    """The state of a restart file for the scene of `state`; ParticleError where it does not fit or is damaged."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            found = {name: file[name] for name in ("x", "u", "u_old", "p")}
-            scalars = {"time": float(file["time"]), "step": int(file["step"]), "dt_old": float(file["dt_old"])}
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as problem:
-        what = f"{path}: is no restart file of ours, or damaged ({problem}); run the case anew"
-        raise ParticleError(what) from None
-    if found["x"].shape != state.x.shape:
-        raise ParticleError(f"{path}: {len(found['x'])} particles, but the case has {len(state.x)}; "
-                         f"restart with the case that wrote it")
-    return replace(state, **found, **scalars)

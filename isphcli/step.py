@@ -13,6 +13,7 @@ configuration is not where the new velocity lives, and it does not damp the mode
 Pressures here are divided by the density (m2/s2).
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -91,11 +92,29 @@ class Stepper:
     def __post_init__(self):
         self._levels = {}
         self._first = {}
+        self._origin = {}  # of each hierarchy: the state before the step in which it was built, and that step
         self._scene = None
         if self.geometry.has_solid:
             from .wall_scene import WallScene
 
             self._scene = WallScene(self.geometry, self.dummies, self.support, self.kind, self.site_volume)
+
+    def origins(self):
+        """Where the kept hierarchies came from: {name: (state, dt, iterations of the first use)}."""
+        return {name: (*self._origin[name], self._first[name]) for name in self._levels}
+
+    def take_up(self, origins):
+        """Build the hierarchies of `origins` again, by the steps that built them: they have the same bits."""
+        found = {}
+        for state, dt in {(id(state), dt): (state, dt) for state, dt, _ in origins.values()}.values():
+            self._levels = {}
+            with suppress(linear.SolveError, StepError):  # what is missing then is built when it is needed
+                self.advance(state, self.configure(state.x), dt)
+            wanted = [name for name, (s, t, _) in origins.items() if s is state and t == dt]
+            found |= {name: self._levels[name] for name in wanted if name in self._levels}
+        self._levels = found
+        self._origin = {name: (state, dt) for name, (state, dt, _) in origins.items()}
+        self._first = {name: first for name, (_, _, first) in origins.items()}
 
     def configure(self, x):
         """Neighbours and operators of fluid positions x (n, dim)."""
@@ -156,7 +175,7 @@ class Stepper:
 
     def advance(self, state, config, dt):
         """One step of length dt: (new state, its configuration). Raises SolveError or StepError."""
-        self.reports, self.rebuilt = {}, False
+        self.reports, self.rebuilt, self._now = {}, False, (state, dt)
         moved = self.move(state, config, dt)
         config = self.configure(moved.x)
         ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0
@@ -280,6 +299,7 @@ class Stepper:
             if fresh:
                 with self.clock("preconditioner"):
                     self._levels[name] = linear.hierarchy(matrix)
+                self._origin[name] = self._now
                 self.rebuilt = True
             levels = self._levels[name]
             levels.levels[0].A = matrix

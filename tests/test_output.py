@@ -65,6 +65,7 @@ def test_series_goes_on_after_a_restart(tmp_path):
     for step in range(4):
         series.write(step, float(step), x, {})
     again = output.Series(tmp_path, resume_time=1.0)
+    assert [t for t, _ in output.read_pvd(again.path)] == [0.0, 1.0]
     again.write(2, 1.5, x, {})
     assert [t for t, _ in output.read_pvd(again.path)] == [0.0, 1.0, 1.5]
 
@@ -110,9 +111,12 @@ def test_history_reads_back(tmp_path):
         {"step": 1, "time": 0.1, "limit": "cfl", "iterations_p": 3, "p": None},
         {"step": 2, "time": 0.2, "limit": "end", "iterations_p": None, "p": 1e-7},
     ]
-    with output.History(path, resume_time=0.15) as history:
-        history.append({"step": 2, "time": 0.19})
-    assert [row["time"] for row in output.read_history(path)] == [0.1, 0.19]
+    with open(path, "a") as file:
+        file.write("3,0.2")  # a run that was killed as it wrote
+    with output.History(path, resume_step=1) as history:
+        history.append({"step": 2, "time": 0.19, "change": 0.5})
+    assert [(row["step"], row["time"], row["change"]) for row in output.read_history(path)] == [
+        (1, 0.1, None), (2, 0.19, 0.5)]
 
 
 def test_history_can_be_read_while_it_grows(tmp_path):

@@ -7,7 +7,7 @@ from isphcli.case import read_case
 from isphcli.geometry import build_geometry
 from isphcli.output import Clock
 from isphcli.references import taylor_green_2d
-from isphcli.run_navier_stokes import March, RunError, load_restart, prepare, save_restart
+from isphcli.run_navier_stokes import March, RunError, prepare
 
 VORTEX = """
 geometry: {{box: [1, 1], periodic: [x, y]}}
@@ -151,10 +151,3 @@ def test_a_step_that_cannot_be_solved_ends_with_its_numbers():
     with pytest.raises(RunError, match="system did not converge: residual"):
         run(VORTEX.format(dx=0.05, jitter=0.2, nu=0.01, end=0.1, cfl=0.2)
             + "solver: {tolerance: 1.0e-9, max_iterations: 1}\n")
-
-
-def test_restart_file_holds_the_state(tmp_path):
-    state, *_ = run(VORTEX.format(dx=0.1, jitter=0.1, nu=0.01, end=0.05, cfl=0.2))
-    save_restart(tmp_path / "restart.npz", state)
-    again = load_restart(tmp_path / "restart.npz", state)
-    assert np.array_equal(again.x, state.x) and np.array_equal(again.p, state.p) and again.dt_old == state.dt_old

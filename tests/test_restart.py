@@ -1,0 +1,215 @@
+"""Restart: a run in pieces leaves what a run in one piece leaves, bit for bit; damaged files are named and refused."""
+
+import errno
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+
+import numba
+import numpy as np
+import pytest
+
+from isphcli import output, restart, run_navier_stokes
+from isphcli.case import load_case
+from isphcli.restart import RestartError, Saved
+from isphcli.run import run_case
+from isphcli.step import State
+
+VORTEX = """
+geometry: {box: [1, 1], periodic: [x, y]}
+particles: {spacing: 0.0625, jitter: 0.1}
+fluids: {water: {density: 1, viscosity: 0.1}}
+initial: {velocity: ["sin(2*pi*x)*cos(2*pi*y)", "-cos(2*pi*x)*sin(2*pi*y)"]}
+time: {end: 0.1, cfl: 0.4}
+output: {every: 0.03, plots: false}
+"""
+CAVITY = """
+geometry: {box: [1, 1], walls: {y_max: {velocity: [1, 0]}}}
+particles: {spacing: 0.1}
+fluids: {water: {density: 1, viscosity: 0.1}}
+time: {end: 0.5, cfl: 0.4}
+output: {every: 0.2, plots: false}
+"""
+POROUS = """
+geometry: {box: [1, 1], periodic: [x, y], shapes: [{sphere: {centre: [0.5, 0.5], radius: 0.25}, is: solid}]}
+particles: {spacing: 0.0625, shifting: 0}
+fluids: {water: {density: 1, viscosity: 1}}
+drive: {body_force: [1, 0]}
+time: {steady: 2.0e-2, end: 100}
+output: {plots: false}
+"""
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    yield
+    numba.set_num_threads(before)
+
+
+def load(tmp_path, text, out, *sets):
+    (tmp_path / "case.yaml").write_text(text)
+    return load_case(tmp_path / "case.yaml", [f"output.directory={tmp_path / out}", *sets])
+
+
+def stop_at(monkeypatch, step):
+    """Ctrl-C in the middle of a step."""
+    real = run_navier_stokes.March._row
+
+    def row(self, state, dt, limit):
+        if state.step == step:
+            raise KeyboardInterrupt
+        return real(self, state, dt, limit)
+
+    monkeypatch.setattr(run_navier_stokes.March, "_row", row)
+
+
+def left_by(directory):
+    """{file: bytes} of history, snapshots and series, and the arrays of the restart file."""
+    files = [directory / "history.csv", *directory.glob("*.pvd"), *directory.glob("snapshots/*")]
+    found = {str(path.relative_to(directory)): path.read_bytes() for path in files}
+    with np.load(directory / restart.NAME) as file:
+        return found | {name: file[name].tobytes() for name in file.files}
+
+
+@pytest.mark.parametrize("text, steps", [(VORTEX, (1, 5)), (CAVITY, (9, 14)), (POROUS, (30, 31))],
+                         ids=["shifted", "walls", "to a steady state"])
+def test_a_run_in_pieces_is_the_run_in_one_piece(tmp_path, text, steps, monkeypatch):
+    """Interrupted at any step, not only where files are written: the same history, snapshots and state, bit for bit.
+    The hierarchies in use were built long before the step of the interrupt."""
+    run_case(load(tmp_path, text, "a"), quiet=True)
+    resume = None
+    for step in steps:
+        with monkeypatch.context() as patch:
+            stop_at(patch, step)
+            with pytest.raises(KeyboardInterrupt):
+                run_case(load(tmp_path, text, "b"), quiet=True, resume=resume)
+        resume = tmp_path / "b"
+    run_case(load(tmp_path, text, "b"), quiet=True, resume=resume)
+    one, two = left_by(tmp_path / "a"), left_by(tmp_path / "b")
+    assert one.keys() == two.keys()
+    assert [name for name in one if one[name] != two[name]] == []
+    with np.load(tmp_path / "a" / restart.NAME) as file:
+        assert int(file["state0.step"]) >= steps[-1] + 2
+
+
+def test_a_finished_run_goes_on_with_more_time(tmp_path):
+    run_case(load(tmp_path, VORTEX, "a"), quiet=True)
+    summary = run_case(load(tmp_path, VORTEX, "a", "time.end=0.13"), quiet=True, resume=tmp_path / "a")
+    rows = output.read_history(tmp_path / "a" / "history.csv")
+    assert [r["step"] for r in rows] == list(range(1, summary["steps"] + 1))
+    assert [t for t, _ in output.read_pvd(tmp_path / "a" / "particles.pvd")] == pytest.approx(
+        [0, 0.03, 0.06, 0.09, 0.1, 0.12, 0.13])
+
+
+def test_a_finished_steady_run_is_finished(tmp_path):
+    first = run_case(load(tmp_path, POROUS, "a"), quiet=True)
+    again = run_case(load(tmp_path, POROUS, "a"), quiet=True, resume=tmp_path / "a")
+    assert first["status"] == again["status"] == "steady"
+    assert again["steps"] == first["steps"] and again["permeability"] == first["permeability"]
+
+
+def test_a_run_goes_on_in_another_directory(tmp_path):
+    run_case(load(tmp_path, VORTEX, "a"), quiet=True)
+    before = left_by(tmp_path / "a")
+    run_case(load(tmp_path, VORTEX, "b", "time.end=0.13"), quiet=True, resume=tmp_path / "a")
+    assert left_by(tmp_path / "a") == before
+    assert output.read_history(tmp_path / "b" / "history.csv")[0]["time"] > 0.1
+
+
+def saved(n=20):
+    rng = np.random.default_rng(1)
+    a = State(rng.random((n, 2)), rng.random((n, 2)), rng.random((n, 2)), rng.random(n), 1 / 3, 7, 0.1)
+    b = State(a.x + 1, a.u, a.u_old, a.p, 0.1, 3, 0.2)
+    return Saved(a, {"pressure": (b, 0.1, 12), "velocity": (b, 0.1, 3)}, ((0.1, 1 / 3), (0.2, 1e-30)))
+
+
+def test_a_file_holds_all_of_a_run(tmp_path):
+    was = saved()
+    restart.save(tmp_path / "r.npz", was)
+    found = restart.load(tmp_path / "r.npz", was.state)
+    assert found.energies == was.energies
+    assert found.state.time == 1 / 3 and found.state.step == 7 and isinstance(found.state.step, int)
+    for name in ("x", "u", "u_old", "p"):
+        assert np.array_equal(getattr(found.state, name), getattr(was.state, name))
+    state, dt, first = found.origins["pressure"]
+    assert np.array_equal(state.x, was.state.x + 1) and (dt, first) == (0.1, 12)
+    assert found.origins["velocity"][0] is state
+
+
+def test_every_damaged_bit_is_found(tmp_path):
+    """A bit turned over anywhere: refused, or in a byte that means nothing (the zip's own times and attributes)."""
+    was, path = saved(4), tmp_path / "r.npz"
+    restart.save(path, was)
+    whole = path.read_bytes()
+    refused = 0
+    for k in range(0, len(whole), 7):
+        path.write_bytes(whole[:k] + bytes([whole[k] ^ 16]) + whole[k + 1 :])
+        try:
+            found = restart.load(path, was.state)
+        except RestartError as error:
+            assert str(path) in str(error)
+            refused += 1
+        else:
+            assert np.array_equal(found.state.x, was.state.x) and found.energies == was.energies
+    assert refused > 0.5 * len(range(0, len(whole), 7))
+
+
+@pytest.mark.parametrize("length", [0, 1, 100, 0.5, 0.99])
+def test_a_truncated_file_is_refused(tmp_path, length):
+    path = tmp_path / "r.npz"
+    restart.save(path, saved())
+    whole = path.read_bytes()
+    path.write_bytes(whole[: length if length >= 1 else int(length * len(whole))])
+    with pytest.raises(RestartError, match=re.escape(f"{path}: is no restart file of ours, or damaged")):
+        restart.load(path, saved().state)
+
+
+def test_a_file_of_another_case_is_refused(tmp_path):
+    restart.save(tmp_path / "r.npz", saved())
+    with pytest.raises(RestartError, match=r"has the shape \(20,.*needs \(10,"):
+        restart.load(tmp_path / "r.npz", saved(10).state)
+    with pytest.raises(RestartError, match="no restart file"):
+        restart.load(tmp_path / "other.npz", saved().state)
+
+
+def test_nan_is_not_saved(tmp_path):
+    was = saved()
+    was.state.p[3] = np.nan
+    with pytest.raises(RestartError, match="p is not finite"):
+        restart.save(tmp_path / "r.npz", was)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
+    """ENOSPC in the second snapshot: the first stays, the run ends with the error, and the restart makes it whole."""
+    run_case(load(tmp_path, VORTEX, "a"), quiet=True)
+    real = output.write_vtu
+
+    def full(path, *rest):
+        if "000000" not in str(path):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(path, *rest)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(output, "write_vtu", full)
+        with pytest.raises(OSError, match="No space left") as caught:
+            run_case(load(tmp_path, VORTEX, "b"), quiet=True)
+    assert caught.value.restart == tmp_path / "b" / restart.NAME
+    run_case(load(tmp_path, VORTEX, "b"), quiet=True, resume=tmp_path / "b")
+    assert left_by(tmp_path / "a") == left_by(tmp_path / "b")
+
+
+def test_files_that_may_not_grow(tmp_path):
+    """Any write past 20 kB fails, in whatever file: exit code 3, no traceback, no unfinished file."""
+    (tmp_path / "case.yaml").write_text(VORTEX.replace("every: 0.03", "every: 0.01, restart_every: 3"))
+    limit = lambda: (signal.signal(signal.SIGXFSZ, signal.SIG_IGN),  # noqa: E731
+                     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)))
+    done = subprocess.run([sys.executable, "-m", "isphcli", "run", str(tmp_path / "case.yaml"), "--quiet",
+                           "--out", str(tmp_path / "out")], capture_output=True, text=True, preexec_fn=limit)
+    assert done.returncode == 3 and "File too large" in done.stderr and "Traceback" not in done.stderr
+    assert not list((tmp_path / "out").rglob(".isph-*"))
