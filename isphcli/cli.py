@@ -83,6 +83,8 @@ def message(error: BaseException) -> str:
     """What is said about an exception."""
     restart = getattr(error, "restart", None)
     left = f"\nrestart file: {restart}" if restart else ""
+    worst = getattr(error, "worst", None)
+    left += f"\nworst particles: {worst}" if worst else ""
     if isinstance(error, KeyboardInterrupt):
         return f"interrupted{left}"
     if isinstance(error, MemoryError):

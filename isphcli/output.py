@@ -31,7 +31,7 @@ LIBRARIES = ("isphcli", "numpy", "scipy", "numba", "pyamg", "meshio", "matplotli
 
 # What `prepare_directory` takes for the files of an earlier run (beside snapshots and their .pvd). The
 # effective case.yaml is not among them: someone may run `isph run case.yaml` with `directory: .`
-OWN_FILES = ("history.csv", "summary.json", "run.log", "restart.*") + tuple(
+OWN_FILES = ("history.csv", "summary.json", "run.log", "worst.vtu", "restart.*") + tuple(
     f"{name}*.png" for name in ("slice", "histories", "profile", "render")
 )
 _SNAPSHOT = re.compile(r"(?P<name>.+)_(?P<step>\d{6,})\.vtu")

@@ -1,6 +1,7 @@
 """A case from its file to its results: the one place that chooses which terms a scene has."""
 
 import importlib
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -189,6 +190,8 @@ def _pictures(case, directory, flow, permeability):
 
 
 def _run_navier_stokes(case, ns, clock, quiet, resume):
+    from . import failure
+
     with clock("geometry"), progress.stage("geometry", quiet):
         geometry = build_geometry(case)
     state, stepper, particles = ns.prepare(case, geometry, clock)
@@ -256,6 +259,9 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
                     save()
     except BaseException as stop:
         stop.restart = restart_file if restart_file.exists() else None
+        if isinstance(stop, failure.RunError):
+            with suppress(OSError):
+                stop.worst = failure.write_worst(directory / failure.NAME, march.last.state, stop.badness)
         raise
     return _finish_march(case, directory, clock, geometry, particles, fluid, march, stepper, state, config, history)
 

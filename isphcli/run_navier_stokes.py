@@ -1,14 +1,16 @@
 """The time loop of moving particles: step sizes, snapshots, history, steady states, restart files."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from . import expressions, linear
+from . import expressions, failure
 from .drive import drives
 from .fluids import OneFluid
 from .kernel import KERNELS
 from .particles import place_case
 from .restart import Saved
-from .step import State, StepError, Stepper
+from .step import State, Stepper
 
 VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
 # The first step, as a part of what the limits allow, and the growth of the steps after it (second order needs less
@@ -16,14 +18,7 @@ VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no li
 # that stay a fifth of the time since the start resolve it.
 FIRST, GROWTH = 1.0 / 16.0, 2.0
 FIRST_AT_WALLS, GROWTH_AT_WALLS = 1.0 / 64.0, 1.25
-HALVINGS = 4  # of a step that fails, before the run stops
 STEADY_WINDOW = 0.8  # a run is steady when the kinetic energy has changed little since this fraction of the time
-
-
-class RunError(RuntimeError):
-    """A run that had to stop: where, why and what to try. Attribute `restart`: file of the last good state."""
-
-    restart = None
 
 
 def prepare(case, geometry, clock):
@@ -46,6 +41,7 @@ def prepare(case, geometry, clock):
         shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2", tolerance=case.solver.tolerance,
         restart=case.solver.restart, max_iterations=case.solver.max_iterations, clock=clock,
     )
+    stepper.bounds = bounds(case, geometry, particles, u, force)
     return State(x, u, u.copy(), np.zeros(n)), stepper, particles
 
 
@@ -78,6 +74,16 @@ def _contact(case, geometry, particles, kind, support):
     return ContactAngle(case.interface.contact_angle, dummies, np.maximum(-geometry.distance(dummies), 0.0),
                         wall_normals(geometry, dummies, support), kind, support, case.particles.spacing,
                         particles.site_volume)
+
+
+def bounds(case, geometry, particles, u, force):
+    """failure.Bounds of a case that starts with velocities u (n, dim) under the acceleration force (dim,)."""
+    density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
+    walls = np.sqrt((geometry.wall_velocity**2).sum(axis=1).max(initial=0.0))
+    tension = case.interface.tension if case.interface is not None else 0.0
+    capillary = np.sqrt(tension / (density.min() * case.particles.spacing))
+    found = failure.Bounds(geometry, particles.site_volume, density, 0.0, np.linalg.norm(force), walls + capillary)
+    return replace(found, start=found.speed(u))
 
 
 class March:
@@ -122,7 +128,7 @@ class March:
         return found
 
     def run(self, state, config, snapshot, row, progress):
-        """(state, config) at the end. Raises RunError."""
+        """(state, config) at the end. Raises failure.RunError."""
         case = self.case
         end = case.time.end if case.time.end is not None else np.inf
         if case.time.steady is not None and state.step:
@@ -138,7 +144,7 @@ class March:
                 dt, limit = target, "end"
             elif dt > 0.5 * target:
                 dt = 0.5 * target  # two like steps instead of a long one and a stump
-            state, config, dt = self._attempt(state, config, dt)
+            state, config, dt = failure.attempt(self.stepper, state, config, dt)
             if case.time.steady is not None:
                 self._look_back(state)
             if state.time >= due * (1.0 - 1e-9):
@@ -151,17 +157,6 @@ class March:
         elif state.step >= case.time.max_steps and state.time < end * (1.0 - 1e-12):
             self.outcome = "out of steps"
         return state, config
-
-    def _attempt(self, state, config, dt):
-        for _ in range(HALVINGS):
-            try:
-                new, new_config = self.stepper.advance(state, config, dt)
-                return new, new_config, dt
-            except (linear.SolveError, StepError) as error:
-                problem = error
-                dt *= 0.5
-        raise RunError(f"step {state.step + 1} at time {state.time:g}: {problem} (after {HALVINGS} halvings of the "
-                       f"step, down to {dt:.3g})") from problem
 
     def _saved(self, state):
         return Saved(state, self.stepper.origins(), tuple(self.energies))

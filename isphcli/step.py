@@ -19,6 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from . import linear
+from .failure import STRONGER, StepError
 from .halo import build_halo, wrap
 from .neighbours import find_pairs
 from .operators import build_operators, gradient_p, particle_volumes, total_divergence
@@ -27,10 +28,6 @@ from .shifting import carry, shift
 JACOBI_LIMIT = 2.0  # nu dt / dx^2 up to which the Helmholtz matrix is solved with its diagonal alone
 NEAR_WALL = 0.25  # of the spacing: no particle comes nearer to a wall than this; at 0.015 a cavity blew up
 STALE = 1.5  # a hierarchy is rebuilt when its iterations exceed those of its first use by this factor and by 4
-
-
-class StepError(RuntimeError):
-    """A step that broke a limit; the message says which."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +113,10 @@ class Stepper:
         self._origin = {name: (state, dt) for name, (state, dt, _) in origins.items()}
         self._first = {name: first for name, (_, _, first) in origins.items()}
 
+    def forget(self):
+        """Drop the hierarchies: the next step builds new ones."""
+        self._levels.clear()
+
     def configure(self, x):
         """Neighbours and operators of fluid positions x (n, dim)."""
         n = len(x)
@@ -185,9 +186,7 @@ class Stepper:
         # the first step finds the pressure of the start: it is taken again with what it found
         for _ in range(1 if state.dt_old else 3):
             u, p, div = self._project(config, moved.u, history, p, g0, dt)
-        if not np.isfinite(u).all() or not np.isfinite(p).all():
-            raise StepError("the velocity or the pressure is no longer a number; take a smaller time step (time.cfl)")
-        self.divergence = float(np.abs(div).max()) * dt
+        self.divergences, self.divergence = div, float(np.abs(div).max()) * dt
         return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt), config
 
     def _project(self, config, guess, history, p, g0, dt):
@@ -218,15 +217,18 @@ class Stepper:
         inverse = 1.0 / matrix.diagonal()
 
         def solve(b, x0):
-            if stiff:
-                return self._multigrid("velocity", matrix, matrix.dot, b, x0, None)
-            return linear.gmres(matrix.dot, b, inverse.__mul__, self.tolerance, self.restart, self.max_iterations, x0)
+            if not stiff:
+                found = linear.gmres(matrix.dot, b, inverse.__mul__, self.tolerance, self.restart,
+                                     self.max_iterations, x0)
+                if found[1].converged:
+                    return found
+            return self._multigrid("velocity", matrix, matrix.dot, b, x0, None)
 
         out = np.empty_like(right)
         for k in range(right.shape[1]):
             with self.clock("krylov"):
                 out[:, k], report = solve(np.ascontiguousarray(right[:, k]), np.ascontiguousarray(guess[:, k]))
-            self._record("velocity", report)
+            self._record("velocity", report, lambda k=k: right[:, k] - matrix @ out[:, k])
         return out
 
     def _coupled_helmholtz(self, config, matrix, slip, right, guess, stiff):
@@ -256,9 +258,13 @@ class Stepper:
                                                    by_component)
             else:
                 inverse = np.repeat(1.0 / matrix.diagonal(), dim)
-                solution, report = linear.gmres(apply, right.ravel(), inverse.__mul__, self.tolerance, self.restart,
-                                                self.max_iterations, start=guess.ravel())
-        self._record("velocity", report)
+                for more in (1, STRONGER):
+                    solution, report = linear.gmres(apply, right.ravel(), inverse.__mul__, self.tolerance,
+                                                    more * self.restart, more * self.max_iterations,
+                                                    start=guess.ravel())
+                    if report.converged:
+                        break
+        self._record("velocity", report, lambda: np.abs(right - apply(solution).reshape(n, dim)).max(axis=1))
         return solution.reshape(n, dim)
 
     def _poisson(self, config, right):
@@ -287,14 +293,16 @@ class Stepper:
                                                         slope, -1.0, -1.0, natural_p=natural))
 
         with self.clock("krylov"):
-            q, report = self._multigrid("pressure", matrix, apply, means.remove(right), None, means.remove)
-        self._record("pressure", report)
+            right = means.remove(right)
+            q, report = self._multigrid("pressure", matrix, apply, right, None, means.remove)
+        self._record("pressure", report, lambda: right - apply(q))
         return means.remove(q)
 
     def _multigrid(self, name, matrix, apply, right, guess, project, spread=None):
-        """GMRES with the hierarchy kept under `name`; a stale one is rebuilt, a failed solve is tried again with a
-        new one. spread: makes of a cycle for one component one for all."""
-        for _ in range(2):
+        """GMRES with the hierarchy kept under `name`. A stale one is dropped; a failed solve is repeated with a new
+        one, then with more of it (failure.py). spread: makes of a cycle for one component one for all."""
+        tries = [1, STRONGER] if name not in self._levels else [1, 1, STRONGER]
+        for more in tries:
             fresh = name not in self._levels
             if fresh:
                 with self.clock("preconditioner"):
@@ -303,26 +311,38 @@ class Stepper:
                 self.rebuilt = True
             levels = self._levels[name]
             levels.levels[0].A = matrix
-            once = linear.cycle(levels)
+            once = _cycles(linear.cycle(levels), matrix, more)
             if spread is not None:
                 once = spread(once)
             smooth = once if project is None else lambda v: project(once(v))  # noqa: B023
-            solution, report = linear.gmres(apply, right, smooth, self.tolerance, self.restart, self.max_iterations,
-                                            start=guess)
+            solution, report = linear.gmres(apply, right, smooth, self.tolerance, more * self.restart,
+                                            more * self.max_iterations, start=guess)
             if fresh:
                 self._first[name] = report.iterations
+            if report.converged and report.iterations <= max(STALE * self._first[name], self._first[name] + 4):
+                break
+            self._levels.pop(name)
             if report.converged:
-                if report.iterations > max(STALE * self._first[name], self._first[name] + 4):
-                    del self._levels[name]
-                return solution, report
-            self._levels.pop(name, None)
-            if fresh:
                 break
         return solution, report
 
-    def _record(self, name, report):
+    def _record(self, name, report, residual):
         if not report.converged:
-            raise linear.SolveError(name, report)
+            error = linear.SolveError(name, report)
+            error.badness = residual()
+            raise error
         before = self.reports.get(name)
         if before is None or before.iterations < report.iterations:
             self.reports[name] = report
+
+
+def _cycles(once, matrix, count):
+    """So many cycles of a hierarchy as a function of the right-hand side."""
+
+    def apply(b):
+        x = once(b)
+        for _ in range(count - 1):
+            x += once(b - matrix @ x)
+        return x
+
+    return apply

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from isphcli.case import read_case
+from isphcli.failure import RunError
 from isphcli.geometry import build_geometry
 from isphcli.output import Clock
 from isphcli.references import taylor_green_2d
-from isphcli.run_navier_stokes import March, RunError, prepare
+from isphcli.run_navier_stokes import March, prepare
 
 VORTEX = """
 geometry: {{box: [1, 1], periodic: [x, y]}}

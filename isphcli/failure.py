@@ -1,0 +1,128 @@
+"""When a step goes wrong: the limits that it must keep, what is tried again, and how a run ends. All of it is here.
+
+1. A linear solve that misses its tolerance is repeated with a new hierarchy (the kept one may be stale), then with
+   two cycles of it a call and twice the Krylov vectors and iterations (`STRONGER`, `Stepper._multigrid`). A system
+   solved with its diagonal alone gets a hierarchy.
+2. A step of which a solve has failed, or that breaks one of the `Bounds`, is repeated with half its length and new
+   hierarchies, up to HALVINGS times.
+3. RunError, exit code 3: the step, the system and its true residual or the limit and its value, and what to try. The
+   run leaves the worst particles (worst.vtu) and a restart file of the last good state.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import linear, output
+
+HALVINGS = 4
+STRONGER = 2  # cycles a preconditioner call, and factor of Krylov vectors and iterations, of the last try of a solve
+# Measured over cases/ and throats, disks, spheres and jittered starts, 2D and 3D, Re 1e-3 to 1e5; runs that kept
+# within physics | runs that blew up:
+GROWTH = 1.5  # of the root mean square speed over what energy allows; <= 1.004 | 1e75
+DIVERGENCE = 0.5  # largest divergence times dt: the part of its volume that a particle gains in a step; <= 0.16 | 14
+VOLUME = (0.3, 1.8)  # of a particle, over that of a site: the inverse of the number density; 0.60 to 1.41 | 0.35, 2.3
+WORST = 50  # particles in worst.vtu
+NAME = "worst.vtu"
+
+
+class StepError(RuntimeError):
+    """A step that broke a limit. Attribute `badness`: (n,) how far each particle is beyond it."""
+
+    def __init__(self, message, badness=None):
+        super().__init__(message)
+        self.badness = badness
+
+
+class RunError(RuntimeError):
+    """A run that had to stop. Attributes: `badness` of the particles, `restart` and `worst`, the files it left."""
+
+    badness = restart = worst = None
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What no step may exceed.
+
+    Incompressible flow gains kinetic energy only from what drives it: the root mean square speed is at most that of the
+    start, plus force times time, plus the speed of the walls, plus the speed that surface tension gives fluid of the
+    size of a spacing. The mean is weighted with the density.
+
+    start: m/s; force: m/s2; other: speed of walls and of surface tension, m/s; density: (n,) or 1.
+    """
+
+    geometry: object
+    site_volume: float
+    density: object
+    start: float
+    force: float
+    other: float
+
+    def speed(self, u):
+        """Root mean square speed of velocities (n, dim), weighted with the density."""
+        largest = np.abs(u).max()
+        if not 0.0 < largest < np.inf:  # squares of very small and very large speeds leave the range of numbers
+            return largest
+        square = ((u / largest) ** 2).sum(axis=1)
+        return largest * np.sqrt(np.average(square, weights=np.broadcast_to(self.density, square.shape)))
+
+    def check(self, old, new, config, divergence, dt):
+        """Raises StepError where the step from state `old` to `new` broke a limit. divergence: (n,) 1/s."""
+        for name, values in (("position", new.x), ("velocity", new.u), ("pressure", new.p)):
+            bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+            if bad.any():
+                raise StepError(f"the {name} of {bad.sum()} particles is no longer a number", bad.astype(float))
+        speed, size = self.speed(new.u), np.sqrt((new.u**2).sum(axis=1))
+        before = (("of the step before", self.speed(old.u), dt), ("of the start", self.start, new.time))
+        for since, begin, time in before:
+            bound = GROWTH * (begin + self.force * time + self.other)
+            if speed > bound:
+                raise StepError(f"the mean speed is {speed:.3g}, but that {since}, the force and the walls allow "
+                                f"{bound:.3g}", size)
+        change = np.abs(divergence) * dt
+        if change.max() > DIVERGENCE:
+            raise StepError(f"a particle would change its volume by {change.max():.2g} of it (limit {DIVERGENCE})",
+                            change)
+        volume = config.ops.volume[: len(new.x)] / self.site_volume
+        if volume.min() < VOLUME[0] or volume.max() > VOLUME[1]:
+            raise StepError(f"the volumes of particles range from {volume.min():.2g} to {volume.max():.2g} of that at "
+                            f"the start (limits {VOLUME[0]} and {VOLUME[1]}): they clump or part",
+                            np.maximum(VOLUME[0] / volume, volume / VOLUME[1]))
+        if self.geometry.has_solid:
+            inside = self.geometry.phase(new.x) < 0
+            if inside.any():
+                raise StepError(f"{inside.sum()} particles are in a wall", inside.astype(float))
+
+
+def attempt(stepper, state, config, dt):
+    """(state, configuration, step length) after a step of dt or, if that fails, a shorter one. Raises RunError."""
+    for halving in range(HALVINGS + 1):
+        length = dt * 0.5**halving
+        try:
+            if state.time + length * 1e-3 == state.time:
+                raise StepError(f"the step {length:.3g} is lost in the digits of the time {state.time:.3g}")
+            with np.errstate(all="ignore"):  # what is not finite is found by the bounds
+                new, new_config = stepper.advance(state, config, length)
+                stepper.bounds.check(state, new, new_config, stepper.divergences, length)
+            return new, new_config, length
+        except (linear.SolveError, StepError) as error:
+            problem = error
+            stepper.forget()
+    message = f"step {state.step + 1} at time {state.time:g}: {problem} (the last of {HALVINGS} halvings, {length:.3g})"
+    if isinstance(problem, StepError):
+        message += ("; try a smaller time.cfl, a smaller particles.spacing where pores are few particles wide, or more "
+                    "particles.shifting")
+    error = RunError(message)
+    error.badness = getattr(problem, "badness", None)
+    raise error from problem
+
+
+def write_worst(path, state, badness):
+    """The particles of the last good state that are worst in the failed step, as a VTU; None where nothing is known."""
+    if badness is None:
+        return None
+    amount = np.nan_to_num(np.abs(badness), nan=np.inf, posinf=np.finfo(float).max)
+    rows = np.argsort(-amount, kind="stable")[:WORST]
+    fields = {"velocity": state.u[rows], "pressure": state.p[rows], "particle": rows, "badness": amount[rows]}
+    output.write_vtu(path, state.x[rows], fields)
+    return path

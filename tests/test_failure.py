@@ -1,0 +1,195 @@
+"""Steps that go wrong: the limits, the order of the tries, and what a run that ends leaves behind."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from isphcli import failure, linear, output, restart
+from isphcli.case import load_case, read_case
+from isphcli.cli import main
+from isphcli.failure import Bounds, RunError, StepError
+from isphcli.geometry import build_geometry
+from isphcli.linear import SolveError
+from isphcli.output import Clock
+from isphcli.run import run_case
+from isphcli.run_navier_stokes import prepare
+
+VORTEX = """
+geometry: {box: [1, 1], periodic: [x, y]}
+particles: {spacing: 0.1, jitter: 0.1}
+fluids: {water: {density: 1, viscosity: 0.1}}
+initial: {velocity: ["sin(2*pi*x)*cos(2*pi*y)", "-cos(2*pi*x)*sin(2*pi*y)"]}
+time: {end: 0.1}
+"""
+# at high Reynolds numbers without shifting: particles line up and clump, and the flow blows up
+BLOW_UP = """
+geometry: {box: [1, 1], periodic: [x, y]}
+particles: {spacing: 0.05, shifting: 0}
+fluids: {water: {density: 1, viscosity: 1.0e-3}}
+initial: {velocity: ["sin(2*pi*x)*cos(2*pi*y)", "-cos(2*pi*x)*sin(2*pi*y)"]}
+time: {end: 5, cfl: 0.5}
+output: {every: 0.05, plots: false}
+"""
+
+
+def scene(text):
+    """(stepper, state, configuration) of a case at its start."""
+    case = read_case(text.encode(), "case.yaml")
+    state, stepper, _ = prepare(case, build_geometry(case), Clock())
+    return stepper, state, stepper.configure(state.x)
+
+
+@pytest.fixture
+def step():
+    """A good step: (bounds, arguments of its check)."""
+    stepper, state, config = scene(VORTEX)
+    new, config = stepper.advance(state, config, 0.01)
+    return stepper.bounds, [state, new, config, stepper.divergences, 0.01]
+
+
+def test_a_good_step_keeps_all_limits(step):
+    bounds, arguments = step
+    bounds.check(*arguments)
+
+
+@pytest.mark.parametrize("name", ["x", "u", "p"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_what_is_no_number_is_found(step, name, value):
+    bounds, arguments = step
+    values = getattr(arguments[1], name).copy()
+    values[7] = value
+    arguments[1] = replace(arguments[1], **{name: values})
+    with pytest.raises(StepError, match="1 particles is no longer a number") as caught:
+        bounds.check(*arguments)
+    assert np.flatnonzero(caught.value.badness).tolist() == [7]
+
+
+def test_speed_from_nowhere_is_found(step):
+    """Twice the speed without a force; the same speed where a force explains it."""
+    bounds, arguments = step
+    arguments[1] = replace(arguments[1], u=2 * arguments[1].u)
+    with pytest.raises(StepError, match="the mean speed"):
+        bounds.check(*arguments)
+    replace(bounds, force=1.0 / 0.01).check(*arguments)
+
+
+def test_speed_that_grows_slowly_is_found(step):
+    """1 % a step passes from step to step, but not since the start."""
+    bounds, arguments = step
+    state = arguments[1]
+    with pytest.raises(StepError, match="of the start"):
+        for _ in range(100):
+            arguments[0], state = state, replace(state, u=1.01 * state.u, time=state.time + 0.01)
+            arguments[1] = state
+            bounds.check(*arguments)
+    assert 1.3 < bounds.speed(state.u) / bounds.start < 1.6
+
+
+def test_a_mean_speed_does_not_leave_the_range_of_numbers():
+    bounds = Bounds(None, 1.0, 1.0, 0.0, 0.0, 0.0)
+    for scale in (0.0, 1e-300, 1.0, 1e300):
+        assert bounds.speed(np.full((5, 2), scale)) == pytest.approx(np.sqrt(2) * scale)
+
+
+def test_divergence_and_volumes_are_bounded(step):
+    bounds, arguments = step
+    with pytest.raises(StepError, match=r"change its volume by 0\.6"):
+        bounds.check(*arguments[:3], np.full(100, 60.0), 0.01)
+    ops = SimpleNamespace(volume=arguments[2].ops.volume.copy())
+    ops.volume[3] *= 0.2
+    with pytest.raises(StepError, match="clump") as caught:
+        bounds.check(*arguments[:2], SimpleNamespace(ops=ops), *arguments[3:])
+    assert np.argmax(caught.value.badness) == 3
+
+
+def test_particles_in_a_wall_are_found():
+    stepper, state, config = scene(VORTEX.replace("periodic: [x, y]", "periodic: [x]"))
+    new, config = stepper.advance(state, config, 1e-4)
+    new.x[5, 1] = -0.01
+    with pytest.raises(StepError, match="1 particles are in a wall"):
+        stepper.bounds.check(state, new, config, stepper.divergences, 1e-4)
+
+
+def tries(monkeypatch, stepper, failing):
+    """Lets the first `failing` solves miss their tolerance; a list of (restart, new hierarchies so far) a solve."""
+    real, build, seen, built = linear.gmres, linear.hierarchy, [], []
+
+    def gmres(apply, rhs, precondition, tolerance, restart, *rest, **more):
+        seen.append((restart, len(built)))
+        solution, report = real(apply, rhs, precondition, tolerance, restart, *rest, **more)
+        return solution, replace(report, reason="out of iterations") if len(seen) <= failing else report
+
+    monkeypatch.setattr(linear, "gmres", gmres)
+    monkeypatch.setattr(linear, "hierarchy", lambda matrix: built.append(1) or build(matrix))
+    return seen
+
+
+def test_the_order_of_tries(monkeypatch):
+    """A pressure solve that misses its tolerance: the kept hierarchy, a new one, more of a new one, half the step."""
+    stepper, state, config = scene(VORTEX + "solver: {restart: 40}\n")
+    state, config, _ = failure.attempt(stepper, state, config, 1e-3)
+    assert set(stepper._levels) == {"pressure"}
+    monkeypatch.setattr(stepper, "_helmholtz", lambda *arguments: arguments[-1])  # leave only the pressure solves
+    seen = tries(monkeypatch, stepper, 0)
+    failure.attempt(stepper, state, config, 1e-3)
+    assert seen == [(40, 0)]
+    for failing, expected, length in ((1, [(40, 0), (40, 1)], 1e-3),
+                                      (2, [(40, 0), (40, 1), (80, 2)], 1e-3),
+                                      (3, [(40, 0), (40, 1), (80, 2), (40, 3)], 0.5e-3)):
+        monkeypatch.undo()
+        stepper._levels.clear()
+        stepper.advance(state, config, 1e-3)
+        monkeypatch.setattr(stepper, "_helmholtz", lambda *arguments: arguments[-1])
+        seen = tries(monkeypatch, stepper, failing)
+        *_, dt = failure.attempt(stepper, state, config, 1e-3)
+        assert (seen, dt) == (expected, length)
+
+
+def test_a_system_solved_with_its_diagonal_gets_a_hierarchy(monkeypatch):
+    stepper, state, config = scene(VORTEX)
+    seen = tries(monkeypatch, stepper, 1)
+    stepper.advance(state, config, 1e-4)
+    assert seen[:2] == [(100, 0), (100, 1)] and "velocity" in stepper._levels
+
+
+def test_a_solve_that_cannot_be_cured_names_its_system(monkeypatch):
+    stepper, state, config = scene(VORTEX)
+    tries(monkeypatch, stepper, 10**9)
+    with pytest.raises(RunError, match=r"step 1 at time 0: the velocity system.*residual.*4 halvings.*") as caught:
+        failure.attempt(stepper, state, config, 1e-3)
+    assert isinstance(caught.value.__cause__, SolveError) and caught.value.badness.shape == (100,)
+
+
+def test_a_step_without_length_ends_the_run():
+    stepper, state, config = scene(VORTEX)
+    with pytest.raises(RunError, match="lost in the digits of the time"):
+        failure.attempt(stepper, replace(state, time=1.0), config, 1e-17)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_run_that_blows_up_ends_with_all_it_has(tmp_path):
+    """Exit code 3; the step, the limit and what to try; the worst particles; a restart file of the last good state; no
+    file with NaN or a speed that energy does not allow."""
+    (tmp_path / "case.yaml").write_text(BLOW_UP)
+    out = tmp_path / "out"
+    done = CliRunner().invoke(main, ["run", str(tmp_path / "case.yaml"), "--out", str(out), "--quiet"])
+    assert done.exit_code == 3, done.output
+    assert "error: step " in done.stderr and "try a smaller time.cfl" in done.stderr
+    assert str(out / restart.NAME) in done.stderr and str(out / failure.NAME) in done.stderr
+    rows = output.read_history(out / "history.csv")
+    energy = np.array([row["kinetic_energy"] for row in rows])
+    assert energy.max() <= 1.5**2 * 0.25
+    case = load_case(tmp_path / "case.yaml")
+    state, *_ = prepare(case, build_geometry(case), Clock())
+    saved = restart.load(out / restart.NAME, state)
+    assert saved.state.step == rows[-1]["step"]
+    x, worst = output.read_vtu(out / failure.NAME)
+    assert len(x) == failure.WORST and np.all(np.diff(worst["badness"]) <= 0)
+    assert np.array_equal(x[:, :2], saved.state.x[worst["particle"]])
+    for file in out.glob("snapshots/*.vtu"):
+        assert np.abs(output.read_vtu(file)[1]["velocity"]).max() < 3
+    with pytest.raises(RunError, match=f"step {saved.state.step + 1} "):  # and ends in the same step again
+        run_case(load_case(out / "case.yaml"), quiet=True, resume=out)
