@@ -6,6 +6,7 @@ import numpy as np
 
 from .halo import wrap
 
+MOST = 9  # power of ten of lattice sites: far above what a machine holds
 CLASSIFY_AT_ONCE = 2_000_000  # lattice sites asked of the geometry in one go: bounds the memory of large scenes
 
 
@@ -64,6 +65,10 @@ def make_lattice(kind, lower, upper, periodic, spacing, margin, offset=None):
     if kind == "hexagonal":
         cell[1] *= np.sqrt(3.0)
     length = upper - lower
+    if not np.log10((length + 2.0 * margin) / cell).sum() < MOST:  # an image may be of any size
+        edges = " x ".join(f"{edge:g}" for edge in length)
+        raise ParticleError(f"a box of {edges} has more than 1e{MOST} sites at the spacing {spacing:g}; are both in "
+                            f"the same unit?")
     shift = np.zeros(dim) if offset is None else np.asarray(offset, float) * spacing
     counts, corner = np.empty(dim, np.int64), lower + shift
     for axis in range(dim):

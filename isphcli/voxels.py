@@ -328,7 +328,7 @@ def _read_npy(path: Path, file: BinaryIO, size: int) -> np.ndarray:
         if not part:
             raise VoxelError(f"{path}: is truncated; copy it again")
         data += part
-    values = np.frombuffer(data, dtype=dtype)
+    values, shape = np.frombuffer(data, dtype=dtype), tuple(map(int, shape))  # True is a size for numpy's parser
     return values.reshape(shape[::-1]).transpose() if fortran else values.reshape(shape)
 
 

@@ -70,6 +70,7 @@ BAD_IMAGES = {
     "huge_header.npy": header(shape="(100000, 100000, 100000)") + b"\0" * 100,
     "overflowing_header.npy": header(shape="(4294967296, 4294967296, 1)"),
     "negative_size.npy": header(shape="(-2, -2, 3)") + b"\0" * 12,
+    "true_size.npy": header(shape="(True, 12)") + b"\7" * 12,
     "float.npy": npy(IMAGE.astype(float)),
     "nan.npy": npy(np.where(IMAGE, np.nan, 0.0)),
     "negative.npy": npy(IMAGE.astype(np.int8) - 1),
@@ -150,6 +151,16 @@ def test_a_bad_case_is_refused(tmp_path, name):
     text, word = BAD_CASES[name]
     refused(isph_run(tmp_path, text), "case.yaml", word)
     assert not (tmp_path / "out").exists()
+
+
+def test_an_image_in_other_units_than_the_spacing_is_refused(tmp_path):
+    """Kilometres and micrometres: 1e25 sites are not even tried; `--check-only` says the same."""
+    (tmp_path / "good.npy").write_bytes(npy(IMAGE))
+    text = CASE.format(file="good.npy").replace("voxel_size: 1", "voxel_size: 1000")
+    text = text.replace("spacing: 1", "spacing: 1e-6")
+    refused(isph_run(tmp_path, text), "more than 1e9 sites")
+    done = CliRunner().invoke(main, ["validate", "--check-only", str(tmp_path / "case.yaml")])
+    assert done.exit_code == 2 and "more than 1e9 sites" in done.output
 
 
 def test_files_outside_of_the_folder_are_read_and_nothing_else(tmp_path):
