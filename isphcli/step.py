@@ -145,7 +145,9 @@ class Stepper:
         """Positions after dt, and the fields carried to where the particles were shifted."""
         ratio = dt / state.dt_old if state.dt_old else 0.0
         u, u_old, p = state.u, state.u_old, state.p
-        speed = np.sqrt((u * u).sum(axis=1).max())
+        # without walls nothing tells a wind from a motion of the box: shifting and the carried pressure must not either
+        wind = 0.0 if self._scene is not None else u.mean(axis=0)
+        speed = np.sqrt(((u - wind) ** 2).sum(axis=1).max())
         displacement = dt * (u + 0.5 * ratio * (u - u_old))
         dr = None
         with self.clock("terms"):
@@ -165,7 +167,7 @@ class Stepper:
         slope = gradient_p(terms.ops, p)
         if terms.jump is not None:
             slope -= terms.jump
-        p = p + terms.density * (slope * displacement).sum(axis=1)
+        p = p + terms.density * (slope * (displacement - dt * wind)).sum(axis=1)
         x = wrap(state.x + displacement, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
         if self._scene is not None:
             # a particle never enters a wall: one that would stays where it is
@@ -191,7 +193,7 @@ class Stepper:
 
     def _project(self, config, guess, history, p, g0, dt):
         ops, terms = config.ops, config.terms
-        right = history + terms.force - gradient_p(terms.ops, p)
+        right = history + self._drive(config) - gradient_p(terms.ops, p)
         if ops.walls is not None:
             right += terms.viscosity * terms.ops.walls.lap_velocity
         star = self._helmholtz(config, g0 / dt, right, guess)
@@ -200,6 +202,16 @@ class Stepper:
         u = star - (dt / g0) * gradient_p(terms.ops, q)
         p = config.means.remove(p + q - terms.bulk * source)
         return u, p, total_divergence(ops, u)
+
+    def _drive(self, config):
+        """The forces; the body force beside walls as the gradient of its potential, as in `StokesSystem.drive`: fluid
+        in a pocket or a dead end one particle wide rests."""
+        ops, body, force = config.ops, self.fluids.force, config.terms.force
+        if ops.walls is None or not body.any():
+            return force
+        from .stokes import _potential_gradient
+
+        return force - body + _potential_gradient(ops.start, ops.walls.row, config.x, ops.grad_p, body)
 
     def _helmholtz(self, config, shift_, right, guess):
         """(g0 / dt - nu lap) u* = right, one matrix for all components unless slip or a transposed stress couple
