@@ -237,7 +237,7 @@ class Lattice:
     )
     seed: int = key("seed of the random displacement", default=0, at_least=0)
     shifting: float = key(
-        "coefficient C of the particle shifting (Xu et al. 2009); 0 switches it off", default=0.1, at_least=0
+        "coefficient C of the particle shifting (Xu et al. 2009); 0 switches it off", default=0.3, at_least=0
     )
 
 

@@ -110,9 +110,9 @@ def attempt(stepper, state, config, dt):
             stepper.forget()
     message = f"step {state.step + 1} at time {state.time:g}: {problem} (the last of {HALVINGS} halvings, {length:.3g})"
     if isinstance(problem, StepError):
-        # an orifice two particles wide at Reynolds number 10 blew up, and held with each of the first three
-        message += ("; try particles.support=3, particles.shifting=0.3, a smaller particles.spacing where pores are "
-                    "few particles wide, or a smaller time.cfl")
+        # cavities at Reynolds number 1000 and an orifice that blew up with shifting 0.1 held with each of the first two
+        message += ("; try particles.support=3, more particles.shifting, a smaller particles.spacing where pores "
+                    "are few particles wide, or a smaller time.cfl")
     error = RunError(message)
     error.badness = getattr(problem, "badness", None)
     raise error from problem
