@@ -318,6 +318,7 @@ def table(lines: Iterable[tuple[str, str]]) -> str:
 @click.argument("case_files", metavar="[CASE]...", nargs=-1, type=click.Path(path_type=Path))
 @set_option
 @click.option("--check-only", is_flag=True, help="Check the cases; run none of them.")
+@click.option("--stress", is_flag=True, help="Run stiff and extreme scenes instead; the page of docs/stability.md.")
 @click.option(
     "--levels", type=click.IntRange(1, 12), help="Resolutions at which a reference is run. [default: 3]"
 )
@@ -342,6 +343,7 @@ def validate(
     case_files: tuple[Path, ...],
     overrides: tuple[str, ...],
     check_only: bool,
+    stress: bool,
     levels: int | None,
     budget: float | None,
     vary: tuple[tuple[str, tuple[str, ...]], ...],
@@ -362,6 +364,12 @@ def validate(
     isph validate cases/taylor_green_2d.yaml --vary particles.support=2.1,2.5,3
     """
     set_threads(threads)
+    if stress:
+        from .stress import page
+
+        text, passed = page(report=None if quiet else lambda line: click.echo(line, err=True))
+        click.echo(text)
+        return 0 if passed else OUTSIDE
     case_files = case_files or default_cases()
     from .check import check_case_file
 

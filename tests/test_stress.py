@@ -1,0 +1,31 @@
+"""Stiff and extreme scenes, small: each keeps its invariant. `isph validate --stress` runs them larger."""
+
+import pytest
+from click.testing import CliRunner
+
+from isphcli import stress
+from isphcli.cli import main
+
+
+@pytest.mark.parametrize("scene", stress.SCENES, ids=lambda s: s.measure.__name__)
+def test_the_invariant_holds(scene):
+    assert scene.measure(False) <= scene.bound
+
+
+def test_the_page_tells_what_fails(monkeypatch):
+    """A scene beyond its bound and one that ends are told, and the command ends with exit code 4."""
+
+    def ends(large):
+        raise ValueError("no more")
+
+    quarter = lambda large: 0.25  # noqa: E731
+    scenes = [stress.Scene("a", "b", "c", 0.5, quarter), stress.Scene("d", "e", "f", 0.1, quarter),
+              stress.Scene("g", "h", "i", 1, ends)]
+    monkeypatch.setattr(stress, "SCENES", scenes[:1])
+    assert CliRunner().invoke(main, ["validate", "--stress", "--quiet"]).exit_code == 0
+    monkeypatch.setattr(stress, "SCENES", scenes)
+    done = CliRunner().invoke(main, ["validate", "--stress", "--quiet"])
+    assert done.exit_code == 4
+    assert "| a | b | c | 0.25 | 0.5 |  |" in done.stdout
+    assert "| d | e | f | 0.25 | 0.1 | fails |" in done.stdout
+    assert "| g | h | i | ValueError: no more | 1 | fails |" in done.stdout and "1 of 3 scenes" in done.stdout
