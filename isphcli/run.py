@@ -279,9 +279,10 @@ def _finish_march(case, directory, clock, geometry, particles, fluid, march, ste
         phase=particles.phase, permeability=permeability, geometry=geometry, history=history, flows={}, tensor=None,
         density=fluid.density,
     )
+    free = axis is not None and not geometry.has_solid
     summary = {
         "status": march.outcome,
-        "message": None,
+        "message": "no permeability: no wall resists the flow" if free else None,
         "particles": _counts(particles, config.halo),
         "porosity": _porosity(geometry, particles),
         "terms": _terms(case, geometry, gravity > 0.0),

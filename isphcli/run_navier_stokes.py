@@ -79,7 +79,8 @@ def _contact(case, geometry, particles, kind, support):
 def bounds(case, geometry, particles, u, force):
     """failure.Bounds of a case that starts with velocities u (n, dim) under the acceleration force (dim,)."""
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
-    walls = np.sqrt((geometry.wall_velocity**2).sum(axis=1).max(initial=0.0))
+    walls = np.linalg.norm(geometry.wall_velocity, axis=1)
+    walls = np.max(getattr(geometry, "wall_speed", walls), initial=0.0)  # wall_speed: where walls turn
     tension = case.interface.tension if case.interface is not None else 0.0
     capillary = np.sqrt(tension / (density.min() * case.particles.spacing))
     found = failure.Bounds(geometry, particles.site_volume, density, 0.0, np.linalg.norm(force), walls + capillary)

@@ -282,7 +282,7 @@ def all_solid(large):
     return 2 - said
 
 
-@scene("all fluid", "free fall, 7 % of a spacing to 7 spacings", "u = g t", 1e-9)
+@scene("all fluid", "free fall from disorder", "u = g t", 1e-9)
 def all_fluid(large):
     run = marched(DISK, "geometry.shapes=[]", "drive.body_force=[0.5, -0.25]", "particles.jitter=0.2", "time.end=0.7")
     return apart(run.state.u, np.broadcast_to([0.35, -0.175], run.state.u.shape))
@@ -527,7 +527,7 @@ def energy(large):
     return abs(float(lost / (-8 * np.pi**2 * 0.01 * 0.2)) - 1)
 
 
-@scene("a long run", "sphere array, 5000 steps (300 in the tests)", "drift of the mean velocity between the second and "
+@scene("a long run", "sphere array, 5000 steps (150 in the tests)", "drift of the mean velocity between the second and "
        "the last quarter", 0.01)
 def long_run(large):
     run = marched(SPHERES, f"time.max_steps={5000 if large else 150}")

@@ -74,6 +74,11 @@ def test_a_moving_run_leaves_its_files(tmp_path):
         summary["cpu_seconds"]["total"], rel=0.05)
 
 
+def test_fluid_without_walls_has_no_permeability(tmp_path):
+    summary = run(tmp_path, VORTEX + "drive: {body_force: [1, 0]}\n")
+    assert summary["permeability"] is None and "no wall resists" in summary["message"]
+
+
 def test_refine_gives_an_extrapolation(tmp_path):
     """The error bar covers what two more levels find (Sangani and Acrivos' fraction is another one: no value here)."""
     fine = run(tmp_path, DISK + "flow: stokes\ndrive: {axes: [x]}\n", "particles.spacing=0.015625")
