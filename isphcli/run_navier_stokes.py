@@ -82,7 +82,7 @@ def bounds(case, geometry, particles, u, force):
     walls = np.linalg.norm(geometry.wall_velocity, axis=1)
     walls = np.max(getattr(geometry, "wall_speed", walls), initial=0.0)  # wall_speed: where walls turn
     tension = case.interface.tension if case.interface is not None else 0.0
-    capillary = np.sqrt(tension / (density.min() * case.particles.spacing))
+    capillary = np.sqrt(tension / (density.mean() * case.particles.spacing))
     found = failure.Bounds(geometry, particles.site_volume, density, 0.0, np.linalg.norm(force), walls + capillary)
     return replace(found, start=found.speed(u))
 

@@ -34,10 +34,6 @@ class TwoFluids:
 
     @property
     def stiffest(self):
-        return float((self.mu / self.density).max())
-
-    @property
-    def stiffest(self):
         """Largest kinematic viscosity, m2/s."""
         return float((self.mu / self.density).max())
 

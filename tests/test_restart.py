@@ -7,6 +7,7 @@ import resource
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import numba
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 from isphcli import output, restart, run_navier_stokes
 from isphcli.case import load_case
+from isphcli.geometry import build_geometry
 from isphcli.restart import RestartError, Saved
 from isphcli.run import run_case
 from isphcli.step import State
@@ -40,6 +42,14 @@ fluids: {water: {density: 1, viscosity: 1}}
 drive: {body_force: [1, 0]}
 time: {steady: 2.0e-2, end: 100}
 output: {plots: false}
+"""
+
+DROP = """
+geometry: {box: [1, 1], periodic: [x], shapes: [{box: {lower: [0.3, 0.3], upper: [0.7, 0.7]}, is: oil}]}
+particles: {spacing: 0.0625}
+fluids: {water: {density: 1, viscosity: 0.1}, oil: {density: 3, viscosity: 1}}
+interface: {tension: 1}
+time: {end: 0.05}
 """
 
 
@@ -95,6 +105,30 @@ def test_a_run_in_pieces_is_the_run_in_one_piece(tmp_path, text, steps, monkeypa
     assert [name for name in one if one[name] != two[name]] == []
     with np.load(tmp_path / "a" / restart.NAME) as file:
         assert int(file["state0.step"]) >= steps[-1] + 2
+
+
+def test_two_fluids_go_on_with_the_same_bits(tmp_path):
+    """A drop between walls, of another density and viscosity: stopped and taken up by a new stepper, twice."""
+    case = load(tmp_path, DROP, "a")
+    geometry = build_geometry(case)
+
+    def march(saved, steps):
+        state, stepper, particles = run_navier_stokes.prepare(case, geometry, output.Clock())
+        if saved is not None:
+            restart.save(tmp_path / "r.npz", saved)
+            saved = restart.load(tmp_path / "r.npz", state)
+            state = saved.state
+            stepper.take_up(saved.origins)
+        limited = replace(case, time=replace(case.time, max_steps=steps))
+        found = run_navier_stokes.March(limited, stepper, particles.site_volume, 1.0, 1.0)
+        nothing = lambda *_: None  # noqa: E731
+        found.run(state, stepper.configure(state.x), nothing, nothing, nothing)
+        return found.last
+
+    whole, parts = march(None, 14), march(march(march(None, 3), 8), 14)
+    assert whole.state.step == parts.state.step == 14 and whole.origins.keys() == parts.origins.keys() != set()
+    for name in ("x", "u", "u_old", "p", "time", "dt_old"):
+        assert np.array_equal(getattr(whole.state, name), getattr(parts.state, name)), name
 
 
 def test_a_finished_run_goes_on_with_more_time(tmp_path):
