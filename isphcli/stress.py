@@ -404,7 +404,7 @@ def viscosity_ratio_of_a_bubble(large):
 
 
 @scene("density ratio 1e3", "a drop at rest", "pressure in it: tension over radius, relative", 0.05,
-       known="(spurious currents grow until the run ends, after 100 to 200 steps)")
+       known="(spurious currents grow until the run ends, after 150 to 400 steps)")
 def density_ratio(large):
     return _laplace(large, "fluids.oil.density=1000")
 
