@@ -390,8 +390,8 @@ def drop_by_weak_form(tension, density, mu, n, wall):
     """Rates s (1/s) of a drop of radius 1 in a round wall; wall None: in vacuum. g e^(i n theta) as stream function."""
     outer = wall or 1.0
     near = np.geomspace(1e-3, 0.5, 25)
-    breaks = np.unique(np.r_[np.linspace(0.0, 0.5, 9), 1 - near, 1.0, 1 + near[: None if wall else 0], np.linspace(1.5, outer, 30)])
-    breaks = breaks[breaks <= outer]
+    breaks = np.r_[np.linspace(0.0, 0.5, 9), 1 - near, 1.0, 1 + near, np.linspace(1.5, max(outer, 1.5), 30)]
+    breaks = np.unique(breaks[breaks <= outer])
     r, weight, (g, g1, g2), at_surface = spline_basis(breaks, 1.0)
     weight = weight * r
     inside = r < 1
