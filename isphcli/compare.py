@@ -227,6 +227,13 @@ def _startup_poiseuille_field(case: Case, x: Array, time: float) -> Array:
     return _along_x(x, references.startup_poiseuille(y, time, height, nu, _push(case)))
 
 
+def _decaying_channel_field(case: Case, x: Array, time: float) -> Array:
+    y, height = _plates(case, x)
+    nu = _number(case, "nu", _fluid(case).nu)
+    mode = int(_number(case, "mode", 1))
+    return _along_x(x, references.decaying_channel(y, time, height, nu, _number(case, "speed"), mode))
+
+
 def _slit(case: Case, result: Any) -> Errors:
     """Permeability of a slit in its box, and the profile where the force is known."""
     lower, upper = _box(case)
@@ -241,6 +248,58 @@ def _slit(case: Case, result: Any) -> Errors:
 def _field(case: Case, result: Any) -> Errors:
     """The velocity of every particle, for the kinds in FIELDS."""
     return compare_snapshot(case, result.x, result.velocity, result.time)
+
+
+# -- between cylinders -----------------------------------------------------------------------------------
+
+
+def _cylinders(case: Case) -> tuple[Any, Any, list[int], Array]:
+    """The two shapes of an annulus, the axes across it and its centre, by the shapes of the case: the first disk or
+    cylinder of solid, and the first whose outside is."""
+    shapes = [s for s in case.geometry.shapes if s.what == "solid" and (s.cylinder or s.sphere)]
+    inner = next((s for s in shapes if not s.outside), None)
+    outer = next((s for s in shapes if s.outside), None)
+    if inner is None or outer is None:
+        raise CompareError("an annulus needs a solid disk or cylinder and one whose outside is solid")
+    lower, upper = _box(case)
+    body = inner.cylinder or inner.sphere
+    centre = (lower + upper) / 2 if body.centre is None else np.array(body.centre, dtype=float)
+    across = [a for a in range(len(lower)) if not inner.cylinder or a != AXES.index(inner.cylinder.axis)]
+    return inner, outer, across, centre
+
+
+def _radius(shape: Any) -> float:
+    return (shape.cylinder or shape.sphere).radius
+
+
+def _taylor_couette_field(case: Case, x: Array, time: float) -> Array:
+    """Azimuthal flow between cylinders that turn."""
+    inner, outer, across, centre = _cylinders(case)
+    omega = [shape.angular_velocity or 0.0 for shape in (inner, outer)]
+    offset = x - centre
+    first, second = across if across != [0, 2] else [2, 0]  # as the axes follow each other
+    r = np.hypot(offset[:, first], offset[:, second])
+    turning = references.taylor_couette(r, _radius(inner), _radius(outer), *omega) / r
+    u = np.zeros_like(x)
+    u[:, first], u[:, second] = -turning * offset[:, second], turning * offset[:, first]
+    return u
+
+
+def _annulus(case: Case, result: Any) -> Errors:
+    """Permeability of an annulus along its axis, of the area of the box, and the profile where the force is known."""
+    inner, outer, across, centre = _cylinders(case)
+    lower, upper = _box(case)
+    radii = _radius(inner), _radius(outer)
+    axis = next(iter(set(range(len(lower))) - set(across)))
+    k = references.annulus_flux(*radii, 1.0, 1.0) / float(np.prod((upper - lower)[across]))
+    errors = _permeability_errors(case, result, {AXES[axis]: k})
+    force = _force(case, upper - lower)
+    if force is not None:
+        r = np.hypot(*(result.x - centre)[:, across].T)
+        expected = np.zeros_like(result.x)
+        expected[:, axis] = references.annulus(r, *radii, force[axis], _fluid(case).nu)
+        errors |= _velocity_errors(result.velocity, expected)
+    return errors
 
 
 # -- ducts and arrays ------------------------------------------------------------------------------------
@@ -705,6 +764,8 @@ FIELDS: dict[str, Callable[[Case, Array, float], Array]] = {
     "poiseuille": _poiseuille_field,
     "startup_couette": _startup_couette_field,
     "startup_poiseuille": _startup_poiseuille_field,
+    "decaying_channel": _decaying_channel_field,
+    "taylor_couette": _taylor_couette_field,
     "taylor_green": _taylor_green_field,
     "taylor_green_3d": _taylor_green_3d_field,
 }
@@ -719,6 +780,9 @@ COMPARISONS: dict[str, Callable[[Case, Any], Errors]] = {
     "poiseuille": _field,
     "startup_couette": _field,
     "startup_poiseuille": _field,
+    "decaying_channel": _field,
+    "taylor_couette": _field,
+    "annulus": _annulus,
     "square_duct": _square_duct,
     "sphere_array": _array(references.sphere_array_permeability),
     "cylinder_array": _array(references.cylinder_array_permeability),
@@ -761,6 +825,13 @@ PARAMETERS: dict[str, dict[str, str]] = {
     "poiseuille": {**_PLATES, **_NU, **_PUSH},
     "startup_couette": {**_PLATES, **_LID, **_NU},
     "startup_poiseuille": {**_PLATES, **_NU, **_PUSH},
+    "decaying_channel": {
+        **_PLATES, **_NU,
+        "speed": "largest speed at the start, m/s, needed",
+        "mode": "half waves between the plates; without it 1",
+    },
+    "taylor_couette": {},
+    "annulus": {},
     "square_duct": {
         "side": "width of the duct, m; without it that of the box",
         "y": "lower corner of the duct, m; without it that of the box",

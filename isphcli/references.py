@@ -71,6 +71,15 @@ def _sine_sum(y: Array, k: Array, c: Array) -> Array:
     return total
 
 
+def decaying_channel(y: Array, t: float, height: float, nu: float, speed: float, mode: int = 1) -> Array:
+    """Velocity (n,) of the shear flow speed * sin(mode pi y / height) that decays between walls at rest.
+
+    Each mode is an eigenfunction of u_t = nu u_yy: Morris, Fox and Zhu (1997), the terms of eqs 21 and 22.
+    """
+    k = mode * math.pi / height
+    return speed * np.sin(k * np.asarray(y)) * math.exp(-nu * k**2 * t)
+
+
 def oscillating_slit(
     y: Array, t: float, height: float, nu: float, acceleration: float, omega: float
 ) -> Array:

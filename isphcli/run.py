@@ -362,7 +362,7 @@ def _terms(case, geometry, driven):
         terms.append("body force")
     if geometry.has_solid:
         terms.append("walls")
-        if np.any(geometry.wall_velocity):
+        if np.any(geometry.wall_speed):
             terms.append("moving walls")
         if np.any(geometry.slip_length > 0.0):
             terms.append("slip walls")

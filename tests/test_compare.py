@@ -46,7 +46,10 @@ def result_of(case, x=None, velocity=None, **more):
     return SimpleNamespace(**(known | more))
 
 
-@pytest.mark.parametrize("name", ["couette", "startup_couette", "startup_poiseuille", "taylor_green_2d"])
+@pytest.mark.parametrize(
+    "name",
+    ["couette", "startup_couette", "startup_poiseuille", "decaying_channel", "taylor_green_2d"],
+)
 def test_fields_that_are_the_reference_but_for_a_factor(name):
     case = the_case(name)
     x, _ = lattice(case)
@@ -102,6 +105,41 @@ def test_slit_with_and_without_a_known_force():
     errors = compare(case, result_of(case, x, u, permeability=k / WRONG))
     assert set(errors) == {"permeability_relative", "permeability_relative_x", "main"}
     assert errors["permeability_relative"] == pytest.approx(1 / WRONG - 1)  # with its sign
+
+
+@pytest.mark.parametrize("axis, middle", [("z", [5e-4, 5e-4, 5e-5]), ("x", [5e-5, 5e-4, 6e-4])])
+def test_annulus(axis, middle):
+    """Flux by the profile itself, 100 across; and a permeability that is too large by a factor."""
+    a = "xyz".index(axis)
+    size, force = np.full(3, 1e-3), np.zeros(3)
+    size[a], force[a] = 1e-4, 0.1
+    ring = f"cylinder: {{axis: {axis}, centre: {middle}, radius:"
+    case = the_case(
+        "annulus", f"geometry.box={size.tolist()}", f"drive.body_force={force.tolist()}", "particles.spacing=1e-5",
+        f"geometry.shapes=[{{{ring} 3.9e-4}}, outside: true, is: solid}}, {{{ring} 2e-4}}, is: solid}}]",
+    )  # fmt: skip
+    x, _ = lattice(case)
+    r = np.hypot(*np.delete(x - middle, a, axis=1).T)
+    inside = (r > 2e-4) & (r < 3.9e-4)
+    u = np.zeros_like(x)
+    u[:, a] = np.where(inside, references.annulus(r, 2e-4, 3.9e-4, 0.1, 1e-6), 0.0)
+    k = 1e-6 * u[:, a].mean() / 0.1
+    errors = compare(case, result_of(case, x[inside], u[inside], permeability={axis: WRONG * k}))
+    assert errors["velocity_max"] < 1e-12 and errors["permeability_relative"] == pytest.approx(WRONG - 1, abs=0.003)
+
+
+def test_taylor_couette_turns_counterclockwise():
+    """At the inner wall u = omega x r; at half the gap the formula by hand. A turning outer wall has its sign."""
+    case = the_case("taylor_couette")
+    x = np.array([[3.1, 2.1], [2.1, 3.6]])
+    u = np.array([[0.0, 1.0], [-(4 - 1.5**2) / 3 / 1.5, 0.0]])
+    errors = compare(case, result_of(case, x, u))
+    assert errors["velocity_max"] < 1e-12
+    case = the_case("taylor_couette", "geometry.shapes.0.angular_velocity=1")
+    assert compare(case, result_of(case, x, (x - 2.1)[:, ::-1] * [-1, 1]))["velocity_max"] < 1e-12
+    case = the_case("taylor_couette", "geometry.shapes=[]")
+    with pytest.raises(CompareError, match="an annulus needs"):
+        compare(case, result_of(case, x, u))
 
 
 def test_square_duct_in_its_image():
