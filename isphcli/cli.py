@@ -23,15 +23,15 @@ from . import __version__
 if TYPE_CHECKING:
     from .case import Case
 
-INTERNAL, BAD_INPUT, FAILED, OUTSIDE, INTERRUPTED = 1, 2, 3, 4, 130
+OUTSIDE, BAD_INPUT, FAILED, INTERNAL, INTERRUPTED = 1, 2, 3, 4, 130
 EXIT_CODES = """\
 \b
 Exit codes:
   0    done
-  1    a fault of isph itself (please report it; --debug shows where)
+  1    a result misses its reference: farther off than the tolerance, or not had within --budget (validate)
   2    the case, a file or an option cannot be used; nothing was written
   3    the run failed on the way: a solve that did not converge, a full disk
-  4    a result is farther from its reference than the tolerance (validate)
+  4    a fault of isph itself (please report it; --debug shows where)
   130  interrupted
 """
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")

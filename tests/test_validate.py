@@ -219,7 +219,7 @@ def test_exit_codes_of_a_bound():
     assert [setting["verdict"]["passed"] for setting in results("slit")["settings"]] == [True, False]
     assert isph(*words).exit_code == 0
     missed = isph(*words, "--set", "reference.tolerance=1e-6")
-    assert missed.exit_code == OUTSIDE and "FAIL" in missed.stdout
+    assert missed.exit_code == OUTSIDE == 1 and "FAIL" in missed.stdout
 
 
 @pytest.mark.parametrize(
