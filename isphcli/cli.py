@@ -333,6 +333,11 @@ def table(lines: Iterable[tuple[str, str]]) -> str:
     "--out", type=click.Path(path_type=Path),
     help="Directory of the runs, a folder a case in it. [default: out/validate]",
 )  # fmt: skip
+@click.option(
+    "--paper", is_flag=True,
+    help="Run the figures and tables of the paper instead, into one report; --budget is of them all. "
+    "[default: 900 CPU seconds, out/paper]",
+)  # fmt: skip
 @threads_option
 @quiet_option
 @guarded
@@ -344,6 +349,7 @@ def validate(
     budget: float | None,
     vary: tuple[tuple[str, tuple[str, ...]], ...],
     out: Path | None,
+    paper: bool,
     threads: int | None,
     quiet: bool,
 ) -> int:
@@ -358,8 +364,17 @@ def validate(
     isph validate --check-only beadpack.yaml
     isph validate cases/slit.yaml --levels 3 --budget 60
     isph validate cases/taylor_green_2d.yaml --vary particles.support=2.1,2.5,3
+    isph validate --paper --budget 900 --out out/paper
     """
     set_threads(threads)
+    if paper:
+        if case_files or overrides or check_only or levels or vary:
+            raise click.UsageError("--paper takes no CASE and only --budget, --out and --threads")
+        from .paper import reproduce
+
+        text, passed = reproduce(out, budget, click.echo)
+        click.echo(text)
+        return 0 if passed else OUTSIDE
     case_files = case_files or default_cases()
     from .check import check_case_file
 

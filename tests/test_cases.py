@@ -12,6 +12,7 @@ import pytest
 from isphcli.case import load_case
 from isphcli.geometry import build_geometry
 from isphcli.output import read_pvd, read_vtu
+from isphcli.paper import disk_sites
 from isphcli.particles import make_lattice
 from isphcli.references import square_duct_flux
 from isphcli.run import run_case
@@ -152,30 +153,6 @@ def test_bead_packs(name, spacing, tmp_path):
 
 
 # -- table 1 of the paper --------------------------------------------------------------------------------
-
-
-def disk_sites(n, shift):
-    """Sites (i + shift, j + shift) within n / 2 + 4 spacings of the axis, in exact quarters."""
-    radius = n // 2 + 4
-    i = 2 * np.arange(-radius - 1, radius + 2, dtype=np.int64) + round(2 * shift)
-    return sum(int((i**2 + j**2 <= 4 * radius**2).sum()) for j in i)  # a row at a time
-
-
-def count_table1(n):
-    """BCC sites in the cylinder of table 1: radius 4.4 mm + 4 dx, length 14.38 mm, dx = 8.8 mm / n.
-
-    A site lies on the axis of the cylinder at half its length. The box around the cylinder owns its lower
-    faces and not its upper ones, so the sites (r, 0) and (0, r), which lie on both, are not counted. The
-    lattice is not fitted to the periodic length.
-    """
-    half = 14.38e-3 / (8.8e-3 / n) / 2  # length in spacings
-    corners = (disk_sites(n, 0.0) - 2) * (2 * math.floor(half) + 1)
-    return corners + disk_sites(n, 0.5) * 2 * math.floor(half + 0.5)
-
-
-@pytest.mark.parametrize("n, sites", [(128, 6_083_687), (192, 19_701_287), (256, 45_803_537)])
-def test_sites_of_table_1(n, sites):
-    assert count_table1(n) == sites
 
 
 def test_our_lattice_of_table_1():
