@@ -295,9 +295,10 @@ def _finish(case, directory, summary, result, clock):
     """Errors against the reference, the effective case and summary.json."""
     errors = None
     if case.reference is not None:
-        from .compare import compare
+        with clock("reference"):
+            from .compare import compare
 
-        errors = compare(case, result)
+            errors = compare(case, result)
     import numba
 
     effective = replace(case, output=replace(case.output, directory=directory))
