@@ -31,7 +31,8 @@ without compilation and without the reference solution.
 ## Broken operators, noticed
 
 `python benchmarks/mutations.py` changes one line of the code and runs the quick references with it; the worst misses
-come first.
+come first. A projection of half strength goes unnoticed: the pressure is incremental, the divergence that is left comes
+back in the next step's right-hand side, and the velocity errors of the vortices grow by 8 % only.
 
 {mutations}
 

@@ -140,14 +140,14 @@ def bead_pack(seconds: float, folder: Path) -> Finding:
     )
     finding.notes.append(
         f"Porosity over the radius against that counted from the centres of the beads: root mean square difference "
-        f"{np.sqrt(np.mean((porosity - known) ** 2)):.3f}. The last half millimetre beside the wall has the largest "
-        f"pores and the fastest flow: {speed[radius > 3.9e-3].max() / np.average(speed, weights=radius):.2f} times the "
-        f"mean."
+        f"{np.sqrt(np.mean((porosity - known) ** 2)):.3f} (we ask for 0.05). The fastest ring, at "
+        f"{1e3 * radius[speed.argmax()]:.1f} mm of {1e3 * RADIUS:.1f}, carries "
+        f"{speed.max() / np.average(speed, weights=radius):.2f} times the mean."
     )
     finding.passed = bool(np.sqrt(np.mean((porosity - known) ** 2)) < 0.05)
     finding.pictures = [
         *sorted((folder / f"{fine:g}").glob("slice*.png")),
-        draw_cross_section(folder / "cross_section.png", x, fields["velocity"][:, 1], fine),
+        draw_cross_section(folder / "cross_section.png", x, fields["velocity"], fine),
         draw_profile(folder / "profile.png", radius, porosity, known, speed),
     ]
     return finding
@@ -373,18 +373,11 @@ def bubbles(seconds: float, folder: Path) -> Finding:
 # -- pictures ----------------------------------------------------------------------------------------------
 
 
-def draw_cross_section(path: Path, x: np.ndarray, v: np.ndarray, spacing: float) -> Path:
-    """Velocity along the axis in the plane across the middle of the column (figure 6)."""
-    from . import plots
+def draw_cross_section(path: Path, x: np.ndarray, velocity: np.ndarray, spacing: float) -> Path:
+    """Speed in the plane across the middle of the column (figure 6)."""
+    from .plots import plot_slice
 
-    near = np.abs(x[:, 1] - spacing / 2) < spacing / 2 * (1 + 1e-6)
-    figure, ((axes,),) = plots._figure(6.4, 5.4)
-    dots = axes.scatter(*(1e3 * x[near][:, [0, 2]]).T, c=1e3 * v[near], s=max(1.0, 4e7 * spacing**2 * 100), marker="s",
-                        lw=0)  # fmt: skip
-    axes.set(xlabel="x  (mm)", ylabel="z  (mm)", aspect="equal")
-    figure.colorbar(dots, label="velocity along the column  (mm/s)")
-    plots._headline(axes, "Across the middle of the bead pack", "")
-    plots._save(figure, path)
+    plot_slice(path, x, velocity, None, 3, spacing, "Across the middle of the bead pack", (1, 0.0), flow_axis=0)
     return path
 
 
