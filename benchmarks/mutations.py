@@ -53,7 +53,7 @@ MUTATIONS = (
     Mutation("wall_at_the_dummy", "order", "walls taken at the dummy, not where the pair meets them",
              "walls", "s[k] *= fraction[begin + k]", "s[k] *= 1.0"),
     Mutation("rotational_sign", "sign", "rotational term of the pressure added, not subtracted",
-             "step", "p + q - self.viscosity * source", "p + q + self.viscosity * source"),
+             "step", "means.remove(p + q - ", "means.remove(p + q + "),
     Mutation("projection_factor", "factor", "half of the pressure gradient taken off the velocity (eq. 3)",
              "step", "u = star - (dt / g0) * gradient_p", "u = star - 0.5 * (dt / g0) * gradient_p"),
     Mutation("first_order_in_time", "order", "implicit Euler in place of the second-order scheme",
