@@ -31,7 +31,12 @@ REFERENCE_KINDS = (
     "poiseuille",
     "startup_couette",
     "startup_poiseuille",
+    "decaying_channel",
+    "taylor_couette",
+    "annulus",
+    "two_layer_couette",
     "two_layer_poiseuille",
+    "two_layer_hydrostatics",
     "square_duct",
     "sphere_array",
     "cylinder_array",
@@ -145,6 +150,12 @@ class Shape:
     what: str = key("what fills the region: `solid` or the name of a fluid", name="is")
     velocity: Vector | None = key(
         "velocity of the wall, if solid. Without it: at rest", default=None, unit="m/s", per_axis=True
+    )
+    angular_velocity: float | None = key(
+        "turning of the wall, if solid: of a cylinder about its axis, of a disk (2D) about its centre, "
+        "counterclockwise. Without it: none",
+        default=None,
+        unit="rad/s",
     )
     slip_length: float | None = key(
         "Navier slip length of the wall, if solid. Without it: that of the geometry",

@@ -162,7 +162,7 @@ class _Checks:
         if shape.what == language.SOLID:
             return
         self._fluid_name(shape.what, f"{path}.is", extra=(language.SOLID,))
-        for name in ("velocity", "slip_length"):
+        for name in ("velocity", "angular_velocity", "slip_length"):
             if getattr(shape, name) is not None:
                 self.bad(f"{path}.{name}", "only solids have one", "remove it, or write is: solid")
 
@@ -170,6 +170,8 @@ class _Checks:
         box, cylinder = shape.box, shape.cylinder
         if box and any(lower >= upper for lower, upper in zip(box.lower, box.upper)):
             self.bad(f"{path}.box", "lower must be below upper along every axis")
+        if shape.angular_velocity is not None and not (cylinder or (shape.sphere and self.dim == 2)):
+            self.bad(f"{path}.angular_velocity", "only cylinders turn, and disks in 2D", "remove it")
         if shape.half_space and not any(shape.half_space.normal):
             self.bad(f"{path}.half_space.normal", "has no direction", "give a vector that is not zero")
         if not cylinder:

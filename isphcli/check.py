@@ -248,7 +248,7 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
     """The parts of the physics, used and left out."""
     moving = case.flow != "stokes"
     wall = geometry.has_solid
-    moves = wall and bool(np.any(geometry.wall_velocity))
+    moves = wall and bool(np.any(geometry.wall_speed))
     slips = wall and bool(np.any(geometry.slip_length > 0))
     around = "".join(a for a, p in zip(AXES, geometry.periodic) if p)
     fluids = list(case.fluids.values())
@@ -376,8 +376,8 @@ def flow_estimate(
     width = _width(widths, case.particles.spacing, length)
     nu = min(f.nu for f in case.fluids.values())
     found: list[tuple[float, str]] = []
-    if geometry.has_solid and np.any(geometry.wall_velocity):
-        found.append((float(np.linalg.norm(geometry.wall_velocity, axis=1).max()), "moving wall"))
+    if geometry.has_solid and np.any(geometry.wall_speed):
+        found.append((float(geometry.wall_speed.max()), "moving wall"))
     if case.initial is not None:
         variables = dict(zip(AXES, sites.points(LINE_POINTS).T))
         start = np.stack([expressions.evaluate(f, **variables) for f in case.initial.velocity], axis=1)
@@ -487,7 +487,7 @@ def _drive_findings(
     """Nothing can flow: an error of a steady case; a warning of others and of too coarse a lattice."""
     case = result.case
     steady = case.flow == "stokes" or (case.time is not None and case.time.steady is not None)
-    moved = geometry.has_solid and bool(np.any(geometry.wall_velocity))
+    moved = geometry.has_solid and bool(np.any(geometry.wall_speed))
     for axis in driven:
         if axis in through:
             continue

@@ -23,15 +23,15 @@ from . import __version__
 if TYPE_CHECKING:
     from .case import Case
 
-INTERNAL, BAD_INPUT, FAILED, OUTSIDE, INTERRUPTED = 1, 2, 3, 4, 130
+OUTSIDE, BAD_INPUT, FAILED, INTERNAL, INTERRUPTED = 1, 2, 3, 4, 130
 EXIT_CODES = """\
 \b
 Exit codes:
   0    done
-  1    a fault of isph itself (please report it; --debug shows where)
+  1    a result misses its reference: farther off than the tolerance, or not had within --budget (validate)
   2    the case, a file or an option cannot be used; nothing was written
   3    the run failed on the way: a solve that did not converge, a full disk
-  4    a result is farther from its reference than the tolerance (validate)
+  4    a fault of isph itself (please report it; --debug shows where)
   130  interrupted
 """
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
@@ -336,6 +336,11 @@ def table(lines: Iterable[tuple[str, str]]) -> str:
     "--out", type=click.Path(path_type=Path),
     help="Directory of the runs, a folder a case in it. [default: out/validate]",
 )  # fmt: skip
+@click.option(
+    "--paper", is_flag=True,
+    help="Run the figures and tables of the paper instead, into one report; --budget is of them all. "
+    "[default: 900 CPU seconds, out/paper]",
+)  # fmt: skip
 @threads_option
 @quiet_option
 @guarded
@@ -348,6 +353,7 @@ def validate(
     budget: float | None,
     vary: tuple[tuple[str, tuple[str, ...]], ...],
     out: Path | None,
+    paper: bool,
     threads: int | None,
     quiet: bool,
 ) -> int:
@@ -362,12 +368,21 @@ def validate(
     isph validate --check-only beadpack.yaml
     isph validate cases/slit.yaml --levels 3 --budget 60
     isph validate cases/taylor_green_2d.yaml --vary particles.support=2.1,2.5,3
+    isph validate --paper --budget 900 --out out/paper
     """
     set_threads(threads)
     if stress:
         from .stress import page
 
         text, passed = page(report=None if quiet else lambda line: click.echo(line, err=True))
+        click.echo(text)
+        return 0 if passed else OUTSIDE
+    if paper:
+        if case_files or overrides or check_only or levels or vary:
+            raise click.UsageError("--paper takes no CASE and only --budget, --out and --threads")
+        from .paper import reproduce
+
+        text, passed = reproduce(out, budget, click.echo)
         click.echo(text)
         return 0 if passed else OUTSIDE
     case_files = case_files or default_cases()

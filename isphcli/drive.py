@@ -29,7 +29,8 @@ def drives(case, dim):
 
 def _walls_move(case):
     walls = [*case.geometry.walls.values(), *case.geometry.shapes]
-    return any(wall.velocity is not None and any(wall.velocity) for wall in walls)
+    turns = any(shape.angular_velocity for shape in case.geometry.shapes)
+    return turns or any(wall.velocity is not None and any(wall.velocity) for wall in walls)
 
 
 def _box_length(case, axis):

@@ -29,7 +29,9 @@ class Geometry(Protocol):
     lower: np.ndarray  # (dim,) corner of the box
     upper: np.ndarray  # (dim,)
     periodic: tuple[bool, ...]  # per axis
-    wall_velocity: np.ndarray  # (n_walls, dim); wall 0 is at rest
+    wall_velocity: np.ndarray  # (n_walls, dim), m/s; wall 0 is at rest
+    wall_spin: np.ndarray | None  # (n_walls, dim, dim), 1/s: a wall moves at wall_velocity + wall_spin @ x; None: 0
+    wall_speed: np.ndarray  # (n_walls,) largest speed, m/s
     slip_length: np.ndarray  # (n_walls,) Navier slip length, m
     has_solid: bool  # False: no solid anywhere
 
@@ -222,6 +224,7 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
             s.outside,
             s.velocity,
             s.slip_length,
+            s.angular_velocity,
         )
         for s in scene.shapes
     ]

@@ -8,7 +8,7 @@ tests/test_references.py checks each a second way.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +71,15 @@ def _sine_sum(y: Array, k: Array, c: Array) -> Array:
     return total
 
 
+def decaying_channel(y: Array, t: float, height: float, nu: float, speed: float, mode: int = 1) -> Array:
+    """Velocity (n,) of the shear flow speed * sin(mode pi y / height) that decays between walls at rest.
+
+    Each mode is an eigenfunction of u_t = nu u_yy: Morris, Fox and Zhu (1997), the terms of eqs 21 and 22.
+    """
+    k = mode * math.pi / height
+    return speed * np.sin(k * np.asarray(y)) * math.exp(-nu * k**2 * t)
+
+
 def oscillating_slit(
     y: Array, t: float, height: float, nu: float, acceleration: float, omega: float
 ) -> Array:
@@ -115,19 +124,27 @@ def two_layer_couette(
 
 
 def two_layer_poiseuille(
-    y: Array, height: float, interface: float, mu: Sequence[float], gradient: float
+    y: Array, height: float, interface: float, mu: Sequence[float], gradient: float | Sequence[float]
 ) -> Array:
     """Steady velocity (n,) of two layers, mu[0] under `interface`, between walls at rest.
 
-    Driven by `gradient`: mu u' = c - G y in both layers with u and the stress continuous (Bird, Stewart and
-    Lightfoot, Transport Phenomena, section 2.5).
+    gradient: driving force per volume, one number or one a layer (a body force on unlike densities).
+    mu u' = c - G y in the lower layer, with u and the stress continuous at the interface (Bird, Stewart and
+    Lightfoot, Transport Phenomena, section 2.5, there with one gradient and layers of equal height).
     """
     y = np.asarray(y)
-    h, a = height, interface
-    c = gradient / 2 * (a**2 / mu[0] + (h**2 - a**2) / mu[1]) / (a / mu[0] + (h - a) / mu[1])
-    lower = (c * y - gradient * y**2 / 2) / mu[0]
-    upper = (c * (y - h) - gradient * (y**2 - h**2) / 2) / mu[1]
+    a, b = interface, height - interface
+    g = np.broadcast_to(gradient, 2)
+    c = (g[0] * a**2 / (2 * mu[0]) + (g[0] * a * b + g[1] * b**2 / 2) / mu[1]) / (a / mu[0] + b / mu[1])
+    lower = (c * y - g[0] * y**2 / 2) / mu[0]
+    upper = ((c - g[0] * a) * (y - height) - g[1] * ((y - a) ** 2 - b**2) / 2) / mu[1]
     return np.where(y < a, lower, upper)
+
+
+def two_layer_hydrostatics(y: Array, interface: float, density: Sequence[float], gravity: float) -> Array:
+    """Pressure (n,) of two layers at rest, zero at the interface; density (lower, upper), gravity down y."""
+    depth = interface - np.asarray(y)
+    return gravity * depth * np.where(depth > 0, density[0], density[1])
 
 
 # -- ducts and annuli ------------------------------------------------------------------------------------
@@ -420,26 +437,42 @@ def laplace_jump(tension: float, radius: float, dim: int) -> float:
     return (dim - 1) * tension / radius
 
 
-def drop_on_wall(size: float, angle: float, dim: int = 2) -> dict[str, float]:
-    """Radius, height and base width of a resting drop without gravity, a cap that meets the wall at `angle`.
+def drop_radius(size: float, dim: int) -> float:
+    """Radius of the disk of an area (2D) or the ball of a volume (3D)."""
+    return math.sqrt(size / math.pi) if dim == 2 else (3 * size / (4 * math.pi)) ** (1 / 3)
 
-    size: area (2D) or volume (3D); angle: degrees, measured through the drop.
+
+def drop_on_wall(size: float, angle: float, dim: int = 2) -> dict[str, float]:
+    """Radius, height, base width and height of the centre of mass of a resting drop without gravity.
+
+    A cap that meets the wall at `angle` (degrees, measured through the drop). size: area (2D) or volume (3D).
+    Segments of circles and caps of spheres: Bronshtein and Semendyayev, Handbook of Mathematics, 3.1 and 3.3.
     """
     theta = math.radians(angle)
+    sine, cosine = math.sin(theta), math.cos(theta)
     if dim == 2:
-        radius = math.sqrt(size / (theta - math.sin(theta) * math.cos(theta)))
+        radius = math.sqrt(size / (theta - sine * cosine))
+        centre = 2 * sine**3 / (3 * (theta - sine * cosine)) - cosine
     else:
-        cosine = math.cos(theta)
         radius = (3 * size / (math.pi * (1 - cosine) ** 2 * (2 + cosine))) ** (1 / 3)
-    return {"radius": radius, "height": radius * (1 - math.cos(theta)), "base": 2 * radius * math.sin(theta)}
+        centre = 3 * (1 + cosine) ** 2 / (4 * (2 + cosine)) - cosine
+    return {"radius": radius, "height": radius * (1 - cosine), "base": 2 * radius * sine, "centre": radius * centre}
 
 
 def capillary_wave(
-    t: Array, wavelength: float, tension: float, density: Sequence[float], nu: float, gravity: float = 0.0
+    t: Array,
+    wavelength: float,
+    tension: float,
+    density: Sequence[float],
+    nu: float,
+    gravity: float = 0.0,
+    amplitude: float = 1.0,
+    speed: float = 0.0,
 ) -> Array:
-    """Amplitude over initial amplitude (n,) of a small wave between two deep fluids of the same nu.
+    """Height (n,) of the crest of a small wave between two deep fluids of the same kinematic viscosity.
 
-    Prosperetti (1981), Phys. Fluids 24, 1217, eqs 22 to 24. density: (lower, upper).
+    amplitude, speed: height and upward velocity of the crest at t = 0, the flow irrotational in each fluid.
+    density: (lower, upper). Prosperetti (1981), Phys. Fluids 24, 1217, eqs 22 to 24.
     """
     from scipy.special import erfc, wofz
 
@@ -458,12 +491,111 @@ def capillary_wave(
             (1 - 4 * beta) * v**2 + omega2,
         ]
     )
-    a = 4 * (1 - 4 * beta) * v**2 / (8 * (1 - 4 * beta) * v**2 + omega2) * erfc(np.sqrt(v * t)) + 0j
+    a = 4 * (1 - 4 * beta) * v**2 / (8 * (1 - 4 * beta) * v**2 + omega2) * amplitude * erfc(np.sqrt(v * t)) + 0j
     for i in range(4):
         others = np.prod(np.delete(z, i) - z[i])
         # exp((z^2 - v) t) erfc(z sqrt t) = exp(-v t) w(i z sqrt t), which does not overflow
-        a += z[i] / others * omega2 / (z[i] ** 2 - v) * np.exp(-v * t) * wofz(1j * z[i] * np.sqrt(t))
+        part = z[i] / others * (omega2 * amplitude / (z[i] ** 2 - v) - speed)
+        a += part * np.exp(-v * t) * wofz(1j * z[i] * np.sqrt(t))
     return a.real
+
+
+def drop_oscillation(
+    radius: float,
+    tension: float,
+    density: Sequence[float],
+    mu: Sequence[float],
+    mode: int = 2,
+    wall: float = math.inf,
+) -> complex:
+    """Complex rate s (1/s) of a 2D drop r = R + a e^(s t) cos(mode theta): -damping + i frequency.
+
+    density, mu: (drop, fluid around it; a density of 0 is vacuum); wall: radius of a round wall at rest about
+    it. The full linear problem: stream function g(r) e^(i n theta + s t), g a sum of r^n and I_n(kr) in the
+    drop, of r^-n and K_n(kr) around it, and with a wall of r^n and I_n(kr) too, k^2 = s / nu; velocity and
+    shear stress continuous, normal stress jumping by the curvature (Lamb, Hydrodynamics, section 355, has it
+    for a sphere in vacuum; Miller and Scriven 1968, J. Fluid Mech. 32, 417, for two fluids).
+
+    Followed from small viscosity, where it is i sqrt(n (n^2 - 1) sigma / (rho_total R^3)), to that asked for.
+    Raises ValueError where the drop creeps back without oscillating.
+    """
+    from scipy.optimize import newton
+
+    n, sigma = mode, tension / radius**3  # lengths in radii from here on
+    mirror = (radius / wall) ** (2 * n)
+    s = 1j * math.sqrt(n * (n**2 - 1) * sigma / (density[0] + density[1] * (1 + mirror) / (1 - mirror)))
+    for thinner in np.geomspace(1e-4, 1.0, 41):
+        thin = [thinner * m / radius**2 for m in mu]
+        # the damping of a drop in vacuum moves the guess off the imaginary axis
+        guess = s - 2 * n * (n - 1) * thin[0] / density[0] * (thinner == 1e-4)
+        arguments = (n, sigma, density, thin, wall / radius)
+        s, found = newton(
+            _drop_determinant, guess, args=arguments, tol=1e-10 * abs(s), full_output=True, disp=False
+        )
+        if not found.converged or s.imag < 1e-6 * abs(s):
+            raise ValueError("the viscosity is so large that the drop does not oscillate")
+    return complex(s)
+
+
+def _drop_determinant(
+    s: complex, n: int, sigma: float, density: Sequence[float], mu: Sequence[float], wall: float
+) -> complex:
+    """Determinant of the conditions at r = 1 and at the wall on the parts of the stream function."""
+    inside = _stream_parts(1.0, s, n, density[0], mu[0], ("r^n", "I"))
+    stress = [_shear(g, n, mu[0]) for g in inside], [
+        _pressure(g, n, mu[0]) - sigma * n * (n**2 - 1) * g[0] / s for g in inside
+    ]
+    if density[1] == 0:
+        return np.linalg.det(np.array(stress))
+    kinds = ("r^-n", "K") if math.isinf(wall) else ("r^-n", "K", "r^n", "I")
+    around = _stream_parts(1.0, s, n, density[1], mu[1], kinds, wall)
+    rows = [
+        [g[0] for g in inside] + [-g[0] for g in around],
+        [g[1] for g in inside] + [-g[1] for g in around],
+        stress[0] + [-_shear(g, n, mu[1]) for g in around],
+        stress[1] + [-_pressure(g, n, mu[1]) for g in around],
+    ]
+    if not math.isinf(wall):
+        far = _stream_parts(wall, s, n, density[1], mu[1], kinds, wall)
+        rows += [[0, 0] + [g[0] for g in far], [0, 0] + [g[1] for g in far]]
+    return np.linalg.det(np.array(rows))
+
+
+def _stream_parts(
+    r: float, s: complex, n: int, density: float, mu: float, kinds: Sequence[str], largest: float = 1.0
+) -> list[tuple[complex, complex, complex, complex]]:
+    """g, g', g'' and the pressure (over i) at r of parts of the stream function.
+
+    Potential parts are 1 at r = 1, viscous ones have g'' of order 1 there; largest: where the I have it instead.
+    rho s u = -grad p for the potential parts; the viscous ones have no pressure.
+    """
+    from scipy.special import ive, kve
+
+    z = np.sqrt(density * s / mu)
+    parts = []
+    for kind in kinds:
+        if kind == "r^n":
+            parts.append((r**n, n * r ** (n - 1), n * (n - 1) * r ** (n - 2), -density * s * r**n))
+        elif kind == "r^-n":
+            parts.append((r**-n, -n * r ** (-n - 1), n * (n + 1) * r ** (-n - 2), density * s * r**-n))
+        else:
+            function, sign = (ive, 1) if kind == "I" else (kve, -1)
+            # ive = I e^-|Re z|, kve = K e^z: scaled to what they are where they are largest
+            size = (np.exp(z.real * r - z * largest) if kind == "I" else np.exp(-z * (r - 1))) / z**2
+            g = size * function(n, z * r)
+            slope = sign * size * (function(n - 1, z * r) + function(n + 1, z * r)) / 2 * z
+            parts.append((g, slope, (z**2 + (n / r) ** 2) * g - slope / r, 0.0))
+    return parts
+
+
+def _shear(g: Sequence[complex], n: int, mu: float) -> complex:
+    """Shear stress at r = 1 of u_r = i n g / r, u_theta = -g'."""
+    return mu * (g[1] - g[2] - n**2 * g[0])
+
+
+def _pressure(g: Sequence[complex], n: int, mu: float) -> complex:
+    """p - 2 mu du_r/dr at r = 1, over i."""
+    return g[3] - 2 * mu * n * (g[1] - g[0])
 
 
 # Rising bubble, case 1 of Hysing et al. (2009), Int. J. Numer. Meth. Fluids 60, 1259: densities 1000 and 100,
@@ -492,18 +624,3 @@ def table(name: str) -> dict[str, Array]:
     with open(path, encoding="utf-8") as file:
         names = file.readline().strip().split(",")
     return dict(zip(names, np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)))
-
-
-# Velocity profiles that a case may name as its reference: name -> function of y and its own parameters
-PROFILES: dict[str, Callable[..., Array]] = {
-    "plane_couette": plane_couette,
-    "slit_poiseuille": slit_poiseuille,
-    "startup_couette": startup_couette,
-    "startup_poiseuille": startup_poiseuille,
-    "oscillating_slit": oscillating_slit,
-    "oscillating_wall": oscillating_wall,
-    "two_layer_couette": two_layer_couette,
-    "two_layer_poiseuille": two_layer_poiseuille,
-    "annulus": annulus,
-    "taylor_couette": taylor_couette,
-}

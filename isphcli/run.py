@@ -314,9 +314,10 @@ def _finish(case, directory, summary, result, clock):
     """Errors against the reference, the effective case and summary.json."""
     errors = None
     if case.reference is not None:
-        from .compare import compare
+        with clock("reference"):
+            from .compare import compare
 
-        errors = compare(case, result)
+            errors = compare(case, result)
     import numba
 
     effective = replace(case, output=replace(case.output, directory=directory))
@@ -381,7 +382,7 @@ def _terms(case, geometry, driven):
         terms.append("body force")
     if geometry.has_solid:
         terms.append("walls")
-        if np.any(geometry.wall_velocity):
+        if np.any(geometry.wall_speed):
             terms.append("moving walls")
         if np.any(geometry.slip_length > 0.0):
             terms.append("slip walls")

@@ -168,6 +168,7 @@ class Shape:
     outside: bool = False
     velocity: Sequence[float] | None = None  # of the wall, m/s; None: at rest
     slip_length: float | None = None  # m; None: that of the geometry
+    angular_velocity: float | None = None  # rad/s of a cylinder about its axis, of a disk about its centre
 
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
         d = self.body.signed_distance(x, period)
@@ -221,6 +222,28 @@ class ShapeGeometry:
             self.wall_velocity[1 + 2 * self.dim + k] = 0.0 if shape.velocity is None else shape.velocity
             if shape.slip_length is not None:
                 self.slip_length[1 + 2 * self.dim + k] = shape.slip_length
+        self.wall_speed = np.linalg.norm(self.wall_velocity, axis=1)
+        self.wall_spin: np.ndarray | None = None
+        for k, shape in enumerate(self.shapes):
+            if shape.angular_velocity:
+                self._turn(1 + 2 * self.dim + k, shape, f"shape {k + 1}")
+
+    def _turn(self, wall: int, shape: Shape, name: str) -> None:
+        """Let a wall turn: u = u_0 + A (x - centre), A antisymmetric."""
+        body, omega = shape.body, shape.angular_velocity
+        assert omega is not None
+        if not isinstance(body, Cylinder) and not (isinstance(body, Sphere) and self.dim == 2):
+            raise ShapeError(f"{name}: only cylinders turn, and disks in 2D")
+        # x, y, z in turn: the plane that is turned, in the positive sense about the axis
+        plane = [(body.axis + 1) % 3, (body.axis + 2) % 3] if isinstance(body, Cylinder) else [0, 1]
+        centre = np.asarray(body.centre, float)
+        if (abs(centre - (self.lower + self.upper) / 2) + body.radius > self.period / 2 + self.round_off)[plane].any():
+            raise ShapeError(f"{name}: turns, and reaches over a periodic face; move it into the box")
+        if self.wall_spin is None:
+            self.wall_spin = np.zeros((len(self.wall_velocity), self.dim, self.dim))
+        self.wall_spin[wall, plane[0], plane[1]], self.wall_spin[wall, plane[1], plane[0]] = -omega, omega
+        self.wall_velocity[wall] -= self.wall_spin[wall] @ centre
+        self.wall_speed[wall] += abs(omega) * body.radius
 
     def phase(self, x: np.ndarray) -> np.ndarray:
         """(n,) int8: -1 in a solid or on its surface, otherwise the index of the fluid."""

@@ -9,15 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import datetime
 import io
 import itertools
 import math
-import os
-import platform
 import re
-import shlex
-import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -30,6 +25,7 @@ from . import output
 from .case import Case, load_case
 from .compare import COMPARISONS
 from .peers import Peer, peers_of
+from .report import items, origin, table
 
 LEVELS = 3
 BUDGET = 60.0  # s, of a ladder where none is asked for; the case's own spacing is then run in any case
@@ -45,7 +41,7 @@ Say = Callable[[str], None]
 
 @dataclass
 class Level:
-    """One run of a ladder; seconds without compilation, which stands apart (CPU seconds)."""
+    """One run of a ladder; seconds without compilation, which stands apart, and without those of the reference."""
 
     number: int
     spacing: float
@@ -346,8 +342,9 @@ def _filled(level: Level, summary: Mapping[str, Any]) -> Level:
     level.errors = dict(summary["errors"])
     level.error = level.errors[level.errors["main"]]  # type: ignore[index]
     level.compile_seconds = cpu.get("compile", 0.0)
-    level.cpu_seconds = cpu["total"] - level.compile_seconds
-    level.wall_seconds = wall["total"] - wall.get("compile", 0.0)
+    # neither the compiler nor the reference solution is a cost of the method
+    level.cpu_seconds = cpu["total"] - level.compile_seconds - cpu.get("reference", 0.0)
+    level.wall_seconds = wall["total"] - wall.get("compile", 0.0) - wall.get("reference", 0.0)
     level.peak_memory_bytes = summary["peak_memory_bytes"]
     level.iterations = {name: count["mean"] for name, count in summary["iterations"].items()}
     return level
@@ -462,26 +459,27 @@ def _slug(text: str) -> str:
 def write_results(folder: Path, ladders: Sequence[Ladder]) -> None:
     """validation.json, .csv, .md and work_precision.png of one case; called after each ladder."""
     peers = _peers(ladders)
-    origin = _origin()
+    head = origin()
     drawn = any(level.error and level.cpu_seconds for ladder in ladders for level in ladder.done)
     if drawn:
         draw(folder / "work_precision.png", ladders, [peer for peer, why in peers if not why])
     else:
         (folder / "work_precision.png").unlink(missing_ok=True)
-    output.write_summary(folder / "validation.json", _record(ladders, peers, origin))
+    output.write_summary(folder / "validation.json", _record(ladders, peers, head))
     output.write_text(folder / "validation.csv", _csv(ladders))
-    output.write_text(folder / "validation.md", _markdown(ladders, peers, origin, drawn))
+    output.write_text(folder / "validation.md", _markdown(ladders, peers, head, drawn))
 
 
 def _write_page(out: Path, ladders: Sequence[Ladder], page: str) -> None:
     """The closing page of several cases."""
-    head = [f"{key}: {value}" for key, value in _origin().items()]
+    head = origin()
     rows = [_verdict_cells(ladder) for ladder in ladders]
-    table = _table(("case", "verdict", "why", "best error", "CPU s", "order", "why this bound"), rows)
-    text = "\n".join(["# Validation", "", *_items(head), "", *table, "", page.splitlines()[-1], ""])
+    verdicts = table(("case", "verdict", "why", "best error", "CPU s", "order", "why this bound"), rows)
+    lines = ["# Validation", "", *items(f"{k}: {v}" for k, v in head.items()), "", *verdicts]
+    text = "\n".join([*lines, "", page.splitlines()[-1], ""])
     output.write_text(out / "validation.md", text)
     results = [{"name": _name(ladder), **_ladder_record(ladder)} for ladder in ladders]
-    output.write_summary(out / "validation.json", {**_origin(), "results": results})
+    output.write_summary(out / "validation.json", {**head, "results": results})
 
 
 def _verdict_cells(ladder: Ladder) -> list[str]:
@@ -495,33 +493,14 @@ def _verdict_cells(ladder: Ladder) -> list[str]:
     ]  # fmt: skip
 
 
-def _origin() -> dict[str, str]:
-    """Date, command and machine."""
-    program = Path(sys.argv[0]).name if sys.argv else ""
-    command = ["isph", *sys.argv[1:]] if program in ("isph", "__main__.py") else sys.argv
-    return {
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "command": shlex.join(command),
-        "machine": f"{_processor()}, {os.cpu_count()} cores, {platform.system()}",
-        "versions": ", ".join(f"{name} {number}" for name, number in output.versions().items()),
-    }
-
-
-def _processor() -> str:
-    with contextlib.suppress(OSError, StopIteration):
-        with open("/proc/cpuinfo", encoding="utf-8") as file:
-            return next(line for line in file if line.startswith("model name")).split(":", 1)[1].strip()
-    return platform.processor() or platform.machine()
-
-
-def _record(ladders: Sequence[Ladder], peers: Iterable[tuple[Peer, str]], origin: dict[str, str]) -> dict:
+def _record(ladders: Sequence[Ladder], peers: Iterable[tuple[Peer, str]], head: dict[str, str]) -> dict:
     case = ladders[0].case
     assert case.reference is not None
     reference = {k: getattr(case.reference, k) for k in ("kind", "value", "tolerance", "source", "reason")}
     return {
         "title": case.title,
         "case": str(case.path) if case.path else None,
-        **origin,
+        **head,
         "reference": reference,
         "settings": [_ladder_record(ladder) for ladder in ladders],
         "peers": [asdict(peer) | {"comparable": not why, "difference": why} for peer, why in peers],
@@ -557,13 +536,13 @@ def _csv(ladders: Sequence[Ladder]) -> str:
 
 
 def _markdown(
-    ladders: Sequence[Ladder], peers: list[tuple[Peer, str]], origin: dict[str, str], drawn: bool
+    ladders: Sequence[Ladder], peers: list[tuple[Peer, str]], head: dict[str, str], drawn: bool
 ) -> str:
     case = ladders[0].case
     assert case.reference is not None
-    lines = [f"# {case.title or 'Validation'}", "", *_items(f"{k}: {v}" for k, v in origin.items())]
-    lines += _items([f"case: {case.path}", _kind(case), f"bound: {case.reference.tolerance}"])
-    lines += _items([f"why this bound: {case.reference.reason}"] if case.reference.reason else [])
+    lines = [f"# {case.title or 'Validation'}", "", *items(f"{k}: {v}" for k, v in head.items())]
+    lines += items([f"case: {case.path}", _kind(case), f"bound: {case.reference.tolerance}"])
+    lines += items([f"why this bound: {case.reference.reason}"] if case.reference.reason else [])
     for ladder in ladders:
         lines += ["", *_markdown_ladder(ladder)]
     lines += ["", "`*` is the case's own spacing. Seconds are without compilation."]
@@ -587,7 +566,7 @@ def _markdown_ladder(ladder: Ladder) -> list[str]:
         else:
             rows.append([str(level.number), f"{level.spacing:.4g}", level.status, *[""] * (len(heads) - 3)])
     result = verdict(ladder)
-    lines = [f"## {ladder.name or 'As in the case'}", "", *_table(heads, rows), ""]
+    lines = [f"## {ladder.name or 'As in the case'}", "", *table(heads, rows), ""]
     lines.append(f"**{result.word}**: {result.why}. Observed order {_or_dash(ladder.order)}.")
     if ladder.stopped:
         lines.append(f"Ladder {ladder.stopped}.")
@@ -613,19 +592,7 @@ def _peer_table(peers: Iterable[tuple[Peer, str]]) -> list[str]:
         cpu = "-" if p.cpu_seconds is None else f"{p.cpu_seconds:g}"
         comparable = f"no: {why}" if why else "yes"
         rows.append([p.code, p.version, str(p.points), f"{p.error:g}", cpu, comparable, p.source, p.machine])
-    return _table(heads, rows)
-
-
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """A Markdown table."""
-    lines = [heads, ["---"] * len(heads), *rows]
-    return [
-        "| " + " | ".join(re.sub(r"\s*\n\s*", " ", c).replace("|", r"\|") for c in r) + " |" for r in lines
-    ]
-
-
-def _items(texts: Iterable[str]) -> list[str]:
-    return [f"- {text}" for text in texts]
+    return table(heads, rows)
 
 
 # -- the picture -----------------------------------------------------------------------------------------

@@ -39,6 +39,7 @@ class WallScene:
             geometry.wall_velocity,
             geometry.slip_length,
             np.concatenate([self._normals(x), self.dummy_normal])[owner] if self.slips else np.zeros((0, x.shape[1])),
+            geometry.wall_spin,
         )
         fraction = crossings(geometry, table, pairs, walls)
         volume = np.full(len(owned), self.site_volume)

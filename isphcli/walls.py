@@ -62,7 +62,7 @@ class WallTable:
 
     fluid: (n_rows,) bool; distance: (n_rows,) signed, m; wall: (n_rows,) int32 nearest wall;
     velocity: (n_walls, dim) m/s; slip_length: (n_walls,) m; normal: (n_rows, dim) into the fluid,
-    used by slip walls only (else empty).
+    used by slip walls only (else empty); spin: (n_walls, dim, dim) 1/s where walls turn, u_W = velocity + spin x.
     """
 
     fluid: np.ndarray
@@ -71,6 +71,7 @@ class WallTable:
     velocity: np.ndarray
     slip_length: np.ndarray
     normal: np.ndarray
+    spin: np.ndarray | None = None
 
 
 def crossings(geometry, x, pairs, table):
@@ -104,11 +105,12 @@ def build_wall_operators(x, pairs, fraction, owner, volume, table, kind, support
     column, row = np.empty(size, np.int32), np.empty(size, np.int32)
     lap, natural, lap_p = np.empty(size), np.empty(size), np.empty(size)
     grad, grad_p = np.empty((size, dim)), np.empty((size, dim))
+    spin = np.zeros((0, dim, dim)) if table.spin is None else table.spin
     sums = WallSums(np.zeros(n), np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(n),
                     np.zeros((n, dim, dim)) if slips else None, natural, row, np.zeros(n, dtype=np.bool_))
     deficient = _wall_rows(
         x, pairs.start, pairs.index, fraction, owner, volume, kind, support, order,
-        table.distance, table.wall, table.velocity, table.slip_length, table.normal,
+        table.distance, table.wall, table.velocity, spin, table.slip_length, table.normal,
         start, column, row, lap, grad, natural, lap_p, grad_p,
         sums.lap, sums.lap_velocity, sums.div, sums.div_velocity,
         sums.slip if slips else np.zeros((0, dim, dim)), sums.near,
@@ -165,7 +167,7 @@ def _visible(start, fraction):
 
 @njit(cache=True, parallel=True)
 def _wall_rows(x, start, index, fraction, owner, volume, kind, support, order,
-               distance, wall, velocity, slip_length, normal,
+               distance, wall, velocity, spin, slip_length, normal,
                fluid_start, column, row, lap, grad, natural, lap_p, grad_p,
                wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip, near):
     n, dim, size = len(start) - 1, x.shape[1], star_size(start)
@@ -177,6 +179,7 @@ def _wall_rows(x, start, index, fraction, owner, volume, kind, support, order,
         ex, ey, ez, s, w = star
         g, gp, system, right = np.empty((3, 3)), np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 4))
         drift, spread, wall_u, slide = np.empty(3), np.empty((3, 3)), np.empty(dim), np.empty((dim, dim))
+        point = np.empty(3)
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             begin, count = start[i], start[i + 1] - start[i]
             padded = gather_star(x, i, begin, start[i + 1], index, owner, volume, kind, support, star)
@@ -216,8 +219,14 @@ def _wall_rows(x, start, index, fraction, owner, volume, kind, support, order,
                 else:
                     met = wall[j]
                     wall_lap[i] += a
+                    if len(spin) > 0:  # to where the pair meets the wall
+                        point[0], point[1] = x[i, 0] + ex[k] * s[k] * support, x[i, 1] + ey[k] * s[k] * support
+                        point[2] = x[i, 2] + ez[k] * s[k] * support if dim == 3 else 0.0
                     for m in range(dim):
                         wall_u[m] = velocity[met, m]
+                        if len(spin) > 0:
+                            for q in range(dim):
+                                wall_u[m] += spin[met, m, q] * point[q]
                         wall_lap_velocity[i, m] += a * wall_u[m]
                         wall_div[i, m] += out[1 + m, k] * per_length
                         wall_div_velocity[i] += out[1 + m, k] * per_length * wall_u[m]

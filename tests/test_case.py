@@ -294,6 +294,7 @@ def test_a_case_that_cannot_be_read(name):
         (SHAPES, ["geometry.walls.y_max.velocity=[0, 1]"], "moves the wall along y"),
         (SHAPES, ["geometry.shapes.1.is=oill"], "'oill' is not a fluid of this case; did you mean 'oil'?"),
         (SHAPES, ["geometry.shapes.1.velocity=[1, 0]"], "shapes.1.velocity: only solids have one"),
+        (SHAPES, ["geometry.shapes.3.angular_velocity=1"], "shapes.3.angular_velocity: only cylinders turn"),
         (SHAPES, ["geometry.shapes.0.sphere=null"], "shapes.0: needs one of sphere, spheres, box"),
         (SHAPES, ["geometry.shapes.0.sphere.centre=[1]"], "shapes.0.sphere.centre: has 1 entries"),
         (SHAPES, ["geometry.shapes.2.half_space.normal=[0, 0]"], "has no direction"),

@@ -10,7 +10,7 @@ from isphcli.linear import components
 from isphcli.neighbours import find_pairs
 from isphcli.operators import build_operators, divergence, gradient, gradient_p, laplacian
 from isphcli.particles import make_lattice, place
-from isphcli.shapes import Box, Disk, Shape, ShapeGeometry, Spheres
+from isphcli.shapes import Box, Cylinder, Disk, Shape, ShapeError, ShapeGeometry, Spheres
 from isphcli.walls import WallTable, build_wall_operators, crossings, wall_divergence, wall_laplacian
 
 SUPPORTS = [2.1, 2.5, 3.0]
@@ -50,6 +50,7 @@ class Scene:
             geometry.wall_velocity,
             geometry.slip_length,
             normal,
+            geometry.wall_spin,
         )
         self.table, self.owner = table, owner
         self.fraction = crossings(geometry, self.rows, self.pairs, table)
@@ -396,3 +397,34 @@ def test_gradient_of_a_field_that_is_zero_on_the_walls():
             errors[order].append(np.abs(grad - np.stack([0 * y, 1 - 2 * y], axis=1)).max())
     assert max(errors[2]) < 1e-11
     assert errors[1][1] < 0.6 * errors[1][0]
+
+
+@pytest.mark.parametrize("axis", [None, 0, 1, 2])
+def test_walls_that_turn_together_carry_a_rigid_body(axis):
+    """Two coaxial walls at one angular velocity, right-handed about the axis: u = omega x r is linear, so its
+    Laplacian and divergence vanish to round-off wherever the walls are. Two disks where axis is None."""
+    omega, middle = 1.7, np.array([2.3, 1.9, 2.1])
+    dim = 2 if axis is None else 3
+    middle = middle[:dim]
+    bodies = [Disk(middle, r) if axis is None else Cylinder(axis, middle, r) for r in (1.77, 0.83)]
+    shapes = [Shape(b, outside=k == 0, angular_velocity=omega) for k, b in enumerate(bodies)]
+    lower, upper = middle - 2.0, middle + 2.0
+    if axis is not None:
+        lower[axis], upper[axis] = 0.0, 0.6
+    scene = Scene(ShapeGeometry(lower, upper, [True] * dim, shapes=shapes), 0.15, jitter=0.1)
+    spin = np.cross(np.eye(3)[2 if axis is None else axis], np.pad(scene.x - middle, ((0, 0), (0, 3 - dim))))
+    u = omega * spin[:, :dim]
+    assert np.abs(scene.lap(u)).max() < 1e-9 * omega / 0.15 and np.abs(scene.div(u)).max() < 1e-9 * omega
+    # walls that did not turn with it would show
+    assert np.abs(scene.lap(1.1 * u)).max() > 1.0
+
+
+def test_what_cannot_turn():
+    for shape, box, said in (
+        (Shape(Box([0, 0], [1, 1]), angular_velocity=1.0), [3.0, 3.0], "only cylinders"),
+        (Shape(Disk([0.2, 1.5], 0.5), angular_velocity=1.0), [3.0, 3.0], "reaches over a periodic face"),
+    ):
+        with pytest.raises(ShapeError, match=said):
+            ShapeGeometry([0.0, 0.0], box, [True, True], shapes=[shape])
+    speed = ShapeGeometry([0, 0], [3, 3], [True] * 2, shapes=[Shape(Disk([1, 1], 0.5), angular_velocity=-4)]).wall_speed
+    assert speed.max() == 2.0

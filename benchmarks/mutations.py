@@ -1,0 +1,156 @@
+"""Which reference notices which broken operator.
+
+    python benchmarks/mutations.py [--out DIR] [NAME ...]
+
+A mutation is one small change of the source: a sign, a factor, an order. The package is copied, one line of the copy
+is changed, and `isph validate --levels 1` runs the quick references with it in a process of its own. Prints a Markdown
+table: what was changed, and the references that miss their bound with it (error over bound), nearest miss last.
+About 20 s a mutation, of which most is the compiler.
+"""
+
+import argparse
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+QUICK = (
+    "slit", "square_duct", "annulus", "cylinder_array", "two_tubes", "taylor_couette", "couette", "startup_couette",
+    "startup_poiseuille", "decaying_channel", "taylor_green_2d", "taylor_green_2d_re100", "taylor_green_3d",
+)  # fmt: skip
+TIMEOUT = 600  # s: a broken operator may never converge
+
+
+class Mutation(NamedTuple):
+    """One change: text of a module of the package that occurs once, and what stands there instead."""
+
+    name: str
+    kind: str  # sign, factor or order
+    what: str
+    module: str
+    old: str
+    new: str
+
+
+MUTATIONS = (
+    Mutation("laplacian_factor", "factor", "the 2 of the Laplacian (eq. 6) forgotten",
+             "operators", "lap[k] = w[k] * (2.0 * tensor", "lap[k] = w[k] * (1.0 * tensor"),
+    Mutation("laplacian_gradient_sign", "sign", "e . grad f of eq. 6 added, not subtracted",
+             "operators", "tensor / s[k] - (d0 * g0", "tensor / s[k] + (d0 * g0"),
+    Mutation("gradient_uncorrected", "order", "correction tensor G_i of the gradient (eq. 5) dropped",
+             "operators", "g00, g01, g02, g11, g12, g22 = g[0, 0], g[0, 1], g[0, 2], g[1, 1], g[1, 2], g[2, 2]",
+             "g00, g01, g02, g11, g12, g22 = 1.0, 0.0, 0.0, 1.0, 0.0, 1.0"),
+    Mutation("gradient_first_order", "order", "second-order part K_i of the gradient dropped",
+             "operators", "    if order == 1:\n        return\n", "    if order < 3:\n        return\n"),
+    Mutation("wall_sign", "sign", "a wall's share of the diagonal subtracted (extrapolation, eq. 11)",
+             "walls", "wall_lap[i] += a\n", "wall_lap[i] -= a\n"),
+    Mutation("wall_at_the_dummy", "order", "walls taken at the dummy, not where the pair meets them",
+             "walls", "s[k] *= fraction[begin + k]", "s[k] *= 1.0"),
+    Mutation("rotational_sign", "sign", "rotational term of the pressure added, not subtracted",
+             "step", "means.remove(p + q - ", "means.remove(p + q + "),
+    Mutation("projection_factor", "factor", "half of the pressure gradient taken off the velocity (eq. 3)",
+             "step", "u = star - (dt / g0) * gradient_p", "u = star - 0.5 * (dt / g0) * gradient_p"),
+    Mutation("first_order_in_time", "order", "implicit Euler in place of the second-order scheme",
+             "step", "dt / state.dt_old if (state.dt_old and self.second_order) else 0.0", "0.0"),
+    Mutation("shift_without_carry", "order", "shifted particles keep their velocity (eq. 9 dropped)",
+             "shifting", "return _carry(ops.start, ops.column, ops.grad_p, fields, slope, dr, second)",
+             "return fields.copy()"),
+    Mutation("darcy_factor", "factor", "permeability of the mean velocity of the pores, not the superficial one",
+             "drive", "float(superficial @ force)", "float(mean @ force)"),
+)  # fmt: skip
+
+
+def mutate(source, mutation):
+    """The text of a module with the mutation; AssertionError where the text to change is not there once."""
+    assert source.count(mutation.old) == 1, f"{mutation.name}: the text to change must occur once in {mutation.module}"
+    return source.replace(mutation.old, mutation.new)
+
+
+def copy_package(target, mutation):
+    """The package and its cases in `target`, mutated; compiled kernels are kept where they do not see the change."""
+    shutil.copytree(ROOT / "isphcli", target / "isphcli")  # keeps the times that the cache of numba goes by
+    shutil.copytree(ROOT / "cases", target / "cases")
+    if mutation is None:
+        return
+    path = target / "isphcli" / f"{mutation.module}.py"
+    path.write_text(mutate(path.read_text(), mutation))
+    for name in dependents(mutation.module):
+        for compiled in (target / "isphcli" / "__pycache__").glob(f"{name}.*"):
+            compiled.unlink()
+
+
+def dependents(module):
+    """Modules that import a module of the package, directly or not, and itself: their kernels may hold its kernels."""
+    texts = {path.stem: path.read_text() for path in (ROOT / "isphcli").glob("*.py")}
+    found, new = set(), {module}
+    while new:
+        found |= new
+        pattern = re.compile(rf"from \.({'|'.join(found)}) import|from \. import [^\n]*\b({'|'.join(found)})\b")
+        new = {name for name, text in texts.items() if name not in found and pattern.search(text)}
+    return found
+
+
+def validate(folder, out):
+    """{case: its setting of validation.json, or None where the command ended before} of the quick references."""
+    cases = [f"cases/{name}.yaml" for name in QUICK]
+    command = [sys.executable, "-m", "isphcli", "validate", *cases, "--levels", "1", "--out", str(out), "--quiet",
+               "--threads", "1"]  # fmt: skip
+    environment = os.environ | {"PYTHONPATH": str(folder)}
+    try:
+        subprocess.run(command, cwd=folder, env=environment, capture_output=True, timeout=TIMEOUT, check=False)
+    except subprocess.TimeoutExpired:
+        pass
+    results = {}
+    for name in QUICK:
+        path = out / name / "validation.json"
+        results[name] = json.loads(path.read_text())["settings"][0] if path.exists() else None
+    return results
+
+
+def misses(results):
+    """[(error over bound, text)] of the references that are missed, the worst first; a failed run is infinitely bad."""
+    found = []
+    for name, setting in results.items():
+        if setting is None or not setting["levels"]:
+            found.append((float("inf"), f"{name} (did not end)"))
+        elif not setting["verdict"]["passed"]:
+            error, why = setting["levels"][0]["error"], setting["verdict"]["why"]
+            if error is None:
+                found.append((float("inf"), f"{name} (run failed: {why.split(':')[0]})"))
+            else:
+                bound = float(why.split("= " if "= " in why else "> ")[1].split(" at")[0])
+                found.append((abs(error) / bound, f"{name} ({error:+.2g}, bound {bound:g})"))
+    return sorted(found, reverse=True)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", help="mutations to run; all without a name")
+    parser.add_argument("--out", type=Path, help="where the results of the runs stay; nowhere without it")
+    options = parser.parse_args()
+    print("| broken | kind | what was changed | references that miss their bound |\n" + "| --- " * 4 + "|", flush=True)
+    chosen = [m for m in MUTATIONS if not options.names or m.name in options.names]
+    missed_by_all = []
+    for mutation in (None, *chosen):
+        with tempfile.TemporaryDirectory() as folder:
+            copy_package(Path(folder), mutation)
+            name = mutation.name if mutation else "nothing"
+            out = options.out.absolute() / name if options.out else Path(folder, "out")
+            found = misses(validate(Path(folder), out))
+        kind, what = (mutation.kind, mutation.what) if mutation else ("-", "the code as it is")
+        shown = "; ".join(text for _, text in found[:4]) + (f"; {len(found) - 4} more" if len(found) > 4 else "")
+        print(f"| {name} | {kind} | {what} | {shown or 'none'} |", flush=True)
+        if mutation and not found:
+            missed_by_all.append(name)
+    if missed_by_all:
+        sys.exit(f"not noticed: {', '.join(missed_by_all)}")
+
+
+if __name__ == "__main__":
+    main()
