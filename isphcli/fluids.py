@@ -13,7 +13,8 @@ class Terms:
     viscosity: number that still multiplies the latter, m2/s; force: (dim,) or (n, dim) m/s2; jump: (n, dim) the part of
     it that stands for a jump of the pressure, or None; density: over that of the first fluid, (n,) or 1;
     bulk: dynamic viscosity over the density of the first fluid, (n,) or a number, m2/s;
-    turn: Turn, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity has no kink, or None.
+    turn: Turn, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity has no kink, or None;
+    shy: (n,) bool, near an interface, or None.
     """
 
     ops: object
@@ -24,6 +25,7 @@ class Terms:
     bulk: object = None
     turn: object = None
     smooth: np.ndarray | None = None
+    shy: np.ndarray | None = None
 
 
 class OneFluid:

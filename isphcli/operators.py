@@ -550,3 +550,22 @@ def _divergence(start, column, grad, u):
                 s += grad[p, k] * (u[j, k] - u[i, k])
         result[i] = s
     return result
+
+
+@njit(cache=True, parallel=True)
+def potential_gradient(start, row, x, grad_p, force):
+    """A uniform acceleration force (dim,) as the one-sided gradient of its potential, (n, dim).
+
+    Where the neighbours span all directions it is the force itself; in a dead end one particle wide it is what a
+    pressure can balance, and the fluid rests. row: (n_pairs,) rows of the neighbours in the table x (n_rows, dim).
+    """
+    n, dim = len(start) - 1, len(force)
+    out = np.zeros((n, dim))
+    for i in prange(n):
+        for q in range(start[i], start[i + 1]):
+            rise = 0.0
+            for k in range(dim):
+                rise += force[k] * (x[row[q], k] - x[i, k])
+            for k in range(dim):
+                out[i, k] += grad_p[q, k] * rise
+    return out

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from . import expressions, failure
-from .drive import drives
+from .drive import drives, pressure_push
 from .fluids import OneFluid
 from .kernel import KERNELS
 from .particles import place_case
@@ -62,8 +62,9 @@ def choose_fluids(case, geometry, particles, force):
         contact = _contact(case, geometry, particles, kind, support) if geometry.has_solid else None
         tension = SurfaceTension(case.interface.tension, case.interface.method, [f.density for f in present], kind,
                                  support, spacing, contact)
-    return TwoFluids(particles.phase, [f.density for f in present], [f.mu for f in present], force, kind, support,
-                     tension)
+    push = pressure_push(case, geometry.dim)
+    return TwoFluids(particles.phase, [f.density for f in present], [f.mu for f in present], force - push, push, kind,
+                     support, tension)
 
 
 def _contact(case, geometry, particles, kind, support):

@@ -19,18 +19,21 @@ import numpy as np
 from numba import njit, prange
 
 from .fluids import Terms
+from .interface import crossings, near_interface
+from .operators import potential_gradient
 
 
 class TwoFluids:
     """phase: (n,) int8 fluid of each particle, 0 or 1; density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s;
-    force: (dim,) m/s2; kind: kernel number; support: m; tension: SurfaceTension or None."""
+    force: (dim,) m/s2; push: (dim,) that of a pressure gradient on the first fluid, m/s2, which moves the other as its
+    density lets it; kind: kernel number; support: m; tension: SurfaceTension or None."""
 
-    def __init__(self, phase, density, viscosity, force, kind, support, tension=None):
+    def __init__(self, phase, density, viscosity, force, push, kind, support, tension=None):
         self.phase = phase
         self.colour = np.where(phase == 0, 1.0, 0.0)
         self.density = np.array(density, float)
         self.mu = np.array(viscosity, float)
-        self.force, self.kind, self.support, self.tension = force, kind, support, tension
+        self.force, self.push, self.kind, self.support, self.tension = force, push, kind, support, tension
 
     @property
     def stiffest(self):
@@ -48,25 +51,25 @@ class TwoFluids:
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
         rho = self.density[self.phase] / reference
         mu = self.mu[self.phase] / reference
-        weighted, viscosity, turn, smooth = ops, mu[0] if len(mu) else 0.0, None, None
+        near = near_interface(ops.start, ops.column, self.colour)
+        weighted, viscosity, turn, smooth = ops, mu[0], None, None
         if heavy or thick:
-            from .interface import crossings, near_interface
-
             t = crossings(ops, x, row, self.colour, self.kind, self.support)
             weighted = self._weigh(ops, t, rho, mu, heavy)
             viscosity = 1.0
             if thick:
-                near = near_interface(ops.start, ops.column, self.colour)
                 smooth = ~near
-                if ops.walls is not None:
-                    near &= ~ops.walls.near
-                turn = Turn.build(ops, weighted.lap, x, row, np.flatnonzero(near))
+                free = near if ops.walls is None else near & ~ops.walls.near
+                turn = Turn.build(ops, weighted.lap, x, row, np.flatnonzero(free))
         force, jump = self.force, None
+        if self.push.any():
+            force = force + potential_gradient(ops.start, row, x, weighted.grad_p, self.push)
         if self.tension is not None:
             push = self.tension.force(ops, weighted, x, row, pairs, owner, self.colour, reference)
             force = force + push
             jump = push if self.tension.method == "jump" else None
-        return Terms(weighted, viscosity, force, jump, rho if heavy else 1.0, mu.min(), turn, smooth)
+        return Terms(weighted, viscosity, force, jump, rho if heavy else 1.0, self.mu.min() / reference, turn, smooth,
+                     near)
 
     @staticmethod
     def _weigh(ops, t, rho, mu, heavy):
@@ -86,12 +89,10 @@ class TwoFluids:
 class Turn:
     """The transposed stress of the particles at the interface that see no wall, over their density.
 
-    sum_j m_ij [lap_ij ((d + 2) e (x) e - 1) - (d + 2) S_i grad_ij] (u_j - u_i) / rho_i,   S_i = sum_j lap_ij r e e e
-
-    For a like viscosity the star average of (d + 2) e (x) e makes of lap u the sum lap u + 2 grad div u; with m_ij it
-    makes the full stress. S_i takes off what a lopsided star would make of a linear velocity. Two other forms,
+    sum_j m_ij 2 H_ij (u_j - u_i) / rho_i with H_ij the weights of the second derivatives d_k d_l, exact for quadratic
+    functions. For a like viscosity it is 2 grad div u, with m_ij it makes of mu lap u the full stress. Two other forms,
     (grad u)^T grad mu and the same without its part in div u, have growing modes at a viscosity ratio of 100 (smallest
-    eigenvalue of the velocity matrix -72 and -5000, against +36 of this one and +38 without).
+    eigenvalue of the velocity matrix -72 and -5000, against +36 and more of this one).
 
     rows: (m,) particles; start: (m + 1,), column: neighbours; tensor: (n_pairs of those, dim, dim).
     """
@@ -105,7 +106,7 @@ class Turn:
     def build(cls, ops, weighted_lap, x, row, rows):
         count = np.diff(ops.start)[rows]
         start = np.concatenate([[0], np.cumsum(count)])
-        column, tensor = _turn_tensors(ops.start, ops.column, row, x, ops.lap, weighted_lap, ops.grad, rows, start)
+        column, tensor = _turn_tensors(ops.start, ops.column, row, x, ops.lap, weighted_lap, rows, start)
         return cls(rows, start, column, tensor)
 
     def add(self, u, out, factor):
@@ -135,44 +136,57 @@ def _weights(start, column, t, rho, mu, lap, lap_p, grad_p, natural, heavy):
 
 
 @njit(cache=True, parallel=True)
-def _turn_tensors(start, column, row, x, lap, weighted_lap, grad, rows, new_start):
-    dim = grad.shape[1]
+def _turn_tensors(start, column, row, x, lap, weighted_lap, rows, new_start):
+    dim = x.shape[1]
     new_column = np.empty(new_start[-1], np.int32)
-    tensor = np.empty((new_start[-1], dim, dim))
+    tensor = np.zeros((new_start[-1], dim, dim))
+    size = dim + dim * (dim + 1) // 2
     for m in prange(len(rows)):
         i = rows[m]
-        third, e = np.zeros((dim, dim, dim)), np.empty(dim)
-        for p in range(start[i], start[i + 1]):
-            r = _direction(x, i, row[p], e)
-            for a in range(dim):
-                for b in range(dim):
-                    for c in range(dim):
-                        third[a, b, c] += lap[p] * r * e[a] * e[b] * e[c]
-        at = new_start[m]
-        for p in range(start[i], start[i + 1]):
-            _direction(x, i, row[p], e)
-            factor = weighted_lap[p] / lap[p] if lap[p] != 0.0 else 0.0
-            for a in range(dim):
-                for b in range(dim):
-                    value = lap[p] * ((dim + 2.0) * e[a] * e[b] - (1.0 if a == b else 0.0))
-                    for c in range(dim):
-                        value -= (dim + 2.0) * third[a, b, c] * grad[p, c]
-                    tensor[at, a, b] = factor * value
-            new_column[at] = column[p]
-            at += 1
+        begin, count = start[i], start[i + 1] - start[i]
+        basis, moments = np.empty((count, size)), np.zeros((size, size))
+        unit = 0.0
+        for k in range(count):
+            unit = max(unit, math.sqrt(_fill(basis[k], x, i, row[begin + k], 1.0)))
+        for k in range(count):
+            _fill(basis[k], x, i, row[begin + k], unit)
+            w = max(lap[begin + k], 0.0)
+            for a in range(size):
+                for b in range(size):
+                    moments[a, b] += w * basis[k, a] * basis[k, b]
+        inverse = np.linalg.pinv(moments, 1e-10)
+        for k in range(count):
+            at = new_start[m] + k
+            new_column[at] = column[begin + k]
+            if lap[begin + k] > 0.0:
+                # least squares: the coefficients of the quadratic terms are the second derivatives
+                factor = 2.0 * weighted_lap[begin + k] / (unit * unit)
+                v = dim
+                for a in range(dim):
+                    for b in range(a, dim):
+                        value = 0.0
+                        for c in range(size):
+                            value += inverse[v, c] * basis[k, c]
+                        tensor[at, a, b] = factor * value
+                        tensor[at, b, a] = factor * value
+                        v += 1
     return new_column, tensor
 
 
 @njit(cache=True)
-def _direction(x, i, j, e):
+def _fill(basis, x, i, j, unit):
+    """The terms d_a, d_a d_a / 2 and d_a d_b of d = (x_j - x_i) / unit; returns d . d."""
+    dim = x.shape[1]
     r2 = 0.0
-    for k in range(len(e)):
-        e[k] = x[j, k] - x[i, k]
-        r2 += e[k] ** 2
-    r = math.sqrt(r2)
-    for k in range(len(e)):
-        e[k] = e[k] / r if r > 0.0 else 0.0
-    return r
+    v = dim
+    for a in range(dim):
+        d = (x[j, a] - x[i, a]) / unit
+        basis[a] = d
+        r2 += d * d
+        for b in range(a, dim):
+            basis[v] = d * (x[j, b] - x[i, b]) / unit * (0.5 if a == b else 1.0)
+            v += 1
+    return r2
 
 
 @njit(cache=True, parallel=True)

@@ -1,0 +1,233 @@
+"""Two fluids: layers exact to round-off, rest at any density ratio, curvature, drops, contact angles, wave."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from isphcli import linear
+from isphcli.case import read_case
+from isphcli.geometry import build_geometry
+from isphcli.interface import crossings, find_band
+from isphcli.output import Clock
+from isphcli.references import two_layer_couette, two_layer_poiseuille
+from isphcli.run_navier_stokes import March, prepare
+
+
+def scene(text):
+    case = read_case(text.encode(), "case.yaml")
+    geometry = build_geometry(case)
+    return (case, geometry, *prepare(case, geometry, Clock()))
+
+
+def run(text):
+    """(state, stepper, particles, rows) at the end of a case."""
+    case, geometry, state, stepper, particles = scene(text)
+    march = March(case, stepper, particles.site_volume, 1.0, float(np.prod(geometry.upper - geometry.lower)))
+    rows = []
+    nothing = lambda *_: None  # noqa: E731
+    state, _ = march.run(state, stepper.configure(state.x), nothing, rows.append, nothing)
+    return state, stepper, particles, rows
+
+
+LAYERS = """
+geometry:
+  box: [{width}, 1]
+  periodic: [x]
+  fluid: a
+  shapes: [{{half_space: {{point: [0, 0.5], normal: [0, -1]}}, is: b}}]
+  walls: {{y_max: {{velocity: [{lid}, 0]}}}}
+particles: {{spacing: {dx}}}
+fluids: {{a: {{density: {rho}, viscosity: 1}}, b: {{density: 1, viscosity: {mu}}}}}
+drive: {{body_force: [{gx}, {gy}]}}
+time: {time}
+"""
+
+
+def layers(dx=1 / 16, lid=0, rho=1, mu=1, gx=0, gy=0, time="{end: 1}"):
+    return LAYERS.format(width=6 * dx, dx=dx, lid=lid, rho=rho, mu=mu, gx=gx, gy=gy, time=time)
+
+
+@pytest.mark.parametrize("ratio", [10, 1e4])
+def test_shear_between_layers(ratio):
+    """Issue: interface velocity within 0.5 % at 32 across for 1 : 10, no worse at larger ratios. The profile itself is
+    an exact solution of the discrete equations; what is left is the approach to the steady state."""
+    state, *_ = run(layers(1 / 32, lid=1, mu=ratio, time="{end: 2, step: 0.02, scheme: euler}"))
+    exact = two_layer_couette(state.x[:, 1], 1.0, 0.5, (1.0, ratio), 1.0)
+    interface = ratio / (1.0 + ratio)
+    assert np.abs(state.u[:, 0] - exact).max() < 0.005 * interface
+
+
+def test_the_layered_profile_is_exact_to_round_off():
+    _, _, state, stepper, _ = scene(layers(1 / 16, lid=1, mu=50))
+    config = stepper.configure(state.x)
+    ops = config.terms.ops
+    u = two_layer_couette(state.x[:, 1], 1.0, 0.5, (1.0, 50.0), 1.0)
+    matrix = linear.assemble(ops.start, ops.column, ops.lap, 0.0, 1.0, ops.walls.lap)
+    residual = matrix @ u - ops.walls.lap_velocity[:, 0]
+    assert np.abs(residual).max() < 1e-11 * np.abs(matrix).max()
+
+
+def test_pressure_driven_layers():
+    """Prototype of the design: 0.6 % at 24 across."""
+    state, *_ = run(layers(1 / 24, mu=10, gx=1, time="{end: 3, step: 0.02, scheme: euler}"))
+    exact = two_layer_poiseuille(state.x[:, 1], 1.0, 0.5, (1.0, 10.0), 1.0)
+    assert np.linalg.norm(state.u[:, 0] - exact) < 0.004 * np.linalg.norm(exact)
+
+
+@pytest.mark.parametrize("ratio", [2, 1000])
+def test_heavy_below_rests(ratio):
+    """Issue: at most 1e-8 sqrt(g H)."""
+    state, *_ = run(layers(1 / 12, rho=ratio, gy=-1, time="{end: 100, step: 0.02, max_steps: 40}"))
+    assert np.abs(state.u).max() < 1e-8
+
+
+def test_what_a_scene_does_not_need_is_not_there():
+    for name in [m for m in sys.modules if m.startswith("isphcli.") and m.split(".")[1] in
+                 ("two_fluids", "interface", "surface_tension", "contact_angle")]:
+        del sys.modules[name]
+    _, _, state, stepper, _ = scene(layers(1 / 8))  # two fluids that differ in name only, without tension
+    config = stepper.configure(state.x)
+    assert config.terms.ops is config.ops
+    assert not {"isphcli.two_fluids", "isphcli.interface", "isphcli.surface_tension"} & set(sys.modules)
+
+
+DROP = """
+geometry:
+  box: [1, 1]
+  periodic: [x, y]
+  fluid: b
+  shapes: [{{sphere: {{centre: [0.5, 0.5], radius: {radius}}}, is: a}}]
+particles: {{spacing: {dx}, support: 2.8, jitter: {jitter}}}
+fluids: {{a: {{density: {rho}, viscosity: {mu}}}, b: {{density: 1, viscosity: 0.05}}}}
+interface: {{tension: 1, method: {method}}}
+time: {time}
+"""
+
+
+def drop(radius=0.3, dx=1 / 24, jitter=0.0, rho=1, mu=0.05, method="jump", time="{end: 0.3}"):
+    return DROP.format(radius=radius, dx=dx, jitter=jitter, rho=rho, mu=mu, method=method, time=time)
+
+
+def pressure_jump(state, stepper, particles, dx):
+    """Inside minus outside over sigma / R, R of the circle of equal area."""
+    inside = particles.phase == 0
+    radius = np.sqrt(inside.sum() * particles.site_volume / np.pi)
+    far = np.abs(np.linalg.norm(state.x - 0.5, axis=1) - radius) > 2.5 * dx
+    p = state.p * stepper.fluids.reference
+    return (p[inside & far].mean() - p[~inside & far].mean()) * radius
+
+
+def test_jump_of_a_drop():
+    """Young and Laplace within 2 % at a radius of 7 spacings; spurious flow below Ca 1e-3, the area exact."""
+    state, stepper, particles, rows = run(drop())
+    assert pressure_jump(state, stepper, particles, 1 / 24) == pytest.approx(1.0, abs=0.02)
+    assert np.abs(state.u).max() * 0.05 < 1e-3
+    assert {row["limit"] for row in rows[10:-2]} == {"capillary"}
+
+
+def test_continuous_force_of_a_drop():
+    """The band of the force blurs the pressure: 6 %."""
+    state, stepper, particles, _ = run(drop(method="csf"))
+    assert pressure_jump(state, stepper, particles, 1 / 24) == pytest.approx(1.0, abs=0.06)
+
+
+@pytest.mark.parametrize("rho, mu", [(1000, 5.0), (0.001, 5e-4)])
+def test_light_and_heavy_drops_hold(rho, mu):
+    """Density ratio 1000 and viscosity ratio 100: the issue asks for 3 % after long runs at twice this resolution."""
+    state, stepper, particles, _ = run(drop(rho=rho, mu=mu, time="{end: 100, max_steps: 150}"))
+    assert pressure_jump(state, stepper, particles, 1 / 24) == pytest.approx(1.0, abs=0.06)
+
+
+def test_a_uniform_curvature_is_balanced_exactly():
+    """The jump is met by a pressure of two values: no flow from a curvature without errors."""
+    _, _, state, stepper, particles = scene(drop(jitter=0.1, rho=10))
+    config = stepper.configure(state.x)
+    from isphcli.operators import gradient_p
+    from isphcli.surface_tension import _jump
+
+    n = len(state.x)
+    colour = stepper.fluids.colour
+    ops = config.terms.ops
+    push = _jump(ops.start, ops.column, ops.grad_p, colour, np.full(n, 3.0), np.ones(n), 2.0)
+    residual = push - gradient_p(ops, 6.0 * colour)
+    assert np.abs(residual).max() < 1e-12 * np.abs(push).max()
+
+
+@pytest.mark.parametrize("spacing, bound", [(1 / 24, 0.04), (1 / 48, 0.02)])
+def test_curvature_of_a_disk(spacing, bound):
+    """Mean curvature over the band of a disk on a lattice, from normals of both fluids."""
+    _, _, state, stepper, _ = scene(drop(dx=spacing))
+    stepper.configure(state.x)
+    tension = stepper.fluids.tension
+    mean = np.average(tension.curvature, weights=tension.band.strength)
+    inside = stepper.fluids.colour.sum() * spacing**2
+    assert mean * np.sqrt(inside / np.pi) == pytest.approx(1.0, abs=bound)
+
+
+def test_curvature_of_a_ball():
+    text = """
+geometry: {box: [1, 1, 1], periodic: [x, y, z], fluid: b, shapes: [{sphere: {centre: [0.5, 0.5, 0.5], radius: 0.35}, is: a}]}
+particles: {spacing: 0.05, support: 2.5}
+fluids: {a: {density: 1, viscosity: 1}, b: {density: 1, viscosity: 1}}
+interface: {tension: 1}
+time: {end: 1}
+"""  # noqa: E501
+    _, _, state, stepper, _ = scene(text)
+    stepper.configure(state.x)
+    tension = stepper.fluids.tension
+    mean = np.average(tension.curvature, weights=tension.band.strength)
+    radius = (stepper.fluids.colour.sum() * 0.05**3 * 0.75 / np.pi) ** (1 / 3)
+    assert mean * radius == pytest.approx(2.0, rel=0.05)
+
+
+def test_crossings_of_a_flat_interface_are_exact():
+    _, _, state, stepper, _ = scene(layers(1 / 16, mu=5))
+    config = stepper.configure(state.x)
+    ops, colour = config.ops, stepper.fluids.colour
+    t = crossings(ops, config.x, config.row, colour, stepper.kind, stepper.support)
+    i = np.repeat(np.arange(ops.n), np.diff(ops.start))
+    unlike = colour[i] != colour[ops.column]
+    y = config.x[i, 1] + t * (config.x[config.row, 1] - config.x[i, 1])
+    assert unlike.any() and np.abs(y[unlike] - 0.5).max() < 1e-12
+
+
+def test_normals_of_a_disk_point_into_it():
+    _, _, state, stepper, _ = scene(drop(jitter=0.1))
+    config = stepper.configure(state.x)
+    band = find_band(config.ops, config.x, config.row, stepper.fluids.colour, stepper.kind, stepper.support, 1 / 24)
+    centre = 0.5 - state.x
+    inward = centre / np.linalg.norm(centre, axis=1, keepdims=True)
+    strong = band.strength > 0.5 * band.strength.max()
+    assert ((band.normal * inward).sum(axis=1)[strong] > 0.95).all()
+
+
+@pytest.mark.parametrize("ratio", [10, 100, 1e4])
+def test_the_velocity_matrix_has_no_growing_mode(ratio):
+    """Full stress at a viscosity jump: every eigenvalue of the jittered scene has a positive real part."""
+    _, _, state, stepper, _ = scene(layers(1 / 12, mu=ratio).replace("spacing: ", "jitter: 0.2, spacing: "))
+    config = stepper.configure(state.x)
+    terms, n = config.terms, len(state.x)
+    matrix = linear.assemble(terms.ops.start, terms.ops.column, terms.ops.lap, 0.0, 1.0, terms.ops.walls.lap)
+    full = np.kron(matrix.toarray(), np.eye(2))
+    for k in range(2 * n):
+        one, out = np.zeros(2 * n), np.zeros((n, 2))
+        one[k] = 1.0
+        terms.turn.add(one.reshape(n, 2), out, 1.0)
+        full[:, k] -= out.ravel()
+    assert np.linalg.eigvals(full).real.min() > 0.0
+
+
+def test_the_stress_of_a_linear_velocity_vanishes():
+    """Constant viscosity, any arrangement, velocity linear in x: the correction S_i of the tensor form."""
+    _, _, state, stepper, _ = scene(layers(1 / 12, mu=2).replace("spacing: ", "jitter: 0.2, spacing: "))
+    config = stepper.configure(state.x)
+    from isphcli.two_fluids import Turn
+
+    ops = config.ops
+    rows = np.flatnonzero(~ops.walls.near & (np.abs(state.x[:, 0] - 3 / 12) < 0.5 / 12))
+    turn = Turn.build(ops, ops.lap, config.x, config.row, rows)
+    u, out = np.zeros_like(state.x), np.zeros_like(state.x)
+    u[:] = state.x @ np.array([[0.3, 2.0], [-1.0, -0.3]])
+    turn.add(u, out, 1.0)
+    assert len(rows) and np.abs(out).max() < 1e-9 * np.abs(ops.lap).max()
