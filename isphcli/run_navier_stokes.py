@@ -29,7 +29,7 @@ def prepare(case, geometry, clock):
     n = particles.n_fluid
     x = particles.x[:n].copy()
     u = np.zeros_like(x)
-    if case.initial is not None:
+    if case.initial is not None and case.initial.velocity:
         names = dict(zip("xyz", x.T))
         for k, formula in enumerate(case.initial.velocity):
             u[:, k] = expressions.evaluate(formula, **names)
@@ -92,9 +92,11 @@ class March:
 
     snapshot(state, config), row(dict) and progress(state, dt, limit) are called as the run goes. `last` is the last
     step of which all is told (restart.Saved): what a run that stops goes on from.
+    density: of the fluid or (n,) of the particles, kg/m3; measure(state, config): further entries of a row, dict.
     """
 
-    def __init__(self, case, stepper, site_volume, density, box_volume):
+    def __init__(self, case, stepper, site_volume, density, box_volume, measure=lambda state, config: {}):
+        self.measure = measure
         self.case, self.stepper = case, stepper
         self.site_volume, self.density, self.box_volume = site_volume, density, box_volume
         self.energies, self.change, self.last = [], None, None
@@ -150,7 +152,7 @@ class March:
                 self._look_back(state)
             if state.time >= due * (1.0 - 1e-9):
                 snapshot(state, config)
-            row(self._row(state, dt, limit))
+            row(self._row(state, config, dt, limit))
             self.last = self._saved(state)
             progress(state, dt, limit)
         if case.time.steady is not None:
@@ -179,10 +181,10 @@ class March:
     def _steady_by_now(self, state):
         return self.change is not None and self.change < self.case.time.steady
 
-    def _row(self, state, dt, limit):
+    def _row(self, state, config, dt, limit):
         stepper = self.stepper
         mean = state.u.mean(axis=0)
-        energy = 0.5 * self.density * self.site_volume * float((state.u * state.u).sum())
+        energy = 0.5 * self.site_volume * float((self.density * (state.u * state.u).sum(axis=1)).sum())
         fraction = len(state.u) * self.site_volume / self.box_volume
         row = {"step": state.step, "time": state.time, "dt": dt, "limit": limit}
         for name in ("velocity", "pressure"):
@@ -194,4 +196,4 @@ class March:
         row |= {f"superficial_velocity_{a}": float(m * fraction) for a, m in zip("xyz", mean)}
         if self.case.time.steady is not None:
             row["change"] = self.change
-        return row
+        return row | self.measure(state, config)
