@@ -492,8 +492,8 @@ def _drive_findings(
     steady = case.flow == "stokes" or (case.time is not None and case.time.steady is not None)
     moved = geometry.has_solid and bool(np.any(geometry.wall_speed))
     for axis in driven:
-        if axis in through:
-            continue
+        if axis in through or len({f.density for f in case.fluids.values()}) > 1:
+            continue  # a light fluid rises between walls too
         name, fatal = AXES[axis], steady and not through and not moved
         if not opens(case, axis):
             fix = (
