@@ -129,9 +129,9 @@ def test_what_takes_longer_is_measured_seldom():
 @pytest.mark.parametrize("angle", [30, 60, 90, 120, 150])
 @pytest.mark.parametrize("inside", ["oil", "water"])
 def test_contact_angle_of_a_cap(angle, inside):
-    """A cap of radius 24 spacings, 16 at 150 degrees. The angle is that of the first fluid, whichever is inside; half a
+    """A cap of radius 24 spacings, 64 at 30 and 16 at 150 degrees. The angle is that of the first fluid, whichever is inside; half a
     spacing in the height of the centre is 1.2 degrees at 90."""
-    radius = 0.3 if angle < 140 else 0.2
+    radius = {30: 0.8, 150: 0.2}.get(angle, 0.3)
     text = CAP.format(centre=-radius * math.cos(math.radians(angle)), radius=radius, inside=inside,
                       outside="water" if inside == "oil" else "oil")
     measured = Scene(text).row()["contact_angle"]
