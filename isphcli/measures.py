@@ -58,6 +58,10 @@ class Measures:
             row[f"ganglia_{name}"] = self.ganglia(config, k) if everything else None
         return row
 
+    def go_on(self, row):
+        """Takes up the centres of a row of the history, so that those of a restarted run do not jump by a period."""
+        self.centres = [[row.get(f"centre_{a}_{name}") for a in "xyz"[: self.geometry.dim]] for name in self.names]
+
     def _fluids(self, state, volume):
         row, masks = {}, [self.phase == k for k in (0, 1)]
         inside = np.all((state.x >= self.lower) & (state.x <= self.upper), axis=1)
@@ -221,7 +225,7 @@ def of_case(case, geometry, particles, fluids):
     """Measures of a case with two fluids; fluids: OneFluid or TwoFluids."""
     named = [case.fluids[name] for name in case.fluid_names]
     amplitude = None
-    if case.reference is not None and case.reference.kind in getattr(compare, "AMPLITUDES", ()):
+    if case.reference is not None and case.reference.kind in compare.AMPLITUDES:
         def amplitude(x):
             return compare.amplitude(case, x, particles.phase)
     return Measures(case.fluid_names, particles.phase, [f.density for f in named], [f.mu for f in named], geometry,

@@ -149,8 +149,8 @@ def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], t
 
     rows: of history.csv, as `output.read_history` returns them. Columns are found by their first word: `dt`,
     `iterations_*`, `residual_*` with `divergence`, `max_divergence` and `change`, `mean_velocity*` (or
-    `superficial_velocity*`), `kinetic_energy*`, and those of two fluids: `pressure_jump`, `saturation_*`, ... A panel without data is left out. Raises ValueError if
-    nothing is left.
+    `superficial_velocity*`), `kinetic_energy*`, and those of two fluids: `pressure_jump`, `saturation_*`, ... A panel
+    without data is left out. Raises ValueError if nothing is left.
     """
     by_time = sum(row.get("time") is not None for row in rows) > 1 and rows[-1]["time"] > rows[0]["time"]
     key = "time" if by_time else "step"

@@ -194,10 +194,11 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     box = float(np.prod(geometry.upper - geometry.lower))
     march = ns.March(case, stepper, particles.site_volume, density, box)
+    measures = None
     if len(np.unique(particles.phase)) > 1:
         from .measures import of_case
 
-        march.measure = of_case(case, geometry, particles, stepper.fluids)
+        march.measure = measures = of_case(case, geometry, particles, stepper.fluids)
     since, last_step = None, None
     if resume is not None:
         saved = restart.load(Path(resume) / restart.NAME, state)
@@ -230,6 +231,8 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
         ) as bar:
             if file.rows:
                 history = output.read_history(directory / "history.csv")
+                if measures is not None:
+                    measures.go_on(history[-1])
 
             def row(values):
                 history.append(values)

@@ -152,7 +152,7 @@ class March:
                 self._look_back(state)
             if state.time >= due * (1.0 - 1e-9):
                 snapshot(state, config)
-            row(self._row(state, config, dt, limit))
+            row(self._row(state, dt, limit) | self.measure(state, config))
             self.last = self._saved(state)
             progress(state, dt, limit)
         if case.time.steady is not None:
@@ -181,7 +181,7 @@ class March:
     def _steady_by_now(self, state):
         return self.change is not None and self.change < self.case.time.steady
 
-    def _row(self, state, config, dt, limit):
+    def _row(self, state, dt, limit):
         stepper = self.stepper
         mean = state.u.mean(axis=0)
         energy = 0.5 * self.site_volume * float((self.density * (state.u * state.u).sum(axis=1)).sum())
@@ -196,4 +196,4 @@ class March:
         row |= {f"superficial_velocity_{a}": float(m * fraction) for a, m in zip("xyz", mean)}
         if self.case.time.steady is not None:
             row["change"] = self.change
-        return row | self.measure(state, config)
+        return row
