@@ -214,11 +214,11 @@ class Measures:
 
     def _first_inside(self, centre, radius, points, x):
         """Whether the first fluid is on the inner side of the circle, by the particles that lie next to the points."""
-        x = self._round(x[: len(self.phase)], list(centre))
+        x = self._round(x[: len(self.phase)], list(points.mean(axis=0)))
         near = cKDTree(points).query(x, distance_upper_bound=2.0 * self.distance)[0] < np.inf
         inner = np.linalg.norm(x[near] - centre, axis=1) < radius
         first = self.phase[near] == 0
-        return bool((inner == first).mean() > 0.5)
+        return 2 * int((inner == first).sum()) > len(first)
 
 
 def of_case(case, geometry, particles, fluids):
