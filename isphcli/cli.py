@@ -220,7 +220,8 @@ def check_directory(path: Path) -> None:
 
 def closing_lines(case: Case, summary: Mapping[str, Any]) -> str:
     """What is printed at the end of a run."""
-    lines = [*permeability_lines(summary), *two_fluid_lines(case, summary), *reference_lines(case, summary), *time_lines(summary)]
+    lines = [*permeability_lines(summary), *two_fluid_lines(case, summary)]
+    lines += [*reference_lines(case, summary), *time_lines(summary)]
     directory = directory_of(case)
     lines += [("results", str(directory))]
     lines += [("picture", str(path)) for path in sorted(directory.glob("*.png"))]
@@ -244,7 +245,8 @@ def two_fluid_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, s
     """Saturation, pressure jump and contact angle at the end of a run with two fluids."""
     found = summary.get("two_fluids") or {}
     lines = [(f"saturation {name}", found.get(f"saturation_{name}"), "") for name in case.fluids]
-    lines += [("pressure jump", found.get("pressure_jump"), " Pa"), ("contact angle", found.get("contact_angle"), " degrees")]
+    lines += [("pressure jump", found.get("pressure_jump"), " Pa")]
+    lines += [("contact angle", found.get("contact_angle"), " degrees")]
     return [(head, f"{value:.4g}{unit}") for head, value, unit in lines if value is not None]
 
 

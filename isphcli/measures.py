@@ -19,9 +19,9 @@ from .operators import gradient_p
 SELDOM = 20  # steps between ganglia and contact angles
 LINKED = 1.5  # mean distances of particles V^(1/dim) that like particles of one ganglion are apart at most
 ROUND = 0.1  # length of the mean direction round a periodic axis below which a fluid has no centre there
-# Points of the interface that a circle or sphere is fitted to are at least a support off the wall (nearer, the average of
-# the colour sees the wall), and at most this many mean distances (farther, gravity and flow may have bent it). Caps of 22
-# across, scatter of the angle at 60 to 150 degrees: up to 9, 5 and 1.7 degrees with 8, 10 and 16.
+# Points of the interface that a circle or sphere is fitted to are at least a support off the wall (nearer, the average
+# of the colour sees the wall), and at most this many mean distances (farther, gravity and flow may have bent it). Caps
+# of 22 across, scatter of the angle at 60 to 150 degrees: up to 9, 5 and 1.7 degrees with 8, 10 and 16.
 FARTHEST = 16.0
 FLAT = 0.1  # mean distances by which the wall under those points may differ from a plane
 ON_ARC = 0.5  # mean distances by which the points may differ from their circle (root mean square)

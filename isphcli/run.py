@@ -12,7 +12,6 @@ from . import output, progress, restart
 from .case import CaseError, Problem, dump_case
 from .drive import darcy, drives, sample_box
 from .geometry import build_geometry
-from .particles import ParticleError
 
 
 def run_case(case, quiet=False, resume=None):
@@ -277,8 +276,8 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
     known = axis is not None and geometry.has_solid and not two and march.outcome == "steady"
     permeability = float(along[axis]) if known else None
     result = SimpleNamespace(
-        x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * stepper.fluids.reference, time=state.time,
-        spacing=case.particles.spacing,
+        x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * stepper.fluids.reference,
+        time=state.time, spacing=case.particles.spacing,
         phase=particles.phase, permeability=permeability, geometry=geometry, history=history, flows={}, tensor=None,
         density=stepper.fluids.reference,
     )

@@ -24,7 +24,9 @@ interface: {tension: 3}
 time: {end: 1}
 """
 CAP = """\
-geometry: {{box: [1, 0.6], periodic: [x], fluid: {outside}, shapes: [{{sphere: {{centre: [0.5, {centre}], radius: {radius}}}, is: {inside}}}]}}
+geometry:
+  {{box: [1, 0.6], periodic: [x], fluid: {outside},
+    shapes: [{{sphere: {{centre: [0.5, {centre}], radius: {radius}}}, is: {inside}}}]}}
 particles: {{spacing: 0.0125, support: 2.8}}
 fluids: {{oil: {{density: 1, viscosity: 1}}, water: {{density: 1, viscosity: 1}}}}
 interface: {{tension: 1}}
@@ -48,8 +50,8 @@ class Scene:
 
 
 def test_a_disk():
-    """Of 12.5 spacings: the sites in it make 1.3 % less than pi R^2. Volumes have an error at the interface of none, its
-    length one of 0.7 % (see `Measures._area`)."""
+    """Of 12.5 spacings: the sites in it make 1.3 % less than pi R^2. Its length has an error of 0.7 %
+    (see `Measures._area`)."""
     scene = Scene(DISK)
     row, size = scene.row(), (scene.phase == 0).mean()
     assert row["volume_oil"] == pytest.approx(size, rel=0.005)
@@ -112,10 +114,11 @@ def test_a_layer_has_no_centre_along_itself():
 
 def test_ganglia():
     """Three disks, one of them across the corners of the box; water is one part as long as it goes round them."""
-    disks = ", ".join(f"{{sphere: {{centre: {c}, radius: 0.12}}, is: oil}}" for c in ("[0, 0]", "[0.5, 0.2]", "[0.5, 0.6]"))
+    centres = ("[0, 0]", "[0.5, 0.2]", "[0.5, 0.6]")
+    disks = ", ".join(f"{{sphere: {{centre: {c}, radius: 0.12}}, is: oil}}" for c in centres)
     row = Scene(DISK, f"geometry.shapes=[{disks}]").row()
     assert (row["ganglia_oil"], row["ganglia_water"]) == (3, 1)
-    ring = "{sphere: {centre: [0.5, 0.5], radius: 0.4}, is: oil}, {sphere: {centre: [0.5, 0.5], radius: 0.2}, is: water}"
+    ring = ", ".join(f"{{sphere: {{centre: [0.5, 0.5], radius: {r}}}, is: {f}}}" for r, f in ((0.4, "oil"), (0.2, "water")))
     row = Scene(DISK, f"geometry.shapes=[{ring}]").row()
     assert (row["ganglia_oil"], row["ganglia_water"]) == (1, 2)
 
@@ -129,8 +132,8 @@ def test_what_takes_longer_is_measured_seldom():
 @pytest.mark.parametrize("angle", [30, 60, 90, 120, 150])
 @pytest.mark.parametrize("inside", ["oil", "water"])
 def test_contact_angle_of_a_cap(angle, inside):
-    """A cap of radius 24 spacings, 64 at 30 and 16 at 150 degrees. The angle is that of the first fluid, whichever is inside; half a
-    spacing in the height of the centre is 1.2 degrees at 90."""
+    """A cap of radius 24 spacings, 64 at 30 and 16 at 150 degrees. The angle is that of the first fluid,
+    whichever is inside; half a spacing in the height of the centre is 1.2 degrees at 90."""
     radius = {30: 0.8, 150: 0.2}.get(angle, 0.3)
     text = CAP.format(centre=-radius * math.cos(math.radians(angle)), radius=radius, inside=inside,
                       outside="water" if inside == "oil" else "oil")

@@ -117,7 +117,8 @@ def test_an_interrupt_leaves_a_restart_file(tmp_path, monkeypatch):
         assert int(file["state0.step"]) == 2 and np.isfinite(file["state0.u"]).all()
 
 
-TWO = DISK.replace("fluids: {", "fluids: {oil: {density: 1, viscosity: 1}, ").replace("[x, y], shapes", "[x, y], fluid: water, shapes")
+TWO = DISK.replace("fluids: {", "fluids: {oil: {density: 1, viscosity: 1}, ")
+TWO = TWO.replace("[x, y], shapes", "[x, y], fluid: water, shapes")
 
 
 def test_a_steady_solve_has_one_fluid(tmp_path):

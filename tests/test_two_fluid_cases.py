@@ -130,7 +130,7 @@ def test_a_bubble_rises_and_the_liquid_sinks(tmp_path):
 
 
 def test_drops_on_a_wall_feel_their_angle(tmp_path):
-    """11 particles across and on the way: the centre of the one that wets the wall sinks, that of the other is higher."""
+    """11 particles across and on the way: the centre of the one that wets the wall sinks, the other is higher."""
     low, high = (run(f"drop_wall_{angle}", tmp_path / str(angle), "particles.spacing=0.018181818", "time.end=0.05")[0]
                  for angle in (60, 150))  # fmt: skip
     assert low["two_fluids"]["centre_y_drop"] < 0.095
