@@ -118,7 +118,8 @@ def test_ganglia():
     disks = ", ".join(f"{{sphere: {{centre: {c}, radius: 0.12}}, is: oil}}" for c in centres)
     row = Scene(DISK, f"geometry.shapes=[{disks}]").row()
     assert (row["ganglia_oil"], row["ganglia_water"]) == (3, 1)
-    ring = ", ".join(f"{{sphere: {{centre: [0.5, 0.5], radius: {r}}}, is: {f}}}" for r, f in ((0.4, "oil"), (0.2, "water")))
+    rings = ((0.4, "oil"), (0.2, "water"))
+    ring = ", ".join(f"{{sphere: {{centre: [0.5, 0.5], radius: {r}}}, is: {f}}}" for r, f in rings)
     row = Scene(DISK, f"geometry.shapes=[{ring}]").row()
     assert (row["ganglia_oil"], row["ganglia_water"]) == (1, 2)
 
