@@ -164,11 +164,12 @@ def test_co2_bubbles_start_to_fall_with_the_body_force(tmp_path):
 
 
 def test_co2_goes_into_the_rock(tmp_path):
-    """A corner of 16^3 voxels, some steps: the front moves on, the mass of each fluid stays."""
+    """A piece of 16^3 voxels, some steps: CO2 moves along the force, and both fluids fill the pores."""
     summary, rows = run("berea_drainage", tmp_path, "geometry.voxels.crop=[[40, 56], [40, 56], [40, 56]]",
                         "initial.flood.saturation=0.2", "time.max_steps=4")  # fmt: skip
     found = summary["two_fluids"]
     assert found["velocity_x_co2"] > 0 and found["centre_x_co2"] is not None
-    total = [row["volume_co2"] + row["volume_brine"] for row in rows]
-    assert np.ptp(total) < 1e-12 * total[0]
+    assert found["volume_co2"] + found["volume_brine"] == pytest.approx(summary["particles"]["fluid"] * 3e-6**3)
+    parts = [found["kinetic_energy_co2"], found["kinetic_energy_brine"]]
+    assert sum(parts) == pytest.approx(rows[-1]["kinetic_energy"], rel=1e-8) and min(parts) > 0
     assert summary["steps"] == 4 and found["saturation_co2"] >= 0.2
