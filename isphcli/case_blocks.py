@@ -98,12 +98,21 @@ class Sphere:
 
 @dataclass(frozen=True, kw_only=True)
 class Spheres:
-    """Spheres listed in a file."""
+    """Spheres listed in a file, or placed at random without overlap, outside the solids before them."""
 
-    file: Path = key("csv of the centres: a header, columns x, y, z and optionally the radius", input=True)
-    radius: float | None = key(
-        "radius of all spheres, where the file has no fourth column", default=None, unit="m", above=0
+    ONE_OF: ClassVar = ("file", "random")
+
+    file: Path | None = key(
+        "csv of the centres: a header, columns x, y, z and optionally the radius", default=None, input=True
     )
+    random: int | None = key("number of spheres placed at random", default=None, at_least=1)
+    radius: float | None = key(
+        "radius of all spheres; not needed where the file has a column for it", default=None, unit="m", above=0
+    )
+    clearance: float = key(
+        "least distance between spheres placed at random, and of them from solids", default=0.0, unit="m", at_least=0
+    )
+    seed: int = key("seed of the random places", default=0, at_least=0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +151,7 @@ class Shape:
     ONE_OF: ClassVar = ("sphere", "spheres", "box", "cylinder", "half_space")
 
     sphere: Sphere | None = key("a sphere, in 2D a disk", default=None)
-    spheres: Spheres | None = key("many spheres, from a file", default=None)
+    spheres: Spheres | None = key("many spheres, from a file or at random", default=None)
     box: Box | None = key("a box along the axes", default=None)
     cylinder: Cylinder | None = key("a circular cylinder", default=None)
     half_space: HalfSpace | None = key("one side of a plane", default=None)
@@ -314,11 +323,26 @@ class Drive:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Flood:
+    """A fluid that has come in from one face of the scene."""
+
+    fluid: str = key("name of the fluid")
+    face: str = key("face that it comes from", name="from", choices=FACES)
+    saturation: float = key(
+        "its share of all fluid (image: without the clear layers), reached by whole layers of particles",
+        above=0,
+        at_most=1,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Initial:
     """The state at time zero."""
 
-    velocity: tuple[str, ...] = key(
-        'one formula of x, y, z an axis, such as "sin(2*pi*x)*cos(2*pi*y)"',
+    flood: Flood | None = key("turns the fluid next to one face into another", default=None)
+    velocity: tuple[str, ...] | None = key(
+        'one formula of x, y, z an axis, such as "sin(2*pi*x)*cos(2*pi*y)". Without it: at rest',
+        default=None,
         unit="m/s",
         per_axis=True,
         formula=True,

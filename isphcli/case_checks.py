@@ -84,6 +84,8 @@ class _Checks:
             if not name.replace("_", "").replace("-", "").isalnum() or name == language.SOLID:
                 fix = "use letters, digits, - and _; solid is not a fluid"
                 self.bad(f"fluids.{as_key(name)}", "not a name for a fluid", fix)
+        if len(self.case.fluids) > 2:
+            self.bad("fluids", f"{len(self.case.fluids)} fluids", "a scene has one or two")
 
     def scene(self) -> None:
         """Keys that belong to a box make no sense beside an image, and the reverse."""
@@ -172,6 +174,8 @@ class _Checks:
             self.bad(f"{path}.box", "lower must be below upper along every axis")
         if shape.angular_velocity is not None and not (cylinder or (shape.sphere and self.dim == 2)):
             self.bad(f"{path}.angular_velocity", "only cylinders turn, and disks in 2D", "remove it")
+        if shape.spheres and shape.spheres.random and shape.spheres.radius is None:
+            self.bad(f"{path}.spheres.radius", "missing", "spheres placed at random need one")
         if shape.half_space and not any(shape.half_space.normal):
             self.bad(f"{path}.half_space.normal", "has no direction", "give a vector that is not zero")
         if not cylinder:
@@ -233,6 +237,8 @@ class _Checks:
             self.bad("drive", "drives nothing", "give body_force, pressure_drop or axes")
         if drive.axes and self.clear("flow") and self.case.flow != "stokes":
             self.bad("drive.axes", "needs flow: stokes", "use body_force or pressure_drop")
+        if drive.pressure_drop and len({f.density for f in (self.case.fluids or {}).values() if f}) > 1:
+            self.bad("drive.pressure_drop", "is no acceleration common to fluids of two densities", "use body_force")
         self.driven_axes()
 
     def driven_axes(self) -> None:
@@ -252,11 +258,18 @@ class _Checks:
     def formulas(self) -> None:
         if not self.case.initial or not self.clear("initial") or not self.dim:
             return
-        for i, formula in enumerate(self.case.initial.velocity):
+        self.flood()
+        for i, formula in enumerate(self.case.initial.velocity or ()):
             try:
                 expressions.check(formula, self.axes)
             except expressions.ExpressionError as error:
                 self.bad(f"initial.velocity.{i}", str(error))
+
+    def flood(self) -> None:
+        flood, path = self.case.initial.flood, "initial.flood"  # type: ignore[union-attr]
+        if flood is not None:
+            self._fluid_name(flood.fluid, f"{path}.fluid")
+            self._axes_exist(flood.face[0], f"{path}.from")
 
     def flow(self) -> None:
         if not self.clear("flow", "time"):

@@ -10,7 +10,6 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -161,8 +160,9 @@ def check(case: Case, geometry: Geometry | None = None) -> CheckReport:
         result.steps = steps(case, result.flow, result.throats)
     _costs(result, geometry)
     _drive_findings(result, geometry, driven, through)
-    if unbuilt := _unbuilt(case):
-        result.errors.append(unbuilt)
+    kinds = {(f.density, f.mu) for f in case.fluids.values()}
+    if case.flow == "stokes" and sites.per_fluid[1:].any() and len(kinds) > 1:
+        result.errors.append("a steady solve has one fluid; use flow: navier_stokes for two")
     result.warnings += list(_resolution_findings(result, geometry, lattice))
     result.warnings += list(_other_findings(result, geometry, sites))
     return result
@@ -257,6 +257,8 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
     layered = around and any(a not in case.geometry.periodic for a in around)
     halo = f"along {around}" + (", closed by clear layers" if layered else "")
     tension = case.interface
+    starts = case.initial is not None and bool(case.initial.velocity)
+    flood = case.initial.flood if case.initial else None
     return [
         Term("walls", wall, f"distance {case.wall_distance}" if wall else "no solid and no closed face"),
         Term("moving walls", moves, "a wall has a velocity" if moves else "all walls are at rest"),
@@ -272,7 +274,8 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
         Term("contact angle", tension is not None and wall,
              "no interface" if not tension else f"{tension.contact_angle:g} degrees" if wall else "no walls"),
         Term("drive", case.drive is not None, "body force" if case.drive else "no drive"),
-        Term("initial velocity", case.initial is not None, "formula" if case.initial else "starts at rest"),
+        Term("initial velocity", starts, "formula" if starts else "starts at rest"),
+        Term("flooding", flood is not None, f"{flood.fluid} from {flood.face}" if flood else "none"),
     ]  # fmt: skip
 
 
@@ -378,7 +381,7 @@ def flow_estimate(
     found: list[tuple[float, str]] = []
     if geometry.has_solid and np.any(geometry.wall_speed):
         found.append((float(geometry.wall_speed.max()), "moving wall"))
-    if case.initial is not None:
+    if case.initial is not None and case.initial.velocity:
         variables = dict(zip(AXES, sites.points(LINE_POINTS).T))
         start = np.stack([expressions.evaluate(f, **variables) for f in case.initial.velocity], axis=1)
         found.append((float(np.linalg.norm(start, axis=1).max()), "initial velocity"))
@@ -420,7 +423,8 @@ def steps(case: Case, flow: Flow | None, widths: Throats | None) -> Steps:
         limits["cfl"] = case.time.cfl * spacing / flow.velocity
     if case.interface is not None:
         density = sum(f.density for f in fluids) / len(fluids)
-        limits["capillary"] = math.sqrt(density * spacing**3 / (2 * math.pi * case.interface.tension))
+        wave = math.sqrt(density * spacing**3 / (2 * math.pi * case.interface.tension))
+        limits["capillary"] = case.time.capillary * wave
     limits["viscous accuracy"] = spacing**2 / max(f.nu for f in fluids)
     step = case.time.step or min(
         dt for name, dt in limits.items() if name != "viscous accuracy" or len(limits) == 1
@@ -489,8 +493,8 @@ def _drive_findings(
     steady = case.flow == "stokes" or (case.time is not None and case.time.steady is not None)
     moved = geometry.has_solid and bool(np.any(geometry.wall_speed))
     for axis in driven:
-        if axis in through:
-            continue
+        if axis in through or len({f.density for f in case.fluids.values()}) > 1:
+            continue  # a light fluid rises between walls too
         name, fatal = AXES[axis], steady and not through and not moved
         if not opens(case, axis):
             fix = (
@@ -519,19 +523,6 @@ def _open_when_finer(case: Case, geometry: Geometry, axis: int) -> bool:
     lattice = Lattice(np.full((1, geometry.dim), 0.5), (upper - lower) / cells, cells, lower)
     fluid = np.concatenate([geometry.phase(x) >= 0 for x in lattice.slabs()]).reshape(cells)
     return bool(report(fluid.T, around).percolates[axis])
-
-
-def _unbuilt(case: Case) -> str | None:
-    """What `run` says that it cannot do yet."""
-    if find_spec("isphcli.run") is None:
-        return None
-    from . import run
-
-    try:
-        getattr(run, "refuse_unbuilt", lambda case: None)(case)
-    except ValueError as error:
-        return str(error)
-    return None
 
 
 def _resolution_findings(result: CheckReport, geometry: Geometry, lattice: Lattice) -> Iterator[str]:
@@ -593,9 +584,10 @@ def _other_findings(result: CheckReport, geometry: Geometry, sites: Sites) -> It
         and result.flow.reynolds > 1
     ):
         yield f"flow: stokes leaves out inertia, but the Reynolds number is about {result.flow.reynolds:.2g}"
+    flooded = case.initial.flood.fluid if case.initial and case.initial.flood else None
     for k, name in enumerate(case.fluids):
-        if k >= len(sites.per_fluid) or not sites.per_fluid[k]:
-            yield f"fluids.{name} has no particle"
+        if name != flooded and (k >= len(sites.per_fluid) or not sites.per_fluid[k]):
+            yield f"fluids.{name} has no particle: the scene runs as one of a single fluid"
     c = result.connectivity
     if c is not None and geometry.has_solid and c.isolated_pockets and any(c.percolates):
         share = 1 - max(c.percolating_porosity) / c.porosity

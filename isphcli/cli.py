@@ -220,7 +220,8 @@ def check_directory(path: Path) -> None:
 
 def closing_lines(case: Case, summary: Mapping[str, Any]) -> str:
     """What is printed at the end of a run."""
-    lines = [*permeability_lines(summary), *reference_lines(case, summary), *time_lines(summary)]
+    lines = [*permeability_lines(summary), *two_fluid_lines(case, summary)]
+    lines += [*reference_lines(case, summary), *time_lines(summary)]
     directory = directory_of(case)
     lines += [("results", str(directory))]
     lines += [("picture", str(path)) for path in sorted(directory.glob("*.png"))]
@@ -238,6 +239,15 @@ def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         heads = ["tensor, m2"] + [""] * (len(tensor) - 1)
         lines += [(head, " ".join(f"{k:12.4e}" for k in row)) for head, row in zip(heads, tensor)]
     return lines
+
+
+def two_fluid_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Saturation, pressure jump and contact angle at the end of a run with two fluids."""
+    found = summary.get("two_fluids") or {}
+    lines = [(f"saturation {name}", found.get(f"saturation_{name}"), "") for name in case.fluids]
+    lines += [("pressure jump", found.get("pressure_jump"), " Pa")]
+    lines += [("contact angle", found.get("contact_angle"), " degrees")]
+    return [(head, f"{value:.4g}{unit}") for head, value, unit in lines if value is not None]
 
 
 def per_axis(value: Any) -> list[tuple[str, float]]:

@@ -699,9 +699,10 @@ def _oscillating_drop(case: Case, result: Any) -> Errors:
     drop = _drop(case, result)
     size, errors = _size(case, result, drop)
     order = [case.fluids[case.fluid_names[k]] for k in (drop, 1 - drop)]
+    wall = _number(case, "wall_radius") if "wall_radius" in case.reference.parameters else math.inf
     s = references.drop_oscillation(
         _number(case, "radius", references.drop_radius(size, 2)), _tension(case), [f.density for f in order],
-        [f.mu for f in order], _mode(case), _number(case, "wall_radius", math.inf),
+        [f.mu for f in order], _mode(case), wall,
     )  # fmt: skip
     a = _column(result, "amplitude")
     t = _times(result, len(a))

@@ -3,6 +3,7 @@
 import numpy as np
 
 from .geometry import build_geometry
+from .particles import sample_box
 
 
 def drives(case, dim):
@@ -43,11 +44,6 @@ def _box_length(case, axis):
         return case.geometry.box[axis]
     geometry = build_geometry(case, axis)
     return float(geometry.upper[axis] - geometry.lower[axis])
-
-
-def sample_box(geometry):
-    """(lower, upper) corners of the rock itself: of an image without its clear layers, else of the box."""
-    return getattr(geometry, "sample_lower", geometry.lower), getattr(geometry, "sample_upper", geometry.upper)
 
 
 def darcy(geometry, x, velocity, site_volume, axis, force, viscosity):

@@ -212,24 +212,23 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
     )
     if scene.voxels is not None:
         return _image_geometry(case, _flow_axis(case) if axis is None else axis, walls)
-    from .shapes import Shape, ShapeGeometry
+    from .shapes import Shape, ShapeGeometry, random_spheres
 
     assert scene.box is not None  # one of voxels and box is there
     lower = np.array(scene.origin or np.zeros(len(scene.box)), dtype=float)
     upper = lower + scene.box
-    shapes = [
-        Shape(
-            _body(s, lower, upper),
-            -1 if s.what == "solid" else names.index(s.what),
-            s.outside,
-            s.velocity,
-            s.slip_length,
-            s.angular_velocity,
-        )
-        for s in scene.shapes
-    ]
     fluid = -1 if scene.fluid == "solid" else names.index(scene.fluid or names[0])
     periodic = ["xyz"[a] in scene.periodic for a in range(len(lower))]
+    shapes: list[Shape] = []
+    for s in scene.shapes:
+        if s.spheres is not None and s.spheres.random:
+            before = ShapeGeometry(lower, upper, periodic, fluid, shapes)
+            asked = s.spheres
+            body = random_spheres(before, asked.random, asked.radius, asked.clearance, asked.seed)
+        else:
+            body = _body(s, lower, upper)
+        phase = -1 if s.what == "solid" else names.index(s.what)
+        shapes.append(Shape(body, phase, s.outside, s.velocity, s.slip_length, s.angular_velocity))
     return ShapeGeometry(lower, upper, periodic, fluid, shapes, **walls)
 
 

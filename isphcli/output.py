@@ -32,7 +32,7 @@ LIBRARIES = ("isphcli", "numpy", "scipy", "numba", "pyamg", "meshio", "matplotli
 # What `prepare_directory` takes for the files of an earlier run (beside snapshots and their .pvd). The
 # effective case.yaml is not among them: someone may run `isph run case.yaml` with `directory: .`
 OWN_FILES = ("history.csv", "summary.json", "run.log", "worst.vtu", "restart.*") + tuple(
-    f"{name}*.png" for name in ("slice", "histories", "profile", "render")
+    f"{name}*.png" for name in ("slice", "phases", "histories", "profile", "render")
 )
 _SNAPSHOT = re.compile(r"(?P<name>.+)_(?P<step>\d{6,})\.vtu")
 
@@ -40,7 +40,7 @@ _SNAPSHOT = re.compile(r"(?P<name>.+)_(?P<step>\d{6,})\.vtu")
 SUMMARY_KEYS = (
     "title", "status", "message", "dimension", "particles", "porosity", "terms", "steps", "time",
     "permeability", "permeability_error", "permeability_tensor", "superficial_velocity", "mean_velocity",
-    "mass_error", "max_divergence", "iterations", "errors", "cpu_seconds", "wall_seconds",
+    "two_fluids", "mass_error", "max_divergence", "iterations", "errors", "cpu_seconds", "wall_seconds",
     "peak_memory_bytes", "threads", "versions",
 )  # fmt: skip
 

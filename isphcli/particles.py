@@ -1,6 +1,6 @@
 """Particles on a lattice: fluid particles from a geometry, and dummy particles within a support of them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -115,7 +115,29 @@ def place_case(case, geometry, spacing):
     asked, support = case.particles, case.support * spacing
     lattice = make_lattice(case.lattice_in(geometry.dim), geometry.lower, geometry.upper, geometry.periodic, spacing,
                            support, asked.offset)
-    return place(geometry, lattice, support, asked.jitter, spacing, asked.seed)
+    particles = place(geometry, lattice, support, asked.jitter, spacing, asked.seed)
+    if case.initial is None or case.initial.flood is None:
+        return particles
+    flood = case.initial.flood
+    return flooded(particles, geometry, case.fluid_names.index(flood.fluid), flood.face, flood.saturation)
+
+
+def flooded(particles, geometry, fluid, face, saturation):
+    """The particles, those nearest to a face of fluid `fluid`, up to a share `saturation` of those in the sample."""
+    axis, side = "xyz".index(face[0]), 1.0 if face.endswith("min") else -1.0
+    x = particles.x[: particles.n_fluid]
+    lower, upper = sample_box(geometry)
+    depth = side * x[:, axis]
+    inside = np.sort(depth[np.all((x >= lower) & (x <= upper), axis=1)])
+    last = inside[max(round(saturation * len(inside)), 1) - 1]
+    phase = particles.phase.copy()
+    phase[depth <= last + 1e-9 * abs(upper[axis] - lower[axis])] = fluid
+    return replace(particles, phase=phase)
+
+
+def sample_box(geometry):
+    """(lower, upper) corners of the rock itself: of an image without its clear layers, else of the box."""
+    return getattr(geometry, "sample_lower", geometry.lower), getattr(geometry, "sample_upper", geometry.upper)
 
 
 def place(geometry, lattice, support, jitter=0.0, spacing=0.0, seed=0):

@@ -18,6 +18,7 @@ from isphcli.output import replacing
 DARCY = 9.869233e-13  # m2
 SOLID = "#dcdad5"
 INK = "#2f2f2f"
+PHASES = ("#7fbf9b", "#9dc3e6")  # first and second fluid
 COLOURS = ("#20608c", "#d1495b", "#66a182", "#edae49", "#8d6b94", "#3c3c3c")
 
 # Splat of a particle onto the pixels: a Gaussian of half a spacing, cut off at 1.25 spacings. The sum over
@@ -90,13 +91,66 @@ def plot_slice(
     _save(figure, path)
 
 
+def plot_phases(
+    path: str | os.PathLike,
+    x: np.ndarray,
+    phase: np.ndarray,
+    names: Sequence[str],
+    dim: int,
+    spacing: float,
+    title: str = "",
+    lower: Sequence[float] | None = None,
+    upper: Sequence[float] | None = None,
+    walls: bool = True,
+) -> None:
+    """Draw where each of two fluids is and the interface: of a 3D scene the middle slice, normal to its shortest side.
+
+    x: (n, dim); phase: (n,) 0 and 1; names: of the fluids; walls: whether what has no particles is solid.
+    """
+    from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
+
+    low = x.min(axis=0) - spacing / 2 if lower is None else np.asarray(lower, dtype=float)
+    high = x.max(axis=0) + spacing / 2 if upper is None else np.asarray(upper, dtype=float)
+    normal = None if dim == 2 else int(np.argmin(high - low))
+    a, b = (axis for axis in range(dim) if axis != normal)
+    middle = 0.0 if normal is None else (low[normal] + high[normal]) / 2
+    offset = np.zeros(len(x)) if normal is None else x[:, normal] - middle
+    near = np.abs(offset) < _CUTOFF * spacing
+    if not near.any():
+        raise ValueError(f"{path}: no fluid in the plane {'xyz'[normal or 0]} = {middle:.4g}")
+    box = low[[a, b]], high[[a, b]]
+    values = {"phase": phase[near].astype(float)}
+    filled, images = _splat(x[near][:, [a, b]], offset[near], spacing, *box, values)
+    if not walls:
+        filled[:] = 1.0
+    factor, unit = _prefix("m", float(np.max(box[1] - box[0])))
+    extent = [factor * v for v in (box[0][0], box[1][0], box[0][1], box[1][1])]
+    aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
+    width, height = (6.4, 6.4 * aspect) if aspect <= 1.3 else (8.0 / aspect, 8.0)
+    figure, ((axes,),) = _figure(width + 1.3, height + 1.15)
+    second = images["phase"] > 0.5
+    axes.imshow(second, origin="lower", extent=extent, cmap=ListedColormap(PHASES), vmin=0, vmax=1)
+    if second.any() and not second.all():
+        axes.contour(images["phase"], [0.5], extent=extent, colors=INK, linewidths=1.2)
+    if filled.min() < _FILLED:
+        axes.contourf(filled, [-1, _FILLED], extent=extent, colors=[SOLID], zorder=2)
+    axes.set_xlabel("xyz"[a] + f"  ({unit})")
+    axes.set_ylabel("xyz"[b] + f"  ({unit})")
+    where = "" if normal is None else f"plane {'xyz'[normal]} = {factor * middle:.4g} {unit}"
+    _headline(axes, title, where)
+    patches = [Patch(color=colour, label=name) for colour, name in zip(PHASES, names)]
+    axes.legend(handles=patches, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+    _save(figure, path)
+
+
 def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
-    """Draw time step, iterations, residuals and divergence, and mean velocity over time (or over the step).
+    """Draw time step, iterations, residuals, velocity and the measures of two fluids over time (or over the step).
 
     rows: of history.csv, as `output.read_history` returns them. Columns are found by their first word: `dt`,
     `iterations_*`, `residual_*` with `divergence`, `max_divergence` and `change`, `mean_velocity*` (or
-    `superficial_velocity*`), `kinetic_energy`. A panel without data is left out. Raises ValueError if
-    nothing is left.
+    `superficial_velocity*`), `kinetic_energy*`, and those of two fluids: `pressure_jump`, `saturation_*`, ... A panel
+    without data is left out. Raises ValueError if nothing is left.
     """
     by_time = sum(row.get("time") is not None for row in rows) > 1 and rows[-1]["time"] > rows[0]["time"]
     key = "time" if by_time else "step"
@@ -108,6 +162,11 @@ def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], t
         ("residual, divergence", ("residual", "divergence", "max_divergence", "change"), True),
         ("mean velocity (m/s)", ("mean_velocity", "superficial_velocity"), False),
         ("kinetic energy", ("kinetic_energy",), False),
+        ("pressure jump (Pa)", ("pressure_jump",), False),
+        ("saturation", ("saturation",), False),
+        ("centre (m)", ("centre",), False),
+        ("interface", ("circularity", "capillary_number"), True),
+        ("contact angle (degrees)", ("contact_angle",), False),
     ):
         lines = {
             name: values for name in _columns(rows, words) if (values := _series(rows, name)) is not None

@@ -12,7 +12,6 @@ from . import output, progress, restart
 from .case import CaseError, Problem, dump_case
 from .drive import darcy, drives, sample_box
 from .geometry import build_geometry
-from .particles import ParticleError
 
 
 def run_case(case, quiet=False, resume=None):
@@ -24,7 +23,6 @@ def run_case(case, quiet=False, resume=None):
     before anything is written; SolveError, StepError or RunError for one that had to stop.
     """
     clock = output.Clock()
-    refuse_unbuilt(case)
     with clock("compile"), _compile_listener(clock):  # imports of what the flow needs, and nothing else
         run = _run_stokes if case.flow == "stokes" else _run_navier_stokes
         solver = importlib.import_module(f".run_{case.flow}", __package__)
@@ -53,19 +51,6 @@ def _compile_listener(clock):
     return event.install_listener("numba:compiler_lock", Compiling())
 
 
-def refuse_unbuilt(case):
-    """What the language knows and the code does not yet do is said before the run, not ignored."""
-    problems = []
-    if case.interface is not None:
-        problems.append(Problem(str(case.path), None, "interface", "surface tension is not built yet",
-                                "leave the block out"))
-    if len({(f.density, f.mu) for f in case.fluids.values()}) > 1:
-        problems.append(Problem(str(case.path), None, "fluids", "different fluids in one scene are not built yet",
-                                "name one fluid"))
-    if problems:
-        raise CaseError(tuple(problems))
-
-
 # --- steady creeping flow ---------------------------------------------------------------------------------------
 
 
@@ -91,6 +76,7 @@ def _run_stokes(case, solver, clock, quiet, resume):
                 with progress.stage("particles, operators and hierarchies", quiet):
                     needs = [a for a, _ in axes if a is not None] if not sealed else [axis] * (axis is not None)
                     scene = solver.build_scene(case, geometry, spacing, clock, needs)
+                    refuse_second_fluid(case, scene.particles)
                     built_for = axis
                     halo = scene.halo
             label = f"flow along {'xyz'[axis]}" if axis is not None else "flow driven by walls"
@@ -163,6 +149,15 @@ def _run_stokes(case, solver, clock, quiet, resume):
     return _finish(case, directory, summary, result, clock)
 
 
+def refuse_second_fluid(case, particles):
+    """A steady solve knows the first fluid only."""
+    first, *others = case.fluids.items()
+    for k, (name, fluid) in enumerate(others, 1):
+        if (fluid.density, fluid.mu) != (first[1].density, first[1].mu) and np.any(particles.phase == k):
+            what = f"a steady solve has one fluid, and {name} is another than {first[0]}"
+            raise CaseError((Problem(str(case.path), None, "flow", what, "use flow: navier_stokes"),))
+
+
 def _periodic_of(case, dim):
     return [a in case.geometry.periodic for a in "xyz"[:dim]]
 
@@ -195,11 +190,14 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
     with clock("geometry"), progress.stage("geometry", quiet):
         geometry = build_geometry(case)
     state, stepper, particles = ns.prepare(case, geometry, clock)
-    if len(np.unique(particles.phase)) > 1:
-        raise ParticleError("two fluids in one scene are not built yet")
-    fluid = next(iter(case.fluids.values()))
+    density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     box = float(np.prod(geometry.upper - geometry.lower))
-    march = ns.March(case, stepper, particles.site_volume, fluid.density, box)
+    march = ns.March(case, stepper, particles.site_volume, density, box)
+    measures = None
+    if len(np.unique(particles.phase)) > 1:
+        from .measures import of_case
+
+        march.measure = measures = of_case(case, geometry, particles, stepper.fluids)
     since, last_step = None, None
     if resume is not None:
         saved = restart.load(Path(resume) / restart.NAME, state)
@@ -220,7 +218,7 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
 
         if series is not None:
             with clock("output"):
-                fields = _snapshot(case, geometry, particles, state.x, state.u, state.p * fluid.density,
+                fields = _snapshot(case, geometry, particles, state.x, state.u, state.p * stepper.fluids.reference,
                                    total_divergence(config.ops, state.u))
                 series.write(state.step, state.time, *fields)
 
@@ -232,6 +230,8 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
         ) as bar:
             if file.rows:
                 history = output.read_history(directory / "history.csv")
+                if measures is not None:
+                    measures.go_on(history[-1])
 
             def row(values):
                 history.append(values)
@@ -263,29 +263,32 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
             with suppress(OSError):
                 stop.worst = failure.write_worst(directory / failure.NAME, march.last.state, stop.badness)
         raise
-    return _finish_march(case, directory, clock, geometry, particles, fluid, march, stepper, state, config, history)
+    return _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history)
 
 
-def _finish_march(case, directory, clock, geometry, particles, fluid, march, stepper, state, config, history):
+def _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history):
     force = stepper.fluids.force
     gravity = np.linalg.norm(force)
+    two = len(np.unique(particles.phase)) > 1
     axis = int(np.argmax(np.abs(force))) if gravity > 0.0 else None
     superficial, mean, along = darcy(geometry, state.x, state.u, particles.site_volume, axis, force,
                                      stepper.fluids.stiffest)
-    permeability = float(along[axis]) if axis is not None and geometry.has_solid and march.outcome == "steady" else None
+    known = axis is not None and geometry.has_solid and not two and march.outcome == "steady"
+    permeability = float(along[axis]) if known else None
     result = SimpleNamespace(
-        x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * fluid.density, time=state.time,
-        spacing=case.particles.spacing,
+        x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * stepper.fluids.reference,
+        time=state.time, spacing=case.particles.spacing,
         phase=particles.phase, permeability=permeability, geometry=geometry, history=history, flows={}, tensor=None,
-        density=fluid.density,
+        density=stepper.fluids.reference,
     )
-    free = axis is not None and not geometry.has_solid
+    free = axis is not None and not geometry.has_solid and not two
+    messages = [_absent_fluids(case, particles), "no permeability: no wall resists the flow" if free else None]
     summary = {
         "status": march.outcome,
-        "message": "no permeability: no wall resists the flow" if free else None,
+        "message": "; ".join(filter(None, messages)) or None,
         "particles": _counts(particles, config.halo),
         "porosity": _porosity(geometry, particles),
-        "terms": _terms(case, geometry, gravity > 0.0),
+        "terms": _terms(case, geometry, gravity > 0.0) + (_terms_of_two(stepper.fluids) if two else []),
         "steps": state.step,
         "time": state.time,
         "permeability": permeability,
@@ -297,12 +300,21 @@ def _finish_march(case, directory, clock, geometry, particles, fluid, march, ste
             name: _mean_max([r[f"iterations_{name}"] for r in history]) for name in ("velocity", "pressure")
         },
     }
+    if two:
+        from .measures import summary as summary_of_two
+
+        moved = gravity > 0.0 or bool(np.any(geometry.wall_velocity)) or bool(case.initial and case.initial.velocity)
+        summary["two_fluids"] = summary_of_two(march.measure, state, config, history, moved)
     if case.output.plots:
-        from .plots import plot_histories, plot_slice
+        from .plots import plot_histories, plot_phases, plot_slice
 
         with clock("output"):
             plot_slice(directory / "slice.png", state.x, state.u, None, geometry.dim, case.particles.spacing,
-                       case.title, lower=geometry.lower, upper=geometry.upper, permeability=permeability)
+                       case.title, lower=geometry.lower, upper=geometry.upper, permeability=permeability,
+                       phase=particles.phase if two else None)
+            if two:
+                plot_phases(directory / "phases.png", state.x, particles.phase, case.fluid_names, geometry.dim,
+                            case.particles.spacing, case.title, geometry.lower, geometry.upper, geometry.has_solid)
             plot_histories(directory / "histories.png", history, case.title)
     return _finish(case, directory, summary, result, clock)
 
@@ -391,6 +403,28 @@ def _terms(case, geometry, driven):
     if case.flow == "navier_stokes" and case.particles.shifting > 0.0:
         terms.append("shifting")
     return terms
+
+
+def _terms_of_two(fluids):
+    """Of a scene in which two fluids are present. fluids: TwoFluids, or OneFluid where only their names differ."""
+    terms = ["two fluids"]
+    if getattr(fluids, "phase", None) is None:
+        return terms
+    if fluids.density[0] != fluids.density[1]:
+        terms.append("density jump")
+    if fluids.mu[0] != fluids.mu[1]:
+        terms.append("viscosity jump")
+    if fluids.tension is not None:
+        terms.append(f"surface tension ({fluids.tension.method})")
+        if fluids.tension.contact is not None:
+            terms.append("contact angle")
+    return terms
+
+
+def _absent_fluids(case, particles):
+    """A sentence on the fluids that the case names and the scene does not have; None where all are there."""
+    absent = [name for k, name in enumerate(case.fluid_names) if not np.any(particles.phase == k)]
+    return f"no particle is of the fluid {' or '.join(absent)}: run as a single fluid" if absent else None
 
 
 def _mean_max(counts):

@@ -29,7 +29,7 @@ def prepare(case, geometry, clock):
     n = particles.n_fluid
     x = particles.x[:n].copy()
     u = np.zeros_like(x)
-    if case.initial is not None:
+    if case.initial is not None and case.initial.velocity:
         names = dict(zip("xyz", x.T))
         for k, formula in enumerate(case.initial.velocity):
             u[:, k] = expressions.evaluate(formula, **names)
@@ -93,9 +93,11 @@ class March:
 
     snapshot(state, config), row(dict) and progress(state, dt, limit) are called as the run goes. `last` is the last
     step of which all is told (restart.Saved): what a run that stops goes on from.
+    density: of the fluid or (n,) of the particles, kg/m3; measure(state, config): further entries of a row, dict.
     """
 
-    def __init__(self, case, stepper, site_volume, density, box_volume):
+    def __init__(self, case, stepper, site_volume, density, box_volume, measure=lambda state, config: {}):
+        self.measure = measure
         self.case, self.stepper = case, stepper
         self.site_volume, self.density, self.box_volume = site_volume, density, box_volume
         self.energies, self.change, self.last = [], None, None
@@ -151,7 +153,7 @@ class March:
                 self._look_back(state)
             if state.time >= due * (1.0 - 1e-9):
                 snapshot(state, config)
-            row(self._row(state, dt, limit))
+            row(self._row(state, dt, limit) | self.measure(state, config))
             self.last = self._saved(state)
             progress(state, dt, limit)
         if case.time.steady is not None:
@@ -183,7 +185,7 @@ class March:
     def _row(self, state, dt, limit):
         stepper = self.stepper
         mean = state.u.mean(axis=0)
-        energy = 0.5 * self.density * self.site_volume * float((state.u * state.u).sum())
+        energy = 0.5 * self.site_volume * float((self.density * (state.u * state.u).sum(axis=1)).sum())
         fraction = len(state.u) * self.site_volume / self.box_volume
         row = {"step": state.step, "time": state.time, "dt": dt, "limit": limit}
         for name in ("velocity", "pressure"):

@@ -654,6 +654,33 @@ def read_spheres(
     return np.ascontiguousarray(table[:, :dim]), radii
 
 
+TRIES = 2000  # random places tried for each sphere before there is said to be no room
+
+
+def random_spheres(
+    geometry: ShapeGeometry, count: int, radius: float, clearance: float = 0.0, seed: int = 0
+) -> Spheres:
+    """Balls of a radius at random places in the box, no two nearer than `clearance`, nor any to a wall, m.
+
+    Raises ShapeError where not all of them find room.
+    """
+    rng = np.random.default_rng(seed)
+    centres = np.empty((count, geometry.dim))
+    placed = 0
+    for _ in range(TRIES):
+        places = geometry.lower + rng.random((count, geometry.dim)) * (geometry.upper - geometry.lower)
+        for place in places[geometry.distance(places) >= radius + clearance]:
+            apart = np.linalg.norm(_nearest_image(centres[:placed] - place, geometry.period), axis=1)
+            if (apart >= 2.0 * radius + clearance).all():
+                centres[placed] = place
+                placed += 1
+                if placed == count:
+                    return Spheres(centres, radius)
+    raise ShapeError(
+        f"only {placed} of {count} spheres of radius {radius:g} found room at random; ask for fewer or smaller ones"
+    )
+
+
 def _check_header(cells: list[str], dim: int, where: str) -> None:
     names = [c.strip("'\"").lower() for c in cells]
     order = list("xyz"[:dim])

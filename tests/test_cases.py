@@ -59,6 +59,11 @@ SMALL = {
 }
 # each with a test of its own below
 OTHERS = {"couette_off_lattice", "berea", "berea_three_axes", "bead_pack", "bead_pack_table1"}
+# these in test_two_fluid_cases.py
+TWO_FLUIDS = {f"square_drop_{k}" for k in (1, 2, 3, 4)} | {
+    "drop_3d", "drop_wall_60", "drop_wall_150", "capillary_wave", "oscillating_drop", "rising_bubble",
+    "two_layer_couette", "two_layer_poiseuille", "layered_hydrostatics", "co2_bubbles", "berea_drainage",
+}  # fmt: skip
 
 
 def run(name, directory, *overrides):
@@ -77,7 +82,7 @@ def test_loads_and_teaches(path):
 
 
 def test_no_case_is_left_out():
-    assert {p.stem for p in FILES} == set(SMALL) | OTHERS
+    assert {p.stem for p in FILES} == set(SMALL) | OTHERS | TWO_FLUIDS
 
 
 @pytest.mark.parametrize("name", SMALL)

@@ -117,8 +117,20 @@ def test_an_interrupt_leaves_a_restart_file(tmp_path, monkeypatch):
         assert int(file["state0.step"]) == 2 and np.isfinite(file["state0.u"]).all()
 
 
-def test_what_is_not_built_is_refused(tmp_path):
-    with pytest.raises(CaseError, match="surface tension is not built"):
-        run(tmp_path, DISK.replace("fluids: {", "fluids: {oil: {density: 1, viscosity: 1}, ")
-            + "interface: {tension: 0.1}\ntime: {end: 1}\n")
+TWO = DISK.replace("fluids: {", "fluids: {oil: {density: 1, viscosity: 1}, ")
+TWO = TWO.replace("[x, y], shapes", "[x, y], fluid: water, shapes")
+
+
+def test_a_steady_solve_has_one_fluid(tmp_path):
+    with pytest.raises(CaseError, match="a steady solve has one fluid, and water is another than oil"):
+        run(tmp_path, TWO + "flow: stokes\ndrive: {axes: [x]}\n")
     assert not (tmp_path / "out").exists()
+
+
+def test_an_absent_fluid_is_said_and_costs_nothing(tmp_path):
+    """The run is that of the other fluid alone, bit for bit."""
+    moving = "drive: {body_force: [1, 0]}\ntime: {end: 1.0e-3}\n"
+    one = run(tmp_path, DISK + moving, "output.plots=false")
+    two = run(tmp_path, TWO + moving + "interface: {tension: 1}\n", "output.plots=false")
+    assert one["message"] is None and "no particle is of the fluid oil" in two["message"]
+    assert "two_fluids" not in two and np.array_equal(one["mean_velocity"], two["mean_velocity"])

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from isphcli import shapes
 from isphcli.shapes import (
     Box,
     Cylinder,
@@ -15,6 +16,7 @@ from isphcli.shapes import (
     ShapeGeometry,
     Sphere,
     Spheres,
+    random_spheres,
     read_spheres,
 )
 
@@ -306,3 +308,24 @@ def test_missing_and_binary_sphere_files(tmp_path):
     (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00\x81")
     with pytest.raises(ShapeError):
         read_spheres(tmp_path / "b.csv")
+
+
+def test_random_spheres_keep_apart():
+    """From each other, over periodic faces too, and from the solids; the same seed gives the same places."""
+    body = Cylinder(2, [0.5, 0.5, 0.0], 0.5)
+    scene = ShapeGeometry([0, 0, 0], [1, 1, 1], [False, False, True], 0, [Shape(body, -1, outside=True)])
+    spheres = random_spheres(scene, 30, 0.08, 0.01, seed=3)
+    assert (scene.distance(spheres.centres) >= 0.09).all()
+    offset = spheres.centres[:, None] - spheres.centres
+    offset[..., 2] -= np.round(offset[..., 2])
+    apart = np.linalg.norm(offset, axis=2)[np.triu_indices(30, 1)]
+    assert apart.min() >= 0.17
+    assert np.array_equal(spheres.centres, random_spheres(scene, 30, 0.08, 0.01, seed=3).centres)
+    assert not np.array_equal(spheres.centres, random_spheres(scene, 30, 0.08, 0.01, seed=4).centres)
+
+
+def test_random_spheres_that_find_no_room(monkeypatch):
+    monkeypatch.setattr(shapes, "TRIES", 20)
+    scene = ShapeGeometry([0, 0], [1, 1], [True, True])
+    with pytest.raises(ShapeError, match=r"only \d of 9 spheres of radius 0.2 found room"):
+        random_spheres(scene, 9, 0.2)
