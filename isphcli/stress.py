@@ -429,6 +429,23 @@ def empty_phase(large):
     return apart(marched(VORTEX, *two).state.u, marched(VORTEX).state.u)
 
 
+CAP = """
+geometry: {box: [1, 0.5], periodic: [x], fluid: water, shapes: [{sphere: {centre: [0.5, 0], radius: 0.25}, is: oil}]}
+particles: {spacing: 0.05}
+fluids: {oil: {density: 1, viscosity: 0.05}, water: {density: 1, viscosity: 0.05}}
+interface: {tension: 1}
+time: {end: 10, max_steps: 20}
+"""
+
+
+@scene("contact angles 0, 1, 179, 180", "a half drop on a wall",
+       "speed over that of capillary waves as long as a spacing", 1)
+def contact_angles(large):
+    sets = ("particles.spacing=0.04", "time.max_steps=300") if large else ()
+    runs = [marched(CAP, *sets, f"interface.contact_angle={angle}") for angle in (0, 1, 179, 180)]
+    return float(max(np.abs(run.state.u).max() * np.sqrt(run.case.particles.spacing) for run in runs))
+
+
 # -- units ---------------------------------------------------------------------------------------------------
 
 
