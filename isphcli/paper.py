@@ -83,11 +83,14 @@ def case_of(name: str, folder: Path, *overrides: str) -> Case:
 
 
 def run(name: str, folder: Path, *overrides: str) -> dict[str, Any]:
-    """Run a case of the folder `cases` and return its summary; NotRun for what is not built or fails on the way."""
+    """Run a case of the folder `cases` and return its summary; NotRun for what is not built or fails on the way.
+
+    Raises CaseError for overrides that make no case."""
     from .run import run_case
 
+    case = case_of(name, folder, *overrides)
     try:
-        return run_case(case_of(name, folder, *overrides), quiet=True)
+        return run_case(case, quiet=True)
     except (CaseError, RuntimeError, ValueError) as error:
         raise NotRun(f"{type(error).__name__}: {error}") from None
 
@@ -101,7 +104,7 @@ def spacing_for(particles: float, volume: float = PORES) -> float:
     """Spacing (m, two digits) that puts so many particles into the fluid of the bead pack."""
     h = (volume / min(particles, MOST)) ** (1 / 3)
     digits = 1 - math.floor(math.log10(h))
-    return round(h, digits)
+    return float(round(h, digits))
 
 
 def column_share(case: Case) -> float:
