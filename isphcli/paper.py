@@ -147,7 +147,8 @@ def bead_pack(seconds: float, folder: Path) -> Finding:
         f"{1e3 * radius[speed.argmax()]:.1f} mm of {1e3 * RADIUS:.1f}, carries "
         f"{speed.max() / np.average(speed, weights=radius):.2f} times the mean."
     )
-    finding.passed = bool(np.sqrt(np.mean((porosity - known) ** 2)) < 0.05)
+    if np.sqrt(np.mean((porosity - known) ** 2)) > 0.05:
+        finding.passed = False  # the pack is not the paper's; that it is says nothing of the 2 %
     finding.pictures = [
         *sorted((folder / f"{fine:g}").glob("slice*.png")),
         draw_cross_section(folder / "cross_section.png", x, fields["velocity"], fine),
@@ -299,7 +300,7 @@ def scaling(case: str, volume: float, *overrides: str) -> Callable[[float, Path]
             f"This is one steady solve of the creeping flow, not steps: moving particles do not run here ({why})"
         )  # fmt: skip
         picture = draw_ladder(folder / "ladder.png", np.array(points), heads)
-        return Finding(heads, rows, [note], [picture], last[-1] / first[-1] < 2.0)
+        return Finding(heads, rows, [note], [picture], None if why else last[-1] / first[-1] < 2.0)
 
     return ladder
 

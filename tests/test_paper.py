@@ -144,6 +144,7 @@ def test_what_moves_is_not_always_there(monkeypatch, folder):
     monkeypatch.setattr(paper, "run", run)
     finding = paper.scaling("bead_pack", paper.PORES, paper.PUSH)(1.0, folder)
     assert "one steady solve" in finding.notes[0] and "it stalls" in finding.notes[0] and finding.rows[0][-1] == "30.0"
+    assert finding.passed is None  # it is not what the paper claims
     with pytest.raises(NotRun, match="it stalls"):
         paper.scaling("co2_bubbles", paper.BUBBLES)(1.0, folder)
 
