@@ -50,7 +50,7 @@ SMALL = {
     "taylor_green_2d": ((), 0.005, "that of the case, 3.1e-3; the paper's code has 3.4e-3"),
     "taylor_green_2d_re100": (("particles.spacing=0.04",), 0.01, "25 across: 5e-3; PySPH's ISPH has 0.043"),
     "taylor_green_3d": ((), 0.03, "that of the case, 16 across: 2.6e-2"),
-    "taylor_green_3d_re100": ((), 0.06, "that of the case, 16 across: 4.0e-2"),
+    "taylor_green_3d_re100": ((), 0.04, "that of the case, 16 across: 2.5e-2"),
     "two_tubes": (
         ("geometry.wall_distance=stairs",),
         0.015,

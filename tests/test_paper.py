@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from isphcli import paper, references
+from isphcli.case import CaseError
 from isphcli.cli import BAD_INPUT, OUTSIDE, main
 from isphcli.paper import Figure, Finding, NotRun, count_table_1, radial_profile, reproduce, spacing_for
 
@@ -106,8 +107,46 @@ def test_drops_on_walls_are_judged_by_degrees(monkeypatch, folder, error, holds)
 def test_what_cannot_run_says_why(folder):
     with pytest.raises(NotRun, match="no_such_case"):
         paper.run("no_such_case", folder)
-    with pytest.raises(NotRun, match="CaseError"):
-        paper.run("slit", folder, "flow=navier_stokes")
+    with pytest.raises(NotRun, match="NoFlowError"):  # spheres that overlap leave closed pockets
+        paper.run("sphere_array", folder, "geometry.shapes.0.sphere.radius=7.2e-4", "particles.spacing=5e-5")
+    with pytest.raises(CaseError):
+        paper.run("slit", folder, "particles.spacing=much")
+
+
+@pytest.mark.parametrize("growth, holds", [(1.0, True), (2.5, False)])
+def test_the_ladder_of_sizes(monkeypatch, folder, growth, holds):
+    """Runs of 3 us (assembling) and 5 us (solving) a particle and step, the iterations growing with the size."""
+    sizes = []
+
+    def run(name, folder, *overrides):
+        h = next(float(o.removeprefix("particles.spacing=")) for o in overrides if o.startswith("particles.spacing="))
+        sizes.append(n := round(paper.PORES / h**3))
+        steps = paper.LADDER_STEPS
+        cpu = {"neighbours": 1e-6 * n * steps, "operators": 2e-6 * n * steps, "krylov": 5e-6 * n * steps, "total": 9.0}
+        iterations = {"velocity": {"mean": 4.0}, "pressure": {"mean": 12.0 * (growth if len(sizes) > 2 else 1.0)}}
+        return {"particles": {"fluid": n}, "cpu_seconds": cpu, "iterations": iterations}
+
+    monkeypatch.setattr(paper, "run", run)
+    finding = paper.scaling("bead_pack", paper.PORES, paper.PUSH)(1000.0, folder)
+    assert len(finding.rows) == 4 and sizes[4] > 3 * sizes[1]  # the first is the probe
+    assert all(row[1:4] == ["3.0", "5.0", "4.0"] for row in finding.rows) and finding.passed is holds
+    assert "6 steps from rest" in finding.notes[0] and finding.pictures[0].stat().st_size > 5000
+
+
+def test_what_moves_is_not_always_there(monkeypatch, folder):
+    """Without moving particles figure 8 is of the steady flow and says so; figure 11 has no such way out."""
+
+    def run(name, folder, *overrides):
+        if "flow=navier_stokes" in overrides:
+            raise NotRun("it stalls")
+        return {"particles": {"fluid": 9}, "cpu_seconds": {"krylov": 1.0}, "iterations": {"stokes": {"mean": 30.0}}}
+
+    monkeypatch.setattr(paper, "run", run)
+    finding = paper.scaling("bead_pack", paper.PORES, paper.PUSH)(1.0, folder)
+    assert "one steady solve" in finding.notes[0] and "it stalls" in finding.notes[0] and finding.rows[0][-1] == "30.0"
+    assert finding.passed is None  # it is not what the paper claims
+    with pytest.raises(NotRun, match="it stalls"):
+        paper.scaling("co2_bubbles", paper.BUBBLES)(1.0, folder)
 
 
 def missing(seconds, folder):
