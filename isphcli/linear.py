@@ -88,12 +88,12 @@ def row_sums(start, values):
 @contextmanager
 def _same_random_numbers():
     """pyamg estimates spectral radii from numpy's global random numbers: without this no two runs agree bit for bit."""
-    before = np.random.get_state()
-    np.random.seed(26)
+    before = np.random.get_state()  # noqa: NPY002 - pyamg draws from it
+    np.random.seed(26)  # noqa: NPY002
     try:
         yield
     finally:
-        np.random.set_state(before)
+        np.random.set_state(before)  # noqa: NPY002
 
 
 def hierarchy(matrix, strength=STRENGTH):

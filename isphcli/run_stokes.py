@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import linear
+from . import linear, memory
 from .drive import darcy
 from .geometry import merge_periodic
 from .kernel import KERNELS
@@ -66,6 +66,8 @@ def build_scene(case, geometry, spacing, clock, needs=()):
     with clock("geometry"):
         particles = place_case(case, geometry, spacing)
     n = particles.n_fluid
+    need = memory.estimate(case, geometry.dim, True, n, particles.n_dummy)
+    memory.refuse(sum(need.values()), f"{n:,} fluid particles", "take a larger particles.spacing or refine, or a crop")
     with clock("operators"):
         walls = WallScene(geometry, particles.x[n:], support, kind, particles.site_volume)
         rows, row, images = _operators(walls, particles.x[:n], case.particles.jitter == 0.0)
