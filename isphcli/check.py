@@ -477,8 +477,8 @@ def _drive_findings(
             found = f"throats along {name} are closed on this lattice; take a smaller particles.spacing"
         else:
             found = (
-                f"no pore leads through the scene along {name} from face to face of the lattice sites: its permeability "
-                "is zero; check what is solid (isph run also counts particles that see each other across an edge)"
+                f"no pore leads through the scene along {name}: its permeability is zero; check what is solid "
+                "(by faces of lattice sites; isph run also counts particles that see each other across an edge)"
             )
         (result.errors if fatal else result.warnings).append(found)
     if case.drive is None and case.flow == "stokes" and not moved:

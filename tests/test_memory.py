@@ -22,7 +22,8 @@ def test_a_clear_layer_of_a_million_kilometres_is_refused(tmp_path):
 
     np.save(tmp_path / "image.npy", np.pad(np.zeros((2, 2, 2), np.uint8), 1, constant_values=1))
     text = f"""
-geometry: {{voxels: {{file: {tmp_path}/image.npy, labels: {{solid: 1, water: 0}}, voxel_size: 1.0e-6, clear_layer: 1e9}}}}
+geometry:
+  voxels: {{file: {tmp_path}/image.npy, labels: {{solid: 1, water: 0}}, voxel_size: 1.0e-6, clear_layer: 1e9}}
 particles: {{spacing: 1.0e-6}}
 fluids: {{water: {{density: 1, viscosity: 1}}}}
 flow: stokes
