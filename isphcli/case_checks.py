@@ -19,6 +19,13 @@ from .case_yaml import Report, Where, as_key, shown
 if TYPE_CHECKING:
     from .case import Case
 
+# What a reference needs and nothing else in a case tells
+PARAMETERS = {
+    "sphere_array": ("fraction",),
+    "cylinder_array": ("fraction",),
+    "taylor_green": ("speed",),
+    "taylor_green_3d": ("speed",),
+}
 MAX_SITES = 1e9  # of the lattice: far above what a machine holds, so the lengths must be mistaken
 
 
@@ -299,6 +306,10 @@ class _Checks:
             return
         if reference.kind == "permeability" and reference.value is None:
             self.bad("reference", "kind permeability needs a value", "give value, in m2")
+        for name in PARAMETERS.get(reference.kind, ()):
+            if name not in reference.parameters:
+                fix = f"add parameters: {{{name}: ...}}"
+                self.bad("reference.parameters", f"kind {reference.kind} needs {name}", fix)
 
     def _fluid_name(self, name: str, path: str, extra: tuple[str, ...] = ()) -> None:
         if self.case.fluids is not None and name not in self.case.fluids:

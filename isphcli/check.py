@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from . import expressions
+from . import expressions, memory
 from .case import AXES, Case, load_case
 from .geometry import Connectivity, Geometry, build_geometry, report
 from .particles import Lattice, ParticleError, make_lattice
@@ -30,20 +30,6 @@ MICROSECONDS = {
     ("navier_stokes", 2): 10.0,
     ("navier_stokes", 3): 30.0,
 }
-PAIRS = {2: 2.72, 3: 3.46}  # neighbours over support^dim at one site a spacing^dim: 32 in 3D at 2.1
-# Bytes of a pair by flow and walls, from the peak memory of the same runs: 5.2 kB a particle for the sphere
-# array; 6.0 and, with walls, 11.3 kB for navier_stokes in 3D, which holds two configurations at a time
-BYTES_PAIR = {
-    ("stokes", True): 80,
-    ("stokes", False): 36,
-    ("navier_stokes", True): 310,
-    ("navier_stokes", False): 150,
-}
-BYTES_MATRIX = 1.5 * 12  # of a pair, in the matrix and its hierarchy
-BYTES_PARTICLE = 200  # positions, fields and work arrays of a particle of any kind
-BYTES_VOXEL = 6  # labels and wall distance
-BYTES_PROGRAM = 2e8  # Python and its libraries
-
 STEPS_TO_STEADY = 16  # at least, however large they are (design.md 7)
 
 THIN = 4  # particles across below which a throat is thin: +9 % flux at 4, +16 % at 3 (design.md 8)
@@ -446,30 +432,19 @@ def steps(case: Case, flow: Flow | None, widths: Throats | None) -> Steps:
 def _costs(result: CheckReport, geometry: Geometry) -> None:
     """Neighbours, memory and time."""
     case, dim = result.case, result.dim
-    density = {"bcc": 2.0, "hexagonal": 2 / math.sqrt(3)}.get(case.lattice_in(dim), 1.0)
-    result.neighbours = PAIRS[dim] * density * case.support**dim
+    result.neighbours = memory.neighbours(case, dim)
     spacing = case.particles.spacing
     finest = (spacing / min((spacing, *case.refine))) ** dim
-    fluid = result.particles["fluid"] * finest
-    pairs = fluid * result.neighbours
-    vectors = case.solver.restart * 8 * (dim + 1 if case.flow == "stokes" else 1)
-    result.memory = {
-        "program": BYTES_PROGRAM,
-        "operators": pairs * BYTES_PAIR[case.flow, geometry.has_solid],
-        "matrices": pairs * BYTES_MATRIX,
-        "Krylov vectors": fluid * vectors,
-        "particles": (fluid + result.particles["dummy"] * finest) * BYTES_PARTICLE,
-    }
-    labels = getattr(geometry, "labels", None)
-    if labels is not None:
-        result.memory["image"] = float(labels.size * BYTES_VOXEL)
+    fluid, labels = result.particles["fluid"] * finest, getattr(geometry, "labels", None)
+    result.memory = memory.estimate(case, dim, geometry.has_solid, fluid, result.particles["dummy"] * finest,
+                                    0 if labels is None else labels.size)
     runs: float | None = 1.0
     if case.flow == "stokes":
         sizes = sum((spacing / other) ** dim for other in (spacing, *case.refine)) / finest
         runs = sizes * max(len(case.drive.axes or ()) if case.drive else 0, 1)
     elif result.steps is not None:
         runs = result.steps.count
-    density_of_pairs = result.neighbours / (PAIRS[dim] * 2.1**dim)
+    density_of_pairs = result.neighbours / (memory.PAIRS[dim] * 2.1**dim)
     if runs is not None:
         result.seconds = fluid * runs * density_of_pairs * MICROSECONDS[case.flow, dim] * 1e-6
 
@@ -506,7 +481,8 @@ def _drive_findings(
             found = f"throats along {name} are closed on this lattice; take a smaller particles.spacing"
         else:
             found = (
-                f"no pore leads through the scene along {name}: its permeability is zero; check what is solid"
+                f"no pore leads through the scene along {name}: its permeability is zero; check what is solid "
+                "(by faces of lattice sites; isph run also counts particles that see each other across an edge)"
             )
         (result.errors if fatal else result.warnings).append(found)
     if case.drive is None and case.flow == "stokes" and not moved:

@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from .interface import dilate, find_band, near_interface
 from .kernel import shape
 
-STEEPEST = math.radians(20.0)  # the line is not carried on flatter than this along the wall: the colour would come from afar
+STEEPEST = math.radians(20.0)  # the line is not carried on flatter than this: the colour would come from afar
 SIDEWAYS = 0.3  # of a normal that lies along the wall: below this part the interface runs along the wall, not into it
 SAMPLES = 6  # fluid particles from which the colour of a dummy is averaged
 

@@ -233,7 +233,7 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
 
 
 def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
-    from . import voxels
+    from . import memory, voxels
     from .case_checks import check_dimension
     from .voxel_geometry import VoxelGeometry
 
@@ -250,6 +250,9 @@ def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
     if axis is not None and not periodic[axis]:
         h = size[axis if len(size) > 1 else 0]
         clear = 6 if spec.clear_layer is None else round(spec.clear_layer / h)
+        across = labels.size // labels.shape[labels.ndim - 1 - axis]
+        memory.refuse((labels.size + 2 * clear * across) * memory.BYTES_VOXEL, f"clear layers of {clear} voxels",
+                      "take a smaller geometry.voxels.clear_layer; it is in metres")
     return VoxelGeometry(labels, size, periodic, case.wall_distance, axis, clear, **walls)
 
 

@@ -58,12 +58,27 @@ def _run_stokes(case, solver, clock, quiet, resume):
     if resume is not None:
         raise CaseError((Problem(str(case.path), None, "flow", "a steady solve has nothing to go on from",
                                  "run it without --restart"),))
-    flows = {}  # (axis, spacing): Creep
-    history, halo = [], 0
-    spacings = (case.particles.spacing, *case.refine)
-    axes = None
-    scene = None
-    for spacing in spacings:
+    axes, flows, scene, history = _solve_stokes(case, solver, clock, quiet)
+    summary, result = _sum_up_stokes(case, solver, axes, flows, scene, history)
+    main = flows[axes[0][0], min((case.particles.spacing, *case.refine))]
+    directory = output.prepare_directory(case.output.directory)
+    with clock("output"), progress.stage("files and pictures", quiet):
+        series = _series(case, directory)
+        if series is not None:
+            series.write(0, 0.0, *_snapshot(case, main.geometry, main.particles, result.x, main.velocity,
+                                            main.pressure))
+        with output.History(directory / "history.csv") as file:
+            for row in history:
+                file.append(row)
+        if case.output.plots:
+            _pictures(case, directory, main, next(iter((result.permeability or {}).values()), None))
+    return _finish(case, directory, summary, result, clock)
+
+
+def _solve_stokes(case, solver, clock, quiet):
+    """Every spacing and axis of a steady case: (axes, {(axis, spacing): Creep}, the last Scene, rows of history)."""
+    flows, history, scene = {}, [], None
+    for spacing in (case.particles.spacing, *case.refine):
         scene, built_for = None, None
         first = build_geometry(case)
         axes = drives(case, first.dim)
@@ -78,7 +93,6 @@ def _run_stokes(case, solver, clock, quiet, resume):
                     scene = solver.build_scene(case, geometry, spacing, clock, needs)
                     refuse_second_fluid(case, scene.particles)
                     built_for = axis
-                    halo = scene.halo
             label = f"flow along {'xyz'[axis]}" if axis is not None else "flow driven by walls"
             with progress.stage(f"{label}, {scene.particles.n_fluid:,} particles", quiet) as stage:
                 flow = solver.solve_axis(case, scene, axis, force, clock, _watch(stage))
@@ -89,7 +103,13 @@ def _run_stokes(case, solver, clock, quiet, resume):
                             **{f"superficial_velocity_{a}": float(v) for a, v in zip("xyz", flow.superficial)}})
             if axis is not None and flow.permeability[axis] <= 0.0:
                 raise solver.NoFlowError(f"the flow along {'xyz'[axis]} is zero; check the drive and the labels")
+    return axes, flows, scene, history
+
+
+def _sum_up_stokes(case, solver, axes, flows, scene, history):
+    """(summary, result) of the flows of a steady case; the finest spacing of the first axis is what is written."""
     base = case.particles.spacing
+    spacings = (base, *case.refine)
     main = flows[axes[0][0], min(spacings)]
     permeability, messages, bars, ladders = {}, [], {}, {}
     for axis, _ in axes:
@@ -107,9 +127,9 @@ def _run_stokes(case, solver, clock, quiet, resume):
         tensor = np.array([flows["xyz".index(a), base].permeability for a in "xyz"[: main.geometry.dim]]).T
     single = next(iter(permeability.values())) if len(permeability) == 1 else None
     fluid = next(iter(case.fluids.values()))
-    x = main.particles.x[: main.particles.n_fluid]
     result = SimpleNamespace(
-        x=x, velocity=main.velocity, cell_velocity=main.cell_velocity, pressure=main.pressure, time=None,
+        x=main.particles.x[: main.particles.n_fluid], velocity=main.velocity, cell_velocity=main.cell_velocity,
+        pressure=main.pressure, time=None,
         spacing=main.spacing,
         phase=main.particles.phase, permeability=permeability or None, geometry=main.geometry, history=history,
         flows={"xyz"[a]: f for (a, h), f in flows.items() if a is not None and h == base}, tensor=tensor,
@@ -118,7 +138,7 @@ def _run_stokes(case, solver, clock, quiet, resume):
     summary = {
         "status": "finished",
         "message": "; ".join(messages) or None,
-        "particles": _counts(main.particles, halo),
+        "particles": _counts(main.particles, scene.halo),
         "porosity": _porosity(main.geometry, main.particles),
         "terms": _terms(case, main.geometry, _drive_of(axes))
         + (["flux-balanced divergence"] if scene.system.conservative else []),
@@ -136,17 +156,7 @@ def _run_stokes(case, solver, clock, quiet, resume):
         "components": scene.system.count,
         "isolated_pockets": int((~scene.percolates.any(axis=1)).sum()),
     }
-    directory = output.prepare_directory(case.output.directory)
-    with clock("output"), progress.stage("files and pictures", quiet):
-        series = _series(case, directory)
-        if series is not None:
-            series.write(0, 0.0, *_snapshot(case, main.geometry, main.particles, x, main.velocity, main.pressure))
-        with output.History(directory / "history.csv") as file:
-            for row in history:
-                file.append(row)
-        if case.output.plots:
-            _pictures(case, directory, main, single or next(iter(permeability.values()), None))
-    return _finish(case, directory, summary, result, clock)
+    return summary, result
 
 
 def refuse_second_fluid(case, particles):

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import linear
+from . import linear, memory
 from .drive import darcy
 from .geometry import merge_periodic
 from .kernel import KERNELS
-from .operators import gradient_p, total_divergence
 from .particles import ParticleError, place_case
+from .rows import build_rows, gradient_p, total_divergence
 from .stokes import StokesSystem
 from .wall_scene import WallScene
 
@@ -66,19 +66,28 @@ def build_scene(case, geometry, spacing, clock, needs=()):
     with clock("geometry"):
         particles = place_case(case, geometry, spacing)
     n = particles.n_fluid
+    need = memory.estimate(case, geometry.dim, True, n, particles.n_dummy)
+    memory.refuse(sum(need.values()), f"{n:,} fluid particles", "take a larger particles.spacing or refine, or a crop")
     with clock("operators"):
-        scene = WallScene(geometry, particles.x[n:], support, kind, particles.site_volume)
-        ops, table, _, images = scene.configure(particles.x[:n], fixed=case.particles.jitter == 0.0)
+        walls = WallScene(geometry, particles.x[n:], support, kind, particles.site_volume)
+        rows, row, images = _operators(walls, particles.x[:n], case.particles.jitter == 0.0)
     with clock("assembly"):
-        percolates = _percolation(ops, ops.walls.row, len(particles.x), images, geometry.dim)
+        percolates = _percolation(rows, row, len(particles.x), images, geometry.dim)
+        del row
     for axis in needs:
         if not percolates[:, axis].any():
             raise NoFlowError(f"no fluid path leads through the scene along {'xyz'[axis]}: its permeability is zero; "
                               f"check geometry.voxels.labels and geometry.periodic, or take a smaller spacing")
     with clock("preconditioner"):
         nu = next(iter(case.fluids.values())).nu
-        system = StokesSystem(ops, table, spacing, nu, conservative=_balances_fluxes(case, geometry))
+        system = StokesSystem(rows, spacing, nu, conservative=_balances_fluxes(case, geometry))
     return Scene(geometry, particles, system, len(images.owner), percolates)
+
+
+def _operators(walls, x, fixed):
+    """(Rows, row of each pair in the table of positions, Halo): pairs and crossings are gone when it returns."""
+    table, owner, pairs, wall_table, fraction, volume, images = walls.stars(x, fixed)
+    return *build_rows(table, pairs, fraction, owner, volume, wall_table, walls.kind, walls.support), images
 
 
 def _balances_fluxes(case, geometry):
@@ -87,20 +96,20 @@ def _balances_fluxes(case, geometry):
     return hasattr(geometry, "voxel_size") and case.particles.jitter == 0.0
 
 
-def _percolation(ops, row, owned, images, dim):
+def _percolation(rows, row, owned, images, dim):
     """(components, dim) bool: the component winds round the box along the axis."""
-    n = ops.n
+    n = rows.n
     shift = np.zeros((owned + len(images.owner), dim), np.int8)
     shift[owned:] = np.sign(images.shift)
     crossing = shift[row].any(axis=1)
-    start = np.concatenate([[0], np.cumsum(np.bincount(np.repeat(np.arange(n), np.diff(ops.start))[~crossing],
+    start = np.concatenate([[0], np.cumsum(np.bincount(np.repeat(np.arange(n), np.diff(rows.start))[~crossing],
                                                        minlength=n))])
-    count, raw = linear.components(start, ops.column[~crossing])
+    count, raw = linear.components(start, rows.column[~crossing])
     edges = [np.empty((0, 3), np.int64)]
-    first = np.repeat(np.arange(n), np.diff(ops.start))[crossing]
+    first = np.repeat(np.arange(n), np.diff(rows.start))[crossing]
     for axis in range(dim):
         up = (shift[row[crossing], axis] > 0) & (np.abs(shift[row[crossing]]).sum(axis=1) == 1)
-        pairs = np.unique(np.stack([raw[first[up]], raw[ops.column[crossing][up]]], axis=1), axis=0)
+        pairs = np.unique(np.stack([raw[first[up]], raw[rows.column[crossing][up]]], axis=1), axis=0)
         edges.append(np.column_stack([pairs, np.full(len(pairs), axis)]))
     _, _, winding = merge_periodic(count, np.concatenate(edges).astype(np.int64), dim)
     return winding
@@ -131,13 +140,13 @@ def _quadrature(scene, flow, force, nu):
     dx = scene.system.spacing
     if voxel is None or not np.allclose(voxel / dx, np.maximum(np.round(voxel / dx), 1.0), rtol=1e-6):
         return np.zeros_like(flow.velocity)
-    return (gradient_p(scene.system.ops, flow.pressure) - scene.system.drive(force)) * (dx * dx / (24.0 * nu))
+    return (gradient_p(scene.system.rows, flow.pressure) - scene.system.drive(force)) * (dx * dx / (24.0 * nu))
 
 
 def _mass(scene, flow, axis):
     """(largest |div u| over the largest speed per spacing, spread of the flux between planes across the axis)."""
-    ops, dx = scene.system.ops, scene.system.spacing
-    div = total_divergence(ops, flow.velocity)
+    dx = scene.system.spacing
+    div = total_divergence(scene.system.rows, flow.velocity)
     speed = np.abs(flow.velocity).max()
     worst = float(np.abs(div).max() * dx / speed) if speed > 0.0 else 0.0
     if axis is None:

@@ -27,6 +27,13 @@ class WallScene:
 
         fixed: the particles sit on their lattice and will stay there: every volume is that of a site.
         """
+        table, owner, pairs, walls, fraction, volume, images = self.stars(x, fixed)
+        ops = build_wall_operators(table, pairs, fraction, owner, volume, walls, self.kind, self.support,
+                                   order=1 if fixed else 2)
+        return ops, table, pairs, images
+
+    def stars(self, x, fixed=False):
+        """What operators are built from: (table of positions, owners, pairs, WallTable, crossings, volumes, Halo)."""
         geometry, n = self.geometry, len(x)
         owned = np.concatenate([x, self.dummies])
         images = build_halo(owned, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support)
@@ -45,9 +52,7 @@ class WallScene:
         volume = np.full(len(owned), self.site_volume)
         if not fixed:
             volume[:n] = particle_volumes(table, pairs, self.kind, self.support)
-        ops = build_wall_operators(table, pairs, fraction, owner, volume, walls, self.kind, self.support,
-                                   order=1 if fixed else 2)
-        return ops, table, pairs, images
+        return table, owner, pairs, walls, fraction, volume, images
 
     def keep_off(self, x, displacement, dr, nearest):
         """The shift dr (n, dim) or None, with what keeps particles from coming nearer to a wall than `nearest`.

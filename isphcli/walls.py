@@ -31,6 +31,7 @@ from .operators import (
     star_weights,
 )
 
+AT_ONCE = 4_000_000  # pairs asked of the geometry in one go: bounds the memory of large scenes
 NEAREST = 0.02  # of a pair: nearest a wall may be; nearer ones triple the iterations and change k by 1e-5
 
 
@@ -81,13 +82,14 @@ def crossings(geometry, x, pairs, table):
     """
     fraction = np.full(len(pairs.index), 2.0)
     ask = _suspects(x, pairs.start, pairs.index, table.fluid, table.distance)
-    if len(ask):
-        i = np.searchsorted(pairs.start, ask, side="right") - 1
-        j = pairs.index[ask]
+    for begin in range(0, len(ask), AT_ONCE):
+        some = ask[begin : begin + AT_ONCE]
+        i = np.searchsorted(pairs.start, some, side="right") - 1
+        j = pairs.index[some]
         t = geometry.crossing(x[i], x[j])
         # a fluid neighbour in sight stays one; a dummy that the geometry calls free is met at its own place
         sees = table.fluid[j] & (t >= 1.0)
-        fraction[ask] = np.where(sees, 2.0, np.clip(t, NEAREST, 1.0))
+        fraction[some] = np.where(sees, 2.0, np.clip(t, NEAREST, 1.0))
     return fraction
 
 

@@ -289,6 +289,8 @@ def test_a_case_that_cannot_be_read(name):
         (MINIMAL, ["geometry.walls.x_min.velocity=[0, 0, 1]"], "x is periodic and has no walls"),
         (MINIMAL, ["geometry.walls.w_min={}"], "geometry.walls.w_min: unknown name"),
         (MINIMAL, ["reference.kind=permeability"], "kind permeability needs a value"),
+        (MINIMAL, ["reference.kind=sphere_array"], "kind sphere_array needs fraction"),
+        (MINIMAL, ["reference.kind=taylor_green"], "kind taylor_green needs speed"),
         (SHAPES, ["geometry.periodic=[z]"], "geometry.periodic: a 2D scene has no axis z"),
         (SHAPES, ["drive.pressure_drop={z: 1}"], "drive.pressure_drop: a 2D scene has no axis z"),
         (SHAPES, ["geometry.walls.y_max.velocity=[0, 1]"], "moves the wall along y"),

@@ -1,0 +1,68 @@
+"""Operators in factors are those of `walls`, on lattices and off them; the matrices are what they apply."""
+
+import numpy as np
+import pytest
+
+from isphcli import rows as factored
+from isphcli.halo import wrap
+from isphcli.operators import gradient_p, laplacian, total_divergence
+from isphcli.particles import make_lattice, place
+from isphcli.shapes import Shape, ShapeGeometry, Sphere
+from isphcli.wall_scene import WallScene
+from isphcli.walls import build_wall_operators, wall_laplacian
+
+SPACING = 1 / 12
+
+
+def both(dim, jitter, slip=0.0):
+    """Operators of `walls` and Rows of a disk or sphere that moves, in a periodic cell."""
+    body = Shape(Sphere([0.5] * dim, 0.31), velocity=[0.3, -0.2, 0.1][:dim])
+    geometry = ShapeGeometry([0] * dim, [1] * dim, [True] * dim, shapes=[body], slip_length=slip)
+    kind = "square" if dim == 2 else "cubic"
+    support = 2.1 * SPACING
+    particles = place(geometry, make_lattice(kind, geometry.lower, geometry.upper, geometry.periodic, SPACING, support),
+                      support, jitter, SPACING)
+    n = particles.n_fluid
+    x = wrap(particles.x[:n], geometry.lower, geometry.upper, geometry.periodic)
+    scene = WallScene(geometry, particles.x[n:], support, 0, particles.site_volume)
+    table, owner, pairs, walls, fraction, volume, _ = scene.stars(x, jitter == 0.0)
+    args = (table, pairs, fraction, owner, volume, walls, 0, support)
+    return build_wall_operators(*args, order=1), factored.build_rows(*args)[0]
+
+
+@pytest.mark.parametrize(("dim", "jitter", "slip"), [(2, 0.0, 0.0), (3, 0.0, 0.0), (2, 0.1, 0.0), (3, 0.1, 0.05)])
+def test_factors_are_the_weights(dim, jitter, slip):
+    ops, rows = both(dim, jitter, slip)
+    rng = np.random.default_rng(0)
+    u, p = rng.standard_normal((ops.n, dim)), rng.standard_normal(ops.n)
+    assert (len(rows.step) < 40) == (jitter == 0.0)  # a lattice has few shapes
+    out, grad = np.empty_like(u), np.empty_like(u)
+    factored.momentum(rows, u, p, SPACING, out, grad)
+    expected = laplacian(ops, u) - ops.walls.lap[:, None] * u
+    whole = rows.wall_lap_velocity - rows.wall_lap[:, None] * u
+    if slip:
+        whole += np.einsum("nkm,nm->nk", rows.slip, u)
+    np.testing.assert_allclose(whole, wall_laplacian(ops.walls, u), atol=1e-10 * np.abs(whole).max())
+    # without walls in its star a particle off the lattice has the same first-order gradient for u and p
+    np.testing.assert_allclose(grad, gradient_p(ops, p), atol=1e-10 * np.abs(grad).max())
+    np.testing.assert_allclose(out, -SPACING**2 * expected + SPACING * grad, atol=1e-10 * np.abs(out).max())
+    div = total_divergence(ops, u)
+    np.testing.assert_allclose(factored.total_divergence(rows, u), div, atol=1e-10 * np.abs(div).max())
+    natural = np.zeros(ops.n)
+    for i in range(ops.n):
+        part = slice(ops.start[i], ops.start[i + 1])
+        natural[i] = ops.walls.natural[part] @ (p[ops.column[part]] - p[i])
+    np.testing.assert_allclose(factored.natural_laplacian(rows, p), natural, atol=1e-10 * np.abs(natural).max())
+
+
+def test_matrices_are_what_the_rows_apply():
+    ops, rows = both(3, 0.0)
+    p = np.random.default_rng(0).standard_normal(ops.n)
+    u = np.stack([p] * 3, axis=1)
+    out = np.empty_like(u)
+    factored.momentum(rows, u, np.zeros(ops.n), SPACING, out, np.empty_like(u))
+    np.testing.assert_allclose(factored.velocity_matrix(rows, SPACING) @ p, out[:, 0], atol=1e-12 * np.abs(out).max())
+    conductance = factored.conductance_matrix(rows, np.full(ops.n, 2.0), SPACING)
+    expected = -2.0 * SPACING**2 * factored.natural_laplacian(rows, p)
+    ground = factored.GROUND * conductance.diagonal() / (1 + factored.GROUND)
+    np.testing.assert_allclose(conductance @ p - ground * p, expected, atol=1e-12 * np.abs(expected).max())
