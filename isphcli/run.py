@@ -60,6 +60,7 @@ def _run_stokes(case, solver, clock, quiet, resume):
                                  "run it without --restart"),))
     axes, flows, scene, history = _solve_stokes(case, solver, clock, quiet)
     summary, result = _sum_up_stokes(case, solver, axes, flows, scene, history)
+    del scene  # hierarchies of large scenes leave no room for the files
     main = flows[axes[0][0], min((case.particles.spacing, *case.refine))]
     directory = output.prepare_directory(case.output.directory)
     with clock("output"), progress.stage("files and pictures", quiet):

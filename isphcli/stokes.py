@@ -44,7 +44,7 @@ class StokesSystem:
 
     rows: Rows of the operators (without walls no steady flow exists);
     spacing: m; viscosity: kinematic, m2/s;
-    conservative: take the divergence as a balance of fluxes, on lattices only (see `coupling`).
+    conservative: take the divergence as a balance of fluxes, on lattices only (see `rows`).
     """
 
     def __init__(self, rows, spacing, viscosity, tau=TAU, conservative=True):

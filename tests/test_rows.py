@@ -14,7 +14,7 @@ from isphcli.walls import build_wall_operators, wall_laplacian
 SPACING = 1 / 12
 
 
-def both(dim, jitter, slip=0.0):
+def both(dim, jitter, slip=0.0, order=2):
     """Operators of `walls` and Rows of a disk or sphere that moves, in a periodic cell."""
     body = Shape(Sphere([0.5] * dim, 0.31), velocity=[0.3, -0.2, 0.1][:dim])
     geometry = ShapeGeometry([0] * dim, [1] * dim, [True] * dim, shapes=[body], slip_length=slip)
@@ -26,13 +26,14 @@ def both(dim, jitter, slip=0.0):
     x = wrap(particles.x[:n], geometry.lower, geometry.upper, geometry.periodic)
     scene = WallScene(geometry, particles.x[n:], support, 0, particles.site_volume)
     table, owner, pairs, walls, fraction, volume, _ = scene.stars(x, jitter == 0.0)
-    args = (table, pairs, fraction, owner, volume, walls, 0, support)
-    return build_wall_operators(*args, order=1), factored.build_rows(*args)[0]
+    args = (table, pairs, fraction, owner, volume, walls, 0, support, order)
+    return build_wall_operators(*args), factored.build_rows(*args)[0]
 
 
+@pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(("dim", "jitter", "slip"), [(2, 0.0, 0.0), (3, 0.0, 0.0), (2, 0.1, 0.0), (3, 0.1, 0.05)])
-def test_factors_are_the_weights(dim, jitter, slip):
-    ops, rows = both(dim, jitter, slip)
+def test_factors_are_the_weights(dim, jitter, slip, order):
+    ops, rows = both(dim, jitter, slip, order)
     rng = np.random.default_rng(0)
     u, p = rng.standard_normal((ops.n, dim)), rng.standard_normal(ops.n)
     assert (len(rows.step) < 40) == (jitter == 0.0)  # a lattice has few shapes
@@ -43,7 +44,6 @@ def test_factors_are_the_weights(dim, jitter, slip):
     if slip:
         whole += np.einsum("nkm,nm->nk", rows.slip, u)
     np.testing.assert_allclose(whole, wall_laplacian(ops.walls, u), atol=1e-10 * np.abs(whole).max())
-    # without walls in its star a particle off the lattice has the same first-order gradient for u and p
     np.testing.assert_allclose(grad, gradient_p(ops, p), atol=1e-10 * np.abs(grad).max())
     np.testing.assert_allclose(out, -SPACING**2 * expected + SPACING * grad, atol=1e-10 * np.abs(out).max())
     div = total_divergence(ops, u)

@@ -70,17 +70,19 @@ def test_poiseuille_and_couette_are_exact_wherever_the_wall_is(offset):
 
 
 def test_sphere_array_against_zick_and_homsy():
-    """1 % at 24 spacings a cell (issue 2); measured -0.67 %. The table has four digits."""
+    """1 % at 24 spacings a cell is asked (issue 2); measured +0.02 %, and +0.2 % at 0.45. The tables have four and
+    three digits."""
     error, _, flow = spheres(24)
-    assert abs(error) < 0.01
+    assert abs(error) < 1e-3
     # a cube looks the same along every axis: no flow across the drive
     assert np.abs(flow.permeability[1:]).max() < 1e-5 * flow.permeability[0]
+    assert abs(spheres(24, 0.45)[0]) < 4e-3
 
 
 def test_sphere_array_converges():
-    """Order of the permeability error over 12 to 32 spacings at fraction 0.45; 1.5 is asked, 2.0 measured."""
-    n = np.array([12, 16, 24, 32])
-    errors = [abs(spheres(k, 0.45)[0]) for k in n]
+    """Order of the permeability error over 16 to 32 spacings at fraction 0.216; 1.5 is asked, 1.9 measured."""
+    n = np.array([16, 24, 32])
+    errors = [abs(spheres(k)[0]) for k in n]
     assert -np.polyfit(np.log(n), np.log(errors), 1)[0] > 1.5
 
 
