@@ -30,7 +30,7 @@ NEAR_WALL = 0.25  # of the spacing: no particle comes nearer to a wall than this
 # Of the shift, near an interface, which it blurs. A bubble that rises (1/24) lost 1.4 % of its height to a whole one; a
 # drop without any comes apart.
 SHY = 1.0 / 3.0
-FIRST_PASSES = 5  # through the equations in the first step; with 3, layers of density ratio 1000 moved at 1e-8 sqrt(g H)
+FIRST_PASSES = 5  # through the equations in the first step; with 3, layers of ratio 1000 moved at 1e-8 sqrt(g H)
 STALE = 1.5  # a hierarchy is rebuilt when its iterations exceed those of its first use by this factor and by 4
 
 

@@ -39,8 +39,8 @@ class SurfaceTension:
     def largest_step(self):
         """Time in which a capillary wave of two spacings moves on by its radian, sqrt(rho dx^3 / (2 pi sigma)), s.
 
-        Shorter by (least / mean density)^(1/4), at most by four: at density ratio 1000 a light drop that is 11 % off and
-        grows unstable with whole steps is within 1 % with a quarter.
+        Shorter by (least / mean density)^(1/4), at most by four: at density ratio 1000 a light drop that is 11 % off
+        and grows unstable with whole steps is within 1 % with a quarter.
         """
         mean = self.density.mean()
         part = max(0.25, (self.density.min() / mean) ** 0.25)
