@@ -96,8 +96,9 @@ def build_rows(x, pairs, fraction, owner, volume, table, kind, support, order=1)
                 curve, curve_p,
                 np.zeros(n), np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(n),
                 np.zeros((n, dim, dim)) if slips else None, 0)
+    spin = np.zeros((0, dim, dim)) if table.spin is None else table.spin
     deficient = _factors(x, pairs.start, pairs.index, fraction, owner, volume, kind, support, order,
-                         table.distance, table.wall, table.velocity, table.slip_length, table.normal,
+                         table.distance, table.wall, table.velocity, spin, table.slip_length, table.normal,
                          rows.laplace, rows.gradient, rows.gradient_p, rows.scale, curve, curve_p, rows.wall_lap,
                          rows.wall_lap_velocity, rows.wall_div, rows.wall_div_velocity,
                          rows.slip if slips else np.zeros((0, dim, dim)))
@@ -255,7 +256,7 @@ def _shape_weights(step, volume, kind, support):
 
 @njit(cache=True, parallel=True)
 def _factors(x, start, index, fraction, owner, volume, kind, support, order,
-             distance, wall, velocity, slip_length, normal,
+             distance, wall, velocity, spin, slip_length, normal,
              laplace, gradient, gradient_p, scale, curve, curve_p,
              wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip):
     """As `walls._wall_rows`, but the tensors are kept and the weights of the wall pairs only summed up."""
@@ -268,7 +269,7 @@ def _factors(x, start, index, fraction, owner, volume, kind, support, order,
         ex, ey, ez, s, w = star
         g, gp, system, right = np.empty((3, 3)), np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 4))
         drift, spread, wall_u, slide = np.empty(3), np.empty((3, 3)), np.empty(dim), np.empty((dim, dim))
-        pull, bend, slopes = np.empty(3), np.empty(6), np.empty(3)
+        pull, bend, slopes, point = np.empty(3), np.empty(6), np.empty(3), np.empty(3)
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             begin, count = start[i], start[i + 1] - start[i]
             padded = gather_star(x, i, begin, start[i + 1], index, owner, volume, kind, support, star)
@@ -322,6 +323,9 @@ def _factors(x, start, index, fraction, owner, volume, kind, support, order,
                 j = index[begin + q]
                 met = wall[j]
                 wall_lap[i] += a
+                if len(spin) > 0:  # to where the pair meets the wall
+                    point[0], point[1] = x[i, 0] + ex[q] * s[q] * support, x[i, 1] + ey[q] * s[q] * support
+                    point[2] = x[i, 2] + ez[q] * s[q] * support if dim == 3 else 0.0
                 for m in range(dim):
                     slopes[m] = 0.0
                     for k in range(dim):
@@ -330,6 +334,9 @@ def _factors(x, start, index, fraction, owner, volume, kind, support, order,
                         for v in range(6):
                             slopes[m] -= curve[i, m, v] * bend[v]
                     wall_u[m] = velocity[met, m]
+                    if len(spin) > 0:
+                        for k in range(dim):
+                            wall_u[m] += spin[met, m, k] * point[k]
                     wall_lap_velocity[i, m] += a * wall_u[m]
                     wall_div[i, m] += slopes[m]
                     wall_div_velocity[i] += slopes[m] * wall_u[m]

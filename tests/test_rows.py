@@ -15,8 +15,8 @@ SPACING = 1 / 12
 
 
 def both(dim, jitter, slip=0.0, order=2):
-    """Operators of `walls` and Rows of a disk or sphere that moves, in a periodic cell."""
-    body = Shape(Sphere([0.5] * dim, 0.31), velocity=[0.3, -0.2, 0.1][:dim])
+    """Operators of `walls` and Rows of a disk that moves and turns, or of a sphere that moves, in a periodic cell."""
+    body = Shape(Sphere([0.5] * dim, 0.31), velocity=[0.3, -0.2, 0.1][:dim], angular_velocity=0.7 if dim == 2 else None)
     geometry = ShapeGeometry([0] * dim, [1] * dim, [True] * dim, shapes=[body], slip_length=slip)
     kind = "square" if dim == 2 else "cubic"
     support = 2.1 * SPACING
