@@ -244,8 +244,6 @@ class _Checks:
             self.bad("drive", "drives nothing", "give body_force, pressure_drop or axes")
         if drive.axes and self.clear("flow") and self.case.flow != "stokes":
             self.bad("drive.axes", "needs flow: stokes", "use body_force or pressure_drop")
-        if drive.pressure_drop and len({f.density for f in (self.case.fluids or {}).values() if f}) > 1:
-            self.bad("drive.pressure_drop", "is no acceleration common to fluids of two densities", "use body_force")
         self.driven_axes()
 
     def driven_axes(self) -> None:

@@ -259,6 +259,40 @@ def _residual3(indptr, indices, data, b, x, out):
 
 
 def gmres(apply, rhs, precondition, tolerance, restart, max_iterations, start=None, watch=None):
+    """GMRES preconditioned from the left; the tolerance is relative to the right-hand side.
+
+    apply, precondition: functions of an (m,) vector; rhs: (m,); start: first guess or None;
+    watch: called with (iteration, relative residual). Returns (solution, Report).
+    The singular pressure systems of moving particles are solved so: from the right, small ones break down at 1e-4.
+    """
+    norm = np.linalg.norm(rhs)
+    if norm == 0.0:
+        return np.zeros_like(rhs), Report(0, 0.0, tolerance, "zero right-hand side")
+    size = len(rhs)
+    count = 0
+
+    def each(residual):
+        nonlocal count
+        count += 1
+        if watch is not None:
+            watch(count, residual)
+
+    solution, _ = sla.gmres(
+        sla.LinearOperator((size, size), matvec=apply, dtype=float),
+        rhs,
+        x0=start,
+        rtol=tolerance,
+        atol=0.0,
+        restart=min(restart, size, max_iterations),
+        maxiter=max(1, max_iterations // restart),
+        M=sla.LinearOperator((size, size), matvec=precondition, dtype=float),
+        callback=each,
+        callback_type="pr_norm",
+    )
+    return solution, _report(count, float(np.linalg.norm(rhs - apply(solution)) / norm), tolerance)
+
+
+def gmres_from_the_right(apply, rhs, precondition, tolerance, restart, max_iterations, start=None, watch=None):
     """GMRES preconditioned from the right, which makes the true residual small; the tolerance is relative to `rhs`.
 
     apply, precondition: functions of an (m,) vector; rhs: (m,); start: first guess or None;
@@ -297,11 +331,14 @@ def gmres(apply, rhs, precondition, tolerance, restart, max_iterations, start=No
         before, residual = residual, np.linalg.norm(rest) / norm
         if not residual < before:  # also where it is not finite
             break
-    residual = float(residual)
+    return solution, _report(count, float(residual), tolerance)
+
+
+def _report(iterations, residual, tolerance):
     if not np.isfinite(residual):
         reason = "not finite"
     elif residual <= tolerance:
         reason = "converged"
     else:
         reason = "out of iterations"
-    return solution, Report(count, residual, tolerance, reason)
+    return Report(iterations, residual, tolerance, reason)

@@ -7,11 +7,12 @@ are of order one whatever the units. S damps the odd-even pressure mode: see `co
 """
 
 from dataclasses import dataclass
+from functools import partial
 from math import ceil, log10
 
 import numpy as np
 
-from .linear import BlockCycle, ComponentMeans, SolveError, components, cycle, gmres, hierarchy
+from .linear import BlockCycle, ComponentMeans, SolveError, components, cycle, gmres_from_the_right, hierarchy
 from .rows import (
     conductance_matrix,
     divergence_and_jump,
@@ -125,16 +126,15 @@ class StokesSystem:
         if not self.conservative:  # walls move along themselves: no flux passes them
             mass[:] = self.means.remove(-self.spacing * rows.wall_div_velocity)
         most = max_iterations if self.conservative else min(max_iterations, ceil(-PATIENCE * log10(tolerance)))
-        solution, report = gmres(self.apply, rhs, self.precondition, tolerance, restart, most, watch=watch)
+        solve = partial(gmres_from_the_right, self.apply, rhs, self.precondition, tolerance, watch=watch)
+        solution, report = solve(restart, most)
         if not report.converged and not self.conservative:
             # pores that the lattice does not resolve: only a balance of fluxes is well posed there
             self.conservative = True
             mass[:] = 0.0
-            solution, report = gmres(self.apply, rhs, self.precondition, tolerance, restart, max_iterations,
-                                     watch=watch)
+            solution, report = solve(restart, max_iterations)
         if not report.converged:
-            solution, report = gmres(self.apply, rhs, self.precondition, tolerance, 2 * restart,
-                                     2 * max_iterations, start=solution, watch=watch)
+            solution, report = solve(2 * restart, 2 * max_iterations, start=solution)
         if not report.converged:
             raise SolveError("Stokes", report)
         u, p = self.split(solution)

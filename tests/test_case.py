@@ -149,15 +149,14 @@ def test_overrides_make_blocks_replace_values_and_remove_them():
         "solver.restart=30",
         "initial=null",
         "title=a = b",
-        "fluids.gas.density=1",
-        "fluids.gas.viscosity=1",
+        "fluids.oil.density=850",
     )
     assert case.geometry.shapes[0].sphere.radius == 0.2
     assert len(case.geometry.shapes) == 6
     assert case.solver.restart == 30
     assert case.initial is None
     assert case.title == "a = b"
-    assert case.fluid_names == ("water", "oil", "gas")
+    assert case.fluids["oil"].density == 850
 
 
 @pytest.mark.parametrize(
