@@ -33,6 +33,7 @@ class OneFluid:
     m2/s; force: (dim,) m/s2."""
 
     tension = None
+    first_passes = 3  # through the equations in the first step, which has no pressure to go on from
 
     def __init__(self, reference, viscosity, force):
         self.reference, self.viscosity, self.force = reference, viscosity, force

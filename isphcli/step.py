@@ -30,7 +30,6 @@ NEAR_WALL = 0.25  # of the spacing: no particle comes nearer to a wall than this
 # Of the shift, near an interface, which it blurs. A bubble that rises (1/24) lost 1.4 % of its height to a whole one; a
 # drop without any comes apart.
 SHY = 1.0 / 3.0
-FIRST_PASSES = 5  # through the equations in the first step; with 3, layers of ratio 1000 moved at 1e-8 sqrt(g H)
 STALE = 1.5  # a hierarchy is rebuilt when its iterations exceed those of its first use by this factor and by 4
 
 
@@ -192,7 +191,7 @@ class Stepper:
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
         p = moved.p
         # the first step finds the pressure of the start: it is taken again with what it found
-        for _ in range(1 if state.dt_old else FIRST_PASSES):
+        for _ in range(1 if state.dt_old else self.fluids.first_passes):
             u, p, div = self._project(config, moved.u, history, p, g0, dt)
         self.divergences, self.divergence = div, float(np.abs(div).max()) * dt
         return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt), config

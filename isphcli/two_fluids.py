@@ -28,6 +28,8 @@ class TwoFluids:
     force: (dim,) m/s2; push: (dim,) that of a pressure gradient on the first fluid, m/s2, which moves the other as its
     density lets it; kind: kernel number; support: m; tension: SurfaceTension or None."""
 
+    first_passes = 5  # with 3, layers of density ratio 1000 moved at 1e-8 sqrt(g H)
+
     def __init__(self, phase, density, viscosity, force, push, kind, support, tension=None):
         self.phase = phase
         self.colour = np.where(phase == 0, 1.0, 0.0)
