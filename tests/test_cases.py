@@ -34,7 +34,7 @@ SMALL = {
         "16 across; 0.042 at t = 15, and at t = 4 the core is not yet steady",
     ),
     "slit": ((), 0.001, "1.6e-4 is the sum over 16 particles: sum of squares instead of their integral"),
-    "sphere_array": (("particles.spacing=6.25e-5", "drive.axes=[x]"), 0.02, "16 a cell; 0.7 % with 24"),
+    "sphere_array": (("particles.spacing=6.25e-5", "drive.axes=[x]"), 0.002, "16 a cell: 5e-4"),
     "square_duct": ((), 0.01, "that of the case: 16 across, 0.2 %"),
     "startup_couette": (
         ("particles.spacing=6.25e-5", "time.step=4.5e-3"),
