@@ -64,7 +64,6 @@ def test_flooding_of_an_image_counts_the_sample():
     ("initial.flood={fluid: co2, from: z_min, saturation: 0.3}", "a 2D scene has no axis z"),
     ("initial.flood={fluid: co2, from: x_min, saturation: 30}", "initial.flood.saturation"),
     ("geometry.shapes=[{spheres: {random: 3}, is: co2}]", "spheres placed at random need one"),
-    ("drive.pressure_drop={y: 1}", "is no acceleration common to fluids of two densities"),
     ("fluids.oil={density: 1, viscosity: 1}", "a scene has one or two"),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused(override, message):

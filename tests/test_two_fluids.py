@@ -93,6 +93,16 @@ def test_what_a_scene_does_not_need_is_not_there():
     assert not {"isphcli.two_fluids", "isphcli.interface", "isphcli.surface_tension"} & set(sys.modules)
 
 
+def test_a_pressure_drop_moves_each_fluid_as_its_density_lets_it():
+    """5 Pa over the box of 6/16: the acceleration away from the interface is the gradient over the density."""
+    text = layers(1 / 16, rho=4).replace("body_force: [0, 0]", "pressure_drop: {x: 5}")
+    _, _, state, stepper, particles = scene(text)
+    force = stepper.configure(state.x).terms.force
+    far = np.abs(state.x[:, 1] - 0.5) > 3 / 16
+    expected = 5 / (6 / 16) / np.where(particles.phase == 0, 4.0, 1.0)
+    assert np.abs(force[far, 0] - expected[far]).max() < 1e-10 and np.abs(force[far, 1]).max() < 1e-10
+
+
 DROP = """
 geometry:
   box: [1, 1]
