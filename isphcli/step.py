@@ -303,12 +303,9 @@ class Stepper:
         else:
             from .coupling import divergence_and_jump
 
-            walls, natural = ops.walls, weighted.walls.natural
-
             def apply(q):
                 slope = gradient_p(weighted, q)
-                return means.remove(divergence_and_jump(ops, config.x, walls.row, walls.natural, walls.div, slope, q,
-                                                        slope, -1.0, -1.0, natural_p=natural))
+                return means.remove(divergence_and_jump(ops, config.x, weighted.walls.natural, q, slope))
 
         with self.clock("krylov"):
             right = means.remove(right)
