@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .operators import potential_gradient
+
 
 @dataclass(frozen=True)
 class Terms:
@@ -12,7 +14,7 @@ class Terms:
     ops: Operators, the weights of the pressure over the density, those of the velocity times the viscosity;
     viscosity: number that still multiplies the latter, m2/s; force: (dim,) or (n, dim) m/s2; jump: (n, dim) the part of
     it that stands for a jump of the pressure, or None; density: over that of the first fluid, (n,) or 1;
-    bulk: dynamic viscosity over the density of the first fluid, (n,) or a number, m2/s;
+    bulk: number, dynamic viscosity over the density of the first fluid, m2/s;
     turn: Turn, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity has no kink, or None;
     shy: (n,) bool, near an interface, or None.
     """
@@ -22,10 +24,18 @@ class Terms:
     force: np.ndarray
     jump: np.ndarray | None = None
     density: object = 1.0
-    bulk: object = None
+    bulk: float = 0.0
     turn: object = None
     smooth: np.ndarray | None = None
     shy: np.ndarray | None = None
+
+
+def body_force(ops, x, row, force):
+    """The body force (dim,), m/s2; beside walls as the gradient of its potential, (n, dim), as in `StokesSystem.drive`:
+    fluid in a pocket or a dead end one particle wide rests. Arguments as those of `TwoFluids.terms`."""
+    if ops.walls is None or not force.any():
+        return force
+    return potential_gradient(ops.start, row, x, ops.grad_p, force)
 
 
 class OneFluid:
@@ -49,4 +59,5 @@ class OneFluid:
         return self.viscosity
 
     def terms(self, ops, x, row, pairs, owner):
-        return Terms(ops, self.viscosity, self.force, bulk=self.viscosity)
+        """Terms of one configuration; arguments as those of `TwoFluids.terms`."""
+        return Terms(ops, self.viscosity, body_force(ops, x, row, self.force), bulk=self.viscosity)

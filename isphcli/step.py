@@ -22,7 +22,7 @@ from . import linear
 from .failure import STRONGER, StepError
 from .halo import build_halo, wrap
 from .neighbours import find_pairs
-from .operators import build_operators, gradient_p, particle_volumes, potential_gradient, total_divergence
+from .operators import build_operators, gradient_p, particle_volumes, total_divergence
 from .shifting import carry, shift
 
 JACOBI_LIMIT = 2.0  # nu dt / dx^2 up to which the Helmholtz matrix is solved with its diagonal alone
@@ -198,7 +198,7 @@ class Stepper:
 
     def _project(self, config, guess, history, p, g0, dt):
         ops, terms = config.ops, config.terms
-        right = history + self._drive(config) - gradient_p(terms.ops, p)
+        right = history + terms.force - gradient_p(terms.ops, p)
         if ops.walls is not None:
             right += terms.viscosity * terms.ops.walls.lap_velocity
         star = self._helmholtz(config, g0 / dt, right, guess)
@@ -207,14 +207,6 @@ class Stepper:
         u = star - (dt / g0) * gradient_p(terms.ops, q)
         p = config.means.remove(p + q - terms.bulk * source)
         return u, p, total_divergence(ops, u)
-
-    def _drive(self, config):
-        """The forces; the body force beside walls as the gradient of its potential, as in `StokesSystem.drive`: fluid
-        in a pocket or a dead end one particle wide rests."""
-        ops, body, force = config.ops, self.fluids.force, config.terms.force
-        if ops.walls is None or not body.any():
-            return force
-        return force - body + potential_gradient(ops.start, ops.walls.row, config.x, ops.grad_p, body)
 
     def _helmholtz(self, config, shift_, right, guess):
         """(g0 / dt - nu lap) u* = right, one matrix for all components unless slip or a transposed stress couple

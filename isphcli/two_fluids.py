@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit, prange
 
-from .fluids import Terms
+from .fluids import Terms, body_force
 from .interface import crossings, near_interface
 from .operators import potential_gradient
 
@@ -68,7 +68,7 @@ class TwoFluids:
                 smooth = ~near
                 free = near if ops.walls is None else near & ~ops.walls.near
                 turn = Turn.build(ops, weighted.lap, x, row, np.flatnonzero(free))
-        force, jump = self.force, None
+        force, jump = body_force(ops, x, row, self.force), None
         if self.push.any():
             force = force + potential_gradient(ops.start, row, x, weighted.grad_p, self.push)
         if self.tension is not None:
