@@ -7,12 +7,17 @@ from .particles import sample_box
 
 
 def drives(case, dim):
-    """[(axis, acceleration (dim,))] that a case asks for. The axis is None where walls move: what they drag along is
-    not a response to the drive, and gives no permeability."""
+    """[(axis, acceleration (dim,) of the first fluid, m/s2)] that a case asks for. The axis is None where walls move:
+    what they drag along is not a response to the drive, and gives no permeability."""
     drive = case.drive
     if drive is not None and drive.axes and not _walls_move(case):
         return [("xyz".index(a), np.eye(dim)["xyz".index(a)]) for a in drive.axes]
-    force = pressure_push(case, dim)
+    force = np.zeros(dim)
+    if drive is not None and drive.pressure_drop is not None:
+        density = next(iter(case.fluids.values())).density
+        for name, drop in drive.pressure_drop.items():
+            axis = "xyz".index(name)
+            force[axis] += drop / (density * _box_length(case, axis))
     if drive is not None and drive.axes:
         force["xyz".index(drive.axes[0])] = 1.0
     if drive is not None and drive.body_force is not None:
@@ -20,17 +25,6 @@ def drives(case, dim):
     if not force.any() or _walls_move(case):
         return [(None, force)]
     return [(int(np.argmax(np.abs(force))), force)]
-
-
-def pressure_push(case, dim):
-    """Acceleration (dim,) of the first fluid by the pressure drops of a case, m/s2."""
-    force = np.zeros(dim)
-    if case.drive is not None and case.drive.pressure_drop is not None:
-        density = next(iter(case.fluids.values())).density
-        for name, drop in case.drive.pressure_drop.items():
-            axis = "xyz".index(name)
-            force[axis] += drop / (density * _box_length(case, axis))
-    return force
 
 
 def _walls_move(case):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from . import expressions, failure
-from .drive import drives, pressure_push
+from .drive import drives
 from .fluids import OneFluid
 from .kernel import KERNELS
 from .particles import place_case
@@ -62,8 +62,10 @@ def choose_fluids(case, geometry, particles, force):
         contact = _contact(case, geometry, particles, kind, support) if geometry.has_solid else None
         tension = SurfaceTension(case.interface.tension, case.interface.method, [f.density for f in present], kind,
                                  support, spacing, contact)
-    push = pressure_push(case, geometry.dim)
-    return TwoFluids(particles.phase, [f.density for f in present], [f.mu for f in present], force - push, push, kind,
+    body = force
+    if case.drive is not None and case.drive.pressure_drop is not None:
+        body = np.array(case.drive.body_force or [0.0] * geometry.dim, float)
+    return TwoFluids(particles.phase, [f.density for f in present], [f.mu for f in present], body, force - body, kind,
                      support, tension)
 
 
