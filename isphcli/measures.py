@@ -144,13 +144,15 @@ class Measures:
     def contact_angle(self, config):
         """Degrees through the first fluid between a flat wall and the circle or sphere through the interface near it;
         None where there is no such wall or circle, or the circle does not reach the wall."""
+        from .wall_scene import wall_normals
+
         points = self._crossings(config)
         depth = self.geometry.distance(points) if len(points) else np.zeros(0)
         kept = (depth > self.tension.support) & (depth < FARTHEST * self.distance)
         points, depth = points[kept], depth[kept]
         if len(points) == 0:
             return None
-        normals = self._normals(points)
+        normals = wall_normals(self.geometry, points, self.distance)
         same = normals @ normals[np.argmin(depth)] > 0.99
         points, depth, normal = points[same], depth[same], normals[np.argmin(depth)]
         if len(points) < 3 * self.geometry.dim:
@@ -191,12 +193,6 @@ class Measures:
                 length = self.geometry.upper[axis] - self.geometry.lower[axis]
                 points[:, axis] = centre[axis] + (points[:, axis] - centre[axis] + length / 2) % length - length / 2
         return points
-
-    def _normals(self, points):
-        h = 1e-3 * self.distance
-        steps = h * np.eye(points.shape[1])
-        normals = np.stack([self.geometry.distance(points + e) - self.geometry.distance(points - e) for e in steps], 1)
-        return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
     @staticmethod
     def _fit(points):

@@ -274,13 +274,13 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
             with suppress(OSError):
                 stop.worst = failure.write_worst(directory / failure.NAME, march.last.state, stop.badness)
         raise
-    return _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history)
+    return _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history, measures)
 
 
-def _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history):
+def _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history, measures):
     force = stepper.fluids.force
     gravity = np.linalg.norm(force)
-    two = len(np.unique(particles.phase)) > 1
+    two = measures is not None
     axis = int(np.argmax(np.abs(force))) if gravity > 0.0 else None
     superficial, mean, along = darcy(geometry, state.x, state.u, particles.site_volume, axis, force,
                                      stepper.fluids.stiffest)
@@ -315,7 +315,7 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
         from .measures import summary as summary_of_two
 
         moved = gravity > 0.0 or bool(np.any(geometry.wall_velocity)) or bool(case.initial and case.initial.velocity)
-        summary["two_fluids"] = summary_of_two(march.measure, state, config, history, moved)
+        summary["two_fluids"] = summary_of_two(measures, state, config, history, moved)
     if case.output.plots:
         from .plots import plot_histories, plot_phases, plot_slice
 

@@ -76,9 +76,10 @@ class WallScene:
         return wall_normals(self.geometry, x, self.support)
 
 
-def wall_normals(geometry, x, support):
-    """Unit normals into the fluid at x (n, dim), from central differences of the wall distance."""
-    h = 1e-3 * support
+def wall_normals(geometry, x, scale):
+    """Unit normals into the fluid at x (n, dim), from central differences of the wall distance over 1e-3 of `scale`, m;
+    zero where it is flat."""
+    h = 1e-3 * scale
     normal = np.empty_like(x)
     for k in range(x.shape[1]):
         step = np.zeros(x.shape[1])
