@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-from .interface import dilate, find_band, near_interface
+from .interface import dilate, find_band
 from .kernel import shape
 
 STEEPEST = math.radians(20.0)  # the line is not carried on flatter than this: the colour would come from afar
@@ -49,16 +49,16 @@ class ContactAngle:
         self.dummies, self.depth, self.normals = dummies, depth, normals
         self.kind, self.support, self.spacing, self.volume = kind, support, spacing, volume
 
-    def ghosts(self, ops, x, row, pairs, owner, colour):
-        """Ghosts of one configuration, or None where the interface meets no wall."""
-        n = len(colour)
-        reach = near_interface(ops.start, ops.column, colour)
+    def ghosts(self, ops, x, row, pairs, owner, colour, near):
+        """Ghosts of one configuration, or None where the interface meets no wall. Arguments as those of
+        `SurfaceTension.force`."""
+        n, reach = len(colour), near
         for _ in range(2):
             reach = dilate(ops.start, ops.column, reach)
         start, at, dummy = _seen(pairs.start, pairs.index, owner, reach & ops.walls.near, n)
         if len(at) == 0:
             return None
-        band = find_band(ops, x, row, colour, self.kind, self.support, self.spacing)
+        band = find_band(ops, x, row, colour, near, self.kind, self.support, self.spacing)
         particle = np.repeat(np.arange(n), np.diff(start))
         offset = x[at] - x[particle]
         used, where = np.unique(dummy, return_inverse=True)

@@ -40,47 +40,44 @@ class Band:
     strength: np.ndarray
 
 
-def find_band(ops, x, row, colour, kind, support, spacing, ghosts=None):
+def find_band(ops, x, row, colour, near, kind, support, spacing, ghosts=None):
     """The band of `colour` (n,).
 
-    ops: Operators; x: (n_rows, dim) table of positions; row: (n_pairs,) rows of the neighbours; support, spacing: m;
-    ghosts: what walls carry on of the interface (contact_angle.Ghosts), or None.
+    ops: Operators; x: (n_rows, dim) table of positions; row: (n_pairs,) rows of the neighbours; near: (n,) of
+    `near_interface`; support, spacing: m; ghosts: what walls carry on of the interface (contact_angle.Ghosts), or None.
     """
-    reach = near_interface(ops.start, ops.column, colour)
-    smooth = colour
+    start, offset, seen, _, volume = ghost_arrays(ghosts, len(colour), x.shape[1])
+    reach, smooth = near, colour
     for _ in range(AVERAGES):
         reach = dilate(ops.start, ops.column, reach)
-        smooth = _average(ops.start, ops.column, row, x, ops.volume, kind, support, smooth, reach,
-                          *_ghost_arrays(ghosts, len(colour), x.shape[1]))
+        smooth = average(ops.start, ops.column, row, x, ops.volume, kind, support, smooth, reach,
+                         start, offset, seen, volume)
     normal, strength = _normals(ops.start, ops.column, ops.grad_p, smooth, reach, FAINT / spacing)
     if ghosts is not None:
         _normals_with_ghosts(ops.start, ops.column, row, x, ops.volume, kind, support, smooth, reach, FAINT / spacing,
-                             ghosts.start, ghosts.offset, ghosts.colour, ghosts.volume, normal, strength)
+                             start, offset, seen, volume, normal, strength)
     return Band(smooth, normal, strength)
 
 
-def _ghost_arrays(ghosts, n, dim):
+def ghost_arrays(ghosts, n, dim):
+    """(start, offset, colour, normal, volume) of contact_angle.Ghosts; of none for n particles where they are None."""
     if ghosts is None:
-        return np.zeros(n + 1, np.int64), np.zeros((0, dim)), np.zeros(0), 0.0
-    return ghosts.start, ghosts.offset, ghosts.colour, ghosts.volume
+        return np.zeros(n + 1, np.int64), np.zeros((0, dim)), np.zeros(0), np.zeros((0, dim)), 0.0
+    return ghosts.start, ghosts.offset, ghosts.colour, ghosts.normal, ghosts.volume
 
 
-def near_interface(start, column, colour):
-    """Particles with a neighbour of the other fluid, (n,) bool."""
-    return _near(start, column, colour)
-
-
-def crossings(ops, x, row, colour, kind, support):
-    """Fraction t of the way from i to j at which a pair crosses the interface, (n_pairs,); 0.5 for like pairs."""
+def crossings(ops, x, row, colour, near, kind, support):
+    """Fraction t of the way from i to j at which a pair crosses the interface, (n_pairs,); 0.5 for like pairs.
+    Arguments as those of `find_band`."""
     dim = x.shape[1]
     point, weight = _adjacent(ops.start, ops.column, row, x, ops.volume, colour, ADJACENT)
-    near = _near(ops.start, ops.column, colour)
     depth = _depths(ops.start, ops.column, row, x, colour, point, weight, near, kind, support, dim)
     return _fractions(ops.start, ops.column, colour, depth)
 
 
 @njit(cache=True, parallel=True)
-def _near(start, column, colour):
+def near_interface(start, column, colour):
+    """Particles with a neighbour of the other fluid, (n,) bool."""
     n = len(start) - 1
     near = np.zeros(n, np.bool_)
     for i in prange(n):
@@ -106,26 +103,29 @@ def dilate(start, column, mark):
 
 
 @njit(cache=True, parallel=True)
-def _average(start, column, row, x, volume, kind, support, f, mark, ghost_start, ghost_offset, ghost_f, ghost_volume):
-    """Kernel average sum_j V W f / sum_j V W of the marked particles, j = i and the ghosts included."""
+def average(start, column, row, x, weight, kind, support, f, mark, ghost_start, ghost_offset, ghost_f, ghost_weight):
+    """Kernel average sum_j w W f / sum_j w W of the marked particles, (n,), j = i and the ghosts included; f elsewhere.
+
+    weight: (n,) w, the volumes or more; f: (n,); mark: (n,) bool; ghosts as in contact_angle.Ghosts.
+    """
     n, dim = len(start) - 1, x.shape[1]
     out = f.copy()
     for i in prange(n):
         if mark[i]:
-            total = volume[i] * shape(kind, 0.0)
+            total = weight[i] * shape(kind, 0.0)
             mean = total * f[i]
             for p in range(start[i], start[i + 1]):
                 r2 = 0.0
                 for k in range(dim):
                     r2 += (x[row[p], k] - x[i, k]) ** 2
-                w = volume[column[p]] * shape(kind, math.sqrt(r2) / support)
+                w = weight[column[p]] * shape(kind, math.sqrt(r2) / support)
                 total += w
                 mean += w * f[column[p]]
             for p in range(ghost_start[i], ghost_start[i + 1]):
                 r2 = 0.0
                 for k in range(dim):
                     r2 += ghost_offset[p, k] ** 2
-                w = ghost_volume * shape(kind, math.sqrt(r2) / support)
+                w = ghost_weight * shape(kind, math.sqrt(r2) / support)
                 total += w
                 mean += w * ghost_f[p]
             out[i] = mean / total
@@ -142,14 +142,29 @@ def _normals(start, column, grad, f, mark, faint):
                 d = f[column[p]] - f[i]
                 for k in range(dim):
                     normal[i, k] += grad[p, k] * d
-            size = 0.0
-            for k in range(dim):
-                size += normal[i, k] ** 2
-            size = math.sqrt(size)
-            strength[i] = size if size > faint else 0.0
-            for k in range(dim):
-                normal[i, k] = normal[i, k] / size if size > faint else 0.0
+            strength[i] = _normalise(normal[i], faint)
     return normal, strength
+
+
+@njit(cache=True)
+def _normalise(gradient, faint):
+    """Makes a unit vector of a gradient (dim,), or zero of a faint one; returns its size, or zero."""
+    size = 0.0
+    for k in range(len(gradient)):
+        size += gradient[k] ** 2
+    size = math.sqrt(size)
+    for k in range(len(gradient)):
+        gradient[k] = gradient[k] / size if size > faint else 0.0
+    return size if size > faint else 0.0
+
+
+@njit(cache=True)
+def invert(tensor, dim, inverse):
+    """The inverse of a symmetric tensor (3, 3), see `operators.invert_gradient`."""
+    moments = np.zeros(6)
+    moments[0], moments[1], moments[2] = tensor[0, 0], tensor[1, 1], tensor[2, 2]
+    moments[3], moments[4], moments[5] = tensor[1, 2], tensor[0, 2], tensor[0, 1]
+    invert_gradient(moments, dim, inverse)
 
 
 @njit(cache=True, parallel=True)
@@ -159,7 +174,7 @@ def _normals_with_ghosts(start, column, row, x, volume, kind, support, f, mark, 
     n, dim = len(start) - 1, x.shape[1]
     for i in prange(n):
         if mark[i] and ghost_start[i + 1] > ghost_start[i]:
-            spread, rise, offset = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+            spread, inverse, rise, offset = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
             for p in range(start[i], start[i + 1]):
                 for k in range(dim):
                     offset[k] = x[row[p], k] - x[i, k]
@@ -168,20 +183,12 @@ def _normals_with_ghosts(start, column, row, x, volume, kind, support, f, mark, 
                 for k in range(dim):
                     offset[k] = ghost_offset[p, k]
                 _add_slope(offset, ghost_f[p] - f[i], ghost_volume, kind, support, spread, rise)
-            moments, inverse = np.zeros(6), np.zeros((3, 3))
-            moments[0], moments[1], moments[2] = spread[0, 0], spread[1, 1], spread[2, 2]
-            moments[3], moments[4], moments[5] = spread[1, 2], spread[0, 2], spread[0, 1]
-            invert_gradient(moments, dim, inverse)
-            size = 0.0
+            invert(spread, dim, inverse)
             for k in range(dim):
                 normal[i, k] = 0.0
                 for m in range(dim):
                     normal[i, k] += inverse[k, m] * rise[m]
-                size += normal[i, k] ** 2
-            size = math.sqrt(size)
-            strength[i] = size if size > faint else 0.0
-            for k in range(dim):
-                normal[i, k] = normal[i, k] / size if size > faint else 0.0
+            strength[i] = _normalise(normal[i], faint)
 
 
 @njit(cache=True)

@@ -18,9 +18,8 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from .interface import find_band
-from .kernel import shape, slope
-from .operators import invert_gradient
+from .interface import average, find_band, ghost_arrays, invert
+from .kernel import slope
 
 SMOOTHINGS = 3  # kernel averages of the curvature over the band
 
@@ -46,33 +45,29 @@ class SurfaceTension:
         part = max(0.25, (self.density.min() / mean) ** 0.25)
         return part * math.sqrt(mean * self.spacing**3 / (2.0 * math.pi * self.tension))
 
-    def force(self, ops, weighted, x, row, pairs, owner, colour, reference):
+    def force(self, ops, weighted, x, row, pairs, owner, colour, near, reference):
         """Acceleration (n, dim), m/s2.
 
         ops: Operators; weighted: the same with its pressure weights divided by the density of each pair over
-        `reference`; x: (n_rows, dim) table; row: (n_pairs,) rows of the neighbours; colour: (n,).
+        `reference`; x, row, pairs, owner: as in `TwoFluids.terms`; colour: (n,); near: (n,) of `near_interface`.
         """
         ghosts = None
         if self.contact is not None:
-            ghosts = self.contact.ghosts(ops, x, row, pairs, owner, colour)
-        band = find_band(ops, x, row, colour, self.kind, self.support, self.spacing, ghosts)
+            ghosts = self.contact.ghosts(ops, x, row, pairs, owner, colour, near)
+        start, offset, _, ghost_normal, volume = ghost_arrays(ghosts, len(colour), x.shape[1])
+        band = find_band(ops, x, row, colour, near, self.kind, self.support, self.spacing, ghosts)
         curvature = _curvature(ops.start, ops.column, row, x, ops.volume, self.kind, self.support,
-                               band.normal, band.strength, *_ghost_normals(ghosts, *colour.shape, x.shape[1]))
+                               band.normal, band.strength, start, offset, ghost_normal, volume)
+        start, offset, none, _, volume = ghost_arrays(None, len(colour), x.shape[1])
         for _ in range(SMOOTHINGS):
-            curvature = _smooth(ops.start, ops.column, row, x, ops.volume, self.kind, self.support, curvature,
-                                band.strength)
+            curvature = average(ops.start, ops.column, row, x, band.strength * ops.volume, self.kind, self.support,
+                                curvature, band.strength > 0.0, start, offset, none, volume)
         self.band, self.curvature = band, curvature
         if self.method == "jump":
             return _jump(ops.start, ops.column, weighted.grad_p, colour, curvature, band.strength,
                          self.tension / reference)
         push = self.tension * curvature * band.strength / self.density.mean()
         return push[:, None] * band.normal
-
-
-def _ghost_normals(ghosts, n, dim):
-    if ghosts is None:
-        return np.zeros(n + 1, np.int64), np.zeros((0, dim)), np.zeros((0, dim)), 0.0
-    return ghosts.start, ghosts.offset, ghosts.normal, ghosts.volume
 
 
 @njit(cache=True, parallel=True)
@@ -96,13 +91,11 @@ def _curvature(start, column, row, x, volume, kind, support, normal, strength,
                     trace += _add_turn(ghost_offset[p], normal[i], ghost_normal[p], ghost_volume, kind, support,
                                        along, bend)
             if trace > 0.0:
-                moments, inverse = np.zeros(6), np.zeros((3, 3))
+                inverse = np.zeros((3, 3))
                 for k in range(dim):
                     for m in range(dim):
                         along[k, m] += trace * normal[i, k] * normal[i, m]
-                moments[0], moments[1], moments[2] = along[0, 0], along[1, 1], along[2, 2]
-                moments[3], moments[4], moments[5] = along[1, 2], along[0, 2], along[0, 1]
-                invert_gradient(moments, dim, inverse)
+                invert(along, dim, inverse)
                 for k in range(dim):
                     for m in range(dim):
                         kappa[i] -= bend[k, m] * inverse[m, k]
@@ -128,28 +121,6 @@ def _add_turn(offset, here, there, volume, kind, support, along, bend):
             along[k, m] += w * (offset[k] - up * here[k]) * d
             bend[k, m] += w * (there[k] - turned * here[k]) * d
     return w * (r2 - up * up)
-
-
-@njit(cache=True, parallel=True)
-def _smooth(start, column, row, x, volume, kind, support, kappa, strength):
-    """Kernel average of the curvature, weighted with |grad C|."""
-    n, dim = len(start) - 1, x.shape[1]
-    out = np.zeros(n)
-    for i in prange(n):
-        if strength[i] > 0.0:
-            total = strength[i] * volume[i] * shape(kind, 0.0)
-            mean = total * kappa[i]
-            for p in range(start[i], start[i + 1]):
-                j = column[p]
-                if strength[j] > 0.0:
-                    r2 = 0.0
-                    for k in range(dim):
-                        r2 += (x[row[p], k] - x[i, k]) ** 2
-                    w = strength[j] * volume[j] * shape(kind, math.sqrt(r2) / support)
-                    total += w
-                    mean += w * kappa[j]
-            out[i] = mean / total
-    return out
 
 
 @njit(cache=True, parallel=True)

@@ -61,7 +61,7 @@ class TwoFluids:
         near = near_interface(ops.start, ops.column, self.colour)
         weighted, viscosity, turn, smooth = ops, mu[0], None, None
         if heavy or thick:
-            t = crossings(ops, x, row, self.colour, self.kind, self.support)
+            t = crossings(ops, x, row, self.colour, near, self.kind, self.support)
             weighted = self._weigh(ops, t, rho, mu, heavy)
             viscosity = 1.0
             if thick:
@@ -72,7 +72,7 @@ class TwoFluids:
         if self.push.any():
             force = force + potential_gradient(ops.start, row, x, weighted.grad_p, self.push)
         if self.tension is not None:
-            push = self.tension.force(ops, weighted, x, row, pairs, owner, self.colour, reference)
+            push = self.tension.force(ops, weighted, x, row, pairs, owner, self.colour, near, reference)
             force = force + push
             jump = push if self.tension.method == "jump" else None
         return Terms(weighted, viscosity, force, jump, rho if heavy else 1.0, self.mu.min() / reference, turn, smooth,

@@ -8,7 +8,7 @@ import pytest
 from isphcli import linear
 from isphcli.case import read_case
 from isphcli.geometry import build_geometry
-from isphcli.interface import crossings, find_band
+from isphcli.interface import crossings, find_band, near_interface
 from isphcli.output import Clock
 from isphcli.references import two_layer_couette, two_layer_poiseuille
 from isphcli.run_navier_stokes import March, prepare
@@ -196,7 +196,8 @@ def test_crossings_of_a_flat_interface_are_exact():
     _, _, state, stepper, _ = scene(layers(1 / 16, mu=5))
     config = stepper.configure(state.x)
     ops, colour = config.ops, stepper.fluids.colour
-    t = crossings(ops, config.x, config.row, colour, stepper.kind, stepper.support)
+    near = near_interface(ops.start, ops.column, colour)
+    t = crossings(ops, config.x, config.row, colour, near, stepper.kind, stepper.support)
     i = np.repeat(np.arange(ops.n), np.diff(ops.start))
     unlike = colour[i] != colour[ops.column]
     y = config.x[i, 1] + t * (config.x[config.row, 1] - config.x[i, 1])
@@ -206,7 +207,9 @@ def test_crossings_of_a_flat_interface_are_exact():
 def test_normals_of_a_disk_point_into_it():
     _, _, state, stepper, _ = scene(drop(jitter=0.1))
     config = stepper.configure(state.x)
-    band = find_band(config.ops, config.x, config.row, stepper.fluids.colour, stepper.kind, stepper.support, 1 / 24)
+    colour = stepper.fluids.colour
+    near = near_interface(config.ops.start, config.ops.column, colour)
+    band = find_band(config.ops, config.x, config.row, colour, near, stepper.kind, stepper.support, 1 / 24)
     centre = 0.5 - state.x
     inward = centre / np.linalg.norm(centre, axis=1, keepdims=True)
     strong = band.strength > 0.5 * band.strength.max()
