@@ -30,7 +30,7 @@ from .operators import (
     star_moments,
     star_size,
 )
-from .walls import _add_slip
+from .walls import add_slip, set_wall_velocity
 
 # Share by which diagonals of the conductances are raised. Pressure is known up to a constant in each component; in a
 # pocket smaller than an aggregate the coarse matrices hold nothing but that constant and divide by round-off.
@@ -89,21 +89,17 @@ def build_rows(x, pairs, fraction, owner, volume, table, kind, support, order=1)
         step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[owner[row]]
     pull, bend, tie = _shape_weights(step, weight, kind, support)
     slips = bool(np.any(table.slip_length > 0.0))
-    curve = np.zeros((n if order == 2 else 0, dim, 6))
-    curve_p = np.zeros((n if order == 2 and count > MOST_SHAPES else 0, dim, 6))
-    rows = Rows(start, owner[row], shape, step, pull, bend, tie,
-                np.empty((n, 9)), np.empty((n, dim, dim)), np.empty((n, dim, dim)), np.empty(n),
-                curve, curve_p,
-                np.zeros(n), np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(n),
-                np.zeros((n, dim, dim)) if slips else None, 0)
+    tensors = (np.empty((n, 9)), np.empty((n, dim, dim)), np.empty((n, dim, dim)), np.empty(n),
+               np.zeros((n if order == 2 else 0, dim, 6)),
+               np.zeros((n if order == 2 and count > MOST_SHAPES else 0, dim, 6)))
+    sums = np.zeros(n), np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(n)
+    slip = np.zeros((n if slips else 0, dim, dim))
     spin = np.zeros((0, dim, dim)) if table.spin is None else table.spin
     deficient = _factors(x, pairs.start, pairs.index, fraction, owner, volume, kind, support, order,
                          table.distance, table.wall, table.velocity, spin, table.slip_length, table.normal,
-                         rows.laplace, rows.gradient, rows.gradient_p, rows.scale, curve, curve_p, rows.wall_lap,
-                         rows.wall_lap_velocity, rows.wall_div, rows.wall_div_velocity,
-                         rows.slip if slips else np.zeros((0, dim, dim)))
-    object.__setattr__(rows, "deficient", int(deficient.sum()))
-    return rows, row
+                         *tensors, *sums, slip)
+    return Rows(start, owner[row], shape, step, pull, bend, tie, *tensors, *sums, slip if slips else None,
+                int(deficient.sum())), row
 
 
 def velocity_matrix(rows, dx, dtype=float):
@@ -269,7 +265,7 @@ def _factors(x, start, index, fraction, owner, volume, kind, support, order,
         ex, ey, ez, s, w = star
         g, gp, system, right = np.empty((3, 3)), np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 4))
         drift, spread, wall_u, slide = np.empty(3), np.empty((3, 3)), np.empty(dim), np.empty((dim, dim))
-        pull, bend, slopes, point = np.empty(3), np.empty(6), np.empty(3), np.empty(3)
+        pull, bend, slopes = np.empty(3), np.empty(6), np.empty(3)
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             begin, count = start[i], start[i + 1] - start[i]
             padded = gather_star(x, i, begin, start[i + 1], index, owner, volume, kind, support, star)
@@ -323,9 +319,7 @@ def _factors(x, start, index, fraction, owner, volume, kind, support, order,
                 j = index[begin + q]
                 met = wall[j]
                 wall_lap[i] += a
-                if len(spin) > 0:  # to where the pair meets the wall
-                    point[0], point[1] = x[i, 0] + ex[q] * s[q] * support, x[i, 1] + ey[q] * s[q] * support
-                    point[2] = x[i, 2] + ez[q] * s[q] * support if dim == 3 else 0.0
+                set_wall_velocity(x[i], star, q, support, velocity, spin, met, wall_u)
                 for m in range(dim):
                     slopes[m] = 0.0
                     for k in range(dim):
@@ -333,17 +327,13 @@ def _factors(x, start, index, fraction, owner, volume, kind, support, order,
                     if order == 2:
                         for v in range(6):
                             slopes[m] -= curve[i, m, v] * bend[v]
-                    wall_u[m] = velocity[met, m]
-                    if len(spin) > 0:
-                        for k in range(dim):
-                            wall_u[m] += spin[met, m, k] * point[k]
                     wall_lap_velocity[i, m] += a * wall_u[m]
                     wall_div[i, m] += slopes[m]
                     wall_div_velocity[i] += slopes[m] * wall_u[m]
                 if slip_length[met] > 0.0:
-                    _add_slip(a, slopes, 1.0, slip_length[met], max(distance[i], 0.0),
-                              normal, j, wall_u, slide,
-                              slip[i], wall_lap_velocity[i], wall_div[i], wall_div_velocity, i)
+                    add_slip(a, slopes, 1.0, slip_length[met], max(distance[i], 0.0),
+                             normal, j, wall_u, slide,
+                             slip[i], wall_lap_velocity[i], wall_div[i], wall_div_velocity, i)
     return deficient
 
 

@@ -22,18 +22,17 @@ class WallScene:
         self.slips = bool(np.any(geometry.slip_length > 0.0))
         self.dummy_normal = self._normals(dummies) if self.slips else None
 
-    def configure(self, x, fixed=False):
-        """(Operators, table of positions, pairs, Halo) of fluid positions x (n, dim).
-
-        fixed: the particles sit on their lattice and will stay there: every volume is that of a site.
-        """
-        table, owner, pairs, walls, fraction, volume, images = self.stars(x, fixed)
-        ops = build_wall_operators(table, pairs, fraction, owner, volume, walls, self.kind, self.support,
-                                   order=1 if fixed else 2)
+    def configure(self, x):
+        """(Operators, table of positions, pairs, Halo) of fluid positions x (n, dim)."""
+        table, owner, pairs, walls, fraction, volume, images = self.stars(x)
+        ops = build_wall_operators(table, pairs, fraction, owner, volume, walls, self.kind, self.support, order=2)
         return ops, table, pairs, images
 
     def stars(self, x, fixed=False):
-        """What operators are built from: (table of positions, owners, pairs, WallTable, crossings, volumes, Halo)."""
+        """What operators are built from: (table of positions, owners, pairs, WallTable, crossings, volumes, Halo).
+
+        fixed: the particles sit on their lattice and will stay there: every volume is that of a site.
+        """
         geometry, n = self.geometry, len(x)
         owned = np.concatenate([x, self.dummies])
         images = build_halo(owned, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support)

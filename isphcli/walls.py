@@ -181,7 +181,6 @@ def _wall_rows(x, start, index, fraction, owner, volume, kind, support, order,
         ex, ey, ez, s, w = star
         g, gp, system, right = np.empty((3, 3)), np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 4))
         drift, spread, wall_u, slide = np.empty(3), np.empty((3, 3)), np.empty(dim), np.empty((dim, dim))
-        point = np.empty(3)
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             begin, count = start[i], start[i + 1] - start[i]
             padded = gather_star(x, i, begin, start[i + 1], index, owner, volume, kind, support, star)
@@ -221,27 +220,32 @@ def _wall_rows(x, start, index, fraction, owner, volume, kind, support, order,
                 else:
                     met = wall[j]
                     wall_lap[i] += a
-                    if len(spin) > 0:  # to where the pair meets the wall
-                        point[0], point[1] = x[i, 0] + ex[k] * s[k] * support, x[i, 1] + ey[k] * s[k] * support
-                        point[2] = x[i, 2] + ez[k] * s[k] * support if dim == 3 else 0.0
+                    set_wall_velocity(x[i], star, k, support, velocity, spin, met, wall_u)
                     for m in range(dim):
-                        wall_u[m] = velocity[met, m]
-                        if len(spin) > 0:
-                            for q in range(dim):
-                                wall_u[m] += spin[met, m, q] * point[q]
                         wall_lap_velocity[i, m] += a * wall_u[m]
                         wall_div[i, m] += out[1 + m, k] * per_length
                         wall_div_velocity[i] += out[1 + m, k] * per_length * wall_u[m]
                     if slip_length[met] > 0.0:
-                        _add_slip(a, out[1:, k], per_length, slip_length[met], max(distance[i], 0.0),
-                                  normal, j, wall_u, slide,
-                                  slip[i], wall_lap_velocity[i], wall_div[i], wall_div_velocity, i)
+                        add_slip(a, out[1:, k], per_length, slip_length[met], max(distance[i], 0.0),
+                                 normal, j, wall_u, slide,
+                                 slip[i], wall_lap_velocity[i], wall_div[i], wall_div_velocity, i)
     return deficient
 
 
 @njit(cache=True)
-def _add_slip(a, slope, per_length, length, distance, normal, j, wall_u, slide,
-              slip, lap_velocity, div, div_velocity, i):
+def set_wall_velocity(x, star, k, support, velocity, spin, wall, out):
+    """Velocity of a wall where pair k of the star of a particle at x (dim,) meets it, into out (dim,)."""
+    away, s = star[:3], star[3]
+    for m in range(len(x)):
+        out[m] = velocity[wall, m]
+        if len(spin) > 0:
+            for q in range(len(x)):
+                out[m] += spin[wall, m, q] * (x[q] + away[q][k] * s[k] * support)
+
+
+@njit(cache=True)
+def add_slip(a, slope, per_length, length, distance, normal, j, wall_u, slide,
+             slip, lap_velocity, div, div_velocity, i):
     """Navier slip: u at the wall is u_W + B (u_i - u_W), B = length / (length + d) times the projection
     on the wall."""
     dim = len(wall_u)
