@@ -107,6 +107,7 @@ class Case:
 
     @property
     def fluid_names(self) -> tuple[str, ...]:
+        """In case order: `phase` of a particle is the index into them."""
         return tuple(self.fluids)
 
     @property
@@ -117,6 +118,7 @@ class Case:
 
     @property
     def wall_distance(self) -> str:
+        """How the wall distance is found: smooth or stairs of an image, exact of shapes."""
         return self.geometry.wall_distance or ("smooth" if self.geometry.voxels else "exact")
 
     def lattice_in(self, dim: int) -> str:

@@ -182,6 +182,7 @@ def _bounds(spec: Key) -> dict[str, float]:
 
 
 def main() -> None:
+    """Writes the generated files over the old ones and prints their paths."""
     for path, text in generated().items():
         path.write_text(text, encoding="utf-8")
         print(path)

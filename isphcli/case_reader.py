@@ -94,6 +94,7 @@ class Declared:
 
     @property
     def required(self) -> bool:
+        """Whether a case must state it."""
         return self.default is MISSING
 
 
@@ -118,6 +119,7 @@ def options(hint: Any) -> tuple[Any, ...]:
 
 
 def is_block(hint: Any) -> bool:
+    """Whether a type is a block with keys of its own."""
     return dataclasses.is_dataclass(hint)
 
 

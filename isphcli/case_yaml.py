@@ -72,9 +72,11 @@ class Report:
 
     @property
     def full(self) -> bool:
+        """Whether further problems are no longer listed."""
         return len(self.problems) >= MAX_PROBLEMS
 
     def add(self, where: Where, key: str, message: str, fix: str = "") -> None:
+        """A problem of a key (dotted path), with what would mend it."""
         self.broken.add(key)
         if not self.full:
             self.problems.append(Problem(where.file, where.line, key, message, fix))
@@ -88,6 +90,7 @@ class Report:
         )
 
     def raise_if_any(self) -> None:
+        """Raises CaseError with the problems in the order of the file."""
         if self.problems:
             in_order = sorted(self.problems, key=lambda p: (p.line is None, p.line or 0))
             raise CaseError(tuple(in_order))
@@ -103,25 +106,30 @@ class Node:
 
     @property
     def entries(self) -> dict[str, Node]:
+        """Of a block; asserts that it is one."""
         assert isinstance(self.value, dict)
         return self.value
 
     @property
     def items(self) -> list[Node]:
+        """Of a list; asserts that it is one."""
         assert isinstance(self.value, list)
         return self.value
 
     @property
     def text(self) -> str:
+        """Of a scalar; asserts that it is one."""
         assert isinstance(self.value, str)
         return self.value
 
     @property
     def is_null(self) -> bool:
+        """Whether the file says null; a quoted one is text."""
         return self.plain and self.value in _NULLS
 
     @property
     def is_empty(self) -> bool:
+        """Whether nothing follows the key."""
         return self.plain and self.value == ""
 
 

@@ -34,6 +34,7 @@ class Report:
 
     @property
     def converged(self):
+        """Whether the solution is as good as was asked for."""
         return self.reason in ("converged", "zero right-hand side")
 
 
@@ -295,8 +296,7 @@ def gmres(apply, rhs, precondition, tolerance, restart, max_iterations, start=No
 def gmres_from_the_right(apply, rhs, precondition, tolerance, restart, max_iterations, start=None, watch=None):
     """GMRES preconditioned from the right, which makes the true residual small; the tolerance is relative to `rhs`.
 
-    apply, precondition: functions of an (m,) vector; rhs: (m,); start: first guess or None;
-    watch: called with (iteration, relative residual). Returns (solution, Report).
+    Arguments and results as those of `gmres`.
     """
     norm = np.linalg.norm(rhs)
     if norm == 0.0:

@@ -12,9 +12,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from . import compare
-from .drive import sample_box
 from .interface import ADJACENT
 from .operators import gradient_p
+from .particles import sample_box
 
 SELDOM = 20  # steps between ganglia and contact angles
 LINKED = 1.5  # mean distances of particles V^(1/dim) that like particles of one ganglion are apart at most

@@ -21,6 +21,7 @@ class Pairs:
 
     @property
     def count(self):
+        """Neighbours of each particle, (n,)."""
         return np.diff(self.start)
 
 

@@ -54,6 +54,7 @@ class Operators:
 
     @property
     def n(self):
+        """Number of fluid particles."""
         return len(self.start) - 1
 
 

@@ -26,6 +26,7 @@ class Lattice:
 
     @property
     def sites(self):
+        """Number of sites."""
         return int(self.counts.prod()) * len(self.basis)
 
     @property

@@ -74,6 +74,7 @@ class Rows:
 
     @property
     def n(self):
+        """Number of fluid particles."""
         return len(self.start) - 1
 
 

@@ -49,6 +49,7 @@ class TwoFluids:
 
     @property
     def reference(self):
+        """Density that pressures are divided by, kg/m3."""
         return self.density[0]
 
     def terms(self, ops, x, row, pairs, owner):
@@ -111,6 +112,8 @@ class Turn:
 
     @classmethod
     def build(cls, ops, weighted_lap, x, row, rows):
+        """ops: Operators; weighted_lap: (n_pairs,) its `lap` times m_ij / rho_i; x: (n_rows, dim) table of positions;
+        row: (n_pairs,) rows of the neighbours in it; rows: (m,)."""
         count = np.diff(ops.start)[rows]
         start = np.concatenate([[0], np.cumsum(count)])
         column, tensor = _turn_tensors(ops.start, ops.column, row, x, ops.lap, weighted_lap, rows, start)
