@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .operators import potential_gradient
+from .operators import gradient_p, potential_gradient
 
 
 @dataclass(frozen=True)
@@ -13,7 +13,8 @@ class Terms:
 
     ops: Operators, the weights of the pressure over the density, those of the velocity times the viscosity;
     viscosity: number that still multiplies the latter, m2/s; force: (dim,) or (n, dim) m/s2; jump: (n, dim) the part of
-    it that stands for a jump of the pressure, or None; density: over that of the first fluid, (n,) or 1;
+    it that stands for a jump of the pressure, or None; lift: (n,) 1/s2, what the Laplacian of the pressure makes of that
+    jump; density: over that of the first fluid, (n,) or 1;
     bulk: number, dynamic viscosity over the density of the first fluid, m2/s;
     turn: Turn, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity has no kink, or None;
     shy: (n,) bool, near an interface, or None.
@@ -23,11 +24,17 @@ class Terms:
     viscosity: float
     force: np.ndarray
     jump: np.ndarray | None = None
+    lift: np.ndarray | None = None
     density: object = 1.0
     bulk: float = 0.0
     turn: object = None
     smooth: np.ndarray | None = None
     shy: np.ndarray | None = None
+
+    def slope(self, p):
+        """Gradient of the pressure p (n,) over the density without its jump, (n, dim) m/s2."""
+        slope = gradient_p(self.ops, p)
+        return slope if self.jump is None else slope - self.jump
 
 
 def body_force(ops, x, row, force):

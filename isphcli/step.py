@@ -5,7 +5,7 @@ then evaluated once, on the new configuration, where the new velocity has to be 
 along the particle paths are backward differences of second order (BDF2 with variable steps; L-stable):
 
     (g0 u* - b0 u^n - b1 u^{n-1}) / dt = -grad p / rho + nu lap u* + F           (eq. 2)
-    div (grad q) = (g0 rho / dt) div u*,   u = u* - dt grad q / (g0 rho)         (eq. 3)
+    div (grad q) = (g0 rho / dt) div u*,   u = u* - dt grad q / (g0 rho)         (eq. 3; see `Stepper._poisson`)
     p <- p + q - nu rho div u*                                                    (eq. 4, rotational form)
 
 Eq. 2 of the paper is a Crank-Nicolson step on the old configuration. It is first order in time, because the old
@@ -169,10 +169,7 @@ class Stepper:
                 u, u_old = np.ascontiguousarray(fields[:, : u.shape[1]]), np.ascontiguousarray(fields[:, u.shape[1] :])
                 displacement += dr
         terms = config.terms
-        slope = gradient_p(terms.ops, p)
-        if terms.jump is not None:
-            slope -= terms.jump
-        p = p + terms.density * (slope * (displacement - dt * wind)).sum(axis=1)
+        p = p + terms.density * (terms.slope(p) * (displacement - dt * wind)).sum(axis=1)
         x = wrap(state.x + displacement, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
         if self._scene is not None:
             # a particle never enters a wall: one that would stays where it is
@@ -202,10 +199,9 @@ class Stepper:
         if ops.walls is not None:
             right += terms.viscosity * terms.ops.walls.lap_velocity
         star = self._helmholtz(config, g0 / dt, right, guess)
-        source = total_divergence(ops, star)
-        q = self._poisson(config, -(g0 / dt) * source)
+        q = self._poisson(config, star, p, g0 / dt)
         u = star - (dt / g0) * gradient_p(terms.ops, q)
-        p = config.means.remove(p + q - terms.bulk * source)
+        p = config.means.remove(p + q - terms.bulk * total_divergence(ops, star))
         return u, p, total_divergence(ops, u)
 
     def _helmholtz(self, config, shift_, right, guess):
@@ -277,29 +273,41 @@ class Stepper:
         self._record("velocity", report, lambda: np.abs(scaled - apply(solution)).reshape(n, dim).max(axis=1))
         return solution.reshape(n, dim)
 
-    def _poisson(self, config, right):
-        """-lap q = right with the constant of each component projected out (eqs 25-26).
+    def _poisson(self, config, star, p, rate):
+        """The pressure increment q of A (p + q) = rate div(u* + grad p / rate), with the constant of each component
+        projected out (eqs 25-26). star: (n, dim) u*; p: (n,); rate: g0 / dt.
 
-        Without walls the Laplacian of eq. 6 stands for div grad. Beside walls the divergence sees the wall and the
-        pressure gradient does not: there the two differ so much that a correction by the Laplacian overshoots and the
-        pressure grows from step to step. Scenes with walls therefore solve with div grad itself, the odd-even mode
-        added, preconditioned by the Laplacian.
+        A is the Laplacian of eq. 6 without walls, which then stands for div grad. Beside walls the divergence sees the
+        wall and the pressure gradient does not: there the two differ so much that a correction by the Laplacian
+        overshoots and the pressure grows from step to step. Scenes with walls therefore take div grad itself, the
+        odd-even mode added, preconditioned by the Laplacian.
+
+        A is not div grad, and the right-hand side is not rate div u*: what A sees of p and the gradient does not, its
+        odd-even part, would then be handed on from step to step, hardly damped. Layers of density ratio 100 at rest
+        grew by 5 % a step, whatever its length, and a drop of density ratio 1000 blew up.
         """
-        ops, means, weighted = config.ops, config.means, config.terms.ops
+        ops, means, terms = config.ops, config.means, config.terms
+        weighted, walls = terms.ops, ops.walls
         with self.clock("assembly"):
             matrix = linear.assemble(ops.start, ops.column, weighted.lap_p, 0.0, 1.0)
-        if ops.walls is None:
+        if walls is None:
 
-            def apply(q):
-                return means.remove(matrix @ q)
+            def minus(p, slope):
+                return matrix @ p
         else:
             from .coupling import divergence_and_jump
 
-            def apply(q):
-                slope = gradient_p(weighted, q)
-                return means.remove(divergence_and_jump(ops, config.x, weighted.walls.natural, q, slope))
+            def minus(p, slope):
+                return divergence_and_jump(ops, config.x, weighted.walls.natural, p, slope)
+
+        def apply(q):
+            return means.remove(minus(q, gradient_p(weighted, q)))
 
         with self.clock("krylov"):
+            slope = terms.slope(p)
+            right = -rate * total_divergence(ops, star + slope / rate) - minus(p, slope)
+            if terms.lift is not None:
+                right -= terms.lift
             right = means.remove(right)
             q, report = self._multigrid("pressure", matrix, apply, right, None, means.remove)
         self._record("pressure", report, lambda: right - apply(q))

@@ -25,17 +25,18 @@ from .operators import potential_gradient
 
 class TwoFluids:
     """phase: (n,) int8 fluid of each particle, 0 or 1; density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s;
-    force: (dim,) m/s2; push: (dim,) that of a pressure gradient on the first fluid, m/s2, which moves the other as its
-    density lets it; kind: kernel number; support: m; tension: SurfaceTension or None."""
+    body: (dim,) force on both, m/s2; push: (dim,) that of a pressure gradient on the first fluid, m/s2, which moves the
+    other as its density lets it; kind: kernel number; support: m; tension: SurfaceTension or None."""
 
     first_passes = 5  # with 3, layers of density ratio 1000 moved at 1e-8 sqrt(g H)
 
-    def __init__(self, phase, density, viscosity, force, push, kind, support, tension=None):
+    def __init__(self, phase, density, viscosity, body, push, kind, support, tension=None):
         self.phase = phase
         self.colour = np.where(phase == 0, 1.0, 0.0)
         self.density = np.array(density, float)
         self.mu = np.array(viscosity, float)
-        self.force, self.push, self.kind, self.support, self.tension = force, push, kind, support, tension
+        self.body, self.push, self.force = body, push, body + push
+        self.kind, self.support, self.tension = kind, support, tension
 
     @property
     def stiffest(self):
@@ -69,15 +70,15 @@ class TwoFluids:
                 smooth = ~near
                 free = near if ops.walls is None else near & ~ops.walls.near
                 turn = Turn.build(ops, weighted.lap, x, row, np.flatnonzero(free))
-        force, jump = body_force(ops, x, row, self.force), None
+        force, jump, lift = body_force(ops, x, row, self.body), None, None
         if self.push.any():
             force = force + potential_gradient(ops.start, row, x, weighted.grad_p, self.push)
         if self.tension is not None:
-            push = self.tension.force(ops, weighted, x, row, pairs, owner, self.colour, near, reference)
+            push, lift = self.tension.force(ops, weighted, x, row, pairs, owner, self.colour, near, reference)
             force = force + push
-            jump = push if self.tension.method == "jump" else None
-        return Terms(weighted, viscosity, force, jump, rho if heavy else 1.0, self.mu.min() / reference, turn, smooth,
-                     near)
+            jump = None if lift is None else push
+        return Terms(weighted, viscosity, force, jump, lift, rho if heavy else 1.0, self.mu.min() / reference, turn,
+                     smooth, near)
 
     @staticmethod
     def _weigh(ops, t, rho, mu, heavy):

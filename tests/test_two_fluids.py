@@ -1,6 +1,7 @@
 """Two fluids: layers exact to round-off, rest at any density ratio, curvature, drops, contact angles, wave."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,10 +77,10 @@ def test_pressure_driven_layers():
     assert np.linalg.norm(state.u[:, 0] - exact) < 0.004 * np.linalg.norm(exact)
 
 
-@pytest.mark.parametrize("ratio", [2, 1000])
+@pytest.mark.parametrize("ratio", [2, 100, 1000])
 def test_heavy_below_rests(ratio):
-    """Issue: at most 1e-8 sqrt(g H)."""
-    state, *_ = run(layers(1 / 12, rho=ratio, gy=-1, time="{end: 100, step: 0.02, max_steps: 40}"))
+    """Issue: at most 1e-8 sqrt(g H). A pressure handed on with its odd-even part makes ratio 100 grow by 5 % a step."""
+    state, *_ = run(layers(1 / 12, rho=ratio, gy=-1, time="{end: 100, step: 0.02, max_steps: 300}"))
     assert np.abs(state.u).max() < 1e-8
 
 
@@ -154,15 +155,17 @@ def test_a_uniform_curvature_is_balanced_exactly():
     """The jump is met by a pressure of two values: no flow from a curvature without errors."""
     _, _, state, stepper, _ = scene(drop(jitter=0.1, rho=10))
     config = stepper.configure(state.x)
-    from isphcli.operators import gradient_p
+    from isphcli.operators import gradient_p, laplacian
     from isphcli.surface_tension import _jump
 
     n = len(state.x)
     colour = stepper.fluids.colour
     ops = config.terms.ops
-    push = _jump(ops.start, ops.column, ops.grad_p, colour, np.full(n, 3.0), np.ones(n), 2.0)
+    push, lift = _jump(ops.start, ops.column, ops.grad_p, ops.lap_p, colour, np.full(n, 3.0), np.ones(n), 2.0)
     residual = push - gradient_p(ops, 6.0 * colour)
     assert np.abs(residual).max() < 1e-12 * np.abs(push).max()
+    left = lift - laplacian(replace(ops, lap=ops.lap_p), 6.0 * colour[:, None])[:, 0]
+    assert np.abs(left).max() < 1e-12 * np.abs(lift).max()
 
 
 @pytest.mark.parametrize("spacing, bound", [(1 / 24, 0.04), (1 / 48, 0.02)])
