@@ -39,3 +39,31 @@ def _sweep(start, column, row, x, grad, natural, natural_p, wall_div, p, grad_p)
             jump += natural_p[q] * (p[j] - p[i]) - natural[q] * expected
         out[i] = -divergence - jump
     return out
+
+
+def diagonal(ops, x, natural_p, grad_p):
+    """Diagonal of the matrix that `divergence_and_jump` applies with the gradients grad_p (n_pairs, dim), (n,)."""
+    walls = ops.walls
+    return _diagonal(ops.start, ops.column, walls.row, x, ops.grad, walls.natural, natural_p, walls.div, grad_p)
+
+
+@njit(cache=True, parallel=True)
+def _diagonal(start, column, row, x, grad, natural, natural_p, wall_div, grad_p):
+    n, dim = wall_div.shape
+    out = np.zeros(n)
+    for i in prange(n):
+        # div a + S p = own . a_i + sum_j other_j . a_j + sum_j w_ij (p_j - p_i)
+        for k in range(dim):
+            own, slope = -wall_div[i, k], 0.0
+            for q in range(start[i], start[i + 1]):
+                step = 0.5 * natural[q] * (x[row[q], k] - x[i, k])
+                own -= grad[q, k] + step
+                slope -= grad_p[q, k]
+                other, j = grad[q, k] - step, column[q]
+                for back in range(start[j], start[j + 1]):
+                    if column[back] == i:
+                        out[i] -= other * grad_p[back, k]
+            out[i] -= own * slope
+        for q in range(start[i], start[i + 1]):
+            out[i] += natural_p[q]
+    return out

@@ -225,7 +225,7 @@ class Stepper:
                                      self.max_iterations, x0)
                 if found[1].converged:
                     return found
-            return self._multigrid("velocity", matrix, matrix.dot, b, x0, None)
+            return self._multigrid("velocity", matrix, matrix.dot, b, x0)
 
         out = np.empty_like(right)
         for k in range(right.shape[1]):
@@ -263,7 +263,7 @@ class Stepper:
         scaled = (right / diagonal).ravel()
         with self.clock("krylov"):
             if stiff:
-                solution, report = self._multigrid("velocity", matrix, apply, scaled, guess.ravel(), None, by_component)
+                solution, report = self._multigrid("velocity", matrix, apply, scaled, guess.ravel(), by_component)
             else:
                 for more in (1, STRONGER):
                     solution, report = linear.gmres(apply, scaled, np.copy, self.tolerance, more * self.restart,
@@ -290,15 +290,20 @@ class Stepper:
         weighted, walls = terms.ops, ops.walls
         with self.clock("assembly"):
             matrix = linear.assemble(ops.start, ops.column, weighted.lap_p, 0.0, 1.0)
+        scale = None
         if walls is None:
 
             def minus(p, slope):
                 return matrix @ p
         else:
-            from .coupling import divergence_and_jump
+            from .coupling import diagonal, divergence_and_jump
 
             def minus(p, slope):
                 return divergence_and_jump(ops, config.x, weighted.walls.natural, p, slope)
+
+            with self.clock("assembly"):
+                exact = diagonal(ops, config.x, weighted.walls.natural, weighted.grad_p)
+                scale = np.maximum(exact / matrix.diagonal(), 1.0)
 
         def apply(q):
             return means.remove(minus(q, gradient_p(weighted, q)))
@@ -309,13 +314,16 @@ class Stepper:
             if terms.lift is not None:
                 right -= terms.lift
             right = means.remove(right)
-            q, report = self._multigrid("pressure", matrix, apply, right, None, means.remove)
+            def settle(once):
+                return lambda v: means.remove(once(v if scale is None else means.remove(v / scale)))
+
+            q, report = self._multigrid("pressure", matrix, apply, right, None, settle)
         self._record("pressure", report, lambda: right - apply(q))
         return means.remove(q)
 
-    def _multigrid(self, name, matrix, apply, right, guess, project, spread=None):
+    def _multigrid(self, name, matrix, apply, right, guess, spread=None):
         """GMRES with the hierarchy kept under `name`. A stale one is dropped; a failed solve is repeated with a new
-        one, then with more of it (failure.py). spread: makes of a cycle for one component one for all."""
+        one, then with more of it (failure.py). spread: makes of a cycle the preconditioner of `apply`."""
         tries = [1, STRONGER] if name not in self._levels else [1, 1, STRONGER]
         for more in tries:
             fresh = name not in self._levels
@@ -329,8 +337,7 @@ class Stepper:
             once = _cycles(linear.cycle(levels), matrix, more)
             if spread is not None:
                 once = spread(once)
-            smooth = once if project is None else lambda v: project(once(v))  # noqa: B023
-            solution, report = linear.gmres(apply, right, smooth, self.tolerance, more * self.restart,
+            solution, report = linear.gmres(apply, right, once, self.tolerance, more * self.restart,
                                             more * self.max_iterations, start=guess)
             if fresh:
                 self._first[name] = report.iterations
