@@ -111,12 +111,12 @@ def marched(text, *sets, change=None):
     start, stepper, particles = prepare(case, geometry, Clock())
     if change is not None:
         start = change(start)
-    density = next(iter(case.fluids.values())).density
+    density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     march = March(case, stepper, particles.site_volume, density, float(np.prod(geometry.upper - geometry.lower)))
     rows = []
     state, config = march.run(start, stepper.configure(start.x), lambda *_: None, rows.append, lambda *_: None)
     return SimpleNamespace(case=case, geometry=geometry, start=start, state=state, rows=rows, config=config,
-                           stepper=stepper, march=march, site_volume=particles.site_volume)
+                           stepper=stepper, march=march, site_volume=particles.site_volume, density=density)
 
 
 def creeping(text, *sets, axis=0):
@@ -325,6 +325,17 @@ def thin_box(large):
     return apart(thin.state.u, wide.state.u[rows])
 
 
+@scene("box thinner than a support", "shear wave in 3D, two particles along x and z", "that in a wide box", 1e-9)
+def thin_column(large):
+    spacing = 0.0625 if large else 0.125
+    sets = ('initial.velocity=["sin(2*pi*y)", "0", "0"]', f"particles.spacing={spacing}", "particles.jitter=0", EXACT,
+            "geometry.periodic=[x, y, z]")
+    thin = marched(VORTEX, *sets, f"geometry.box=[{2 * spacing}, 1, {2 * spacing}]")
+    wide = marched(VORTEX, *sets, "geometry.box=[1, 1, 1]")
+    _, rows = cKDTree(wide.start.x).query(thin.start.x)
+    return apart(thin.state.u, wide.state.u[rows])
+
+
 @scene("non-cubic voxels", "slit of 4 voxels 2 x 1", "k = h2 / 12 of the slit", 1e-6)
 def flat_voxels(large):
     image = np.ones((8, 8))
@@ -414,19 +425,72 @@ def density_ratio_of_a_bubble(large):
     return _laplace(large, "fluids.oil={density: 1e-3, viscosity: 5e-3}")
 
 
+THIN = tuple(f"fluids.{name}.viscosity={np.sqrt(0.5e-6)}" for name in ("water", "oil"))  # Laplace number 1e6
+
+
 @scene("Laplace number 1e6", "a drop at rest, steps at the capillary limit",
        "capillary number of the spurious currents", 1e-3)
 def laplace_number(large):
-    viscosity = np.sqrt(0.5e-6)
-    run = marched(DROP, *(f"fluids.{name}.viscosity={viscosity}" for name in ("water", "oil")),
-                  f"time.max_steps={1000 if large else 60}")
-    return float(viscosity * np.abs(run.state.u).max())
+    run = marched(DROP, *THIN, f"time.max_steps={1000 if large else 60}")
+    return float(np.sqrt(0.5e-6) * np.abs(run.state.u).max())
+
+
+@scene("Laplace number 1e6", "a drop at rest, steps of twice the capillary limit",
+       "speed over that of capillary waves as long as a spacing, or the run ends and names the limit (0)", 1)
+def above_the_capillary_limit(large):
+    step = 2 * np.sqrt(0.04**3 / (2 * np.pi))
+    try:
+        run = marched(DROP, *THIN, f"time.step={step}", f"time.max_steps={1000 if large else 60}")
+    except RunError as error:
+        return float("capillary limit" not in str(error) or error.badness is None)
+    return float(np.abs(run.state.u).max() * 0.2)
+
+
+LAYERS = """
+geometry:
+  box: [0.25, 1]
+  periodic: [x]
+  fluid: upper
+  shapes: [{half_space: {point: [0, 0.5], normal: [0, 1]}, is: lower}]
+particles: {spacing: 0.0625}
+fluids: {upper: {density: 1, viscosity: 1}, lower: {density: 1, viscosity: 1}}
+time: {end: 1}
+"""
+
+
+@scene("viscosity ratio 1e4 in shear", "two layers, the upper wall moves",
+       "stress in each and velocity between them, relative", 0.02)
+def layers_in_shear(large):
+    run = marched(LAYERS, "fluids.lower.viscosity=1e4", "geometry.walls={y_max: {velocity: [1, 0]}}",
+                  f"particles.spacing={0.03125 if large else 0.0625}", "time.scheme=euler")
+    y, u = run.state.x[:, 1], run.state.u[:, 0]
+    stress = 2 * 1e4 / (1e4 + 1)
+    thick = 1e4 * np.polyfit(y[y < 0.5], u[y < 0.5], 1)[0]
+    thin, between = np.polyfit(y[y > 0.5] - 0.5, u[y > 0.5], 1)
+    return float(max(abs(thick / stress - 1), abs(thin / stress - 1), abs(between - 0.5 * stress / 1e4)))
+
+
+@scene("density ratio 1e3 under gravity", "two layers, the heavy one below, after 500 steps (40 in the tests)",
+       "rest: speed over sqrt(g H)", 1e-8)
+def layers_at_rest(large):
+    # what the first step leaves of the pressure is 3e-8 at 32 spacings, and decays: 5e-12 after 500 steps
+    run = marched(LAYERS, "fluids.lower.density=1000", "drive={body_force: [0, -1]}", "time.step=0.02", "time.end=100",
+                  *(("particles.spacing=0.03125", "time.max_steps=500") if large else
+                    ("particles.spacing=0.0833333333333", "time.max_steps=40")))
+    return float(np.abs(run.state.u).max())
 
 
 @scene("an empty phase", "two fluids and a tension, no particle of the second", "the flow of the first alone", 0)
 def empty_phase(large):
     two = ("fluids.oil={density: 1000, viscosity: 1}", "interface={tension: 1}")
     return apart(marched(VORTEX, *two).state.u, marched(VORTEX).state.u)
+
+
+@scene("an empty phase", "no particle of the first", "the flow of the second alone", 0)
+def empty_first_phase(large):
+    both = "fluids={oil: {density: 1000, viscosity: 1}, water: {density: 1, viscosity: 0.01}}"
+    return apart(marched(VORTEX, both, "geometry.fluid=water", "interface={tension: 1}").state.u,
+                 marched(VORTEX).state.u)
 
 
 CAP = """
@@ -568,6 +632,53 @@ def renumbering(large):
     return apart(other.state.u, one.state.u[order])
 
 
+# A drop in a vortex, heavier and thicker than the fluid round it. Its box has no walls, and which particle is of which
+# fluid goes with its number: to map the first state is to map the scene.
+CARRIED = ("geometry.shapes.0.sphere={centre: [0.4, 0.55], radius: 0.2}", "particles.jitter=0.1",
+           "fluids.oil={density: 3, viscosity: 0.5}", "time.step=0.002",
+           'initial={velocity: ["sin(2*pi*x)*cos(2*pi*y)", "-cos(2*pi*x)*sin(2*pi*y)"]}')
+
+
+def carried(large, place=lambda x: x, turn=lambda u: u, order=slice(None)):
+    """The drop with its places and velocities mapped."""
+    def change(state):
+        return replace(state, x=place(state.x)[order], u=turn(state.u)[order], u_old=turn(state.u_old)[order])
+
+    return marched(DROP, *CARRIED, EXACT, f"time.max_steps={60 if large else 10}", change=change)
+
+
+@scene("mirror", "a drop in a vortex", "the mirrored flow", 1e-9)
+def mirror_of_two(large):
+    other = carried(large, lambda x: x * [-1, 1] + [1, 0], lambda u: u * [-1, 1])
+    return apart(other.state.u * [-1, 1], carried(large).state.u)
+
+
+@scene("rotation by 90 degrees", "a drop in a vortex", "the rotated flow", 1e-9)
+def rotation_of_two(large):
+    other = carried(large, lambda x: x[:, ::-1] * [-1, 1] + [1, 0], lambda u: u[:, ::-1] * [-1, 1])
+    return apart(other.state.u[:, ::-1] * [1, -1], carried(large).state.u)
+
+
+@scene("translation", "a drop in a vortex, by a third of a spacing", "the same flow", 1e-9)
+def translation_of_two(large):
+    return apart(carried(large, lambda x: (x + 0.04 / 3) % 1.0).state.u, carried(large).state.u)
+
+
+@scene("Galilean boost", "a drop in a vortex with a wind of its own speed", "the flow less the wind", 1e-9)
+def boost_of_two(large):
+    other = carried(large, turn=lambda u: u + [1, -0.5])
+    return apart(other.state.u - [1, -0.5], carried(large).state.u)
+
+
+@scene("renumbering", "a drop in a vortex, particles of each fluid in any order", "the same flow", 1e-9)
+def renumbering_of_two(large):
+    one = carried(large)
+    phase, order, rng = one.stepper.fluids.phase, np.arange(len(one.start.x)), np.random.default_rng(0)
+    for k in (0, 1):
+        order[phase == k] = rng.permutation(order[phase == k])
+    return apart(carried(large, order=order).state.u, one.state.u[order])
+
+
 @scene("threads", "1 and all", "the same flow", 1e-10)
 def threads(large):
     import numba
@@ -598,6 +709,18 @@ def energy(large):
     run = marched(VORTEX, f"particles.spacing={0.025 if large else 0.05}", "time.end=0.2")
     lost = np.log(run.march.stepper.bounds.speed(run.state.u) / run.march.stepper.bounds.start)
     return abs(float(lost / (-8 * np.pi**2 * 0.01 * 0.2)) - 1)
+
+
+# Pairs do not push each other alike, because gradients are exact for linear functions whatever the arrangement:
+# momentum is kept to the error of the gradients. On a lattice the gain is 5e-10 in 40 steps; from disorder it was
+# 0.8 %, 1.6 % at one density and 3.5 % without shifting, and it does not add up (0.2 % in 120 steps)
+@scene("momentum budget", "a square drop that becomes round", "gain of momentum over tension, length of the interface "
+       "and time", 0.02)
+def momentum_of_two(large):
+    run = marched(DROP, "geometry.shapes.0={box: {lower: [0.33, 0.27], upper: [0.73, 0.67]}, is: oil}",
+                  "particles.jitter=0.1", "fluids.oil.density=3", f"time.max_steps={300 if large else 40}")
+    gain = run.site_volume * (run.density[:, None] * run.state.u).sum(axis=0)
+    return float(np.linalg.norm(gain) / (1.6 * run.state.time))
 
 
 @scene("a long run", "sphere array, 5000 steps (150 in the tests)", "drift of the mean velocity between the second and "
