@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .particles import ParticleError
+from .particles import MOST, ParticleError
 
 if TYPE_CHECKING:
     from .case import Case
@@ -70,7 +70,7 @@ def refuse_lattice(case: Case, geometry: Geometry, spacing: float) -> None:
     """
     size = geometry.upper - geometry.lower
     sites = float(np.prod(size / spacing))
-    if sites < 100 * SAMPLE:  # hardly more to place than to sample
+    if not 100 * SAMPLE <= sites < 10.0**MOST:  # quickly placed, or refused in any case: box and spacing do not fit
         return
     points = geometry.lower + np.random.default_rng(0).random((SAMPLE, geometry.dim)) * size
     phase = geometry.phase(points)
