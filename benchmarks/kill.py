@@ -30,6 +30,7 @@ drive: {body_force: [1, 0]}
 time: {end: 0.4, cfl: 0.4}
 output: {every: 0.02, restart_every: 4, plots: false}
 """
+# files every other step or so: else hardly a kill falls into a write
 TWO_FLUIDS = """
 geometry:
   box: [1, 0.5]
@@ -40,8 +41,8 @@ particles: {spacing: 0.0625, jitter: 0.1}
 fluids: {oil: {density: 2, viscosity: 0.2}, water: {density: 1, viscosity: 0.05}}
 interface: {tension: 1, contact_angle: 60}
 drive: {body_force: [0.5, -1]}
-time: {end: 0.25, capillary: 0.7}
-output: {every: 0.02, restart_every: 4, plots: false}
+time: {end: 0.6, capillary: 0.7}
+output: {every: 0.01, restart_every: 2, plots: false}
 """
 QUIET_END, REFUSED, FAULT = 0, 2, 1
 
