@@ -329,7 +329,7 @@ def test_random_spheres_that_find_no_room(monkeypatch):
     scene = ShapeGeometry([0, 0], [1, 1], [True, True])
     with pytest.raises(ShapeError, match=r"only \d of 7 spheres of radius 0.2 found room"):
         random_spheres(scene, 7, 0.2)
-    with pytest.raises(ShapeError, match="9 spheres of radius 0.2 would fill 113 % of the box"):
+    with pytest.raises(ShapeError, match=r"9 spheres of radius 0\.2 would fill 113 %"):
         random_spheres(scene, 9, 0.2)
 
 
