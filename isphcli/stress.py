@@ -548,6 +548,29 @@ def units_of_a_million_steady(large):
     return max(apart(_in_units(*units, True), one) for units in many)
 
 
+def _drop_in_units(length, second, mass):
+    """A cap on a wall in other units; velocities in the old ones, at the end of five steps."""
+    density, viscosity = mass / length**3, mass / length / second
+    sets = (f"geometry.box=[{length}, {length / 2}]", f"geometry.shapes.0.sphere={{centre: [{length / 2}, 0], "
+            f"radius: {length / 4}}}", f"particles.spacing={length / 16}", f"interface.tension={mass / second**2}",
+            f"fluids.oil={{density: {2 * density}, viscosity: {0.5 * viscosity}}}",
+            f"fluids.water={{density: {density}, viscosity: {0.125 * viscosity}}}", "interface.contact_angle=60")
+    run = marched(CAP, *sets, EXACT, f"time.step={second / 128}", f"time.end={second}", "time.max_steps=5")
+    return run.state.u * second / length
+
+
+@scene("units by powers of two", "two fluids on a wall", "the same numbers", 1e-12)
+def units_of_two_fluids(large):
+    return apart(_drop_in_units(2.0**-20, 2.0**7, 2.0**-33), _drop_in_units(1, 1, 1))
+
+
+@scene("units by 1e6", "two fluids on a wall, length, time and mass 1e6 each way", "the same numbers", 1e-9)
+def units_of_a_million_two_fluids(large):
+    one = _drop_in_units(1, 1, 1)
+    many = ((1e6, 1, 1), (1, 1e6, 1), (1, 1, 1e6), (1e-6, 1e-6, 1e-6))
+    return max(apart(_drop_in_units(*units), one) for units in many)
+
+
 @scene("SI micrometres", "disk array of 1 um in water, k = 1e-14 m2", "k / L2 of the unit cell", 1e-9)
 def micrometres(large):
     sets = ("geometry.box=[1e-6, 1e-6]", "geometry.shapes.0.sphere={centre: [5e-7, 5e-7], radius: 2.5e-7}",
