@@ -2,14 +2,15 @@
 
     PYTHONPATH=. python benchmarks/bad_inputs.py [--count 10000] [--seed 0] [--only KIND] [--keep DIR]
 
-Kinds: case files (mutations of those in cases/ and of a few small ones; then read, written, read again and checked as
-`isph validate --check-only` does), images (npy, npz, mhd with raw, mha; then labelled), lists of spheres and restart
-files. A mutation flips, cuts, doubles or inserts bytes, or replaces a word or number by one of a list of evil ones;
-some inputs are made evil from the start (huge, negative and overflowing sizes, other types and byte orders, NaN, zip
-bombs, anchors), some are random bytes. All of it runs in one process whose address space is limited to `LIMIT` more
-than it had; an alarm ends an input after `SECONDS`. Counted: clean errors (those that the command line turns into exit
-code 2), valid objects, tracebacks (any other exception), memory errors, hangs; and the peak memory. Exit code 1 if
-there are tracebacks, memory errors or hangs; the inputs that caused them are kept.
+Kinds: case files (mutations of those in cases/ and of a few small ones, of two fluids as well; then read, written,
+read again, checked as `isph validate --check-only` does, and their particles placed), images (npy, npz, mhd with raw,
+mha; then labelled), lists of spheres and restart files. A mutation flips, cuts, doubles or inserts bytes, or replaces a
+word or number by one of a list of evil ones; some inputs are made evil from the start (huge, negative and overflowing
+sizes, other types and byte orders, NaN, zip bombs, anchors), some are random bytes. All of it runs in one process whose
+address space is limited to `LIMIT` more than it had; an alarm ends an input after `SECONDS`. Counted: clean errors
+(those that the command line turns into exit code 2), valid objects, tracebacks (any other exception), memory errors,
+hangs; and the peak memory. Exit code 1 if there are tracebacks, memory errors or hangs; the inputs that caused them are
+kept.
 """
 
 import argparse
@@ -36,7 +37,8 @@ from isphcli import restart, voxels
 from isphcli.case import CaseError, dump_case, read_case
 from isphcli.check import check
 from isphcli.expressions import ExpressionError
-from isphcli.particles import ParticleError
+from isphcli.geometry import build_geometry
+from isphcli.particles import ParticleError, place_case
 from isphcli.shapes import ShapeError, read_spheres
 from isphcli.step import State
 from isphcli.voxels import VoxelError
@@ -56,6 +58,31 @@ drive: {body_force: [1, 0]}
 time: {end: 1, cfl: 0.2}
 output: {every: 0.1, fields: [velocity], restart_every: 10}
 """
+TWO_FLUIDS = """
+geometry:
+  box: [1, 1]
+  periodic: [x]
+  fluid: water
+  shapes:
+    - {sphere: {centre: [0.5, 0.5], radius: 0.1}, is: solid}
+    - {spheres: {random: 3, radius: 0.1, clearance: 0.05, seed: 1}, is: oil}
+particles: {spacing: 0.1, jitter: 0.1}
+fluids: {water: {density: 1000, viscosity: 1e-3}, oil: {density: 1, viscosity: 1e-5}}
+interface: {tension: 0.07, contact_angle: 30, method: csf}
+initial: {velocity: ["0", "sin(2*pi*x)"], flood: {fluid: oil, from: x_min, saturation: 0.2}}
+drive: {pressure_drop: {x: 1}}
+time: {end: 1, capillary: 0.5}
+"""
+FLOODED = """
+geometry:
+  voxels: {file: image.npy, labels: {solid: 1, oil: 0}, voxel_size: 1.0e-5, clear_layer: 2.0e-5}
+particles: {spacing: 1.0e-5}
+fluids: {oil: {density: 1000, viscosity: 1e-3}, water: {density: 500, viscosity: 1e-4}}
+interface: {tension: 0.03, contact_angle: 120}
+initial: {flood: {fluid: water, from: z_max, saturation: 0.3}}
+drive: {body_force: [0, 0, -1]}
+time: {end: 1}
+"""
 IMAGE_CASE = """
 geometry:
   voxels: {file: image.npy, labels: {solid: 1, water: 0}, voxel_size: 1.0e-5, crop: [[0, 6], [0, 5], [0, 4]]}
@@ -66,8 +93,9 @@ flow: stokes
 drive: {axes: [x]}
 """
 EVIL = (
-    "nan .nan inf -inf .inf 1e400 -1e400 1e-400 5e-324 1.8e308 -0.0 0 -1 1 2 1e30 99999999999999999999 0x10 1_000 "
-    "true no null ~ {} [] [[]] [1,2,3,4] {a: b} *a &a !!python/object:os.system !!binary solid x xyz -- --- ... | > "
+    "nan .nan inf -inf .inf 1e400 -1e400 1e-400 5e-324 1.8e308 -0.0 0 -1 1 2 1e30 5000 9999999 99999999999999999999 "
+    "0x10 1_000 true no null ~ {} [] [[]] [1,2,3,4] {a: b} *a &a !!python/object:os.system !!binary solid x xyz "
+    "-- --- ... | > "
     "' \" \t \x00 \ufeff \u2028 é 日本 ../../etc/passwd /dev/zero /dev/stdin . .. ~/x C:\\x sin(x) 9**9**9 "
     "__import__('os') x.__class__ (((((((((( 1/0 <<: ? :"
 ).split(" ")
@@ -124,7 +152,8 @@ class Cases:
     def __init__(self, folder):
         self.folder = folder
         found = [p.read_bytes() for p in sorted((ROOT / "cases").glob("*.yaml"))]
-        self.seeds = [*found, *[SMALL.encode(), IMAGE_CASE.encode()] * (len(found) // 2)]
+        small = [text.encode() for text in (SMALL, IMAGE_CASE, TWO_FLUIDS, FLOODED)]
+        self.seeds = [*found, *small * (len(found) // 2)]
         (folder / "data").mkdir()
         for name in ("square_duct_8.npy", "two_tubes.npy"):  # the others are large: cases that ask for them are refused
             shutil.copy(ROOT / "cases" / "data" / name, folder / "data")
@@ -147,7 +176,11 @@ class Cases:
             support = case.support * spacing
             if np.prod([(edge + 2 * support) / spacing for edge in case.geometry.box]) > SITES:
                 return
-        check(case).text()
+        geometry = build_geometry(case)
+        found = check(case, geometry)
+        found.text()
+        if found.can_run:
+            place_case(case, geometry, case.particles.spacing)
 
 
 class Images:

@@ -1,6 +1,8 @@
 """Kills a run with SIGKILL at random moments and restarts it, until it has ended; then compares with a run left alone.
 
-    PYTHONPATH=. python benchmarks/kill.py [CASE.yaml] [--kills 200] [--seed 0]
+    PYTHONPATH=. python benchmarks/kill.py [CASE.yaml | --two-fluids] [--kills 200] [--seed 0]
+
+The built-in cases: flow past a disk, and half a drop that slides along a wall.
 
 Every process is a fork of one that has imported everything and runs one thread: a kill falls into the run itself, not
 into seconds of imports. A kill must leave the snapshots that were listed before it byte for byte, and a restart must
@@ -27,6 +29,20 @@ fluids: {water: {density: 1, viscosity: 0.1}}
 drive: {body_force: [1, 0]}
 time: {end: 0.4, cfl: 0.4}
 output: {every: 0.02, restart_every: 4, plots: false}
+"""
+# files every other step or so: else hardly a kill falls into a write
+TWO_FLUIDS = """
+geometry:
+  box: [1, 0.5]
+  periodic: [x]
+  fluid: water
+  shapes: [{sphere: {centre: [0.5, 0], radius: 0.25}, is: oil}]
+particles: {spacing: 0.0625, jitter: 0.1}
+fluids: {oil: {density: 2, viscosity: 0.2}, water: {density: 1, viscosity: 0.05}}
+interface: {tension: 1, contact_angle: 60}
+drive: {body_force: [0.5, -1]}
+time: {end: 0.6, capillary: 0.7}
+output: {every: 0.01, restart_every: 2, plots: false}
 """
 QUIET_END, REFUSED, FAULT = 0, 2, 1
 
@@ -90,6 +106,7 @@ def left_by(out):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("case", nargs="?", type=Path)
+    parser.add_argument("--two-fluids", action="store_true", help="the built-in case of two fluids")
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
@@ -104,7 +121,7 @@ def main():
     root = Path(tempfile.mkdtemp(prefix="isph-kill-"))
     path = asked.case or root / "case.yaml"
     if asked.case is None:
-        path.write_text(CASE)
+        path.write_text(TWO_FLUIDS if asked.two_fluids else CASE)
     alone = root / "alone"
     assert wait(child(path, alone, False), 1e6) == QUIET_END  # compiles
     shutil.rmtree(alone)

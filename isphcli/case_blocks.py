@@ -105,7 +105,9 @@ class Spheres:
     file: Path | None = key(
         "csv of the centres: a header, columns x, y, z and optionally the radius", default=None, input=True
     )
-    random: int | None = key("number of spheres placed at random", default=None, at_least=1)
+    random: int | None = key(
+        "number of spheres placed at random (more: from a file)", default=None, at_least=1, at_most=10_000
+    )
     radius: float | None = key(
         "radius of all spheres; not needed where the file has a column for it", default=None, unit="m", above=0
     )

@@ -87,10 +87,13 @@ class _Checks:
             return
         if not self.case.fluids:
             self.bad("fluids", "no fluid is declared", "add one: water: {density: 1000, viscosity: 1e-3}")
-        for name in self.case.fluids:
+        for name, fluid in self.case.fluids.items():
+            path = f"fluids.{as_key(name)}"
             if not name.replace("_", "").replace("-", "").isalnum() or name == language.SOLID:
                 fix = "use letters, digits, - and _; solid is not a fluid"
-                self.bad(f"fluids.{as_key(name)}", "not a name for a fluid", fix)
+                self.bad(path, "not a name for a fluid", fix)
+            elif self.clear(path) and not all(0.0 < v < math.inf for v in (fluid.mu, fluid.nu)):
+                self.bad(path, "its viscosity and density together leave the range of numbers", "check their units")
         if len(self.case.fluids) > 2:
             self.bad("fluids", f"{len(self.case.fluids)} fluids", "a scene has one or two")
 

@@ -36,6 +36,7 @@ THIN = 4  # particles across below which a throat is thin: +9 % flux at 4, +16 %
 THINNEST = 3  # particles across the median throat below which there is a warning
 LINE_POINTS = 20_000  # points of the centre lines whose width is found exactly
 TINY = 1e-6
+BYTES_SITE = 30  # of a lattice site in a check: phase, distance, labels of the connected parts
 ON_WALL = 1e-9  # of the support: a site this close to a wall is solid, as for `Geometry.phase`
 
 
@@ -125,6 +126,8 @@ def check(case: Case, geometry: Geometry | None = None) -> CheckReport:
     result = CheckReport(case, geometry.dim, terms(case, geometry), {})
     try:
         lattice = lattice_of(case, geometry)
+        memory.refuse(lattice.sites * BYTES_SITE, f"{lattice.sites:,} lattice sites, to be checked,",
+                      memory.TOO_LARGE)
     except ParticleError as error:
         result.errors.append(str(error))
         return result
@@ -437,7 +440,7 @@ def _costs(result: CheckReport, geometry: Geometry) -> None:
     finest = (spacing / min((spacing, *case.refine))) ** dim
     fluid, labels = result.particles["fluid"] * finest, getattr(geometry, "labels", None)
     result.memory = memory.estimate(case, dim, geometry.has_solid, fluid, result.particles["dummy"] * finest,
-                                    0 if labels is None else labels.size)
+                                    0 if labels is None else labels.size, two=len(case.fluids) > 1)
     runs: float | None = 1.0
     if case.flow == "stokes":
         sizes = sum((spacing / other) ** dim for other in (spacing, *case.refine)) / finest

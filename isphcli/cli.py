@@ -187,7 +187,8 @@ def run(
     try:
         summary = run_case(case, quiet=quiet, resume=restart)
     except KeyboardInterrupt as interrupt:
-        found = sorted(directory_of(case).glob("restart.*"))
+        # a steady solve has no restart file: one that lies there is of another run
+        found = sorted(directory_of(case).glob("restart.*")) if case.flow != "stokes" else []
         interrupt.restart = getattr(interrupt, "restart", None) or next(iter(found), None)  # type: ignore[attr-defined]
         raise
     click.echo(closing_lines(case, summary))

@@ -7,6 +7,9 @@
    hierarchies, up to HALVINGS times.
 3. RunError, exit code 3: the step, the system and its true residual or the limit and its value, and what to try. The
    run leaves the worst particles (worst.vtu) and a restart file of the last good state.
+
+A steady solve (`flow: stokes`) that misses its tolerance is tried again as `StokesSystem.solve` tells, and ends with a
+SolveError, exit code 3, and the particles of the largest residuals.
 """
 
 from dataclasses import dataclass
@@ -112,17 +115,25 @@ def attempt(stepper, state, config, dt):
         # cavities at Reynolds number 1000 and an orifice that blew up with shifting 0.1 held with each of the first two
         message += ("; try particles.support=3, more particles.shifting, a smaller particles.spacing where pores "
                     "are few particles wide, or a smaller time.cfl")
+        tension = stepper.fluids.tension
+        if tension is not None:  # twice the limit holds for a while at Laplace number 1e6, and then blows up
+            message += f", or time steps below the capillary limit of {tension.largest_step:.3g}"
     error = RunError(message)
     error.badness = getattr(problem, "badness", None)
     raise error from problem
 
 
-def write_worst(path, state, badness):
-    """The particles of the last good state that are worst in the failed step, as a VTU; None where nothing is known."""
+def write_worst(path, x, badness, **fields):
+    """Writes the WORST particles of a step or solve that failed as a VTU; returns its path.
+
+    x: (n, dim) m; badness: (n,) how bad each is, or None where nothing is known: then nothing is written, and None is
+    returned; fields: further (n,) or (n, dim) values. Raises NotFiniteError where a field is not finite.
+    """
     if badness is None:
         return None
-    amount = np.nan_to_num(np.abs(badness), nan=np.inf, posinf=np.finfo(float).max)
+    largest = np.finfo(float).max
+    amount = np.nan_to_num(np.abs(badness), nan=largest, posinf=largest)
     rows = np.argsort(-amount, kind="stable")[:WORST]
-    fields = {"velocity": state.u[rows], "pressure": state.p[rows], "particle": rows, "badness": amount[rows]}
-    output.write_vtu(path, state.x[rows], fields)
+    chosen = {name: values[rows] for name, values in fields.items()}
+    output.write_vtu(path, x[rows], {**chosen, "particle": rows, "badness": amount[rows]})
     return path

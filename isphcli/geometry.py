@@ -246,13 +246,16 @@ def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
     check_dimension(case, labels.ndim)
     size = np.ravel(spec.voxel_size)
     periodic = ["xyz"[a] in case.geometry.periodic for a in range(labels.ndim)]
-    clear = 0
+    clear = added = 0
     if axis is not None and not periodic[axis]:
         h = size[axis if len(size) > 1 else 0]
         clear = 6 if spec.clear_layer is None else round(spec.clear_layer / h)
-        across = labels.size // labels.shape[labels.ndim - 1 - axis]
-        memory.refuse((labels.size + 2 * clear * across) * memory.BYTES_VOXEL, f"clear layers of {clear} voxels",
-                      "take a smaller geometry.voxels.clear_layer; it is in metres")
+        added = 2 * clear * (labels.size // labels.shape[labels.ndim - 1 - axis])
+    if added > labels.size:
+        what, fix = f"clear layers of {clear} voxels", "take a smaller geometry.voxels.clear_layer; it is in metres"
+    else:
+        what, fix = f"the wall distances of {labels.size + added:,} voxels", "take a part with geometry.voxels.crop"
+    memory.refuse((labels.size + added) * memory.BYTES_VOXEL, what, fix)
     return VoxelGeometry(labels, size, periodic, case.wall_distance, axis, clear, **walls)
 
 

@@ -124,12 +124,18 @@ def place_case(case, geometry, spacing):
 
 
 def flooded(particles, geometry, fluid, face, saturation):
-    """The particles, those nearest to a face of fluid `fluid`, up to a share `saturation` of those in the sample."""
+    """The particles, those nearest to a face of fluid `fluid`, up to a share `saturation` of those in the sample.
+
+    Raises ParticleError where the sample holds no fluid.
+    """
     axis, side = "xyz".index(face[0]), 1.0 if face.endswith("min") else -1.0
     x = particles.x[: particles.n_fluid]
     lower, upper = sample_box(geometry)
     depth = side * x[:, axis]
     inside = np.sort(depth[np.all((x >= lower) & (x <= upper), axis=1)])
+    if not len(inside):
+        raise ParticleError("no fluid particle in the sample: there is nothing to flood; check the labels, or take a "
+                            "smaller particles.spacing")
     last = inside[max(round(saturation * len(inside)), 1) - 1]
     phase = particles.phase.copy()
     phase[depth <= last + 1e-9 * abs(upper[axis] - lower[axis])] = fluid

@@ -12,6 +12,7 @@ from . import output, progress, restart
 from .case import CaseError, Problem, dump_case
 from .drive import darcy, drives, sample_box
 from .geometry import build_geometry
+from .linear import SolveError
 
 
 def run_case(case, quiet=False, resume=None):
@@ -96,7 +97,12 @@ def _solve_stokes(case, solver, clock, quiet):
                     built_for = axis
             label = f"flow along {'xyz'[axis]}" if axis is not None else "flow driven by walls"
             with progress.stage(f"{label}, {scene.particles.n_fluid:,} particles", quiet) as stage:
-                flow = solver.solve_axis(case, scene, axis, force, clock, _watch(stage))
+                try:
+                    flow = solver.solve_axis(case, scene, axis, force, clock, _watch(stage))
+                except SolveError as error:
+                    with suppress(OSError):
+                        error.worst = _worst_of(case, scene, error)
+                    raise
             flows[axis, spacing] = flow
             history.append({"step": len(history) + 1, "spacing": spacing,
                             "axis": "xyz"[axis] if axis is not None else "",
@@ -105,6 +111,14 @@ def _solve_stokes(case, solver, clock, quiet):
             if axis is not None and flow.permeability[axis] <= 0.0:
                 raise solver.NoFlowError(f"the flow along {'xyz'[axis]} is zero; check the drive and the labels")
     return axes, flows, scene, history
+
+
+def _worst_of(case, scene, error):
+    """Path of the particles with the largest residuals of a steady solve that failed."""
+    from .failure import NAME, write_worst
+
+    directory = output.prepare_directory(case.output.directory)
+    return write_worst(directory / NAME, scene.particles.x[: scene.particles.n_fluid], error.badness)
 
 
 def _sum_up_stokes(case, solver, axes, flows, scene, history):
@@ -272,7 +286,9 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
         stop.restart = restart_file if restart_file.exists() else None
         if isinstance(stop, failure.RunError):
             with suppress(OSError):
-                stop.worst = failure.write_worst(directory / failure.NAME, march.last.state, stop.badness)
+                last = march.last.state
+                stop.worst = failure.write_worst(directory / failure.NAME, last.x, stop.badness, velocity=last.u,
+                                                 pressure=last.p)
         raise
     return _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history, measures)
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from . import expressions, failure
+from . import expressions, failure, memory
 from .drive import drives
 from .fluids import OneFluid
 from .kernel import KERNELS
@@ -22,11 +22,18 @@ STEADY_WINDOW = 0.8  # a run is steady when the kinetic energy has changed littl
 
 
 def prepare(case, geometry, clock):
-    """(State, Stepper, Particles) of a case at rest or with its initial velocity."""
+    """(State, Stepper, Particles) of a case at rest or with its initial velocity.
+
+    Raises ParticleError where the scene has no fluid or needs more memory than is left.
+    """
     spacing, support = case.particles.spacing, case.support * case.particles.spacing
     with clock("geometry"):
+        memory.refuse_lattice(case, geometry, spacing)
         particles = place_case(case, geometry, spacing)
     n = particles.n_fluid
+    two = len(np.unique(particles.phase)) > 1
+    need = memory.estimate(case, geometry.dim, geometry.has_solid, n, particles.n_dummy, two=two)
+    memory.refuse(sum(need.values()), f"{n:,} fluid particles{' of two fluids' * two}", memory.TOO_LARGE)
     x = particles.x[:n].copy()
     u = np.zeros_like(x)
     if case.initial is not None and case.initial.velocity:

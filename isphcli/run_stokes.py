@@ -64,10 +64,11 @@ def build_scene(case, geometry, spacing, clock, needs=()):
     support = case.support * spacing
     kind = KERNELS[case.particles.kernel]
     with clock("geometry"):
+        memory.refuse_lattice(case, geometry, spacing)
         particles = place_case(case, geometry, spacing)
     n = particles.n_fluid
     need = memory.estimate(case, geometry.dim, True, n, particles.n_dummy)
-    memory.refuse(sum(need.values()), f"{n:,} fluid particles", "take a larger particles.spacing or refine, or a crop")
+    memory.refuse(sum(need.values()), f"{n:,} fluid particles", memory.TOO_LARGE)
     with clock("operators"):
         walls = WallScene(geometry, particles.x[n:], support, kind, particles.site_volume)
         balanced = _balances_fluxes(case, geometry)

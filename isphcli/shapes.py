@@ -18,6 +18,7 @@ from numba import get_num_threads, njit, prange
 from scipy.spatial import cKDTree
 
 from .geometry import block_distance, face_distance, face_walls
+from .halo import build_halo
 
 ROUND_OFF = 1e-12  # of the largest side of the box: points closer than this to a wall are on it
 BALL, BLOCK, CYLINDER, HALF_SPACE = range(4)  # convex pieces of bodies, see `Body.pieces`
@@ -150,13 +151,17 @@ class HalfSpace:
     point: Sequence[float]
     normal: Sequence[float]
 
-    def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
+    @property
+    def unit_normal(self) -> np.ndarray:
         normal = np.asarray(self.normal, float)
-        return (x - np.asarray(self.point, float)) @ (normal / np.linalg.norm(normal))
+        normal = normal / np.abs(normal).max()  # squares of very small and very large numbers are 0 and inf
+        return normal / np.linalg.norm(normal)
+
+    def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
+        return (x - np.asarray(self.point, float)) @ self.unit_normal
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
-        normal = np.asarray(self.normal, float)
-        return _pieces(HALF_SPACE, [self.point], [normal / np.linalg.norm(normal)])
+        return _pieces(HALF_SPACE, [self.point], [self.unit_normal])
 
 
 @dataclass(frozen=True)
@@ -655,6 +660,8 @@ def read_spheres(
 
 
 TRIES = 2000  # random places tried for each sphere before there is said to be no room
+MOST_TRIES = 2_000_000  # for all of them: some seconds
+DENSEST = {2: 0.907, 3: 0.741}  # share of space that equal balls can fill at all
 
 
 def random_spheres(
@@ -665,13 +672,24 @@ def random_spheres(
     Raises ShapeError where not all of them find room.
     """
     rng = np.random.default_rng(seed)
+    box, size = geometry.upper - geometry.lower, 2.0 * radius + clearance
+    with np.errstate(over="ignore"):
+        share = count * np.pi / (2 * geometry.dim) * float(np.prod(size / box))  # of balls with half their clearance
+    if share > DENSEST[geometry.dim]:
+        raise ShapeError(f"{count} spheres of radius {radius:g} would fill {100 * share:.3g} % of the box with their "
+                         f"clearance, and no more than {100 * DENSEST[geometry.dim]:.0f} % can be; ask for fewer or "
+                         f"smaller ones")
     centres = np.empty((count, geometry.dim))
     placed = 0
-    for _ in range(TRIES):
-        places = geometry.lower + rng.random((count, geometry.dim)) * (geometry.upper - geometry.lower)
-        for place in places[geometry.distance(places) >= radius + clearance]:
+    for _ in range(min(TRIES, max(1, MOST_TRIES // count))):
+        places = geometry.lower + rng.random((count, geometry.dim)) * box
+        places = places[geometry.distance(places) >= radius + clearance]
+        if placed:  # most of those that are too near are found at once
+            images = build_halo(centres[:placed], geometry.lower, geometry.upper, np.array(geometry.periodic), size)
+            places = places[cKDTree(images.positions(centres[:placed])).query(places)[0] >= size * (1.0 - 1e-9)]
+        for place in places:
             apart = np.linalg.norm(_nearest_image(centres[:placed] - place, geometry.period), axis=1)
-            if (apart >= 2.0 * radius + clearance).all():
+            if (apart >= size).all():
                 centres[placed] = place
                 placed += 1
                 if placed == count:

@@ -116,7 +116,8 @@ class StokesSystem:
         """Flow under the acceleration `force` ((dim,), m/s2) and the motion of the walls.
 
         Where the tolerance is missed, the divergence becomes a balance of fluxes (if it was not), then the restart
-        length is doubled, then SolveError is raised.
+        length is doubled, then SolveError is raised; its attribute `badness` is the residual of each particle, (n,),
+        over the largest right-hand side.
         """
         rows = self.rows
         rhs = np.zeros(rows.n * (self.dim + 1))
@@ -136,6 +137,9 @@ class StokesSystem:
         if not report.converged:
             solution, report = solve(2 * restart, 2 * max_iterations, start=solution)
         if not report.converged:
-            raise SolveError("Stokes", report)
+            error = SolveError("Stokes", report)
+            forces, mass = self.split(np.abs(rhs - self.apply(solution)) / np.abs(rhs).max())
+            error.badness = np.maximum(forces.max(axis=1), mass)
+            raise error
         u, p = self.split(solution)
         return StokesFlow(u.copy(), self.means.remove(p) * (self.viscosity / self.spacing), report)

@@ -127,7 +127,26 @@ particles: {spacing: 0.1}
 fluids: {water: {density: 1, viscosity: 1}}
 time: {end: 1}
 """
+TWO_FLUIDS = """
+geometry:
+  box: [1, 1]
+  periodic: [x]
+  fluid: water
+  shapes: [{spheres: {random: 3, radius: 0.1, clearance: 0.05, seed: 1}, is: oil}]
+particles: {spacing: 0.1}
+fluids: {water: {density: 1000, viscosity: 1e-3}, oil: {density: 1, viscosity: 1e-5}}
+interface: {tension: 0.07, contact_angle: 30, method: csf}
+initial: {flood: {fluid: oil, from: x_min, saturation: 0.2}}
+time: {end: 1, capillary: 0.5}
+"""
 BAD_CASES = {
+    "an angle beyond 180": (TWO_FLUIDS.replace("angle: 30", "angle: 181"), "at most 180"),
+    "a tension without a size": (TWO_FLUIDS.replace("0.07", "0"), "above 0"),
+    "a flood of all and more": (TWO_FLUIDS.replace("saturation: 0.2", "saturation: 1.01"), "at most 1"),
+    "a flood of nothing known": (TWO_FLUIDS.replace("fluid: oil, from", "fluid: gas, from"), "gas"),
+    "more spheres than anybody draws": (TWO_FLUIDS.replace("random: 3", "random: 10000000"), "at most 10000"),
+    "spheres without room": (TWO_FLUIDS.replace("random: 3", "random: 9999"), "smaller ones"),
+    "a viscosity that vanishes": (TWO_FLUIDS.replace("1e-3", "5e-324"), "range of numbers"),
     "anchors": ("a: &a [1]\nb: &b [*a, *a]\n", "aliases"),
     "tabs": ("geometry:\n\tbox: [1, 1]\n", "spaces, not tabs"),
     "duplicate keys": (GOOD + "time: {end: 2}\n", "given twice"),
@@ -149,7 +168,7 @@ BAD_CASES = {
 @pytest.mark.parametrize("name", BAD_CASES)
 def test_a_bad_case_is_refused(tmp_path, name):
     text, word = BAD_CASES[name]
-    refused(isph_run(tmp_path, text), "case.yaml", word)
+    refused(isph_run(tmp_path, text), *(("case.yaml",) if name != "spheres without room" else ()), word)
     assert not (tmp_path / "out").exists()
 
 
@@ -161,6 +180,17 @@ def test_an_image_in_other_units_than_the_spacing_is_refused(tmp_path):
     refused(isph_run(tmp_path, text), "more than 1e9 sites")
     done = CliRunner().invoke(main, ["validate", "--check-only", str(tmp_path / "case.yaml")])
     assert done.exit_code == 2 and "more than 1e9 sites" in done.output
+
+
+def test_a_sample_without_fluid_is_not_flooded(tmp_path):
+    """All particles are in the clear layers: the only pore of the image lies between the sites of the lattice."""
+    image = np.ones((4, 4, 4), np.uint8)
+    image[0, 0, 0] = 0
+    (tmp_path / "solid.npy").write_bytes(npy(image))
+    text = TWO_FLUIDS.replace("spacing: 0.1", "spacing: 4").splitlines()
+    text[1:6] = ["geometry: {voxels: {file: solid.npy, labels: {solid: 1, water: 0}, voxel_size: 1, clear_layer: 8}}",
+                 "drive: {body_force: [1, 0, 0]}"]
+    refused(isph_run(tmp_path, "\n".join(text)), "no fluid particle in the sample")
 
 
 def test_files_outside_of_the_folder_are_read_and_nothing_else(tmp_path):
@@ -227,7 +257,7 @@ def test_any_bytes_are_spheres_or_an_error(folder, data):
 words = st.sampled_from('0 -1 1e999 nan [] {} null solid x [1,2,3] 1e-320 "" &a *a'.split())
 
 
-@given(st.sampled_from([GOOD]), st.lists(st.tuples(st.integers(0, 30), words), min_size=1, max_size=4))
+@given(st.sampled_from([GOOD, TWO_FLUIDS]), st.lists(st.tuples(st.integers(0, 60), words), min_size=1, max_size=4))
 @settings(max_examples=100, deadline=None)
 def test_any_words_are_a_case_or_a_case_error(text, changes):
     """Words and numbers of a good case replaced. What is read can be written and read again."""

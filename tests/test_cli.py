@@ -179,7 +179,10 @@ def test_an_interrupted_run_says_where_its_restart_file_is(monkeypatch, folder):
     (folder / "out/case").mkdir(parents=True)
     (folder / "out/case/restart.npz").touch()
     fake_run(monkeypatch, KeyboardInterrupt())
-    assert "out/case/restart.npz" in isph("run", "case.yaml").stderr
+    moving = ("--set", "flow=navier_stokes", "--set", "drive={body_force: [1, 0]}", "--set", "time={end: 1}")
+    assert "out/case/restart.npz" in isph("run", "case.yaml", *moving).stderr
+    fake_run(monkeypatch, KeyboardInterrupt())
+    assert "restart" not in isph("run", "case.yaml").stderr  # a steady solve has none: it is of another run
 
 
 def test_debug_raises(monkeypatch):

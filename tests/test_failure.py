@@ -1,5 +1,7 @@
 """Steps that go wrong: the limits, the order of the tries, and what a run that ends leaves behind."""
 
+import os
+import signal
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from isphcli import failure, linear, output, restart
+from isphcli import failure, linear, output, restart, run_stokes
 from isphcli.case import load_case, read_case
 from isphcli.cli import main
 from isphcli.failure import Bounds, RunError, StepError
@@ -193,3 +195,72 @@ def test_a_run_that_blows_up_ends_with_all_it_has(tmp_path):
         assert np.abs(output.read_vtu(file)[1]["velocity"]).max() < 3
     with pytest.raises(RunError, match=f"step {saved.state.step + 1} "):  # and ends in the same step again
         run_case(load_case(out / "case.yaml"), quiet=True, resume=out)
+
+
+DISK = """
+geometry: {box: [1, 1], periodic: [x, y], shapes: [{sphere: {centre: [0.5, 0.5], radius: 0.25}, is: solid}]}
+particles: {spacing: 0.0625}
+fluids: {water: {density: 1, viscosity: 1}}
+flow: stokes
+drive: {body_force: [1, 0]}
+"""
+
+
+def test_a_steady_solve_that_does_not_converge(tmp_path):
+    """Exit code 3; the system and its residual; the particles of the largest residuals; nothing that looks done."""
+    (tmp_path / "case.yaml").write_text(DISK)
+    out = tmp_path / "out"
+    done = CliRunner().invoke(main, ["run", str(tmp_path / "case.yaml"), "--out", str(out), "--quiet",
+                                     "--set", "solver={max_iterations: 2, tolerance: 1.0e-10}"])
+    assert done.exit_code == 3 and "the Stokes system did not converge: residual" in done.stderr
+    assert f"worst particles: {out / failure.NAME}" in done.stderr and "restart" not in done.stderr
+    x, worst = output.read_vtu(out / failure.NAME)
+    assert len(x) == failure.WORST and np.all(np.diff(worst["badness"]) <= 0) and 0 < worst["badness"][0] < 1
+    assert np.all(np.hypot(*(x[:, :2] - 0.5).T) > 0.25)
+    assert [path.name for path in out.rglob("*") if path.is_file()] == [failure.NAME]
+
+
+def test_worst_particles_without_a_number_are_written(tmp_path):
+    """A residual that is not finite is the worst of all."""
+    path = failure.write_worst(tmp_path / "worst.vtu", np.arange(6.0).reshape(3, 2), np.array([1, np.nan, -np.inf]))
+    found = output.read_vtu(path)[1]
+    assert found["particle"].tolist() == [1, 2, 0] and np.isfinite(found["badness"]).all()
+
+
+@pytest.mark.parametrize("at", ["solve_axis", "build_scene"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_steady_solve_that_is_interrupted(tmp_path, monkeypatch, at, number):
+    """Exit code 130, one line, no file; a restart file of another run that lies there is not taken for one of this."""
+    (tmp_path / "case.yaml").write_text(DISK)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / restart.NAME).touch()
+    real = getattr(run_stokes, at)
+    monkeypatch.setattr(run_stokes, at, lambda *a, **b: (os.kill(os.getpid(), number), real(*a, **b))[1])
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        done = CliRunner().invoke(main, ["run", str(tmp_path / "case.yaml"), "--out", str(out), "--quiet"])
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert done.exit_code == 130 and done.stderr == "interrupted\n" and not done.stdout
+    assert [path.name for path in out.rglob("*")] == [restart.NAME]
+
+
+def test_a_steady_run_that_is_interrupted_as_it_writes(tmp_path, monkeypatch):
+    """Files are whole or not there; the run counts as unfinished without its summary."""
+    (tmp_path / "case.yaml").write_text(DISK + "output: {plots: false}\n")
+    out = tmp_path / "out"
+    real, replace_ = output.os.replace, []
+
+    def stop(*arguments):
+        replace_.append(arguments)
+        if len(replace_) == 2:
+            raise KeyboardInterrupt
+        real(*arguments)
+
+    monkeypatch.setattr(output.os, "replace", stop)
+    done = CliRunner().invoke(main, ["run", str(tmp_path / "case.yaml"), "--out", str(out), "--quiet"])
+    assert done.exit_code == 130 and done.stderr == "interrupted\n"
+    assert not list(out.rglob(f"{output.TEMPORARY}*")) and not (out / "summary.json").exists()
+    for path in out.glob("snapshots/*.vtu"):
+        assert np.isfinite(output.read_vtu(path)[1]["velocity"]).all()

@@ -1,12 +1,16 @@
 """Scenes that do not fit are refused before they are allocated."""
 
+import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from isphcli import memory
+from isphcli import memory, particles
 from isphcli.case import read_case
+from isphcli.cli import main
 from isphcli.geometry import build_geometry
 from isphcli.output import Clock
 from isphcli.particles import ParticleError
+from isphcli.run_navier_stokes import prepare
 from isphcli.run_stokes import build_scene
 
 DISK = b"""
@@ -15,11 +19,15 @@ particles: {spacing: 0.125}
 fluids: {water: {density: 1, viscosity: 1}}
 flow: stokes
 """
+MOVING = b"""
+geometry: {box: [1, 1], periodic: [x], shapes: [{sphere: {centre: [0.5, 0.5], radius: 0.3}, is: oil}]}
+particles: {spacing: 0.05}
+fluids: {water: {density: 1, viscosity: 1}, oil: {density: 1, viscosity: 2}}
+time: {end: 1}
+"""
 
 
 def test_a_clear_layer_of_a_million_kilometres_is_refused(tmp_path):
-    import numpy as np
-
     np.save(tmp_path / "image.npy", np.pad(np.zeros((2, 2, 2), np.uint8), 1, constant_values=1))
     text = f"""
 geometry:
@@ -47,3 +55,52 @@ def test_the_estimate_grows_with_the_scene():
     small, large = (sum(memory.estimate(case, 3, True, n, 0).values()) - memory.BYTES_PROGRAM for n in (1e5, 1e6))
     assert large == pytest.approx(10 * small)
     assert 2400e6 < large < 3300e6  # measured: 2.5 to 2.9 kB a particle
+
+
+@pytest.mark.parametrize("sets, who", [((), "400 fluid particles of two fluids"),
+                                       (("geometry.shapes=[]",), "400 fluid particles need")])
+def test_moving_particles_are_refused_where_the_machine_is_full(monkeypatch, sets, who):
+    case = read_case(MOVING, "case.yaml", sets)
+    monkeypatch.setattr(memory, "available", lambda: 1e6)
+    with pytest.raises(ParticleError, match=f"{who}.* about .* GB of memory, 0.001 GB are free; take a larger"):
+        prepare(case, build_geometry(case), Clock())
+    monkeypatch.setattr(memory, "available", lambda: None)
+    assert prepare(case, build_geometry(case), Clock())[2].n_fluid == 400
+
+
+def test_a_second_fluid_costs_memory():
+    """Measured on 2026-11-22: 5.4 and 8.1 kB a particle of a periodic cube, 7.5 and 11.0 kB beside walls."""
+    case = read_case(DISK, "case.yaml", ("flow=navier_stokes", "time={end: 1}"))
+    for walls, one, two in ((False, 5440, 8100), (True, 7540, 11040)):
+        found = [(sum(memory.estimate(case, 3, walls, 1e6, 0, two=k).values()) - memory.BYTES_PROGRAM) / 1e6
+                 for k in (False, True)]
+        assert one < found[0] < 1.6 * one and two < found[1] < 1.6 * two
+
+
+@pytest.mark.parametrize("flow", ["stokes", "navier_stokes"])
+def test_a_lattice_too_large_is_refused_before_it_is_placed(tmp_path, monkeypatch, flow):
+    """Exit code 2 and numbers: 6e8 sites of which seven tenths are fluid."""
+    monkeypatch.setattr(memory, "available", lambda: 2e10)
+    monkeypatch.setattr(particles, "place", lambda *_: pytest.fail("placed"))
+    text = MOVING.decode().replace("is: oil", "is: solid")
+    if flow == "stokes":
+        text = text.replace("time: {end: 1}", "flow: stokes")
+    (tmp_path / "case.yaml").write_text(text)
+    done = CliRunner().invoke(main, ["run", str(tmp_path / "case.yaml"), "--quiet", "--set", "particles.spacing=4e-5",
+                                     "--set", "drive.body_force=[1, 0]", "--out", str(tmp_path / "out")])
+    assert done.exit_code == 2 and not (tmp_path / "out").exists()
+    assert "about 4.47e+08 fluid particles need about" in done.stderr and "20 GB are free" in done.stderr
+    done = CliRunner().invoke(main, ["validate", "--check-only", str(tmp_path / "case.yaml"), "--set",
+                                     "particles.spacing=3.5e-5"])
+    assert done.exit_code == 2 and "lattice sites, to be checked, need about 24.5" in done.output
+
+
+def test_an_image_too_large_for_its_wall_distances_is_refused(tmp_path, monkeypatch):
+    np.save(tmp_path / "image.npy", np.zeros((20, 20, 20), np.uint8))
+    text = DISK.decode().splitlines()
+    voxels = f"{{file: {tmp_path}/image.npy, labels: {{water: 0}}, voxel_size: 1}}"
+    text[1] = f"geometry: {{voxels: {voxels}, periodic: [x]}}"
+    case = read_case("\n".join(text).encode(), "case.yaml")
+    monkeypatch.setattr(memory, "available", lambda: 1e5)
+    with pytest.raises(ParticleError, match=r"the wall distances of 8,000 voxels need about 0.00032 GB"):
+        build_geometry(case)

@@ -43,7 +43,20 @@ drive: {body_force: [1, 0]}
 time: {steady: 2.0e-2, end: 100}
 output: {plots: false}
 """
-
+# half a drop on a wall under gravity: tension, contact angle, jumps of density and viscosity, ganglia that are counted
+CAP = """
+geometry:
+  box: [1, 0.5]
+  periodic: [x]
+  fluid: water
+  shapes: [{sphere: {centre: [0.5, 0], radius: 0.25}, is: oil}]
+particles: {spacing: 0.0625, jitter: 0.1}
+fluids: {oil: {density: 2, viscosity: 0.2}, water: {density: 1, viscosity: 0.05}}
+interface: {tension: 1, contact_angle: 60}
+drive: {body_force: [0.5, -1]}
+time: {end: 0.15, capillary: 0.7}
+output: {every: 0.04, plots: false}
+"""
 DROP = """
 geometry: {box: [1, 1], periodic: [x], shapes: [{box: {lower: [0.3, 0.3], upper: [0.7, 0.7]}, is: oil}]}
 particles: {spacing: 0.0625}
@@ -86,8 +99,10 @@ def left_by(directory):
         return found | {name: file[name].tobytes() for name in file.files}
 
 
-@pytest.mark.parametrize("text, steps", [(VORTEX, (1, 5)), (CAVITY, (9, 14)), (POROUS, (30, 31))],
-                         ids=["shifted", "walls", "to a steady state"])
+@pytest.mark.parametrize("text, steps", [
+    (VORTEX, (1, 5)), (CAVITY, (9, 14)), (POROUS, (30, 31)), (CAP, (6, 21)),
+    (CAP.replace("jitter: 0.1", "shifting: 0"), (1, 14)),
+], ids=["shifted", "walls", "to a steady state", "two fluids on a wall, shifted", "two fluids on a wall"])
 def test_a_run_in_pieces_is_the_run_in_one_piece(tmp_path, text, steps, monkeypatch):
     """Interrupted at any step, not only where files are written: the same history, snapshots and state, bit for bit.
     The hierarchies in use were built long before the step of the interrupt."""

@@ -327,5 +327,14 @@ def test_random_spheres_keep_apart():
 def test_random_spheres_that_find_no_room(monkeypatch):
     monkeypatch.setattr(shapes, "TRIES", 20)
     scene = ShapeGeometry([0, 0], [1, 1], [True, True])
-    with pytest.raises(ShapeError, match=r"only \d of 9 spheres of radius 0.2 found room"):
+    with pytest.raises(ShapeError, match=r"only \d of 7 spheres of radius 0.2 found room"):
+        random_spheres(scene, 7, 0.2)
+    with pytest.raises(ShapeError, match=r"9 spheres of radius 0\.2 would fill 113 %"):
         random_spheres(scene, 9, 0.2)
+
+
+@pytest.mark.parametrize("length", [1e-300, 1.0, 1e300])
+def test_a_normal_of_any_length(length):
+    """Whose square leaves the range of numbers, too."""
+    half = HalfSpace((0.5, 0.0), (3 * length, 4 * length))
+    assert half.signed_distance(np.array([[0.5, 1.0], [1.5, 0.0]]), np.full(2, np.inf)) == pytest.approx([0.8, 0.6])
