@@ -277,7 +277,8 @@ def _depths(start, column, row, x, colour, point, weight, near, kind, support, d
                                                  * (x[row[p], m] - x[i, m] + point[j, m] - mean[m]))
                 values, vectors = np.linalg.eigh(spread)
                 normal = vectors[:, 0]
-                if not values[0] < FLAT * values[1]:
+                # crossings at one point have no direction: their spread is round-off
+                if not values[0] < FLAT * values[1] or values[-1] < 1e-20 * total * support * support:
                     normal = across
                 size, distance = 0.0, 0.0
                 for k in range(dim):

@@ -302,8 +302,8 @@ class Stepper:
                 return divergence_and_jump(ops, config.x, weighted.walls.natural, p, slope)
 
             with self.clock("assembly"):
-                exact = diagonal(ops, config.x, weighted.walls.natural, weighted.grad_p)
-                scale = np.maximum(exact / matrix.diagonal(), 1.0)
+                exact, own = diagonal(ops, config.x, weighted.walls.natural, weighted.grad_p), matrix.diagonal()
+                scale = np.where(exact > own, exact / np.where(own > 0.0, own, 1.0), 1.0)
 
         def apply(q):
             return means.remove(minus(q, gradient_p(weighted, q)))

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .coupling import balance
 from .halo import build_halo
 from .neighbours import find_pairs
 from .operators import particle_volumes
@@ -26,6 +27,7 @@ class WallScene:
         """(Operators, table of positions, pairs, Halo) of fluid positions x (n, dim)."""
         table, owner, pairs, walls, fraction, volume, images = self.stars(x)
         ops = build_wall_operators(table, pairs, fraction, owner, volume, walls, self.kind, self.support, order=2)
+        balance(ops, table, np.diff(pairs.start))
         return ops, table, pairs, images
 
     def stars(self, x, fixed=False):
