@@ -52,9 +52,9 @@ def diagonal(ops, x, natural_p, grad_p):
 
 
 def balance(ops, x, count):
-    """Makes the divergence of rows that cannot be consistent the balance of fluxes, in place.
+    """Makes sense of rows that see less than FEW of their neighbours, in place. count: (n,) those beyond walls too.
 
-    count: (n,) neighbours, those beyond walls too. sum_j w_ij x_ji . (u_i + u_j) / 2 is exact where the neighbourhood
+    Divergence: the balance of fluxes. sum_j w_ij x_ji . (u_i + u_j) / 2 is exact where the neighbourhood
     is whole and never senseless. Where beads touch, particles see few others, perhaps all in a plane: the gradients of
     pressure and velocity then fall back on different directions, and one's divergence of the other has the wrong sign.
     Of a pack of beads at 2.5 spacings a bead the pressure matrix had 20 eigenvalues with the wrong sign; without the

@@ -28,8 +28,9 @@ LANES = 8  # rows are padded to a multiple of this many neighbours: whole vector
 REDUCE = {"reassoc", "contract", "nsz"}
 # L_i may differ from a multiple of the identity by this much of it; at 20 % jitter none does (Wendland C2)
 LOPSIDED = 2.0
-# Neighbours that spread less than this in one direction, of what they do in the widest one, know no gradient in it. At
-# 1e-4 beads that touch threw particles out: stars in a plane on the lattice were inverted when they had moved a little.
+# Neighbours that spread less than this in one direction, of what they do in the widest one and in a whole star (there it
+# is one), know no gradient in it. At 1e-4 of the former, beads that touch threw particles out: stars in a plane
+# on the lattice were inverted when they had moved a little, and one neighbour at the rim of the support was enough.
 THIN = 0.05
 ROUND = 0.2  # determinant over the cube of the mean moment above which no direction is thin
 SINGULAR = 1e-7  # scaled pivot below which a correction system counts as rank-deficient
@@ -307,7 +308,7 @@ def invert_gradient(moments, dim, g):
     g[0, 1], g[0, 2], g[1, 2] = xz * yz - xy * c, xy * yz - xz * b, xy * xz - yz * a
     determinant = a * g[0, 0] + xy * g[0, 1] + xz * g[0, 2]
     mean = (a + b + c) / 3.0
-    if not determinant > ROUND * mean * mean * mean:
+    if not (determinant > ROUND * mean * mean * mean and mean > ROUND):
         g[:] = 0.0
         return not mean > 0.0 or _pseudo_inverse(moments, dim, g)
     for k in range(3):
@@ -328,7 +329,7 @@ def _pseudo_inverse(moments, dim, g):
     values, vectors = np.linalg.eigh(a)
     thin = False
     for v in range(dim):
-        if not values[v] > THIN * values[dim - 1]:
+        if not values[v] > THIN * max(values[dim - 1], 1.0):
             thin = True
         else:
             for k in range(dim):

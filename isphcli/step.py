@@ -284,7 +284,8 @@ class Stepper:
 
         A is not div grad, and the right-hand side is not rate div u*: what A sees of p and the gradient does not, its
         odd-even part, would then be handed on from step to step, hardly damped. Layers of density ratio 100 at rest
-        grew by 5 % a step, whatever its length, and a drop of density ratio 1000 blew up.
+        grew by 5 % a step, whatever its length, and a drop of density ratio 1000 blew up. Tension between fluids of one
+        density is kinder, and more accurate with increments alone (not terms.whole).
         """
         ops, means, terms = config.ops, config.means, config.terms
         weighted, walls = terms.ops, ops.walls
@@ -309,10 +310,13 @@ class Stepper:
             return means.remove(minus(q, gradient_p(weighted, q)))
 
         with self.clock("krylov"):
-            slope = terms.slope(p)
-            right = -rate * total_divergence(ops, star + slope / rate) - minus(p, slope)
-            if terms.lift is not None:
-                right -= terms.lift
+            if terms.whole:
+                slope = terms.slope(p)
+                right = -rate * total_divergence(ops, star + slope / rate) - minus(p, slope)
+                if terms.lift is not None:
+                    right -= terms.lift
+            else:
+                right = -rate * total_divergence(ops, star)
             right = means.remove(right)
             def settle(once):
                 return lambda v: means.remove(once(v if scale is None else means.remove(v / scale)))
