@@ -18,7 +18,7 @@ class Terms:
     bulk: number, dynamic viscosity over the density of the first fluid, m2/s;
     turn: Turn, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity has no kink, or None;
     shy: (n,) bool, near an interface, or None;
-    whole: the whole pressure is projected, or its increment (see `Stepper._poisson`).
+    whole: whether the odd-even part of the pressure is taken out (see `Stepper._poisson`).
     """
 
     ops: object

@@ -164,7 +164,7 @@ def invert(tensor, dim, inverse):
     moments = np.zeros(6)
     moments[0], moments[1], moments[2] = tensor[0, 0], tensor[1, 1], tensor[2, 2]
     moments[3], moments[4], moments[5] = tensor[1, 2], tensor[0, 2], tensor[0, 1]
-    invert_gradient(moments, dim, inverse)
+    invert_gradient(moments, dim, inverse, 0.0)
 
 
 @njit(cache=True, parallel=True)

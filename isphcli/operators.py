@@ -28,9 +28,9 @@ LANES = 8  # rows are padded to a multiple of this many neighbours: whole vector
 REDUCE = {"reassoc", "contract", "nsz"}
 # L_i may differ from a multiple of the identity by this much of it; at 20 % jitter none does (Wendland C2)
 LOPSIDED = 2.0
-# Neighbours that spread less than this in one direction, of what they do in the widest one and in a whole star (there it
-# is one), know no gradient in it. At 1e-4 of the former, beads that touch threw particles out: stars in a plane
-# on the lattice were inverted when they had moved a little, and one neighbour at the rim of the support was enough.
+# Neighbours that spread less than this in one direction, of what they do in the widest one and in a whole star (there
+# it is one), know no gradient in it. At 1e-4 of the former, beads that touch threw particles out: stars in a plane on the
+# lattice were inverted when they had moved a little, and one neighbour at the rim of the support was enough.
 THIN = 0.05
 ROUND = 0.2  # determinant over the cube of the mean moment above which no direction is thin
 SINGULAR = 1e-7  # scaled pivot below which a correction system counts as rank-deficient
@@ -296,11 +296,12 @@ _SECOND = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 
 
 @njit(cache=True)
-def invert_gradient(moments, dim, g):
+def invert_gradient(moments, dim, g, whole=1.0):
     """G_i = (sum w s e e)^-1 into g (3, 3); on a rank-deficient neighbourhood the pseudo-inverse.
 
-    Returns True where it had to fall back. The pseudo-inverse gives the gradient in the directions that the
-    neighbours span and zero in the others: what a pore one particle wide needs.
+    whole: what the moments of a whole neighbourhood are. Returns True where it had to fall back. The pseudo-inverse
+    gives the gradient in the directions that the neighbours span and zero in the others: what a pore one particle wide
+    needs.
     """
     a, b, c = moments[0], moments[1], moments[2] if dim == 3 else moments[0] + moments[1]
     yz, xz, xy = moments[3], moments[4], moments[5]
@@ -308,9 +309,9 @@ def invert_gradient(moments, dim, g):
     g[0, 1], g[0, 2], g[1, 2] = xz * yz - xy * c, xy * yz - xz * b, xy * xz - yz * a
     determinant = a * g[0, 0] + xy * g[0, 1] + xz * g[0, 2]
     mean = (a + b + c) / 3.0
-    if not (determinant > ROUND * mean * mean * mean and mean > ROUND):
+    if not (determinant > ROUND * mean * mean * mean and mean > ROUND * whole):
         g[:] = 0.0
-        return not mean > 0.0 or _pseudo_inverse(moments, dim, g)
+        return not mean > 0.0 or _pseudo_inverse(moments, dim, g, whole)
     for k in range(3):
         g[k, k] /= determinant
     for k, m in ((0, 1), (0, 2), (1, 2)):
@@ -320,7 +321,7 @@ def invert_gradient(moments, dim, g):
 
 
 @njit(cache=True)
-def _pseudo_inverse(moments, dim, g):
+def _pseudo_inverse(moments, dim, g, whole):
     """Returns True where it left a direction out."""
     a = np.empty((dim, dim))
     for k in range(dim):
@@ -329,7 +330,7 @@ def _pseudo_inverse(moments, dim, g):
     values, vectors = np.linalg.eigh(a)
     thin = False
     for v in range(dim):
-        if not values[v] > THIN * max(values[dim - 1], 1.0):
+        if not values[v] > THIN * max(values[dim - 1], whole):
             thin = True
         else:
             for k in range(dim):

@@ -415,9 +415,21 @@ def viscosity_ratio_of_a_bubble(large):
     return _laplace(large, "fluids.oil.viscosity=5e-6")
 
 
-@scene("density ratio 1e3", "a drop at rest", "pressure in it: tension over radius, relative", 0.05)
+@scene("density ratio 1e3", "a drop at rest, of the same viscosity", "pressure in it: tension over radius, relative",
+       0.05, known="(hardly damped: its Laplace number is 1e5, currents grow until the run ends after some 200 steps)")
 def density_ratio(large):
     return _laplace(large, "fluids.oil.density=1000")
+
+
+@scene("density ratio 1e3", "a drop at rest, 100 times as viscous", "pressure in it: tension over radius, relative", 0.05)
+def density_and_viscosity_ratio(large):
+    return _laplace(large, "fluids.oil={density: 1000, viscosity: 5}")
+
+
+@scene("density ratio 1e-3", "a bubble at rest, a hundredth as viscous", "pressure in it: tension over radius, relative",
+       0.05)
+def density_and_viscosity_ratio_of_a_bubble(large):
+    return _laplace(large, "fluids.oil={density: 1e-3, viscosity: 5e-4}")
 
 
 @scene("density ratio 1e-3", "a bubble at rest", "pressure in it: tension over radius, relative", 0.05)
