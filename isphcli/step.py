@@ -277,7 +277,7 @@ class Stepper:
     def _poisson(self, config, star, p, rate):
         """The pressure increment q of A q = rate div u* - w (A - div grad) p, with the constant of each component
         projected out (eqs 25-26). star: (n, dim) u*; p: (n,); rate: g0 / dt; w: part of the inertia in what a particle
-        sets against a force, rate / (rate + nu sum_j lap_ij).
+        sets against a force, rate / (rate + nu sum_j lap_ij), nu that of the thinner fluid.
 
         A is the Laplacian of eq. 6 without walls, which then stands for div grad. Beside walls the divergence sees the
         wall and the pressure gradient does not: there the two differ so much that a correction by the Laplacian
@@ -287,8 +287,8 @@ class Stepper:
         Without w, what A sees of p and the gradient does not, its odd-even part, is handed on from step to step, hardly
         damped: layers of density ratio 100 at rest grew by 5 % a step, whatever its length, and a drop of density ratio
         1000 blew up. Where drag sets the speed there is nothing to damp, and w = 1 would keep the pressure from growing
-        to what balances it. Tension between fluids of one density is kinder, and more accurate with w = 0
-        (not terms.whole).
+        to what balances it. Tension between fluids that differ in name only is kinder, and more
+        accurate with w = 0 (not terms.whole).
         """
         ops, means, terms = config.ops, config.means, config.terms
         weighted, walls = terms.ops, ops.walls
@@ -316,13 +316,13 @@ class Stepper:
             right, slope = -rate * total_divergence(ops, star), terms.slope(p)
             old = minus(p, slope)
             if terms.whole:
-                odd_even, drag = -total_divergence(ops, slope) - old, linear.row_sums(weighted.start, weighted.lap)
+                odd_even, drag = -total_divergence(ops, slope) - old, linear.row_sums(ops.start, ops.lap)
                 if walls is not None:
                     odd_even += walls.div_velocity
-                    drag += weighted.walls.lap
+                    drag += walls.lap
                 if terms.lift is not None:
                     odd_even -= terms.lift
-                right += odd_even * (rate / (rate + terms.viscosity * drag))
+                right += odd_even * (rate / (rate + self.fluids.thinnest * drag))
             right = means.remove(right)
             # a small increment is the difference of large pressures: no solve is more exact than their round-off
             size = np.linalg.norm(right)

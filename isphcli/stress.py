@@ -421,13 +421,14 @@ def density_ratio(large):
     return _laplace(large, "fluids.oil.density=1000")
 
 
-@scene("density ratio 1e3", "a drop at rest, 100 times as viscous", "pressure in it: tension over radius, relative", 0.05)
+@scene("density ratio 1e3", "a drop at rest, 100 times as viscous", "pressure in it: tension over radius, relative",
+       0.05)
 def density_and_viscosity_ratio(large):
     return _laplace(large, "fluids.oil={density: 1000, viscosity: 5}")
 
 
-@scene("density ratio 1e-3", "a bubble at rest, a hundredth as viscous", "pressure in it: tension over radius, relative",
-       0.05)
+@scene("density ratio 1e-3", "a bubble at rest, a hundredth as viscous",
+       "pressure in it: tension over radius, relative", 0.05)
 def density_and_viscosity_ratio_of_a_bubble(large):
     return _laplace(large, "fluids.oil={density: 1e-3, viscosity: 5e-4}")
 

@@ -78,7 +78,7 @@ class TwoFluids:
             force = force + push
             jump = None if lift is None else push
         return Terms(weighted, viscosity, force, jump, lift, rho if heavy else 1.0, self.mu.min() / reference, turn,
-                     smooth, near, heavy or self.tension is None)
+                     smooth, near, heavy or thick or self.tension is None)
 
     @staticmethod
     def _weigh(ops, t, rho, mu, heavy):
