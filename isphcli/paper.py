@@ -33,7 +33,7 @@ CREEPING = 6.0e-4  # CPU s a particle of a steady solve of the bead pack, to cho
 STEP = 6.0e-5  # CPU s a particle and step of moving particles between beads
 MOST = 400_000  # particles: 2 GB
 STEPS_TO_STEADY = 60
-PROBE = 20_000  # particles of the one step that tells whether moving particles run in a scene
+PROBE = 20_000  # particles of the steps that tell whether moving particles run in a scene
 NU = 1.0e-6  # m2/s, of water
 
 
@@ -178,10 +178,10 @@ def known_porosity(radius: np.ndarray) -> np.ndarray:
     return np.interp(radius, known["r_mid_m"], known["porosity"])
 
 
-def probe(name: str, folder: Path, *overrides: str) -> str:
-    """Why moving particles do not run in a scene: one step of a small one; empty where they do."""
+def probe(name: str, folder: Path, steps: int, *overrides: str) -> str:
+    """Why moving particles do not run in a scene: some steps of a small one; empty where they do."""
     try:
-        run(name, folder, "flow=navier_stokes", "time={end: 1, max_steps: 1}", "solver.max_iterations=100",
+        run(name, folder, "flow=navier_stokes", f"time={{end: 1, max_steps: {steps}}}", "solver.max_iterations=100",
             "output.snapshots=false", "output.plots=false", *overrides)  # fmt: skip
     except NotRun as reason:
         return str(reason)
@@ -191,7 +191,7 @@ def probe(name: str, folder: Path, *overrides: str) -> str:
 def darcy(seconds: float, folder: Path) -> Finding:
     """Moving particles to the steady state under three forces: in the bead pack, or where that does not run in a
     regular array of spheres."""
-    why = probe("bead_pack", folder / "probe", f"particles.spacing={spacing_for(PROBE)!r}", PUSH)
+    why = probe("bead_pack", folder / "probe", STEPS_TO_STEADY, f"particles.spacing={spacing_for(PROBE)!r}", PUSH)
     if why:
         name, axis, h, forces, share = "sphere_array", 0, 1e-3 / 20, (5e-4, 1e-3, 1.5e-3), 1.0
     else:
@@ -274,7 +274,7 @@ def scaling(case: str, volume: float, *overrides: str) -> Callable[[float, Path]
 
     def ladder(seconds: float, folder: Path) -> Finding:
         coarse = spacing_for(PROBE, volume)
-        why = probe(case, folder / "probe", f"particles.spacing={coarse!r}", *overrides)
+        why = probe(case, folder / "probe", LADDER_STEPS, f"particles.spacing={coarse!r}", *overrides)
         if why and case != "bead_pack":
             raise NotRun(why)
         steps = 1 if why else LADDER_STEPS
