@@ -1,4 +1,4 @@
-"""Divergence of a pressure gradient with the damping of the odd-even pressure mode, in one pass over the pairs.
+"""The pressure matrix beside walls: the divergence of a gradient with the odd-even mode damped, in one pass over pairs.
 
 The central gradient does not see a pressure that alternates from particle to particle. What it misses is
 
