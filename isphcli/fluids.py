@@ -12,13 +12,13 @@ class Terms:
     """The fluids of one configuration, as the equations see them.
 
     ops: Operators, the weights of the pressure over the density, those of the velocity times the viscosity;
-    viscosity: number that still multiplies the latter, m2/s; force: (dim,) or (n, dim) m/s2; jump: (n, dim) the part of
-    it that stands for a jump of the pressure, or None; lift: (n,) 1/s2, what the Laplacian of the pressure makes of
-    that jump; density: over that of the first fluid, (n,) or 1;
+    viscosity: number that still multiplies the latter, m2/s; force: (dim,) or (n, dim) m/s2; jump: (n, dim) m/s2 what a
+    jump of the pressure at the interface accelerates by, or None; lift: (n,) 1/s2, what the Laplacian of the pressure
+    makes of that jump; density: over that of the first fluid, (n,) or 1;
     bulk: number, dynamic viscosity over the density of the first fluid, m2/s;
     turn: Turn, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity has no kink, or None;
     shy: (n,) bool, near an interface, or None;
-    whole: whether the odd-even part of the pressure is taken out (see `Stepper._poisson`).
+    forgets: whether the odd-even part of the pressure is taken out (see `Stepper._odd_even`).
     """
 
     ops: object
@@ -31,7 +31,7 @@ class Terms:
     turn: object = None
     smooth: np.ndarray | None = None
     shy: np.ndarray | None = None
-    whole: bool = True
+    forgets: bool = True
 
     def slope(self, p):
         """Gradient of the pressure p (n,) over the density without its jump, (n, dim) m/s2."""

@@ -195,14 +195,17 @@ class Stepper:
         return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt), config
 
     def _project(self, config, guess, history, p, g0, dt):
+        """Eqs 2-4: (velocity, pressure, divergence of the velocity)."""
         ops, terms = config.ops, config.terms
-        right = history + terms.force - gradient_p(terms.ops, p)
+        slope = terms.slope(p)
+        right = history + terms.force - slope
         if ops.walls is not None:
             right += terms.viscosity * terms.ops.walls.lap_velocity
         star = self._helmholtz(config, g0 / dt, right, guess)
-        q = self._poisson(config, star, p, g0 / dt)
+        div = total_divergence(ops, star)
+        q = self._poisson(config, div, p, slope, g0 / dt)
         u = star - (dt / g0) * gradient_p(terms.ops, q)
-        p = config.means.remove(p + q - terms.bulk * total_divergence(ops, star))
+        p = config.means.remove(p + q - terms.bulk * div)
         return u, p, total_divergence(ops, u)
 
     def _helmholtz(self, config, shift_, right, guess):
@@ -274,69 +277,72 @@ class Stepper:
         self._record("velocity", report, lambda: np.abs(scaled - apply(solution)).reshape(n, dim).max(axis=1))
         return solution.reshape(n, dim)
 
-    def _poisson(self, config, star, p, rate):
+    def _poisson(self, config, div, p, slope, rate):
         """The pressure increment q of A q = rate div u* - w (A - div grad) p, with the constant of each component
-        projected out (eqs 25-26). star: (n, dim) u*; p: (n,); rate: g0 / dt; w: part of the inertia in what a particle
-        sets against a force, rate / (rate + nu sum_j lap_ij), nu that of the thinner fluid.
+        projected out (eqs 25-26). div: (n,) of u*; p: (n,) and its slope (n, dim); rate: g0 / dt.
 
         A is the Laplacian of eq. 6 without walls, which then stands for div grad. Beside walls the divergence sees the
         wall and the pressure gradient does not: there the two differ so much that a correction by the Laplacian
         overshoots and the pressure grows from step to step. Scenes with walls therefore take div grad itself, the
         odd-even mode added, preconditioned by the Laplacian.
-
-        Without w, what A sees of p and the gradient does not, its odd-even part, is handed on from step to step, hardly
-        damped: layers of density ratio 100 at rest grew by 5 % a step, whatever its length, and a drop of density ratio
-        1000 blew up. Where drag sets the speed there is nothing to damp, and w = 1 would keep the pressure from growing
-        to what balances it. Tension between fluids that differ in name only is kinder, and more
-        accurate with w = 0 (not terms.whole).
         """
-        ops, means, terms = config.ops, config.means, config.terms
-        weighted, walls = terms.ops, ops.walls
+        means, weighted = config.means, config.terms.ops
         with self.clock("assembly"):
-            matrix = linear.assemble(ops.start, ops.column, weighted.lap_p, 0.0, 1.0)
-        scale = None
-        if walls is None:
-
-            def minus(p, slope):
-                return matrix @ p
-        else:
-            from .coupling import diagonal, divergence_and_jump
-
-            def minus(p, slope):
-                return divergence_and_jump(ops, config.x, weighted.walls.natural, p, slope)
-
-            with self.clock("assembly"):
-                exact, own = diagonal(ops, config.x, weighted.walls.natural, weighted.grad_p), matrix.diagonal()
-                scale = np.where(exact > own, exact / np.where(own > 0.0, own, 1.0), 1.0)
+            matrix = linear.assemble(config.ops.start, config.ops.column, weighted.lap_p, 0.0, 1.0)
+        minus, scale = self._minus_div_grad(config, matrix)
 
         def apply(q):
             return means.remove(minus(q, gradient_p(weighted, q)))
 
+        def settle(once):
+            return lambda v: means.remove(once(v if scale is None else means.remove(v / scale)))
+
         with self.clock("krylov"):
-            right, slope = -rate * total_divergence(ops, star), terms.slope(p)
             old = minus(p, slope)
-            if terms.whole:
-                odd_even, drag = -total_divergence(ops, slope) - old, linear.row_sums(ops.start, ops.lap)
-                if walls is not None:
-                    odd_even += walls.div_velocity
-                    drag += walls.lap
-                if terms.lift is not None:
-                    odd_even -= terms.lift
-                right += odd_even * (rate / (rate + self.fluids.thinnest * drag))
-            right = means.remove(right)
+            right = means.remove(self._odd_even(config, slope, old, rate) - rate * div)
             # a small increment is the difference of large pressures: no solve is more exact than their round-off
-            size = np.linalg.norm(right)
-            floor = ROUND_OFF * max(np.linalg.norm(old), rate * np.abs(star).max() / self.spacing)
+            size, floor = np.linalg.norm(right), ROUND_OFF * np.linalg.norm(old)
             if size <= floor:
                 right[:] = 0.0
             tolerance = max(self.tolerance, floor / size) if size > 0.0 else self.tolerance
-
-            def settle(once):
-                return lambda v: means.remove(once(v if scale is None else means.remove(v / scale)))
-
             q, report = self._multigrid("pressure", matrix, apply, right, None, settle, tolerance)
         self._record("pressure", report, lambda: right - apply(q))
         return means.remove(q)
+
+    def _minus_div_grad(self, config, matrix):
+        """-A as a function of a pressure and its gradient, and by what its diagonal exceeds that of the Laplacian
+        `matrix`, or None."""
+        ops, terms = config.ops, config.terms
+        if ops.walls is None:
+            return (lambda p, slope: matrix @ p), None
+        from .coupling import diagonal, divergence_and_jump
+
+        natural = terms.ops.walls.natural
+        with self.clock("assembly"):
+            exact, own = diagonal(ops, config.x, natural, terms.ops.grad_p), matrix.diagonal()
+            scale = np.where(exact > own, exact / np.where(own > 0.0, own, 1.0), 1.0)
+        return (lambda p, slope: divergence_and_jump(ops, config.x, natural, p, slope)), scale
+
+    def _odd_even(self, config, slope, old, rate):
+        """w (A - div grad) p of `_poisson`, (n,). slope: (n, dim) of p; old: (n,) -A p.
+
+        w is the part of inertia in what a particle sets against a force, rate / (rate + nu sum_j lap_ij), nu that of
+        the thinner fluid. Without it, what A sees of p and the gradient does not, its odd-even part, is handed on from
+        step to step, hardly damped: layers of density ratio 100 at rest grew by 5 % a step, whatever its length, and a
+        drop of density ratio 1000 blew up. Where drag sets the speed there is nothing to damp, and w = 1 would keep the
+        pressure from growing to what balances it. Tension between fluids that differ in name only is kinder, and more
+        accurate with w = 0 (not terms.forgets).
+        """
+        ops, terms = config.ops, config.terms
+        if not terms.forgets:
+            return 0.0
+        odd_even, drag = -total_divergence(ops, slope) - old, linear.row_sums(ops.start, ops.lap)
+        if ops.walls is not None:
+            odd_even += ops.walls.div_velocity
+            drag += ops.walls.lap
+        if terms.lift is not None:
+            odd_even -= terms.lift
+        return odd_even * (rate / (rate + self.fluids.thinnest * drag))
 
     def _multigrid(self, name, matrix, apply, right, guess, spread=None, tolerance=None):
         """GMRES with the hierarchy kept under `name`. A stale one is dropped; a failed solve is repeated with a new

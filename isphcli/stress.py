@@ -781,43 +781,7 @@ Stiff and extreme scenes and the invariant that each must keep. This page is wha
 
 What a run does with a step that fails: [method.md](method.md), section 6. What it leaves when it is stopped or killed:
 [output.md](output.md).
-
-## Runs that are killed
-
-`PYTHONPATH=. python benchmarks/kill.py --two-fluids` kills a run of two fluids (half a drop that slides along a wall,
-with tension, contact angle and shifting; a restart file every other step, 61 snapshots in 194 steps) with SIGKILL at
-random moments and restarts it until it has ended, again and again, until there were 200 kills. Each kill must leave the
-snapshots that were listed before it byte for byte; what the pieces leave in the end must be the bytes of the run that
-was left alone. Without `--two-fluids` the case is flow past a disk; a case of one's own may be given. On 2026-11-22,
-six and two minutes on a busy machine:
-
-| | kills | of them in restarted runs | amid a write | before the first restart file | rounds | lost or different |
-|---|---|---|---|---|---|---|
-| `--two-fluids` | 200 | 151 | 18 | 15 | 34 | 0 |
-| flow past a disk | 200 | 192 | 62 | 3 | 5 | 0 |
-
-## Bad inputs
-
-`PYTHONPATH=. python benchmarks/bad_inputs.py` makes 10,000 bad inputs and feeds them to the readers, in a process whose
-address space may grow by 1.5 GB: case files of one and two fluids (read, written, read again, checked, their particles
-placed), images, lists of spheres, restart files. A clean error is one that the command line turns into a message and
-exit code 2. On 2026-11-22:
-
-| | clean errors | valid objects | tracebacks | memory errors | hangs |
-|---|---|---|---|---|---|
-| cases | 4135 | 391 | 0 | 0 | 0 |
-| images | 3418 | 245 | 0 | 0 | 0 |
-| spheres | 754 | 130 | 0 | 0 | 0 |
-| restarts | 912 | 15 | 0 | 0 | 0 |
-| all | 9219 | 781 | 0 | 0 | 0 |
-
-120 s, the slowest 3.3 s; memory 142 MB before, 1233 MB at its peak.
-
-## Memory
-
-A scene that does not fit is refused before its particles are placed or its wall distances are computed, with what it
-needs and what is free (exit code 2): `memory` holds the bytes, measured as peaks of runs. `isph validate --check-only`
-tells them beforehand.
+[robustness.md](robustness.md): runs that were killed, bad inputs, memory.
 """
 
 

@@ -75,8 +75,10 @@ class TwoFluids:
             force = force + potential_gradient(ops.start, row, x, weighted.grad_p, self.push)
         if self.tension is not None:
             push, lift = self.tension.force(ops, weighted, x, row, pairs, owner, self.colour, near, reference)
-            force = force + push
-            jump = None if lift is None else push
+            if lift is None:
+                force = force + push
+            else:
+                jump = push
         return Terms(weighted, viscosity, force, jump, lift, rho if heavy else 1.0, self.mu.min() / reference, turn,
                      smooth, near, heavy or thick or self.tension is None)
 

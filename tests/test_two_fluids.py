@@ -236,7 +236,7 @@ def test_the_velocity_matrix_has_no_growing_mode(ratio):
 
 
 def test_the_stress_of_a_linear_velocity_vanishes():
-    """Constant viscosity, any arrangement, velocity linear in x: the correction S_i of the tensor form."""
+    """Constant viscosity, any arrangement, velocity linear in x: weights of second derivatives see nothing."""
     _, _, state, stepper, _ = scene(layers(1 / 12, mu=2).replace("spacing: ", "jitter: 0.2, spacing: "))
     config = stepper.configure(state.x)
     from isphcli.two_fluids import Turn
