@@ -282,17 +282,22 @@ class History:
             self._widen(unknown)
         elif unknown:
             raise KeyError(f"{self.path.name}: no column {', '.join(unknown)} in its first row")
-        cells = {
-            key: _cell(f"{self.path.name}: {key} in row {self.rows + 1}", row.get(key))
-            for key in self.columns
-        }
+        cells = [self._cell(key, row.get(key)) for key in self.columns]
         if self._file is None:
             self._file = open(self.path, "w", newline="", encoding="utf-8")
             csv.writer(self._file).writerow(self.columns)
-        csv.writer(self._file).writerow([cells[key] for key in self.columns])
+        csv.writer(self._file).writerow(cells)
         self.rows += 1
         if self.rows % FLUSH_EVERY == 1:
             self._file.flush()
+
+    def _cell(self, key: str, value: Any) -> str:
+        if value is None:
+            return ""
+        plain = isinstance(value, int | str) or (isinstance(value, float) and math.isfinite(value))
+        if not plain:  # the check of arrays takes ten times as long
+            value = require_finite(f"{self.path.name}: {key} in row {self.rows + 1}", value).item()
+        return f"{value:.10g}" if isinstance(value, float) else str(value)
 
     def sync(self) -> None:
         """Bring every row to the disk."""
@@ -311,13 +316,6 @@ class History:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
-
-
-def _cell(name: str, value: Any) -> str:
-    if value is None:
-        return ""
-    value = require_finite(name, value).item()
-    return f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
 def read_history(path: str | os.PathLike) -> list[dict[str, Any]]:

@@ -193,8 +193,9 @@ class March:
 
     def _row(self, state, dt, limit):
         stepper = self.stepper
-        mean = state.u.mean(axis=0)
-        energy = 0.5 * self.site_volume * float((self.density * (state.u * state.u).sum(axis=1)).sum())
+        # einsum: numpy's sums over an axis of two or three entries take five times as long
+        mean = np.einsum("ij->j", state.u) / len(state.u)
+        energy = 0.5 * self.site_volume * float((self.density * np.einsum("ij,ij->i", state.u, state.u)).sum())
         fraction = len(state.u) * self.site_volume / self.box_volume
         row = {"step": state.step, "time": state.time, "dt": dt, "limit": limit}
         for name in ("velocity", "pressure"):

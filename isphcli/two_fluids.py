@@ -22,6 +22,8 @@ from .fluids import Terms, body_force
 from .interface import crossings, near_interface
 from .operators import potential_gradient
 
+SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like a second derivative of a plane of them
+
 
 class TwoFluids:
     """phase: (n,) int8 fluid of each particle, 0 or 1; density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s;
@@ -167,7 +169,11 @@ def _turn_tensors(start, column, row, x, lap, weighted_lap, rows, new_start):
             for a in range(size):
                 for b in range(size):
                     moments[a, b] += w * basis[k, a] * basis[k, b]
-        inverse = np.linalg.pinv(moments, 1e-10)
+        inverse, least = np.empty((size, size)), SINGULAR * np.trace(moments)
+        if not _invert(moments, least, inverse):
+            for a in range(size):
+                moments[a, a] += least  # as good as a pseudo-inverse, which takes numba 15 s to compile
+            _invert(moments, 0.0, inverse)
         for k in range(count):
             at = new_start[m] + k
             new_column[at] = column[begin + k]
@@ -184,6 +190,36 @@ def _turn_tensors(start, column, row, x, lap, weighted_lap, rows, new_start):
                         tensor[at, b, a] = factor * value
                         v += 1
     return new_column, tensor
+
+
+@njit(cache=True)
+def _invert(matrix, least, inverse):
+    """Inverse of a symmetric matrix by Cholesky's factors; False where a pivot is not above `least`."""
+    n = len(matrix)
+    lower = np.zeros((n, n))
+    for k in range(n):
+        for m in range(k + 1):
+            rest = matrix[k, m]
+            for c in range(m):
+                rest -= lower[k, c] * lower[m, c]
+            if m < k:
+                lower[k, m] = rest / lower[m, m]
+            elif rest > least:
+                lower[k, k] = math.sqrt(rest)
+            else:
+                return False
+    for k in range(n):  # a column of the unit matrix at a time
+        for m in range(n):
+            rest = 1.0 if m == k else 0.0
+            for c in range(m):
+                rest -= lower[m, c] * inverse[c, k]
+            inverse[m, k] = rest / lower[m, m]
+        for m in range(n - 1, -1, -1):
+            rest = inverse[m, k]
+            for c in range(m + 1, n):
+                rest -= lower[c, m] * inverse[c, k]
+            inverse[m, k] = rest / lower[m, m]
+    return True
 
 
 @njit(cache=True)
