@@ -297,6 +297,12 @@ class Interface:
     contact_angle: float = key(
         "at walls, measured through the first fluid", default=90.0, unit="degrees", at_least=0, at_most=180
     )
+    slip_length: float = key(
+        "Navier slip length of the walls that both fluids are within a support of, where it is more than their own",
+        default=0.0,
+        unit="m",
+        at_least=0,
+    )
     method: str = key(
         "a sharp jump of pressure, or a continuous force in a band (csf)",
         default="jump",

@@ -239,6 +239,7 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
     wall = geometry.has_solid
     moves = wall and bool(np.any(geometry.wall_speed))
     slips = wall and bool(np.any(geometry.slip_length > 0))
+    line = wall and case.interface is not None and case.interface.slip_length > 0
     around = "".join(a for a, p in zip(AXES, geometry.periodic) if p)
     fluids = list(case.fluids.values())
     jumps = len({f.mu for f in fluids}) > 1 or len({f.density for f in fluids}) > 1
@@ -251,7 +252,8 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
     return [
         Term("walls", wall, f"distance {case.wall_distance}" if wall else "no solid and no closed face"),
         Term("moving walls", moves, "a wall has a velocity" if moves else "all walls are at rest"),
-        Term("slip", slips, "a wall has a slip length" if slips else "no slip length"),
+        Term("slip", slips or line, "a wall has a slip length" if slips else
+             f"{case.interface.slip_length:g} m at contact lines" if line else "no slip length"),
         Term("periodic halo", bool(around), halo if around else "no periodic axis"),
         Term("inertia", moving, "particles move, in time" if moving else "flow: stokes"),
         Term("viscosity", True, "implicit: no stability limit"),

@@ -40,6 +40,26 @@ class Ghosts:
     volume: float
 
 
+class SlipAtLine:
+    """Walls near a contact line slip, so that the line can move as particles become many. phase: (n,) of the fluid
+    particles; length: Navier slip length, m."""
+
+    def __init__(self, phase, length):
+        self.phase, self.length = phase, length
+
+    def wall_table(self, geometry, wall, pairs, owner):
+        """(wall (n_rows,), velocity, slip length, spin) of the walls, each there twice: as it is, and near a line.
+
+        wall: (n_rows,) nearest wall of each row; pairs: neighbours of the fluid particles; owner: (n_rows,).
+        """
+        n = len(self.phase)
+        sees = _fluids_in_sight(pairs.start, pairs.index, owner, self.phase, int(owner.max()) + 1)
+        wall = wall + len(geometry.slip_length) * ((owner >= n) & sees[owner].all(axis=1)).astype(wall.dtype)
+        slip = np.concatenate([geometry.slip_length, np.maximum(geometry.slip_length, self.length)])
+        spin = None if geometry.wall_spin is None else np.concatenate([geometry.wall_spin] * 2)
+        return wall, np.concatenate([geometry.wall_velocity] * 2), slip, spin
+
+
 class ContactAngle:
     """angle: degrees through the first fluid; dummies: (n_dummy, dim) m; depth: (n_dummy,) of them below the wall, m;
     normals: (n_dummy, dim) of the wall, into the fluid; kind: kernel number; support, spacing: m; volume: m^dim."""
@@ -83,6 +103,16 @@ class ContactAngle:
         # the nearest always counts, however far
         weight = np.maximum(1.0 - (distance / (1.5 * np.maximum(distance[:, :1], self.spacing))) ** 2, 0.0) ** 2
         return (weight * colour[owner[rows[index]]]).sum(axis=1) / weight.sum(axis=1)
+
+
+@njit(cache=True)
+def _fluids_in_sight(start, index, owner, phase, count):
+    """(count, 2) bool, whether a particle or dummy has either fluid within its support."""
+    sees = np.zeros((count, 2), np.bool_)
+    for i in range(len(start) - 1):
+        for p in range(start[i], start[i + 1]):
+            sees[owner[index[p]], phase[i]] = True
+    return sees
 
 
 @njit(cache=True)

@@ -51,7 +51,7 @@ class OneFluid:
     """A single fluid, or two that differ in name only. reference: density, kg/m3; viscosity: kinematic,
     m2/s; force: (dim,) m/s2."""
 
-    tension = None
+    tension = line = None
     first_passes = 3  # through the equations in the first step, which has no pressure to go on from
 
     def __init__(self, reference, viscosity, force):

@@ -445,6 +445,8 @@ def _terms_of_two(fluids):
         terms.append(f"surface tension ({fluids.tension.method})")
         if fluids.tension.contact is not None:
             terms.append("contact angle")
+        if fluids.line is not None:
+            terms.append("slip at contact lines")
     return terms
 
 

@@ -62,18 +62,22 @@ def choose_fluids(case, geometry, particles, force):
 
     kind, spacing = KERNELS[case.particles.kernel], case.particles.spacing
     support = case.support * spacing
-    tension = None
+    tension = line = None
     if case.interface is not None:
         from .surface_tension import SurfaceTension
 
         contact = _contact(case, geometry, particles, kind, support) if geometry.has_solid else None
         tension = SurfaceTension(case.interface.tension, case.interface.method, [f.density for f in present], kind,
                                  support, spacing, contact)
+        if contact is not None and case.interface.slip_length > 0.0:
+            from .contact_angle import SlipAtLine
+
+            line = SlipAtLine(particles.phase, case.interface.slip_length)
     body = force
     if case.drive is not None and case.drive.pressure_drop is not None:
         body = np.array(case.drive.body_force or [0.0] * geometry.dim, float)
     return TwoFluids(particles.phase, [f.density for f in present], [f.mu for f in present], body, force - body, kind,
-                     support, tension)
+                     support, tension, line)
 
 
 def _contact(case, geometry, particles, kind, support):

@@ -98,7 +98,8 @@ class Stepper:
         if self.geometry.has_solid:
             from .wall_scene import WallScene
 
-            self._scene = WallScene(self.geometry, self.dummies, self.support, self.kind, self.site_volume)
+            self._scene = WallScene(self.geometry, self.dummies, self.support, self.kind, self.site_volume,
+                                    self.fluids.line)
 
     def origins(self):
         """Where the kept hierarchies came from: {name: (state, dt, iterations of the first use)}."""

@@ -28,17 +28,19 @@ SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like
 class TwoFluids:
     """phase: (n,) int8 fluid of each particle, 0 or 1; density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s;
     body: (dim,) force on both, m/s2; push: (dim,) that of a pressure gradient on the first fluid, m/s2, which moves the
-    other as its density lets it; kind: kernel number; support: m; tension: SurfaceTension or None."""
+    other as its density lets it; kind: kernel number; support: m; tension: SurfaceTension or None; line:
+    contact_angle.SlipAtLine or None."""
 
     first_passes = 5  # with 3, layers of density ratio 1000 moved at 1e-8 sqrt(g H)
 
-    def __init__(self, phase, density, viscosity, body, push, kind, support, tension=None):
+    def __init__(self, phase, density, viscosity, body, push, kind, support, tension=None,
+                 line=None):
         self.phase = phase
         self.colour = np.where(phase == 0, 1.0, 0.0)
         self.density = np.array(density, float)
         self.mu = np.array(viscosity, float)
         self.body, self.push, self.force = body, push, body + push
-        self.kind, self.support, self.tension = kind, support, tension
+        self.kind, self.support, self.tension, self.line = kind, support, tension, line
 
     @property
     def stiffest(self):

@@ -12,15 +12,17 @@ from .walls import WallTable, build_wall_operators, crossings
 class WallScene:
     """Dummies of a scene and their wall data, which never change.
 
-    geometry: Geometry; dummies: (n_dummy, dim) m; support: m; kind: kernel number; site_volume: m^dim.
+    geometry: Geometry; dummies: (n_dummy, dim) m; support: m; kind: kernel number; site_volume: m^dim;
+    line: contact_angle.SlipAtLine or None.
     """
 
-    def __init__(self, geometry, dummies, support, kind, site_volume):
+    def __init__(self, geometry, dummies, support, kind, site_volume, line=None):
         self.geometry, self.dummies = geometry, dummies
         self.support, self.kind, self.site_volume = support, kind, site_volume
         self.dummy_distance = geometry.distance(dummies)
         self.dummy_wall = geometry.wall(dummies)
-        self.slips = bool(np.any(geometry.slip_length > 0.0))
+        self.line = line
+        self.slips = line is not None or bool(np.any(geometry.slip_length > 0.0))
         self.dummy_normal = self._normals(dummies) if self.slips else None
 
     def configure(self, x):
@@ -40,14 +42,18 @@ class WallScene:
         images = build_halo(owned, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support)
         table, owner = images.positions(owned), images.owners(len(owned))
         pairs = find_pairs(table, n, self.support)
+        wall, velocity = np.concatenate([geometry.wall(x), self.dummy_wall])[owner], geometry.wall_velocity
+        slip_length, spin = geometry.slip_length, geometry.wall_spin
+        if self.line is not None:
+            wall, velocity, slip_length, spin = self.line.wall_table(geometry, wall, pairs, owner)
         walls = WallTable(
             owner < n,
             np.concatenate([geometry.distance(x), self.dummy_distance])[owner],
-            np.concatenate([geometry.wall(x), self.dummy_wall])[owner],
-            geometry.wall_velocity,
-            geometry.slip_length,
+            wall,
+            velocity,
+            slip_length,
             np.concatenate([self._normals(x), self.dummy_normal])[owner] if self.slips else np.zeros((0, x.shape[1])),
-            geometry.wall_spin,
+            spin,
         )
         fraction = crossings(geometry, table, pairs, walls)
         volume = np.full(len(owned), self.site_volume)

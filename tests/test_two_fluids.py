@@ -13,6 +13,7 @@ from isphcli.interface import crossings, find_band, near_interface
 from isphcli.output import Clock
 from isphcli.references import two_layer_couette, two_layer_poiseuille
 from isphcli.run_navier_stokes import March, prepare
+from isphcli.walls import wall_laplacian
 
 
 def scene(text):
@@ -248,3 +249,54 @@ def test_the_stress_of_a_linear_velocity_vanishes():
     u[:] = state.x @ np.array([[0.3, 2.0], [-1.0, -0.3]])
     turn.add(u, out, 1.0)
     assert len(rows) and np.abs(out).max() < 1e-9 * np.abs(ops.lap).max()
+
+
+SIDE_BY_SIDE = """
+geometry:
+  box: [1, 0.5]
+  periodic: [x]
+  fluid: a
+  shapes: [{half_space: {point: [0.5, 0], normal: [-1, 0]}, is: b}]
+particles: {spacing: 0.03125}
+fluids: {a: {density: 1, viscosity: 1}, b: {density: 1, viscosity: 1}}
+interface: {tension: 1, slip_length: LENGTH}
+time: {end: 1}
+"""
+
+
+def test_walls_slip_where_an_interface_meets_them():
+    """A fluid that slides along the walls as a whole is held back by them, except within a support of the two contact
+    lines, where a slip length of a thousand boxes lets it pass; with no slip length nothing of it is there."""
+    _, _, state, stepper, _ = scene(SIDE_BY_SIDE.replace("LENGTH", "1e3"))
+    ops = stepper.configure(state.x).ops
+    u = np.zeros_like(state.x)
+    u[:, 0] = 1.0
+    drag = wall_laplacian(ops.walls, u)[:, 0]
+    off = np.minimum(np.abs(state.x[:, 0] - 0.5), np.minimum(state.x[:, 0], 1.0 - state.x[:, 0]))
+    support, depth = stepper.support, np.minimum(state.x[:, 1], 0.5 - state.x[:, 1])
+    next_to = depth < stepper.spacing
+    assert np.abs(drag[next_to & (off < 0.4 * support)]).max() < 1e-3 * np.abs(drag).max()
+    far = next_to & (off > 2.1 * support)
+    assert np.abs(drag[far]).min() > 0.99 * np.abs(drag).max() and far.sum() > 20
+    # far from the lines it is the wall that it was
+    _, _, state, stepper, _ = scene(SIDE_BY_SIDE.replace("LENGTH", "0"))
+    plain = stepper.configure(state.x).ops
+    assert plain.walls.slip is None and stepper.fluids.line is None
+    assert np.array_equal(wall_laplacian(plain.walls, u)[far, 0], drag[far])
+
+
+def test_a_cap_spreads_faster_where_its_line_slips():
+    """From 90 towards 40 degrees: after the same short time the drop that slips at its line is lower."""
+    text = """
+geometry: {box: [1, 0.5], periodic: [x], fluid: b, shapes: [{sphere: {centre: [0.5, 0], radius: 0.25}, is: a}]}
+particles: {spacing: 0.03125, support: 2.8}
+fluids: {a: {density: 1, viscosity: 0.1}, b: {density: 1, viscosity: 0.1}}
+interface: {tension: 1, contact_angle: 40, slip_length: LENGTH}
+time: {end: 0.1}
+"""
+    heights = []
+    for length in ("0", "0.1"):
+        state, _, particles, _ = run(text.replace("LENGTH", length))
+        heights.append(float(state.x[particles.phase == 0, 1].mean()))
+    start = 4 * 0.25 / (3 * np.pi)  # centre of half a disk
+    assert heights[1] < heights[0] - 0.05 * (start - heights[0]) and heights[0] < start
