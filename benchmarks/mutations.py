@@ -24,6 +24,7 @@ QUICK = (
     "slit", "square_duct", "annulus", "cylinder_array", "two_tubes", "taylor_couette", "couette", "startup_couette",
     "startup_poiseuille", "decaying_channel", "taylor_green_2d", "taylor_green_2d_re100", "taylor_green_3d",
 )  # fmt: skip
+TWO_FLUIDS = ("two_layer_couette", "two_layer_poiseuille", "square_drop_1")
 TIMEOUT = 600  # s: a broken operator may never converge
 
 
@@ -36,6 +37,7 @@ class Mutation(NamedTuple):
     module: str
     old: str
     new: str
+    cases: tuple[str, ...] = QUICK
 
 
 MUTATIONS = (
@@ -63,6 +65,12 @@ MUTATIONS = (
              "return fields.copy()"),
     Mutation("darcy_factor", "factor", "permeability of the mean velocity of the pores, not the superficial one",
              "drive", "float(superficial @ force)", "float(mean @ force)"),
+    Mutation("viscosity_mean", "order", "mean viscosity between unlike particles, not the one that keeps the stress",
+             "two_fluids", "1.0 / (t[p] / mu[i] + (1.0 - t[p]) / mu[j])", "(0.5 * mu[i] + 0.5 * mu[j])", TWO_FLUIDS),
+    Mutation("tension_factor", "factor", "nine tenths of the pressure jump of the interface",
+             "surface_tension", "jump = tension * (", "jump = 0.9 * tension * (", TWO_FLUIDS),
+    Mutation("curvature_sign", "sign", "normals turn the other way along the interface",
+             "surface_tension", "kappa[i] -= bend", "kappa[i] += bend", TWO_FLUIDS),
 )  # fmt: skip
 
 
@@ -96,9 +104,9 @@ def dependents(module):
     return found
 
 
-def validate(folder, out):
-    """{case: its setting of validation.json, or None where the command ended before} of the quick references."""
-    cases = [f"cases/{name}.yaml" for name in QUICK]
+def validate(folder, out, names):
+    """{case: its setting of validation.json, or None where the command ended before} of some references."""
+    cases = [f"cases/{name}.yaml" for name in names]
     command = [sys.executable, "-m", "isphcli", "validate", *cases, "--levels", "1", "--out", str(out), "--quiet",
                "--threads", "1"]  # fmt: skip
     environment = os.environ | {"PYTHONPATH": str(folder)}
@@ -107,7 +115,7 @@ def validate(folder, out):
     except subprocess.TimeoutExpired:
         pass
     results = {}
-    for name in QUICK:
+    for name in names:
         path = out / name / "validation.json"
         results[name] = json.loads(path.read_text())["settings"][0] if path.exists() else None
     return results
@@ -142,7 +150,7 @@ def main():
             copy_package(Path(folder), mutation)
             name = mutation.name if mutation else "nothing"
             out = options.out.absolute() / name if options.out else Path(folder, "out")
-            found = misses(validate(Path(folder), out))
+            found = misses(validate(Path(folder), out, mutation.cases if mutation else QUICK + TWO_FLUIDS))
         kind, what = (mutation.kind, mutation.what) if mutation else ("-", "the code as it is")
         shown = "; ".join(text for _, text in found[:4]) + (f"; {len(found) - 4} more" if len(found) > 4 else "")
         print(f"| {name} | {kind} | {what} | {shown or 'none'} |", flush=True)

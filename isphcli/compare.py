@@ -595,13 +595,18 @@ def _contact_angle(case: Case, result: Any) -> Errors:
     if wall not in [f"{axis}_{end}" for axis in AXES[:dim] for end in ("min", "max")] or not 0 < asked < 180:
         raise CompareError(f"a drop on the wall {wall} at {asked:g} degrees has no cap to compare with")
     axis, lowest = AXES.index(wall[0]), wall.endswith("min")
-    foot = _number(case, "at", float(_box(case, result)[0 if lowest else 1][axis]))
-    centre = abs(_column(result, f"centre_{wall[0]}_{case.fluid_names[drop]}")[-1] - foot)
+    tilt = math.radians(_number(case, "tilt", 0.0))
+    if tilt and dim == 3:
+        raise CompareError("reference.parameters.tilt is for scenes of two axes")
+    up = np.eye(dim)[axis] if tilt == 0.0 else np.array([-math.sin(tilt), math.cos(tilt)])
+    foot = _number(case, "at", float(_box(case, result)[0 if lowest else 1][axis]) if tilt == 0.0 else None)
+    place = [_column(result, f"centre_{a}_{case.fluid_names[drop]}")[-1] for a, n in zip(AXES, up) if n]
+    centre = abs(up[up != 0.0] @ place - foot)
     cap = _angle_of_cap(centre, size, dim)
     measured = _column(result, "contact_angle")[-1]
     measured = measured if drop == 0 else 180.0 - measured
     expected = references.drop_on_wall(size, asked, dim)
-    mine = result.x[result.phase == drop, axis] - foot
+    mine = result.x[result.phase == drop] @ up - foot
     height = float(np.abs(mine).max() + result.spacing / 2)
     return {
         "angle_relative": float(measured / asked - 1),
@@ -853,7 +858,8 @@ PARAMETERS: dict[str, dict[str, str]] = {
         **_DROP,
         "angle": "degrees, through the drop; without it that of the interface",
         "wall": "face of the box that the drop sits on: y_min, ...; without it y_min",
-        "at": "coordinate of that wall, m; without it that of the face",
+        "at": "coordinate of that wall along its normal, m; without it that of the face",
+        "tilt": "degrees by which the wall is turned from y_min, counter-clockwise; needs `at`; without it 0",
     },
     "capillary_wave": {
         **_TENSION,

@@ -390,6 +390,24 @@ def test_contact_angle_of_a_cap_of_particles(angle, drop, through_first):
     assert flat["angle_of_cap_relative"] == pytest.approx(1 / angle - 1)
 
 
+def test_contact_angle_on_a_tilted_wall():
+    """The exact cap on a wall turned by 30 degrees about (0.5, 0.2)."""
+    up, along = np.array([-0.5, np.sqrt(0.75)]), np.array([np.sqrt(0.75), 0.5])
+    case = two_fluids("contact_angle", f"{{tilt: 30, at: {up @ [0.5, 0.2]}, drop: brine}}")
+    cap = references.drop_on_wall(0.04, 60.0)
+    g = (np.arange(400) + 0.5) / 400
+    x = np.stack(np.meshgrid(g, g, indexing="ij"), -1).reshape(-1, 2)
+    height, side = (x - [0.5, 0.2]) @ up, (x - [0.5, 0.2]) @ along
+    inside = (np.hypot(side, height - cap["height"] + cap["radius"]) < cap["radius"]) & (height > 0)
+    columns = {"volume_brine": inside.mean(), "volume_oil": 0.9}
+    columns |= {f"centre_{a}_brine": x[inside, k].mean() for k, a in enumerate("xy")}
+    history = rows(contact_angle=WRONG * 60.0, capillary_number=[1e-3, 1e-5], **columns)
+    result = result_of(case, x, phase=np.where(inside, 0, 1), history=history, spacing=1 / 400)
+    errors = compare(case, result)
+    assert errors["angle_relative"] == pytest.approx(WRONG - 1)
+    assert abs(errors["angle_of_cap_relative"]) < 2e-3 and abs(errors["height_relative"]) < 0.02
+
+
 def test_amplitudes_of_particles():
     """A wave and an odd drop of particles on a lattice of 200; the crest is six spacings high, known within 3 %."""
     g = (np.arange(200) + 0.5) / 200

@@ -25,7 +25,7 @@ def test_a_changed_kernel_drops_the_kernels_that_hold_it():
 
 
 def test_quick_references_have_cases():
-    assert all((ROOT / "cases" / f"{name}.yaml").exists() for name in mutations.QUICK)
+    assert all((ROOT / "cases" / f"{name}.yaml").exists() for name in mutations.QUICK + mutations.TWO_FLUIDS)
 
 
 def test_misses_are_told_from_passes():

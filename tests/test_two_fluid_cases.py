@@ -137,6 +137,13 @@ def test_drops_on_a_wall_feel_their_angle(tmp_path):
     assert low["two_fluids"]["circularity"] is None and "contact angle" in low["terms"]
 
 
+def test_a_drop_on_a_tilted_wall_meets_its_angle(tmp_path):
+    """11 particles across, from half a disk: at 0.2 s within 10 degrees of 60, and no heavier nor lighter."""
+    summary, _ = run("drop_tilted_wall_60", tmp_path, "particles.spacing=0.018181818", "time.end=0.2")
+    assert summary["two_fluids"]["contact_angle"] == pytest.approx(60, abs=10)
+    assert abs(summary["errors"]["volume_relative"]) < 0.03
+
+
 def test_a_capillary_wave_swings(tmp_path):
     """16 a wavelength: the crest turns at the time of the exact solution to 10 %."""
     summary, _ = run("capillary_wave", tmp_path, "particles.spacing=0.0625", "time.end=0.35")
