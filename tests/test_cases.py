@@ -61,8 +61,9 @@ SMALL = {
 OTHERS = {"couette_off_lattice", "berea", "berea_three_axes", "bead_pack", "bead_pack_table1"}
 # these in test_two_fluid_cases.py
 TWO_FLUIDS = {f"square_drop_{k}" for k in (1, 2, 3, 4)} | {
-    "drop_3d", "drop_wall_60", "drop_wall_150", "drop_tilted_wall_60", "capillary_wave", "oscillating_drop", "rising_bubble",
-    "two_layer_couette", "two_layer_poiseuille", "layered_hydrostatics", "co2_bubbles", "berea_drainage",
+    "drop_3d", "drop_wall_60", "drop_wall_150", "drop_tilted_wall_60", "capillary_wave", "oscillating_drop",
+    "rising_bubble", "two_layer_couette", "two_layer_poiseuille", "layered_hydrostatics", "co2_bubbles",
+    "berea_drainage",
 }  # fmt: skip
 
 
