@@ -11,7 +11,13 @@ p, beside walls too (Rhie and Chow 1983 in the particles' words).
 import numpy as np
 from numba import njit, prange
 
-FEW = 0.5  # of the neighbours; with 0.4 the pack of beads still blew up
+from . import linear
+from .operators import SHARED
+from .walls import in_sight
+
+FEW = 0.5  # of the neighbours
+STILL = 0.1  # of the neighbours: three of 32; with two, three particles in a dead end still blew up
+APART = 1.5  # crossing of a pair in sight that shares no pressure
 
 
 def divergence_and_jump(ops, x, natural_p, p, grad_p):
@@ -51,32 +57,102 @@ def diagonal(ops, x, natural_p, grad_p):
                      walls.near)
 
 
-def balance(ops, x, count):
-    """Makes sense of rows that see less than FEW of their neighbours, in place. count: (n,) those beyond walls too.
+def crowding(start, index, fraction, owner):
+    """Particles that see few of their neighbours: (few, still), (n,) bool each, or None where there are none.
 
-    Divergence: the balance of fluxes. sum_j w_ij x_ji . (u_i + u_j) / 2 is exact where the neighbourhood
-    is whole and never senseless. Where beads touch, particles see few others, perhaps all in a plane: the gradients of
-    pressure and velocity then fall back on different directions, and one's divergence of the other has the wrong sign.
-    Of a pack of beads at 2.5 spacings a bead the pressure matrix had 20 eigenvalues with the wrong sign; without the
-    rows that see less than FEW of their neighbours it has none, and GMRES takes 22 iterations. Flat walls leave two
-    thirds of the neighbours in sight.
+    start, index: pairs of the n fluid particles; fraction: (n_pairs,) their crossings, where those that share no
+    pressure are marked in place; owner: (n_rows,).
+
+    few: less than FEW of them, in pores as narrow as a particle. Their divergence is that of `adjoin`.
+    still: less than STILL, in dead ends beside points of contact, and what only such particles join with the rest if it
+    is less than a neighbourhood. Nobody shares the pressure with them: they have no
+    gradient, no force (the body force is taken with the same weights) and no divergence, and move as the fluid
+    around them drags them. Else the pressure of one or two particles hangs on a thread, of which shape and length
+    change as they move: it reached 1e4 times that of the fluid around them, and where the thread grew a little
+    stronger it threw them out.
     """
-    walls = ops.walls
-    bad = np.flatnonzero(np.diff(ops.start) < FEW * count)
-    _balance(ops.start, walls.row, x, walls.natural, bad, ops.grad, walls.div, walls.div_velocity)
+    seen, count = in_sight(start, fraction), np.diff(start)
+    few, still = seen < FEW * count, seen < STILL * count
+    if not few.any():
+        return None, None
+    if not still.any():
+        return few, None
+    _set_apart(start, index, fraction, owner, still)
+    sight, begin = fraction > 1.0, np.concatenate([[0], np.cumsum(seen)])
+    column, shared = owner[index[sight]], fraction[sight] > SHARED
+    whole, part = (linear.components(begin, column, joined)[1] for joined in (None, shared))
+    size, all_in_sight = np.bincount(part)[part], np.bincount(whole)[whole]
+    behind = (size < all_in_sight) & (size < count) & ~still
+    if behind.any():
+        still |= behind
+        _set_apart(start, index, fraction, owner, still)
+    return few, still
 
 
 @njit(cache=True)
-def _balance(start, row, x, natural, rows, grad, wall_div, wall_div_velocity):
+def _set_apart(start, index, fraction, owner, still):
+    for i in range(len(still)):
+        for p in range(start[i], start[i + 1]):
+            if fraction[p] > 1.0 and (still[i] or still[owner[index[p]]]):
+                fraction[p] = APART
+
+
+def adjoin(ops, x):
+    """Gives rows that see few of their neighbours the divergence that is minus the adjoint of the pressure gradient, in
+    place: sum_i V_i p_i div u_i = - sum_i V_i u_i . grad p_i over these rows.
+
+    Where beads touch, particles see few others, perhaps all in a plane, and one gradient of the pressure and another
+    of the velocity fall back on different directions. One's divergence of the other then has the wrong sign:
+    a correction makes the divergence worse, step by step, and the particle is thrown out. With the adjoint, a
+    projection cannot add energy, and what it takes out of a pore it puts in elsewhere (the gradient of a constant is
+    zero, and so is the sum of the divergence). Flat walls leave two thirds of the neighbours in sight.
+    """
+    walls = ops.walls
+    rows = np.flatnonzero(walls.few)
+    _adjoin(ops.start, ops.column, walls.row, x, ops.volume, ops.grad_p, rows, ops.grad, walls.div, walls.div_velocity)
+
+
+@njit(cache=True, parallel=True)
+def _adjoin(start, column, row, x, volume, grad_p, rows, grad, wall_div, wall_div_velocity):
     dim = x.shape[1]
-    for i in rows:
+    for r in prange(len(rows)):
+        i = rows[r]
         wall_div[i] = 0.0
         wall_div_velocity[i] = 0.0
         for q in range(start[i], start[i + 1]):
+            j, away = column[q], 0.0
             for k in range(dim):
-                flux = natural[q] * (x[row[q], k] - x[i, k])
-                grad[q, k] = 0.5 * flux
-                wall_div[i, k] -= flux
+                grad[q, k] = 0.0
+                away += (x[row[q], k] - x[i, k]) ** 2
+            # the same pair from the other side: in a thin box j may see several images of i
+            for back in range(start[j], start[j + 1]):
+                if column[back] == i:
+                    off = 0.0
+                    for k in range(dim):
+                        off += (x[row[back], k] - x[j, k] + x[row[q], k] - x[i, k]) ** 2
+                    if off < 1e-12 * away:
+                        for k in range(dim):
+                            grad[q, k] = -volume[j] / volume[i] * grad_p[back, k]
+            for k in range(dim):
+                wall_div[i, k] -= grad[q, k] + grad_p[q, k]
+
+
+def fill(ops, p):
+    """Gives p (n,) of particles that share it with nobody the mean of what they see, in place, deep in a dead end step
+    by step: what they start from when they see more, and what is written."""
+    _fill(ops.start, ops.column, ops.walls.still, p)
+
+
+@njit(cache=True)
+def _fill(start, column, still, p):
+    for i in range(len(p)):
+        if still[i]:
+            count, total = 0, 0.0
+            for q in range(start[i], start[i + 1]):
+                count += 1
+                total += p[column[q]]
+            if count > 0:
+                p[i] = total / count
 
 
 @njit(cache=True, parallel=True)

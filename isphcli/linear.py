@@ -55,9 +55,11 @@ class ComponentMeans:
         return v - (np.bincount(self.labels, weights=v, minlength=len(self.count)) / self.count)[self.labels]
 
 
-def components(start, column):
-    """Connected components of the pair graph: (count, labels (n,) int32)."""
+def components(start, column, joined=None):
+    """Connected components of the pair graph: (count, labels (n,) int32). joined: (n_pairs,) bool, pairs that count."""
     n = len(start) - 1
+    if joined is not None:
+        start, column = np.concatenate([[0], np.cumsum(joined)])[start], column[joined]
     graph = sp.csr_matrix((np.ones(len(column), dtype=np.int8), column, start), shape=(n, n))
     return sp.csgraph.connected_components(graph, directed=False)
 

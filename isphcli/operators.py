@@ -33,6 +33,7 @@ LOPSIDED = 2.0
 # the lattice were inverted when they had moved a little, and one neighbour at the rim of the support was enough.
 THIN = 0.05
 ROUND = 0.2  # determinant over the cube of the mean moment above which no direction is thin
+SHARED = 1.75  # crossing of a pair (walls.crossings) above which nothing is between the two, for the pressure either
 SINGULAR = 1e-7  # scaled pivot below which a correction system counts as rank-deficient
 
 
@@ -265,11 +266,11 @@ def star_moments(star, padded, moments):
 
 @njit(cache=True)
 def second_moments(star, fraction, moments):
-    """moments[0:6] of `star_moments` over the neighbours that no wall hides, fraction > 1."""
+    """moments[0:6] of `star_moments` over the neighbours that share the pressure, fraction > SHARED."""
     ex, ey, ez, s, w = star
     moments[:6] = 0.0
     for k in range(len(fraction)):
-        if fraction[k] > 1.0:
+        if fraction[k] > SHARED:
             x, y, z, a = ex[k], ey[k], ez[k], w[k] * s[k]
             moments[0] += a * x * x
             moments[1] += a * y * y

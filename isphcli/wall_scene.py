@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .coupling import balance
+from .coupling import adjoin, crowding
 from .halo import build_halo
 from .neighbours import find_pairs
 from .operators import particle_volumes
@@ -28,8 +28,10 @@ class WallScene:
     def configure(self, x):
         """(Operators, table of positions, pairs, Halo) of fluid positions x (n, dim)."""
         table, owner, pairs, walls, fraction, volume, images = self.stars(x)
-        ops = build_wall_operators(table, pairs, fraction, owner, volume, walls, self.kind, self.support, order=2)
-        balance(ops, table, np.diff(pairs.start))
+        few, still = crowding(pairs.start, pairs.index, fraction, owner)
+        ops = build_wall_operators(table, pairs, fraction, owner, volume, walls, self.kind, self.support, 2, few, still)
+        if few is not None:
+            adjoin(ops, table)
         return ops, table, pairs, images
 
     def stars(self, x, fixed=False):
@@ -64,15 +66,18 @@ class WallScene:
     def keep_off(self, x, displacement, dr, nearest):
         """The shift dr (n, dim) or None, with what keeps particles from coming nearer to a wall than `nearest`.
 
-        x: (n, dim) positions; displacement: (n, dim) with the flow. A particle that starts nearer does not approach
-        further. The flow along a no-slip wall never presses a particle against it; shifting and round-off of the
-        velocity do, and the correction tensors of a particle on the wall are lopsided.
+        x: (n, dim) positions; displacement: (n, dim) with the flow; nearest: number or (n,), m.
+        A particle that starts nearer does not approach further. The flow along a no-slip wall never presses a particle
+        against it; shifting and round-off of the velocity do, and the correction tensors of a particle on the wall are
+        lopsided.
         """
         ahead = x + displacement if dr is None else x + displacement + dr
         distance = self.geometry.distance(ahead)
         rows = np.flatnonzero(distance < nearest)
         if len(rows) == 0:
             return dr
+        if np.ndim(nearest):
+            nearest = nearest[rows]
         least = np.minimum(np.maximum(self.geometry.distance(x[rows]), 0.0), nearest)
         missing = np.maximum(least - distance[rows], 0.0)
         dr = np.zeros_like(x) if dr is None else dr

@@ -20,6 +20,7 @@ from numba import njit, prange
 
 from .operators import (
     CHUNKS,
+    SHARED,
     Operators,
     correction,
     gather_star,
@@ -44,7 +45,8 @@ class WallSums:
     slip: (n, dim, dim) what a slip wall takes off the diagonal, or None where no wall slips;
     natural: (n_pairs,) symmetric-form weights of the pressure Laplacian;
     row: (n_pairs,) int32 row of each fluid neighbour in the table of positions;
-    near: (n,) bool, particle sees a wall.
+    near: (n,) bool, particle sees a wall, or fluid that it shares no pressure with;
+    few, still: (n,) bool, see `coupling.crowding`, or None where there are none.
     """
 
     lap: np.ndarray
@@ -55,6 +57,8 @@ class WallSums:
     natural: np.ndarray
     row: np.ndarray
     near: np.ndarray
+    few: np.ndarray | None = None
+    still: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -93,15 +97,16 @@ def crossings(geometry, x, pairs, table):
     return fraction
 
 
-def build_wall_operators(x, pairs, fraction, owner, volume, table, kind, support, order=1):
+def build_wall_operators(x, pairs, fraction, owner, volume, table, kind, support, order=1, few=None, still=None):
     """Operators of a scene with walls.
 
     x: (n_rows, dim); pairs, fraction: neighbours of the n fluid particles and their wall crossings;
-    owner: (n_rows,); volume: (n_owned,) of fluid particles and dummies; order: of the velocity gradient.
+    owner: (n_rows,); volume: (n_owned,) of fluid particles and dummies; order: of the velocity gradient;
+    few, still: of `WallSums`.
     """
     n, dim = len(pairs.start) - 1, x.shape[1]
     start = np.zeros(n + 1, dtype=np.int64)
-    np.cumsum(_visible(pairs.start, fraction), out=start[1:])
+    np.cumsum(in_sight(pairs.start, fraction), out=start[1:])
     size = start[-1]
     slips = bool(np.any(table.slip_length > 0.0))
     column, row = np.empty(size, np.int32), np.empty(size, np.int32)
@@ -109,7 +114,7 @@ def build_wall_operators(x, pairs, fraction, owner, volume, table, kind, support
     grad, grad_p = np.empty((size, dim)), np.empty((size, dim))
     spin = np.zeros((0, dim, dim)) if table.spin is None else table.spin
     sums = WallSums(np.zeros(n), np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(n),
-                    np.zeros((n, dim, dim)) if slips else None, natural, row, np.zeros(n, dtype=np.bool_))
+                    np.zeros((n, dim, dim)) if slips else None, natural, row, np.zeros(n, dtype=np.bool_), few, still)
     deficient = _wall_rows(
         x, pairs.start, pairs.index, fraction, owner, volume, kind, support, order,
         table.distance, table.wall, table.velocity, spin, table.slip_length, table.normal,
@@ -159,7 +164,8 @@ def _suspects(x, start, index, fluid, distance):
 
 
 @njit(cache=True)
-def _visible(start, fraction):
+def in_sight(start, fraction):
+    """Neighbours (n,) of each particle that no wall hides."""
     counts = np.zeros(len(start) - 1, np.int64)
     for i in range(len(counts)):
         for p in range(start[i], start[i + 1]):
@@ -188,8 +194,8 @@ def _wall_rows(x, start, index, fraction, owner, volume, kind, support, order,
             for k in range(count):
                 full += w[k] * s[k]
             for k in range(count):
+                near[i] |= fraction[begin + k] <= SHARED
                 if fraction[begin + k] <= 1.0:
-                    near[i] = True
                     s[k] *= fraction[begin + k]  # to where the pair meets the wall
             star_moments(star, padded, moments)
             poor = invert_gradient(moments, dim, g)
@@ -207,13 +213,14 @@ def _wall_rows(x, start, index, fraction, owner, volume, kind, support, order,
                     column[at] = owner[j]
                     row[at] = j
                     lap[at] = a
-                    natural[at] = 2.0 * dim * per_area * w[k] / (full * s[k]) if w[k] > 0.0 else 0.0
+                    shared = fraction[begin + k] > SHARED
+                    natural[at] = 2.0 * dim * per_area * w[k] / (full * s[k]) if w[k] > 0.0 and shared else 0.0
                     lap_p[at] = natural[at] if near[i] else a
                     for m in range(dim):
                         grad[at, m] = out[1 + m, k] * per_length
                         if near[i]:
                             b = gp[m, 0] * ex[k] + gp[m, 1] * ey[k] + gp[m, 2] * ez[k]
-                            grad_p[at, m] = b * w[k] * per_length
+                            grad_p[at, m] = b * w[k] * per_length if shared else 0.0
                         else:
                             grad_p[at, m] = grad[at, m]
                     at += np.uint64(1)
