@@ -57,13 +57,42 @@ def diagonal(ops, x, natural_p, grad_p):
                      walls.near)
 
 
+def balance(ops, x, count):
+    """Makes sense of rows that see less than FEW of their neighbours, in place. count: (n,) those beyond walls too.
+
+    Divergence: the balance of fluxes. sum_j w_ij x_ji . (u_i + u_j) / 2 is exact where the neighbourhood
+    is whole and never senseless. Where beads touch, particles see few others, perhaps all in a plane: the gradients of
+    pressure and velocity then fall back on different directions, and one's divergence of the other has the wrong sign.
+    Of a pack of beads at 2.5 spacings a bead the pressure matrix had 20 eigenvalues with the wrong sign; without the
+    rows that see less than FEW of their neighbours it has none, and GMRES takes 22 iterations. Flat walls leave two
+    thirds of the neighbours in sight.
+    """
+    walls = ops.walls
+    bad = np.flatnonzero(np.diff(ops.start) < FEW * count)
+    _balance(ops.start, walls.row, x, walls.natural, bad, ops.grad, walls.div, walls.div_velocity)
+
+
+@njit(cache=True)
+def _balance(start, row, x, natural, rows, grad, wall_div, wall_div_velocity):
+    dim = x.shape[1]
+    for i in rows:
+        wall_div[i] = 0.0
+        wall_div_velocity[i] = 0.0
+        for q in range(start[i], start[i + 1]):
+            for k in range(dim):
+                flux = natural[q] * (x[row[q], k] - x[i, k])
+                grad[q, k] = 0.5 * flux
+                wall_div[i, k] -= flux
+
+
 def crowding(start, index, fraction, owner):
-    """Particles that see few of their neighbours: (few, still), (n,) bool each, or None where there are none.
+    """Particles that see few of their neighbours: (few, still), (n,) bool each, or None where there are no dead ends.
 
     start, index: pairs of the n fluid particles; fraction: (n_pairs,) their crossings, where those that share no
     pressure are marked in place; owner: (n_rows,).
 
-    few: less than FEW of them, in pores as narrow as a particle. Their divergence is that of `adjoin`.
+    few: less than FEW of them, in pores as narrow as a particle. Their divergence is that of `adjoin`. The corners of a
+    wide scene see no more: without dead ends `balance` stays.
     still: less than STILL, in dead ends beside points of contact, and what only such particles join with the rest if it
     is less than a neighbourhood. Nobody shares the pressure with them: they have no
     gradient, no force (the body force is taken with the same weights) and no divergence, and move as the fluid
@@ -73,10 +102,8 @@ def crowding(start, index, fraction, owner):
     """
     seen, count = in_sight(start, fraction), np.diff(start)
     few, still = seen < FEW * count, seen < STILL * count
-    if not few.any():
-        return None, None
     if not still.any():
-        return few, None
+        return None, None
     _set_apart(start, index, fraction, owner, still)
     sight, begin = fraction > 1.0, np.concatenate([[0], np.cumsum(seen)])
     column, shared = owner[index[sight]], fraction[sight] > SHARED

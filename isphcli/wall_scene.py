@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .coupling import adjoin, crowding
+from .coupling import adjoin, balance, crowding
 from .halo import build_halo
 from .neighbours import find_pairs
 from .operators import particle_volumes
@@ -30,7 +30,9 @@ class WallScene:
         table, owner, pairs, walls, fraction, volume, images = self.stars(x)
         few, still = crowding(pairs.start, pairs.index, fraction, owner)
         ops = build_wall_operators(table, pairs, fraction, owner, volume, walls, self.kind, self.support, 2, few, still)
-        if few is not None:
+        if few is None:
+            balance(ops, table, np.diff(pairs.start))
+        else:
             adjoin(ops, table)
         return ops, table, pairs, images
 
