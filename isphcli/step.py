@@ -27,8 +27,8 @@ from .shifting import carry, shift
 
 JACOBI_LIMIT = 2.0  # nu dt / dx^2 up to which the Helmholtz matrix is solved with its diagonal alone
 NEAR_WALL = 0.25  # of the spacing: no particle comes nearer to a wall than this; at 0.015 a cavity blew up
-# The same for particles that see few others (coupling.FEW). Where beads touch, half of the fluid lies within 0.25: kept
-# off that far, particles crowd into the middle of the pores, and the flux of a pack is 40 % too large.
+# The same for particles that see few others (coupling.NARROW). Where beads touch, half of the fluid lies within 0.25:
+# kept off that far, particles crowd into the middle of the pores, and the flux of a pack is 40 % too large.
 NEAR_WALLS = 0.1
 # Of the shift, near an interface, which it blurs. A bubble that rises (1/24) lost 1.4 % of its height to a whole one; a
 # drop without any comes apart.
