@@ -247,6 +247,12 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
     layered = around and any(a not in case.geometry.periodic for a in around)
     halo = f"along {around}" + (", closed by clear layers" if layered else "")
     tension = case.interface
+    added = 0.0
+    if tension is not None:
+        from .surface_tension import artificial_viscosity
+
+        added = artificial_viscosity(tension.tension, [f.density for f in fluids], [f.mu for f in fluids],
+                                     case.particles.spacing)
     starts = case.initial is not None and bool(case.initial.velocity)
     flood = case.initial.flood if case.initial else None
     return [
@@ -262,6 +268,8 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
              else "particles stay on the lattice" if not moving else "particles.shifting is 0"),
         Term("surface tension", tension is not None,
              f"{tension.tension:g} N/m, {tension.method}" if tension else "no interface"),
+        Term("artificial viscosity", added > 0, f"{added:.2g} Pa s at the interface, which hardly damps" if added
+             else "no interface" if not tension else "the interface damps enough at this spacing"),
         Term("contact angle", tension is not None and wall,
              "no interface" if not tension else f"{tension.contact_angle:g} degrees" if wall else "no walls"),
         Term("drive", case.drive is not None, "body force" if case.drive else "no drive"),

@@ -309,7 +309,8 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
         density=stepper.fluids.reference,
     )
     free = axis is not None and not geometry.has_solid and not two
-    messages = [_absent_fluids(case, particles), "no permeability: no wall resists the flow" if free else None]
+    messages = [_absent_fluids(case, particles), _added_viscosity(stepper.fluids),
+                "no permeability: no wall resists the flow" if free else None]
     summary = {
         "status": march.outcome,
         "message": "; ".join(filter(None, messages)) or None,
@@ -445,9 +446,18 @@ def _terms_of_two(fluids):
         terms.append(f"surface tension ({fluids.tension.method})")
         if fluids.tension.contact is not None:
             terms.append("contact angle")
+        if fluids.artificial > 0.0:
+            terms.append("artificial viscosity at the interface")
         if fluids.line is not None:
             terms.append("slip at contact lines")
     return terms
+
+
+def _added_viscosity(fluids):
+    """A sentence on what an interface that hardly damps gets; None where nothing is added."""
+    added = getattr(fluids, "artificial", 0.0)
+    return (f"{added:.2g} Pa s are added to the viscosity at the interface, whose roughness its own would not hold at "
+            "this spacing (docs/method.md 12)") if added else None
 
 
 def _absent_fluids(case, particles):

@@ -22,6 +22,18 @@ from .interface import average, find_band, ghost_arrays, invert
 from .kernel import slope
 
 SMOOTHINGS = 3  # kernel averages of the curvature over the band
+# Mean viscosity over sqrt(rho sigma dx) below which an interface is helped (docs/method.md 12), and how much viscosity
+# it then gets for what it lacks. With 1 a drop of Laplace number 1e6 lost particles after 1000 steps, with 2.5 not
+# after 1500 (support 2.3).
+HELD, HELP = 0.04, 2.5
+
+
+def artificial_viscosity(tension, density, viscosity, spacing):
+    """Dynamic viscosity that pairs at an interface get on top of their own, Pa s; 0 where it damps enough by itself.
+
+    tension: N/m; density, viscosity: (2,) kg/m3 and dynamic, Pa s; spacing: m."""
+    least = HELD * math.sqrt(np.mean(density) * tension * spacing)
+    return HELP * max(least - float(np.mean(viscosity)), 0.0)
 
 
 class SurfaceTension:
@@ -38,6 +50,10 @@ class SurfaceTension:
     def largest_step(self):
         """Time in which a capillary wave of two spacings moves on by its radian, sqrt(rho dx^3 / (2 pi sigma)), s."""
         return math.sqrt(self.density.mean() * self.spacing**3 / (2.0 * math.pi * self.tension))
+
+    def artificial_viscosity(self, viscosity):
+        """`artificial_viscosity` of this interface between fluids of dynamic viscosities (2,), Pa s."""
+        return artificial_viscosity(self.tension, self.density, viscosity, self.spacing)
 
     def force(self, ops, weighted, x, row, pairs, owner, colour, near, reference):
         """Acceleration (n, dim), m/s2, and what the Laplacian of the pressure makes of the jump (Terms.lift), or None.

@@ -41,6 +41,7 @@ class TwoFluids:
         self.mu = np.array(viscosity, float)
         self.body, self.push, self.force = body, push, body + push
         self.kind, self.support, self.tension, self.line = kind, support, tension, line
+        self.artificial = tension.artificial_viscosity(self.mu) if tension is not None else 0.0
 
     @property
     def stiffest(self):
@@ -70,10 +71,13 @@ class TwoFluids:
             t = crossings(ops, x, row, self.colour, near, self.kind, self.support)
             weighted = self._weigh(ops, t, rho, mu, heavy)
             viscosity = 1.0
-            if thick:
-                smooth = ~near
-                free = near if ops.walls is None else near & ~ops.walls.near
-                turn = Turn.build(ops, weighted.lap, x, row, np.flatnonzero(free))
+        if self.artificial > 0.0:
+            share = self.artificial / reference / (viscosity * rho)
+            weighted = replace(weighted, lap=_thickened(ops.start, ops.column, ops.lap, weighted.lap, near, share))
+        if thick:
+            smooth = ~near
+            free = near if ops.walls is None else near & ~ops.walls.near
+            turn = Turn.build(ops, weighted.lap, x, row, np.flatnonzero(free))
         force, jump, lift = body_force(ops, x, row, self.body), None, None
         if self.push.any():
             force = force + potential_gradient(ops.start, row, x, weighted.grad_p, self.push)
@@ -84,7 +88,7 @@ class TwoFluids:
             else:
                 jump = push
         return Terms(weighted, viscosity, force, jump, lift, rho if heavy else 1.0, self.mu.min() / reference, turn,
-                     smooth, near, heavy or thick or self.tension is None)
+                     smooth, near if self.artificial == 0.0 else None, heavy or thick or self.tension is None)
 
     @staticmethod
     def _weigh(ops, t, rho, mu, heavy):
@@ -150,6 +154,18 @@ def _weights(start, column, t, rho, mu, lap, lap_p, grad_p, natural, heavy):
                 for k in range(dim):
                     new_grad_p[p, k] = grad_p[p, k] * light
     return new_lap, new_lap_p, new_grad_p, new_natural
+
+
+@njit(cache=True, parallel=True)
+def _thickened(start, column, lap, weighted_lap, near, share):
+    """weighted_lap (n_pairs,) plus share (n,) of `lap` between the particles of `near` (n,)."""
+    out = weighted_lap.copy()
+    for i in prange(len(start) - 1):
+        if near[i]:
+            for p in range(start[i], start[i + 1]):
+                if near[column[p]]:
+                    out[p] += share[i] * lap[p]
+    return out
 
 
 @njit(cache=True, parallel=True)

@@ -131,6 +131,29 @@ def pressure_jump(state, stepper, particles, dx):
     return (p[inside & far].mean() - p[~inside & far].mean()) * radius
 
 
+def test_an_interface_that_hardly_damps_gets_viscosity():
+    """Below 0.04 sqrt(rho sigma dx) pairs of particles at the interface get more, no other pair, and the same both ways
+    (no force on the whole); above, the operators are those of one fluid."""
+    for mu, lacks in ((1e-4, True), (0.05, False)):
+        text = drop().replace("viscosity: 0.05", f"viscosity: {mu}")
+        _, _, state, stepper, _ = scene(text)
+        config = stepper.configure(state.x)
+        ops, terms = config.ops, config.terms
+        assert (stepper.fluids.artificial > 0.0) == lacks
+        if not lacks:
+            assert terms.ops is ops
+            continue
+        more = terms.ops.lap * terms.viscosity - ops.lap * mu
+        near = near_interface(ops.start, ops.column, stepper.fluids.colour)
+        owner = np.repeat(np.arange(len(state.x)), np.diff(ops.start))
+        both = near[owner] & near[ops.column]
+        assert not more[~both].any() and more[both].min() >= 0.0
+        np.testing.assert_allclose(more[both], stepper.fluids.artificial * ops.lap[both], atol=1e-12 * ops.lap.max())
+        u = np.random.default_rng(0).normal(size=len(state.x))
+        total = np.bincount(owner, weights=more * (u[ops.column] - u[owner])).sum()
+        assert abs(total) < 1e-10 * np.abs(more).sum()  # a lattice: weights are symmetric there
+
+
 def test_jump_of_a_drop():
     """Young and Laplace within 2 % at a radius of 7 spacings; spurious flow below Ca 1e-3, the area exact."""
     state, stepper, particles, rows = run(drop())
