@@ -350,7 +350,7 @@ def table(lines: Iterable[tuple[str, str]]) -> str:
 @click.option(
     "--paper", is_flag=True,
     help="Run the figures and tables of the paper instead, into one report; --budget is of them all. "
-    "[default: 900 CPU seconds, out/paper]",
+    "[default: 1500 CPU seconds, out/paper]",
 )  # fmt: skip
 @threads_option
 @quiet_option
@@ -379,7 +379,7 @@ def validate(
     isph validate --check-only beadpack.yaml
     isph validate cases/slit.yaml --levels 3 --budget 60
     isph validate cases/taylor_green_2d.yaml --vary particles.support=2.1,2.5,3
-    isph validate --paper --budget 900 --out out/paper
+    isph validate --paper --budget 1500 --out out/paper
     """
     set_threads(threads)
     if stress:

@@ -15,7 +15,7 @@ class Terms:
     viscosity: number that still multiplies the latter, m2/s; force: (dim,) or (n, dim) m/s2; jump: (n, dim) m/s2 what a
     jump of the pressure at the interface accelerates by, or None; lift: (n,) 1/s2, what the Laplacian of the pressure
     makes of that jump; density: over that of the first fluid, (n,) or 1;
-    bulk: number, dynamic viscosity over the density of the first fluid, m2/s;
+    bulk: number, dynamic viscosity over the density of the first fluid of the rotational term (eq. 4), m2/s;
     turn: Turn, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity has no kink, or None;
     shy: (n,) bool, near an interface, or None;
     forgets: whether the odd-even part of the pressure is taken out (see `Stepper._odd_even`).

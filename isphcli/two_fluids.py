@@ -87,7 +87,9 @@ class TwoFluids:
                 force = force + push
             else:
                 jump = push
-        return Terms(weighted, viscosity, force, jump, lift, rho if heavy else 1.0, self.mu.min() / reference, turn,
+        # more feeds on itself: docs/method.md 12
+        bulk = self.density.min() * self.thinnest / reference
+        return Terms(weighted, viscosity, force, jump, lift, rho if heavy else 1.0, bulk, turn,
                      smooth, near if self.artificial == 0.0 else None, heavy or thick or self.tension is None)
 
     @staticmethod
