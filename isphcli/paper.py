@@ -33,6 +33,9 @@ CREEPING = 6.0e-4  # CPU s a particle of a steady solve of the bead pack, to cho
 STEP = 6.0e-5  # CPU s a particle and step of moving particles between beads
 MOST = 400_000  # particles: 2 GB
 STEPS_TO_STEADY = 40
+# s: the start of the flow has decayed, under any force. The kinetic energy does not say so: particles that move through
+# pores of their own size keep it changing by a per cent, and a run that ends when it changes less ends too soon.
+STARTED = 0.12
 LEAST_IN_BEADS = 2.0e-4  # m, 2.5 spacings a bead: moving particles between beads that touch need as many
 PROBE = 20_000  # particles of the steps that tell whether moving particles run in a scene
 NU = 1.0e-6  # m2/s, of water
@@ -194,28 +197,28 @@ def darcy(seconds: float, folder: Path) -> Finding:
     regular array of spheres."""
     spacing = min(spacing_for(seconds / 3 / STEPS_TO_STEADY / STEP), LEAST_IN_BEADS)
     pack = {"name": "bead_pack", "axis": 1, "spacing": spacing, "forces": (0.5 * FORCE, FORCE, 1.5 * FORCE),
-            "steady": 1e-2, "share": column_share(case_of("bead_pack", folder))}  # fmt: skip
+            "until": f"time={{end: {STARTED}}}", "share": column_share(case_of("bead_pack", folder))}  # fmt: skip
     try:
         return _darcy(folder, **pack)
     except NotRun as reason:
         why = str(reason)
-    found = _darcy(folder, "sphere_array", 0, 1e-3 / 20, (5e-4, 1e-3, 1.5e-3), 1e-3, 1.0)
+    found = _darcy(folder, "sphere_array", 0, 1e-3 / 20, (5e-4, 1e-3, 1.5e-3), "time={steady: 1e-3, end: 5}", 1.0)
     found.notes.insert(0, f"This is a simple cubic array of spheres, cases/sphere_array.yaml, and not the bead pack: "
                           f"moving particles do not run there ({why})")  # fmt: skip
     found.passed = None
     return found
 
 
-def _darcy(folder: Path, name: str, axis: int, spacing: float, forces: Sequence[float], steady: float,
+def _darcy(folder: Path, name: str, axis: int, spacing: float, forces: Sequence[float], until: str,
            share: float) -> Finding:  # fmt: skip
-    """Finding of one scene. steady: relative change of the kinetic energy at which a run ends; share: of the box."""
+    """Finding of one scene. until: what ends a run; share: of the box."""
     common = (f"particles.spacing={spacing!r}", "output.snapshots=false", "output.plots=false", "reference=null")
     rows, velocities = [], []
     for g in forces:
         force = [0.0, 0.0, 0.0]
         force[axis] = g
         summary = run(name, folder / f"force_{g:g}", *common, "flow=navier_stokes", f"drive={{body_force: {force}}}",
-                      f"time={{steady: {steady:g}, end: 5}}")  # fmt: skip
+                      until)  # fmt: skip
         velocities.append(summary["superficial_velocity"][axis] / share)
         rows.append([f"{g:.3g}", f"{velocities[-1]:.4e}", f"{velocities[-1] / g * NU:.4e}", summary["steps"],
                      summary["status"], f"{summary['cpu_seconds']['total']:.0f}"])  # fmt: skip
