@@ -4,7 +4,7 @@ usage: python benchmarks/validation_page.py [--reuse] [--budget SECONDS] [--leve
 
 Runs, one after the other and each in a process of its own: `isph validate` over all of cases/, `isph validate --paper`,
 benchmarks/mutations.py and benchmarks/measuring.py. What they leave stands in out/page; --reuse takes what is there
-from before and runs the rest. About half an hour on one core.
+from before and runs the rest. About an hour on one core.
 """
 
 import argparse
@@ -31,8 +31,9 @@ without compilation and without the reference solution.
 ## Broken operators, noticed
 
 `python benchmarks/mutations.py` changes one line of the code and runs the quick references with it; the worst misses
-come first. A projection of half strength goes unnoticed: the pressure is incremental, the divergence that is left comes
-back in the next step's right-hand side, and the velocity errors of the vortices grow by 8 % only.
+come first. Two go unnoticed. A projection of half strength: the pressure is incremental, and the divergence that is left
+comes back in the next step's right-hand side. And a gradient of first order, which is the better one for vortices since
+the odd-even part of the pressure is taken out ([method.md](method.md), section 6).
 
 {mutations}
 
