@@ -447,14 +447,14 @@ def density_ratio_of_a_bubble(large):
 THIN = tuple(f"fluids.{name}.viscosity={np.sqrt(0.5e-6)}" for name in ("water", "oil"))  # Laplace number 1e6
 
 
-@scene("Laplace number 1e6", "a drop at rest, steps at the capillary limit",
+@scene("Laplace number 1e6", "a drop at rest, steps at the capillary limit, viscosity added at the interface",
        "capillary number of the spurious currents", 1e-3)
 def laplace_number(large):
     run = marched(DROP, *THIN, f"time.max_steps={1000 if large else 60}")
     return float(np.sqrt(0.5e-6) * np.abs(run.state.u).max())
 
 
-@scene("Laplace number 1e6", "a drop at rest, steps of twice the capillary limit",
+@scene("Laplace number 1e6", "the same, steps of twice the capillary limit",
        "speed over that of capillary waves as long as a spacing, or the run ends and names the limit (0)", 1)
 def above_the_capillary_limit(large):
     step = 2 * np.sqrt(0.04**3 / (2 * np.pi))
