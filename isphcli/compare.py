@@ -596,8 +596,8 @@ def _contact_angle(case: Case, result: Any) -> Errors:
         raise CompareError(f"a drop on the wall {wall} at {asked:g} degrees has no cap to compare with")
     axis, lowest = AXES.index(wall[0]), wall.endswith("min")
     tilt = math.radians(_number(case, "tilt", 0.0))
-    if tilt and dim == 3:
-        raise CompareError("reference.parameters.tilt is for scenes of two axes")
+    if tilt and (dim == 3 or wall != "y_min"):
+        raise CompareError("reference.parameters.tilt turns the wall y_min of a scene of two axes")
     up = np.eye(dim)[axis] if tilt == 0.0 else np.array([-math.sin(tilt), math.cos(tilt)])
     foot = _number(case, "at", float(_box(case, result)[0 if lowest else 1][axis]) if tilt == 0.0 else None)
     place = [_column(result, f"centre_{a}_{case.fluid_names[drop]}")[-1] for a, n in zip(AXES, up) if n]

@@ -37,7 +37,7 @@ STEPS_TO_STEADY = 40
 # pores of their own size keep it changing by a per cent, and a run that ends when it changes less ends too soon.
 STARTED = 0.12
 LEAST_IN_BEADS = 2.0e-4  # m, 2.5 spacings a bead: moving particles between beads that touch need as many
-PROBE = 20_000  # particles of the steps that tell whether moving particles run in a scene
+LEAST = 20_000  # particles of the smallest size of figures that compare sizes
 NU = 1.0e-6  # m2/s, of water
 
 
@@ -123,7 +123,7 @@ def column_share(case: Case) -> float:
 
 def bead_pack(seconds: float, folder: Path) -> Finding:
     """Steady creeping flow in the bead pack at g = 1.06 m/s2 at two resolutions; profiles over the radius."""
-    fine = spacing_for(max(0.7 * seconds / CREEPING, 3 * PROBE))
+    fine = spacing_for(max(0.7 * seconds / CREEPING, 3 * LEAST))
     spacings = (float(f"{1.4 * fine:.2g}"), fine)
     rows = []
     for h in spacings:
@@ -182,24 +182,13 @@ def known_porosity(radius: np.ndarray) -> np.ndarray:
     return np.interp(radius, known["r_mid_m"], known["porosity"])
 
 
-def probe(name: str, folder: Path, steps: int, *overrides: str) -> str:
-    """Why moving particles do not run in a scene: some steps of a small one; empty where they do."""
-    try:
-        run(name, folder, "flow=navier_stokes", f"time={{end: 1, max_steps: {steps}}}",
-            "output.snapshots=false", "output.plots=false", *overrides)  # fmt: skip
-    except NotRun as reason:
-        return str(reason)
-    return ""
-
-
 def darcy(seconds: float, folder: Path) -> Finding:
     """Moving particles to the steady state under three forces: in the bead pack, or where that does not run in a
     regular array of spheres."""
     spacing = min(spacing_for(seconds / 3 / STEPS_TO_STEADY / STEP), LEAST_IN_BEADS)
-    pack = {"name": "bead_pack", "axis": 1, "spacing": spacing, "forces": (0.5 * FORCE, FORCE, 1.5 * FORCE),
-            "until": f"time={{end: {STARTED}}}", "share": column_share(case_of("bead_pack", folder))}  # fmt: skip
+    share, forces = column_share(case_of("bead_pack", folder)), (0.5 * FORCE, FORCE, 1.5 * FORCE)
     try:
-        return _darcy(folder, **pack)
+        return _darcy(folder, "bead_pack", 1, spacing, forces, f"time={{end: {STARTED}}}", share)
     except NotRun as reason:
         why = str(reason)
     found = _darcy(folder, "sphere_array", 0, 1e-3 / 20, (5e-4, 1e-3, 1.5e-3), "time={steady: 1e-3, end: 5}", 1.0)
@@ -284,13 +273,19 @@ def scaling(case: str, volume: float, *overrides: str) -> Callable[[float, Path]
     """Time and iterations a step against particles on one core, four sizes; where moving particles do not run in the
     scene, those of its steady creeping flow."""
 
+    beads = case == "bead_pack"
+    smallest = PORES / LEAST_IN_BEADS**3 if beads else LEAST
+
     def ladder(seconds: float, folder: Path) -> Finding:
-        beads = case == "bead_pack"
-        smallest = PORES / LEAST_IN_BEADS**3 if beads else PROBE
-        why = probe(case, folder / "probe", LADDER_STEPS, f"particles.spacing={spacing_for(smallest, volume)!r}",
-                    *overrides)  # fmt: skip
-        if why and not beads:
-            raise NotRun(why)
+        try:
+            return climb(seconds, folder, "")
+        except NotRun as reason:
+            if not beads:
+                raise
+            return climb(seconds, folder, str(reason))
+
+    def climb(seconds: float, folder: Path, why: str) -> Finding:
+        """why: why moving particles do not run; empty where they do."""
         steps = 1 if why else LADDER_STEPS
         moving = () if why else (*overrides, "flow=navier_stokes", f"time={{end: 1, max_steps: {steps}}}")
         points = []

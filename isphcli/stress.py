@@ -85,17 +85,16 @@ class Scene:
     invariant: str
     bound: float
     measure: Callable
-    known: str = ""  # why it fails
 
 
 SCENES = []
 
 
-def scene(name, setting, invariant, bound, known=""):
-    """Enters the decorated function into SCENES. known: of one that fails, what is known of it."""
+def scene(name, setting, invariant, bound):
+    """Enters the decorated function into SCENES."""
 
     def enter(function):
-        SCENES.append(Scene(name, setting, invariant, bound, function, known))
+        SCENES.append(Scene(name, setting, invariant, bound, function))
         return function
 
     return enter
@@ -802,7 +801,7 @@ def page(large=True, report=None):
         except Exception as error:  # a scene that ends is a result as well
             good, shown = False, f"{type(error).__name__}: {str(error).splitlines()[0][:100]}"
         failed += not good
-        verdict = "" if good else f"fails {s.known}".rstrip()
+        verdict = "" if good else "fails"
         lines.append(f"| {s.name} | {s.setting} | {s.invariant} | {shown} | {s.bound:g} | {verdict} |")
         if report is not None:
             report(f"{lines[-1]} {time.perf_counter() - begin:.0f} s")

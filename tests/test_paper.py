@@ -128,7 +128,7 @@ def test_the_ladder_of_sizes(monkeypatch, folder, growth, holds):
 
     monkeypatch.setattr(paper, "run", run)
     finding = paper.scaling("bead_pack", paper.PORES, paper.PUSH)(1000.0, folder)
-    assert len(finding.rows) == 4 and sizes[4] > 3 * sizes[1]  # the first is the probe
+    assert len(finding.rows) == 4 and sizes[3] > 3 * sizes[0]
     assert all(row[1:4] == ["3.0", "5.0", "4.0"] for row in finding.rows) and finding.passed is holds
     assert "6 steps from rest" in finding.notes[0] and finding.pictures[0].stat().st_size > 5000
 
