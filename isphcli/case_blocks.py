@@ -321,6 +321,13 @@ class Drive:
         unit="Pa",
         names=AXES,
     )
+    superficial_velocity: Table[float] | None = key(
+        "axis: flux through a cross section of the box, solids included, that is held by a pressure drop that follows "
+        "(navier_stokes); the history tells the drop",
+        default=None,
+        unit="m/s",
+        names=AXES,
+    )
     axes: tuple[str, ...] | None = key(
         "permeability along these axes, one solve each from shared matrices (stokes); all axes of a "
         "periodic scene give the tensor",

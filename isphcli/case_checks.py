@@ -241,16 +241,29 @@ class _Checks:
         drive = self.case.drive
         if drive is None or not self.clear("drive"):
             return
-        if drive.axes is not None and (drive.body_force or drive.pressure_drop):
+        pushed = drive.body_force or drive.pressure_drop or drive.superficial_velocity
+        if drive.axes is not None and pushed:
             self.bad("drive.axes", "makes its own flow along each axis", "remove the rest of drive")
-        if not (drive.axes or drive.body_force or drive.pressure_drop):
-            self.bad("drive", "drives nothing", "give body_force, pressure_drop or axes")
+        if not (drive.axes or pushed):
+            self.bad("drive", "drives nothing", "give body_force, pressure_drop, superficial_velocity or axes")
         if drive.axes and self.clear("flow") and self.case.flow != "stokes":
             self.bad("drive.axes", "needs flow: stokes", "use body_force or pressure_drop")
+        if drive.superficial_velocity is not None:
+            self.held_rate(drive)
         self.driven_axes()
 
+    def held_rate(self, drive: Any) -> None:
+        path = "drive.superficial_velocity"
+        if len(drive.superficial_velocity) != 1 or not all(drive.superficial_velocity.values()):
+            self.bad(path, "needs one axis, and a velocity other than zero")
+        if drive.pressure_drop is not None:
+            self.bad(path, "finds its own pressure drop", "remove drive.pressure_drop")
+        if self.clear("flow") and self.case.flow == "stokes":
+            self.bad(path, "needs flow: navier_stokes", "use pressure_drop: the permeability of a steady creeping flow "
+                     "does not depend on it")
+
     def driven_axes(self) -> None:
-        for name in ("pressure_drop", "axes"):
+        for name in ("pressure_drop", "superficial_velocity", "axes"):
             axes = getattr(self.case.drive, name, None) or ()
             if self._axes_exist(axes, f"drive.{name}"):
                 self._driven_axes_open(axes, f"drive.{name}")

@@ -285,6 +285,8 @@ def driven_axes(case: Case, dim: int) -> list[int]:
         return []
     if drive.axes:
         return [AXES.index(name) for name in drive.axes]
+    if drive.superficial_velocity:
+        return [AXES.index(name) for name in drive.superficial_velocity]
     push = np.abs(_acceleration(case, dim))
     return [int(axis) for axis in np.argsort(-push, kind="stable") if push[axis] > 0]
 
@@ -391,6 +393,10 @@ def flow_estimate(
         inertial = (math.sqrt(2 * g * float(np.max(length))), "free fall over the box")
         started = (g * end, "acceleration until the end") if end else inertial
         found.append(min(creeping, inertial, started, key=lambda estimate: estimate[0]))
+    if case.drive is not None and case.drive.superficial_velocity:
+        porosity = float((sites.phase >= 0).mean())
+        held = max(map(abs, case.drive.superficial_velocity.values()))
+        found.append((held / max(porosity, 1e-9), "held superficial velocity over the porosity"))
     if case.interface is not None:
         rho = max(f.density for f in case.fluids.values())
         found.append(

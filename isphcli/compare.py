@@ -91,11 +91,11 @@ def _fluid(case: Case) -> Any:
 
 
 def _force(case: Case, lengths: Array) -> Array | None:
-    """Acceleration (dim,) of the drive; None where it names axes only, whose force is up to the run."""
+    """Acceleration (dim,) of the drive; None where it names axes or a velocity, whose force is up to the run."""
     force = np.zeros(len(lengths))
     if case.drive is None:
         return force
-    if case.drive.axes:
+    if case.drive.axes or case.drive.superficial_velocity:
         return None
     if case.drive.body_force:
         force += case.drive.body_force
@@ -175,6 +175,8 @@ def _flow_axis(case: Case) -> str:
         raise CompareError("the case has no drive, so no axis of flow")
     if drive.axes:
         return drive.axes[0]
+    if drive.superficial_velocity:
+        return next(iter(drive.superficial_velocity))
     pushes = dict(zip(AXES, drive.body_force)) if drive.body_force else dict(drive.pressure_drop or {})
     return max(pushes, key=lambda axis: abs(pushes[axis]))
 

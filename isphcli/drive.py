@@ -1,4 +1,6 @@
-"""What makes the fluid move: accelerations of a case, a pressure drop among them."""
+"""What makes the fluid move: accelerations of a case, a pressure drop among them, or a velocity that is held."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -38,6 +40,64 @@ def _box_length(case, axis):
         return case.geometry.box[axis]
     geometry = build_geometry(case, axis)
     return float(geometry.upper[axis] - geometry.lower[axis])
+
+
+LAG = 5.0  # steps in which a held velocity closes in on what is asked
+
+
+def held_axis(case):
+    """Axis along which a case holds a velocity, or None."""
+    held = case.drive.superficial_velocity if case.drive is not None else None
+    return "xyz".index(next(iter(held))) if held else None
+
+
+@dataclass(frozen=True)
+class HeldVelocity:
+    """Holds the superficial velocity along an axis by a pressure gradient that follows.
+
+    The flux changes as  dU/dt = s G + r,  G the gradient over the density of the first fluid and r all that resists:
+    drag, and menisci in throats. What r was is seen from the last step, and G is then what lets U close in on the
+    wanted value within `lag`. s is at most that of a straight channel (`response`); less only slows the answer.
+
+    axis: 0, 1 or 2; wanted: m/s; fraction: of the box that is fluid; response: s; areal: density of the first fluid
+    times the length of the box, kg/m2; lag: s.
+    """
+
+    axis: int
+    wanted: float
+    fraction: float
+    response: float
+    areal: float
+    lag: float = 0.0
+
+    @property
+    def speed(self):
+        """Mean speed of the fluid, m/s."""
+        return abs(self.wanted) / self.fraction
+
+    def push(self, state):
+        """G of the step after `state` (step.State), m/s2."""
+        velocity, resisted = self.fraction * state.u[:, self.axis].mean(), 0.0
+        if state.dt_old:
+            resisted = (velocity - self.fraction * state.u_old[:, self.axis].mean()) / state.dt_old
+        return state.push + ((self.wanted - velocity) / max(self.lag, LAG * state.dt_old) - resisted) / self.response
+
+    def drop(self, state):
+        """Pressure drop over the box in the step to `state`, Pa."""
+        return state.push * self.areal
+
+
+def held_velocity(case, particles, density, reference, geometry):
+    """HeldVelocity of a case without its `lag`, or None. density: (n,) of the particles, reference: of the first fluid,
+    kg/m3."""
+    axis = held_axis(case)
+    if axis is None:
+        return None
+    size = geometry.upper - geometry.lower
+    fraction = particles.n_fluid * particles.site_volume / float(np.prod(size))
+    (wanted,) = case.drive.superficial_velocity.values()
+    return HeldVelocity(axis, wanted, fraction, fraction * float((reference / density).mean()),
+                        reference * float(size[axis]))
 
 
 def darcy(geometry, x, velocity, site_volume, axis, force, viscosity):

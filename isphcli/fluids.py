@@ -18,6 +18,7 @@ class Terms:
     bulk: number, dynamic viscosity over the density of the first fluid of the rotational term (eq. 4), m2/s;
     turn: Turn, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity has no kink, or None;
     shy: (n,) bool, near an interface, or None;
+    along: (dim,) or (n, dim), what a unit pressure gradient along the axis of a held velocity accelerates by, or None;
     forgets: whether the odd-even part of the pressure is taken out (see `Stepper._odd_even`).
     """
 
@@ -32,6 +33,7 @@ class Terms:
     smooth: np.ndarray | None = None
     shy: np.ndarray | None = None
     forgets: bool = True
+    along: np.ndarray | None = None
 
     def slope(self, p):
         """Gradient of the pressure p (n,) over the density without its jump, (n, dim) m/s2."""
@@ -49,13 +51,13 @@ def body_force(ops, x, row, force):
 
 class OneFluid:
     """A single fluid, or two that differ in name only. reference: density, kg/m3; viscosity: kinematic,
-    m2/s; force: (dim,) m/s2."""
+    m2/s; force: (dim,) m/s2; held: (dim,) unit vector along which a velocity is held, or None."""
 
     tension = line = None
     first_passes = 3  # through the equations in the first step, which has no pressure to go on from
 
-    def __init__(self, reference, viscosity, force):
-        self.reference, self.viscosity, self.force = reference, viscosity, force
+    def __init__(self, reference, viscosity, force, held=None):
+        self.reference, self.viscosity, self.force, self.held = reference, viscosity, force, held
 
     @property
     def stiffest(self):
@@ -69,4 +71,5 @@ class OneFluid:
 
     def terms(self, ops, x, row, pairs, owner):
         """Terms of one configuration; arguments as those of `TwoFluids.terms`."""
-        return Terms(ops, self.viscosity, body_force(ops, x, row, self.force), bulk=self.viscosity)
+        along = body_force(ops, x, row, self.held) if self.held is not None else None
+        return Terms(ops, self.viscosity, body_force(ops, x, row, self.force), bulk=self.viscosity, along=along)

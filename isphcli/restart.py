@@ -17,7 +17,7 @@ import numpy as np
 from .output import replacing
 
 NAME = "restart.npz"
-VERSION = 1
+VERSION = 2
 
 
 class RestartError(ValueError):

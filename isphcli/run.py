@@ -295,6 +295,8 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
 
 def _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history, measures):
     force = stepper.fluids.force
+    if stepper.rate is not None:
+        force = force + state.push * stepper.fluids.held
     gravity = np.linalg.norm(force)
     two = measures is not None
     axis = int(np.argmax(np.abs(force))) if gravity > 0.0 else None
@@ -322,6 +324,7 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
         "permeability": permeability,
         "superficial_velocity": superficial,
         "mean_velocity": mean,
+        "pressure_drop": stepper.rate.drop(state) if stepper.rate is not None else None,
         "mass_error": 0.0,  # particles are neither made nor lost
         "max_divergence": max((r["divergence"] for r in history), default=0.0),
         "iterations": {

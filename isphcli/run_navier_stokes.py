@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from . import expressions, failure, memory
-from .drive import drives
+from .drive import LAG, drives, held_axis, held_velocity
 from .fluids import OneFluid
 from .kernel import KERNELS
 from .particles import place_case
@@ -18,6 +18,7 @@ VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no li
 # that stay a fifth of the time since the start resolve it.
 FIRST, GROWTH = 1.0 / 16.0, 2.0
 FIRST_AT_WALLS, GROWTH_AT_WALLS = 1.0 / 64.0, 1.25
+SPREAD = 10.0  # root mean square speed over the mean of a held flow, at most; in rock it is 2 to 3
 STEADY_WINDOW = 0.8  # a run is steady when the kinetic energy has changed little since this fraction of the time
 
 
@@ -41,14 +42,19 @@ def prepare(case, geometry, clock):
         for k, formula in enumerate(case.initial.velocity):
             u[:, k] = expressions.evaluate(formula, **names)
     force = sum((force for _, force in drives(case, geometry.dim)), np.zeros(geometry.dim))
+    density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
+    fluids = choose_fluids(case, geometry, particles, force)
+    rate = held_velocity(case, particles, density, fluids.reference, geometry)
+    if rate is not None:
+        rate = replace(rate, lag=LAG * min(limits(case.time, spacing, fluids, rate.speed).values()))
     stepper = Stepper(
         geometry=geometry, dummies=particles.x[n:], spacing=spacing, support=support,
         kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,
-        fluids=choose_fluids(case, geometry, particles, force),
-        shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2", tolerance=case.solver.tolerance,
-        restart=case.solver.restart, max_iterations=case.solver.max_iterations, clock=clock,
+        fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
+        tolerance=case.solver.tolerance, restart=case.solver.restart, max_iterations=case.solver.max_iterations,
+        clock=clock, rate=rate,
     )
-    stepper.bounds = bounds(case, geometry, particles, u, force)
+    stepper.bounds = bounds(case, geometry, particles, density, u, force, rate)
     return State(x, u, u.copy(), np.zeros(n)), stepper, particles
 
 
@@ -56,8 +62,10 @@ def choose_fluids(case, geometry, particles, force):
     """OneFluid or TwoFluids: the one place that chooses what an interface needs."""
     present = [case.fluids[case.fluid_names[k]] for k in np.unique(particles.phase)]
     differ = len({(f.density, f.mu) for f in present}) > 1
+    axis = held_axis(case)
+    held = None if axis is None else np.eye(geometry.dim)[axis]
     if len(present) == 1 or (case.interface is None and not differ):
-        return OneFluid(present[0].density, present[0].nu, force)
+        return OneFluid(present[0].density, present[0].nu, force, held)
     from .two_fluids import TwoFluids
 
     kind, spacing = KERNELS[case.particles.kernel], case.particles.spacing
@@ -77,7 +85,7 @@ def choose_fluids(case, geometry, particles, force):
     if case.drive is not None and case.drive.pressure_drop is not None:
         body = np.array(case.drive.body_force or [0.0] * geometry.dim, float)
     return TwoFluids(particles.phase, [f.density for f in present], [f.mu for f in present], body, force - body, kind,
-                     support, tension, line)
+                     support, tension, line, held)
 
 
 def _contact(case, geometry, particles, kind, support):
@@ -90,15 +98,34 @@ def _contact(case, geometry, particles, kind, support):
                         particles.site_volume)
 
 
-def bounds(case, geometry, particles, u, force):
-    """failure.Bounds of a case that starts with velocities u (n, dim) under the acceleration force (dim,)."""
-    density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
+def bounds(case, geometry, particles, density, u, force, rate=None):
+    """failure.Bounds of a case that starts with velocities u (n, dim) under the acceleration force (dim,).
+
+    density: (n,) of the particles; rate: drive.HeldVelocity or None."""
     walls = np.linalg.norm(geometry.wall_velocity, axis=1)
     walls = np.max(getattr(geometry, "wall_speed", walls), initial=0.0)  # wall_speed: where walls turn
     tension = case.interface.tension if case.interface is not None else 0.0
     capillary = np.sqrt(tension / (density.mean() * case.particles.spacing))
-    found = failure.Bounds(geometry, particles.site_volume, density, 0.0, np.linalg.norm(force), walls + capillary)
+    other = walls + capillary + (SPREAD * rate.speed if rate is not None else 0.0)
+    found = failure.Bounds(geometry, particles.site_volume, density, 0.0, np.linalg.norm(force), other)
     return replace(found, start=found.speed(u))
+
+
+def limits(time, spacing, fluids, speed, acceleration=0.0):
+    """{name: step} of what bounds a step of fluid that moves at `speed`, m/s, and gains `acceleration`, m/s2."""
+    if time.step is not None:
+        return {"step": time.step}
+    found = {}
+    # u dt + a dt^2 / 2 = cfl dx
+    reach = time.cfl * spacing
+    root = speed + np.sqrt(speed * speed + 2.0 * acceleration * reach)
+    if root > 0.0:
+        found["cfl"] = 2.0 * reach / root
+    if time.steady is None or not found:
+        found["viscous"] = VISCOUS * spacing**2 / fluids.thinnest
+    if fluids.tension is not None:
+        found["capillary"] = time.capillary * fluids.tension.largest_step
+    return found
 
 
 class March:
@@ -118,25 +145,13 @@ class March:
 
     def limits(self, state):
         """{name: step} of everything that bounds the next step, s."""
-        time, stepper = self.case.time, self.stepper
-        found = {}
-        if time.step is not None:
-            found["step"] = time.step
+        stepper = self.stepper
+        speed = np.sqrt((state.u * state.u).sum(axis=1).max())
+        if state.dt_old:
+            acceleration = np.sqrt(((state.u - state.u_old) ** 2).sum(axis=1).max()) / state.dt_old
         else:
-            speed = np.sqrt((state.u * state.u).sum(axis=1).max())
-            if state.dt_old:
-                acceleration = np.sqrt(((state.u - state.u_old) ** 2).sum(axis=1).max()) / state.dt_old
-            else:
-                acceleration = np.linalg.norm(stepper.fluids.force)
-            # u dt + a dt^2 / 2 = cfl dx
-            reach = time.cfl * stepper.spacing
-            root = speed + np.sqrt(speed * speed + 2.0 * acceleration * reach)
-            if root > 0.0:
-                found["cfl"] = 2.0 * reach / root
-            if time.steady is None or not found:
-                found["viscous"] = VISCOUS * stepper.spacing**2 / stepper.fluids.thinnest
-        if stepper.fluids.tension is not None:
-            found["capillary"] = time.capillary * stepper.fluids.tension.largest_step if time.step is None else np.inf
+            acceleration = np.linalg.norm(stepper.fluids.force)
+        found = limits(self.case.time, stepper.spacing, stepper.fluids, speed, acceleration)
         walls = stepper.geometry.has_solid
         if state.dt_old:
             found["start"] = (GROWTH_AT_WALLS if walls else GROWTH) * state.dt_old
@@ -207,6 +222,8 @@ class March:
             row[f"iterations_{name}"] = report.iterations
             row[f"residual_{name}"] = report.residual
         row |= {"rebuilt": int(stepper.rebuilt), "divergence": stepper.divergence, "kinetic_energy": energy}
+        if stepper.rate is not None:
+            row[f"pressure_drop_{'xyz'[stepper.rate.axis]}"] = stepper.rate.drop(state)
         row |= {f"mean_velocity_{a}": float(m) for a, m in zip("xyz", mean)}
         row |= {f"superficial_velocity_{a}": float(m * fraction) for a, m in zip("xyz", mean)}
         if self.case.time.steady is not None:

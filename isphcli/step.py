@@ -39,7 +39,8 @@ STALE = 1.5  # a hierarchy is rebuilt when its iterations exceed those of its fi
 
 @dataclass(frozen=True)
 class State:
-    """Fluid particles at one time. x, u, u_old: (n, dim); p: (n,) over density; dt_old: 0 before the first step."""
+    """Fluid particles at one time. x, u, u_old: (n, dim); p: (n,) over density; dt_old: 0 before the first step; push:
+    pressure gradient over the density that held the velocity (drive.HeldVelocity), m/s2."""
 
     x: np.ndarray
     u: np.ndarray
@@ -48,6 +49,7 @@ class State:
     time: float = 0.0
     step: int = 0
     dt_old: float = 0.0
+    push: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class Stepper:
 
     geometry: Geometry; dummies: (n_dummy, dim); spacing, support: m; kind: kernel number; site_volume: m^dim;
     fluids: OneFluid or TwoFluids; shifting: coefficient, 0 for none; second_order: BDF2 or implicit Euler;
-    clock: output.Clock.
+    clock: output.Clock; rate: drive.HeldVelocity or None.
     """
 
     geometry: object
@@ -89,6 +91,7 @@ class Stepper:
     restart: int
     max_iterations: int
     clock: object
+    rate: object = None
     reports: dict = field(default_factory=dict)
     rebuilt: bool = False
     held: int = 0
@@ -197,18 +200,22 @@ class Stepper:
         ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0
         g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
-        p = moved.p
+        p, push, force = moved.p, 0.0, config.terms.force
+        if self.rate is not None:
+            push = self.rate.push(state)
+            force = force + push * config.terms.along
         # the first step finds the pressure of the start: it is taken again with what it found
         for _ in range(1 if state.dt_old else self.fluids.first_passes):
-            u, p, div = self._project(config, moved.u, history, p, g0, dt)
+            u, p, div = self._project(config, moved.u, history + force, p, g0, dt)
         self.divergences, self.divergence = div, float(np.abs(div).max()) * dt
-        return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt), config
+        return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, push), config
 
-    def _project(self, config, guess, history, p, g0, dt):
-        """Eqs 2-4: (velocity, pressure, divergence of the velocity)."""
+    def _project(self, config, guess, known, p, g0, dt):
+        """Eqs 2-4: (velocity, pressure, divergence of the velocity). known: (n, dim) m/s2, of the steps before and the
+        forces."""
         ops, terms = config.ops, config.terms
         slope = terms.slope(p)
-        right = history + terms.force - slope
+        right = known - slope
         if ops.walls is not None:
             right += terms.viscosity * terms.ops.walls.lap_velocity
         star = self._helmholtz(config, g0 / dt, right, guess)

@@ -29,18 +29,18 @@ class TwoFluids:
     """phase: (n,) int8 fluid of each particle, 0 or 1; density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s;
     body: (dim,) force on both, m/s2; push: (dim,) that of a pressure gradient on the first fluid, m/s2, which moves the
     other as its density lets it; kind: kernel number; support: m; tension: SurfaceTension or None; line:
-    contact_angle.SlipAtLine or None."""
+    contact_angle.SlipAtLine or None; held: (dim,) unit vector along which a velocity is held, or None."""
 
     first_passes = 5  # with 3, layers of density ratio 1000 moved at 1e-8 sqrt(g H)
 
     def __init__(self, phase, density, viscosity, body, push, kind, support, tension=None,
-                 line=None):
+                 line=None, held=None):
         self.phase = phase
         self.colour = np.where(phase == 0, 1.0, 0.0)
         self.density = np.array(density, float)
         self.mu = np.array(viscosity, float)
         self.body, self.push, self.force = body, push, body + push
-        self.kind, self.support, self.tension, self.line = kind, support, tension, line
+        self.kind, self.support, self.tension, self.line, self.held = kind, support, tension, line, held
         self.artificial = tension.artificial_viscosity(self.mu) if tension is not None else 0.0
 
     @property
@@ -78,9 +78,11 @@ class TwoFluids:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near
             turn = Turn.build(ops, weighted.lap, x, row, np.flatnonzero(free))
-        force, jump, lift = body_force(ops, x, row, self.body), None, None
+        force, jump, lift, along = body_force(ops, x, row, self.body), None, None, None
         if self.push.any():
             force = force + potential_gradient(ops.start, row, x, weighted.grad_p, self.push)
+        if self.held is not None:
+            along = potential_gradient(ops.start, row, x, weighted.grad_p, self.held)
         if self.tension is not None:
             push, lift = self.tension.force(ops, weighted, x, row, pairs, owner, self.colour, near, reference)
             if lift is None:
@@ -90,7 +92,7 @@ class TwoFluids:
         # more feeds on itself: docs/method.md 12
         bulk = self.density.min() * self.thinnest / reference
         return Terms(weighted, viscosity, force, jump, lift, rho if heavy else 1.0, bulk, turn,
-                     smooth, near if self.artificial == 0.0 else None, heavy or thick or self.tension is None)
+                     smooth, near if self.artificial == 0.0 else None, heavy or thick or self.tension is None, along)
 
     @staticmethod
     def _weigh(ops, t, rho, mu, heavy):

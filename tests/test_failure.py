@@ -237,11 +237,13 @@ def test_a_steady_solve_that_is_interrupted(tmp_path, monkeypatch, at, number):
     (out / restart.NAME).touch()
     real = getattr(run_stokes, at)
     monkeypatch.setattr(run_stokes, at, lambda *a, **b: (os.kill(os.getpid(), number), real(*a, **b))[1])
-    before = signal.getsignal(signal.SIGTERM)
+    before = {which: signal.getsignal(which) for which in (signal.SIGINT, signal.SIGTERM)}
     try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts jobs in the background without it
         done = CliRunner().invoke(main, ["run", str(tmp_path / "case.yaml"), "--out", str(out), "--quiet"])
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for which, handler in before.items():
+            signal.signal(which, handler)
     assert done.exit_code == 130 and done.stderr == "interrupted\n" and not done.stdout
     assert [path.name for path in out.rglob("*")] == [restart.NAME]
 
