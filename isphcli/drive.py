@@ -57,7 +57,8 @@ class HeldVelocity:
 
     The flux changes as  dU/dt = s G + r,  G the gradient over the density of the first fluid and r all that resists:
     drag, and menisci in throats. What r was is seen from the last step, and G is then what lets U close in on the
-    wanted value within `lag`. s is at most that of a straight channel (`response`); less only slows the answer.
+    wanted value within `lag`. s is at most that of a straight channel (`response`); less only slows the answer. A state
+    holds the G of the step that made it, m/s2, and U before that step, m/s.
 
     axis: 0, 1 or 2; wanted: m/s; fraction: of the box that is fluid; response: s; areal: density of the first fluid
     times the length of the box, kg/m2; lag: s.
@@ -75,16 +76,18 @@ class HeldVelocity:
         """Mean speed of the fluid, m/s."""
         return abs(self.wanted) / self.fraction
 
-    def push(self, state):
-        """G of the step after `state` (step.State), m/s2."""
+    def step(self, state):
+        """(2,) G of the step after `state` (step.State), and U before it."""
         velocity, resisted = self.fraction * state.u[:, self.axis].mean(), 0.0
+        push, before = state.hold
         if state.dt_old:
-            resisted = (velocity - self.fraction * state.u_old[:, self.axis].mean()) / state.dt_old
-        return state.push + ((self.wanted - velocity) / max(self.lag, LAG * state.dt_old) - resisted) / self.response
+            resisted = (velocity - before) / state.dt_old
+        push += ((self.wanted - velocity) / max(self.lag, LAG * state.dt_old) - resisted) / self.response
+        return np.array([push, velocity])
 
     def drop(self, state):
         """Pressure drop over the box in the step to `state`, Pa."""
-        return state.push * self.areal
+        return float(state.hold[0] * self.areal)
 
 
 def held_velocity(case, particles, density, reference, geometry):

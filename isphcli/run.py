@@ -296,7 +296,7 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
 def _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history, measures):
     force = stepper.fluids.force
     if stepper.rate is not None:
-        force = force + state.push * stepper.fluids.held
+        force = force + state.hold[0] * stepper.fluids.held
     gravity = np.linalg.norm(force)
     two = measures is not None
     axis = int(np.argmax(np.abs(force))) if gravity > 0.0 else None
@@ -354,13 +354,18 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
 
 
 def _finish(case, directory, summary, result, clock):
-    """Errors against the reference, the effective case and summary.json."""
-    errors = None
+    """Errors against the reference, the effective case and summary.json, which is left too where there is nothing to
+    compare: CompareError comes after it."""
+    errors = incomparable = None
     if case.reference is not None:
         with clock("reference"):
-            from .compare import compare
+            from .compare import CompareError, compare
 
-            errors = compare(case, result)
+            try:
+                errors = compare(case, result)
+            except CompareError as error:
+                incomparable = error
+                summary["message"] = "; ".join(filter(None, [summary["message"], f"no errors: {error}"]))
     import numba
 
     effective = replace(case, output=replace(case.output, directory=directory))
@@ -378,6 +383,8 @@ def _finish(case, directory, summary, result, clock):
         "versions": output.versions(),
     }
     output.write_summary(directory / "summary.json", summary)
+    if incomparable is not None:
+        raise incomparable
     summary["directory"] = str(directory)
     summary["pictures"] = sorted(str(p) for p in Path(directory).glob("*.png"))
     return summary

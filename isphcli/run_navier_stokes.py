@@ -55,7 +55,7 @@ def prepare(case, geometry, clock):
         clock=clock, rate=rate,
     )
     stepper.bounds = bounds(case, geometry, particles, density, u, force, rate)
-    return State(x, u, u.copy(), np.zeros(n)), stepper, particles
+    return State(x, u, u.copy(), np.zeros(n), hold=None if rate is None else np.zeros(2)), stepper, particles
 
 
 def choose_fluids(case, geometry, particles, force):

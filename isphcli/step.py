@@ -39,8 +39,8 @@ STALE = 1.5  # a hierarchy is rebuilt when its iterations exceed those of its fi
 
 @dataclass(frozen=True)
 class State:
-    """Fluid particles at one time. x, u, u_old: (n, dim); p: (n,) over density; dt_old: 0 before the first step; push:
-    pressure gradient over the density that held the velocity (drive.HeldVelocity), m/s2."""
+    """Fluid particles at one time. x, u, u_old: (n, dim); p: (n,) over density; dt_old: 0 before the first step;
+    hold: (2,) of drive.HeldVelocity, or None."""
 
     x: np.ndarray
     u: np.ndarray
@@ -49,7 +49,7 @@ class State:
     time: float = 0.0
     step: int = 0
     dt_old: float = 0.0
-    push: float = 0.0
+    hold: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -200,15 +200,15 @@ class Stepper:
         ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0
         g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
-        p, push, force = moved.p, 0.0, config.terms.force
+        p, hold, force = moved.p, None, config.terms.force
         if self.rate is not None:
-            push = self.rate.push(state)
-            force = force + push * config.terms.along
+            hold = self.rate.step(state)
+            force = force + hold[0] * config.terms.along
         # the first step finds the pressure of the start: it is taken again with what it found
         for _ in range(1 if state.dt_old else self.fluids.first_passes):
             u, p, div = self._project(config, moved.u, history + force, p, g0, dt)
         self.divergences, self.divergence = div, float(np.abs(div).max()) * dt
-        return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, push), config
+        return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, hold), config
 
     def _project(self, config, guess, known, p, g0, dt):
         """Eqs 2-4: (velocity, pressure, divergence of the velocity). known: (n, dim) m/s2, of the steps before and the
