@@ -77,7 +77,7 @@ class TwoFluids:
         if thick:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near
-            turn = Turn.build(ops, weighted.lap, x, row, np.flatnonzero(free))
+            turn = Turn.build(ops, weighted.lap, x, row, np.flatnonzero(free), self.support)
         force, jump, lift, along = body_force(ops, x, row, self.body), None, None, None
         if self.push.any():
             force = force + potential_gradient(ops.start, row, x, weighted.grad_p, self.push)
@@ -117,7 +117,8 @@ class Turn:
     (grad u)^T grad mu and the same without its part in div u, have growing modes at a viscosity ratio of 100 (smallest
     eigenvalue of the velocity matrix -72 and -5000, against +36 and more of this one).
 
-    rows: (m,) particles; start: (m + 1,), column: neighbours; tensor: (n_pairs of those, dim, dim).
+    rows: (m,) particles; start: (m + 1,), column: neighbours; tensor: (n_pairs of those, dim (dim + 1) / 2), the
+    upper half, row by row.
     """
 
     rows: np.ndarray
@@ -126,12 +127,12 @@ class Turn:
     tensor: np.ndarray
 
     @classmethod
-    def build(cls, ops, weighted_lap, x, row, rows):
+    def build(cls, ops, weighted_lap, x, row, rows, support):
         """ops: Operators; weighted_lap: (n_pairs,) its `lap` times m_ij / rho_i; x: (n_rows, dim) table of positions;
-        row: (n_pairs,) rows of the neighbours in it; rows: (m,)."""
+        row: (n_pairs,) rows of the neighbours in it; rows: (m,); support: m."""
         count = np.diff(ops.start)[rows]
         start = np.concatenate([[0], np.cumsum(count)])
-        column, tensor = _turn_tensors(ops.start, ops.column, row, x, ops.lap, weighted_lap, rows, start)
+        column, tensor = _turn_tensors(ops.start, ops.column, row, x, ops.lap, weighted_lap, rows, start, support)
         return cls(rows, start, column, tensor)
 
     def add(self, u, out, factor):
@@ -173,91 +174,91 @@ def _thickened(start, column, lap, weighted_lap, near, share):
 
 
 @njit(cache=True, parallel=True)
-def _turn_tensors(start, column, row, x, lap, weighted_lap, rows, new_start):
+def _turn_tensors(start, column, row, x, lap, weighted_lap, rows, new_start, support):
     dim = x.shape[1]
     new_column = np.empty(new_start[-1], np.int32)
-    tensor = np.zeros((new_start[-1], dim, dim))
-    size = dim + dim * (dim + 1) // 2
+    size, entries = dim + dim * (dim + 1) // 2, dim * (dim + 1) // 2
+    tensor = np.empty((new_start[-1], entries))
     for m in prange(len(rows)):
-        i = rows[m]
+        i, at = rows[m], new_start[m]
         begin, count = start[i], start[i + 1] - start[i]
-        basis, moments = np.empty((count, size)), np.zeros((size, size))
-        unit = 0.0
+        # one row a term, so that what is done to all neighbours runs along the memory
+        basis, moments, own, here = np.empty((size, count)), np.zeros((size, size)), np.empty(size), np.empty(count)
+        _fill(basis, row, x, i, begin, count, support)
         for k in range(count):
-            unit = max(unit, math.sqrt(_fill(basis[k], x, i, row[begin + k], 1.0)))
-        for k in range(count):
-            _fill(basis[k], x, i, row[begin + k], unit)
+            new_column[at + k] = column[begin + k]
             w = max(lap[begin + k], 0.0)
             for a in range(size):
-                for b in range(size):
-                    moments[a, b] += w * basis[k, a] * basis[k, b]
+                own[a] = basis[a, k]
+            for a in range(size):
+                of_a = w * own[a]
+                for b in range(a + 1):  # what `_invert` reads
+                    moments[a, b] += of_a * own[b]
+        # least squares: the coefficients of the quadratic terms are the second derivatives
         inverse, least = np.empty((size, size)), SINGULAR * np.trace(moments)
-        if not _invert(moments, least, inverse):
+        if not _invert(moments, least, dim, inverse):
             for a in range(size):
                 moments[a, a] += least  # as good as a pseudo-inverse, which takes numba 15 s to compile
-            _invert(moments, 0.0, inverse)
-        for k in range(count):
-            at = new_start[m] + k
-            new_column[at] = column[begin + k]
-            if lap[begin + k] > 0.0:
-                # least squares: the coefficients of the quadratic terms are the second derivatives
-                factor = 2.0 * weighted_lap[begin + k] / (unit * unit)
-                v = dim
-                for a in range(dim):
-                    for b in range(a, dim):
-                        value = 0.0
-                        for c in range(size):
-                            value += inverse[v, c] * basis[k, c]
-                        tensor[at, a, b] = factor * value
-                        tensor[at, b, a] = factor * value
-                        v += 1
+            _invert(moments, 0.0, dim, inverse)
+        for v in range(entries):
+            here[:] = 0.0
+            for c in range(size):
+                weight = inverse[c, dim + v] / (support * support)
+                for k in range(count):
+                    here[k] += weight * basis[c, k]
+            for k in range(count):
+                tensor[at + k, v] = 2.0 * weighted_lap[begin + k] * here[k] if lap[begin + k] > 0.0 else 0.0
     return new_column, tensor
 
 
 @njit(cache=True)
-def _invert(matrix, least, inverse):
-    """Inverse of a symmetric matrix by Cholesky's factors; False where a pivot is not above `least`."""
+def _invert(matrix, least, first, inverse):
+    """Columns from `first` on of the inverse of a symmetric matrix, whose lower half is read, by Cholesky's factors;
+    False where a pivot is not above `least`."""
     n = len(matrix)
-    lower = np.zeros((n, n))
+    lower, over = np.zeros((n, n)), np.empty(n)
     for k in range(n):
         for m in range(k + 1):
             rest = matrix[k, m]
             for c in range(m):
                 rest -= lower[k, c] * lower[m, c]
             if m < k:
-                lower[k, m] = rest / lower[m, m]
+                lower[k, m] = rest * over[m]
             elif rest > least:
                 lower[k, k] = math.sqrt(rest)
+                over[k] = 1.0 / lower[k, k]
             else:
                 return False
-    for k in range(n):  # a column of the unit matrix at a time
-        for m in range(n):
+    for k in range(first, n):  # a column of the unit matrix at a time
+        for m in range(k):
+            inverse[m, k] = 0.0
+        for m in range(k, n):
             rest = 1.0 if m == k else 0.0
-            for c in range(m):
+            for c in range(k, m):
                 rest -= lower[m, c] * inverse[c, k]
-            inverse[m, k] = rest / lower[m, m]
+            inverse[m, k] = rest * over[m]
         for m in range(n - 1, -1, -1):
             rest = inverse[m, k]
             for c in range(m + 1, n):
                 rest -= lower[c, m] * inverse[c, k]
-            inverse[m, k] = rest / lower[m, m]
+            inverse[m, k] = rest * over[m]
     return True
 
 
 @njit(cache=True)
-def _fill(basis, x, i, j, unit):
-    """The terms d_a, d_a d_a / 2 and d_a d_b of d = (x_j - x_i) / unit; returns d . d."""
+def _fill(basis, row, x, i, begin, count, unit):
+    """The terms d_a, d_a d_a / 2 and d_a d_b of d = (x_j - x_i) / unit, one row (count,) each."""
     dim = x.shape[1]
-    r2 = 0.0
     v = dim
+    for k in range(count):
+        for a in range(dim):
+            basis[a, k] = (x[row[begin + k], a] - x[i, a]) / unit
     for a in range(dim):
-        d = (x[j, a] - x[i, a]) / unit
-        basis[a] = d
-        r2 += d * d
         for b in range(a, dim):
-            basis[v] = d * (x[j, b] - x[i, b]) / unit * (0.5 if a == b else 1.0)
+            factor = 0.5 if a == b else 1.0
+            for k in range(count):
+                basis[v, k] = factor * basis[a, k] * basis[b, k]
             v += 1
-    return r2
 
 
 @njit(cache=True, parallel=True)
@@ -267,6 +268,13 @@ def _turn(rows, start, column, tensor, u, out, factor):
         i = rows[m]
         for p in range(start[m], start[m + 1]):
             j = column[p]
+            v = 0
             for a in range(dim):
-                for b in range(dim):
-                    out[i, a] += factor * tensor[p, a, b] * (u[j, b] - u[i, b])
+                here, there = factor * (u[j, a] - u[i, a]), 0.0
+                out[i, a] += tensor[p, v] * here
+                v += 1
+                for b in range(a + 1, dim):
+                    there += tensor[p, v] * (u[j, b] - u[i, b])
+                    out[i, b] += tensor[p, v] * here
+                    v += 1
+                out[i, a] += factor * there

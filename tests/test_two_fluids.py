@@ -267,7 +267,7 @@ def test_the_stress_of_a_linear_velocity_vanishes():
 
     ops = config.ops
     rows = np.flatnonzero(~ops.walls.near & (np.abs(state.x[:, 0] - 3 / 12) < 0.5 / 12))
-    turn = Turn.build(ops, ops.lap, config.x, config.row, rows)
+    turn = Turn.build(ops, ops.lap, config.x, config.row, rows, stepper.support)
     u, out = np.zeros_like(state.x), np.zeros_like(state.x)
     u[:] = state.x @ np.array([[0.3, 2.0], [-1.0, -0.3]])
     turn.add(u, out, 1.0)
