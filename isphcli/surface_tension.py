@@ -89,18 +89,20 @@ def _curvature(start, column, row, x, volume, kind, support, normal, strength,
     for i in prange(n):
         if strength[i] > 0.0:
             along, bend = np.zeros((3, 3)), np.zeros((3, 3))
-            trace = 0.0
+            offset, trace = np.empty(dim), 0.0
             for p in range(start[i], start[i + 1]):
                 j = column[p]
                 if strength[j] > 0.0:
-                    trace += _add_turn(x[row[p]] - x[i], normal[i], normal[j], volume[j], kind, support, along, bend)
+                    for k in range(dim):
+                        offset[k] = x[row[p], k] - x[i, k]
+                    trace += _add_turn(offset, normal, i, normal, j, volume[j], kind, support, along, bend)
             for p in range(ghost_start[i], ghost_start[i + 1]):
                 size = 0.0
                 for k in range(dim):
+                    offset[k] = ghost_offset[p, k]
                     size += ghost_normal[p, k] ** 2
                 if size > 0.0:
-                    trace += _add_turn(ghost_offset[p], normal[i], ghost_normal[p], ghost_volume, kind, support,
-                                       along, bend)
+                    trace += _add_turn(offset, normal, i, ghost_normal, p, ghost_volume, kind, support, along, bend)
             if trace > 0.0:
                 inverse = np.zeros((3, 3))
                 for k in range(dim):
@@ -114,23 +116,24 @@ def _curvature(start, column, row, x, volume, kind, support, normal, strength,
 
 
 @njit(cache=True)
-def _add_turn(offset, here, there, volume, kind, support, along, bend):
-    """Adds w P d (x) P d to `along` and w P (n_j - n_i) (x) P d to `bend`; returns the trace of the first."""
-    dim = len(here)
+def _add_turn(offset, normals, i, others, j, volume, kind, support, along, bend):
+    """Adds w P d (x) P d to `along` and w P (n_j - n_i) (x) P d to `bend`; returns the trace of the first. n_i is
+    normals[i], n_j is others[j]."""
+    dim = len(offset)
     r2, up, turned = 0.0, 0.0, 0.0
     for k in range(dim):
         r2 += offset[k] ** 2
-        up += offset[k] * here[k]
-        turned += there[k] * here[k]
+        up += offset[k] * normals[i, k]
+        turned += others[j, k] * normals[i, k]
     if r2 == 0.0:
         return 0.0
     r = math.sqrt(r2)
     w = volume * slope(kind, r / support) / r
-    for k in range(dim):
-        for m in range(dim):
-            d = offset[m] - up * here[m]
-            along[k, m] += w * (offset[k] - up * here[k]) * d
-            bend[k, m] += w * (there[k] - turned * here[k]) * d
+    for m in range(dim):
+        d = w * (offset[m] - up * normals[i, m])
+        for k in range(dim):
+            along[k, m] += (offset[k] - up * normals[i, k]) * d
+            bend[k, m] += (others[j, k] - turned * normals[i, k]) * d
     return w * (r2 - up * up)
 
 

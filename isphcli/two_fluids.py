@@ -263,18 +263,22 @@ def _fill(basis, row, x, i, begin, count, unit):
 
 @njit(cache=True, parallel=True)
 def _turn(rows, start, column, tensor, u, out, factor):
-    dim = u.shape[1]
+    flat = u.shape[1] == 2
     for m in prange(len(rows)):
         i = rows[m]
+        a, b, c = 0.0, 0.0, 0.0
         for p in range(start[m], start[m + 1]):
             j = column[p]
-            v = 0
-            for a in range(dim):
-                here, there = factor * (u[j, a] - u[i, a]), 0.0
-                out[i, a] += tensor[p, v] * here
-                v += 1
-                for b in range(a + 1, dim):
-                    there += tensor[p, v] * (u[j, b] - u[i, b])
-                    out[i, b] += tensor[p, v] * here
-                    v += 1
-                out[i, a] += factor * there
+            du, dv = u[j, 0] - u[i, 0], u[j, 1] - u[i, 1]
+            if flat:
+                a += tensor[p, 0] * du + tensor[p, 1] * dv
+                b += tensor[p, 1] * du + tensor[p, 2] * dv
+            else:
+                dw = u[j, 2] - u[i, 2]
+                a += tensor[p, 0] * du + tensor[p, 1] * dv + tensor[p, 2] * dw
+                b += tensor[p, 1] * du + tensor[p, 3] * dv + tensor[p, 4] * dw
+                c += tensor[p, 2] * du + tensor[p, 4] * dv + tensor[p, 5] * dw
+        out[i, 0] += factor * a
+        out[i, 1] += factor * b
+        if not flat:
+            out[i, 2] += factor * c

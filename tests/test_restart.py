@@ -103,7 +103,8 @@ def left_by(directory):
     (VORTEX, (1, 5)), (CAVITY, (9, 14)), (POROUS, (30, 31)), (CAP, (6, 21)),
     (CAP.replace("jitter: 0.1", "shifting: 0"), (1, 14)),
     (CAP.replace("body_force: [0.5, -1]", "superficial_velocity: {x: 0.1}"), (7,)),
-], ids=["shifted", "walls", "to a steady state", "two fluids on a wall, shifted", "two fluids on a wall", "held velocity"])
+], ids=["shifted", "walls", "to a steady state", "two fluids on a wall, shifted", "two fluids on a wall",
+        "held velocity"])
 def test_a_run_in_pieces_is_the_run_in_one_piece(tmp_path, text, steps, monkeypatch):
     """Interrupted at any step, not only where files are written: the same history, snapshots and state, bit for bit.
     The hierarchies in use were built long before the step of the interrupt."""

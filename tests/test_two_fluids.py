@@ -95,6 +95,26 @@ def test_what_a_scene_does_not_need_is_not_there():
     assert not {"isphcli.two_fluids", "isphcli.interface", "isphcli.surface_tension"} & set(sys.modules)
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_thinnest_direction_of_a_tensor(dim):
+    """That of numpy's eigh to round-off, wherever one stands apart, however thin and however long the tensor is."""
+    from isphcli.interface import FLAT, _flattest
+
+    rng = np.random.default_rng(0)
+    found, normal = 0, np.empty(dim)
+    for _ in range(300):
+        axes, size = np.linalg.qr(rng.normal(size=(dim, dim)))[0], 10.0 ** rng.uniform(-4, 0, dim)
+        size[0] *= rng.integers(2)
+        values, vectors = np.linalg.eigh(axes * size @ axes.T)
+        thin = _flattest(axes * size @ axes.T, normal, 0.0)
+        assert thin == (values[0] < FLAT * values[1]) or abs(values[0] / values[1] - FLAT) < 1e-8
+        if thin:
+            found += 1
+            assert abs(normal @ vectors[:, 0]) / np.linalg.norm(normal) == pytest.approx(1.0, abs=1e-12)
+    assert 100 < found < 300
+    assert not _flattest(np.eye(dim), normal, 0.0) and not _flattest(np.zeros((dim, dim)), normal, 1e-30)
+
+
 def test_a_pressure_drop_moves_each_fluid_as_its_density_lets_it():
     """5 Pa over the box of 6/16: the acceleration away from the interface is the gradient over the density."""
     text = layers(1 / 16, rho=4).replace("body_force: [0, 0]", "pressure_drop: {x: 5}")
