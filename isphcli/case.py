@@ -24,6 +24,7 @@ from .case_blocks import (
     SOLID,
     SUPPORT,
     SUPPORT_MOVING_2D,
+    SUPPORT_TENSION_2D,
     Drive,
     Fluid,
     Initial,
@@ -113,8 +114,11 @@ class Case:
     @property
     def support(self) -> float:
         """Support radius over the spacing."""
-        moving_2d = self.flow == "navier_stokes" and self.dim == 2
-        return self.particles.support or (SUPPORT_MOVING_2D if moving_2d else SUPPORT)
+        if self.particles.support is not None:
+            return self.particles.support
+        if self.flow == "navier_stokes" and self.dim == 2:
+            return SUPPORT_MOVING_2D if self.interface is None else SUPPORT_TENSION_2D
+        return SUPPORT
 
     @property
     def wall_distance(self) -> str:

@@ -22,6 +22,7 @@ SOLID = "solid"
 LATTICES = {2: ("square", "hexagonal"), 3: ("cubic", "bcc")}  # by dimension, the default first
 FLOWS = ("navier_stokes", "stokes")
 SUPPORT, SUPPORT_MOVING_2D = 2.1, 2.3  # defaults, measured: benchmarks/support.py
+SUPPORT_TENSION_2D = 2.8  # curvature of a disk: bias -1 % with 2.3 (docs/method.md 12)
 WALL_DISTANCES = ("exact", "smooth", "stairs")
 KERNELS = ("wendland_c2", "wendland_c4", "quintic_spline")
 FIELDS = ("velocity", "pressure", "phase", "distance", "divergence")
@@ -242,7 +243,7 @@ class Lattice:
     )
     support: float | None = key(
         "support radius of the kernel over the spacing. Without it: "
-        + f"{SUPPORT}, and {SUPPORT_MOVING_2D} for moving particles in a 2D box",
+        + f"{SUPPORT}, and for moving particles in a 2D box {SUPPORT_MOVING_2D}, with tension {SUPPORT_TENSION_2D}",
         default=None,
         at_least=1.5,
         at_most=6,

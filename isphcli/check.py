@@ -272,7 +272,8 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
              else "no interface" if not tension else "the interface damps enough at this spacing"),
         Term("contact angle", tension is not None and wall,
              "no interface" if not tension else f"{tension.contact_angle:g} degrees" if wall else "no walls"),
-        Term("drive", case.drive is not None, "body force" if case.drive else "no drive"),
+        Term("drive", case.drive is not None, "no drive" if case.drive is None else
+             "body force" if case.drive.superficial_velocity is None else "held velocity, by a pressure drop"),
         Term("initial velocity", starts, "formula" if starts else "starts at rest"),
         Term("flooding", flood is not None, f"{flood.fluid} from {flood.face}" if flood else "none"),
     ]  # fmt: skip

@@ -57,11 +57,11 @@ class HeldVelocity:
 
     The flux changes as  dU/dt = s G + r,  G the gradient over the density of the first fluid and r all that resists:
     drag, and menisci in throats. What r was is seen from the last step, and G is then what lets U close in on the
-    wanted value within `lag`. s is at most that of a straight channel (`response`); less only slows the answer. A state
-    holds the G of the step that made it, m/s2, and U before that step, m/s.
+    wanted value within LAG steps. s is at most that of a straight channel (`response`); less only slows the answer. A
+    state holds the G of the step that made it, m/s2, and U before that step, m/s.
 
     axis: 0, 1 or 2; wanted: m/s; fraction: of the box that is fluid; response: s; areal: density of the first fluid
-    times the length of the box, kg/m2; lag: s.
+    times the length of the box, kg/m2; least: shortest time to close in, s, for the short steps of the start.
     """
 
     axis: int
@@ -69,20 +69,20 @@ class HeldVelocity:
     fraction: float
     response: float
     areal: float
-    lag: float = 0.0
+    least: float = 0.0
 
     @property
     def speed(self):
         """Mean speed of the fluid, m/s."""
         return abs(self.wanted) / self.fraction
 
-    def step(self, state):
-        """(2,) G of the step after `state` (step.State), and U before it."""
+    def step(self, state, dt):
+        """(2,) G of the step of length dt after `state` (step.State), and U before it."""
         velocity, resisted = self.fraction * state.u[:, self.axis].mean(), 0.0
         push, before = state.hold
         if state.dt_old:
             resisted = (velocity - before) / state.dt_old
-        push += ((self.wanted - velocity) / max(self.lag, LAG * state.dt_old) - resisted) / self.response
+        push += ((self.wanted - velocity) / max(self.least, LAG * dt) - resisted) / self.response
         return np.array([push, velocity])
 
     def drop(self, state):
@@ -91,8 +91,8 @@ class HeldVelocity:
 
 
 def held_velocity(case, particles, density, reference, geometry):
-    """HeldVelocity of a case without its `lag`, or None. density: (n,) of the particles, reference: of the first fluid,
-    kg/m3."""
+    """HeldVelocity of a case without its `least`, or None. density: (n,) of the particles; reference: of the first
+    fluid, kg/m3."""
     axis = held_axis(case)
     if axis is None:
         return None

@@ -40,6 +40,7 @@ _SNAPSHOT = re.compile(r"(?P<name>.+)_(?P<step>\d{6,})\.vtu")
 SUMMARY_KEYS = (
     "title", "status", "message", "dimension", "particles", "porosity", "terms", "steps", "time",
     "permeability", "permeability_error", "permeability_tensor", "superficial_velocity", "mean_velocity",
+    "pressure_drop",
     "two_fluids", "mass_error", "max_divergence", "iterations", "errors", "cpu_seconds", "wall_seconds",
     "peak_memory_bytes", "threads", "versions",
 )  # fmt: skip

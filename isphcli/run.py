@@ -10,7 +10,7 @@ import numpy as np
 
 from . import output, progress, restart
 from .case import CaseError, Problem, dump_case
-from .drive import darcy, drives, sample_box
+from .drive import darcy, drives, held_axis, sample_box
 from .geometry import build_geometry
 from .linear import SolveError
 
@@ -429,7 +429,7 @@ def _porosity(geometry, particles):
 def _terms(case, geometry, driven):
     terms = ["viscosity", "pressure"]
     if driven:
-        terms.append("body force")
+        terms.append("body force" if held_axis(case) is None else "held velocity")
     if geometry.has_solid:
         terms.append("walls")
         if np.any(geometry.wall_speed):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from . import expressions, failure, memory
-from .drive import LAG, drives, held_axis, held_velocity
+from .drive import drives, held_axis, held_velocity
 from .fluids import OneFluid
 from .kernel import KERNELS
 from .particles import place_case
@@ -46,7 +46,7 @@ def prepare(case, geometry, clock):
     fluids = choose_fluids(case, geometry, particles, force)
     rate = held_velocity(case, particles, density, fluids.reference, geometry)
     if rate is not None:
-        rate = replace(rate, lag=LAG * min(limits(case.time, spacing, fluids, rate.speed).values()))
+        rate = replace(rate, least=min(limits(case.time, spacing, fluids, rate.speed).values()))
     stepper = Stepper(
         geometry=geometry, dummies=particles.x[n:], spacing=spacing, support=support,
         kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,

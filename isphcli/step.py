@@ -202,7 +202,7 @@ class Stepper:
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
         p, hold, force = moved.p, None, config.terms.force
         if self.rate is not None:
-            hold = self.rate.step(state)
+            hold = self.rate.step(state, dt)
             force = force + hold[0] * config.terms.along
         # the first step finds the pressure of the start: it is taken again with what it found
         for _ in range(1 if state.dt_old else self.fluids.first_passes):

@@ -500,15 +500,16 @@ def layers_at_rest(large):
 
 @scene("an empty phase", "two fluids and a tension, no particle of the second", "the flow of the first alone", 0)
 def empty_phase(large):
+    # a case with tension has a larger support by default, whether both fluids have particles or not
     two = ("fluids.oil={density: 1000, viscosity: 1}", "interface={tension: 1}")
-    return apart(marched(VORTEX, *two).state.u, marched(VORTEX).state.u)
+    return apart(marched(VORTEX, *two).state.u, marched(VORTEX, "particles.support=2.8").state.u)
 
 
 @scene("an empty phase", "no particle of the first", "the flow of the second alone", 0)
 def empty_first_phase(large):
     both = "fluids={oil: {density: 1000, viscosity: 1}, water: {density: 1, viscosity: 0.01}}"
     return apart(marched(VORTEX, both, "geometry.fluid=water", "interface={tension: 1}").state.u,
-                 marched(VORTEX).state.u)
+                 marched(VORTEX, "particles.support=2.8").state.u)
 
 
 CAP = """

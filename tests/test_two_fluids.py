@@ -300,7 +300,7 @@ geometry:
   periodic: [x]
   fluid: a
   shapes: [{half_space: {point: [0.5, 0], normal: [-1, 0]}, is: b}]
-particles: {spacing: 0.03125}
+particles: {spacing: 0.03125, support: 2.3}
 fluids: {a: {density: 1, viscosity: 1}, b: {density: 1, viscosity: 1}}
 interface: {tension: 1, slip_length: LENGTH}
 time: {end: 1}
