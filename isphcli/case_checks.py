@@ -26,6 +26,7 @@ PARAMETERS = {
     "taylor_green": ("speed",),
     "taylor_green_3d": ("speed",),
 }
+OF_A_FORCE = ("poiseuille", "startup_poiseuille", "two_layer_poiseuille")  # solutions that a given force makes
 MAX_SITES = 1e9  # of the lattice: far above what a machine holds, so the lengths must be mistaken
 
 
@@ -247,7 +248,7 @@ class _Checks:
         if not (drive.axes or pushed):
             self.bad("drive", "drives nothing", "give body_force, pressure_drop, superficial_velocity or axes")
         if drive.axes and self.clear("flow") and self.case.flow != "stokes":
-            self.bad("drive.axes", "needs flow: stokes", "use body_force or pressure_drop")
+            self.bad("drive.axes", "needs flow: stokes", "use body_force, pressure_drop or superficial_velocity")
         if drive.superficial_velocity is not None:
             self.held_rate(drive)
         self.driven_axes()
@@ -320,6 +321,8 @@ class _Checks:
             return
         if reference.kind == "permeability" and reference.value is None:
             self.bad("reference", "kind permeability needs a value", "give value, in m2")
+        if reference.kind in OF_A_FORCE and self.case.drive and self.case.drive.superficial_velocity:
+            self.bad("reference.kind", f"{reference.kind} is the flow under a given force", "give drive.pressure_drop")
         for name in PARAMETERS.get(reference.kind, ()):
             if name not in reference.parameters:
                 fix = f"add parameters: {{{name}: ...}}"

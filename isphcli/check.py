@@ -272,11 +272,18 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
              else "no interface" if not tension else "the interface damps enough at this spacing"),
         Term("contact angle", tension is not None and wall,
              "no interface" if not tension else f"{tension.contact_angle:g} degrees" if wall else "no walls"),
-        Term("drive", case.drive is not None, "no drive" if case.drive is None else
-             "body force" if case.drive.superficial_velocity is None else "held velocity, by a pressure drop"),
+        Term("drive", case.drive is not None, drive_of(case)),
         Term("initial velocity", starts, "formula" if starts else "starts at rest"),
         Term("flooding", flood is not None, f"{flood.fluid} from {flood.face}" if flood else "none"),
     ]  # fmt: skip
+
+
+def drive_of(case: Case) -> str:
+    """What moves the fluid, in words."""
+    if case.drive is None:
+        return "no drive"
+    held = ["a velocity is held by a pressure drop"] if case.drive.superficial_velocity else []
+    return " and ".join(held + (["body force"] if case.drive.body_force or not held else []))
 
 
 def driven_axes(case: Case, dim: int) -> list[int]:
@@ -395,9 +402,9 @@ def flow_estimate(
         started = (g * end, "acceleration until the end") if end else inertial
         found.append(min(creeping, inertial, started, key=lambda estimate: estimate[0]))
     if case.drive is not None and case.drive.superficial_velocity:
-        porosity = float((sites.phase >= 0).mean())
+        inside = int((sites.phase >= 0).sum()) * case.particles.spacing**geometry.dim
         held = max(map(abs, case.drive.superficial_velocity.values()))
-        found.append((held / max(porosity, 1e-9), "held superficial velocity over the porosity"))
+        found.append((held * float(np.prod(length)) / inside, "held superficial velocity over the porosity"))
     if case.interface is not None:
         rho = max(f.density for f in case.fluids.values())
         found.append(
@@ -487,10 +494,11 @@ def _drive_findings(
     case = result.case
     steady = case.flow == "stokes" or (case.time is not None and case.time.steady is not None)
     moved = geometry.has_solid and bool(np.any(geometry.wall_speed))
+    held = bool(case.drive and case.drive.superficial_velocity)
     for axis in driven:
-        if axis in through or len({f.density for f in case.fluids.values()}) > 1:
+        if axis in through or (len({f.density for f in case.fluids.values()}) > 1 and not held):
             continue  # a light fluid rises between walls too
-        name, fatal = AXES[axis], steady and not through and not moved
+        name, fatal = AXES[axis], held or (steady and not through and not moved)
         if not opens(case, axis):
             fix = (
                 "give geometry.voxels.clear_layer" if case.geometry.voxels else "add it to geometry.periodic"

@@ -145,7 +145,8 @@ def _permeability_errors(case: Case, result: Any, expected: dict[str, float]) ->
         if axis in expected
     }
     if not errors:
-        raise CompareError("the run gave no permeability along an axis of the reference; is there a drive?")
+        raise CompareError("the run gave no permeability along an axis of the reference; is there a drive, and was the "
+                           "flow steady?")
     worst = max(errors.values(), key=abs)
     tensor = getattr(result, "tensor", None)
     if tensor is None and np.ndim(result.permeability) == 2:

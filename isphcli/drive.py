@@ -12,7 +12,7 @@ def drives(case, dim):
     """[(axis, acceleration (dim,) of the first fluid, m/s2)] that a case asks for. The axis is None where walls move:
     what they drag along is not a response to the drive, and gives no permeability."""
     drive = case.drive
-    if drive is not None and drive.axes and not _walls_move(case):
+    if drive is not None and drive.axes and not walls_move(case):
         return [("xyz".index(a), np.eye(dim)["xyz".index(a)]) for a in drive.axes]
     force = np.zeros(dim)
     if drive is not None and drive.pressure_drop is not None:
@@ -24,12 +24,13 @@ def drives(case, dim):
         force["xyz".index(drive.axes[0])] = 1.0
     if drive is not None and drive.body_force is not None:
         force += drive.body_force
-    if not force.any() or _walls_move(case):
+    if not force.any() or walls_move(case):
         return [(None, force)]
     return [(int(np.argmax(np.abs(force))), force)]
 
 
-def _walls_move(case):
+def walls_move(case):
+    """Whether walls of a case move."""
     walls = [*case.geometry.walls.values(), *case.geometry.shapes]
     turns = any(shape.angular_velocity for shape in case.geometry.shapes)
     return turns or any(wall.velocity is not None and any(wall.velocity) for wall in walls)
@@ -42,7 +43,7 @@ def _box_length(case, axis):
     return float(geometry.upper[axis] - geometry.lower[axis])
 
 
-LAG = 5.0  # steps in which a held velocity closes in on what is asked
+STUCK = 1e-6  # of what free fluid would gain from a pressure gradient: less is no flow
 
 
 def held_axis(case):
@@ -53,54 +54,47 @@ def held_axis(case):
 
 @dataclass(frozen=True)
 class HeldVelocity:
-    """Holds the superficial velocity along an axis by a pressure gradient that follows.
+    """A superficial velocity that is held: each step finds the pressure gradient that it takes.
 
-    The flux changes as  dU/dt = s G + r,  G the gradient over the density of the first fluid and r all that resists:
-    drag, and menisci in throats. What r was is seen from the last step, and G is then what lets U close in on the
-    wanted value within LAG steps. s is at most that of a straight channel (`response`); less only slows the answer. A
-    state holds the G of the step that made it, m/s2, and U before that step, m/s.
+    A step is linear in the gradient G over the density of the first fluid: with v the velocity that a gradient of one
+    makes (`Stepper._hold`), U(u + G v) = U(u) + G U(v) is what was asked.
 
-    axis: 0, 1 or 2; wanted: m/s; fraction: of the box that is fluid; response: s; areal: density of the first fluid
-    times the length of the box, kg/m2; least: shortest time to close in, s, for the short steps of the start.
+    axis: 0, 1 or 2; wanted: m/s; fraction: of the box that is fluid; areal: density of the first fluid times the length
+    of the box, kg/m2.
     """
 
     axis: int
     wanted: float
     fraction: float
-    response: float
     areal: float
-    least: float = 0.0
 
     @property
     def speed(self):
         """Mean speed of the fluid, m/s."""
         return abs(self.wanted) / self.fraction
 
-    def step(self, state, dt):
-        """(2,) G of the step of length dt after `state` (step.State), and U before it."""
-        velocity, resisted = self.fraction * state.u[:, self.axis].mean(), 0.0
-        push, before = state.hold
-        if state.dt_old:
-            resisted = (velocity - before) / state.dt_old
-        push += ((self.wanted - velocity) / max(self.least, LAG * dt) - resisted) / self.response
-        return np.array([push, velocity])
+    def missing(self, u, v, rate):
+        """G by which the velocities u (n, dim) miss what is wanted, m/s2. v: (n, dim) of a unit gradient, s; rate: 1/s,
+        of the step. None where no gradient moves the fluid along the axis."""
+        gain = v[:, self.axis].mean()
+        if not gain * rate > STUCK:
+            return None
+        return (self.wanted / self.fraction - u[:, self.axis].mean()) / gain
 
     def drop(self, state):
-        """Pressure drop over the box in the step to `state`, Pa."""
-        return float(state.hold[0] * self.areal)
+        """Pressure drop over the box in the step to `state` (step.State), Pa."""
+        return state.push * self.areal
 
 
-def held_velocity(case, particles, density, reference, geometry):
-    """HeldVelocity of a case without its `least`, or None. density: (n,) of the particles; reference: of the first
-    fluid, kg/m3."""
+def held_velocity(case, particles, reference, geometry):
+    """HeldVelocity of a case, or None. reference: density of the first fluid, kg/m3."""
     axis = held_axis(case)
     if axis is None:
         return None
     size = geometry.upper - geometry.lower
     fraction = particles.n_fluid * particles.site_volume / float(np.prod(size))
     (wanted,) = case.drive.superficial_velocity.values()
-    return HeldVelocity(axis, wanted, fraction, fraction * float((reference / density).mean()),
-                        reference * float(size[axis]))
+    return HeldVelocity(axis, wanted, fraction, reference * float(size[axis]))
 
 
 def darcy(geometry, x, velocity, site_volume, axis, force, viscosity):

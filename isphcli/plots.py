@@ -149,8 +149,8 @@ def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], t
 
     rows: of history.csv, as `output.read_history` returns them. Columns are found by their first word: `dt`,
     `iterations_*`, `residual_*` with `divergence`, `max_divergence` and `change`, `mean_velocity*` (or
-    `superficial_velocity*`), `kinetic_energy*`, and those of two fluids: `pressure_jump`, `saturation_*`, ... A panel
-    without data is left out. Raises ValueError if nothing is left.
+    `superficial_velocity*`), `pressure_drop*`, `kinetic_energy*`, and those of two fluids: `pressure_jump`,
+    `saturation_*`, ... A panel without data is left out. Raises ValueError if nothing is left.
     """
     by_time = sum(row.get("time") is not None for row in rows) > 1 and rows[-1]["time"] > rows[0]["time"]
     key = "time" if by_time else "step"
@@ -161,6 +161,7 @@ def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], t
         ("iterations", ("iterations",), False),
         ("residual, divergence", ("residual", "divergence", "max_divergence", "change"), True),
         ("mean velocity (m/s)", ("mean_velocity", "superficial_velocity"), False),
+        ("pressure drop (Pa)", ("pressure_drop",), False),
         ("kinetic energy", ("kinetic_energy",), False),
         ("pressure jump (Pa)", ("pressure_jump",), False),
         ("saturation", ("saturation",), False),

@@ -17,7 +17,7 @@ import numpy as np
 from .output import replacing
 
 NAME = "restart.npz"
-VERSION = 2
+VERSION = 1
 
 
 class RestartError(ValueError):
@@ -94,8 +94,10 @@ def _check_fits(path, state, like):
     for name in sorted(found.keys() | wanted.keys()):
         here, there = (np.shape(f[name]) if name in f else None for f in (found, wanted))
         if here != there:
-            raise RestartError(f"{path}: {name} has the shape {here}, the case needs {there}; "
-                               f"restart with the case that wrote it")
+            what = f"{name} has the shape {here}, the case needs {there}"
+            if name == "push":
+                what = "one of the file and the case holds a superficial velocity, the other does not"
+            raise RestartError(f"{path}: {what}; restart with the case that wrote it")
 
 
 def _digest(arrays):

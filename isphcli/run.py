@@ -10,7 +10,7 @@ import numpy as np
 
 from . import output, progress, restart
 from .case import CaseError, Problem, dump_case
-from .drive import darcy, drives, held_axis, sample_box
+from .drive import darcy, drives, held_axis, sample_box, walls_move
 from .geometry import build_geometry
 from .linear import SolveError
 
@@ -295,14 +295,17 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
 
 def _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history, measures):
     force = stepper.fluids.force
-    if stepper.rate is not None:
-        force = force + state.hold[0] * stepper.fluids.held
-    gravity = np.linalg.norm(force)
     two = measures is not None
+    gravity = np.linalg.norm(force)
     axis = int(np.argmax(np.abs(force))) if gravity > 0.0 else None
+    if stepper.rate is not None:
+        force = (force[stepper.rate.axis] + state.push) * stepper.fluids.held
+        gravity = np.linalg.norm(force)
+        axis = stepper.rate.axis if gravity > 0.0 else None
     superficial, mean, along = darcy(geometry, state.x, state.u, particles.site_volume, axis, force,
                                      stepper.fluids.stiffest)
-    known = axis is not None and geometry.has_solid and not two and march.outcome == "steady"
+    resisted = geometry.has_solid and not two and not walls_move(case)
+    known = axis is not None and resisted and march.outcome == "steady"
     permeability = float(along[axis]) if known else None
     result = SimpleNamespace(
         x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * stepper.fluids.reference,
@@ -428,8 +431,10 @@ def _porosity(geometry, particles):
 
 def _terms(case, geometry, driven):
     terms = ["viscosity", "pressure"]
-    if driven:
-        terms.append("body force" if held_axis(case) is None else "held velocity")
+    if held_axis(case) is not None:
+        terms.append("held velocity")
+    if driven and (held_axis(case) is None or case.drive.body_force):
+        terms.append("body force")
     if geometry.has_solid:
         terms.append("walls")
         if np.any(geometry.wall_speed):

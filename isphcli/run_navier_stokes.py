@@ -44,9 +44,7 @@ def prepare(case, geometry, clock):
     force = sum((force for _, force in drives(case, geometry.dim)), np.zeros(geometry.dim))
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     fluids = choose_fluids(case, geometry, particles, force)
-    rate = held_velocity(case, particles, density, fluids.reference, geometry)
-    if rate is not None:
-        rate = replace(rate, least=min(limits(case.time, spacing, fluids, rate.speed).values()))
+    rate = held_velocity(case, particles, fluids.reference, geometry)
     stepper = Stepper(
         geometry=geometry, dummies=particles.x[n:], spacing=spacing, support=support,
         kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,
@@ -55,7 +53,7 @@ def prepare(case, geometry, clock):
         clock=clock, rate=rate,
     )
     stepper.bounds = bounds(case, geometry, particles, density, u, force, rate)
-    return State(x, u, u.copy(), np.zeros(n), hold=None if rate is None else np.zeros(2)), stepper, particles
+    return State(x, u, u.copy(), np.zeros(n), push=None if rate is None else 0.0), stepper, particles
 
 
 def choose_fluids(case, geometry, particles, force):
@@ -151,6 +149,7 @@ class March:
             acceleration = np.sqrt(((state.u - state.u_old) ** 2).sum(axis=1).max()) / state.dt_old
         else:
             acceleration = np.linalg.norm(stepper.fluids.force)
+            speed = max(speed, stepper.rate.speed if stepper.rate is not None else 0.0)
         found = limits(self.case.time, stepper.spacing, stepper.fluids, speed, acceleration)
         walls = stepper.geometry.has_solid
         if state.dt_old:

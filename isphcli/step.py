@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from . import linear
-from .failure import STRONGER, StepError
+from .failure import STRONGER, RunError, StepError
 from .halo import build_halo, wrap
 from .neighbours import find_pairs
 from .operators import build_operators, gradient_p, particle_volumes, total_divergence
@@ -40,7 +40,7 @@ STALE = 1.5  # a hierarchy is rebuilt when its iterations exceed those of its fi
 @dataclass(frozen=True)
 class State:
     """Fluid particles at one time. x, u, u_old: (n, dim); p: (n,) over density; dt_old: 0 before the first step;
-    hold: (2,) of drive.HeldVelocity, or None."""
+    push: pressure gradient over the density of the first fluid that held the velocity, m/s2, or None."""
 
     x: np.ndarray
     u: np.ndarray
@@ -49,7 +49,7 @@ class State:
     time: float = 0.0
     step: int = 0
     dt_old: float = 0.0
-    hold: np.ndarray | None = None
+    push: float | None = None
 
 
 @dataclass(frozen=True)
@@ -200,34 +200,55 @@ class Stepper:
         ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0
         g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
-        p, hold, force = moved.p, None, config.terms.force
-        if self.rate is not None:
-            hold = self.rate.step(state, dt)
-            force = force + hold[0] * config.terms.along
+        p, push, known = moved.p, state.push, history + config.terms.force
+        if push is not None:
+            known += push * config.terms.along
+        system = self._div_grad(config)
         # the first step finds the pressure of the start: it is taken again with what it found
         for _ in range(1 if state.dt_old else self.fluids.first_passes):
-            u, p, div = self._project(config, moved.u, history + force, p, g0, dt)
+            u, p, div = self._project(config, system, moved.u, known, p, g0 / dt)
+            if push is not None:
+                u, p, more = self._hold(config, system, u, p, g0 / dt)
+                push, known = push + more, known + more * config.terms.along
         self.divergences, self.divergence = div, float(np.abs(div).max()) * dt
-        return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, hold), config
+        return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, push), config
 
-    def _project(self, config, guess, known, p, g0, dt):
-        """Eqs 2-4: (velocity, pressure, divergence of the velocity). known: (n, dim) m/s2, of the steps before and the
-        forces."""
+    def _project(self, config, system, guess, known, p, rate):
+        """Eqs 2-4: (velocity, pressure, divergence of the velocity). system: of `_div_grad`; known: (n, dim) m/s2, of
+        the steps before and the forces; rate: g0 / dt."""
         ops, terms = config.ops, config.terms
         slope = terms.slope(p)
         right = known - slope
         if ops.walls is not None:
             right += terms.viscosity * terms.ops.walls.lap_velocity
-        star = self._helmholtz(config, g0 / dt, right, guess)
+        star = self._helmholtz(config, rate, right, guess)
         div = total_divergence(ops, star)
-        q = self._poisson(config, div, p, slope, g0 / dt)
-        u = star - (dt / g0) * gradient_p(terms.ops, q)
+        q = self._poisson(config, system, div, p, slope, rate)
+        u = star - gradient_p(terms.ops, q) / rate
         p = config.means.remove(p + q - terms.bulk * div)
         if ops.walls is not None and ops.walls.still is not None:
             from .coupling import fill
 
             fill(ops, p)
         return u, p, total_divergence(ops, u)
+
+    def _hold(self, config, system, u, p, rate):
+        """(velocity, pressure, further pressure gradient) that have the superficial velocity of `self.rate`: what a
+        gradient of one makes in this step is added so many times (drive.HeldVelocity). Arguments as those of
+        `_project`."""
+        ops, terms = config.ops, config.terms
+        along = np.broadcast_to(terms.along, u.shape)
+        star = self._helmholtz(config, rate, along, np.zeros_like(u))
+        div = total_divergence(ops, star)
+        if ops.walls is not None:
+            div -= ops.walls.div_velocity
+        q = self._solve_poisson(config, system, config.means.remove(-rate * div), self.tolerance)
+        v = star - gradient_p(terms.ops, q) / rate
+        more = self.rate.missing(u, v, rate)
+        if more is None:
+            raise RunError(f"no pressure drop moves the fluid along {'xyz'[self.rate.axis]}: no pore leads through the "
+                           "scene, or its throats are closed at this spacing")
+        return u + more * v, config.means.remove(p + more * (q - terms.bulk * div)), more
 
     def _helmholtz(self, config, shift_, right, guess):
         """(g0 / dt - nu lap) u* = right, one matrix for all components unless slip or a transposed stress couple
@@ -298,19 +319,30 @@ class Stepper:
         self._record("velocity", report, lambda: np.abs(scaled - apply(solution)).reshape(n, dim).max(axis=1))
         return solution.reshape(n, dim)
 
-    def _poisson(self, config, div, p, slope, rate):
+    def _poisson(self, config, system, div, p, slope, rate):
         """The pressure increment q of A q = rate div u* - w (A - div grad) p, with the constant of each component
-        projected out (eqs 25-26). div: (n,) of u*; p: (n,) and its slope (n, dim); rate: g0 / dt.
+        projected out (eqs 25-26). system: of `_div_grad`; div: (n,) of u*; p: (n,) and its slope (n, dim); rate:
+        g0 / dt.
 
         A is the Laplacian of eq. 6 without walls, which then stands for div grad. Beside walls the divergence sees the
         wall and the pressure gradient does not: there the two differ so much that a correction by the Laplacian
         overshoots and the pressure grows from step to step. Scenes with walls therefore take div grad itself, the
         odd-even mode added, preconditioned by the Laplacian.
         """
+        with self.clock("krylov"):
+            old = system[1](p, slope)
+            right = config.means.remove(self._odd_even(config, slope, old, rate) - rate * div)
+            # a small increment is the difference of large pressures: no solve is more exact than their round-off
+            size, floor = np.linalg.norm(right), ROUND_OFF * np.linalg.norm(old)
+            if size <= floor:
+                right[:] = 0.0
+            tolerance = max(self.tolerance, floor / size) if size > 0.0 else self.tolerance
+        return self._solve_poisson(config, system, right, tolerance)
+
+    def _solve_poisson(self, config, system, right, tolerance):
+        """q of A q = -right, see `_poisson`."""
         means, weighted = config.means, config.terms.ops
-        with self.clock("assembly"):
-            matrix = linear.assemble(config.ops.start, config.ops.column, weighted.lap_p, 0.0, 1.0)
-        minus, scale = self._minus_div_grad(config, matrix)
+        matrix, minus, scale = system
 
         def apply(q):
             return means.remove(minus(q, gradient_p(weighted, q)))
@@ -319,30 +351,25 @@ class Stepper:
             return lambda v: means.remove(once(v if scale is None else means.remove(v / scale)))
 
         with self.clock("krylov"):
-            old = minus(p, slope)
-            right = means.remove(self._odd_even(config, slope, old, rate) - rate * div)
-            # a small increment is the difference of large pressures: no solve is more exact than their round-off
-            size, floor = np.linalg.norm(right), ROUND_OFF * np.linalg.norm(old)
-            if size <= floor:
-                right[:] = 0.0
-            tolerance = max(self.tolerance, floor / size) if size > 0.0 else self.tolerance
             q, report = self._multigrid("pressure", matrix, apply, right, None, settle, tolerance)
         self._record("pressure", report, lambda: right - apply(q))
         return means.remove(q)
 
-    def _minus_div_grad(self, config, matrix):
-        """-A as a function of a pressure and its gradient, and by what its diagonal exceeds that of the Laplacian
-        `matrix`, or None."""
+    def _div_grad(self, config):
+        """The Laplacian as a matrix, -A as a function of a pressure and its gradient, and by what its diagonal exceeds
+        that of the Laplacian, or None."""
         ops, terms = config.ops, config.terms
+        with self.clock("assembly"):
+            matrix = linear.assemble(ops.start, ops.column, terms.ops.lap_p, 0.0, 1.0)
         if ops.walls is None:
-            return (lambda p, slope: matrix @ p), None
+            return matrix, (lambda p, slope: matrix @ p), None
         from .coupling import diagonal, divergence_and_jump
 
         natural = terms.ops.walls.natural
         with self.clock("assembly"):
             exact, own = diagonal(ops, config.x, natural, terms.ops.grad_p), matrix.diagonal()
             scale = np.where(exact > own, exact / np.where(own > 0.0, own, 1.0), 1.0)
-        return (lambda p, slope: divergence_and_jump(ops, config.x, natural, p, slope)), scale
+        return matrix, (lambda p, slope: divergence_and_jump(ops, config.x, natural, p, slope)), scale
 
     def _odd_even(self, config, slope, old, rate):
         """w (A - div grad) p of `_poisson`, (n,). slope: (n, dim) of p; old: (n,) -A p.
