@@ -249,10 +249,10 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
     tension = case.interface
     added = 0.0
     if tension is not None:
-        from .surface_tension import artificial_viscosity
+        from .surface_tension import damping
 
-        added = artificial_viscosity(tension.tension, [f.density for f in fluids], [f.mu for f in fluids],
-                                     case.particles.spacing)
+        added, _ = damping(tension.tension, [f.density for f in fluids], [f.mu for f in fluids],
+                           case.particles.spacing)
     starts = case.initial is not None and bool(case.initial.velocity)
     flood = case.initial.flood if case.initial else None
     return [

@@ -21,6 +21,8 @@ INK = "#2f2f2f"
 PHASES = ("#7fbf9b", "#9dc3e6")  # first and second fluid
 COLOURS = ("#20608c", "#d1495b", "#66a182", "#edae49", "#8d6b94", "#3c3c3c")
 
+SPIKE = 5.0  # times the range of most values: what lies farther out is cut off in histories
+
 # Splat of a particle onto the pixels: a Gaussian of half a spacing, cut off at 1.25 spacings. The sum over
 # a lattice is 1 within 3 %, at a plane wall 1/2; a solid begins where it falls under 0.42, so that tubes of
 # one voxel, which reach 0.47, are still drawn.
@@ -148,8 +150,8 @@ def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], t
     """Draw time step, iterations, residuals, velocity and the measures of two fluids over time (or over the step).
 
     rows: of history.csv, as `output.read_history` returns them. Columns are found by their first word: `dt`,
-    `iterations_*`, `residual_*` with `divergence`, `max_divergence` and `change`, `mean_velocity*` (or
-    `superficial_velocity*`), `pressure_drop*`, `kinetic_energy*`, and those of two fluids: `pressure_jump`,
+    `iterations_*`, `residual_*` with `divergence`, `max_divergence` and `change`, `mean_velocity*`,
+    `superficial_velocity*`, `pressure_drop*`, `kinetic_energy*`, and those of two fluids: `pressure_jump`,
     `saturation_*`, ... A panel without data is left out. Raises ValueError if nothing is left.
     """
     by_time = sum(row.get("time") is not None for row in rows) > 1 and rows[-1]["time"] > rows[0]["time"]
@@ -160,7 +162,8 @@ def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], t
         ("time step (s)", ("dt",), False),
         ("iterations", ("iterations",), False),
         ("residual, divergence", ("residual", "divergence", "max_divergence", "change"), True),
-        ("mean velocity (m/s)", ("mean_velocity", "superficial_velocity"), False),
+        ("mean velocity (m/s)", ("mean_velocity",), False),
+        ("superficial velocity (m/s)", ("superficial_velocity",), False),
         ("pressure drop (Pa)", ("pressure_drop",), False),
         ("kinetic energy", ("kinetic_energy",), False),
         ("pressure jump (Pa)", ("pressure_jump",), False),
@@ -174,6 +177,8 @@ def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], t
         }
         if log:
             lines = {name: np.where(v > 0, v, np.nan) for name, v in lines.items() if np.any(v > 0)}
+        # a line has two points
+        lines = {name: v for name, v in lines.items() if len(rows) == 1 or np.isfinite(v).sum() > 1}
         if lines:
             panels.append((label, words, log, lines))
     if not panels:
@@ -185,10 +190,11 @@ def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], t
         for (name, values), colour in zip(lines.items(), COLOURS * 9):
             _line(axes, coordinate, values, colour, _short(name, words))
         axes.set_yscale("log" if log else "linear")
-        if not log and min(np.nanmin(v) for v in lines.values()) >= 0:
-            axes.set_ylim(bottom=0)
+        if not log:
+            _limits(axes, np.concatenate(list(lines.values())))
         axes.set_ylabel(label)
         axes.set_xlabel("time (s)" if by_time else "step")
+        axes.ticklabel_format(axis="x", style="sci", scilimits=(-2, 5))
         if len(lines) > 1:
             axes.legend(frameon=False, fontsize=8)
     for axes in list(grid.flat)[len(panels) :]:
@@ -419,6 +425,16 @@ def _line(axes, x, y, colour, label):
         x, y = x[::step], y[::step]
     axes.plot(x, y, color=colour, lw=1.4, marker="o" if len(x) < 30 else None, ms=3, label=label)
     axes.grid(color="#e6e6e6", lw=0.6)
+
+
+def _limits(axes, values) -> None:
+    """From zero where nothing is negative; the spike of a start does not hide the rest."""
+    low, high = np.nanpercentile(values, [2, 98])
+    reach = 0.1 * (high - low)
+    if reach > 0 and max(np.nanmax(values) - high, low - np.nanmin(values)) > SPIKE * (high - low):
+        axes.set_ylim(low - reach, high + reach)
+    elif np.nanmin(values) >= 0:
+        axes.set_ylim(bottom=0)
 
 
 def _columns(rows, words) -> list[str]:

@@ -24,16 +24,19 @@ from .kernel import slope
 SMOOTHINGS = 3  # kernel averages of the curvature over the band
 # Mean viscosity over sqrt(rho sigma dx) below which an interface is helped (docs/method.md 12), and how much viscosity
 # it then gets for what it lacks. With 1 a drop of Laplace number 1e6 lost particles after 1000 steps, with 2.5 not
-# after 1500 (support 2.3).
-HELD, HELP = 0.04, 2.5
+# after 1500 (support 2.3). Particles are shifted there in full already below LOOSE: with a third of it a drop at 0.041
+# blew up after 500 steps (support 2.8), with all of it it holds 2500; at 0.043 it holds either way.
+HELD, HELP, LOOSE = 0.04, 2.5, 0.044
 
 
-def artificial_viscosity(tension, density, viscosity, spacing):
-    """Dynamic viscosity that pairs at an interface get on top of their own, Pa s; 0 where it damps enough by itself.
+def damping(tension, density, viscosity, spacing):
+    """Dynamic viscosity that pairs at an interface get on top of their own, Pa s (0 where it damps enough by itself),
+    and whether particles are shifted there in full.
 
     tension: N/m; density, viscosity: (2,) kg/m3 and dynamic, Pa s; spacing: m."""
-    least = HELD * math.sqrt(np.mean(density) * tension * spacing)
-    return HELP * max(least - float(np.mean(viscosity)), 0.0)
+    unit = math.sqrt(np.mean(density) * tension * spacing)
+    own = float(np.mean(viscosity)) / unit
+    return HELP * max(HELD - own, 0.0) * unit, own < LOOSE
 
 
 class SurfaceTension:
@@ -51,9 +54,9 @@ class SurfaceTension:
         """Time in which a capillary wave of two spacings moves on by its radian, sqrt(rho dx^3 / (2 pi sigma)), s."""
         return math.sqrt(self.density.mean() * self.spacing**3 / (2.0 * math.pi * self.tension))
 
-    def artificial_viscosity(self, viscosity):
-        """`artificial_viscosity` of this interface between fluids of dynamic viscosities (2,), Pa s."""
-        return artificial_viscosity(self.tension, self.density, viscosity, self.spacing)
+    def damping(self, viscosity):
+        """`damping` of this interface between fluids of dynamic viscosities (2,), Pa s."""
+        return damping(self.tension, self.density, viscosity, self.spacing)
 
     def force(self, ops, weighted, x, row, pairs, owner, colour, near, reference):
         """Acceleration (n, dim), m/s2, and what the Laplacian of the pressure makes of the jump (Terms.lift), or None.

@@ -41,7 +41,7 @@ class TwoFluids:
         self.mu = np.array(viscosity, float)
         self.body, self.push, self.force = body, push, body + push
         self.kind, self.support, self.tension, self.line, self.held = kind, support, tension, line, held
-        self.artificial = tension.artificial_viscosity(self.mu) if tension is not None else 0.0
+        self.artificial, self.loose = tension.damping(self.mu) if tension is not None else (0.0, False)
 
     @property
     def stiffest(self):
@@ -92,7 +92,7 @@ class TwoFluids:
         # more feeds on itself: docs/method.md 12
         bulk = self.density.min() * self.thinnest / reference
         return Terms(weighted, viscosity, force, jump, lift, rho if heavy else 1.0, bulk, turn,
-                     smooth, near if self.artificial == 0.0 else None, heavy or thick or self.tension is None, along)
+                     smooth, None if self.loose else near, heavy or thick or self.tension is None, along)
 
     @staticmethod
     def _weigh(ops, t, rho, mu, heavy):
