@@ -31,9 +31,7 @@ without compilation and without the reference solution.
 ## Broken operators, noticed
 
 `python benchmarks/mutations.py` changes one line of the code and runs the quick references with it; the worst misses
-come first. Two go unnoticed. A projection of half strength: the pressure is incremental, and the divergence that is
-left comes back in the next step's right-hand side. And a gradient of first order, which is the better one for vortices
-since the odd-even part of the pressure is taken out ([method.md](method.md), section 6).
+come first. Where none does, the reason stands there.
 
 {mutations}
 
