@@ -34,6 +34,7 @@ NEAR_WALLS = 0.1
 # drop without any comes apart.
 SHY = 1.0 / 3.0
 ROUND_OFF = 1e-14  # of what the right-hand side of the pressure is a difference of
+ROUGHLY = 1e-3  # tolerance of what a unit gradient makes: a small part of it is added to the velocity (`Stepper._hold`)
 STALE = 1.5  # a hierarchy is rebuilt when its iterations exceed those of its first use by this factor and by 4
 
 
@@ -236,13 +237,17 @@ class Stepper:
         """(velocity, pressure, further pressure gradient) that have the superficial velocity of `self.rate`: what a
         gradient of one makes in this step is added so many times (drive.HeldVelocity). Arguments as those of
         `_project`."""
-        ops, terms = config.ops, config.terms
-        along = np.broadcast_to(terms.along, u.shape)
-        star = self._helmholtz(config, rate, along, np.zeros_like(u))
-        div = total_divergence(ops, star)
-        if ops.walls is not None:
-            div -= ops.walls.div_velocity
-        q = self._solve_poisson(config, system, config.means.remove(-rate * div), self.tolerance)
+        ops, terms, tolerance = config.ops, config.terms, self.tolerance
+        if "pressure" in self._levels:  # a new hierarchy is judged by its first solve, which has to be a whole one
+            self.tolerance = max(tolerance, ROUGHLY)
+        try:
+            star = self._helmholtz(config, rate, np.broadcast_to(terms.along, u.shape), np.zeros_like(u))
+            div = total_divergence(ops, star)
+            if ops.walls is not None:
+                div -= ops.walls.div_velocity
+            q = self._solve_poisson(config, system, config.means.remove(-rate * div), self.tolerance)
+        finally:
+            self.tolerance = tolerance
         v = star - gradient_p(terms.ops, q) / rate
         more = self.rate.missing(u, v, rate)
         if more is None:
