@@ -261,6 +261,14 @@ def test_no_percolation_matters_less_in_time_or_beside_another_axis():
     assert "along y" in findings(SLIT, "drive.body_force=[1, 2]")
 
 
+def test_a_velocity_can_only_be_held_where_fluid_flows():
+    """The estimate of the speed is that of the pores; a velocity across a slab is an error at any time."""
+    held = ("drive={superficial_velocity: {x: 0.25}}", "flow=navier_stokes", "time={end: 1}")
+    report = check(read(SLIT, *held))
+    assert report.can_run and "held" in report.text() and report.flow.velocity == pytest.approx(0.25)
+    assert "along x" in errors(SLIT, WALL, *held)
+
+
 def test_no_percolation_of_an_image(folder):
     values = np.zeros((8, 8, 20), np.uint8)
     values[:, :, 9] = 1
