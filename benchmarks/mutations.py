@@ -59,7 +59,7 @@ MUTATIONS = (
     Mutation("wall_at_the_dummy", "order", "walls taken at the dummy, not where the pair meets them",
              "walls", "s[k] *= fraction[begin + k]", "s[k] *= 1.0"),
     Mutation("rotational_sign", "sign", "rotational term of the pressure added, not subtracted",
-             "step", "means.remove(p + q - ", "means.remove(p + q + "),
+             "step", "p + q - terms.bulk * div", "p + q + terms.bulk * div"),
     Mutation("projection_factor", "factor", "half of the pressure gradient taken off the velocity (eq. 3)",
              "step", "u = star - gradient_p(terms.ops, q) / rate", "u = star - 0.5 * gradient_p(terms.ops, q) / rate",
              unnoticed="the pressure is incremental: what divergence is left comes back in the next right-hand side"),

@@ -337,6 +337,11 @@ class Drive:
         unique=True,
     )
 
+    @property
+    def named_axes(self) -> tuple[str, ...]:
+        """Axes along which it names a flow and leaves the force to the run; none where it gives a force."""
+        return self.axes or tuple(self.superficial_velocity or ())
+
 
 @dataclass(frozen=True, kw_only=True)
 class Flood:

@@ -291,10 +291,8 @@ def driven_axes(case: Case, dim: int) -> list[int]:
     drive = case.drive
     if drive is None:
         return []
-    if drive.axes:
-        return [AXES.index(name) for name in drive.axes]
-    if drive.superficial_velocity:
-        return [AXES.index(name) for name in drive.superficial_velocity]
+    if drive.named_axes:
+        return [AXES.index(name) for name in drive.named_axes]
     push = np.abs(_acceleration(case, dim))
     return [int(axis) for axis in np.argsort(-push, kind="stable") if push[axis] > 0]
 
@@ -402,9 +400,9 @@ def flow_estimate(
         started = (g * end, "acceleration until the end") if end else inertial
         found.append(min(creeping, inertial, started, key=lambda estimate: estimate[0]))
     if case.drive is not None and case.drive.superficial_velocity:
-        inside = int((sites.phase >= 0).sum()) * case.particles.spacing**geometry.dim
-        held = max(map(abs, case.drive.superficial_velocity.values()))
-        found.append((held * float(np.prod(length)) / inside, "held superficial velocity over the porosity"))
+        porosity = sites.particles["fluid"] * sites.lattice.site_volume / float(np.prod(length))
+        (held,) = case.drive.superficial_velocity.values()
+        found.append((abs(held) / porosity, "held superficial velocity over the porosity"))
     if case.interface is not None:
         rho = max(f.density for f in case.fluids.values())
         found.append(

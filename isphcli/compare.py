@@ -95,7 +95,7 @@ def _force(case: Case, lengths: Array) -> Array | None:
     force = np.zeros(len(lengths))
     if case.drive is None:
         return force
-    if case.drive.axes or case.drive.superficial_velocity:
+    if case.drive.named_axes:
         return None
     if case.drive.body_force:
         force += case.drive.body_force
@@ -174,10 +174,8 @@ def _flow_axis(case: Case) -> str:
     drive = case.drive
     if drive is None:
         raise CompareError("the case has no drive, so no axis of flow")
-    if drive.axes:
-        return drive.axes[0]
-    if drive.superficial_velocity:
-        return next(iter(drive.superficial_velocity))
+    if drive.named_axes:
+        return drive.named_axes[0]
     pushes = dict(zip(AXES, drive.body_force)) if drive.body_force else dict(drive.pressure_drop or {})
     return max(pushes, key=lambda axis: abs(pushes[axis]))
 

@@ -264,10 +264,8 @@ def _flow_axis(case: Case) -> int | None:
     drive = case.drive
     if drive is None:
         return None
-    if drive.axes:
-        return "xyz".index(drive.axes[0])
-    if drive.superficial_velocity:
-        return "xyz".index(next(iter(drive.superficial_velocity)))
+    if drive.named_axes:
+        return "xyz".index(drive.named_axes[0])
     force = np.zeros(3)
     if drive.body_force is not None:
         force[: len(drive.body_force)] = np.abs(drive.body_force)

@@ -42,7 +42,6 @@ def prepare(case, geometry, clock):
         for k, formula in enumerate(case.initial.velocity):
             u[:, k] = expressions.evaluate(formula, **names)
     force = sum((force for _, force in drives(case, geometry.dim)), np.zeros(geometry.dim))
-    density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     fluids = choose_fluids(case, geometry, particles, force)
     rate = held_velocity(case, particles, fluids.reference, geometry)
     stepper = Stepper(
@@ -52,7 +51,7 @@ def prepare(case, geometry, clock):
         tolerance=case.solver.tolerance, restart=case.solver.restart, max_iterations=case.solver.max_iterations,
         clock=clock, rate=rate,
     )
-    stepper.bounds = bounds(case, geometry, particles, density, u, force, rate)
+    stepper.bounds = bounds(case, geometry, particles, u, force, rate)
     return State(x, u, u.copy(), np.zeros(n), push=None if rate is None else 0.0), stepper, particles
 
 
@@ -96,10 +95,10 @@ def _contact(case, geometry, particles, kind, support):
                         particles.site_volume)
 
 
-def bounds(case, geometry, particles, density, u, force, rate=None):
-    """failure.Bounds of a case that starts with velocities u (n, dim) under the acceleration force (dim,).
-
-    density: (n,) of the particles; rate: drive.HeldVelocity or None."""
+def bounds(case, geometry, particles, u, force, rate):
+    """failure.Bounds of a case that starts with velocities u (n, dim) under the acceleration force (dim,). rate:
+    drive.HeldVelocity or None."""
+    density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     walls = np.linalg.norm(geometry.wall_velocity, axis=1)
     walls = np.max(getattr(geometry, "wall_speed", walls), initial=0.0)  # wall_speed: where walls turn
     tension = case.interface.tension if case.interface is not None else 0.0
@@ -107,23 +106,6 @@ def bounds(case, geometry, particles, density, u, force, rate=None):
     other = walls + capillary + (SPREAD * rate.speed if rate is not None else 0.0)
     found = failure.Bounds(geometry, particles.site_volume, density, 0.0, np.linalg.norm(force), other)
     return replace(found, start=found.speed(u))
-
-
-def limits(time, spacing, fluids, speed, acceleration=0.0):
-    """{name: step} of what bounds a step of fluid that moves at `speed`, m/s, and gains `acceleration`, m/s2."""
-    if time.step is not None:
-        return {"step": time.step}
-    found = {}
-    # u dt + a dt^2 / 2 = cfl dx
-    reach = time.cfl * spacing
-    root = speed + np.sqrt(speed * speed + 2.0 * acceleration * reach)
-    if root > 0.0:
-        found["cfl"] = 2.0 * reach / root
-    if time.steady is None or not found:
-        found["viscous"] = VISCOUS * spacing**2 / fluids.thinnest
-    if fluids.tension is not None:
-        found["capillary"] = time.capillary * fluids.tension.largest_step
-    return found
 
 
 class March:
@@ -143,14 +125,26 @@ class March:
 
     def limits(self, state):
         """{name: step} of everything that bounds the next step, s."""
-        stepper = self.stepper
-        speed = np.sqrt((state.u * state.u).sum(axis=1).max())
-        if state.dt_old:
-            acceleration = np.sqrt(((state.u - state.u_old) ** 2).sum(axis=1).max()) / state.dt_old
+        time, stepper = self.case.time, self.stepper
+        found = {}
+        if time.step is not None:
+            found["step"] = time.step
         else:
-            acceleration = np.linalg.norm(stepper.fluids.force)
-            speed = max(speed, stepper.rate.speed if stepper.rate is not None else 0.0)
-        found = limits(self.case.time, stepper.spacing, stepper.fluids, speed, acceleration)
+            speed = np.sqrt((state.u * state.u).sum(axis=1).max())
+            if state.dt_old:
+                acceleration = np.sqrt(((state.u - state.u_old) ** 2).sum(axis=1).max()) / state.dt_old
+            else:
+                acceleration = np.linalg.norm(stepper.fluids.force)
+                speed = max(speed, stepper.rate.speed if stepper.rate is not None else 0.0)
+            # u dt + a dt^2 / 2 = cfl dx
+            reach = time.cfl * stepper.spacing
+            root = speed + np.sqrt(speed * speed + 2.0 * acceleration * reach)
+            if root > 0.0:
+                found["cfl"] = 2.0 * reach / root
+            if time.steady is None or not found:
+                found["viscous"] = VISCOUS * stepper.spacing**2 / stepper.fluids.thinnest
+            if stepper.fluids.tension is not None:
+                found["capillary"] = time.capillary * stepper.fluids.tension.largest_step
         walls = stepper.geometry.has_solid
         if state.dt_old:
             found["start"] = (GROWTH_AT_WALLS if walls else GROWTH) * state.dt_old

@@ -202,20 +202,20 @@ class Stepper:
         g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
         p, push, known = moved.p, state.push, history + config.terms.force
-        if push is not None:
-            known += push * config.terms.along
         system = self._div_grad(config)
         # the first step finds the pressure of the start: it is taken again with what it found
         for _ in range(1 if state.dt_old else self.fluids.first_passes):
-            u, p, div = self._project(config, system, moved.u, known, p, g0 / dt)
+            driven = known if push is None else known + push * config.terms.along
+            u, p = self._project(config, system, moved.u, driven, p, g0 / dt)
             if push is not None:
                 u, p, more = self._hold(config, system, u, p, g0 / dt)
-                push, known = push + more, known + more * config.terms.along
-        self.divergences, self.divergence = div, float(np.abs(div).max()) * dt
+                push += more
+        self.divergences = total_divergence(config.ops, u)
+        self.divergence = float(np.abs(self.divergences).max()) * dt
         return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, push), config
 
     def _project(self, config, system, guess, known, p, rate):
-        """Eqs 2-4: (velocity, pressure, divergence of the velocity). system: of `_div_grad`; known: (n, dim) m/s2, of
+        """Eqs 2-4: (velocity, pressure). system: of `_div_grad`; known: (n, dim) m/s2, of
         the steps before and the forces; rate: g0 / dt."""
         ops, terms = config.ops, config.terms
         slope = terms.slope(p)
@@ -226,12 +226,17 @@ class Stepper:
         div = total_divergence(ops, star)
         q = self._poisson(config, system, div, p, slope, rate)
         u = star - gradient_p(terms.ops, q) / rate
-        p = config.means.remove(p + q - terms.bulk * div)
-        if ops.walls is not None and ops.walls.still is not None:
+        return u, self._settled(config, p + q - terms.bulk * div)
+
+    @staticmethod
+    def _settled(config, p):
+        """A pressure p (n,) without its constants, in dead ends that of the fluid next to them."""
+        p, walls = config.means.remove(p), config.ops.walls
+        if walls is not None and walls.still is not None:
             from .coupling import fill
 
-            fill(ops, p)
-        return u, p, total_divergence(ops, u)
+            fill(config.ops, p)
+        return p
 
     def _hold(self, config, system, u, p, rate):
         """(velocity, pressure, further pressure gradient) that have the superficial velocity of `self.rate`: what a
@@ -253,7 +258,7 @@ class Stepper:
         if more is None:
             raise RunError(f"no pressure drop moves the fluid along {'xyz'[self.rate.axis]}: no pore leads through the "
                            "scene, or its throats are closed at this spacing")
-        return u + more * v, config.means.remove(p + more * (q - terms.bulk * div)), more
+        return u + more * v, self._settled(config, p + more * (q - terms.bulk * div)), more
 
     def _helmholtz(self, config, shift_, right, guess):
         """(g0 / dt - nu lap) u* = right, one matrix for all components unless slip or a transposed stress couple

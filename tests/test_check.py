@@ -266,6 +266,8 @@ def test_a_velocity_can_only_be_held_where_fluid_flows():
     held = ("drive={superficial_velocity: {x: 0.25}}", "flow=navier_stokes", "time={end: 1}")
     report = check(read(SLIT, *held))
     assert report.can_run and "held" in report.text() and report.flow.velocity == pytest.approx(0.25)
+    two_a_cell = check(read(SLIT, *held, "particles.lattice=hexagonal"))
+    assert two_a_cell.flow.velocity == pytest.approx(0.25, rel=0.1)  # rows that the walls cut
     assert "along x" in errors(SLIT, WALL, *held)
 
 

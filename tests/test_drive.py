@@ -1,4 +1,4 @@
-"""A superficial velocity that is held: the pressure drop that it takes, one fluid and two, and how it gets there."""
+"""A superficial velocity that is held: the pressure drop that it takes, one fluid and two."""
 
 import numpy as np
 import pytest
