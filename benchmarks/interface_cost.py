@@ -19,7 +19,7 @@ from isphcli.run import run_case
 TIMED = (
     (two_fluids, ("crossings", "_weights", "_thickened", "_turn_tensors", "near_interface")),
     (two_fluids.Turn, ("add",)),
-    (surface_tension, ("find_band", "_curvature", "average", "_jump")),
+    (surface_tension, ("find_band", "_curvature", "averages", "_jump")),
     (contact_angle.ContactAngle, ("ghosts",)),
 )
 

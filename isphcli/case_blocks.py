@@ -262,6 +262,12 @@ class Lattice:
     shifting: float = key(
         "coefficient C of the particle shifting (Xu et al. 2009); 0 switches it off", default=0.3, at_least=0
     )
+    keep_volume: float = key(
+        "steps in which blocks of six spacings that have gained or lost particles return to the number that fits in, "
+        "for long runs through pores (100 suits; moving particles); 0 leaves it out",
+        default=0.0,
+        at_least=0,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -324,7 +330,7 @@ class Drive:
     )
     superficial_velocity: Table[float] | None = key(
         "axis: flux through a cross section of the box, solids included, that is held by a pressure drop that follows "
-        "(navier_stokes); the history tells the drop",
+        "(navier_stokes); of an image with clear layers, that of the layers; the history tells the drop",
         default=None,
         unit="m/s",
         names=AXES,

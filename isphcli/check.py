@@ -244,6 +244,7 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
     fluids = list(case.fluids.values())
     jumps = len({f.mu for f in fluids}) > 1 or len({f.density for f in fluids}) > 1
     shifts = moving and case.particles.shifting > 0
+    keeps = moving and case.particles.keep_volume > 0
     layered = around and any(a not in case.geometry.periodic for a in around)
     halo = f"along {around}" + (", closed by clear layers" if layered else "")
     tension = case.interface
@@ -266,6 +267,8 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
         Term("fluid contrasts", jumps, "density or viscosity differ" if jumps else "equal or one fluid"),
         Term("shifting", shifts, f"C = {case.particles.shifting:g}" if shifts
              else "particles stay on the lattice" if not moving else "particles.shifting is 0"),
+        Term("kept volume", keeps, f"in {case.particles.keep_volume:g} steps" if keeps
+             else "particles stay on the lattice" if not moving else "particles.keep_volume is 0"),
         Term("surface tension", tension is not None,
              f"{tension.tension:g} N/m, {tension.method}" if tension else "no interface"),
         Term("artificial viscosity", added > 0, f"{added:.2g} Pa s at the interface, which hardly damps" if added

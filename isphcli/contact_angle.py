@@ -75,13 +75,16 @@ class ContactAngle:
         n, reach = len(colour), near
         for _ in range(2):
             reach = dilate(ops.start, ops.column, reach)
-        start, at, dummy = _seen(pairs.start, pairs.index, owner, reach & ops.walls.near, n)
+        reach &= ops.walls.near
+        start, at, dummy = _seen(pairs.start, pairs.index, owner, reach, n)
         if len(at) == 0:
             return None
-        band = find_band(ops, x, row, colour, near, self.kind, self.support, self.spacing)
+        band = find_band(ops, x, row, colour, near, self.kind, self.support, self.spacing, wanted=reach)
         particle = np.repeat(np.arange(n), np.diff(start))
         offset = x[at] - x[particle]
-        used, where = np.unique(dummy, return_inverse=True)
+        seen = np.zeros(len(self.dummies), np.bool_)
+        seen[dummy] = True
+        used, where = np.flatnonzero(seen), (np.cumsum(seen) - 1)[dummy]
         along = _sum_normals(particle, offset, where, len(used), band.normal, band.strength, self.kind, self.support)
         p = self.normals[used]
         along -= (along * p).sum(axis=1, keepdims=True) * p
@@ -98,7 +101,8 @@ class ContactAngle:
         """Kernel average of the colour of the fluid nearest to points (m, dim)."""
         rows = np.flatnonzero(owner < len(colour))
         count = min(SAMPLES, len(rows))
-        distance, index = cKDTree(x[rows]).query(points, k=count)
+        tree = cKDTree(x[rows], compact_nodes=False, balanced_tree=False)  # queried once: cheap to build
+        distance, index = tree.query(points, k=count)
         distance, index = distance.reshape(len(points), count), index.reshape(len(points), count)
         # the nearest always counts, however far
         weight = np.maximum(1.0 - (distance / (1.5 * np.maximum(distance[:, :1], self.spacing))) ** 2, 0.0) ** 2

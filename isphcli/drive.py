@@ -43,6 +43,7 @@ def _box_length(case, axis):
     return float(geometry.upper[axis] - geometry.lower[axis])
 
 
+AVERAGED = 100.0  # steps over which the flux of the shifts is averaged: from step to step it is noise
 STUCK = 1e-6  # of what free fluid would gain from a pressure gradient: less is no flow
 
 
@@ -57,33 +58,56 @@ class HeldVelocity:
     """A superficial velocity that is held: each step finds the pressure gradient that it takes.
 
     A step is linear in the gradient G over the density of the first fluid: with v the velocity that a gradient of one
-    makes (`Stepper._hold`), U(u + G v) = U(u) + G U(v) is what was asked.
+    makes (`Stepper._hold`), U(u + G v) = U(u) + G U(v) is what was asked. U is taken where the flow is clear: in the
+    clear layers of an image, as at a pump, else in the whole box. Where the scene has two fluids they go where their
+    particles go, and shifts move those not to and fro only: they bring back what the velocities at menisci carry apart.
+    Their flux, averaged over AVERAGED steps, is then part of U. Of one fluid a shift is but a change of the points.
 
-    axis: 0, 1 or 2; wanted: m/s; fraction: of the box that is fluid; areal: density of the first fluid times the length
-    of the box, kg/m2.
+    axis: 0, 1 or 2; wanted: m/s; shifts: whether theirs are part of U; lower, upper: m along the axis, the sample,
+    outside of which U is taken, or None; fraction: of the place where U is taken that is fluid; porosity: of the
+    sample, or of the box; areal: density of the first fluid times the length of the box, kg/m2.
     """
 
     axis: int
     wanted: float
+    shifts: bool
+    lower: float | None
+    upper: float | None
     fraction: float
+    porosity: float
     areal: float
 
     @property
     def speed(self):
-        """Mean speed of the fluid, m/s."""
-        return abs(self.wanted) / self.fraction
+        """Mean speed of the fluid in the sample, m/s."""
+        return abs(self.wanted) / self.porosity
 
-    def missing(self, u, v, rate):
-        """G by which the velocities u (n, dim) miss what is wanted, m/s2. v: (n, dim) of a unit gradient, s; rate: 1/s,
-        of the step. None where no gradient moves the fluid along the axis."""
-        gain = v[:, self.axis].mean()
+    def drifted(self, state, shifts, dt):
+        """Mean velocity of the shifts where U is taken, averaged over the last steps, m/s. state: step.State; shifts:
+        (n, dim) m of this step, or None."""
+        now, before = 0.0, state.drift
+        if self.shifts and shifts is not None:
+            now = shifts[_outside(state.x[:, self.axis], self.lower, self.upper), self.axis].mean() / dt
+        return float(before + (now - before) / AVERAGED)
+
+    def missing(self, x, u, v, rate, drift):
+        """G by which the velocities u (n, dim) at x (n, dim) miss what is wanted, m/s2. v: (n, dim) of a unit
+        gradient, s; rate: 1/s, of the step; drift: m/s, of `drifted`. None where no gradient moves the fluid along the
+        axis."""
+        here = _outside(x[:, self.axis], self.lower, self.upper)
+        gain = v[here, self.axis].mean()
         if not gain * rate > STUCK:
             return None
-        return (self.wanted / self.fraction - u[:, self.axis].mean()) / gain
+        return (self.wanted / self.fraction - drift - u[here, self.axis].mean()) / gain
 
     def drop(self, state):
         """Pressure drop over the box in the step to `state` (step.State), Pa."""
         return state.push * self.areal
+
+
+def _outside(along, lower, upper):
+    """Which coordinates (n,) lie outside of the sample; all of them where there is none."""
+    return np.ones(len(along), np.bool_) if lower is None else (along < lower) | (along > upper)
 
 
 def held_velocity(case, particles, reference, geometry):
@@ -92,9 +116,17 @@ def held_velocity(case, particles, reference, geometry):
     if axis is None:
         return None
     size = geometry.upper - geometry.lower
-    fraction = particles.n_fluid * particles.site_volume / float(np.prod(size))
+    length, (lower, upper) = size[axis], (corner[axis] for corner in sample_box(geometry))
+    here = int(_outside(particles.x[: particles.n_fluid, axis], lower, upper).sum())
+    volumes = particles.site_volume * length / float(np.prod(size))  # of a particle, over the cross section
+    porosity = (particles.n_fluid - here) * volumes / (upper - lower)
+    if upper - lower < length:
+        fraction = here * volumes / (length - (upper - lower))
+    else:
+        lower, upper, fraction = None, None, porosity
     (wanted,) = case.drive.superficial_velocity.values()
-    return HeldVelocity(axis, wanted, fraction, reference * float(size[axis]))
+    two = len(np.unique(particles.phase)) > 1
+    return HeldVelocity(axis, wanted, two, lower, upper, fraction, porosity, reference * float(length))
 
 
 def darcy(geometry, x, velocity, site_volume, axis, force, viscosity):

@@ -40,18 +40,21 @@ class Band:
     strength: np.ndarray
 
 
-def find_band(ops, x, row, colour, near, kind, support, spacing, ghosts=None):
-    """The band of `colour` (n,).
+def find_band(ops, x, row, colour, near, kind, support, spacing, ghosts=None, wanted=None):
+    """The Band of a configuration.
 
     ops: Operators; x: (n_rows, dim) table of positions; row: (n_pairs,) rows of the neighbours; near: (n,) of
-    `near_interface`; support, spacing: m; ghosts: what walls carry on of the interface (contact_angle.Ghosts), or None.
+    `near_interface`; support, spacing: m; ghosts: what walls carry on of the interface (contact_angle.Ghosts), or None;
+    wanted: (n,) bool, particles whose normals are asked for, or None for all.
     """
     start, offset, seen, _, volume = ghost_arrays(ghosts, len(colour), x.shape[1])
-    reach, smooth = near, colour
+    reach, smooth, known = near, colour, None if wanted is None else dilate(ops.start, ops.column, wanted)
     for _ in range(AVERAGES):
         reach = dilate(ops.start, ops.column, reach)
-        smooth = average(ops.start, ops.column, row, x, ops.volume, kind, support, smooth, reach,
-                         start, offset, seen, volume)
+        smooth = average(ops.start, ops.column, row, x, ops.volume, kind, support, smooth,
+                         reach if known is None else reach & known, start, offset, seen, volume)
+    if wanted is not None:
+        reach = reach & wanted
     normal, strength = _normals(ops.start, ops.column, ops.grad_p, smooth, reach, FAINT / spacing)
     if ghosts is not None:
         _normals_with_ghosts(ops.start, ops.column, row, x, ops.volume, kind, support, smooth, reach, FAINT / spacing,
@@ -102,7 +105,7 @@ def dilate(start, column, mark):
     return out
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def average(start, column, row, x, weight, kind, support, f, mark, ghost_start, ghost_offset, ghost_f, ghost_weight):
     """Kernel average sum_j w W f / sum_j w W of the marked particles, (n,), j = i and the ghosts included; f elsewhere.
 
@@ -112,24 +115,57 @@ def average(start, column, row, x, weight, kind, support, f, mark, ghost_start, 
     out = f.copy()
     for i in prange(n):
         if mark[i]:
-            total = weight[i] * shape(kind, 0.0)
+            total, z = weight[i] * shape(kind, 0.0), 0.0
             mean = total * f[i]
             for p in range(start[i], start[i + 1]):
-                r2 = 0.0
-                for k in range(dim):
-                    r2 += (x[row[p], k] - x[i, k]) ** 2
-                w = weight[column[p]] * shape(kind, math.sqrt(r2) / support)
+                w = weight[column[p]] * shape(kind, _distance(x, i, row[p]) / support)
                 total += w
                 mean += w * f[column[p]]
             for p in range(ghost_start[i], ghost_start[i + 1]):
-                r2 = 0.0
-                for k in range(dim):
-                    r2 += ghost_offset[p, k] ** 2
-                w = ghost_weight * shape(kind, math.sqrt(r2) / support)
+                if dim == 3:
+                    z = ghost_offset[p, 2]
+                r = math.sqrt(ghost_offset[p, 0] ** 2 + ghost_offset[p, 1] ** 2 + z * z)
+                w = ghost_weight * shape(kind, r / support)
                 total += w
                 mean += w * ghost_f[p]
             out[i] = mean / total
     return out
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def averages(start, column, row, x, weight, kind, support, f, times):
+    """f (n,) averaged so many times over the particles of weight (n,) above zero, without ghosts: see `average`."""
+    n = len(start) - 1
+    share, own = np.empty(len(column)), np.empty(n)
+    for i in prange(n):
+        if weight[i] > 0.0:
+            total = weight[i] * shape(kind, 0.0)
+            for p in range(start[i], start[i + 1]):
+                w = weight[column[p]]
+                share[p] = w * shape(kind, _distance(x, i, row[p]) / support) if w > 0.0 else 0.0
+                total += share[p]
+            own[i] = weight[i] * shape(kind, 0.0) / total
+            for p in range(start[i], start[i + 1]):
+                share[p] /= total
+    for _ in range(times):
+        before = f
+        f = before.copy()
+        for i in prange(n):
+            if weight[i] > 0.0:
+                mean = own[i] * before[i]
+                for p in range(start[i], start[i + 1]):
+                    mean += share[p] * before[column[p]]
+                f[i] = mean
+    return f
+
+
+@njit(cache=True, inline="always")
+def _distance(x, i, j):
+    """Between two rows of x (n, dim)."""
+    r2 = (x[j, 0] - x[i, 0]) ** 2 + (x[j, 1] - x[i, 1]) ** 2
+    if x.shape[1] == 3:
+        r2 += (x[j, 2] - x[i, 2]) ** 2
+    return math.sqrt(r2)
 
 
 @njit(cache=True, parallel=True)
@@ -138,10 +174,16 @@ def _normals(start, column, grad, f, mark, faint):
     normal, strength = np.zeros((n, dim)), np.zeros(n)
     for i in prange(n):
         if mark[i]:
+            x, y, z = 0.0, 0.0, 0.0
             for p in range(start[i], start[i + 1]):
                 d = f[column[p]] - f[i]
-                for k in range(dim):
-                    normal[i, k] += grad[p, k] * d
+                x += grad[p, 0] * d
+                y += grad[p, 1] * d
+                if dim == 3:
+                    z += grad[p, 2] * d
+            normal[i, 0], normal[i, 1] = x, y
+            if dim == 3:
+                normal[i, 2] = z
             strength[i] = _normalise(normal[i], faint)
     return normal, strength
 
@@ -158,50 +200,44 @@ def _normalise(gradient, faint):
     return size if size > faint else 0.0
 
 
-@njit(cache=True)
-def invert(tensor, dim, inverse):
-    """The inverse of a symmetric tensor (3, 3), see `operators.invert_gradient`."""
-    moments = np.zeros(6)
-    moments[0], moments[1], moments[2] = tensor[0, 0], tensor[1, 1], tensor[2, 2]
-    moments[3], moments[4], moments[5] = tensor[1, 2], tensor[0, 2], tensor[0, 1]
-    invert_gradient(moments, dim, inverse, 0.0)
-
-
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def _normals_with_ghosts(start, column, row, x, volume, kind, support, f, mark, faint,
                          ghost_start, ghost_offset, ghost_f, ghost_volume, normal, strength):
     """Normals of the particles that see ghosts: gradients of eq. 5 over fluid and ghosts."""
     n, dim = len(start) - 1, x.shape[1]
     for i in prange(n):
         if mark[i] and ghost_start[i + 1] > ghost_start[i]:
-            spread, inverse, rise, offset = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+            sums, dz = NO_SLOPE, 0.0
             for p in range(start[i], start[i + 1]):
-                for k in range(dim):
-                    offset[k] = x[row[p], k] - x[i, k]
-                _add_slope(offset, f[column[p]] - f[i], volume[column[p]], kind, support, spread, rise)
+                j, q = column[p], row[p]
+                if dim == 3:
+                    dz = x[q, 2] - x[i, 2]
+                sums = _add_slope(sums, x[q, 0] - x[i, 0], x[q, 1] - x[i, 1], dz, f[j] - f[i], volume[j], kind, support)
             for p in range(ghost_start[i], ghost_start[i + 1]):
-                for k in range(dim):
-                    offset[k] = ghost_offset[p, k]
-                _add_slope(offset, ghost_f[p] - f[i], ghost_volume, kind, support, spread, rise)
-            invert(spread, dim, inverse)
+                if dim == 3:
+                    dz = ghost_offset[p, 2]
+                sums = _add_slope(sums, ghost_offset[p, 0], ghost_offset[p, 1], dz, ghost_f[p] - f[i], ghost_volume,
+                                  kind, support)
+            spread, inverse = np.empty(6), np.zeros((3, 3))
+            for k in range(6):
+                spread[k] = sums[k]
+            invert_gradient(spread, dim, inverse, 0.0)
             for k in range(dim):
-                normal[i, k] = 0.0
-                for m in range(dim):
-                    normal[i, k] += inverse[k, m] * rise[m]
+                normal[i, k] = inverse[k, 0] * sums[6] + inverse[k, 1] * sums[7] + inverse[k, 2] * sums[8]
             strength[i] = _normalise(normal[i], faint)
 
 
-@njit(cache=True)
-def _add_slope(offset, difference, volume, kind, support, spread, rise):
-    """Adds w d (x) d to `spread` and w d (f_j - f_i) to `rise`, w = F V / r."""
-    r2 = offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2
-    if r2 > 0.0:
-        r = math.sqrt(r2)
-        w = volume * slope(kind, r / support) / r
-        for k in range(3):
-            rise[k] += w * offset[k] * difference
-            for m in range(3):
-                spread[k, m] += w * offset[k] * offset[m]
+NO_SLOPE = (0.0,) * 9
+
+
+@njit(cache=True, inline="always")
+def _add_slope(s, x, y, z, difference, volume, kind, support):
+    """The sums of w d (x) d (xx, yy, zz, yz, xz, xy) and w d (f_j - f_i), w = F V / r, with one more neighbour."""
+    r = math.sqrt(x * x + y * y + z * z)
+    w = volume * slope(kind, r / support) / r if r > 0.0 else 0.0
+    a, b, c = w * x, w * y, w * z
+    return (s[0] + x * a, s[1] + y * b, s[2] + z * c, s[3] + y * c, s[4] + x * c, s[5] + x * b,
+            s[6] + a * difference, s[7] + b * difference, s[8] + c * difference)  # fmt: skip
 
 
 @njit(cache=True, parallel=True)
@@ -232,7 +268,7 @@ def _adjacent(start, column, row, x, volume, colour, reach):
     return point, weight
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def _depths(start, column, row, x, colour, point, weight, near, kind, support, dim):
     """Distance of the particles near the interface to the plane through the crossings that they see; nan where they
     see none.
@@ -240,101 +276,90 @@ def _depths(start, column, row, x, colour, point, weight, near, kind, support, d
     The plane goes through the mean of the crossings; its normal is the direction in which they spread least. Where
     they spread in all directions alike, as for a bubble of some particles, it is that from the one fluid to the other.
     """
-    n = len(start) - 1
+    n, last = len(start) - 1, dim - 1
     depth = np.full(n, np.nan)
     for i in prange(n):
         if near[i]:
-            mean, across, normal = np.zeros(dim), np.zeros(dim), np.empty(dim)
-            spread = np.zeros((dim, dim))
-            weights, points = np.empty(start[i + 1] - start[i]), np.empty((start[i + 1] - start[i], dim))
-            total, count = weight[i], 0
-            for k in range(dim):
-                mean[k] += weight[i] * point[i, k]
+            # moments in scalars: small arrays take twice as long
+            total, a, b, c = weight[i], point[i, 0], point[i, 1], point[i, last] if dim == 3 else 0.0
+            x0, y0, z0 = total * a, total * b, total * c
+            xx, yy, zz, yz, xz, xy = x0 * a, y0 * b, z0 * c, y0 * c, x0 * c, x0 * b
+            across_x, across_y, across_z, dz = 0.0, 0.0, 0.0, 0.0
             for p in range(start[i], start[i + 1]):
-                j = column[p]
+                j, q = column[p], row[p]
                 unlike = colour[j] - colour[i]
                 if weight[j] == 0.0 and unlike == 0.0:
                     continue
-                r2 = 0.0
-                for k in range(dim):
-                    points[count, k] = x[row[p], k] - x[i, k]
-                    r2 += points[count, k] ** 2
-                w = shape(kind, math.sqrt(r2) / support)
-                for k in range(dim):
-                    across[k] += w * unlike * points[count, k]
+                dx, dy = x[q, 0] - x[i, 0], x[q, 1] - x[i, 1]
+                if dim == 3:
+                    dz = x[q, last] - x[i, last]
+                w = shape(kind, math.sqrt(dx * dx + dy * dy + dz * dz) / support)
+                across_x += w * unlike * dx
+                across_y += w * unlike * dy
+                across_z += w * unlike * dz
                 w *= weight[j]
-                total += w
-                for k in range(dim):
-                    points[count, k] += point[j, k]
-                    mean[k] += w * points[count, k]
-                weights[count] = w
-                count += 1
+                a, b = dx + point[j, 0], dy + point[j, 1]
+                c = dz + point[j, last] if dim == 3 else 0.0
+                wa, wb, wc = w * a, w * b, w * c
+                total, x0, y0, z0 = total + w, x0 + wa, y0 + wb, z0 + wc
+                xx, yy, zz, yz, xz, xy = xx + wa * a, yy + wb * b, zz + wc * c, yz + wb * c, xz + wa * c, xy + wa * b
             if total > 0.0:
-                for k in range(dim):
-                    mean[k] /= total
-                for k in range(dim):
-                    for m in range(dim):
-                        spread[k, m] += weight[i] * (point[i, k] - mean[k]) * (point[i, m] - mean[m])
-                for p in range(count):
-                    for k in range(dim):
-                        away = weights[p] * (points[p, k] - mean[k])
-                        for m in range(dim):
-                            spread[k, m] += away * (points[p, m] - mean[m])
+                a, b, c = x0 / total, y0 / total, z0 / total
                 # crossings at one point have no direction: their spread is round-off
-                if not _flattest(spread, normal, 1e-20 * total * support * support):
-                    normal[:] = across
-                size, distance = 0.0, 0.0
-                for k in range(dim):
-                    size += normal[k] ** 2
-                    distance += normal[k] * mean[k]
-                depth[i] = abs(distance) / math.sqrt(size) if size > 0.0 else np.nan
+                least = 1e-12 * total * support * support
+                if dim == 2:
+                    flat, u, v, w = _flattest_2d(xx - x0 * a, yy - y0 * b, xy - x0 * b, least)
+                else:
+                    flat, u, v, w = _flattest(xx - x0 * a, yy - y0 * b, zz - z0 * c, yz - y0 * c, xz - x0 * c,
+                                              xy - x0 * b, least)
+                if not flat:
+                    u, v, w = across_x, across_y, across_z
+                size = math.sqrt(u * u + v * v + w * w)
+                depth[i] = abs(a * u + b * v + c * w) / size if size > 0.0 else np.nan
     return depth
 
 
 @njit(cache=True)
-def _flattest(spread, normal, least):
-    """Whether a symmetric positive tensor (dim, dim) is larger than `least`, and thinner than FLAT of the next in one
-    direction, which goes to normal (dim,), not normalised.
+def _flattest_2d(xx, yy, xy, least):
+    """As `_flattest`."""
+    half, middle = 0.5 * (xx - yy), 0.5 * (xx + yy)
+    radius = math.hypot(half, xy)
+    flat = middle - radius < FLAT * (middle + radius) and middle + radius >= least
+    if half > 0.0:
+        return flat, -xy, half + radius, 0.0
+    return flat, radius - half, -xy, 0.0
 
-    Eigenvalues in closed form, the vector from the rows of spread - value: exact to round-off because the value stands
+
+@njit(cache=True)
+def _flattest(xx, yy, zz, yz, xz, xy, least):
+    """Whether a symmetric positive tensor is larger than `least`, and thinner than FLAT of the next in one direction,
+    and that direction, not normalised.
+
+    Eigenvalues in closed form, the vector from the rows of tensor - value: exact to round-off because the value stands
     apart, and several times faster than numpy's eigh.
     """
-    if len(spread) == 2:
-        half, across = 0.5 * (spread[0, 0] - spread[1, 1]), spread[0, 1]
-        middle, radius = 0.5 * (spread[0, 0] + spread[1, 1]), math.hypot(half, across)
-        if not middle - radius < FLAT * (middle + radius) or middle + radius < least:
-            return False
-        if half > 0.0:
-            normal[0], normal[1] = -across, half + radius
-        else:
-            normal[0], normal[1] = radius - half, -across
-        return True
-    mean = (spread[0, 0] + spread[1, 1] + spread[2, 2]) / 3.0
-    a, b, c = spread[0, 0] - mean, spread[1, 1] - mean, spread[2, 2] - mean
-    d, e, f = spread[1, 2], spread[0, 2], spread[0, 1]
-    size = math.sqrt((a * a + b * b + c * c + 2.0 * (d * d + e * e + f * f)) / 6.0)
+    mean = (xx + yy + zz) / 3.0
+    a, b, c = xx - mean, yy - mean, zz - mean
+    size = math.sqrt((a * a + b * b + c * c + 2.0 * (yz * yz + xz * xz + xy * xy)) / 6.0)
     if size == 0.0:
-        return False
-    cosine = (a * (b * c - d * d) - f * (f * c - d * e) + e * (f * d - b * e)) / (2.0 * size**3)
+        return False, 0.0, 0.0, 0.0
+    cosine = (a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)) / (2.0 * size**3)
     angle = math.acos(min(max(cosine, -1.0), 1.0)) / 3.0
     largest = mean + 2.0 * size * math.cos(angle)
     smallest = mean + 2.0 * size * math.cos(angle + 2.0 * math.pi / 3.0)
     if not smallest < FLAT * (3.0 * mean - largest - smallest) or largest < least:
-        return False
-    a, b, c = spread[0, 0] - smallest, spread[1, 1] - smallest, spread[2, 2] - smallest
-    best = 0.0
-    for m in range(3):  # the longest of the products of two rows
-        if m == 0:
-            u, v, w = f * d - e * b, e * f - a * d, a * b - f * f
-        elif m == 1:
-            u, v, w = f * c - e * d, e * e - a * c, a * d - f * e
-        else:
-            u, v, w = b * c - d * d, d * e - f * c, f * d - b * e
-        length = u * u + v * v + w * w
-        if length > best:
-            best = length
-            normal[0], normal[1], normal[2] = u, v, w
-    return best > 0.0
+        return False, 0.0, 0.0, 0.0
+    a, b, c = xx - smallest, yy - smallest, zz - smallest
+    # the longest of the products of two rows
+    u, v, w = xy * yz - xz * b, xz * xy - a * yz, a * b - xy * xy
+    longest = u * u + v * v + w * w
+    for product in ((xz * yz - xy * c, a * c - xz * xz, xy * xz - a * yz),
+                    (b * c - yz * yz, yz * xz - xy * c, xy * yz - b * xz)):  # fmt: skip
+        length = product[0] ** 2 + product[1] ** 2 + product[2] ** 2
+        if length > longest:
+            longest = length
+            u, v, w = product
+    return longest > 0.0, u, v, w
 
 
 @njit(cache=True, parallel=True)

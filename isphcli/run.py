@@ -445,6 +445,8 @@ def _terms(case, geometry, driven):
         terms.append("periodic halo")
     if case.flow == "navier_stokes" and case.particles.shifting > 0.0:
         terms.append("shifting")
+    if case.flow == "navier_stokes" and case.particles.keep_volume > 0.0:
+        terms.append("kept volume")
     return terms
 
 

@@ -49,10 +49,11 @@ def prepare(case, geometry, clock):
         kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,
         fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
         tolerance=case.solver.tolerance, restart=case.solver.restart, max_iterations=case.solver.max_iterations,
-        clock=clock, rate=rate,
+        clock=clock, rate=rate, volume=kept_volume(case, geometry, x),
     )
     stepper.bounds = bounds(case, geometry, particles, u, force, rate)
-    return State(x, u, u.copy(), np.zeros(n), push=None if rate is None else 0.0), stepper, particles
+    held = {} if rate is None else {"push": 0.0, "drift": 0.0}
+    return State(x, u, u.copy(), np.zeros(n), **held), stepper, particles
 
 
 def choose_fluids(case, geometry, particles, force):
@@ -106,6 +107,15 @@ def bounds(case, geometry, particles, u, force, rate):
     other = walls + capillary + (SPREAD * rate.speed if rate is not None else 0.0)
     found = failure.Bounds(geometry, particles.site_volume, density, 0.0, np.linalg.norm(force), other)
     return replace(found, start=found.speed(u))
+
+
+def kept_volume(case, geometry, x):
+    """KeptVolume of a case, or None. x: (n, dim) fluid particles on their lattice, m."""
+    if not case.particles.keep_volume:
+        return None
+    from .volume import KeptVolume
+
+    return KeptVolume(geometry, x, case.particles.spacing, case.particles.keep_volume)
 
 
 class March:
@@ -215,6 +225,8 @@ class March:
             row[f"iterations_{name}"] = report.iterations
             row[f"residual_{name}"] = report.residual
         row |= {"rebuilt": int(stepper.rebuilt), "divergence": stepper.divergence, "kinetic_energy": energy}
+        if stepper.volume is not None:
+            row["volume_drift"] = stepper.volume.drift
         if stepper.rate is not None:
             row[f"pressure_drop_{'xyz'[stepper.rate.axis]}"] = stepper.rate.drop(state)
         row |= {f"mean_velocity_{a}": float(m) for a, m in zip("xyz", mean)}

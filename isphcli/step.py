@@ -41,7 +41,8 @@ STALE = 1.5  # a hierarchy is rebuilt when its iterations exceed those of its fi
 @dataclass(frozen=True)
 class State:
     """Fluid particles at one time. x, u, u_old: (n, dim); p: (n,) over density; dt_old: 0 before the first step;
-    push: pressure gradient over the density of the first fluid that held the velocity, m/s2, or None."""
+    push, drift: pressure gradient over the density of the first fluid that held the velocity, m/s2, and the flux of the
+    shifts that it makes up for (drive.HeldVelocity), m/s, or None."""
 
     x: np.ndarray
     u: np.ndarray
@@ -51,6 +52,7 @@ class State:
     step: int = 0
     dt_old: float = 0.0
     push: float | None = None
+    drift: float | None = None
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class Stepper:
 
     geometry: Geometry; dummies: (n_dummy, dim); spacing, support: m; kind: kernel number; site_volume: m^dim;
     fluids: OneFluid or TwoFluids; shifting: coefficient, 0 for none; second_order: BDF2 or implicit Euler;
-    clock: output.Clock; rate: drive.HeldVelocity or None.
+    clock: output.Clock; rate: drive.HeldVelocity or None; volume: volume.KeptVolume or None.
     """
 
     geometry: object
@@ -93,6 +95,7 @@ class Stepper:
     max_iterations: int
     clock: object
     rate: object = None
+    volume: object = None
     reports: dict = field(default_factory=dict)
     rebuilt: bool = False
     held: int = 0
@@ -175,6 +178,8 @@ class Stepper:
                 if few is not None:
                     nearest = np.where(few, NEAR_WALLS * self.spacing, nearest)
                 dr = self._scene.keep_off(state.x, displacement, dr, nearest)
+            if self.rate is not None:
+                state = replace(state, drift=self.rate.drifted(state, dr, dt))
             if dr is not None:
                 walls = config.ops.walls
                 second = ~walls.near if walls is not None else np.ones(len(u), dtype=np.bool_)
@@ -203,27 +208,28 @@ class Stepper:
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
         p, push, known = moved.p, state.push, history + config.terms.force
         system = self._div_grad(config)
+        expansion = self.volume.expansion(moved.x, dt) if self.volume is not None else 0.0
         # the first step finds the pressure of the start: it is taken again with what it found
         for _ in range(1 if state.dt_old else self.fluids.first_passes):
             driven = known if push is None else known + push * config.terms.along
-            u, p = self._project(config, system, moved.u, driven, p, g0 / dt)
+            u, p = self._project(config, system, moved.u, driven, p, g0 / dt, expansion)
             if push is not None:
-                u, p, more = self._hold(config, system, u, p, g0 / dt)
+                u, p, more = self._hold(config, system, u, p, g0 / dt, moved.drift)
                 push += more
-        self.divergences = total_divergence(config.ops, u)
+        self.divergences = total_divergence(config.ops, u) - expansion
         self.divergence = float(np.abs(self.divergences).max()) * dt
-        return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, push), config
+        return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, push, moved.drift), config
 
-    def _project(self, config, system, guess, known, p, rate):
-        """Eqs 2-4: (velocity, pressure). system: of `_div_grad`; known: (n, dim) m/s2, of
-        the steps before and the forces; rate: g0 / dt."""
+    def _project(self, config, system, guess, known, p, rate, expansion):
+        """Eqs 2-4: (velocity, pressure). system: of `_div_grad`; known: (n, dim) m/s2, of the steps before and the
+        forces; rate: g0 / dt; expansion: divergence that the velocity is to have, 0 or (n,) of `KeptVolume`."""
         ops, terms = config.ops, config.terms
         slope = terms.slope(p)
         right = known - slope
         if ops.walls is not None:
             right += terms.viscosity * terms.ops.walls.lap_velocity
         star = self._helmholtz(config, rate, right, guess)
-        div = total_divergence(ops, star)
+        div = total_divergence(ops, star) - expansion
         q = self._poisson(config, system, div, p, slope, rate)
         u = star - gradient_p(terms.ops, q) / rate
         return u, self._settled(config, p + q - terms.bulk * div)
@@ -238,10 +244,10 @@ class Stepper:
             fill(config.ops, p)
         return p
 
-    def _hold(self, config, system, u, p, rate):
+    def _hold(self, config, system, u, p, rate, drift):
         """(velocity, pressure, further pressure gradient) that have the superficial velocity of `self.rate`: what a
-        gradient of one makes in this step is added so many times (drive.HeldVelocity). Arguments as those of
-        `_project`."""
+        gradient of one makes in this step is added so many times (drive.HeldVelocity). drift: m/s, of the shifts;
+        other arguments as those of `_project`."""
         ops, terms, tolerance = config.ops, config.terms, self.tolerance
         if "pressure" in self._levels:  # a new hierarchy is judged by its first solve, which has to be a whole one
             self.tolerance = max(tolerance, ROUGHLY)
@@ -254,7 +260,7 @@ class Stepper:
         finally:
             self.tolerance = tolerance
         v = star - gradient_p(terms.ops, q) / rate
-        more = self.rate.missing(u, v, rate)
+        more = self.rate.missing(config.x[: len(u)], u, v, rate, drift)
         if more is None:
             raise RunError(f"no pressure drop moves the fluid along {'xyz'[self.rate.axis]}: no pore leads through the "
                            "scene, or its throats are closed at this spacing")

@@ -18,8 +18,9 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from .interface import average, find_band, ghost_arrays, invert
+from .interface import averages, find_band, ghost_arrays
 from .kernel import slope
+from .operators import THIN
 
 SMOOTHINGS = 3  # kernel averages of the curvature over the band
 # Mean viscosity over sqrt(rho sigma dx) below which an interface is helped (docs/method.md 12), and how much viscosity
@@ -71,10 +72,8 @@ class SurfaceTension:
         band = find_band(ops, x, row, colour, near, self.kind, self.support, self.spacing, ghosts)
         curvature = _curvature(ops.start, ops.column, row, x, ops.volume, self.kind, self.support,
                                band.normal, band.strength, start, offset, ghost_normal, volume)
-        start, offset, none, _, volume = ghost_arrays(None, len(colour), x.shape[1])
-        for _ in range(SMOOTHINGS):
-            curvature = average(ops.start, ops.column, row, x, band.strength * ops.volume, self.kind, self.support,
-                                curvature, band.strength > 0.0, start, offset, none, volume)
+        curvature = averages(ops.start, ops.column, row, x, band.strength * ops.volume, self.kind, self.support,
+                             curvature, SMOOTHINGS)
         self.band, self.curvature = band, curvature
         if self.method == "jump":
             across = weighted.lap_p if ops.walls is None else weighted.walls.natural
@@ -84,60 +83,83 @@ class SurfaceTension:
         return push[:, None] * band.normal, None
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def _curvature(start, column, row, x, volume, kind, support, normal, strength,
                ghost_start, ghost_offset, ghost_normal, ghost_volume):
     n, dim = len(start) - 1, x.shape[1]
     kappa = np.zeros(n)
     for i in prange(n):
         if strength[i] > 0.0:
-            along, bend = np.zeros((3, 3)), np.zeros((3, 3))
-            offset, trace = np.empty(dim), 0.0
+            dz, turn_z = 0.0, 0.0
+            sums = NO_TURN  # scalars: several times faster than small arrays
             for p in range(start[i], start[i + 1]):
-                j = column[p]
+                j, q = column[p], row[p]
                 if strength[j] > 0.0:
-                    for k in range(dim):
-                        offset[k] = x[row[p], k] - x[i, k]
-                    trace += _add_turn(offset, normal, i, normal, j, volume[j], kind, support, along, bend)
+                    turn_x, turn_y = normal[j, 0] - normal[i, 0], normal[j, 1] - normal[i, 1]
+                    if dim == 3:
+                        dz, turn_z = x[q, 2] - x[i, 2], normal[j, 2] - normal[i, 2]
+                    sums = _add_turn(sums, x[q, 0] - x[i, 0], x[q, 1] - x[i, 1], dz, turn_x, turn_y, turn_z,
+                                     volume[j], kind, support)
             for p in range(ghost_start[i], ghost_start[i + 1]):
-                size = 0.0
-                for k in range(dim):
-                    offset[k] = ghost_offset[p, k]
-                    size += ghost_normal[p, k] ** 2
-                if size > 0.0:
-                    trace += _add_turn(offset, normal, i, ghost_normal, p, ghost_volume, kind, support, along, bend)
-            if trace > 0.0:
-                inverse = np.zeros((3, 3))
-                for k in range(dim):
-                    for m in range(dim):
-                        along[k, m] += trace * normal[i, k] * normal[i, m]
-                invert(along, dim, inverse)
-                for k in range(dim):
-                    for m in range(dim):
-                        kappa[i] -= bend[k, m] * inverse[m, k]
+                if ghost_normal[p, 0] != 0.0 or ghost_normal[p, 1] != 0.0 or ghost_normal[p, dim - 1] != 0.0:
+                    turn_x, turn_y = ghost_normal[p, 0] - normal[i, 0], ghost_normal[p, 1] - normal[i, 1]
+                    if dim == 3:
+                        dz, turn_z = ghost_offset[p, 2], ghost_normal[p, 2] - normal[i, 2]
+                    sums = _add_turn(sums, ghost_offset[p, 0], ghost_offset[p, 1], dz, turn_x, turn_y, turn_z,
+                                     ghost_volume, kind, support)
+            kappa[i] = -_divergence(sums, normal[i])
     return kappa
 
 
-@njit(cache=True)
-def _add_turn(offset, normals, i, others, j, volume, kind, support, along, bend):
-    """Adds w P d (x) P d to `along` and w P (n_j - n_i) (x) P d to `bend`; returns the trace of the first. n_i is
-    normals[i], n_j is others[j]."""
-    dim = len(offset)
-    r2, up, turned = 0.0, 0.0, 0.0
-    for k in range(dim):
-        r2 += offset[k] ** 2
-        up += offset[k] * normals[i, k]
-        turned += others[j, k] * normals[i, k]
-    if r2 == 0.0:
-        return 0.0
-    r = math.sqrt(r2)
+NO_TURN = (0.0,) * 15
+
+
+@njit(cache=True, inline="always")
+def _add_turn(s, x, y, z, turn_x, turn_y, turn_z, volume, kind, support):
+    """The sums of w d (x) d (xx, yy, zz, yz, xz, xy) and w (n_j - n_i) (x) d, row by row, with one more neighbour."""
+    r = math.sqrt(x * x + y * y + z * z)
+    if r == 0.0:
+        return s
     w = volume * slope(kind, r / support) / r
-    for m in range(dim):
-        d = w * (offset[m] - up * normals[i, m])
-        for k in range(dim):
-            along[k, m] += (offset[k] - up * normals[i, k]) * d
-            bend[k, m] += (others[j, k] - turned * normals[i, k]) * d
-    return w * (r2 - up * up)
+    a, b, c = w * x, w * y, w * z
+    return (s[0] + x * a, s[1] + y * b, s[2] + z * c, s[3] + y * c, s[4] + x * c, s[5] + x * b,
+            s[6] + turn_x * a, s[7] + turn_x * b, s[8] + turn_x * c,
+            s[9] + turn_y * a, s[10] + turn_y * b, s[11] + turn_y * c,
+            s[12] + turn_z * a, s[13] + turn_z * b, s[14] + turn_z * c)  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _divergence(s, normal):
+    """tr K of the sums of `_add_turn`: both tensors are taken to two directions along the interface."""
+    if len(normal) == 2:
+        x, y = -normal[1], normal[0]
+        along = x * x * s[0] + y * y * s[1] + 2.0 * x * y * s[5]
+        return (x * (s[6] * x + s[7] * y) + y * (s[9] * x + s[10] * y)) / along if along > 0.0 else 0.0
+    # (x, y, z) is across the normal and the axis that it leans to least, (u, v, w) across both
+    a, b, c = normal[0], normal[1], normal[2]
+    if abs(a) <= min(abs(b), abs(c)):
+        x, y, z = 0.0, -c, b
+    elif abs(b) <= abs(c):
+        x, y, z = c, 0.0, -a
+    else:
+        x, y, z = -b, a, 0.0
+    size = math.sqrt(x * x + y * y + z * z)
+    x, y, z = x / size, y / size, z / size
+    u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
+    # what the sums make of either
+    ex, ey, ez = s[0] * x + s[5] * y + s[4] * z, s[5] * x + s[1] * y + s[3] * z, s[4] * x + s[3] * y + s[2] * z
+    fx, fy, fz = s[0] * u + s[5] * v + s[4] * w, s[5] * u + s[1] * v + s[3] * w, s[4] * u + s[3] * v + s[2] * w
+    gx, gy, gz = s[6] * x + s[7] * y + s[8] * z, s[9] * x + s[10] * y + s[11] * z, s[12] * x + s[13] * y + s[14] * z
+    hx, hy, hz = s[6] * u + s[7] * v + s[8] * w, s[9] * u + s[10] * v + s[11] * w, s[12] * u + s[13] * v + s[14] * w
+    ee, ef, ff = x * ex + y * ey + z * ez, u * ex + v * ey + w * ez, u * fx + v * fy + w * fz
+    eg, fg, fh = x * gx + y * gy + z * gz, u * gx + v * gy + w * gz, u * hx + v * hy + w * hz
+    both = fg + x * hx + y * hy + z * hz
+    trace, apart = ee + ff, math.hypot(ee - ff, 2.0 * ef)
+    small, large = 0.5 * (trace - apart), 0.5 * (trace + apart)
+    if small > THIN * trace:
+        return (eg * ff - both * ef + fh * ee) / (ee * ff - ef * ef)
+    # the neighbours lie along one line: only what they turn along it is known
+    return (eg * (ee - small) + both * ef + fh * (ff - small)) / (apart * large) if large > 0.0 else 0.0
 
 
 @njit(cache=True, parallel=True)

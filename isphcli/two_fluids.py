@@ -173,7 +173,7 @@ def _thickened(start, column, lap, weighted_lap, near, share):
     return out
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def _turn_tensors(start, column, row, x, lap, weighted_lap, rows, new_start, support):
     dim = x.shape[1]
     new_column = np.empty(new_start[-1], np.int32)
@@ -183,35 +183,47 @@ def _turn_tensors(start, column, row, x, lap, weighted_lap, rows, new_start, sup
         i, at = rows[m], new_start[m]
         begin, count = start[i], start[i + 1] - start[i]
         # one row a term, so that what is done to all neighbours runs along the memory
-        basis, moments, own, here = np.empty((size, count)), np.zeros((size, size)), np.empty(size), np.empty(count)
+        basis, moments, w, here = np.empty((size, count)), np.empty((size, size)), np.empty(count), np.empty(count)
         _fill(basis, row, x, i, begin, count, support)
         for k in range(count):
             new_column[at + k] = column[begin + k]
-            w = max(lap[begin + k], 0.0)
-            for a in range(size):
-                own[a] = basis[a, k]
-            for a in range(size):
-                of_a = w * own[a]
-                for b in range(a + 1):  # what `_invert` reads
-                    moments[a, b] += of_a * own[b]
+            w[k] = max(lap[begin + k], 0.0)
+        _moments(basis, w, here, moments)
         # least squares: the coefficients of the quadratic terms are the second derivatives
         inverse, least = np.empty((size, size)), SINGULAR * np.trace(moments)
         if not _invert(moments, least, dim, inverse):
             for a in range(size):
                 moments[a, a] += least  # as good as a pseudo-inverse, which takes numba 15 s to compile
             _invert(moments, 0.0, dim, inverse)
+        for k in range(count):
+            w[k] = 2.0 * weighted_lap[begin + k] / (support * support) if lap[begin + k] > 0.0 else 0.0
         for v in range(entries):
             here[:] = 0.0
             for c in range(size):
-                weight = inverse[c, dim + v] / (support * support)
+                weight = inverse[c, dim + v]
                 for k in range(count):
                     here[k] += weight * basis[c, k]
             for k in range(count):
-                tensor[at + k, v] = 2.0 * weighted_lap[begin + k] * here[k] if lap[begin + k] > 0.0 else 0.0
+                tensor[at + k, v] = w[k] * here[k]
     return new_column, tensor
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def _moments(basis, w, work, moments):
+    """Lower half of sum_k w basis (x) basis into `moments`, what `_invert` reads; sums in any order, so that they are
+    vectors. work: (count,) scratch."""
+    size, count = basis.shape
+    for a in range(size):
+        for k in range(count):
+            work[k] = w[k] * basis[a, k]
+        for b in range(a + 1):
+            total = 0.0
+            for k in range(count):
+                total += work[k] * basis[b, k]
+            moments[a, b] = total
+
+
+@njit(cache=True, error_model="numpy")
 def _invert(matrix, least, first, inverse):
     """Columns from `first` on of the inverse of a symmetric matrix, whose lower half is read, by Cholesky's factors;
     False where a pivot is not above `least`."""

@@ -33,9 +33,34 @@ def test_two_layers_take_the_drop_of_their_common_flow():
     state, _, stepper, rows = run(SLIT.format(layers=LAYERS, oil=", oil: {density: 1, viscosity: 0.1}", held=0.1))
     y = (np.arange(1000) + 0.5) / 1000
     mean = two_layer_poiseuille(y, 1.0, 0.5, [0.5, 0.1], [1.0, 1.0]).mean()
-    assert max(abs(row["superficial_velocity_x"] / 0.1 - 1.0) for row in rows) < 1e-4
+    assert max(abs(row["superficial_velocity_x"] / 0.1 - 1.0) for row in rows) < 0.02  # shifts make up the rest
+    assert rows[-1]["superficial_velocity_x"] + state.drift == pytest.approx(0.1, rel=1e-4)
     assert rows[-1]["pressure_drop_x"] == pytest.approx(0.1 * 0.25 / mean, rel=0.05)
     assert state.push > 0 and stepper.fluids.held.tolist() == [1, 0]
+
+
+def test_an_image_holds_the_flux_of_its_clear_layers(tmp_path):
+    """A channel of half the height between two layers of clear fluid. What is held is the flux of the layers, to the
+    tolerance of the solver; that of the channel follows from mass, as far as the divergence sees it (2 %)."""
+    image = np.ones((16, 16), np.uint8)
+    image[4:12] = 0
+    np.save(tmp_path / "channel.npy", image)
+    state, _, stepper, _ = run(f"""
+geometry:
+  voxels: {{file: {tmp_path}/channel.npy, labels: {{solid: 1, water: 0}}, voxel_size: 0.0625}}
+  periodic: [y]
+particles: {{spacing: 0.0625}}
+fluids: {{water: {{density: 2, viscosity: 0.5}}}}
+drive: {{superficial_velocity: {{x: 0.1}}}}
+time: {{steady: 1.0e-3, end: 10}}
+""")
+    lower, upper = stepper.geometry.sample_lower[0], stepper.geometry.sample_upper[0]
+    layers = (state.x[:, 0] < lower) | (state.x[:, 0] > upper)
+    assert state.u[layers, 0].mean() == pytest.approx(0.1, rel=1e-5)
+    volumes = 0.0625**2 / (stepper.geometry.upper - stepper.geometry.lower)[1]
+    assert state.u[~layers, 0].sum() * volumes / (upper - lower) == pytest.approx(0.1, rel=0.02)
+    assert stepper.rate.porosity == pytest.approx(0.5) and stepper.rate.fraction == pytest.approx(1.0)
+    assert stepper.rate.drop(state) > 0
 
 
 def test_a_body_force_and_a_held_velocity_share_the_flow():
