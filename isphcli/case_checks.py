@@ -27,6 +27,7 @@ PARAMETERS = {
     "taylor_green_3d": ("speed",),
 }
 OF_A_FORCE = ("poiseuille", "startup_poiseuille", "two_layer_poiseuille")  # solutions that a given force makes
+FEWEST_STEPS = 10  # in which blocks may return to their volume: each brings back a tenth of what they are off
 MAX_SITES = 1e9  # of the lattice: far above what a machine holds, so the lengths must be mistaken
 
 
@@ -44,6 +45,7 @@ def check_case(case: Case, report: Report, places: dict[str, Where]) -> None:
         checks.shapes,
         checks.vectors,
         checks.particles,
+        checks.volume,
         checks.interface,
         checks.drive,
         checks.formulas,
@@ -217,6 +219,12 @@ class _Checks:
             return
         self.lattice()
         self._spacing_fits(self.case.particles.spacing, "particles.spacing")
+
+    def volume(self) -> None:
+        path = "particles.keep_volume"
+        if self.clear(path) and 0.0 < self.case.particles.keep_volume < FEWEST_STEPS:
+            message = f"{self.case.particles.keep_volume:g} steps would throw the particles about"
+            self.bad(path, message, f"take 100, at least {FEWEST_STEPS}, or 0 to leave it out")
 
     def lattice(self) -> None:
         assert self.dim

@@ -101,8 +101,7 @@ class ContactAngle:
         """Kernel average of the colour of the fluid nearest to points (m, dim)."""
         rows = np.flatnonzero(owner < len(colour))
         count = min(SAMPLES, len(rows))
-        tree = cKDTree(x[rows], compact_nodes=False, balanced_tree=False)  # queried once: cheap to build
-        distance, index = tree.query(points, k=count)
+        distance, index = cKDTree(x[rows]).query(points, k=count)
         distance, index = distance.reshape(len(points), count), index.reshape(len(points), count)
         # the nearest always counts, however far
         weight = np.maximum(1.0 - (distance / (1.5 * np.maximum(distance[:, :1], self.spacing))) ** 2, 0.0) ** 2

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from .geometry import build_geometry
 from .particles import sample_box
@@ -43,8 +45,8 @@ def _box_length(case, axis):
     return float(geometry.upper[axis] - geometry.lower[axis])
 
 
-AVERAGED = 100.0  # steps over which the flux of the shifts is averaged: from step to step it is noise
 STUCK = 1e-6  # of what free fluid would gain from a pressure gradient: less is no flow
+AVERAGED = 100.0  # steps over which the flux of the shifts is averaged: from step to step it is noise
 
 
 def held_axis(case):
@@ -79,8 +81,8 @@ class HeldVelocity:
 
     @property
     def speed(self):
-        """Mean speed of the fluid in the sample, m/s."""
-        return abs(self.wanted) / self.porosity
+        """Mean speed of the fluid in the sample, m/s; of that beside a sample without any."""
+        return abs(self.wanted) / (self.porosity or self.fraction)
 
     def drifted(self, state, shifts, dt):
         """Mean velocity of the shifts where U is taken, averaged over the last steps, m/s. state: step.State; shifts:
@@ -105,6 +107,22 @@ class HeldVelocity:
         return state.push * self.areal
 
 
+def leads_through(ops, x, row, axis):
+    """Whether particles that see each other lead all the way round a periodic axis. ops: Operators; x: (n_rows, dim)
+    table of positions; row: (n_pairs,) rows of the neighbours in it.
+
+    How far a gradient moves the fluid does not tell: before a wall across it, viscous layers leave a tenth of it.
+    """
+    n = len(ops.start) - 1
+    i, j = np.repeat(np.arange(n), np.diff(ops.start)), ops.column
+    # of two copies of the scene, a way over the seam leads to the other one
+    over = np.where(x[row, axis] != x[j, axis], n, 0)
+    ends = np.concatenate([i, i + n]), np.concatenate([j + over, j + n - over])
+    graph = coo_matrix((np.ones(2 * len(i), np.bool_), ends), shape=(2 * n, 2 * n))
+    copies = connected_components(graph, directed=False)[1].reshape(2, n)
+    return bool((copies[0] == copies[1]).any())
+
+
 def _outside(along, lower, upper):
     """Which coordinates (n,) lie outside of the sample; all of them where there is none."""
     return np.ones(len(along), np.bool_) if lower is None else (along < lower) | (along > upper)
@@ -120,10 +138,9 @@ def held_velocity(case, particles, reference, geometry):
     here = int(_outside(particles.x[: particles.n_fluid, axis], lower, upper).sum())
     volumes = particles.site_volume * length / float(np.prod(size))  # of a particle, over the cross section
     porosity = (particles.n_fluid - here) * volumes / (upper - lower)
-    if upper - lower < length:
-        fraction = here * volumes / (length - (upper - lower))
-    else:
-        lower, upper, fraction = None, None, porosity
+    fraction = 1.0  # clear layers are all fluid, whatever number of lattice layers falls into them
+    if not here:
+        lower, upper, fraction = None, None, particles.n_fluid * volumes / length
     (wanted,) = case.drive.superficial_velocity.values()
     two = len(np.unique(particles.phase)) > 1
     return HeldVelocity(axis, wanted, two, lower, upper, fraction, porosity, reference * float(length))

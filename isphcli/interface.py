@@ -48,7 +48,9 @@ def find_band(ops, x, row, colour, near, kind, support, spacing, ghosts=None, wa
     wanted: (n,) bool, particles whose normals are asked for, or None for all.
     """
     start, offset, seen, _, volume = ghost_arrays(ghosts, len(colour), x.shape[1])
-    reach, smooth, known = near, colour, None if wanted is None else dilate(ops.start, ops.column, wanted)
+    reach, smooth, known = near, colour, wanted
+    for _ in range(AVERAGES if wanted is not None else 0):
+        known = dilate(ops.start, ops.column, known)
     for _ in range(AVERAGES):
         reach = dilate(ops.start, ops.column, reach)
         smooth = average(ops.start, ops.column, row, x, ops.volume, kind, support, smooth,

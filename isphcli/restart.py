@@ -17,7 +17,7 @@ import numpy as np
 from .output import replacing
 
 NAME = "restart.npz"
-VERSION = 1
+VERSION = 2
 
 
 class RestartError(ValueError):
@@ -95,7 +95,7 @@ def _check_fits(path, state, like):
         here, there = (np.shape(f[name]) if name in f else None for f in (found, wanted))
         if here != there:
             what = f"{name} has the shape {here}, the case needs {there}"
-            if name == "push":
+            if name in ("drift", "push"):
                 what = "one of the file and the case holds a superficial velocity, the other does not"
             raise RestartError(f"{path}: {what}; restart with the case that wrote it")
 

@@ -110,7 +110,7 @@ def bounds(case, geometry, particles, u, force, rate):
 
 
 def kept_volume(case, geometry, x):
-    """KeptVolume of a case, or None. x: (n, dim) fluid particles on their lattice, m."""
+    """KeptVolume of a case, or None. x: (n, dim) fluid particles where they begin, m."""
     if not case.particles.keep_volume:
         return None
     from .volume import KeptVolume

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from . import linear
+from .drive import leads_through
 from .failure import STRONGER, RunError, StepError
 from .halo import build_halo, wrap
 from .neighbours import find_pairs
@@ -208,7 +209,9 @@ class Stepper:
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
         p, push, known = moved.p, state.push, history + config.terms.force
         system = self._div_grad(config)
-        expansion = self.volume.expansion(moved.x, dt) if self.volume is not None else 0.0
+        expansion = 0.0
+        if self.volume is not None:  # a step that is tried again with half its length is not to push twice as hard
+            expansion = self.volume.expansion(moved.x, max(dt, state.dt_old))
         # the first step finds the pressure of the start: it is taken again with what it found
         for _ in range(1 if state.dt_old else self.fluids.first_passes):
             driven = known if push is None else known + push * config.terms.along
@@ -216,7 +219,7 @@ class Stepper:
             if push is not None:
                 u, p, more = self._hold(config, system, u, p, g0 / dt, moved.drift)
                 push += more
-        self.divergences = total_divergence(config.ops, u) - expansion
+        self.divergences = total_divergence(config.ops, u)
         self.divergence = float(np.abs(self.divergences).max()) * dt
         return State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, push, moved.drift), config
 
@@ -261,7 +264,7 @@ class Stepper:
             self.tolerance = tolerance
         v = star - gradient_p(terms.ops, q) / rate
         more = self.rate.missing(config.x[: len(u)], u, v, rate, drift)
-        if more is None:
+        if more is None or not (self._now[0].dt_old or leads_through(ops, config.x, config.row, self.rate.axis)):
             raise RunError(f"no pressure drop moves the fluid along {'xyz'[self.rate.axis]}: no pore leads through the "
                            "scene, or its throats are closed at this spacing")
         return u + more * v, self._settled(config, p + more * (q - terms.bulk * div)), more

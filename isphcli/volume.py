@@ -16,17 +16,17 @@ more than what is to be taken out.
 
 import numpy as np
 
-SIDE = 6.0  # spacings: some 50 to 200 particles a block
+SIDE = 6  # spacings: some 50 to 200 particles a block
 LEAST = 0.02  # of the fullest block: to that, blocks in the rock with less fluid are not held as strictly
 
 
 class KeptVolume:
-    """geometry: Geometry; x: (n, dim) fluid particles on their lattice, m; spacing: m; steps: T over the step."""
+    """geometry: Geometry; x: (n, dim) fluid particles where they begin, m; spacing: m; steps: T over the step."""
 
     def __init__(self, geometry, x, spacing, steps):
         size = geometry.upper - geometry.lower
         self.lower, self.steps = geometry.lower, steps
-        self.blocks = np.maximum(np.round(size / (SIDE * spacing)), 1).astype(int)
+        self.blocks = np.array([_blocks(round(length / spacing)) for length in size])
         self.side = size / self.blocks
         self.nodes = np.where(geometry.periodic, self.blocks, self.blocks + 1)
         self.wanted = self._numbers(self._shares(x))
@@ -51,3 +51,10 @@ class KeptVolume:
             share = np.prod(np.where(corner, beyond, 1.0 - beyond), axis=1)
             found.append((share, np.ravel_multi_index(((first + corner) % self.nodes).T, self.nodes)))
         return found
+
+
+def _blocks(layers):
+    """Number of blocks along an axis of so many layers of particles, of a whole number of layers each if 5 to 8 will
+    do: numbers of others change when a lattice moves on."""
+    whole = [n for n in range(1, layers + 1) if layers % n == 0 and 5 <= layers // n <= 8]
+    return min(whole, key=lambda n: abs(layers // n - SIDE)) if whole else max(round(layers / SIDE), 1)

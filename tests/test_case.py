@@ -162,6 +162,7 @@ def test_overrides_make_blocks_replace_values_and_remove_them():
 @pytest.mark.parametrize(
     ("override", "message"),
     [
+        ("particles.keep_volume=0.5", "--set particles.keep_volume: 0.5 steps would throw the particles about"),
         ("particles.spacing=-1", "--set particles.spacing: must be above 0, found '-1'"),
         ("particles.spacin=1", "--set particles.spacin: unknown key; did you mean 'spacing'?"),
         ("particles={}", "--set particles: particles.spacing: missing"),

@@ -224,6 +224,9 @@ def test_a_file_of_another_case_is_refused(tmp_path):
     restart.save(tmp_path / "r.npz", saved())
     with pytest.raises(RestartError, match=r"has the shape \(20,.*needs \(10,"):
         restart.load(tmp_path / "r.npz", saved(10).state)
+    held = replace(saved().state, push=0.0, drift=0.0)
+    with pytest.raises(RestartError, match="one of the file and the case holds a superficial velocity"):
+        restart.load(tmp_path / "r.npz", held)
     with pytest.raises(RestartError, match="no restart file"):
         restart.load(tmp_path / "other.npz", saved().state)
 
