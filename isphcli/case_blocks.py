@@ -264,7 +264,7 @@ class Lattice:
     )
     keep_volume: float = key(
         "steps in which blocks of six spacings that have gained or lost particles return to the number that fits in, "
-        "for long runs through pores (100 suits; moving particles); 0 leaves it out",
+        "for long runs through pores (100 suits; moving particles; smooth flow is the worse for it); 0 leaves it out",
         default=0.0,
         at_least=0,
     )
