@@ -75,7 +75,7 @@ MUTATIONS = (
     Mutation("tension_factor", "factor", "nine tenths of the pressure jump of the interface",
              "surface_tension", "jump = tension * (", "jump = 0.9 * tension * (", TWO_FLUIDS),
     Mutation("curvature_sign", "sign", "normals turn the other way along the interface",
-             "surface_tension", "kappa[i] -= bend", "kappa[i] += bend", TWO_FLUIDS),
+             "surface_tension", "kappa[i] = -_divergence(", "kappa[i] = _divergence(", TWO_FLUIDS),
 )  # fmt: skip
 
 
