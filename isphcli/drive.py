@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from . import linear
 from .geometry import build_geometry
 from .particles import sample_box
 
@@ -66,15 +65,15 @@ class HeldVelocity:
     Their flux, averaged over AVERAGED steps, is then part of U. Of one fluid a shift is but a change of the points.
 
     axis: 0, 1 or 2; wanted: m/s; shifts: whether theirs are part of U; lower, upper: m along the axis, the sample,
-    outside of which U is taken, or None; fraction: of the place where U is taken that is fluid; porosity: of the
-    sample, or of the box; areal: density of the first fluid times the length of the box, kg/m2.
+    outside of which U is taken, inf and -inf for the whole box; fraction: of the place where U is taken that is fluid;
+    porosity: of the sample, or of the box; areal: density of the first fluid times the length of the box, kg/m2.
     """
 
     axis: int
     wanted: float
     shifts: bool
-    lower: float | None
-    upper: float | None
+    lower: float
+    upper: float
     fraction: float
     porosity: float
     areal: float
@@ -114,18 +113,16 @@ def leads_through(ops, x, row, axis):
     How far a gradient moves the fluid does not tell: before a wall across it, viscous layers leave a tenth of it.
     """
     n = len(ops.start) - 1
-    i, j = np.repeat(np.arange(n), np.diff(ops.start)), ops.column
     # of two copies of the scene, a way over the seam leads to the other one
-    over = np.where(x[row, axis] != x[j, axis], n, 0)
-    ends = np.concatenate([i, i + n]), np.concatenate([j + over, j + n - over])
-    graph = coo_matrix((np.ones(2 * len(i), np.bool_), ends), shape=(2 * n, 2 * n))
-    copies = connected_components(graph, directed=False)[1].reshape(2, n)
-    return bool((copies[0] == copies[1]).any())
+    over = np.where(x[row, axis] != x[ops.column, axis], n, 0).astype(ops.column.dtype)
+    start = np.concatenate([ops.start, ops.start[-1] + ops.start[1:]])
+    labels = linear.components(start, np.concatenate([ops.column + over, ops.column + n - over]))[1]
+    return bool((labels[:n] == labels[n:]).any())
 
 
 def _outside(along, lower, upper):
-    """Which coordinates (n,) lie outside of the sample; all of them where there is none."""
-    return np.ones(len(along), np.bool_) if lower is None else (along < lower) | (along > upper)
+    """Which coordinates (n,) lie outside of the sample."""
+    return (along < lower) | (along > upper)
 
 
 def held_velocity(case, particles, reference, geometry):
@@ -140,7 +137,7 @@ def held_velocity(case, particles, reference, geometry):
     porosity = (particles.n_fluid - here) * volumes / (upper - lower)
     fraction = 1.0  # clear layers are all fluid, whatever number of lattice layers falls into them
     if not here:
-        lower, upper, fraction = None, None, particles.n_fluid * volumes / length
+        lower, upper, fraction = np.inf, -np.inf, particles.n_fluid * volumes / length
     (wanted,) = case.drive.superficial_velocity.values()
     two = len(np.unique(particles.phase)) > 1
     return HeldVelocity(axis, wanted, two, lower, upper, fraction, porosity, reference * float(length))

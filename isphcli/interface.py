@@ -48,15 +48,16 @@ def find_band(ops, x, row, colour, near, kind, support, spacing, ghosts=None, wa
     wanted: (n,) bool, particles whose normals are asked for, or None for all.
     """
     start, offset, seen, _, volume = ghost_arrays(ghosts, len(colour), x.shape[1])
+    if wanted is None:
+        wanted = np.ones(len(colour), np.bool_)
     reach, smooth, known = near, colour, wanted
-    for _ in range(AVERAGES if wanted is not None else 0):
+    for _ in range(AVERAGES):
         known = dilate(ops.start, ops.column, known)
     for _ in range(AVERAGES):
         reach = dilate(ops.start, ops.column, reach)
-        smooth = average(ops.start, ops.column, row, x, ops.volume, kind, support, smooth,
-                         reach if known is None else reach & known, start, offset, seen, volume)
-    if wanted is not None:
-        reach = reach & wanted
+        smooth = average(ops.start, ops.column, row, x, ops.volume, kind, support, smooth, reach & known,
+                         start, offset, seen, volume)
+    reach = reach & wanted
     normal, strength = _normals(ops.start, ops.column, ops.grad_p, smooth, reach, FAINT / spacing)
     if ghosts is not None:
         _normals_with_ghosts(ops.start, ops.column, row, x, ops.volume, kind, support, smooth, reach, FAINT / spacing,
@@ -278,12 +279,12 @@ def _depths(start, column, row, x, colour, point, weight, near, kind, support, d
     The plane goes through the mean of the crossings; its normal is the direction in which they spread least. Where
     they spread in all directions alike, as for a bubble of some particles, it is that from the one fluid to the other.
     """
-    n, last = len(start) - 1, dim - 1
+    n = len(start) - 1
     depth = np.full(n, np.nan)
     for i in prange(n):
         if near[i]:
             # moments in scalars: small arrays take twice as long
-            total, a, b, c = weight[i], point[i, 0], point[i, 1], point[i, last] if dim == 3 else 0.0
+            total, a, b, c = weight[i], point[i, 0], point[i, 1], point[i, 2] if dim == 3 else 0.0
             x0, y0, z0 = total * a, total * b, total * c
             xx, yy, zz, yz, xz, xy = x0 * a, y0 * b, z0 * c, y0 * c, x0 * c, x0 * b
             across_x, across_y, across_z, dz = 0.0, 0.0, 0.0, 0.0
@@ -294,14 +295,14 @@ def _depths(start, column, row, x, colour, point, weight, near, kind, support, d
                     continue
                 dx, dy = x[q, 0] - x[i, 0], x[q, 1] - x[i, 1]
                 if dim == 3:
-                    dz = x[q, last] - x[i, last]
+                    dz = x[q, 2] - x[i, 2]
                 w = shape(kind, math.sqrt(dx * dx + dy * dy + dz * dz) / support)
                 across_x += w * unlike * dx
                 across_y += w * unlike * dy
                 across_z += w * unlike * dz
                 w *= weight[j]
                 a, b = dx + point[j, 0], dy + point[j, 1]
-                c = dz + point[j, last] if dim == 3 else 0.0
+                c = dz + point[j, 2] if dim == 3 else 0.0
                 wa, wb, wc = w * a, w * b, w * c
                 total, x0, y0, z0 = total + w, x0 + wa, y0 + wb, z0 + wc
                 xx, yy, zz, yz, xz, xy = xx + wa * a, yy + wb * b, zz + wc * c, yz + wb * c, xz + wa * c, xy + wa * b

@@ -212,8 +212,11 @@ class Stepper:
         expansion = 0.0
         if self.volume is not None:  # a step that is tried again with half its length is not to push twice as hard
             expansion = self.volume.expansion(moved.x, max(dt, state.dt_old))
+        first = not state.dt_old
+        if push is not None and first and not leads_through(config.ops, config.x, config.row, self.rate.axis):
+            self._nothing_flows()
         # the first step finds the pressure of the start: it is taken again with what it found
-        for _ in range(1 if state.dt_old else self.fluids.first_passes):
+        for _ in range(self.fluids.first_passes if first else 1):
             driven = known if push is None else known + push * config.terms.along
             u, p = self._project(config, system, moved.u, driven, p, g0 / dt, expansion)
             if push is not None:
@@ -264,10 +267,13 @@ class Stepper:
             self.tolerance = tolerance
         v = star - gradient_p(terms.ops, q) / rate
         more = self.rate.missing(config.x[: len(u)], u, v, rate, drift)
-        if more is None or not (self._now[0].dt_old or leads_through(ops, config.x, config.row, self.rate.axis)):
-            raise RunError(f"no pressure drop moves the fluid along {'xyz'[self.rate.axis]}: no pore leads through the "
-                           "scene, or its throats are closed at this spacing")
+        if more is None:
+            self._nothing_flows()
         return u + more * v, self._settled(config, p + more * (q - terms.bulk * div)), more
+
+    def _nothing_flows(self):
+        raise RunError(f"no pressure drop moves the fluid along {'xyz'[self.rate.axis]}: no pore leads through the "
+                       "scene, or its throats are closed at this spacing")
 
     def _helmholtz(self, config, shift_, right, guess):
         """(g0 / dt - nu lap) u* = right, one matrix for all components unless slip or a transposed stress couple
