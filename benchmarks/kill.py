@@ -59,7 +59,8 @@ def child(path, out, resume):
         from isphcli.run import run_case
 
         try:
-            run_case(load_case(path, [f"output.directory={out}"]), quiet=True, resume=out if resume else None)
+            run_case(load_case(path, [f"output.directory={out}"]), quiet=True, resume=out if resume else None,
+                     overwrite=not resume)
             code = QUIET_END
         except RestartError as error:
             print(f"\n{error}", file=sys.stderr)

@@ -157,19 +157,23 @@ quiet_option = click.option("--quiet", is_flag=True, help="No progress display; 
     "--restart", type=click.Path(path_type=Path, exists=True, file_okay=False), metavar="DIR",
     help="Go on from DIR/restart.npz with the case in DIR; --set time.end=... runs it longer.",
 )  # fmt: skip
+@click.option(
+    "--overwrite", is_flag=True,
+    help="Replace the results that the output directory holds: those files that its manifest.json names.",
+)  # fmt: skip
 @threads_option
 @set_option
 @quiet_option
 @guarded
 def run(
-    case_file: Path | None, out: Path | None, restart: Path | None, threads: int | None,
+    case_file: Path | None, out: Path | None, restart: Path | None, overwrite: bool, threads: int | None,
     overrides: tuple[str, ...], quiet: bool,
 ) -> None:  # fmt: skip
     """Run a case.
 
     Prints permeability in m2 and millidarcy, the error against the case's reference and where the time went;
-    leaves snapshots, history, summary and pictures in the output directory (docs/output.md). What an earlier
-    run left there is replaced.
+    leaves snapshots, history, summary and pictures in the output directory (docs/output.md). A directory that
+    holds results is refused unless --restart or --overwrite is given.
 
     \b
     isph run beadpack.yaml
@@ -178,6 +182,8 @@ def run(
     """
     if (case_file is None) == (restart is None):
         raise click.UsageError("give a CASE, or --restart DIR")
+    if overwrite and restart is not None and (out is None or out.resolve() == restart.resolve()):
+        raise click.UsageError("--restart goes on with the files in DIR, --overwrite replaces them: give one of them")
     set_threads(threads)
     case = load(case_file or restart / "case.yaml", overrides, out or restart)  # type: ignore[operator]
     check_directory(directory_of(case))
@@ -185,11 +191,10 @@ def run(
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: with a restart file
     try:
-        summary = run_case(case, quiet=quiet, resume=restart)
+        summary = run_case(case, quiet=quiet, resume=restart, overwrite=overwrite)
     except KeyboardInterrupt as interrupt:
-        # a steady solve has no restart file: one that lies there is of another run
-        found = sorted(directory_of(case).glob("restart.*")) if case.flow != "stokes" else []
-        interrupt.restart = getattr(interrupt, "restart", None) or next(iter(found), None)  # type: ignore[attr-defined]
+        if restart is not None and getattr(interrupt, "restart", None) is None:  # before it wrote one itself
+            interrupt.restart = restart / "restart.npz"  # type: ignore[attr-defined]
         raise
     click.echo(closing_lines(case, summary))
 
@@ -510,6 +515,7 @@ def pairs(text: str, between: str) -> tuple[tuple[int, int], ...]:
 @click.option("--voxel-size", callback=parser(numbers, "5e-6 or 5e-6,5e-6,1e-5"), metavar="M",
               help="Edge of a voxel of IN, m; one number or x,y,z.")  # fmt: skip
 @click.option("--array", metavar="NAME", help="Which array of an npz that holds several.")
+@click.option("--force", is_flag=True, help="Replace OUT (and the raw file of an mhd) where it exists; never IN.")
 @guarded
 def convert_voxels(
     source: Path,
@@ -522,6 +528,7 @@ def convert_voxels(
     downsample: int,
     voxel_size: tuple[float, ...] | None,
     array: str | None,
+    force: bool,
 ) -> None:
     """Convert an image of rock (npy, npz, mhd with raw, mha) and say what it holds.
 
@@ -537,7 +544,7 @@ def convert_voxels(
     set_threads(None)
     from .voxels import convert
 
-    report = convert(source, target, threshold, invert, crop, labels, solid, downsample, voxel_size, array)
+    report = convert(source, target, threshold, invert, crop, labels, solid, downsample, voxel_size, array, force)
     click.echo(image_lines(report))
 
 

@@ -12,9 +12,7 @@ import csv
 import json
 import math
 import os
-import re
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -23,22 +21,17 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from . import folder
+from .folder import TEMPORARY as TEMPORARY  # of the names of unfinished files
+
 SNAPSHOTS = "snapshots"
 FLUSH_EVERY = 8
-TEMPORARY = ".isph-"  # how the names of unfinished files begin
 INTEGER_FIELDS = ("phase", "kind", "component")
 LIBRARIES = ("isphcli", "numpy", "scipy", "numba", "pyamg", "meshio", "matplotlib", "pyyaml", "click", "rich")
 
-# What `prepare_directory` takes for the files of an earlier run (beside snapshots and their .pvd). The
-# effective case.yaml is not among them: someone may run `isph run case.yaml` with `directory: .`
-OWN_FILES = ("history.csv", "summary.json", "run.log", "worst.vtu", "restart.*") + tuple(
-    f"{name}*.png" for name in ("slice", "phases", "histories", "profile", "render")
-)
-_SNAPSHOT = re.compile(r"(?P<name>.+)_(?P<step>\d{6,})\.vtu")
-
 # The order of keys in summary.json; keys not named here follow in the order in which they came.
 SUMMARY_KEYS = (
-    "title", "status", "message", "dimension", "particles", "porosity", "terms", "steps", "time",
+    "title", "status", "message", "restarts", "dimension", "particles", "porosity", "terms", "steps", "time",
     "permeability", "permeability_error", "permeability_tensor", "superficial_velocity", "mean_velocity",
     "pressure_drop",
     "two_fluids", "mass_error", "max_divergence", "iterations", "errors", "cpu_seconds", "wall_seconds",
@@ -57,60 +50,18 @@ class NotFiniteError(ValueError):
 def replacing(path: str | os.PathLike) -> Iterator[Path]:
     """Yield a temporary path beside `path`; move it there if the block succeeds, remove it if not.
 
-    The bytes are on the disk before the name is: not even a power cut leaves half a file under it.
+    The bytes are on the disk before the name is: not even a power cut leaves half a file under it. Raises
+    folder.FolderError where a file of others in a folder that is held would be overwritten.
     """
-    path = Path(path)
-    handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{path.stem}.", suffix=path.suffix, dir=path.parent)
-    os.close(handle)
-    try:
-        yield Path(name)
-        os.chmod(name, 0o666 & ~_umask())
-        with open(name, "rb+") as file:
-            os.fsync(file.fileno())
-        os.replace(name, path)
-    except BaseException:
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(name)
-        raise
+    folder.name(path)
+    with folder.whole(Path(path)) as temporary:
+        yield temporary
 
 
 def write_text(path: str | os.PathLike, text: str) -> None:
     """Write `text` (UTF-8) to `path`, whole or not at all."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="")
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-def prepare_directory(path: str | os.PathLike, resume: bool = False) -> Path:
-    """Make the output directory; remove what an earlier run left in it, keep every other file.
-
-    `resume` keeps the earlier run's files too (a run that goes on from its restart file), but for unfinished ones.
-    Raises NotADirectoryError where `path` is a file.
-    """
-    path = Path(path)
-    if path.exists() and not path.is_dir():
-        raise NotADirectoryError(f"{path}: is a file; the output directory cannot be made there")
-    snapshots = path / SNAPSHOTS
-    snapshots.mkdir(parents=True, exist_ok=True)
-    for folder in (path, snapshots):  # of a run that was killed as it wrote
-        for file in folder.glob(f"{TEMPORARY}*"):
-            file.unlink()
-    if resume:
-        return path
-    for file in snapshots.iterdir():
-        if match := _SNAPSHOT.fullmatch(file.name):
-            file.unlink()
-            (path / f"{match['name']}.pvd").unlink(missing_ok=True)
-    for pattern in OWN_FILES:
-        for file in path.glob(pattern):
-            if file.is_file():
-                file.unlink()
-    return path
 
 
 def require_finite(name: str, values: Any) -> np.ndarray:
@@ -285,6 +236,7 @@ class History:
             raise KeyError(f"{self.path.name}: no column {', '.join(unknown)} in its first row")
         cells = [self._cell(key, row.get(key)) for key in self.columns]
         if self._file is None:
+            folder.name(self.path)
             self._file = open(self.path, "w", newline="", encoding="utf-8")
             csv.writer(self._file).writerow(self.columns)
         csv.writer(self._file).writerow(cells)

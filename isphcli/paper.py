@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from . import folder as folders
 from . import output
 from .case import Case, CaseError, load_case
 from .report import items, origin, table
@@ -94,7 +95,9 @@ def run(name: str, folder: Path, *overrides: str) -> dict[str, Any]:
 
     case = case_of(name, folder, *overrides)
     try:
-        return run_case(case, quiet=True)
+        return run_case(case, quiet=True, overwrite=folders.ours(folder))
+    except folders.FolderError:
+        raise
     except (CaseError, RuntimeError, ValueError) as error:
         raise NotRun(f"{type(error).__name__}: {error}") from None
 
@@ -497,7 +500,12 @@ def reproduce(
     """
     out = Path("out", "paper") if out is None else out
     budget = BUDGET if budget is None else budget
-    out.mkdir(parents=True, exist_ok=True)
+    with folders.Folder(out, ("report.md", "report.json"), keep=True):
+        return _reproduce(out, budget, say, figures)
+
+
+def _reproduce(out: Path, budget: float, say: Callable[[str], None], figures: Sequence[Figure]) -> tuple[str, bool]:
+    folders.prepare(out)
     start, records = time.process_time(), []
     for figure in figures:
         folder, begin = out / figure.name, time.process_time()

@@ -1,6 +1,7 @@
 """A case from its file to its results: the one place that chooses which terms a scene has."""
 
 import importlib
+import sys
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -8,21 +9,45 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from . import output, progress, restart
+from . import folder, output, progress, restart
 from .case import CaseError, Problem, dump_case
 from .drive import darcy, drives, held_axis, sample_box, walls_move
 from .geometry import build_geometry
 from .linear import SolveError
 
 
-def run_case(case, quiet=False, resume=None):
+def run_case(case, quiet=False, resume=None, overwrite=False):
     """Runs a case and leaves its files (docs/output.md) in case.output.directory. Returns the summary (dict).
 
     resume: directory whose restart.npz a run of moving particles goes on from.
+    overwrite: replace results that the directory holds, those files that its manifest names.
 
-    Raises ValueError (CaseError, VoxelError, ShapeError, ParticleError, NoFlowError) for a case that cannot run,
-    before anything is written; SolveError, StepError or RunError for one that had to stop.
+    Raises ValueError (CaseError, VoxelError, ShapeError, ParticleError, NoFlowError, FolderError, RestartError) for a
+    case that cannot run, before anything is written; SolveError, StepError or RunError for one that had to stop.
     """
+    directory = Path(case.output.directory)
+    if resume is not None:
+        if case.flow == "stokes":
+            raise CaseError((Problem(str(case.path), None, "flow", "a steady solve has nothing to go on from",
+                                     "run it without --restart"),))
+        restart.require(Path(resume) / restart.NAME)
+    goes_on = resume is not None and Path(resume).resolve() == directory.resolve()
+    with folder.Folder(directory, _files(case), str(case.path) if case.path else None, goes_on, overwrite):
+        return _run(case, quiet, resume)
+
+
+def _files(case):
+    """Patterns of all files that a run of the case may write, relative to its directory."""
+    moving = case.flow != "stokes"
+    names = ["case.yaml", "history.csv", "summary.json", "worst.vtu", *[restart.NAME] * moving]
+    if case.output.snapshots:
+        names += ["particles.pvd", f"{output.SNAPSHOTS}/particles_[0-9]*.vtu"]
+    if case.output.plots:
+        names += ["slice.png", *["phases.png", "histories.png"] * moving]
+    return names
+
+
+def _run(case, quiet, resume):
     clock = output.Clock()
     with clock("compile"), _compile_listener(clock):  # imports of what the flow needs, and nothing else
         run = _run_stokes if case.flow == "stokes" else _run_navier_stokes
@@ -56,14 +81,11 @@ def _compile_listener(clock):
 
 
 def _run_stokes(case, solver, clock, quiet, resume):
-    if resume is not None:
-        raise CaseError((Problem(str(case.path), None, "flow", "a steady solve has nothing to go on from",
-                                 "run it without --restart"),))
     axes, flows, scene, history = _solve_stokes(case, solver, clock, quiet)
     summary, result = _sum_up_stokes(case, solver, axes, flows, scene, history)
     del scene  # hierarchies of large scenes leave no room for the files
     main = flows[axes[0][0], min((case.particles.spacing, *case.refine))]
-    directory = output.prepare_directory(case.output.directory)
+    directory = folder.prepare(case.output.directory)
     with clock("output"), progress.stage("files and pictures", quiet):
         series = _series(case, directory)
         if series is not None:
@@ -117,7 +139,7 @@ def _worst_of(case, scene, error):
     """Path of the particles with the largest residuals of a steady solve that failed."""
     from .failure import NAME, write_worst
 
-    directory = output.prepare_directory(case.output.directory)
+    directory = folder.prepare(case.output.directory)
     return write_worst(directory / NAME, scene.particles.x[: scene.particles.n_fluid], error.badness)
 
 
@@ -223,18 +245,19 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
         from .measures import of_case
 
         march.measure = measures = of_case(case, geometry, particles, stepper.fluids)
-    since, last_step = None, None
+    since, last_step, record = None, None, restart.record_of(case)
     if resume is not None:
-        saved = restart.load(Path(resume) / restart.NAME, state)
+        saved = restart.load(Path(resume) / restart.NAME, state, record)
         state, march.energies = saved.state, list(saved.energies)
+        record = _gone_on(case, Path(resume) / restart.NAME, saved, record, quiet)
         if Path(resume).resolve() == case.output.directory.resolve():  # elsewhere its files begin anew
             since, last_step = state.time, state.step
     with progress.stage("neighbours and operators", quiet):
         config = stepper.configure(state.x)
         if resume is not None:
             stepper.take_up(saved.origins)
-    directory = output.prepare_directory(case.output.directory, resume=last_step is not None)
-    output.write_text(directory / "case.yaml", dump_case(case))
+    directory = folder.prepare(case.output.directory)
+    _write_case(directory, case, record["changes"])
     series = _series(case, directory, since)
     history, restart_file = [], directory / restart.NAME
 
@@ -265,7 +288,7 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
             def save():
                 if march.last is not None:
                     file.sync()  # a restart finds every row and every snapshot up to its step
-                    restart.save(restart_file, march.last)
+                    restart.save(restart_file, march.last, record)
 
             def show(state, dt, limit):
                 if case.output.restart_every and state.step % case.output.restart_every == 0:
@@ -290,10 +313,39 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
                 stop.worst = failure.write_worst(directory / failure.NAME, last.x, stop.badness, velocity=last.u,
                                                  pressure=last.p)
         raise
-    return _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history, measures)
+    try:
+        return _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history,
+                             measures, record)
+    except KeyboardInterrupt as stop:
+        stop.restart = restart_file
+        raise
 
 
-def _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history, measures):
+def _gone_on(case, path, saved, record, quiet):
+    """The record of a case that goes on from a restart file; what it changes is said. Raises RestartError."""
+    state, before = saved.state, len(saved.record["changes"])
+    record = restart.go_on(path, saved, record, case.time)
+    said = [f"changed from {line}" for line in restart.sentences(record)[before:]]
+    if case.time.end is not None and state.time >= case.time.end * (1.0 - 1e-12):
+        said.append(f"the run has reached its end, time {state.time:g}: no step is left (--set time.end=... runs it "
+                    "longer)")
+    elif state.step >= case.time.max_steps:
+        said.append(f"the run has made time.max_steps = {case.time.max_steps} steps: no step is left")
+    for line in () if quiet else said:
+        print(f"restart: {line}", file=sys.stderr, flush=True)
+    return record
+
+
+def _write_case(directory, case, changes):
+    """case.yaml: the effective case, behind the values that restarts have changed."""
+    lines = restart.sentences({"changes": changes})
+    head = ["# Changed by restarts, from the step on that is named (docs/output.md):", *(f"# {line}" for line in lines)]
+    text = "".join(f"{line}\n" for line in head) if lines else ""
+    output.write_text(directory / "case.yaml", text + dump_case(case))
+
+
+def _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history, measures,
+                  record):
     force = stepper.fluids.force
     two = measures is not None
     gravity = np.linalg.norm(force)
@@ -319,6 +371,7 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
     summary = {
         "status": march.outcome,
         "message": "; ".join(filter(None, messages)) or None,
+        "restarts": record["changes"],
         "particles": _counts(particles, config.halo),
         "porosity": _porosity(geometry, particles),
         "terms": _terms(case, geometry, gravity > 0.0) + (_terms_of_two(stepper.fluids) if two else []),
@@ -372,7 +425,7 @@ def _finish(case, directory, summary, result, clock):
     import numba
 
     effective = replace(case, output=replace(case.output, directory=directory))
-    output.write_text(directory / "case.yaml", dump_case(effective))
+    _write_case(directory, effective, summary.get("restarts", ()))
     summary = {
         "title": case.title,
         **{k: summary[k] for k in ("status", "message")},

@@ -21,12 +21,14 @@ from typing import Any
 
 import numpy as np
 
+from . import folder as folders
 from . import output
 from .case import Case, load_case
 from .compare import COMPARISONS
 from .peers import Peer, peers_of
 from .report import items, origin, table
 
+REPORTS = ("validation.*", "work_precision.png")
 LEVELS = 3
 BUDGET = 60.0  # s, of a ladder where none is asked for; the case's own spacing is then run in any case
 GROWTH = 1.1  # exponent of the particles in the time of a step, to predict that of the next level
@@ -132,10 +134,20 @@ def validate_cases(
     say = say or _print
     out = Path("out", "validate") if out is None else out
     plans = [_ladders(case, vary, overrides) for case in cases]
-    folders = _folders(cases, out)
-    for ladders, folder in zip(plans, folders):
-        folder.mkdir(parents=True, exist_ok=True)
-        estimate = (estimates or {}).get(ladders[0].case.path)
+    places = _folders(cases, out)
+    with contextlib.ExitStack() as held:  # files of others are found before anything is run
+        for folder in [*places, *[out] * (len(cases) > 1)]:
+            held.enter_context(folders.Folder(folder, REPORTS, keep=True))
+        return _run_ladders(plans, places, out, levels, budget, quiet, estimates or {}, say)
+
+
+def _run_ladders(
+    plans: Sequence[list[Ladder]], places: Sequence[Path], out: Path, levels: int | None, budget: float | None,
+    quiet: bool, estimates: Mapping[Path | None, float | None], say: Say,
+) -> tuple[str, bool]:  # fmt: skip
+    for ladders, folder in zip(plans, places):
+        folders.prepare(folder)
+        estimate = estimates.get(ladders[0].case.path)
         say(f"{ladders[0].case.title or folder.name}: {_kind(ladders[0].case)}")
         for ladder in ladders:
             try:
@@ -145,8 +157,8 @@ def validate_cases(
         say("")
     everything = [ladder for ladders in plans for ladder in ladders]
     page = closing_page(everything)
-    files = [str(folder / "validation.md") for folder in folders]
-    if len(cases) > 1:
+    files = [str(folder / "validation.md") for folder in places]
+    if len(plans) > 1:
         _write_page(out, everything, page)
         files.append(str(out / "validation.md"))
     return page + "\n" + "\n".join(files), all(verdict(ladder).passed for ladder in everything)
@@ -324,7 +336,10 @@ def _run(case: Case, number: int, spacing: float, directory: Path, quiet: bool) 
     _forget_peak()
     clock = time.process_time()
     try:
-        summary = run_case(replace(case, particles=particles, refine=(), output=files), quiet=quiet)
+        asked = replace(case, particles=particles, refine=(), output=files)
+        summary = run_case(asked, quiet=quiet, overwrite=folders.ours(directory))
+    except folders.FolderError:  # the whole command is told, as it would be of its own files
+        raise
     except (ValueError, RuntimeError, ArithmeticError, MemoryError) as error:  # a full disk ends the command
         level.status = f"{type(error).__name__}: {error}"
         return level
@@ -464,7 +479,7 @@ def write_results(folder: Path, ladders: Sequence[Ladder]) -> None:
     if drawn:
         draw(folder / "work_precision.png", ladders, [peer for peer, why in peers if not why])
     else:
-        (folder / "work_precision.png").unlink(missing_ok=True)
+        folders.remove(folder / "work_precision.png")
     output.write_summary(folder / "validation.json", _record(ladders, peers, head))
     output.write_text(folder / "validation.csv", _csv(ladders))
     output.write_text(folder / "validation.md", _markdown(ladders, peers, head, drawn))

@@ -17,6 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from .geometry import report
+from .output import replacing
 
 MAX_HEADER = 65536  # bytes of a MetaImage header
 MAX_DEFLATE = 1032  # greatest compression of deflate
@@ -71,7 +72,10 @@ def read_image(path: str | Path, array: str | None = None, grey: bool = False) -
 
 
 def write_image(path: str | Path, values: np.ndarray, spacing: Sequence[float] | None = None) -> None:
-    """Write an npy, npz, mhd (with a raw file) or mha file; spacing (x, y(, z)) is kept, but not by npy."""
+    """Write an npy, npz, mhd (with a raw file) or mha file; spacing (x, y(, z)) is kept, but not by npy.
+
+    Each file appears whole or not at all, the raw file before the mhd that names it. What is there is replaced.
+    """
     path, values = Path(path), np.ascontiguousarray(values)
     suffix = path.suffix.lower()
     if values.dtype == bool:
@@ -80,10 +84,12 @@ def write_image(path: str | Path, values: np.ndarray, spacing: Sequence[float] |
         raise VoxelError(f"{path}: '{path.suffix}' images are not written; give npy, npz, mhd or mha")
     try:
         if suffix == ".npy":
-            np.save(path, values, allow_pickle=False)
+            with replacing(path) as temporary, open(temporary, "wb") as file:
+                np.save(file, values, allow_pickle=False)
         elif suffix == ".npz":
             extra: dict[str, Any] = {} if spacing is None else {SPACING: np.asarray(spacing, dtype=float)}
-            np.savez_compressed(path, image=values, **extra)
+            with replacing(path) as temporary, open(temporary, "wb") as file:
+                np.savez_compressed(file, image=values, **extra)
         else:
             _write_meta(path, values, spacing)
     except OSError as error:
@@ -148,6 +154,7 @@ def convert(
     downsample: int = 1,
     voxel_size: float | Sequence[float] | None = None,
     array: str | None = None,
+    force: bool = False,
 ) -> dict[str, Any]:
     """Read, crop, threshold, relabel, coarsen and write an image; returns what it holds.
 
@@ -155,9 +162,15 @@ def convert(
     invert turns that round. labels: {old value: new value}. solid: values that are solid afterwards.
     downsample: edge of the blocks that become one voxel, solid if more than half is, then the most frequent
     value; incomplete blocks at the upper ends are cut off. voxel_size: m, of the source image, where its file
-    has none or a wrong one.
+    has none or a wrong one. force: replace the target (an mhd: its raw file too) where it exists.
+
+    Raises VoxelError; nothing was written then. The source is never written over.
     """
+    if Path(source).exists():
+        _refuse_input(source, None, target)
+    _refuse_existing(target, force)
     image = read_image(source, array, grey=threshold is not None)
+    _refuse_input(source, image.info.get("ElementDataFile"), target)
     values = crop(image.values, crop_to, source)
     if threshold is not None:
         values = ((values >= threshold) != invert).astype(np.uint8)
@@ -491,6 +504,29 @@ def _write_meta(path: Path, values: np.ndarray, spacing: Sequence[float] | None)
     }
     header = "".join(f"{key} = {value}\n" for key, value in lines.items()).encode()
     data = values.astype(values.dtype.newbyteorder("<"), copy=False).tobytes()
-    path.write_bytes(header + data if local else header)
     if not local:
-        raw.write_bytes(data)
+        with replacing(raw) as temporary:
+            temporary.write_bytes(data)
+    with replacing(path) as temporary:
+        temporary.write_bytes(header + data if local else header)
+
+
+def written_files(path: str | Path) -> list[Path]:
+    """The files that `write_image` writes for a path: itself and, for an mhd, the raw file beside it."""
+    path = Path(path)
+    return [path, path.with_suffix(".raw")] if path.suffix.lower() == ".mhd" else [path]
+
+
+def _refuse_existing(target: str | Path, force: bool) -> None:
+    for path in written_files(target):
+        if os.path.lexists(path) and not force:
+            raise VoxelError(f"{path}: exists; choose another name, or replace it with --force")
+
+
+def _refuse_input(source: str | Path, data_file: str | None, target: str | Path) -> None:
+    """No image is replaced by what is made of it, under whatever name; data_file: of an mhd, beside it."""
+    source = Path(source)
+    read = [source] if data_file in (None, "LOCAL") else [source, source.parent / str(data_file)]
+    for path in written_files(target):
+        if any(path.exists() and path.samefile(given) for given in read):
+            raise VoxelError(f"{path}: is read from, and cannot be written over; choose another name")

@@ -69,7 +69,7 @@ TWO_FLUIDS = {f"square_drop_{k}" for k in (1, 2, 3, 4)} | {
 
 def run(name, directory, *overrides):
     options = (*overrides, *QUIET, f"output.directory={directory}")
-    return run_case(load_case(CASES / f"{name}.yaml", options), quiet=True)
+    return run_case(load_case(CASES / f"{name}.yaml", options), quiet=True, overwrite=True)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)

@@ -50,7 +50,7 @@ def fake_run(monkeypatch, outcome):
     """`isphcli.run` whose `run_case` raises `outcome` or returns it; returns the list of its calls."""
     calls = []
 
-    def run_case(case, quiet=False, resume=None):
+    def run_case(case, quiet=False, resume=None, overwrite=False):
         calls.append((case, quiet))
         if isinstance(outcome, BaseException):
             raise outcome
@@ -176,13 +176,19 @@ def test_a_failed_solve_and_its_restart_file(monkeypatch):
 
 
 def test_an_interrupted_run_says_where_its_restart_file_is(monkeypatch, folder):
+    """One that lies in the folder and was not written by the run, nor read by it, is of another run."""
     (folder / "out/case").mkdir(parents=True)
     (folder / "out/case/restart.npz").touch()
-    fake_run(monkeypatch, KeyboardInterrupt())
     moving = ("--set", "flow=navier_stokes", "--set", "drive={body_force: [1, 0]}", "--set", "time={end: 1}")
-    assert "out/case/restart.npz" in isph("run", "case.yaml", *moving).stderr
     fake_run(monkeypatch, KeyboardInterrupt())
-    assert "restart" not in isph("run", "case.yaml").stderr  # a steady solve has none: it is of another run
+    assert "restart" not in isph("run", "case.yaml", *moving).stderr
+    (folder / "case.yaml").rename(folder / "out/case/case.yaml")
+    fake_run(monkeypatch, KeyboardInterrupt())
+    assert "out/case/restart.npz" in isph("run", "--restart", "out/case", *moving).stderr
+    stop = KeyboardInterrupt()
+    stop.restart = "out/other/restart.npz"
+    fake_run(monkeypatch, stop)
+    assert "out/other/restart.npz" in isph("run", "--restart", "out/case", "--out", "out/other", *moving).stderr
 
 
 def test_debug_raises(monkeypatch):

@@ -182,29 +182,6 @@ def test_peak_memory_and_versions():
     assert found["numpy"] == np.__version__ and "isphcli" in found
 
 
-def test_prepare_directory_keeps_what_is_not_ours(tmp_path):
-    x = np.zeros((1, 2))
-    output.Series(tmp_path, "old").write(3, 0.0, x, {})
-    for name in (
-        "history.csv",
-        "summary.json",
-        "restart.npz",
-        "slice.png",
-        "notes.txt",
-        "case.yaml",
-        "mine.pvd",
-    ):
-        (tmp_path / name).write_text("")
-    (tmp_path / "snapshots" / "mine.vtu").write_text("")
-    output.prepare_directory(tmp_path, resume=True)
-    assert (tmp_path / "old.pvd").exists()
-    output.prepare_directory(tmp_path)
-    left = sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file())
-    assert left == ["case.yaml", "mine.pvd", "notes.txt", "snapshots/mine.vtu"]
-    with pytest.raises(NotADirectoryError):
-        output.prepare_directory(tmp_path / "notes.txt")
-
-
 # -- progress --------------------------------------------------------------------------------------------
 
 

@@ -1,6 +1,7 @@
 """Restart: a run in pieces leaves what a run in one piece leaves, bit for bit; damaged files are named and refused."""
 
 import errno
+import json
 import os
 import re
 import resource
@@ -170,6 +171,132 @@ def test_a_run_goes_on_in_another_directory(tmp_path):
     run_case(load(tmp_path, VORTEX, "b", "time.end=0.13"), quiet=True, resume=tmp_path / "a")
     assert left_by(tmp_path / "a") == before
     assert output.read_history(tmp_path / "b" / "history.csv")[0]["time"] > 0.1
+
+
+def refuses_to_go_on(case, resume, *words):
+    """Exit code 2's error with these words, and not a byte of the folder is another."""
+    before = {path: path.read_bytes() for path in resume.rglob("*") if path.is_file()}
+    with pytest.raises(RestartError) as caught:
+        run_case(case, quiet=True, resume=resume)
+    assert [word for word in words if word not in str(caught.value)] == []
+    assert {path: path.read_bytes() for path in resume.rglob("*") if path.is_file()} == before
+
+
+SHAPES = "shapes: [{spheres: {file: beads.csv, radius: 0.2}, is: solid}], "
+
+
+@pytest.mark.parametrize("change, said", [
+    ("geometry.box=[1, 2]", "geometry.box [1.0, 1.0] -> [1.0, 2.0]"),
+    ("geometry.shapes.0.spheres.radius=0.21", "geometry.shapes[0].spheres.radius 0.2 -> 0.21"),
+    ("geometry.periodic=[x]", 'geometry.periodic ["x", "y"] -> ["x"]'),
+    ("particles.spacing=0.0626", "particles.spacing 0.0625 -> 0.0626"),
+    ("particles.jitter=0.2", "particles.jitter 0.1 -> 0.2"),
+    ("initial.velocity=['0', '1']", "initial.velocity"),
+    ("fluids={oil: {density: 1, viscosity: 0.1}}", 'fluids ["water"] -> ["oil"]'),
+])
+def test_another_scene_is_refused(tmp_path, change, said):
+    """A scene of as many particles too: what differs is named."""
+    (tmp_path / "beads.csv").write_text("x,y\n0.5,0.5\n")
+    text = VORTEX.replace("{box", "{" + SHAPES + "box").replace("end: 0.1", "end: 0.001")
+    run_case(load(tmp_path, text, "a"), quiet=True)
+    refuses_to_go_on(load(tmp_path, text, "a", "time.end=0.002", change), tmp_path / "a", "another scene", said)
+
+
+def test_spheres_that_moved_in_their_file_are_refused(tmp_path):
+    """Nothing in the case is another: the content of the file counts."""
+    (tmp_path / "beads.csv").write_text("x,y\n0.5,0.5\n")
+    text = VORTEX.replace("{box", "{" + SHAPES + "box").replace("end: 0.1", "end: 0.001")
+    run_case(load(tmp_path, text, "a"), quiet=True)
+    (tmp_path / "beads.csv").write_text("x,y\n0.5,0.500001\n")
+    refuses_to_go_on(load_case(tmp_path / "a" / "case.yaml", ["time.end=0.002"]), tmp_path / "a",
+                     "geometry.shapes[0].spheres.file holds something else")
+
+
+ROCK = """
+geometry: {voxels: {file: rock.npy, labels: {solid: 1, water: 0}, voxel_size: 1}, periodic: [x, y, z]}
+particles: {spacing: 1}
+fluids: {water: {density: 1, viscosity: 1}}
+drive: {body_force: [1, 0, 0]}
+time: {end: 0.1}
+output: {plots: false}
+"""
+
+
+def test_another_image_of_equal_pore_count_is_refused(tmp_path):
+    """The same voxels in a file of another name and format are the same scene."""
+    image = np.zeros((6, 6, 6), np.uint8)
+    image[:2, :2] = 1
+    np.save(tmp_path / "rock.npy", image)
+    run_case(load(tmp_path, ROCK, "a"), quiet=True)
+    np.savez_compressed(tmp_path / "same.npz", image=image)
+    longer = f"geometry.voxels.file={tmp_path / 'same.npz'}", "time.end=0.11"
+    assert run_case(load_case(tmp_path / "a" / "case.yaml", longer), quiet=True,
+                    resume=tmp_path / "a")["time"] == pytest.approx(0.11)
+    np.savez_compressed(tmp_path / "same.npz", image=image[::-1])
+    refuses_to_go_on(load_case(tmp_path / "a" / "case.yaml", ["time.end=0.12"]), tmp_path / "a", "another scene",
+                     "geometry.voxels.file holds something else")
+
+
+def test_what_a_restart_changes_is_said_and_stays(tmp_path, capsys):
+    """On the terminal, in the summary and at the head of case.yaml, over several restarts; the run is then that of the
+    new values, and case.yaml can be read."""
+    run_case(load(tmp_path, CAVITY, "a"), quiet=True)
+    assert json.loads((tmp_path / "a" / "summary.json").read_text())["restarts"] == []
+    first = ("fluids.water.viscosity=0.2", "geometry.walls.y_max.velocity=[2, 0]", "time.end=0.6")
+    summary = run_case(load(tmp_path, CAVITY, "a", *first), resume=tmp_path / "a")
+    step = summary["restarts"][0]["step"]
+    line = (f"step {step}, time 0.5: geometry.walls.y_max.velocity [1.0, 0.0] -> [2.0, 0.0], "
+            "fluids.water.viscosity 0.1 -> 0.2, time.end 0.5 -> 0.6")
+    assert f"restart: changed from {line}" in capsys.readouterr().err
+    case = load_case(tmp_path / "a" / "case.yaml", ["time.end=0.7"])
+    assert case.fluids["water"].viscosity == 0.2
+    summary = run_case(case, resume=tmp_path / "a")
+    said = capsys.readouterr().err
+    assert "time.end 0.6 -> 0.7" in said and "viscosity" not in said
+    head = (tmp_path / "a" / "case.yaml").read_text().splitlines()[:3]
+    assert head[1:] == [f"# {line}", f"# step {summary['restarts'][1]['step']}, time 0.6: time.end 0.6 -> 0.7"]
+    written = json.loads((tmp_path / "a" / "summary.json").read_text())["restarts"]
+    assert written == summary["restarts"] and [entry["changes"] for entry in written] == [
+        {"geometry.walls.y_max.velocity": [[1, 0], [2, 0]], "fluids.water.viscosity": [0.1, 0.2],
+         "time.end": [0.5, 0.6]}, {"time.end": [0.6, 0.7]}]
+
+
+def test_a_change_is_not_lost_with_a_run_that_is_killed(tmp_path, monkeypatch):
+    """Stopped before its first restart file: the next restart finds the change again, once."""
+    run_case(load(tmp_path, CAVITY, "a"), quiet=True)
+    with monkeypatch.context() as patch:
+        patch.setattr(restart, "save", lambda *_: None)
+        stop_at(patch, output.read_history(tmp_path / "a" / "history.csv")[-1]["step"] + 2)
+        with pytest.raises(KeyboardInterrupt):
+            run_case(load(tmp_path, CAVITY, "a", "fluids.water.viscosity=0.2", "time.end=0.6"), quiet=True,
+                     resume=tmp_path / "a")
+    assert "viscosity 0.1 -> 0.2" in (tmp_path / "a" / "case.yaml").read_text()
+    summary = run_case(load_case(tmp_path / "a" / "case.yaml"), quiet=True, resume=tmp_path / "a")
+    assert [entry["changes"]["fluids.water.viscosity"] for entry in summary["restarts"]] == [[0.1, 0.2]]
+    assert (tmp_path / "a" / "case.yaml").read_text().count("viscosity 0.1 -> 0.2") == 1
+
+
+def test_an_end_that_has_passed_is_refused(tmp_path, capsys):
+    """The end that was reached is none of them: a run that was killed before its summary is finished so."""
+    summary = run_case(load(tmp_path, VORTEX, "a"), quiet=True)
+    for change in ("time.end=0.05", f"time.max_steps={summary['steps'] - 1}"):
+        key = change.partition("=")[0]
+        refuses_to_go_on(load(tmp_path, VORTEX, "a", change), tmp_path / "a", f"step {summary['steps']}, time 0.1",
+                         key, f"--set {key}=...")
+    (tmp_path / "a" / "summary.json").unlink()
+    before = left_by(tmp_path / "a")
+    again = run_case(load(tmp_path, VORTEX, "a"), resume=tmp_path / "a")
+    assert "has reached its end, time 0.1: no step is left" in capsys.readouterr().err
+    assert again["steps"] == summary["steps"] and np.array_equal(again["mean_velocity"], summary["mean_velocity"])
+    assert left_by(tmp_path / "a") == before and (tmp_path / "a" / "summary.json").exists()
+
+
+def test_a_file_of_another_version_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(restart, "VERSION", 2)
+    restart.save(tmp_path / "r.npz", saved())
+    monkeypatch.undo()
+    with pytest.raises(RestartError, match="was written by another version of isph"):
+        restart.load(tmp_path / "r.npz", saved().state)
 
 
 def saved(n=20):

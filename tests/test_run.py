@@ -35,7 +35,8 @@ def write(tmp_path, text):
 
 
 def run(tmp_path, text, *sets):
-    return run_case(load_case(write(tmp_path, text), [f"output.directory={tmp_path / 'out'}", *sets]), quiet=True)
+    return run_case(load_case(write(tmp_path, text), [f"output.directory={tmp_path / 'out'}", *sets]), quiet=True,
+                    overwrite=True)
 
 
 def test_a_steady_run_leaves_its_files(tmp_path):

@@ -18,7 +18,7 @@ CASES = Path(__file__).parent.parent / "cases"
 
 def run(name, directory, *overrides):
     options = (*overrides, "output.snapshots=false", "output.plots=false", f"output.directory={directory}")
-    summary = run_case(load_case(CASES / f"{name}.yaml", options), quiet=True)
+    summary = run_case(load_case(CASES / f"{name}.yaml", options), quiet=True, overwrite=True)
     return summary, read_history(directory / "history.csv")
 
 

@@ -213,7 +213,7 @@ def test_without_a_budget_the_own_spacing_is_run(monkeypatch):
 
 
 def test_a_run_that_fails_is_a_row(monkeypatch):
-    def run_case(case, quiet):
+    def run_case(case, quiet, overwrite):
         raise RuntimeError("did not converge")
 
     monkeypatch.setattr("isphcli.run.run_case", run_case)

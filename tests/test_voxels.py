@@ -1,10 +1,14 @@
 """Images: reading and writing, bad input, conversion; and the geometry of voxel images."""
 
+import errno
 import io
 import itertools
+import os
+import re
 import tracemalloc
 import zipfile
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -244,6 +248,69 @@ def test_convert_grey_values(tmp_path):
         tmp_path / "g.npy", tmp_path / "o.npz", threshold=100, invert=True, crop_to=((1, 3), (0, 2), (0, 1))
     )
     assert found["porosity"] == 1 and found["threshold"] == "grey < 100 is solid"
+
+
+def files(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("target, there", [("o.mhd", "o.raw"), ("o.mhd", "o.mhd"), ("o.npy", "o.npy"),
+                                           ("o.npz", "o.npz"), ("o.mha", "o.mha"), ("o.NPY", "o.NPY")])
+def test_a_conversion_replaces_nothing_unasked(tmp_path, target, there):
+    """Neither its target nor the raw file beside it; with force both, and all is as in an empty folder."""
+    (tmp_path / "empty").mkdir()
+    np.save(tmp_path / "a.npy", np.arange(6, dtype=np.uint8).reshape(2, 3))
+    convert(tmp_path / "a.npy", tmp_path / "empty" / target)
+    folder = tmp_path / "full"
+    folder.mkdir()
+    (folder / there).write_text("mine")
+    with pytest.raises(VoxelError, match=f"{re.escape(there)}: exists; .*--force"):
+        convert(tmp_path / "a.npy", folder / target)
+    assert files(folder) == {there: b"mine"}
+    convert(tmp_path / "a.npy", folder / target, force=True)
+    suffix = Path(target).suffix.lower()
+    assert files(folder).keys() == ({"o.mhd", "o.raw"} if suffix == ".mhd" else {target})
+    assert suffix == ".npz" or files(folder) == files(tmp_path / "empty")  # a zip holds the time
+    assert np.array_equal(read_image(folder / target).values, np.load(tmp_path / "a.npy"))
+
+
+@pytest.mark.parametrize("source, target", [("a.mhd", "a.mhd"), ("a.mhd", "b.mhd"), ("b.raw.mha", "link.mha"),
+                                            ("g.npy", "./g.npy"), ("a.mhd", "hard.mha")])
+def test_an_image_is_not_written_over_by_what_is_made_of_it(tmp_path, source, target):
+    """By no other name either, not through a link, and not the data that its header names."""
+    write_image(tmp_path / "b.mhd", np.arange(6, dtype=np.uint8).reshape(2, 3))
+    (tmp_path / "b.mhd").rename(tmp_path / "a.mhd")  # its data are in b.raw
+    write_image(tmp_path / "b.raw.mha", np.arange(6, dtype=np.uint8).reshape(2, 3))
+    np.save(tmp_path / "g.npy", np.arange(6, dtype=np.uint8).reshape(2, 3))
+    (tmp_path / "link.mha").symlink_to("b.raw.mha")
+    (tmp_path / "hard.mha").hardlink_to(tmp_path / "b.raw")
+    before = files(tmp_path)
+    with pytest.raises(VoxelError, match="is read from, and cannot be written over"):
+        convert(tmp_path / source, tmp_path / target, force=True)
+    assert files(tmp_path) == before
+
+
+@pytest.mark.parametrize("target", ["o.mhd", "o.npy", "o.npz", "o.mha"])
+def test_a_conversion_that_fails_on_the_way_leaves_what_was_there(tmp_path, target, monkeypatch):
+    """A disk that is full before the first file is whole: the files of before, and no part of a new one. The data of
+    an mhd come before the header that names them."""
+    np.save(tmp_path / "a.npy", np.arange(6, dtype=np.uint8).reshape(2, 3))
+    folder = tmp_path / "full"
+    folder.mkdir()
+    convert(tmp_path / "a.npy", folder / target)
+    before, real, moved = files(folder), os.replace, []
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", full)
+        with pytest.raises(VoxelError, match="cannot be written"):
+            convert(tmp_path / "a.npy", folder / target, force=True)
+    assert files(folder) == before
+    monkeypatch.setattr(os, "replace", lambda a, b: (moved.append(Path(b).name), real(a, b)))
+    convert(tmp_path / "a.npy", folder / target, force=True)
+    assert moved == (["o.raw", "o.mhd"] if target == "o.mhd" else [target])
 
 
 def test_convert_relabels_and_downsamples_by_majority(tmp_path):
