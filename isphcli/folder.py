@@ -148,8 +148,8 @@ class Folder:
             which = f"results of {of}" if of else "results"
             which += f", not of {self.case}" if of and self.case and of != self.case else ""
             goes_on = any(name.startswith("restart.") for name in there)
-            how = f"go on from them with --restart {self.shown}," if goes_on else "(no file there for --restart)"
-            raise FolderError(f"{self.shown}: holds {which}: {how} replace them with --overwrite, or choose another "
+            how = f": go on with --restart {self.shown}," if goes_on else " and nothing for --restart to go on from:"
+            raise FolderError(f"{self.shown}: holds {which}{how} replace them with --overwrite, or choose another "
                               "folder with --out")
         for pattern in self.names:
             for path in sorted(self.path.glob(pattern)):
@@ -181,15 +181,21 @@ class Folder:
     def _relative(self, path: Path) -> str:
         return path.relative_to(self.path).as_posix()
 
+    def _is_case(self, path: Path) -> bool:
+        return self.case is not None and all(map(os.path.exists, (path, self.case))) and path.samefile(self.case)
+
     def _foreign(self, path: Path) -> FolderError:
-        if self.case is not None and os.path.exists(self.case) and os.path.samefile(path, self.case):
+        if self._is_case(path):
             return FolderError(f"{path}: is the case itself, and would be overwritten by the copy that a run leaves; "
                                "choose another folder with --out")
         return FolderError(f"{path}: is there already, and {MANIFEST} does not say that isph wrote it; move it, or "
                            "choose another folder with --out")
 
     def prepare(self) -> None:
-        """Remove what the manifest names, unless it is kept, and what a run that was killed left unfinished."""
+        """Remove what the manifest names, unless it is kept, and what a run that was killed left unfinished.
+
+        A copy of a case that is itself the case now stays until it is replaced: a kill must not take it away.
+        """
         if self._prepared:
             return
         self._prepared = True
@@ -198,11 +204,12 @@ class Folder:
                 if self._relative(_finished(file)) in (*self._named, MANIFEST):
                     file.unlink()
         if not self.keep:
+            stays = [name for name in self.files if self._is_case(self.path / name)]
             for name in self.files:
                 path = self.path / name
-                if path.is_symlink() or path.is_file():
+                if name not in stays and (path.is_symlink() or path.is_file()):
                     path.unlink()
-            self.files, self.folders = {}, {}
+            self.files, self.folders = dict.fromkeys(stays), {}
             if self._named:
                 self._write()
 

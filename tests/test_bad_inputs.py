@@ -118,7 +118,7 @@ def test_the_good_image_runs(tmp_path):
     """What the bad ones differ from."""
     for name, data in (("good.npy", npy(IMAGE)), ("good.npz", archive(image=npy(IMAGE))), ("good.mha", meta())):
         (tmp_path / name).write_bytes(data)
-        assert isph_run(tmp_path, CASE.format(file=name)).exit_code == 0
+        assert isph_run(tmp_path, CASE.format(file=name), "--overwrite").exit_code == 0
 
 
 GOOD = """

@@ -186,6 +186,26 @@ def test_a_folder_that_was_copied_without_its_manifest(here):
     assert isph(*words, "--out", "longer").exit_code == 0
 
 
+def test_the_copy_of_a_case_that_is_run_is_never_away(here, monkeypatch):
+    """`isph run out/case/case.yaml --overwrite`: the run is killed as soon as the old results are removed."""
+    (here / "case.yaml").write_text(STEADY)
+    assert isph("run", "case.yaml", "--quiet").exit_code == 0
+    copy = here / "out/case/case.yaml"
+    before = copy.read_bytes()
+    real = Folder.prepare
+
+    def stop(self):
+        real(self)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Folder, "prepare", stop)
+        assert isph("run", copy, "--quiet", "--overwrite").exit_code == 130
+    assert contents(here / "out/case").keys() == {"case.yaml", folder.MANIFEST} and copy.read_bytes() == before
+    assert isph("run", copy, "--quiet", "--overwrite").exit_code == 0
+    assert sorted(listed(here / "out/case")) == sorted({*contents(here / "out/case")} - {folder.MANIFEST})
+
+
 def test_a_run_that_is_refused_leaves_no_folder(here):
     (here / "case.yaml").write_text(STEADY.replace("[1, 0]", "[0, 1]"))
     assert isph("run", "case.yaml", "--quiet", "--out", "a/b/c").exit_code == BAD_INPUT
