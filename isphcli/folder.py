@@ -85,7 +85,6 @@ class Folder:
         if self.path.exists() and not self.path.is_dir():
             raise FolderError(f"{self.shown}: is a file; choose another folder with --out")
         try:
-            self._make()
             self._take_lock()
             self._check()
         except BaseException:
@@ -118,9 +117,13 @@ class Folder:
         file only says who holds it."""
         path = self.path / LOCK
         while self._handle is None:
+            self._make()
             if os.path.lexists(path) and _holder(path) is None:
                 raise FolderError(f"{self.shown}/{LOCK}: is no lock of isph; choose another folder with --out")
-            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+            try:
+                handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+            except FileNotFoundError:  # one that made the folder and was refused has removed it again
+                continue
             try:
                 if not _lock(handle):
                     who = _holder(path) or {}
@@ -182,7 +185,7 @@ class Folder:
         return path.relative_to(self.path).as_posix()
 
     def _is_case(self, path: Path) -> bool:
-        return self.case is not None and all(map(os.path.exists, (path, self.case))) and path.samefile(self.case)
+        return self.case is not None and os.path.exists(self.case) and path.exists() and path.samefile(self.case)
 
     def _foreign(self, path: Path) -> FolderError:
         if self._is_case(path):

@@ -204,12 +204,17 @@ def go_on(path, saved, record, time):
     return record | {"changes": saved.record["changes"] + entry}
 
 
-def sentences(record):
-    """A line for every restart that changed a value: 'step 41, time 0.1: fluids.water.viscosity 0.1 -> 0.2'."""
+def sentences(record, of_flow=False):
+    """A line for every restart that changed a value: 'step 41, time 0.1: fluids.water.viscosity 0.1 -> 0.2'.
+
+    of_flow: only of values of the flow itself, not of how long and how exactly it is computed.
+    """
     lines = []
     for entry in record["changes"]:
-        what = ", ".join(f"{key} {shown(pair)}" for key, pair in entry["changes"].items())
-        lines.append(" ".join(f"step {entry['step']}, time {entry['time']:.6g}: {what}".split()))
+        what = [f"{key} {shown(pair)}" for key, pair in entry["changes"].items()
+                if not (of_flow and key.startswith(("time.", "solver.")))]
+        if what:
+            lines.append(" ".join(f"step {entry['step']}, time {entry['time']:.6g}: {', '.join(what)}".split()))
     return lines
 
 

@@ -367,7 +367,8 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
     )
     free = axis is not None and not geometry.has_solid and not two
     messages = [_absent_fluids(case, particles), _added_viscosity(stepper.fluids),
-                "no permeability: no wall resists the flow" if free else None]
+                "no permeability: no wall resists the flow" if free else None,
+                *(f"changed by a restart from {line}" for line in restart.sentences(record, of_flow=True))]
     summary = {
         "status": march.outcome,
         "message": "; ".join(filter(None, messages)) or None,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from isphcli import folder, output
+from isphcli import folder, output, paper
 from isphcli.cli import BAD_INPUT, main
 from isphcli.folder import Folder, FolderError
 
@@ -313,6 +313,25 @@ def test_every_writer_names_its_file(here):
 
 
 # -- folders within --------------------------------------------------------------------------------------
+
+
+def test_the_report_of_the_paper_goes_on_in_its_own_folder(here):
+    """Its report, and what its figures write; those of others are in the way and stay."""
+    def run(seconds, place):
+        output.write_text(place / "a.txt", "ours")
+        return paper.Finding((), [])
+
+    figures = [paper.Figure("fig", "a figure", "a claim", 1.0, run)]
+    for _ in range(2):
+        paper.reproduce(here / "paper", 10.0, lambda line: None, figures)
+    assert listed(here / "paper") == ["fig/a.txt", "report.md", "report.json"]
+    for name in ("report.md", "fig/a.txt"):
+        path = here / name[-5:] / name
+        path.parent.mkdir(parents=True)
+        path.write_text("mine")
+        with pytest.raises(FolderError, match="is there already"):
+            paper.reproduce(here / name[-5:], 10.0, lambda line: None, figures)
+        assert contents(here / name[-5:])[name] == b"mine"
 
 
 def test_the_runs_of_a_command_are_its_own(here):

@@ -248,6 +248,7 @@ def test_what_a_restart_changes_is_said_and_stays(tmp_path, capsys):
     line = (f"step {step}, time 0.5: geometry.walls.y_max.velocity [1.0, 0.0] -> [2.0, 0.0], "
             "fluids.water.viscosity 0.1 -> 0.2, time.end 0.5 -> 0.6")
     assert f"restart: changed from {line}" in capsys.readouterr().err
+    assert summary["message"] == f"changed by a restart from {line.removesuffix(', time.end 0.5 -> 0.6')}"
     case = load_case(tmp_path / "a" / "case.yaml", ["time.end=0.7"])
     assert case.fluids["water"].viscosity == 0.2
     summary = run_case(case, resume=tmp_path / "a")
