@@ -373,3 +373,13 @@ def test_validate_goes_on_in_its_own_folders(here):
     done = isph(*words, "--out", "other")
     assert done.exit_code == BAD_INPUT and "validation.csv: is there already" in done.stderr
     assert contents(other) == {"validation.csv": b"mine"}
+
+
+def test_a_conversion_says_how_it_would_replace(here):
+    np.save("a.npy", np.eye(4, dtype=np.uint8))
+    (here / "b.raw").write_text("mine")
+    refused(isph("convert-voxels", "a.npy", "b.mhd"), "b.raw: exists", "--force")
+    refused(isph("convert-voxels", "a.npy", "a.npy", "--force"), "a.npy: is read from")
+    assert contents(here).keys() == {"a.npy", "b.raw"} and (here / "b.raw").read_text() == "mine"
+    assert isph("convert-voxels", "a.npy", "b.mhd", "--force").exit_code == 0
+    assert (here / "b.raw").read_bytes() == np.eye(4, dtype=np.uint8).tobytes()
