@@ -6,6 +6,7 @@ stdout, everything else to stderr. Exit codes: see `EXIT_CODES`.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import os
@@ -19,11 +20,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import __version__
+from .environment import find_kernel_cache, settle_streams, stop_printing
 
 if TYPE_CHECKING:
     from .case import Case
 
 OUTSIDE, BAD_INPUT, FAILED, INTERNAL, INTERRUPTED = 1, 2, 3, 4, 130
+NOT_READ = 141  # as the shell says it of programs that end with SIGPIPE
 EXIT_CODES = """\
 \b
 Exit codes:
@@ -42,8 +45,8 @@ class Unusable(ValueError):
     """An option that cannot be used."""
 
 
-def set_threads(threads: int | None) -> None:
-    """Threads of the numba kernels, and one of BLAS unless the environment says otherwise.
+def set_threads(threads: int | None, quiet: bool = False) -> None:
+    """Threads of the numba kernels, one of BLAS unless the environment says otherwise, and a folder for kernels.
 
     BLAS threads spin while they wait and were measured to triple the time of a solve. To be called before
     numpy is imported; a number given where numba runs already changes that instead.
@@ -52,6 +55,8 @@ def set_threads(threads: int | None) -> None:
         os.environ.setdefault(name, "1")
     # threads that spin between kernels take the cores from everything else on the machine
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    if "numba" not in sys.modules and (note := find_kernel_cache()) and not quiet:
+        complain(note)
     if threads is None:
         return
     if "numba" in sys.modules:
@@ -107,20 +112,38 @@ def guarded(function: Callable[..., int | None]) -> Callable[..., None]:
     def command(*args: Any, debug: bool, **options: Any) -> None:
         try:
             code = function(*args, **options) or 0
-        except (click.ClickException, BrokenPipeError):
+        except click.ClickException:
             raise
+        except BrokenPipeError:
+            stop_printing()
+            code = NOT_READ
         except (Exception, KeyboardInterrupt) as error:
             if debug:
                 raise
-            click.echo(message(error), err=True)
+            complain(message(error))
             code = exit_code(error)
         sys.exit(code)
 
     return command
 
 
+def complain(text: str) -> None:
+    """A line on stderr; nothing where that is full or no longer read, which changes no exit code."""
+    with contextlib.suppress(OSError):
+        click.echo(text, err=True)
+
+
+class Program(click.Group):
+    """The commands, with streams that take any text."""
+
+    def main(self, *args: Any, **options: Any) -> Any:
+        """Runs the command that the arguments name."""
+        settle_streams()
+        return super().main(*args, **options)
+
+
 @click.group(
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}, epilog=EXIT_CODES
+    cls=Program, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}, epilog=EXIT_CODES
 )
 @click.version_option(__version__, prog_name="isph")
 def main() -> None:
@@ -178,7 +201,7 @@ def run(
     """
     if (case_file is None) == (restart is None):
         raise click.UsageError("give a CASE, or --restart DIR")
-    set_threads(threads)
+    set_threads(threads, quiet)
     case = load(case_file or restart / "case.yaml", overrides, out or restart)  # type: ignore[operator]
     check_directory(directory_of(case))
     from .run import run_case
@@ -381,7 +404,7 @@ def validate(
     isph validate cases/taylor_green_2d.yaml --vary particles.support=2.1,2.5,3
     isph validate --paper --budget 1500 --out out/paper
     """
-    set_threads(threads)
+    set_threads(threads, quiet)
     if stress:
         from .stress import page
 
