@@ -13,7 +13,7 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -603,27 +603,52 @@ def image_lines(report: Mapping[str, Any]) -> str:
 # -- keys ------------------------------------------------------------------------------------------------
 
 
-@main.command()
-@click.argument("name", required=False)
+@main.command(epilog=EXIT_CODES)
+@click.argument("words", metavar="[NAME | WORD...]", nargs=-1)
 @guarded
-def keys(name: str | None) -> None:
-    """List the keys of a case: all, those of a block, or one.
+def keys(words: tuple[str, ...]) -> None:
+    """List the keys of a case: all, those of a block, one, or those that speak of something.
+
+    What is no name of a key or block is looked for in the names, their choices and explanations; of several words
+    all have to be there.
 
     \b
     isph keys
     isph keys particles
     isph keys geometry.voxels.labels
+    isph keys gravity
+    isph keys contact angle
     """
     from .case_docs import keys_page
 
-    found = [cells for cells in documented_keys(keys_page()) if stands_below(name or "", cells[0])]
+    known = list(documented_keys(keys_page()))
+    asked = " ".join(words)
+    found = [cells for cells in known if stands_below(asked, cells[0])]
     if not found:
-        raise Unusable(f"{name}: no such key; `isph keys` lists all")
+        found = [cells for cells in known if all(word.lower() in " ".join(cells).lower() for word in words)]
+        if not found:
+            near = nearest_word(asked, known)
+            raise Unusable(
+                f"{asked}: no key has this name, and none speaks of it; "
+                + (f"did you mean {near!r}?" if near else "`isph keys` lists all")
+            )
+        complain(f"{len(found)} of {len(known)} keys speak of {asked!r}:")
     for path, value, default, meaning in found:
         facts = [value] + (
             [f"default {default}"] if default.startswith(("`", '"')) else [default] * bool(default)
         )
         click.echo(f"{path}  ({', '.join(facts).replace('*', '').replace('`', '')})\n    {meaning}")
+
+
+def nearest_word(text: str, known: Iterable[Sequence[str]]) -> str | None:
+    """What the keys have that is written almost like it: a path if it has dots, else the name of a key or a word."""
+    from difflib import get_close_matches
+
+    paths = {cells[0].replace("[]", "").replace("<name>.", ""): cells[0] for cells in known}
+    words = {name for path in paths for name in path.split(".")}
+    words |= {word.lower() for cells in known for word in re.findall(r"[A-Za-z_]{4,}", " ".join(cells))}
+    near = get_close_matches(text, paths if "." in text else sorted(words), 1, 0.75)
+    return paths.get(near[0], near[0]) if near else None
 
 
 def documented_keys(page: str) -> Iterable[list[str]]:
