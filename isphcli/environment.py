@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 
 # what is written instead of a character that an output does not have; all others as escapes, \u5ca9
-_PLAIN = {"≥": ">=", "≤": "<=", "✓": "ok:", "✗": "stopped:", "→": "->", "←": "<-", "…": "...", "²": "2", "³": "3", "µ": "u"}
+_PLAIN = {"≥": ">=", "≤": "<=", "→": "->", "←": "<-", "…": "...", "²": "2", "³": "3", "µ": "u", "μ": "u"}
 _ERRORS = "isph-plain"
 
 
@@ -32,7 +32,7 @@ def settle_streams() -> None:
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free, which is this one
         if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: SIM115
+            setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))
     codecs.register_error(_ERRORS, _plain)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):

@@ -239,7 +239,7 @@ NESTED = {
     "blocks": lambda n: "{a: " * n + "1" + "}" * n,
     "lines": lambda n: "".join(" " * k + "a:\n" for k in range(n - 1)) + " " * (n - 1) + "a: 1",
     "items": lambda n: "- " * n + "1",
-    "items below their key": lambda n: "".join(" " * k + ("a:\n" if k % 2 == 0 else "-\n") for k in range(n)) + " " * n + "1",
+    "items below their key": lambda n: "".join(" " * k + ("a:\n", "-\n")[k % 2] for k in range(n)) + " " * n + "1",
 }
 
 
