@@ -348,7 +348,7 @@ def table(lines: Iterable[tuple[str, str]]) -> str:
 # -- validate --------------------------------------------------------------------------------------------
 
 
-@main.command(epilog=EXIT_CODES)
+@main.command(epilog=EXIT_CODES, short_help="Check cases; run those that name a reference.")
 @click.argument("case_files", metavar="[CASE]...", nargs=-1, type=click.Path(path_type=Path))
 @set_option
 @click.option("--check-only", is_flag=True, help="Check the cases; run none of them.")
@@ -515,7 +515,7 @@ def pairs(text: str, between: str) -> tuple[tuple[int, int], ...]:
     return tuple((int(first), int(second)) for first, second in split)
 
 
-@main.command("convert-voxels", epilog=EXIT_CODES)
+@main.command("convert-voxels", epilog=EXIT_CODES, short_help="Convert an image of rock and say what it holds.")
 @click.argument("source", metavar="IN", type=click.Path(path_type=Path))
 @click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
 @click.option("--threshold", callback=parser(lambda t: numbers(t)[0], "90"), metavar="T",
@@ -607,7 +607,7 @@ def image_lines(report: Mapping[str, Any]) -> str:
 @click.argument("words", metavar="[NAME | WORD...]", nargs=-1)
 @guarded
 def keys(words: tuple[str, ...]) -> None:
-    """List the keys of a case: all, those of a block, one, or those that speak of something.
+    """List the keys of a case, or find them.
 
     What is no name of a key or block is looked for in the names, their choices and explanations; of several words
     all have to be there.

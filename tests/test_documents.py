@@ -4,7 +4,9 @@ import ast
 import io
 import re
 import subprocess
+import sys
 import tokenize
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -70,6 +72,22 @@ def sections(file):
     """The anchors of the headings of a document, as GitHub makes them."""
     heads = re.findall(r"^#+ (.*)$", file.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+def test_every_library_is_imported_and_has_a_lowest_version():
+    """And `.ci/oldest` asks for just these."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    extras = project["project"]["optional-dependencies"]
+    imported = "\n".join((ROOT / path).read_text(encoding="utf-8") for path in committed() if path.endswith(".py"))
+    wanted = []
+    for requirement in project["project"]["dependencies"] + extras["test"]:
+        name, version = re.fullmatch(r"([\w-]+)>=([\d.]+)", requirement).groups()
+        module = {"pyyaml": "yaml"}.get(name, name)
+        assert re.search(rf"^ *(import|from) {module}\b", imported, re.MULTILINE), f"no line imports {name}"
+        wanted.append(f"{name}=={version}")
+    assert set(extras) == {"test", "dev"}
+    done = subprocess.run([sys.executable, ROOT / ".ci/oldest", "--constraints"], capture_output=True, text=True)
+    assert [line for line in done.stdout.split() if not line.startswith("setuptools==")] == wanted
 
 
 def test_what_is_not_there_is_found():
