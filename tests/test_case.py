@@ -234,6 +234,13 @@ def test_what_is_not_yaml_for_a_case(text, message):
     assert any(problem.startswith(message) for problem in problems(text))
 
 
+def test_null_stands_for_an_absent_key():
+    """Also where the key has a default."""
+    case = read(MINIMAL, "refine=null", "particles.shifting=null", "output=null", "solver={tolerance: null}")
+    assert case == read(MINIMAL.replace("refine: [0.08, 0.05]\n", ""))
+    assert case.refine == () and read(MINIMAL).refine != ()
+
+
 NESTED = {
     "lists": lambda n: "[" * n + "]" * n,
     "blocks": lambda n: "{a: " * n + "1" + "}" * n,

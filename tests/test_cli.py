@@ -477,10 +477,10 @@ def test_progress_that_nobody_reads_ends_no_run(folder):
 def no_places(monkeypatch, tmp_path):
     """A machine without a folder for kernels but the temporary one. Below a file even root makes no folder."""
     (tmp_path / "file").touch()
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setattr(environment, "_user_cache", lambda: tmp_path / "file")
     monkeypatch.setenv("NUMBA_CACHE_DIR", "")
-    monkeypatch.delenv("MPLCONFIGDIR", raising=False)
+    monkeypatch.setenv("MPLCONFIGDIR", "")  # and so put back afterwards
+    monkeypatch.delenv("MPLCONFIGDIR")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
     (tmp_path / "tmp").mkdir()
     return tmp_path / "file"
