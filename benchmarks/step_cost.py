@@ -5,7 +5,7 @@ usage: python benchmarks/step_cost.py [POINTS] [STEPS]        (48 points across,
 Taylor-Green vortex at Re 100, the default support, solver tolerance of the case language. Compilation, the first
 configuration, files and the first two steps (which find the pressure and the hierarchy) are left out; the steps after
 that hold their share of hierarchy rebuilds. For comparison: implicit-sph (LAMMPS + Trilinos 13.2), Taylor-Green 3D
-32^3, took 166 us a particle and step with 107 neighbours (design note of the project, measured on another day).
+32^3, took 166 us a particle and step with 107 neighbours (built and run once for this project, before 2026-11-22).
 """
 
 import os

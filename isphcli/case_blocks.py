@@ -321,7 +321,9 @@ class Interface:
 class Drive:
     """What makes the fluid move."""
 
-    body_force: Vector | None = key("acceleration", default=None, unit="m/s2", per_axis=True)
+    body_force: Vector | None = key(
+        "acceleration of the fluid, such as gravity: [0, 0, -9.81]", default=None, unit="m/s2", per_axis=True
+    )
     pressure_drop: Table[float] | None = key(
         "axis: drop over the box along it; the same as a body force of drop / (density length)",
         default=None,

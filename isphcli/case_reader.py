@@ -181,7 +181,9 @@ class Reader:
         for d in declared.values():
             child = children.get(d.name)
             values[d.attribute] = None if d.required else d.default
-            if child is not None:
+            if child is not None and child.is_null and not d.required:
+                self.places[_join(path, d.name)] = child.where  # as if the key was not there
+            elif child is not None:
                 values[d.attribute] = self._attempt(d.hint, child, _join(path, d.name), d.spec)
             elif d.required:
                 self._missing(d, node, path, said=d.name in meant)

@@ -3,7 +3,9 @@
 The types of scalars are left to the reader, which knows what each key should be: `1e-5` is a number
 where a number belongs (PyYAML reads a string), and `no` is a title where a title belongs. The tree is
 built from PyYAML's event stream without recursion and within stated bounds, so that no input can
-exhaust memory, time or the stack. Aliases and tags have no use in a case and are refused.
+exhaust memory, time or the stack. Bytes and brackets are counted before PyYAML sees the text: its versions
+have bounds of their own, and each refuses in other words. Aliases, tags and directives have no use in a
+case and are refused.
 """
 
 from __future__ import annotations
@@ -19,10 +21,15 @@ MAX_BYTES = 1_000_000
 MAX_NODES = 100_000
 MAX_DEPTH = 32
 MAX_PROBLEMS = 100
+_TOO_DEEP = f"nested more than {MAX_DEPTH} deep"
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 # what text may not contain: a terminal obeys some, PyYAML does not write others back, none has a use
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff]")
+# quoted text and comments, whose brackets open nothing; openers and closers of lists and blocks
+_QUOTED = r'(?<![^\s,\[{:])(?:"(?:[^"\\]|\\.)*+"|\'(?:[^\']|\'\')*+\')'
+_BRACKETS = re.compile(_QUOTED + r"|(?<!\S)#[^\n]*|(?P<open>[\[{])|(?P<close>[\]}])", re.DOTALL)
+_COMPACT = re.compile(r"(?:[-?] +)*")  # `- - - x`: each opens a list, or a block
 _NULLS = ("~", "null", "Null", "NULL")
 
 
@@ -154,6 +161,7 @@ def parse(text: str | bytes, where: Where, report: Report) -> Node | None:
         return None
     try:
         text = text.decode() if isinstance(text, bytes) else text
+        _refuse_deep(text, where)
         return _Builder(where, report).build(yaml.parse(text, Loader=_LOADER))
     except UnicodeDecodeError as error:
         newlines = error.object.count(b"\n", 0, error.start)
@@ -164,7 +172,7 @@ def parse(text: str | bytes, where: Where, report: Report) -> Node | None:
         mark = error.problem_mark or error.context_mark
         line = None if mark is None or where.line is None else mark.line + 1
         message = ", ".join(filter(None, (error.context, error.problem)))
-        fix = "indent with spaces, not tabs" if "\\t" in message or _tab_at(text, mark) else ""
+        fix = "indent with spaces, not tabs" if _tab_at(text, mark) else ""
         report.add(Where(where.file, line), "", f"not YAML: {message}", fix)
     except (yaml.YAMLError, ValueError, OverflowError) as error:
         report.add(where, "", f"not YAML: {str(error).splitlines()[0]}")
@@ -224,7 +232,7 @@ def _tab_at(text: str | bytes, mark: yaml.Mark | None) -> bool:
     if mark is None or mark.line >= len(lines):
         return False
     line = lines[mark.line]
-    return "\t" in line[: len(line) - len(line.lstrip())]
+    return "\t" in line[: len(line) - len(line.lstrip())] or line[mark.column : mark.column + 1] == "\t"
 
 
 class _Refused(Exception):
@@ -233,6 +241,35 @@ class _Refused(Exception):
     def __init__(self, where: Where, message: str, fix: str = ""):
         super().__init__(message, fix)
         self.where = where
+
+
+def _refuse_deep(text: str, where: Where) -> None:
+    """Raises _Refused where more than `MAX_DEPTH` brackets or columns of indentation are open at once.
+
+    A lower bound of the depth that YAML gives the text, far from which no library's own bound lies: the exact
+    depth is counted by `_Builder`.
+    """
+    at = 0 if where.line is None else 1
+    depth = 0
+    for found in _BRACKETS.finditer(text):
+        depth = max(depth + (found["open"] is not None) - (found["close"] is not None), 0)
+        if depth > MAX_DEPTH:
+            raise _Refused(_line(where, at and at + text.count("\n", 0, found.start())), _TOO_DEEP)
+    columns: list[int] = []
+    for number, line in enumerate(text.split("\n")):
+        start = len(line) - len(line.lstrip(" "))
+        if start == len(line) or line[start] == "#":
+            continue
+        while columns and columns[-1] >= start:
+            columns.pop()
+        compact = _COMPACT.match(line, start).group()  # type: ignore[union-attr]
+        columns += [start, *(start + k + 1 for k, sign in enumerate(compact) if sign != " ")]
+        if len(columns) > MAX_DEPTH + 1:  # the last one is that of a value
+            raise _Refused(_line(where, at and at + number), _TOO_DEEP)
+
+
+def _line(where: Where, number: int) -> Where:
+    return Where(where.file, number or None)
 
 
 class _Builder:
@@ -267,8 +304,11 @@ class _Builder:
         elif isinstance(event, yaml.CollectionEndEvent):
             for stack in (self.stack, self.keys, self.path):
                 stack.pop()
-        elif isinstance(event, yaml.DocumentStartEvent) and self.root is not None:
-            raise _Refused(where, "a second document", "one case a file: remove the ---")
+        elif isinstance(event, yaml.DocumentStartEvent):
+            if self.root is not None:
+                raise _Refused(where, "a second document", "one case a file: remove the ---")
+            if event.version or event.tags:
+                raise _Refused(where, "directives (%) are not used in cases", "remove the line")
 
     def _where(self, event: yaml.Event) -> Where:
         line = None if self.start.line is None or not event.start_mark else event.start_mark.line + 1
@@ -278,7 +318,7 @@ class _Builder:
         if self.stack and isinstance(self.stack[-1].value, dict) and self.keys[-1] is None:
             raise _Refused(node.where, "a key must be a plain word")
         if len(self.stack) >= MAX_DEPTH:
-            raise _Refused(node.where, f"nested more than {MAX_DEPTH} deep")
+            raise _Refused(node.where, _TOO_DEEP)
         self.path.append(self._name())
         self._place(node)
         self.stack.append(node)

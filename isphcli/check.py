@@ -30,9 +30,11 @@ MICROSECONDS = {
     ("navier_stokes", 2): 10.0,
     ("navier_stokes", 3): 30.0,
 }
-STEPS_TO_STEADY = 16  # at least, however large they are (design.md 7)
+STEPS_TO_STEADY = 16  # at least, however large they are (trials before 2026-11-22)
 
-THIN = 4  # particles across below which a throat is thin: +9 % flux at 4, +16 % at 3 (design.md 8)
+# particles across below which a throat is thin; at 4: +7.6 % of k (`isph run cases/square_duct.yaml --set
+# particles.spacing=2e-5`, 2026-11-29)
+THIN = 4
 THINNEST = 3  # particles across the median throat below which there is a warning
 LINE_POINTS = 20_000  # points of the centre lines whose width is found exactly
 TINY = 1e-6

@@ -6,24 +6,27 @@ stdout, everything else to stderr. Exit codes: see `EXIT_CODES`.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from . import __version__
+from .environment import find_kernel_cache, settle_streams, stop_printing
 
 if TYPE_CHECKING:
     from .case import Case
 
 OUTSIDE, BAD_INPUT, FAILED, INTERNAL, INTERRUPTED = 1, 2, 3, 4, 130
+NOT_READ = 141  # as the shell says it of programs that end with SIGPIPE
 EXIT_CODES = """\
 \b
 Exit codes:
@@ -42,8 +45,8 @@ class Unusable(ValueError):
     """An option that cannot be used."""
 
 
-def set_threads(threads: int | None) -> None:
-    """Threads of the numba kernels, and one of BLAS unless the environment says otherwise.
+def set_threads(threads: int | None, quiet: bool = False) -> None:
+    """Threads of the numba kernels, one of BLAS unless the environment says otherwise, and a folder for kernels.
 
     BLAS threads spin while they wait and were measured to triple the time of a solve. To be called before
     numpy is imported; a number given where numba runs already changes that instead.
@@ -52,6 +55,8 @@ def set_threads(threads: int | None) -> None:
         os.environ.setdefault(name, "1")
     # threads that spin between kernels take the cores from everything else on the machine
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    if "numba" not in sys.modules and (note := find_kernel_cache()) and not quiet:
+        complain(note)
     if threads is None:
         return
     if "numba" in sys.modules:
@@ -107,20 +112,38 @@ def guarded(function: Callable[..., int | None]) -> Callable[..., None]:
     def command(*args: Any, debug: bool, **options: Any) -> None:
         try:
             code = function(*args, **options) or 0
-        except (click.ClickException, BrokenPipeError):
+        except click.ClickException:
             raise
+        except BrokenPipeError:
+            stop_printing()
+            code = NOT_READ
         except (Exception, KeyboardInterrupt) as error:
             if debug:
                 raise
-            click.echo(message(error), err=True)
+            complain(message(error))
             code = exit_code(error)
         sys.exit(code)
 
     return command
 
 
+def complain(text: str) -> None:
+    """A line on stderr; nothing where that is full or no longer read, which changes no exit code."""
+    with contextlib.suppress(OSError):
+        click.echo(text, err=True)
+
+
+class Program(click.Group):
+    """The commands, with streams that take any text."""
+
+    def main(self, *args: Any, **options: Any) -> Any:
+        """Runs the command that the arguments name."""
+        settle_streams()
+        return super().main(*args, **options)
+
+
 @click.group(
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}, epilog=EXIT_CODES
+    cls=Program, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}, epilog=EXIT_CODES
 )
 @click.version_option(__version__, prog_name="isph")
 def main() -> None:
@@ -184,7 +207,7 @@ def run(
         raise click.UsageError("give a CASE, or --restart DIR")
     if overwrite and restart is not None and (out is None or out.resolve() == restart.resolve()):
         raise click.UsageError("--restart goes on with the files in DIR, --overwrite replaces them: give one of them")
-    set_threads(threads)
+    set_threads(threads, quiet)
     case = load(case_file or restart / "case.yaml", overrides, out or restart)  # type: ignore[operator]
     check_directory(directory_of(case))
     from .run import run_case
@@ -330,7 +353,7 @@ def table(lines: Iterable[tuple[str, str]]) -> str:
 # -- validate --------------------------------------------------------------------------------------------
 
 
-@main.command(epilog=EXIT_CODES)
+@main.command(epilog=EXIT_CODES, short_help="Check cases; run those that name a reference.")
 @click.argument("case_files", metavar="[CASE]...", nargs=-1, type=click.Path(path_type=Path))
 @set_option
 @click.option("--check-only", is_flag=True, help="Check the cases; run none of them.")
@@ -386,7 +409,7 @@ def validate(
     isph validate cases/taylor_green_2d.yaml --vary particles.support=2.1,2.5,3
     isph validate --paper --budget 1500 --out out/paper
     """
-    set_threads(threads)
+    set_threads(threads, quiet)
     if stress:
         from .stress import page
 
@@ -497,7 +520,7 @@ def pairs(text: str, between: str) -> tuple[tuple[int, int], ...]:
     return tuple((int(first), int(second)) for first, second in split)
 
 
-@main.command("convert-voxels", epilog=EXIT_CODES)
+@main.command("convert-voxels", epilog=EXIT_CODES, short_help="Convert an image of rock and say what it holds.")
 @click.argument("source", metavar="IN", type=click.Path(path_type=Path))
 @click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
 @click.option("--threshold", callback=parser(lambda t: numbers(t)[0], "90"), metavar="T",
@@ -587,27 +610,52 @@ def image_lines(report: Mapping[str, Any]) -> str:
 # -- keys ------------------------------------------------------------------------------------------------
 
 
-@main.command()
-@click.argument("name", required=False)
+@main.command(epilog=EXIT_CODES)
+@click.argument("words", metavar="[NAME | WORD...]", nargs=-1)
 @guarded
-def keys(name: str | None) -> None:
-    """List the keys of a case: all, those of a block, or one.
+def keys(words: tuple[str, ...]) -> None:
+    """List the keys of a case, or find them.
+
+    What is no name of a key or block is looked for in the names, their choices and explanations; of several words
+    all have to be there.
 
     \b
     isph keys
     isph keys particles
     isph keys geometry.voxels.labels
+    isph keys gravity
+    isph keys contact angle
     """
     from .case_docs import keys_page
 
-    found = [cells for cells in documented_keys(keys_page()) if stands_below(name or "", cells[0])]
+    known = list(documented_keys(keys_page()))
+    asked = " ".join(words)
+    found = [cells for cells in known if stands_below(asked, cells[0])]
     if not found:
-        raise Unusable(f"{name}: no such key; `isph keys` lists all")
+        found = [cells for cells in known if all(word.lower() in " ".join(cells).lower() for word in words)]
+        if not found:
+            near = nearest_word(asked, known)
+            raise Unusable(
+                f"{asked}: no key has this name, and none speaks of it; "
+                + (f"did you mean {near!r}?" if near else "`isph keys` lists all")
+            )
+        complain(f"{len(found)} of {len(known)} keys speak of {asked!r}:")
     for path, value, default, meaning in found:
         facts = [value] + (
             [f"default {default}"] if default.startswith(("`", '"')) else [default] * bool(default)
         )
         click.echo(f"{path}  ({', '.join(facts).replace('*', '').replace('`', '')})\n    {meaning}")
+
+
+def nearest_word(text: str, known: Iterable[Sequence[str]]) -> str | None:
+    """What the keys have that is written almost like it: a path if it has dots, else the name of a key or a word."""
+    from difflib import get_close_matches
+
+    paths = {cells[0].replace("[]", "").replace("<name>.", ""): cells[0] for cells in known}
+    words = {name for path in paths for name in path.split(".")}
+    words |= {word.lower() for cells in known for word in re.findall(r"[A-Za-z_]{4,}", " ".join(cells))}
+    near = get_close_matches(text, paths if "." in text else sorted(words), 1, 0.75)
+    return paths.get(near[0], near[0]) if near else None
 
 
 def documented_keys(page: str) -> Iterable[list[str]]:

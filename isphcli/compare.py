@@ -17,6 +17,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.integrate import trapezoid
 from scipy.optimize import brentq, least_squares
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -682,7 +683,7 @@ def _capillary_wave(case: Case, result: Any) -> Errors:
     )  # fmt: skip
     if not expected.any():
         raise CompareError("give reference.parameters.amplitude or .speed: without them there is no wave")
-    deviation, size = (math.sqrt(np.trapezoid(f**2, t)) for f in (height - expected, expected))
+    deviation, size = (math.sqrt(trapezoid(f**2, t)) for f in (height - expected, expected))
     errors = {"amplitude_relative_l2": deviation / size, "main": "amplitude_relative_l2"}
     crossings = [np.flatnonzero(np.diff(np.sign(f))) for f in (height, expected)]
     if all(len(found) for found in crossings):

@@ -8,7 +8,9 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 from numba import njit
 
-STRENGTH = 0.02  # strength-of-connection threshold; 0.08 costs twenty times the set-up (design.md 6)
+# strength-of-connection threshold; at 0.08 the Poisson solve of 32^3 jittered particles (`benchmarks/iterations.py`)
+# takes 1.4 times as long, and its set-up 0.7 times (2026-11-29)
+STRENGTH = 0.02
 
 
 class SolveError(RuntimeError):

@@ -5,14 +5,27 @@ Everything goes to stderr, so that stdout stays free for results. rich is import
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, TextIO
 
 INTERVAL = 5.0  # s between two plain lines
+COMPILING = "compiling (once)"
 
 _active: list[Progress | stage] = []  # open displays, the outermost first: there is one terminal
+_told: list[TextIO] = []  # streams without a terminal that have been told of the compiler
+
+
+def compiling(going_on: bool) -> None:
+    """The compiler has begun, or is done: the displays say so, as it takes most of the time of a first run."""
+    for shown in _active:
+        if shown._display is not None:
+            shown._display.compiling = going_on
+        elif going_on and not shown.quiet and shown is _active[0] and shown.stream.stream not in _told:
+            _told.append(shown.stream.stream)
+            print(f"{COMPILING} what the run needs", file=shown.stream, flush=True)
 
 
 class Progress:
@@ -33,7 +46,7 @@ class Progress:
         """
         self.total_time, self.total_steps, self.title = total_time, total_steps, title
         self.quiet, self.interval = quiet, interval
-        self.stream = stream if stream is not None else sys.stderr
+        self.stream: Any = _Forgiving(stream if stream is not None else sys.stderr)
         self.start = self._first = time.perf_counter()
         self._done_at_first: float | None = None
         self._printed = float("-inf")
@@ -126,7 +139,7 @@ class stage:
         self, text: str, quiet: bool = False, stream: TextIO | None = None, interval: float = INTERVAL
     ):
         self.text, self.quiet, self.interval = text, quiet, interval
-        self.stream = stream if stream is not None else sys.stderr
+        self.stream: Any = _Forgiving(stream if stream is not None else sys.stderr)
         self.start = self._printed = time.perf_counter()
         self._detail = ""
         self._display: Any = None
@@ -150,7 +163,7 @@ class stage:
         if self._outer is not None:
             self._outer._substage("")
         elif self._display is not None:
-            self._display.close(line, kind is None)
+            self._display.end(line, kind is None)
         elif not self.quiet:
             print(line, file=self.stream, flush=True)
 
@@ -207,71 +220,130 @@ def _now() -> float:
     return time.perf_counter()
 
 
-class _Bar:
-    """Two lines on a terminal: how far, and what the last step did."""
+class _Display:
+    """Lines on a terminal that are drawn again and again until `close`; what does not fit into a line is left out.
 
-    def __init__(self, stream: TextIO, title: str):
-        from rich.console import Console, Group
+    Also at narrow widths each line stays one, so that it can be drawn over.
+    """
+
+    def __init__(self, stream: TextIO, title: str, transient: bool):
+        from rich.console import Console
         from rich.live import Live
-        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-        from rich.text import Text
+        from rich.spinner import Spinner
 
-        self.bar = Progress(
-            SpinnerColumn(),
-            TextColumn("[bold]{task.description}"),
-            BarColumn(bar_width=32),
-            TextColumn("{task.fields[share]}"),
-            TextColumn("{task.fields[where]}"),
-            TimeElapsedColumn(),
-            TextColumn("[cyan]{task.fields[left]}"),
+        self.title, self.start, self.compiling = title, _now(), False
+        self._drawn: tuple[int, list[int]] = (0, [])  # the width of the terminal then, and of each line
+        self.console = Console(file=stream)
+        self.all_characters = self.console.encoding.lower().startswith("utf")
+        self.spinner = Spinner("dots" if self.all_characters else "line")
+        self.live = Live(
+            get_renderable=self._lines, console=self.console, refresh_per_second=8, transient=transient
         )
-        self.task = self.bar.add_task(title, total=None, share="", where="", left="")
-        self.detail = Text("", style="dim", no_wrap=True, overflow="ellipsis")
-        self.last = ""
-        console = Console(file=stream)
-        self.live = Live(Group(self.bar, self.detail), console=console, refresh_per_second=8)
         self.live.start()
 
-    def show(self, done: float | None, where: str, left: str, detail: str) -> None:
-        if done is None:
-            self.bar.update(self.task, where=where)
-        else:
-            share = f"{100 * done:3.0f} %"
-            self.bar.update(self.task, total=1.0, completed=done, share=share, where=where, left=left)
-        self.last = detail
-        self.detail.plain = f"  {detail}"
-
-    def substage(self, text: str) -> None:
-        self.detail.plain = f"  {text or self.last}"
-
     def note(self, text: str) -> None:
-        self.live.console.print(text, markup=False, highlight=False)
+        """A line that stays, above."""
+        self.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def close(self) -> None:
         self.live.stop()
 
+    def _lines(self) -> Any:
+        """What is drawn, a rich renderable."""
+        from rich.text import Text
 
-class _Spinner:
-    """One line on a terminal, replaced by what came of it."""
+        width = max(min(self.console.width, 80) - 1, 10)
+        self._take_back_broken_lines()
+        mark = self.spinner.render(self.console.get_time())
+        clock = f"  {duration(_now() - self.start)}"
+        head = Text.assemble(mark, " ", (f"{COMPILING}: " if self.compiling else ""), *self._head())  # type: ignore[arg-type]
+        head.truncate(width - len(clock), overflow="ellipsis" if self.all_characters else "crop")
+        lines = [head.append(clock, "yellow"), *self._more(width)]
+        for line in lines:
+            line.truncate(width, overflow="ellipsis" if self.all_characters else "crop")
+        self._drawn = self.console.width, [line.cell_len for line in lines]
+        return Text("\n", no_wrap=True).join(lines)
+
+    def _take_back_broken_lines(self) -> None:
+        """After the terminal was made narrower: goes up by the rows that its breaking of lines added."""
+        then, lengths = self._drawn
+        now = self.console.width
+        if now < then and (added := sum((length - 1) // now for length in lengths if length)):
+            self.console.file.write("\r\x1b[2K" + "\x1b[1A\x1b[2K" * added)
+
+    def _head(self) -> Sequence[tuple[str, str]]:
+        """(text, style) of the first line."""
+        return ((self.title, "bold"),)
+
+    def _more(self, width: int) -> list[Any]:
+        """Further lines, rich texts."""
+        return []
+
+
+class _Bar(_Display):
+    """Three lines: the title, how far, and what the last step did."""
+
+    def __init__(self, stream: TextIO, title: str):
+        self.done: float | None = None
+        self.where = self.left = self.detail = self.below = ""
+        super().__init__(stream, title, transient=False)
+
+    def show(self, done: float | None, where: str, left: str, detail: str) -> None:
+        self.done, self.where, self.left, self.detail = done, where, left, detail
+
+    def substage(self, text: str) -> None:
+        self.below = text
+
+    def _more(self, width: int) -> list[Any]:
+        from rich.text import Text
+
+        share = "" if self.done is None else f"{100 * self.done:3.0f} %  "
+        words = Text.assemble(share, self.where, (f"  {self.left}" if self.left else "", "cyan"))
+        room = min(width - words.cell_len - 4, 32)
+        bar = Text("  ")
+        if self.done is not None and room >= 8:
+            full, rest = ("━", "━") if self.all_characters else ("#", "-")
+            filled = round(self.done * room)
+            bar.append(full * filled, "green").append(rest * (room - filled), "bright_black").append("  ")
+        return [bar.append_text(words), Text(f"  {self.below or self.detail}", "dim")]
+
+
+class _Spinner(_Display):
+    """One line, replaced by what came of it."""
 
     def __init__(self, stream: TextIO, text: str):
-        from rich.console import Console
-        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-        columns = (
-            SpinnerColumn(),
-            TextColumn("{task.description}"),
-            TextColumn("[dim]{task.fields[detail]}"),
-        )
-        self.bar = Progress(*columns, TimeElapsedColumn(), console=Console(file=stream), transient=True)
-        self.task = self.bar.add_task(text, total=None, detail="")
-        self.bar.start()
+        self.detail = ""
+        super().__init__(stream, text, transient=True)
 
     def show(self, detail: str) -> None:
-        self.bar.update(self.task, detail=detail)
+        self.detail = detail
 
-    def close(self, line: str, well: bool) -> None:
-        self.bar.stop()
-        mark = "[green]✓[/]" if well else "[red]✗[/]"
-        self.bar.console.print(mark, end=" ")
-        self.bar.console.print(line, markup=False, highlight=False)
+    def end(self, line: str, well: bool) -> None:
+        """Closes, and leaves the line."""
+        from rich.text import Text
+
+        self.close()
+        good, bad = ("✓", "✗") if self.all_characters else ("ok:", "stopped:")
+        self.console.print(Text.assemble((good, "green") if well else (bad, "red"), " ", line), soft_wrap=True)
+
+    def _head(self) -> Sequence[tuple[str, str]]:
+        return (self.title, ""), (f"  {self.detail}", "dim")
+
+
+class _Forgiving:
+    """A stream for what is said on the way: once it is full, or nobody reads it any more, the run goes on silently."""
+
+    def __init__(self, stream: TextIO):
+        self.stream = stream
+
+    def write(self, text: str) -> int:
+        with contextlib.suppress(OSError):
+            self.stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError):
+            self.stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)

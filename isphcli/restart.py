@@ -63,8 +63,12 @@ def save(path, saved, record=None):
             arrays[f"state{k}.{name}"] = np.asarray(value)
     arrays["energies"] = np.array(saved.energies, dtype=float).reshape(-1, 2)
     arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8)
-    with replacing(path) as temporary, open(temporary, "wb") as file:
-        np.savez(file, **arrays, sha256=np.frombuffer(_digest(arrays), dtype=np.uint8))
+    arrays["sha256"] = np.frombuffer(_digest(arrays), dtype=np.uint8)
+    # not numpy.savez, which in older numpy leaves its archive open on a full disk and complains at the end
+    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        for name, values in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+                np.lib.format.write_array(file, values, allow_pickle=False)
 
 
 def require(path):

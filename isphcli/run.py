@@ -2,7 +2,7 @@
 
 import importlib
 import sys
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -56,8 +56,10 @@ def _run(case, quiet, resume):
         return run(case, solver, clock, quiet, resume)
 
 
+@contextmanager
 def _compile_listener(clock):
-    """Counts the time of the compiler as `compile`, at the cost of the section in which a kernel is first used."""
+    """Counts the time of the compiler as `compile`, at the cost of the section in which a kernel is first used, and
+    tells the display of kernels that are not in the cache."""
     from numba.core import event
 
     class Compiling(event.Listener):
@@ -74,7 +76,20 @@ def _compile_listener(clock):
             if self.depth == 0:
                 self.section.__exit__(None, None, None)
 
-    return event.install_listener("numba:compiler_lock", Compiling())
+    class NotInCache(event.Listener):
+        depth = 0
+
+        def on_start(self, _):
+            self.depth += 1
+            progress.compiling(True)
+
+        def on_end(self, _):
+            self.depth -= 1
+            progress.compiling(self.depth > 0)
+
+    with event.install_listener("numba:compiler_lock", Compiling()):
+        with event.install_listener("numba:compile", NotInCache()):
+            yield
 
 
 # --- steady creeping flow ---------------------------------------------------------------------------------------

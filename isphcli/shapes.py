@@ -1,7 +1,7 @@
 """Scenes of spheres, boxes, cylinders and half-spaces with exact signed distances.
 
 A `ShapeGeometry` is a box filled with one fluid and an ordered list of `Shape`, later ones on top of earlier
-ones. Solids join by min and fluid shapes carve by max of the signed distances (design section 5): exact in
+ones. Solids join by min and fluid shapes carve by max of the signed distances: exact in
 the fluid round unions of solids.
 """
 

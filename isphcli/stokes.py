@@ -1,4 +1,4 @@
-"""Steady creeping flow on the fixed lattice: one coupled solve for velocity and pressure (design.md 8).
+"""Steady creeping flow on the fixed lattice: one coupled solve for velocity and pressure.
 
     -nu lap u + grad p / rho = f,        div u + S p = 0
 
@@ -23,7 +23,7 @@ from .rows import (
     velocity_matrix,
 )
 
-TAU = 0.05  # strength of S, measured in design.md 8
+TAU = 0.05  # strength of S (trials before 2026-11-22)
 # The Schur complement falls from 1 for long pressure modes to 0.2 for those that alternate from particle to particle,
 # where little but S is left. Its inverse is 1 - ROUGH dx^2 lap to within 30 % on a lattice.
 ROUGH = 0.4

@@ -17,9 +17,9 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isphcli import case_docs
+from isphcli import case_docs, case_yaml
 from isphcli.case import Case, CaseError, Table, dump_case, load_case, read_case
-from isphcli.case_yaml import MAX_BYTES
+from isphcli.case_yaml import MAX_BYTES, MAX_DEPTH
 from isphcli.geometry import build_geometry
 
 BEADS = """\
@@ -210,26 +210,72 @@ tme: {end: 1}
     [
         ("title: a\ntitle: b\n", "case.yaml:2: title: given twice, first in line 1; keep one of them"),
         ("a:\n - b: 1\n   b: 2\n", "case.yaml:3: a.0.b: given twice, first in line 2"),
-        (
-            "geometry:\n\tbox: [1, 1]\n",
-            "case.yaml:2: not YAML: while scanning for the next token, found character",
-        ),
-        ("geometry: {box: [1, 1\n", "case.yaml:2: not YAML: while parsing a flow sequence"),
+        ("geometry:\n\tbox: [1, 1]\n", "case.yaml:2: not YAML: "),
+        ("geometry: {box: [1, 1\n", "case.yaml:2: not YAML: "),
         ("a: &a 1\nb: *a\n", "case.yaml:2: aliases (*name) are not used in cases"),
         ("a: !!python/object:os.system 1\n", "case.yaml:1: tags (!name) are not used in cases"),
         ("a: 1\n---\nb: 1\n", "case.yaml:2: a second document; one case a file"),
         ("? [a]\n: 1\n", "case.yaml:1: a key must be a plain word"),
         ("- 1\n", "case.yaml:1: expected a block of keys, found a list"),
         ("", "case.yaml:1: geometry: missing; give where there is"),
+        ("%TAG !e! tag:x\n---\na: 1\n", "case.yaml:1: directives (%) are not used in cases"),
         ("[" * 5000, "case.yaml:1: nested more than 32 deep"),
+        ("a: {b: " * 5000, "case.yaml:1: nested more than 32 deep"),
+        ("- " * 5000, "case.yaml:1: nested more than 32 deep"),
+        ("? " * 5000, "case.yaml:1: nested more than 32 deep"),
+        ("".join(" " * k + "a:\n" for k in range(1200)), "case.yaml:34: nested more than 32 deep"),
         ("a" * (MAX_BYTES + 1), "case.yaml: longer than 1000000 bytes; put long lists in a file"),
         ("a: [" + "1," * 200_000 + "]", "case.yaml:1: more than 100000 values; put long lists in a file"),
         ('a: "\\x07"', "case.yaml:1: control characters are not text; remove them"),
-        ('a: "\\ud800"', "case.yaml:1: not YAML"),
+        ('a: "\\ud800"', "case.yaml:1: "),  # PyYAML refuses it where it has libyaml, else we do
     ],
 )
 def test_what_is_not_yaml_for_a_case(text, message):
     assert any(problem.startswith(message) for problem in problems(text))
+
+
+def test_null_stands_for_an_absent_key():
+    """Also where the key has a default."""
+    case = read(MINIMAL, "refine=null", "particles.shifting=null", "output=null", "solver={tolerance: null}")
+    assert case == read(MINIMAL.replace("refine: [0.08, 0.05]\n", ""))
+    assert case.refine == () and read(MINIMAL).refine != ()
+
+
+NESTED = {
+    "lists": lambda n: "[" * n + "]" * n,
+    "blocks": lambda n: "{a: " * n + "1" + "}" * n,
+    "lines": lambda n: "".join(" " * k + "a:\n" for k in range(n - 1)) + " " * (n - 1) + "a: 1",
+    "items": lambda n: "- " * n + "1",
+    "items below their key": lambda n: "".join(" " * k + ("a:\n", "-\n")[k % 2] for k in range(n)) + " " * n + "1",
+}
+
+
+@pytest.mark.parametrize("form", NESTED)
+def test_the_depth_is_ours_before_yaml_sees_the_text(monkeypatch, form):
+    """32 deep is read and 33 is not; 64 and more PyYAML is not even asked about, whose bounds change."""
+
+    def depths(n):
+        report = case_yaml.Report()
+        case_yaml.parse(NESTED[form](n), case_yaml.Where("a", 1), report)
+        return [problem.message for problem in report.problems]
+
+    assert depths(MAX_DEPTH) == [] and depths(MAX_DEPTH + 1) == ["nested more than 32 deep"]
+    monkeypatch.setattr(yaml, "parse", lambda *_, **__: pytest.fail("PyYAML was asked"))
+    for n in (2 * MAX_DEPTH, 1000, 1001, 100_000 if form in ("lists", "blocks", "items") else 1200):
+        assert depths(n) == ["nested more than 32 deep"]
+
+
+@pytest.mark.parametrize(
+    ("written", "title"),
+    [
+        (f'"{"[" * 50}"', "[" * 50),
+        (f"'it''s {'{' * 50}'", f"it's {'{' * 50}"),
+        (f"a  # {'[' * 50}", "a"),
+        (f'"a \\" {"[" * 50}"', f'a " {"[" * 50}'),
+    ],
+)
+def test_brackets_in_texts_and_comments_do_not_nest(written, title):
+    assert read(MINIMAL + f"title: {written}\n").title == title
 
 
 def test_tabs_say_what_to_do():

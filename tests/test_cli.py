@@ -1,17 +1,22 @@
 """The command line: imports, exit codes, messages, what is left behind."""
 
+import functools
 import json
 import os
+import signal
+import stat
 import subprocess
 import sys
+import tempfile
 import types
+from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import isphcli
-from isphcli import cli
+from isphcli import cli, environment
 from isphcli.cli import BAD_INPUT, FAILED, INTERNAL, INTERRUPTED, OUTSIDE, main
 from isphcli.linear import SolveError
 from isphcli.output import NotFiniteError
@@ -382,3 +387,163 @@ def test_keys():
     assert "geometry.shapes[].is" in isph("keys", "geometry.shapes.0").output
     assert isph("keys").output.count("\n") > 150
     assert isph("keys", "nosuch").exit_code == BAD_INPUT
+
+
+def test_keys_finds_what_the_texts_speak_of():
+    done = isph("keys", "Gravity")
+    assert done.exit_code == 0 and done.stdout.startswith("drive.body_force  (")
+    assert done.stderr == f"1 of {isph('keys').stdout.count(chr(10)) // 2} keys speak of 'Gravity':\n"
+    done = isph("keys", "contact", "angle")  # all of the words, in whatever order
+    assert "interface.contact_angle" in done.stdout and done.stdout == isph("keys", "angle", "contact").stdout
+    assert "drive.body_force" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    "word, near",
+    [
+        ("gravty", "'gravity'"),
+        ("particels", "'particles'"),
+        ("particles.spcing", "'particles.spacing'"),
+        ("fluids.water.viscositi", "'fluids.<name>.viscosity'"),
+        ("xyzzy", None),
+    ],
+)
+def test_keys_suggests_what_is_written_almost_alike(word, near):
+    done = isph("keys", word)
+    assert done.exit_code == BAD_INPUT and not done.stdout
+    assert done.stderr.strip().endswith(f"did you mean {near}?" if near else "`isph keys` lists all")
+
+
+# -- streams and folders that will not do ----------------------------------------------------------------
+
+
+def program(*words, code="from isphcli.cli import main; main()", **options):
+    environment = {**os.environ, "PYTHONPATH": str(Path(isphcli.__file__).parents[1]), **options.pop("env", {})}
+    return subprocess.run([sys.executable, "-c", code, *words], capture_output=True, env=environment, **options)
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "latin-1", "ascii", "utf-8", "utf-16"])
+def test_output_of_any_encoding(encoding, folder):
+    """What cp1252 and latin-1 do not have is written plainly; for ascii click takes UTF-8."""
+    done = program("keys", "time.end", env={"PYTHONIOENCODING": encoding})
+    assert done.returncode == 0 and not done.stderr
+    text = done.stdout.decode("utf-8" if encoding == "ascii" else encoding)
+    assert "time.end  (number, s, > 0)" in text
+    done = program("keys", "particles.jitter", env={"PYTHONIOENCODING": encoding})
+    sign = "≥" if encoding in ("ascii", "utf-8", "utf-16") else ">="
+    assert f"{sign} 0" in done.stdout.decode("utf-8" if encoding == "ascii" else encoding)
+
+
+@pytest.mark.parametrize("name", ["岩石.yaml", os.fsdecode(b"caf\xe9.yaml")])
+@pytest.mark.parametrize(
+    "env",
+    [
+        {"PYTHONIOENCODING": "cp1252"},
+        {"LC_ALL": "C"},
+        {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+    ],
+)
+def test_names_of_files_in_any_alphabet(name, env, folder):
+    (folder / name).write_text(CASE)
+    code = "from isphcli.cli import main; main(['run', '--quiet', *__import__('glob').glob('*.yaml')])"
+    (folder / "case.yaml").unlink()
+    done = program(code=code, env=env)
+    assert done.returncode == 0 and b"permeability" in done.stdout and not done.stderr
+    assert (folder / "out" / name.removesuffix(".yaml") / "summary.json").exists()
+
+
+def test_a_reader_that_left_is_no_error_and_closed_streams_take_no_file_of_the_run(folder):
+    shell = f"{sys.executable} -m isphcli %s"
+    env = {**os.environ, "PYTHONPATH": str(Path(isphcli.__file__).parents[1])}
+    done = subprocess.run(["bash", "-c", shell % "keys | true; echo ${PIPESTATUS[0]}"], capture_output=True, env=env)
+    assert done.stdout in (b"0\n", b"141\n") and not done.stderr  # 0 where all was written before it left
+    for streams, said in (("2>&-", b"permeability"), (">&- 2>&-", b""), ("<&- >&-", b"")):
+        command = shell % f"run case.yaml {streams}"
+        done = subprocess.run(["bash", "-c", command], capture_output=True, env=env)
+        assert done.returncode == 0 and said in done.stdout
+        assert json.loads((folder / "out/case/summary.json").read_text())["permeability"] > 0
+        for path in (folder / "out/case").rglob("*.*"):
+            assert b"done in" not in path.read_bytes()  # the progress goes into no result
+        (folder / "out").rename(folder / f"out{len(os.listdir(folder))}")
+
+
+def test_progress_that_nobody_reads_ends_no_run(folder):
+    """stderr is a pipe whose reader has left, or full."""
+    command = f"{sys.executable} -m isphcli run case.yaml 2> >(true); sleep 0.1; exec true"
+    env = {**os.environ, "PYTHONPATH": str(Path(isphcli.__file__).parents[1])}
+    assert b"permeability" in subprocess.run(["bash", "-c", command], capture_output=True, env=env).stdout
+    command = f"{sys.executable} -m isphcli run case.yaml --out out/full 2> /dev/full"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, env=env)
+    assert done.returncode == 0 and b"permeability" in done.stdout
+    command = f"{sys.executable} -m isphcli run nosuch.yaml 2> /dev/full"
+    assert subprocess.run(["bash", "-c", command], env=env).returncode == BAD_INPUT
+
+
+@pytest.fixture
+def no_places(monkeypatch, tmp_path):
+    """A machine without a folder for kernels but the temporary one. Below a file even root makes no folder."""
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(environment, "_user_cache", lambda: tmp_path / "file")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+    monkeypatch.setenv("MPLCONFIGDIR", "")  # and so put back afterwards
+    monkeypatch.delenv("MPLCONFIGDIR")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    (tmp_path / "tmp").mkdir()
+    return tmp_path / "file"
+
+
+def test_kernels_go_to_a_private_temporary_folder_where_no_other_will_do(no_places):
+    said = environment.find_kernel_cache(no_places)
+    (place,) = (no_places.parent / "tmp").iterdir()
+    assert str(place) in said and str(no_places / "__pycache__") in said and str(no_places / "numba") in said
+    assert os.environ["NUMBA_CACHE_DIR"] == str(place / "numba")
+    assert stat.S_IMODE(place.stat().st_mode) == 0o700
+    os.environ["NUMBA_CACHE_DIR"] = ""
+    environment.find_kernel_cache(no_places)  # the same one again: what is compiled stays
+    assert os.environ["NUMBA_CACHE_DIR"] == str(place / "numba")
+
+
+@pytest.mark.parametrize("prepared", ["open to others", "a link", "of another user"])
+def test_a_folder_that_others_may_write_to_is_not_taken(no_places, monkeypatch, prepared):
+    """Who writes there has his code run."""
+    place = no_places.parent / "tmp" / f"isph-{os.getuid()}"
+    if prepared == "a link":
+        (no_places.parent / "elsewhere").mkdir(mode=0o700)
+        place.symlink_to(no_places.parent / "elsewhere")
+    else:
+        place.mkdir(mode=0o700)
+    if prepared == "open to others":
+        place.chmod(0o770)
+    if prepared == "of another user":
+        other = os.getuid() + 1
+        monkeypatch.setattr(os, "getuid", lambda: other)
+        place = place.rename(place.with_name(f"isph-{other}"))
+    environment.find_kernel_cache(no_places)
+    used = Path(os.environ["NUMBA_CACHE_DIR"]).parent
+    assert used != place and used.parent == place.parent and not used.is_symlink()
+    assert stat.S_IMODE(used.stat().st_mode) == 0o700 and not list(place.iterdir() if place.exists() else ())
+
+
+def test_nothing_is_changed_where_numba_finds_a_folder(no_places, monkeypatch):
+    good = no_places.parent / "good"
+    assert environment.find_kernel_cache(good) is None and os.environ["NUMBA_CACHE_DIR"] == ""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(good))
+    assert environment.find_kernel_cache(no_places) is None and os.environ["NUMBA_CACHE_DIR"] == str(good)
+
+
+def test_an_interrupted_run_is_one_line(folder):
+    """As the compiler works, in a cache that is new: no traceback, and the exit code of an interruption."""
+    (folder / "case.yaml").write_text(CASE.replace("stokes", "navier_stokes\ntime: {end: 1}"))
+    env = {**os.environ, "PYTHONPATH": str(Path(isphcli.__file__).parents[1]), "NUMBA_CACHE_DIR": str(folder / "new")}
+    words = [sys.executable, "-m", "isphcli", "run", "case.yaml"]
+    listening = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # not so below a shell's `&`
+    pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    running = subprocess.Popen(words, preexec_fn=listening, env=env, **pipes)
+    for line in running.stderr:
+        if line.startswith("compiling (once)"):
+            break
+    running.send_signal(signal.SIGINT)
+    stdout, stderr = running.communicate(timeout=120)
+    # Python ends itself with the signal where it met code that was compiled from a string: 130 for a shell
+    assert running.returncode in (INTERRUPTED, -signal.SIGINT) and not stdout
+    assert stderr.splitlines()[-1] == "interrupted" and "Traceback" not in stderr

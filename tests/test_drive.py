@@ -69,9 +69,12 @@ time: {{steady: 1.0e-3, end: 10}}
 def test_a_body_force_and_a_held_velocity_share_the_flow():
     """What the body force does along the axis the drop need not do; across it, it makes no flow and no permeability."""
     text = SLIT.format(layers="", oil="", held=0.1)
-    alone = run(text)[3][-1]["pressure_drop_x"]
-    both = run(text.replace("drive: {", "drive: {body_force: [0.7, -9.81], "))[3][-1]["pressure_drop_x"]
-    assert both == pytest.approx(alone - 2 * 0.7 * 0.25, abs=1e-2 * alone)
+    # the drop of one step scatters by 0.5 % as particles move, the mean of a hundred by 0.02 %
+    last = slice(-100, None)
+    alone = np.mean([row["pressure_drop_x"] for row in run(text)[3][last]])
+    rows = run(text.replace("drive: {", "drive: {body_force: [0.7, -9.81], "))[3][last]
+    both = np.mean([row["pressure_drop_x"] for row in rows])
+    assert both == pytest.approx(alone - 2 * 0.7 * 0.25, abs=1e-3 * alone)
 
 
 def test_fluid_without_walls_is_pushed_once():

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import simpson
+from scipy.integrate import simpson, trapezoid
 from scipy.interpolate import BSpline, CubicSpline
 from scipy.linalg import expm
 
@@ -81,7 +81,7 @@ def test_high_frequency_does_not_overflow():
 def test_two_layers():
     u = ref.two_layer_couette(Y, 1.0, 0.4, (1.0, 10.0), 1.0)
     assert math.isclose(np.interp(0.4, Y, u), 0.86956522, rel_tol=1e-8)
-    assert math.isclose(np.trapezoid(u, Y), 0.73478261, rel_tol=1e-7)
+    assert math.isclose(trapezoid(u, Y), 0.73478261, rel_tol=1e-7)
     u = ref.two_layer_poiseuille(Y, 1.0, 0.4, (1.0, 10.0), 2.0)
     below, above = Y[1:-1] < 0.3995, Y[1:-1] > 0.4005
     assert np.allclose(second_derivative(u, DY)[below], -2.0, atol=1e-6)
@@ -317,9 +317,9 @@ def test_drop_on_wall_has_its_size(dim, angle):
     z = np.linspace(0, drop["height"], 400001)
     half = np.sqrt(np.maximum(drop["radius"] ** 2 - (z + drop["radius"] - drop["height"]) ** 2, 0))
     slices = 2 * half if dim == 2 else math.pi * half**2
-    size = np.trapezoid(slices, z)
+    size = trapezoid(slices, z)
     assert math.isclose(size, 1.7, rel_tol=1e-6) and math.isclose(2 * half[0], drop["base"], rel_tol=1e-6)
-    assert math.isclose(np.trapezoid(z * slices, z) / size, drop["centre"], rel_tol=1e-6)
+    assert math.isclose(trapezoid(z * slices, z) / size, drop["centre"], rel_tol=1e-6)
     # the surface meets the wall at the angle: dz/dx = tan of what is left of it to 180 degrees
     slope = (z[1] - z[0]) / (half[1] - half[0]) if angle != 90.0 else math.inf
     assert angle == 90.0 or math.isclose(slope, -math.tan(math.radians(angle)), rel_tol=1e-4)

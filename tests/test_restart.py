@@ -379,8 +379,9 @@ def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(output, "write_vtu", full)
-        with pytest.raises(OSError, match="No space left") as caught:
+        with pytest.raises(OSError) as caught:
             run_case(load(tmp_path, VORTEX, "b"), quiet=True)
+    assert caught.value.errno == errno.ENOSPC
     assert caught.value.restart == tmp_path / "b" / restart.NAME
     run_case(load(tmp_path, VORTEX, "b"), quiet=True, resume=tmp_path / "b")
     assert left_by(tmp_path / "a") == left_by(tmp_path / "b")
@@ -393,5 +394,5 @@ def test_files_that_may_not_grow(tmp_path):
                      resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)))
     done = subprocess.run([sys.executable, "-m", "isphcli", "run", str(tmp_path / "case.yaml"), "--quiet",
                            "--out", str(tmp_path / "out")], capture_output=True, text=True, preexec_fn=limit)
-    assert done.returncode == 3 and "File too large" in done.stderr and "Traceback" not in done.stderr
+    assert done.returncode == 3 and os.strerror(errno.EFBIG) in done.stderr and "Traceback" not in done.stderr
     assert not list((tmp_path / "out").rglob(".isph-*"))

@@ -45,7 +45,7 @@ def test_taylor_green_at_low_reynolds_number():
 
 
 def test_taylor_green_from_a_jittered_start():
-    """Re 100 to t = 0.5 from 20 % jitter: PySPH ISPH reached 0.043 at 25 and 0.018 at 50 points (design note)."""
+    """Re 100 to t = 0.5 from 20 % jitter: PySPH ISPH reached 0.043 at 25 and 0.018 at 50 points (`data/peers.csv`)."""
     assert vortex_error(25, 0.01, 0.5, jitter=0.2) < 0.01
 
 

@@ -72,7 +72,7 @@ def test_the_layered_profile_is_exact_to_round_off():
 
 
 def test_pressure_driven_layers():
-    """Prototype of the design: 0.6 % at 24 across."""
+    """A prototype (before 2026-11-22) had 0.6 % at 24 across."""
     state, *_ = run(layers(1 / 24, mu=10, gx=1, time="{end: 1, step: 0.02, scheme: euler}"))
     exact = two_layer_poiseuille(state.x[:, 1], 1.0, 0.5, (1.0, 10.0), 1.0)
     assert np.linalg.norm(state.u[:, 0] - exact) < 0.004 * np.linalg.norm(exact)

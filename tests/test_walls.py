@@ -97,7 +97,7 @@ def test_poiseuille_is_exact_at_any_wall_offset(dim, ratio, offset, order):
     # weights of a wall at distance d are about 1 / (d dx), of values u about d h
     size = np.maximum(s.ops.walls.lap, 1 / dx**2)[:, None] * max(abs(u).max(), h * dx)
     assert np.all(np.abs(lap + along_x(np.full(s.n, 2.0), dim)) < 1e-11 * size)
-    # nearest wall not degenerate: the plain number of the design
+    # nearest wall not degenerate: to round-off
     if abs(offset) < 0.4:
         assert np.abs(lap[:, 0] / -2 - 1).max() < 1e-10
     assert np.abs(s.div(u)).max() < 1e-9

@@ -1,0 +1,111 @@
+"""What the program is started in and has to make do with: streams that are closed or cannot take every character,
+folders that cannot be written.
+
+Used before anything else, so it imports nothing heavy.
+"""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import os
+import shutil
+import stat
+import sys
+import tempfile
+from pathlib import Path
+
+# what is written instead of a character that an output does not have; all others as escapes, \u5ca9
+_PLAIN = {"≥": ">=", "≤": "<=", "→": "->", "←": "<-", "…": "...", "²": "2", "³": "3", "µ": "u", "μ": "u"}
+_ERRORS = "isph-plain"
+
+
+def settle_streams() -> None:
+    """Makes stdout and stderr take any text, whatever their encoding, and be there even if they were closed.
+
+    A number of a closed stream would be given to the next file that is opened, and what a library prints would go
+    into a result.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free, which is this one
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w", encoding="utf-8"))
+    codecs.register_error(_ERRORS, _plain)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors=_ERRORS)
+
+
+def _plain(error: UnicodeError) -> tuple[str | bytes, int]:
+    """Error handler of `codecs`: the replacement of one character, and where to go on."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    character = error.object[error.start]
+    if "\udc80" <= character <= "\udcff":  # a byte of a file name that is no text: as it was
+        return bytes([ord(character) - 0xDC00]), error.start + 1
+    return _PLAIN.get(character, character.encode("ascii", "backslashreplace").decode()), error.start + 1
+
+
+def stop_printing() -> None:
+    """After nobody reads stdout any more: what is still in its buffer goes nowhere, without a complaint."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def find_kernel_cache(package: Path = Path(__file__).parent) -> str | None:
+    """Sees to it that numba has a folder for what it compiles; a sentence where none of the usual ones will do.
+
+    numba takes NUMBA_CACHE_DIR, the folder of the package or the cache of the user, whichever can be written first,
+    and refuses all work where none can. Then a folder in the temporary one is used, for pictures' fonts too. To be
+    called before numba is imported. Raises OSError where nothing at all can be written.
+    """
+    asked = os.environ.get("NUMBA_CACHE_DIR")
+    places = [*([Path(asked)] if asked else []), package / "__pycache__", _user_cache() / "numba"]
+    if any(_is_writable(place) for place in places):
+        return None
+    folder = _private_folder()
+    os.environ["NUMBA_CACHE_DIR"] = str(folder / "numba")
+    os.environ.setdefault("MPLCONFIGDIR", str(folder / "matplotlib"))
+    return (
+        f"note: compiled kernels are kept in {folder}, as {' and '.join(str(p) for p in places)} cannot be written; "
+        "the environment variable NUMBA_CACHE_DIR names another folder"
+    )
+
+
+def _user_cache() -> Path:
+    """Where programs keep what they can make anew."""
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or "~/AppData/Local").expanduser()
+    if sys.platform == "darwin":
+        return Path(os.path.expanduser("~/Library/Caches"))
+    return Path(os.path.expanduser(os.environ.get("XDG_CACHE_HOME") or "~/.cache"))
+
+
+def _is_writable(folder: Path) -> bool:
+    """Whether a file can be made in a folder, which is made where it is missing."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return True
+
+
+def _private_folder() -> Path:
+    """A folder that nobody else can write to, the same one every time if possible: what is read from it is run."""
+    user = os.getuid() if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
+    folder = Path(tempfile.gettempdir(), f"isph-{user}")
+    with contextlib.suppress(OSError):
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+        ours = not hasattr(os, "getuid") or (found.st_uid == os.getuid() and not stat.S_IMODE(found.st_mode) & 0o077)
+        if stat.S_ISDIR(found.st_mode) and ours and _is_writable(folder):
+            return folder
+    import atexit
+
+    once = Path(tempfile.mkdtemp(prefix="isph-"))
+    atexit.register(shutil.rmtree, once, ignore_errors=True)
+    return once
