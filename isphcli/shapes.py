@@ -9,7 +9,8 @@ a kind touch and there is no wall. There `_walls_near` looks for the nearest poi
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -68,10 +69,14 @@ Disk = Sphere
 
 @dataclass(frozen=True, eq=False)
 class Spheres:
-    """Many balls, overlapping or not: centres (m, dim), radii a number or (m,)."""
+    """Many balls, overlapping or not: centres (m, dim), radii a number or (m,).
+
+    columns: how the columns of their file were understood, where that took more than m and the usual order.
+    """
 
     centres: np.ndarray
     radii: np.ndarray | float
+    columns: str = ""
     _trees: dict = field(default_factory=dict, repr=False)
 
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
@@ -192,7 +197,11 @@ class ShapeGeometry:
     fluid: index of the fluid that fills the box; shapes: later ones lie on top of earlier ones.
     slip_length: m, of walls that do not state their own; face_velocity, face_slip: see `geometry.face_walls`.
     Walls are numbered 0 (at rest), 1 + 2 axis + side (faces), 1 + 2 dim + k (shape k).
+    Raises ShapeError where a shape or the box cannot be used.
     """
+
+    warnings: tuple[str, ...] = ()
+    described: tuple[tuple[str, str], ...] = ()
 
     def __init__(
         self,
@@ -223,6 +232,7 @@ class ShapeGeometry:
         self.round_off = ROUND_OFF * float((self.upper - self.lower).max())
         for k, shape in enumerate(self.shapes):
             _check_body(shape.body, self.dim, f"shape {k + 1}")
+        self.warnings = tuple(_cut_planes(self))
         self._grid: _Grid | None = None  # for `crossing`, when it is first asked
         self.has_solid = self.fluid < 0 or not all(self.periodic) or any(s.phase < 0 for s in self.shapes)
         self.wall_velocity, self.slip_length = face_walls(
@@ -1030,14 +1040,18 @@ def _nearest_foot(
                 if count > 2 and near[order[i2]] >= best:
                     break
                 chosen[0], chosen[1], chosen[2] = order[i0], order[i1], order[i2]
-                curved = False
+                curved, tube = False, False
                 for i in range(count):
                     curved |= surface[chosen[i], 0] == ROUND
+                    for a in range(dim):
+                        tube |= surface[chosen[i], 0] == ROUND and surface[chosen[i], 5 + a] == 0.0
                 # round surfaces also meet on their far sides; on the line between two centres both face the same way
                 found = False
                 for side in range(count + 4 if curved and count > 1 else 1):
                     middle = chosen[min(max(side - 1, 0), count - 1)]
-                    if 0 < side <= count and surface[middle, 0] == PLANE or side > count + 2 and not (found and count == dim):
+                    if 0 < side <= count and (surface[middle, 0] == PLANE or found and not tube):
+                        continue
+                    if count < side < count + 3 and found or side == count + 3 and not (found and count == dim):
                         continue
                     for a in range(dim):
                         p[a] = twin[a] if side > count + 2 else x[a]
@@ -1048,8 +1062,8 @@ def _nearest_foot(
                             p[a] = 2.0 * surface[middle, 1 + a] - x[a]
                     if not _foot(surface, chosen, count, x, p, j, g, b, step):
                         continue
-                    if curved and count == dim and not found:
-                        found = _twin(surface, chosen, count, p, j, twin)
+                    if curved and not found:
+                        found = count < dim or _twin(surface, chosen, count, p, g, twin)
                     away = np.sqrt((p[0] - x[0]) ** 2 + (p[1] - x[1]) ** 2 + (p[2] - x[2]) ** 2)
                     if away < best and away > least * (1.0 - 1e-9) - step and _meets(
                         p, count, j, g, b, wanted, dim, lower, edge, counts, around, start, entry, piece, shape, solid,
@@ -1117,10 +1131,18 @@ def _met_at_once(
 def read_spheres(
     path: str | Path, dim: int = 3, radius: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Centres (m, dim) and radii (m,) of a CSV file with columns x, y(, z)[, radius].
+    """Centres (m, dim) and radii (m,) of a CSV file, m; see `spheres_of_file`."""
+    found = spheres_of_file(path, dim, radius)
+    return found.centres, np.broadcast_to(np.asarray(found.radii, float), len(found.centres))
 
-    Lines starting with # are skipped. A header line may be there; names in it that say another order of the
-    columns, or diameters, are refused. radius is used where the file has no such column.
+
+def spheres_of_file(path: str | Path, dim: int = 3, radius: float | None = None) -> Spheres:
+    """Balls of a CSV file with columns x, y(, z)[, radius or diameter].
+
+    Lines starting with # are skipped. A header line may be there, after a # too; it names the columns and perhaps their
+    unit, x_mm or radius [um], in which case the lengths are converted to m. Names that are not understood, columns in
+    another order and lengths of which only some have a unit are refused. radius, m, is used where the file has no such
+    column. Raises ShapeError.
     """
     path = Path(path)
     try:
@@ -1128,15 +1150,22 @@ def read_spheres(
     except (OSError, UnicodeDecodeError) as error:
         raise ShapeError(f"{path}: cannot be read as text ({error}); give rows of x,y,z[,radius]") from None
     rows: list[list[float]] = []
+    header: _Header | None = None
     for number, line in enumerate(lines, 1):
-        cells = [c.strip() for c in line.replace(";", ",").split(",")]
-        if not line.strip() or line.lstrip().startswith("#"):
+        if not line.strip():
             continue
+        if line.lstrip().startswith("#"):
+            if not rows and header is None:  # numpy.savetxt puts a # before its header
+                header = _commented_header(line, dim, f"{path}:{number}")
+            continue
+        if ";" in line and "," in line:
+            raise ShapeError(f"{path}:{number}: holds ; and ,: numbers need a decimal point, columns one separator")
+        cells = [c.strip() for c in line.replace(";", ",").split(",")]
         try:
             values = [float(c) for c in cells]
         except ValueError:
             if not rows and not any(_is_number(c) for c in cells):
-                _check_header(cells, dim, f"{path}:{number}")
+                header = _Header.of(cells, dim, f"{path}:{number}")
                 continue
             raise ShapeError(
                 f"{path}:{number}: '{line.strip()[:60]}' is not a row of numbers; fix it"
@@ -1146,16 +1175,18 @@ def read_spheres(
             raise ShapeError(f"{path}:{number}: {len(values)} columns where {want} are expected")
         if not np.isfinite(values).all():
             raise ShapeError(f"{path}:{number}: a value is not finite; remove the row or correct it")
+        if header is not None and len(values) != len(header.scale):
+            raise ShapeError(f"{path}:{number}: {len(values)} columns where the header has {len(header.scale)}")
         rows.append(values)
     if not rows:
         raise ShapeError(f"{path}: holds no sphere; give rows of x,y,z[,radius]")
-    table = np.array(rows)
+    table = np.array(rows) * (header.scale if header is not None else 1.0)
     if table.shape[1] == dim and radius is None:
         raise ShapeError(f"{path}: has no column of radii; add one or give the key 'radius'")
     radii = table[:, dim] if table.shape[1] > dim else np.full(len(table), float(radius))  # type: ignore[arg-type]
-    if (radii <= 0).any():
-        raise ShapeError(f"{path}: radius {radii.min()} is not positive")
-    return np.ascontiguousarray(table[:, :dim]), radii
+    if not (radii > 0).all() or not np.isfinite(table).all():
+        raise ShapeError(f"{path}: radius {radii.min()} is not positive, or a length leaves the range of numbers")
+    return Spheres(np.ascontiguousarray(table[:, :dim]), radii, header.said if header is not None else "")
 
 
 TRIES = 2000  # random places tried for each sphere before there is said to be no room
@@ -1198,13 +1229,151 @@ def random_spheres(
     )
 
 
-def _check_header(cells: list[str], dim: int, where: str) -> None:
-    names = [c.strip("'\"").lower() for c in cells]
-    order = list("xyz"[:dim])
-    moved = any(a in names and names.index(a) != i for i, a in enumerate(order))
-    if moved or any(n == "d" or n.startswith("diam") for n in names) or names[0] in ("r", "radius"):
-        found = ",".join(names)[:60]
-        raise ShapeError(f"{where}: the columns are {found}; give {','.join(order)}[,radius] in this order")
+UNITS = {
+    "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "cm": 1e-2, "mm": 1e-3, "millimeter": 1e-3,
+    "millimeters": 1e-3, "millimetre": 1e-3, "millimetres": 1e-3, "um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6,
+    "micron": 1e-6, "microns": 1e-6, "micrometer": 1e-6, "micrometers": 1e-6, "micrometre": 1e-6, "micrometres": 1e-6,
+    "nm": 1e-9,
+}  # fmt: skip
+RADIUS, DIAMETER = ("r", "rad", "radius", "radii"), ("d", "dia", "diam", "diameter", "diameters")
+
+
+@dataclass(frozen=True)
+class _Header:
+    """scale: (columns,) factors that make the columns metres and diameters radii; said: what it took, or nothing."""
+
+    scale: np.ndarray
+    said: str
+
+    @classmethod
+    def of(cls, cells: list[str], dim: int, where: str) -> _Header:
+        """Header of the names in a line; raises ShapeError where they are not understood."""
+        found = [_column(cell) for cell in cells]
+        names, shown = [name for name, _ in found], ",".join(cells)[:60]
+        wanted = f"{','.join('xyz'[:dim])}[,radius]"
+        strange = [cell for cell, name in zip(cells, names) if not name]
+        if strange:
+            raise ShapeError(f"{where}: no such column: {', '.join(strange)[:60]}; give {wanted} and no others")
+        if names[:dim] != list("xyz"[:dim]) or names[dim:] not in ([], ["radius"], ["diameter"]):
+            raise ShapeError(f"{where}: the columns are {shown}; give {wanted} in this order")
+        units = [unit for _, unit in found]
+        if None in units and any(units):
+            without = ", ".join(cell for cell, unit in zip(cells, units) if unit is None)
+            raise ShapeError(f"{where}: only some columns have a unit; name that of {without} too, or of none")
+        scale = np.array([1.0 if unit is None else UNITS[unit] for unit in units])
+        said = f"lengths in {', '.join(dict.fromkeys(u for u in units if u))}" if any(units) else ""
+        if any(u is not None and UNITS[u] != 1.0 for u in units):
+            said += " converted to m"
+        if names[-1] == "diameter":
+            scale[-1] /= 2
+            said += f"{', ' if said else ''}diameters halved"
+        return cls(scale, said)
+
+
+def _column(cell: str) -> tuple[str, str | None]:
+    """('x', 'y', 'z', 'radius', 'diameter' or '' for another, its unit or None) of the name of a column."""
+    text = cell.strip().strip("'\"").lower()
+    words = [w for w in re.split(r"[\s_\[\](){}/]+", text) if w]
+    unit = words.pop() if len(words) > 1 and words[-1] in UNITS else None
+    words = [w for w in words if w not in ("centre", "center", "pos", "position", "coordinate", "in", "bead", "sphere")]
+    if len(words) != 1:
+        return "", unit
+    (word,) = words
+    if word in RADIUS or word in DIAMETER:
+        return "radius" if word in RADIUS else "diameter", unit
+    return word if word in ("x", "y", "z") else "", unit
+
+
+def _commented_header(line: str, dim: int, where: str) -> _Header | None:
+    """The header in a comment, if all its words are names of columns."""
+    text = line.lstrip("# \t")
+    for cells in (re.split(r"[,;]", text), text.split()):
+        cells = [c.strip() for c in cells]
+        if len(cells) >= dim and all(_column(c)[0] for c in cells):
+            return _Header.of(cells, dim, where)
+    return None
+
+
+LARGE = 10.0  # radii over the smallest period: then one ball has 8000 images and lengths are in another unit
+
+
+def sphere_findings(
+    body: Spheres, lower: np.ndarray, upper: np.ndarray, period: np.ndarray, name: str
+) -> tuple[list[str], list[str]]:
+    """(facts, warnings) on balls against their box: those outside, wrapped or left out, and those that overlap.
+
+    lower, upper: (dim,) corners, m; period: (dim,) m, infinite along closed axes. Raises ShapeError for balls far
+    larger than a periodic box.
+    """
+    centres = np.atleast_2d(np.asarray(body.centres, float))
+    radii = np.broadcast_to(np.asarray(body.radii, float), len(centres))
+    facts, odd = [], []
+    count, size = len(centres), upper - lower
+    if radii.max() > LARGE * period.min():
+        raise ShapeError(f"{name}: a radius of {radii.max():g} m in a periodic box of {period.min():g} m; check the unit: "
+                         "lengths are in m unless the header names another (x_mm)")  # fmt: skip
+    beyond = np.maximum(lower - centres, centres - upper)  # of the centre, along each axis
+    closed = ~np.isfinite(period)
+    out = (beyond[:, closed] >= radii[:, None]).any(axis=1)
+    wrapped = (beyond[:, ~closed] > ROUND_OFF * size[~closed]).any(axis=1) & ~out
+    far = ((beyond - radii[:, None] >= 0.0)[:, ~closed]).any(axis=1) & ~out
+    if out.any():
+        odd.append(f"{name}: {out.sum()} of {count} spheres lie outside the box and are left out; check lengths and origin")
+    if wrapped.any():
+        text = f"{wrapped.sum()} of {count} spheres have their centre outside the box and are wrapped into it"
+        most = float((beyond / size)[:, ~closed].max())
+        if far.any():
+            odd.append(f"{name}: {text}, {far.sum()} of them from wholly outside (up to {most:.3g} box lengths); "
+                       "check lengths and origin")  # fmt: skip
+        else:
+            facts.append(text)
+    kept = np.flatnonzero(~out)
+    pairs, copies, most = _overlaps(centres[kept], radii[kept], period) if len(kept) > 1 else (0, 0, 0.0)
+    if copies:
+        facts.append(f"{copies} spheres repeat another one, or its periodic image; they count once")
+    if pairs:
+        odd.append(f"{name}: {pairs} pairs of spheres overlap, by up to {100 * most:.0f} % of the smaller radius; "
+                   "what they share counts once")  # fmt: skip
+    return facts, odd
+
+
+TOUCH = 0.01  # of the smaller radius: overlaps up to it are how packings touch
+
+
+def _overlaps(centres: np.ndarray, radii: np.ndarray, period: np.ndarray) -> tuple[int, int, float]:
+    """(pairs that overlap, balls that repeat another, largest overlap over the smaller radius)."""
+    x = _into_box(centres, period)
+    order = np.argsort(-radii, kind="stable")
+    x, radii = x[order], radii[order]
+    tree = cKDTree(x, boxsize=np.where(np.isfinite(period), period, 0.0))
+    pairs, most, repeats = 0, 0.0, np.zeros(len(x), dtype=bool)
+    for first in range(0, len(x), 10_000):
+        part = slice(first, first + 10_000)
+        # of two balls that meet the smaller one has its centre within twice the radius of the larger one
+        for i, near in enumerate(tree.query_ball_point(x[part], 2.0 * radii[part]), first):
+            j = np.array([k for k in near if k > i], dtype=np.int64)
+            if not len(j):
+                continue
+            apart = np.linalg.norm(_nearest_image(x[j] - x[i], period), axis=1)
+            same = (apart <= 1e-9 * radii[i]) & (radii[j] >= radii[i] * (1 - 1e-9))
+            repeats[j[same]] = True
+            depth = (radii[i] + radii[j] - apart)[~same] / radii[j][~same]
+            if not repeats[i]:
+                pairs += int((depth > TOUCH).sum())
+            most = max(most, float(depth.max(initial=0.0)))
+    return pairs, int(repeats.sum()), min(most, 2.0)
+
+
+def _cut_planes(geometry: ShapeGeometry) -> Iterator[str]:
+    """Half-spaces that end at a periodic face."""
+    for k, shape in enumerate(geometry.shapes):
+        if not isinstance(shape.body, HalfSpace):
+            continue
+        slope = np.abs(shape.body.unit_normal) > ROUND_OFF
+        cut = [name for name, p, s in zip("xyz", geometry.periodic, slope) if p and s]
+        if cut:
+            yield (f"shape {k + 1}: the half-space is not periodic along {', '.join(cut)}: it ends at the periodic face, "
+                   "where the distance to walls is not that to its end")  # fmt: skip
 
 
 def _is_number(text: str) -> bool:
