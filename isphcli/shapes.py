@@ -866,16 +866,20 @@ def _solve(g, b, m):
 
 
 @njit(cache=True)
-def _foot(surface, chosen, m, x, p, j, g, b, step):
+def _foot(surface, chosen, m, dim, x, p, j, g, b, step):
     """Move p to the point nearest to x that lies on all m chosen surfaces; False where none is found."""
     scale = step / PROBE
     for turn in range(60):
         # steps towards x along tight curves are too long and swing about the nearest point; at last only back to them
         share = 1.0 if turn < 15 else 0.4 if turn < 30 else 0.15 if turn < 50 else 0.0
+        off = 0.0
         for i in range(m):
             b[i] = -_value(surface, chosen[i], p, j[i])
+            off = max(off, abs(b[i]))
             for a in range(3):
                 b[i] -= share * j[i, a] * (x[a] - p[a])
+        if m == dim and turn == 12 and off > 1e-3 * scale:  # they do not meet
+            return False
         for i in range(m):
             for k in range(m):
                 g[i, k] = j[i, 0] * j[k, 0] + j[i, 1] * j[k, 1] + j[i, 2] * j[k, 2]
@@ -890,7 +894,7 @@ def _foot(surface, chosen, m, x, p, j, g, b, step):
             p[a] = to
         if not moved < 1e6 * scale:
             return False
-        if moved < 1e-14 * scale:
+        if moved < 1e-13 * scale:
             break
     for i in range(m):
         if not abs(_value(surface, chosen[i], p, j[i])) < 1e-12 * scale:
@@ -1060,7 +1064,7 @@ def _nearest_foot(
                             p[a] += aside * ROUND_ABOUT[0, a] * (1.0 if side == count + 1 else -1.0)
                         elif 0 < side <= count and surface[middle, 5 + a] > 0.0:
                             p[a] = 2.0 * surface[middle, 1 + a] - x[a]
-                    if not _foot(surface, chosen, count, x, p, j, g, b, step):
+                    if not _foot(surface, chosen, count, dim, x, p, j, g, b, step):
                         continue
                     if curved and not found:
                         found = count < dim or _twin(surface, chosen, count, p, g, twin)
@@ -1357,9 +1361,9 @@ def _overlaps(centres: np.ndarray, radii: np.ndarray, period: np.ndarray) -> tup
             apart = np.linalg.norm(_nearest_image(x[j] - x[i], period), axis=1)
             same = (apart <= 1e-9 * radii[i]) & (radii[j] >= radii[i] * (1 - 1e-9))
             repeats[j[same]] = True
-            depth = (radii[i] + radii[j] - apart)[~same] / radii[j][~same]
-            if not repeats[i]:
-                pairs += int((depth > TOUCH).sum())
+            once = ~(same | repeats[j] | repeats[i])
+            depth = (radii[i] + radii[j] - apart)[once] / radii[j][once]
+            pairs += int((depth > TOUCH).sum())
             most = max(most, float(depth.max(initial=0.0)))
     return pairs, int(repeats.sum()), min(most, 2.0)
 

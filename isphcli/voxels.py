@@ -280,7 +280,7 @@ def voxel_size_of(
             return np.array(spacing), where, ()
         units = [f"{most * size:g} m if it is in {unit}" for unit, size in UNITS.items()]
         hint = (f"{name}: ElementSpacing {_numbers(spacing)} has no unit and is taken as metres; voxels of rock are "
-                f"finer: give geometry.voxels.voxel_size ({' or '.join(units[:2])})")  # fmt: skip
+                f"finer: give the voxel size, {' or '.join(units[:2])} (geometry.voxels.voxel_size, --voxel-size)")  # fmt: skip
         return np.array(spacing), where, (hint,)
     size = np.ravel(np.asarray(given, dtype=float))
     source = "as given"

@@ -399,7 +399,12 @@ def test_reading_spheres(tmp_path):
         ("1;2\n", "columns"),
         ("radius,x,y,z\n0.1,1,2,3\n", ":1: the columns are radius,x,y,z; give x,y,z"),
         ("z,y,x\n1,2,3\n", ":1: the columns are z,y,x"),
-        ("x,y,z,diameter\n1,2,3,1\n", ":1: the columns are"),
+        ("x,y,z,radius,phase\n1,2,3,1,0\n", ":1: no such column: phase"),
+        ("x_mm,y_mm,z_mm,radius_px\n1,2,3,1\n", ":1: no such column: radius_px"),
+        ("x_mm,y_mm,z_mm,radius\n1,2,3,1\n", ":1: only some columns have a unit; name that of radius"),
+        ("x,y,z,radius\n1,2,3\n", ":2: 3 columns where the header has 4"),
+        ("# z,y,x\n1,2,3,1\n", ":1: the columns are z,y,x"),
+        ("0,5;1\n", ":1: holds ; and ,"),
     ],
 )
 def test_bad_sphere_files(tmp_path, text, message):
@@ -407,6 +412,49 @@ def test_bad_sphere_files(tmp_path, text, message):
     file.write_text(text)
     with pytest.raises(ShapeError, match=message):
         read_spheres(file)
+
+
+@pytest.mark.parametrize(
+    "header, length, radius",
+    [
+        ("x_mm,y_mm,z_mm,radius_mm", 1e-3, 1.0),
+        ("x [mm];y [mm];z [mm];r [um]", 1e-3, 1e-3),
+        ("X(\u00b5m),Y(\u03bcm),Z(um),Diameter (micron)", 1e-6, 0.5),
+        ("x,y,z,diameter", 1.0, 0.5),
+        ("centre_x_m,centre_y_m,centre_z_m,radius_m", 1.0, 1.0),
+        ("# x_mm,y_mm,z_mm,radius_mm", 1e-3, 1.0),
+        ("# x_mm y_mm z_mm radius_mm", 1e-3, 1.0),
+        ("# beads of 2 mm", 1.0, 1.0),
+    ],
+)
+def test_lengths_in_the_unit_that_the_header_names(tmp_path, header, length, radius):
+    file = tmp_path / "beads.csv"
+    separator = ";" if ";" in header else ","
+    file.write_text(f"{header}\n{separator.join('1234')}\n", encoding="utf-8")
+    found = shapes.spheres_of_file(file)
+    assert found.centres == pytest.approx(np.array([[1, 2, 3]]) * length, rel=1e-15)
+    assert found.radii == pytest.approx([4 * length * radius], rel=1e-15)
+    assert ("converted to m" in found.columns) == (length != 1.0) and ("halved" in found.columns) == (radius == 0.5)
+
+
+def test_spheres_outside_the_box_and_overlaps_are_counted():
+    centres = [[0.5, 0.5], [0.65, 0.5], [1.5, 0.5], [-0.05, 0.3], [7.95, 0.8], [0.3, -0.5], [0.95, 0.31], [0.3, 0.05]]
+    body, lower, upper = Spheres(np.array(centres), 0.1), np.zeros(2), np.ones(2)
+    facts, odd = shapes.sphere_findings(body, lower, upper, np.array([1, np.inf]), "b.csv")
+    assert facts == ["1 spheres repeat another one, or its periodic image; they count once"]
+    assert odd[0].startswith("b.csv: 1 of 8 spheres lie outside the box and are left out")
+    assert odd[1].startswith("b.csv: 3 of 8 spheres have their centre outside the box and are wrapped into it, 2 of them")
+    assert odd[2].startswith("b.csv: 2 pairs of spheres overlap, by up to 190 %")
+    touching = Spheres(np.array([[0.3, 0.5], [0.4999, 0.5]]), 0.1)  # 0.1 % of the radius: how packings touch
+    assert shapes.sphere_findings(touching, lower, upper, np.array([1, np.inf]), "b.csv") == ([], [])
+    with pytest.raises(ShapeError, match="b.csv: a radius of 400 m in a periodic box of 1 m; check the unit"):
+        shapes.sphere_findings(Spheres(np.zeros((1, 2)), 400.0), lower, upper, np.ones(2), "b.csv")
+
+
+def test_a_half_space_that_a_periodic_face_cuts_is_told():
+    cut = ShapeGeometry((0, 0), (1, 1), (True, False), shapes=[Shape(HalfSpace((0.5, 0.5), (1, 1)))])
+    along = ShapeGeometry((0, 0), (1, 1), (True, False), shapes=[Shape(HalfSpace((0.5, 0.5), (0, 1)))])
+    assert along.warnings == () and len(cut.warnings) == 1 and "not periodic along x:" in cut.warnings[0]
 
 
 def test_missing_and_binary_sphere_files(tmp_path):
