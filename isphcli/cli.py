@@ -552,7 +552,7 @@ def image_lines(report: Mapping[str, Any]) -> str:
         (
             "voxel size",
             "not known; give --voxel-size" if size is None
-            else f"{' x '.join(f'{s:g}' for s in size)} m ({', '.join(axes)}), that of the input {report['voxel_size_from']}",
+            else f"{' x '.join(f'{s:g}' for s in size)} m ({', '.join(axes)}), of IN, {report['voxel_size_from']}",
         ),
         *(("WARNING", text) for text in report["warnings"]),
     ]

@@ -6,6 +6,7 @@ the connected fluid of a lattice of labels.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -327,21 +328,21 @@ def _unusual_size(case: Case, size: np.ndarray) -> tuple[str, ...]:
     if not si or size.max() < COARSE:
         return ()
     return (
-        f"voxels of {_product(size)} m (the fluids are in SI units): images of rock are finer; if micrometres are meant, "
-        f"the voxel size is {_product(size * 1e-6)} m, if millimetres, {_product(size * 1e-3)} m",
+        f"voxels of {_product(size)} m (the fluids are in SI units): images of rock are finer; if micrometres are "
+        f"meant, the voxel size is {_product(size * 1e-6)} m, if millimetres, {_product(size * 1e-3)} m",
     )
 
 
-def _unusual_porosity(porosity: float, labels: dict) -> tuple[str, ...]:
+def _unusual_porosity(porosity: float, labels: Mapping[str, tuple[int, ...]]) -> tuple[str, ...]:
     if not MOST_POROUS < porosity < 1.0:
         return ()
     return (
-        f"porosity {100 * porosity:.1f} %: more than rock has; check which values are solid ({_labels_in_words(labels)}; "
-        f"the other way round it is {100 * (1 - porosity):.1f} %)",
+        f"porosity {100 * porosity:.1f} %: more than rock has; check which values are solid ("
+        f"{_labels_in_words(labels)}; the other way round it is {100 * (1 - porosity):.1f} %)",
     )
 
 
-def _labels_in_words(labels: dict) -> str:
+def _labels_in_words(labels: Mapping[str, tuple[int, ...]]) -> str:
     """'solid 1, water 0'."""
     return ", ".join(f"{name} {' '.join(str(v) for v in values)}" for name, values in labels.items())
 

@@ -959,10 +959,10 @@ def _walls_near(
             wanted = bound[k] > 0.0  # in fluid solid is looked for, in a solid fluid
             if least <= 2.0 * step:  # on a surface: a wall, or inside one kind
                 here, other = False, False
-                ways = ROUND_ABOUT_2D if dim == 2 else ROUND_ABOUT
+                ways, away = ROUND_ABOUT_2D if dim == 2 else ROUND_ABOUT, 4.0 * step
                 for w in range(len(ways)):
                     is_solid = _is_solid(
-                        at[0] + 4.0 * step * ways[w, 0], at[1] + 4.0 * step * ways[w, 1], at[2] + 4.0 * step * ways[w, 2],
+                        at[0] + away * ways[w, 0], at[1] + away * ways[w, 1], at[2] + away * ways[w, 2],
                         lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled,
                     )  # fmt: skip
                     here, other = here | is_solid, other | (not is_solid)
@@ -982,8 +982,8 @@ def _walls_near(
                 order = np.argsort(near[:m])
                 for count in range(1, dim + 1):
                     best, owner = _nearest_foot(
-                        surface, near, order, m, count, at, least, best, owner, wanted, dim, p, twin, chosen, j, g, b, lower,
-                        edge, counts, around, start, entry, piece, shape, solid, outside, filled, step,
+                        surface, near, order, m, count, at, least, best, owner, wanted, dim, p, twin, chosen, j, g, b,
+                        lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled, step,
                     )
                 if best <= reach or reach > 2.0 * size:
                     break
@@ -1053,9 +1053,9 @@ def _nearest_foot(
                 found = False
                 for side in range(count + 4 if curved and count > 1 else 1):
                     middle = chosen[min(max(side - 1, 0), count - 1)]
-                    if 0 < side <= count and (surface[middle, 0] == PLANE or found and not tube):
+                    if 0 < side <= count and (surface[middle, 0] == PLANE or (found and not tube)):
                         continue
-                    if count < side < count + 3 and found or side == count + 3 and not (found and count == dim):
+                    if (count < side < count + 3 and found) or (side == count + 3 and not (found and count == dim)):
                         continue
                     for a in range(dim):
                         p[a] = twin[a] if side > count + 2 else x[a]
@@ -1314,15 +1314,16 @@ def sphere_findings(
     facts, odd = [], []
     count, size = len(centres), upper - lower
     if radii.max() > LARGE * period.min():
-        raise ShapeError(f"{name}: a radius of {radii.max():g} m in a periodic box of {period.min():g} m; check the unit: "
-                         "lengths are in m unless the header names another (x_mm)")  # fmt: skip
+        raise ShapeError(f"{name}: a radius of {radii.max():g} m in a periodic box of {period.min():g} m; check the "
+                         "unit: lengths are in m unless the header names another (x_mm)")  # fmt: skip
     beyond = np.maximum(lower - centres, centres - upper)  # of the centre, along each axis
     closed = ~np.isfinite(period)
     out = (beyond[:, closed] >= radii[:, None]).any(axis=1)
     wrapped = (beyond[:, ~closed] > ROUND_OFF * size[~closed]).any(axis=1) & ~out
     far = ((beyond - radii[:, None] >= 0.0)[:, ~closed]).any(axis=1) & ~out
     if out.any():
-        odd.append(f"{name}: {out.sum()} of {count} spheres lie outside the box and are left out; check lengths and origin")
+        odd.append(f"{name}: {out.sum()} of {count} spheres lie outside the box and are left out; check lengths "
+                   "and origin")  # fmt: skip
     if wrapped.any():
         text = f"{wrapped.sum()} of {count} spheres have their centre outside the box and are wrapped into it"
         most = float((beyond / size)[:, ~closed].max())
@@ -1376,8 +1377,8 @@ def _cut_planes(geometry: ShapeGeometry) -> Iterator[str]:
         slope = np.abs(shape.body.unit_normal) > ROUND_OFF
         cut = [name for name, p, s in zip("xyz", geometry.periodic, slope) if p and s]
         if cut:
-            yield (f"shape {k + 1}: the half-space is not periodic along {', '.join(cut)}: it ends at the periodic face, "
-                   "where the distance to walls is not that to its end")  # fmt: skip
+            yield (f"shape {k + 1}: the half-space is not periodic along {', '.join(cut)}: it ends at the periodic "
+                   "face, where the distance to walls is not that to its end")  # fmt: skip
 
 
 def _is_number(text: str) -> bool:

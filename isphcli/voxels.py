@@ -6,6 +6,7 @@ with the header before memory is taken, and pickled objects are never loaded.
 
 from __future__ import annotations
 
+import itertools
 import os
 import zipfile
 import zlib
@@ -280,7 +281,8 @@ def voxel_size_of(
             return np.array(spacing), where, ()
         units = [f"{most * size:g} m if it is in {unit}" for unit, size in UNITS.items()]
         hint = (f"{name}: ElementSpacing {_numbers(spacing)} has no unit and is taken as metres; voxels of rock are "
-                f"finer: give the voxel size, {' or '.join(units[:2])} (geometry.voxels.voxel_size, --voxel-size)")  # fmt: skip
+                f"finer: give the voxel size, {' or '.join(units[:2])} (geometry.voxels.voxel_size, "
+                "--voxel-size)")  # fmt: skip
         return np.array(spacing), where, (hint,)
     size = np.ravel(np.asarray(given, dtype=float))
     source = "as given"
@@ -293,8 +295,8 @@ def voxel_size_of(
         if np.allclose(ratio, length, rtol=SAME_SIZE, atol=0.0):
             return size, f"{source}, as in {name} if that is in {unit}", ()
     unit = " (without a unit)" if meta else " m"
-    said = (f"the voxel size given, {_numbers(size)} m, is not that of {name}, {_numbers(spacing)}{unit}; the one given "
-            "is taken: leave it out (geometry.voxels.voxel_size, --voxel-size) for that of the file")  # fmt: skip
+    said = (f"the voxel size given, {_numbers(size)} m, is not that of {name}, {_numbers(spacing)}{unit}; the one "
+            "given is taken: leave it out (geometry.voxels.voxel_size, --voxel-size) for that of the file")  # fmt: skip
     return size, f"{source}; {name} has {_numbers(spacing)}{unit}", (said,)
 
 
@@ -327,13 +329,13 @@ def faces_that_differ(solid: np.ndarray, periodic: Sequence[bool]) -> tuple[str,
         if not periodic[axis] or len(layers) < 3:
             continue
         across = float((layers[0] != layers[-1]).mean())
-        inside = float(np.mean([(a != b).mean() for a, b in zip(layers, layers[1:])]))
+        inside = float(np.mean([(a != b).mean() for a, b in itertools.pairwise(layers)]))
         unrelated = 2.0 * share * (1.0 - share)
         if across > 0.05 and across > 0.5 * (inside + max(unrelated, inside)) and across > 1.5 * inside:
             said.append(
                 f"geometry.periodic: the two faces across {name} differ in {100 * across:.0f} % of their voxels, "
-                f"neighbouring layers in {100 * inside:.0f} %: the image does not repeat along {name}; leave {name} out "
-                "of geometry.periodic, or mirror the image"
+                f"neighbouring layers in {100 * inside:.0f} %: the image does not repeat along {name}; leave {name} "
+                "out of geometry.periodic, or mirror the image"
             )
     return tuple(said)
 
@@ -381,7 +383,7 @@ def _check_colours(path: Path, values: np.ndarray) -> None:
     """
     if values.ndim not in (3, 4) or values.shape[-1] not in (3, 4) or values.size == 0:
         return
-    if values.ndim == 3 and (values.dtype.kind not in "uf" or values.dtype.kind == "u" and values.dtype.itemsize > 1):
+    if values.ndim == 3 and (values.dtype.kind not in "uf" or values.dtype in ("u2", "u4", "u8")):
         return
     height, width, channels = values.shape[-3:]
     if min(height, width) < THICK * channels and values.ndim == 3:
@@ -393,9 +395,9 @@ def _check_colours(path: Path, values: np.ndarray) -> None:
     if grey or opaque or many or values.ndim == 4:
         fix = "image[..., 0]" if grey else "image[..., :3].mean(axis=-1)"
         raise VoxelError(
-            f"{path}: looks like a picture in colours, {channels} channels in its last axis (shape {values.shape}); save "
-            f"one number a voxel, such as {fix}. A scan that is {channels} voxels thick along its last axis: save it as "
-            "bool or uint16"
+            f"{path}: looks like a picture in colours, {channels} channels in its last axis (shape {values.shape}); "
+            f"save one number a voxel, such as {fix}. A scan that is {channels} voxels thick along its last axis: save "
+            "it as bool or uint16"
         )
 
 
@@ -409,8 +411,9 @@ def _thin(path: Path, values: np.ndarray) -> tuple[str, ...]:
     (a,) = thin
     which, n = ("first", values.shape[a]) if a == 0 else ("last", values.shape[a])
     return (
-        f"{path.name}: the {which} axis of the array has {n} entr{'y' if n == 1 else 'ies'} and is taken for an axis of "
-        f"space, {n} voxel{'s' * (n > 1)} thick; if it is that of colours, save one number a voxel (an array [y, x] is 2D)",
+        f"{path.name}: the {which} axis of the array has {n} entr{'y' if n == 1 else 'ies'} and is taken for an axis "
+        f"of space, {n} voxel{'s' * (n > 1)} thick; if it is that of colours, save one number a voxel (an array [y, x] "
+        "is 2D)",
     )
 
 

@@ -263,7 +263,8 @@ CARVED = {
     "ball on a plate": ((1, 1, 1), (True, True, False), 0, [block((0, 0, 0), (1, 1, 0.3)),
                                                           Shape(Sphere((0.5, 0.5, 0.3), 0.25))]),
     "pore bodies": ((1, 1), (True, True), -1, [
-        Shape(Spheres(np.array([[0.2, 0.5], [0.5, 0.6], [0.8, 0.4], [0.55, 0.25]]), np.array([0.2, 0.17, 0.22, 0.18])), 0)]),
+        Shape(Spheres(np.array([[0.2, 0.5], [0.5, 0.6], [0.8, 0.4], [0.55, 0.25]]),
+                      np.array([0.2, 0.17, 0.22, 0.18])), 0)]),
 }  # fmt: skip
 
 
@@ -443,11 +444,11 @@ def test_spheres_outside_the_box_and_overlaps_are_counted():
     facts, odd = shapes.sphere_findings(body, lower, upper, np.array([1, np.inf]), "b.csv")
     assert facts == ["1 spheres repeat another one, or its periodic image; they count once"]
     assert odd[0].startswith("b.csv: 1 of 8 spheres lie outside the box and are left out")
-    assert odd[1].startswith("b.csv: 3 of 8 spheres have their centre outside the box and are wrapped into it, 2 of them")
+    assert odd[1].startswith("b.csv: 3 of 8 spheres have their centre outside the box and are wrapped into it, 2 of")
     assert odd[2].startswith("b.csv: 2 pairs of spheres overlap, by up to 190 %")
     touching = Spheres(np.array([[0.3, 0.5], [0.4999, 0.5]]), 0.1)  # 0.1 % of the radius: how packings touch
     assert shapes.sphere_findings(touching, lower, upper, np.array([1, np.inf]), "b.csv") == ([], [])
-    with pytest.raises(ShapeError, match="b.csv: a radius of 400 m in a periodic box of 1 m; check the unit"):
+    with pytest.raises(ShapeError, match=r"b\.csv: a radius of 400 m in a periodic box of 1 m; check the unit"):
         shapes.sphere_findings(Spheres(np.zeros((1, 2)), 400.0), lower, upper, np.ones(2), "b.csv")
 
 
