@@ -65,8 +65,13 @@ class Voxels:
         unique=True,
         at_least=0,
     )
-    voxel_size: float | Vector = key(
-        "edge of a voxel: one number, or one an axis (x, y, z)", unit="m", above=0, lengths=(2, 3)
+    voxel_size: float | Vector | None = key(
+        "edge of a voxel: one number, or one an axis (x, y, z). Without it: that of the file (npz: `voxel_size`, in m; "
+        "mhd: `ElementSpacing`, taken as metres)",
+        default=None,
+        unit="m",
+        above=0,
+        lengths=(2, 3),
     )
     array: str | None = key("name of the array in an npz that holds several", default=None)
     axes: str = key(
@@ -104,7 +109,10 @@ class Spheres:
     ONE_OF: ClassVar = ("file", "random")
 
     file: Path | None = key(
-        "csv of the centres: a header, columns x, y, z and optionally the radius", default=None, input=True
+        "csv of the centres: columns x, y, z and optionally radius or diameter, a header where they are not in this "
+        "order; x_mm, radius [um] are lengths in that unit, without one in m",
+        default=None,
+        input=True,
     )
     random: int | None = key(
         "number of spheres placed at random (more: from a file)", default=None, at_least=1, at_most=10_000

@@ -132,6 +132,8 @@ class _Checks:
             if first >= end:
                 self.bad(f"{path}.crop", f"keeps nothing along {axis}", "each range is [first, end)")
         size = voxels.voxel_size
+        if size is None and voxels.file is not None and voxels.file.suffix.lower() == ".npy":
+            self.bad(f"{path}.voxel_size", "is missing, and an npy holds none", "give the edge of a voxel, in m")
         if voxels.crop and isinstance(size, tuple) and len(size) != len(voxels.crop):
             self.bad(f"{path}.crop", f"has {len(voxels.crop)} ranges, voxel_size has {len(size)} numbers")
 

@@ -154,6 +154,7 @@ def check(case: Case, geometry: Geometry | None = None) -> CheckReport:
     kinds = {(f.density, f.mu) for f in case.fluids.values()}
     if case.flow == "stokes" and sites.per_fluid[1:].any() and len(kinds) > 1:
         result.errors.append("a steady solve has one fluid; use flow: navier_stokes for two")
+    result.warnings += geometry.warnings
     result.warnings += list(_resolution_findings(result, geometry, lattice))
     result.warnings += list(_other_findings(result, geometry, sites))
     return result

@@ -581,8 +581,10 @@ def image_lines(report: Mapping[str, Any]) -> str:
         ("voxels", " x ".join(str(n) for n in report["shape"].values()) + f" ({', '.join(axes)})"),
         (
             "voxel size",
-            "not known; give --voxel-size" if size is None else " x ".join(f"{s:g}" for s in size) + " m",
+            "not known; give --voxel-size" if size is None
+            else f"{' x '.join(f'{s:g}' for s in size)} m ({', '.join(axes)}), of IN, {report['voxel_size_from']}",
         ),
+        *(("WARNING", text) for text in report["warnings"]),
     ]
     if "threshold" in report:
         lines.append(("threshold", report["threshold"]))

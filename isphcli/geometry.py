@@ -6,6 +6,7 @@ the connected fluid of a lattice of labels.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -16,6 +17,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 if TYPE_CHECKING:
     from .case import Case
+    from .case_blocks import Voxels
 
 
 class Geometry(Protocol):
@@ -34,6 +36,8 @@ class Geometry(Protocol):
     wall_speed: np.ndarray  # (n_walls,) largest speed, m/s
     slip_length: np.ndarray  # (n_walls,) Navier slip length, m
     has_solid: bool  # False: no solid anywhere
+    warnings: tuple[str, ...]  # what is odd about the input, sentences; () where nothing is
+    described: tuple[tuple[str, str], ...]  # what was read and how it was understood: (name, text); () without a file
 
     def phase(self, x: np.ndarray) -> np.ndarray:
         """(n,) int8: -1 in a solid, otherwise the index of the fluid."""
@@ -220,6 +224,9 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
     fluid = -1 if scene.fluid == "solid" else names.index(scene.fluid or names[0])
     periodic = ["xyz"[a] in scene.periodic for a in range(len(lower))]
     shapes: list[Shape] = []
+    warnings: list[str] = []
+    described: list[tuple[str, str]] = []
+    period = np.where(periodic, upper - lower, np.inf)
     for s in scene.shapes:
         if s.spheres is not None and s.spheres.random:
             before = ShapeGeometry(lower, upper, periodic, fluid, shapes)
@@ -227,9 +234,27 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
             body = random_spheres(before, asked.random, asked.radius, asked.clearance, asked.seed)
         else:
             body = _body(s, lower, upper)
+            if s.spheres is not None:
+                _describe_spheres(s.spheres.file, body, lower, upper, period, described, warnings)
         phase = -1 if s.what == "solid" else names.index(s.what)
         shapes.append(Shape(body, phase, s.outside, s.velocity, s.slip_length, s.angular_velocity))
-    return ShapeGeometry(lower, upper, periodic, fluid, shapes, **walls)
+    geometry = ShapeGeometry(lower, upper, periodic, fluid, shapes, **walls)
+    geometry.warnings = tuple(warnings) + geometry.warnings
+    geometry.described = tuple(described)
+    return geometry
+
+
+def _describe_spheres(file, body, lower, upper, period, described, warnings) -> None:
+    """Put what a file of spheres holds and what is odd about it on the two lists."""
+    from .shapes import sphere_findings
+
+    radii = np.ravel(body.radii)
+    radius = f"{radii.min():.6g}" + ("" if radii.min() == radii.max() else f" to {radii.max():.6g}")
+    said = [f"{len(body.centres)} of radius {radius} m", *([body.columns] if body.columns else [])]
+    described.append((file.name, ", ".join(said)))
+    found, odd = sphere_findings(body, lower, upper, period, file.name)
+    described.extend((file.name, text) for text in found)
+    warnings.extend(odd)
 
 
 def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
@@ -241,10 +266,11 @@ def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
     assert spec is not None
     image = voxels.read_image(spec.file, spec.array)
     values = image.values.transpose() if spec.axes == "xyz" else image.values
+    values_shape = values.shape
     values = voxels.crop(values, spec.crop, spec.file)
     labels = voxels.apply_labels(values, spec.labels, tuple(case.fluids), spec.file)
     check_dimension(case, labels.ndim)
-    size = np.ravel(spec.voxel_size)
+    size, whence, odd = voxels.voxel_size_of(image, spec.voxel_size, spec.file, spec.axes)
     periodic = ["xyz"[a] in case.geometry.periodic for a in range(labels.ndim)]
     clear = added = 0
     if axis is not None and not periodic[axis]:
@@ -256,7 +282,75 @@ def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
     else:
         what, fix = f"the wall distances of {labels.size + added:,} voxels", "take a part with geometry.voxels.crop"
     memory.refuse((labels.size + added) * memory.BYTES_VOXEL, what, fix)
-    return VoxelGeometry(labels, size, periodic, case.wall_distance, axis, clear, **walls)
+    geometry = VoxelGeometry(labels, size, periodic, case.wall_distance, axis, clear, **walls)
+    solid = labels < 0
+    porosity, name = 1.0 - float(solid.mean()), spec.file.name
+    geometry.warnings = (
+        *image.warnings,
+        *odd,
+        *_unusual_size(case, geometry.voxel_size),
+        *_unusual_porosity(porosity, spec.labels),
+        *voxels.faces_that_differ(solid, periodic),
+    )
+    geometry.described = (
+        ("image", f"{_product(labels.shape[::-1])} voxels along {', '.join('xyz'[: labels.ndim])}"
+                  + (f", cropped from {_product(values_shape[::-1])}" if spec.crop else "")
+                  + f"; {name} is an array {_product(image.values.shape)}, its axes taken as "
+                  + f"{', '.join(spec.axes if labels.ndim == 3 else spec.axes.replace('z', ''))}"),
+        ("voxel size", f"{_product(geometry.voxel_size)} m, {whence}"),
+        ("porosity", f"{100 * porosity:.2f} % of the image's voxels ({_labels_in_words(spec.labels)})"),
+    )  # fmt: skip
+    return geometry
+
+
+SI_DENSITY = (300.0, 20_000.0)  # kg/m3 of liquids: a case that has one counts in SI units and not in its own
+SI_VISCOSITY = (5e-6, 5e-5)  # Pa s of gases
+MOST_POROUS = 0.6  # above it hardly any rock
+
+
+def image_voxel_size(spec: Voxels) -> np.ndarray:
+    """Edges of a voxel of an image of a case, m: those of the case, else of its file."""
+    from . import voxels
+
+    if spec.voxel_size is not None:
+        return np.ravel(spec.voxel_size)
+    return voxels.voxel_size_of(voxels.read_image(spec.file, spec.array), None, spec.file, spec.axes)[0]
+
+
+def _unusual_size(case: Case, size: np.ndarray) -> tuple[str, ...]:
+    """A voxel of millimetres and more in a case whose fluids are in SI units is mistaken, mostly micrometres."""
+    from .voxels import COARSE
+
+    si = any(
+        SI_DENSITY[0] <= f.density <= SI_DENSITY[1] or SI_VISCOSITY[0] <= f.mu <= SI_VISCOSITY[1]
+        for f in case.fluids.values()
+    )
+    if not si or size.max() < COARSE:
+        return ()
+    return (
+        f"voxels of {_product(size)} m (the fluids are in SI units): images of rock are finer; if micrometres are "
+        f"meant, the voxel size is {_product(size * 1e-6)} m, if millimetres, {_product(size * 1e-3)} m",
+    )
+
+
+def _unusual_porosity(porosity: float, labels: Mapping[str, tuple[int, ...]]) -> tuple[str, ...]:
+    if not MOST_POROUS < porosity < 1.0:
+        return ()
+    return (
+        f"porosity {100 * porosity:.1f} %: more than rock has; check which values are solid ("
+        f"{_labels_in_words(labels)}; the other way round it is {100 * (1 - porosity):.1f} %)",
+    )
+
+
+def _labels_in_words(labels: Mapping[str, tuple[int, ...]]) -> str:
+    """'solid 1, water 0'."""
+    return ", ".join(f"{name} {' '.join(str(v) for v in values)}" for name, values in labels.items())
+
+
+def _product(numbers: Any) -> str:
+    """'20 x 20 x 10', of lengths one number where they are equal."""
+    words = [f"{n:.6g}" if isinstance(n, float) else str(n) for n in numbers]
+    return words[0] if isinstance(numbers, np.ndarray) and len(set(words)) == 1 else " x ".join(words)
 
 
 def _flow_axis(case: Case) -> int | None:
@@ -282,7 +376,7 @@ def _body(spec, lower: np.ndarray, upper: np.ndarray):
     if spec.sphere is not None:
         return shapes.Sphere(spec.sphere.centre, spec.sphere.radius)
     if spec.spheres is not None:
-        return shapes.Spheres(*shapes.read_spheres(spec.spheres.file, len(lower), spec.spheres.radius))
+        return shapes.spheres_of_file(spec.spheres.file, len(lower), spec.spheres.radius)
     if spec.box is not None:
         return shapes.Box(spec.box.lower, spec.box.upper)
     if spec.half_space is not None:

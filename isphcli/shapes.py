@@ -1,14 +1,16 @@
 """Scenes of spheres, boxes, cylinders and half-spaces with exact signed distances.
 
 A `ShapeGeometry` is a box filled with one fluid and an ordered list of `Shape`, later ones on top of earlier
-ones. Solids join by min and fluid shapes carve by max of the signed distances: exact in
-the fluid round unions of solids.
+ones. Solids join by min and fluid shapes carve by max of the signed distances. That is exact in
+the fluid round unions of solids; elsewhere it is a lower bound that is 0 on every surface, also where two shapes of
+a kind touch and there is no wall. There `_walls_near` looks for the nearest point of a wall.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -16,6 +18,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numba import get_num_threads, njit, prange
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from .geometry import block_distance, face_distance, face_walls
 from .halo import build_halo
@@ -23,6 +26,9 @@ from .halo import build_halo
 ROUND_OFF = 1e-12  # of the largest side of the box: points closer than this to a wall are on it
 BALL, BLOCK, CYLINDER, HALF_SPACE = range(4)  # convex pieces of bodies, see `Body.pieces`
 CELLS_A_PIECE = 8  # cells of the grid of pieces: beads then meet about three cells each way
+PLANE, ROUND = range(2)  # surfaces of pieces, see `_surfaces_near`
+MOST_SURFACES = 48  # nearest ones on which a wall is looked for
+PROBE = 1e-9  # of the largest side of the box: how far from a point its surroundings are looked at
 
 
 class ShapeError(ValueError):
@@ -63,10 +69,14 @@ Disk = Sphere
 
 @dataclass(frozen=True, eq=False)
 class Spheres:
-    """Many balls, overlapping or not: centres (m, dim), radii a number or (m,)."""
+    """Many balls, overlapping or not: centres (m, dim), radii a number or (m,).
+
+    columns: how the columns of their file were understood, where that took more than m and the usual order.
+    """
 
     centres: np.ndarray
     radii: np.ndarray | float
+    columns: str = ""
     _trees: dict = field(default_factory=dict, repr=False)
 
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
@@ -187,7 +197,11 @@ class ShapeGeometry:
     fluid: index of the fluid that fills the box; shapes: later ones lie on top of earlier ones.
     slip_length: m, of walls that do not state their own; face_velocity, face_slip: see `geometry.face_walls`.
     Walls are numbered 0 (at rest), 1 + 2 axis + side (faces), 1 + 2 dim + k (shape k).
+    Raises ShapeError where a shape or the box cannot be used.
     """
+
+    warnings: tuple[str, ...] = ()
+    described: tuple[tuple[str, str], ...] = ()
 
     def __init__(
         self,
@@ -218,6 +232,7 @@ class ShapeGeometry:
         self.round_off = ROUND_OFF * float((self.upper - self.lower).max())
         for k, shape in enumerate(self.shapes):
             _check_body(shape.body, self.dim, f"shape {k + 1}")
+        self.warnings = tuple(_cut_planes(self))
         self._grid: _Grid | None = None  # for `crossing`, when it is first asked
         self.has_solid = self.fluid < 0 or not all(self.periodic) or any(s.phase < 0 for s in self.shapes)
         self.wall_velocity, self.slip_length = face_walls(
@@ -254,14 +269,29 @@ class ShapeGeometry:
         """(n,) int8: -1 in a solid or on its surface, otherwise the index of the fluid."""
         x = self._wrapped(x)
         phase = np.full(len(x), self.fluid, dtype=np.int8)
+        seam = np.zeros(len(x), dtype=bool)  # on the surface of a fluid shape: a wall only if there is solid beside it
         for shape in self.shapes:
             margin = self.round_off if shape.phase < 0 else -self.round_off
-            phase[shape.signed_distance(x, self.period) <= margin] = shape.phase
+            d = shape.signed_distance(x, self.period)
+            phase[d <= margin] = shape.phase
+            if shape.phase >= 0:
+                seam |= np.abs(d) <= self.round_off
         phase[face_distance(x, self.lower, self.upper, self.periodic)[0] <= self.round_off] = -1
+        seam &= phase < 0
+        if seam.any():
+            beside = _beside(_in_3d(x[seam]), *self._pieces(), self.fluid < 0, PROBE / ROUND_OFF * self.round_off)
+            phases = np.array([self.fluid, *(s.phase for s in self.shapes)], dtype=np.int8)
+            phase[seam] = np.where(beside < -1, -1, phases[beside + 1])
         return phase
 
     def distance(self, x: np.ndarray) -> np.ndarray:
-        """(n,) signed distance to the wall, m; exact in the fluid round unions of solids."""
+        """(n,) signed distance to the wall, m.
+
+        Walls are where fluid meets solid, not where shapes of a kind touch. Exact where the nearest point of the
+        wall lies on one surface or on an edge of planes; where it lies on an edge of curved surfaces that has
+        several nearest points, never more than the distance to one of them and never less than that to the
+        nearest surface of any shape.
+        """
         return self._nearest(x)[0]
 
     def wall(self, x: np.ndarray) -> np.ndarray:
@@ -278,9 +308,12 @@ class ShapeGeometry:
         xi, xj = np.asarray(xi, float), np.asarray(xj, float)
         if not self.has_solid or not len(xi):
             return np.ones(len(xi))
+        return _crossings(xi, xj, *self._pieces(), self.fluid < 0, self.round_off, get_num_threads())
+
+    def _pieces(self) -> _Grid:
         if self._grid is None:
             self._grid = _Grid.of(self)
-        return _crossings(xi, xj, *self._grid, self.fluid < 0, self.round_off, get_num_threads())
+        return self._grid
 
     def _wrapped(self, x: np.ndarray) -> np.ndarray:
         x = np.array(x, dtype=float, ndmin=2)
@@ -309,6 +342,15 @@ class ShapeGeometry:
         closer = face < d
         d[closer] = face[closer]
         wall[closer] = face_wall[closer]
+        # beside fluid, faces are walls, and so are solids that no fluid shape lies on
+        bare = np.logical_and.accumulate([s.phase < 0 for s in self.shapes[::-1]])[::-1]
+        is_wall = np.concatenate([np.ones(1 + 2 * self.dim, dtype=bool), bare])
+        ask = np.flatnonzero(np.isfinite(d) & ((d <= self.round_off) | ~is_wall[wall]))
+        if len(ask) and self.shapes:
+            d[ask], wall[ask] = _walls_near(
+                _in_3d(x[ask]), d[ask], wall[ask], self.dim, *self._pieces(), self.fluid < 0,
+                PROBE / ROUND_OFF * self.round_off, get_num_threads(),
+            )
         return d, wall
 
 
@@ -615,13 +657,496 @@ def _first_solid(chords, owner, m, end, solid, outside, filled, least):
     return end
 
 
+@njit(cache=True)
+def _inside(piece, p, x, y, z):
+    """Whether a point lies inside a piece, not on its surface."""
+    x, y, z = x - piece[p, 1], y - piece[p, 2], z - piece[p, 3]
+    kind = piece[p, 0]
+    if kind == BALL:
+        return x * x + y * y + z * z < piece[p, 4] ** 2
+    if kind == BLOCK:
+        return abs(x) < piece[p, 4] and abs(y) < piece[p, 5] and abs(z) < piece[p, 6]
+    if kind == HALF_SPACE:
+        return x * piece[p, 4] + y * piece[p, 5] + z * piece[p, 6] < 0.0
+    axis = piece[p, 7]
+    along = x if axis == 0 else y if axis == 1 else z
+    return x * x + y * y + z * z - along * along < piece[p, 4] ** 2 and abs(along) < piece[p, 5]
+
+
+@njit(cache=True)
+def _topmost(x, y, z, lower, edge, counts, around, start, entry, piece, shape, outside):
+    """The topmost shape that holds a point, -1 where it is none, -2 beyond a face that is a wall."""
+    cell = 0
+    at = (x, y, z)
+    local = np.empty(3)
+    for a in range(2, -1, -1):
+        i = int(np.floor((at[a] - lower[a]) / edge[a]))
+        turns = i // counts[a]
+        if turns != 0 and not around[a]:
+            return -2
+        local[a] = at[a] - turns * (edge[a] * counts[a])
+        cell = cell * counts[a] + i - turns * counts[a]
+    top = -1
+    for q in range(start[cell], start[cell + 1]):
+        s = shape[entry[q]]
+        if s > top and not outside[s] and _inside(piece, entry[q], local[0], local[1], local[2]):
+            top = s
+    for s in range(len(outside) - 1, top, -1):
+        if outside[s]:
+            held = False
+            for q in range(start[cell], start[cell + 1]):
+                held |= shape[entry[q]] == s and _inside(piece, entry[q], local[0], local[1], local[2])
+            if not held:
+                return s
+    return top
+
+
+@njit(cache=True)
+def _is_solid(x, y, z, lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled):
+    top = _topmost(x, y, z, lower, edge, counts, around, start, entry, piece, shape, outside)
+    return True if top == -2 else filled if top == -1 else bool(solid[top])
+
+
+def _directions() -> np.ndarray:
+    """(m, 3) unit vectors all round, turned off the axes, so that none lies in a face of a box."""
+    steps = np.array([v for v in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(v)])
+    return steps / np.linalg.norm(steps, axis=1)[:, None] @ Rotation.from_euler("xyz", [0.17, 0.23, 0.31]).as_matrix()
+
+
+def _in_3d(x: np.ndarray) -> np.ndarray:
+    """Points (n, 3), z = 0 in 2D."""
+    return np.ascontiguousarray(np.pad(x, ((0, 0), (0, 3 - x.shape[1]))))
+
+
+ROUND_ABOUT = _directions()
+ROUND_ABOUT_2D = np.array([[np.cos(a), np.sin(a), 0.0] for a in (np.arange(16) + 0.3) * np.pi / 8])
+
+
+@njit(cache=True, parallel=True)
+def _beside(
+    x, lower, edge, counts, around, start, entry, piece, shape, solid, outside, sure, filled, step
+):
+    """A fluid shape (-1: what fills the box) beside each point, -2 if there is solid beside it too."""
+    found = np.empty(len(x), np.int64)
+    flat = edge[2] * counts[2] < 10.0 * step
+    ways = ROUND_ABOUT_2D if flat else ROUND_ABOUT
+    for k in prange(len(x)):
+        beside = -2
+        for w in range(len(ways)):
+            top = _topmost(
+                x[k, 0] + step * ways[w, 0], x[k, 1] + step * ways[w, 1], x[k, 2] + step * ways[w, 2],
+                lower, edge, counts, around, start, entry, piece, shape, outside,
+            )  # fmt: skip
+            if top == -2 or (top == -1 and filled) or (top >= 0 and solid[top]):
+                beside = -2
+                break
+            beside = max(beside, top)
+        found[k] = beside
+    return found
+
+
+@njit(cache=True)
+def _value(surface, s, p, slope):
+    """Signed distance of point p to a surface; its gradient goes to slope."""
+    if surface[s, 0] == PLANE:
+        f = -surface[s, 4]
+        for a in range(3):
+            slope[a] = surface[s, 1 + a]
+            f += slope[a] * p[a]
+        return f
+    r = 0.0
+    for a in range(3):
+        slope[a] = (p[a] - surface[s, 1 + a]) * surface[s, 5 + a]
+        r += slope[a] * slope[a]
+    r = np.sqrt(r)
+    if r == 0.0:  # in the middle all directions are alike
+        slope[0 if surface[s, 5] > 0 else 1] = 1.0
+    else:
+        slope /= r
+    return r - surface[s, 4]
+
+
+@njit(cache=True)
+def _add_surface(surface, n, row, x, reach, slope, near, step):
+    """Put a surface on the list of the nearest, if it is within reach and new; returns how many there are."""
+    surface[-1] = row
+    f = abs(_value(surface, len(surface) - 1, x, slope))
+    if f > reach:
+        return n
+    for s in range(n):
+        same = surface[s, 0] == row[0] and abs(surface[s, 4] - row[4]) < 0.1 * step
+        for a in range(3):
+            small = 1e-12 if row[0] == PLANE else 0.1 * step
+            same &= abs(surface[s, 1 + a] - row[1 + a]) < small and surface[s, 5 + a] == row[5 + a]
+        if same:
+            return n
+    at = n
+    if n == MOST_SURFACES:
+        at = int(np.argmax(near[:n]))
+        if f >= near[at]:
+            return n
+    surface[at] = row
+    near[at] = f
+    return min(n + 1, MOST_SURFACES)
+
+
+@njit(cache=True)
+def _surfaces_near(x, reach, lower, edge, counts, around, start, entry, piece, shape, surface, near, row, slope, step):
+    """Planes and round surfaces of the pieces within reach of point x, periodic images too, and closed faces.
+
+    Rows of surface: kind; normal (3,) of a plane or centre (3,); offset of the plane or radius; of round ones 1 along
+    the axes that count (a cylinder leaves one out), of planes 0; the shape, -1 of a face.
+    """
+    n = 0
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    for a in range(3):
+        first[a] = int(np.floor((x[a] - reach - lower[a]) / edge[a]))
+        last[a] = int(np.floor((x[a] + reach - lower[a]) / edge[a]))
+        if not around[a]:
+            first[a] = min(max(first[a], 0), counts[a] - 1)
+            last[a] = min(max(last[a], 0), counts[a] - 1)
+            if edge[a] * counts[a] > 10.0 * step:  # not the layer of a 2D scene
+                for side in range(2):
+                    row[:] = 0.0
+                    row[1 + a], row[4], row[8] = 1.0, lower[a] + side * edge[a] * counts[a], -1.0
+                    n = _add_surface(surface, n, row, x, reach, slope, near, step)
+    for z in range(first[2], last[2] + 1):
+        for y in range(first[1], last[1] + 1):
+            for i in range(first[0], last[0] + 1):
+                tx, ty, tz = i // counts[0], y // counts[1], z // counts[2]
+                cell = ((z - tz * counts[2]) * counts[1] + y - ty * counts[1]) * counts[0] + i - tx * counts[0]
+                for q in range(start[cell], start[cell + 1]):
+                    p = entry[q]
+                    kind = piece[p, 0]
+                    c = (piece[p, 1] + tx * edge[0] * counts[0], piece[p, 2] + ty * edge[1] * counts[1],
+                         piece[p, 3] + tz * edge[2] * counts[2])
+                    row[:] = 0.0
+                    row[8] = shape[p]
+                    if kind == HALF_SPACE:
+                        for a in range(3):
+                            row[1 + a] = piece[p, 4 + a]
+                            row[4] += row[1 + a] * c[a]
+                        n = _add_surface(surface, n, row, x, reach, slope, near, step)
+                        continue
+                    if kind != BLOCK:
+                        row[0], row[4] = ROUND, piece[p, 4]
+                        for a in range(3):
+                            row[1 + a] = c[a]
+                            row[5 + a] = 0.0 if kind == CYLINDER and a == piece[p, 7] else 1.0
+                        n = _add_surface(surface, n, row, x, reach, slope, near, step)
+                    if kind == BALL:
+                        continue
+                    for a in range(3):
+                        half = piece[p, 4 + a] if kind == BLOCK else piece[p, 5] if a == piece[p, 7] else np.inf
+                        if half == np.inf:
+                            continue
+                        for side in (-1.0, 1.0):
+                            row[:8] = 0.0
+                            row[1 + a], row[4] = 1.0, c[a] + side * half
+                            n = _add_surface(surface, n, row, x, reach, slope, near, step)
+    return n
+
+
+@njit(cache=True)
+def _solve(g, b, m):
+    """Solution of the symmetric m by m system g x = b in place of b; False where it is singular."""
+    for i in range(m):
+        if g[i, i] < 1e-10:
+            return False
+        for j in range(i + 1, m):
+            factor = g[j, i] / g[i, i]
+            for k in range(i, m):
+                g[j, k] -= factor * g[i, k]
+            b[j] -= factor * b[i]
+    for i in range(m - 1, -1, -1):
+        for j in range(i + 1, m):
+            b[i] -= g[i, j] * b[j]
+        b[i] /= g[i, i]
+    return True
+
+
+@njit(cache=True)
+def _foot(surface, chosen, m, dim, x, p, j, g, b, step):
+    """Move p to the point nearest to x that lies on all m chosen surfaces; False where none is found."""
+    scale = step / PROBE
+    for turn in range(60):
+        # steps towards x along tight curves are too long and swing about the nearest point; at last only back to them
+        share = 1.0 if turn < 15 else 0.4 if turn < 30 else 0.15 if turn < 50 else 0.0
+        off = 0.0
+        for i in range(m):
+            b[i] = -_value(surface, chosen[i], p, j[i])
+            off = max(off, abs(b[i]))
+            for a in range(3):
+                b[i] -= share * j[i, a] * (x[a] - p[a])
+        if m == dim and turn == 12 and off > 1e-3 * scale:  # they do not meet
+            return False
+        for i in range(m):
+            for k in range(m):
+                g[i, k] = j[i, 0] * j[k, 0] + j[i, 1] * j[k, 1] + j[i, 2] * j[k, 2]
+        if not _solve(g, b, m):
+            return False
+        moved = 0.0
+        for a in range(3):
+            to = p[a] + share * (x[a] - p[a])
+            for i in range(m):
+                to += b[i] * j[i, a]
+            moved = max(moved, abs(to - p[a]))
+            p[a] = to
+        if not moved < 1e6 * scale:
+            return False
+        if moved < 1e-13 * scale:
+            break
+    for i in range(m):
+        if not abs(_value(surface, chosen[i], p, j[i])) < 1e-12 * scale:
+            return False
+    return True
+
+
+@njit(cache=True)
+def _meets(
+    p, m, j, g, b, wanted, dim, lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled, step
+):
+    """Whether there is solid (wanted True) or fluid (False) beside point p, on m surfaces of gradients j.
+
+    Looked at are all sides that the surfaces make and directions all round.
+    """
+    ways = ROUND_ABOUT_2D if dim == 2 else ROUND_ABOUT
+    for w in range(2**m + len(ways)):
+        d0, d1, d2 = 0.0, 0.0, 0.0
+        if w < 2**m:
+            for i in range(m):
+                b[i] = 1.0 if (w >> i) & 1 else -1.0
+                for k in range(m):
+                    g[i, k] = j[i, 0] * j[k, 0] + j[i, 1] * j[k, 1] + j[i, 2] * j[k, 2]
+            if not _solve(g, b, m):
+                continue
+            for i in range(m):
+                d0, d1, d2 = d0 + b[i] * j[i, 0], d1 + b[i] * j[i, 1], d2 + b[i] * j[i, 2]
+            size = np.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
+            d0, d1, d2 = d0 / size + 4e-4, d1 / size + 9e-4, d2 / size + (5e-4 if dim == 3 else 0.0)
+        else:
+            d0, d1, d2 = ways[w - 2**m, 0], ways[w - 2**m, 1], ways[w - 2**m, 2]
+        if wanted == _is_solid(
+            p[0] + step * d0, p[1] + step * d1, p[2] + step * d2,
+            lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled,
+        ):  # fmt: skip
+            return True
+    return False
+
+
+@njit(cache=True, parallel=True)
+def _walls_near(
+    x, bound, known, dim, lower, edge, counts, around, start, entry, piece, shape, solid, outside, sure,
+    filled, step, chunks,
+):
+    """Signed distance (n,) to the nearest wall and its index (n,).
+
+    x: (n, 3) in the box or beyond closed faces; bound, known: (n,) signed lower bound of the distance and the index
+    of the surface it is to. Walls are where there is solid beside fluid. The nearest point of them is the foot of
+    x on one surface, on the line where two meet or on a point of three: those of the surfaces near by are tried.
+    """
+    n = len(x)
+    d, wall = bound.copy(), known.copy()
+    size = np.sqrt(((edge[:dim] * counts[:dim]) ** 2).sum())
+    for chunk in prange(chunks):
+        surface, near = np.zeros((MOST_SURFACES + 1, 9)), np.zeros(MOST_SURFACES)
+        row, slope, p, twin, at = np.zeros(9), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+        j, g, b = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+        chosen = np.zeros(3, np.int64)
+        for k in range(chunk * n // chunks, (chunk + 1) * n // chunks):
+            at[:], p[:] = x[k], 0.0
+            least = abs(bound[k])
+            wanted = bound[k] > 0.0  # in fluid solid is looked for, in a solid fluid
+            if least <= 2.0 * step:  # on a surface: a wall, or inside one kind
+                here, other = False, False
+                ways, away = ROUND_ABOUT_2D if dim == 2 else ROUND_ABOUT, 4.0 * step
+                for w in range(len(ways)):
+                    is_solid = _is_solid(
+                        at[0] + away * ways[w, 0], at[1] + away * ways[w, 1], at[2] + away * ways[w, 2],
+                        lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled,
+                    )  # fmt: skip
+                    here, other = here | is_solid, other | (not is_solid)
+                if here and other:
+                    continue
+                wanted = not here
+            elif _met_at_once(
+                at, least, wanted, known[k] - 1 - 2 * dim, dim, lower, edge, counts, around, start, entry, piece,
+                shape, solid, outside, filled, step, p,
+            ):  # fmt: skip
+                continue
+            reach, best, owner = least * (1.0 + 1e-9) + 4.0 * step, np.inf, -1
+            while True:
+                m = _surfaces_near(
+                    at, reach, lower, edge, counts, around, start, entry, piece, shape, surface, near, row, slope, step
+                )
+                order = np.argsort(near[:m])
+                for count in range(1, dim + 1):
+                    best, owner = _nearest_foot(
+                        surface, near, order, m, count, at, least, best, owner, wanted, dim, p, twin, chosen, j, g, b,
+                        lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled, step,
+                    )
+                if best <= reach or reach > 2.0 * size:
+                    break
+                reach = 2.0 * reach + 0.01 * size
+            if best < np.inf:
+                d[k] = max(best, least) if wanted else -max(best, least)
+                if owner >= 0:
+                    wall[k] = 1 + 2 * dim + owner
+    return d, wall
+
+
+@njit(cache=True)
+def _twin(surface, chosen, count, p, j, twin):
+    """Mirror image of a point that `count` (the dimension) surfaces share, in the plane that holds the centres of the
+    round ones and the normals of the planes; False where there is none. They meet there too."""
+    centre, m = -1, 0
+    for i in range(count):
+        c = chosen[i]
+        if surface[c, 0] == PLANE:
+            j[m] = surface[c, 1:4]
+            m += 1
+        elif centre < 0:
+            centre = c
+        else:
+            j[m] = surface[c, 1:4] - surface[centre, 1:4]
+            m += 1
+    if count == 2:
+        j[1, 0], j[1, 1], j[1, 2] = 0.0, 0.0, 1.0
+    twin[0] = j[0, 1] * j[1, 2] - j[0, 2] * j[1, 1]
+    twin[1] = j[0, 2] * j[1, 0] - j[0, 0] * j[1, 2]
+    twin[2] = j[0, 0] * j[1, 1] - j[0, 1] * j[1, 0]
+    size = np.sqrt((twin * twin).sum())
+    if size == 0.0:
+        return False
+    twin /= size
+    height = 0.0
+    for a in range(3):
+        height += (p[a] - surface[centre, 1 + a]) * twin[a]
+    for a in range(3):
+        twin[a] = p[a] - 2.0 * height * twin[a]
+    return True
+
+
+@njit(cache=True)
+def _nearest_foot(
+    surface, near, order, m, count, x, least, best, owner, wanted, dim, p, twin, chosen, j, g, b, lower, edge, counts,
+    around, start, entry, piece, shape, solid, outside, filled, step,
+):
+    """(best, owner): distance of the nearest point of a wall on `count` of the m surfaces, if it is nearer than best,
+    and a shape whose surface it is on."""
+    for i0 in range(m):
+        if near[order[i0]] >= best:
+            break
+        for i1 in range(i0 + 1 if count > 1 else 0, m if count > 1 else 1):
+            if count > 1 and near[order[i1]] >= best:
+                break
+            for i2 in range(i1 + 1 if count > 2 else 0, m if count > 2 else 1):
+                if count > 2 and near[order[i2]] >= best:
+                    break
+                chosen[0], chosen[1], chosen[2] = order[i0], order[i1], order[i2]
+                curved, tube = False, False
+                for i in range(count):
+                    curved |= surface[chosen[i], 0] == ROUND
+                    for a in range(dim):
+                        tube |= surface[chosen[i], 0] == ROUND and surface[chosen[i], 5 + a] == 0.0
+                # round surfaces also meet on their far sides; on the line between two centres both face the same way
+                found = False
+                for side in range(count + 4 if curved and count > 1 else 1):
+                    middle = chosen[min(max(side - 1, 0), count - 1)]
+                    if 0 < side <= count and (surface[middle, 0] == PLANE or (found and not tube)):
+                        continue
+                    if (count < side < count + 3 and found) or (side == count + 3 and not (found and count == dim)):
+                        continue
+                    for a in range(dim):
+                        p[a] = twin[a] if side > count + 2 else x[a]
+                        if count < side < count + 3:
+                            aside = 0.3 * near[order[i2 if count == 3 else i1]]
+                            p[a] += aside * ROUND_ABOUT[0, a] * (1.0 if side == count + 1 else -1.0)
+                        elif 0 < side <= count and surface[middle, 5 + a] > 0.0:
+                            p[a] = 2.0 * surface[middle, 1 + a] - x[a]
+                    if not _foot(surface, chosen, count, dim, x, p, j, g, b, step):
+                        continue
+                    if curved and not found:
+                        found = count < dim or _twin(surface, chosen, count, p, g, twin)
+                    away = np.sqrt((p[0] - x[0]) ** 2 + (p[1] - x[1]) ** 2 + (p[2] - x[2]) ** 2)
+                    if away < best and away > least * (1.0 - 1e-9) - step and _meets(
+                        p, count, j, g, b, wanted, dim, lower, edge, counts, around, start, entry, piece, shape, solid,
+                        outside, filled, step,
+                    ):
+                        best, owner = away, int(surface[chosen[0], 8])
+                        if best <= least * (1.0 + 1e-9) + step:
+                            return best, owner
+    return best, owner
+
+
+@njit(cache=True)
+def _met_at_once(
+    x, least, wanted, k, dim, lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled, step, p
+):
+    """Whether there is a wall right at the foot of x on the piece of shape k that holds it (k < 0: on the faces)."""
+    if k < 0:
+        for a in range(3):
+            inside = 2.0 * step if a < dim else 0.0
+            p[a] = x[a] if around[a] else min(max(x[a], lower[a] + inside), lower[a] + edge[a] * counts[a] - inside)
+            p[a] += 0.3 * inside * ROUND_ABOUT[0, a]  # not on a seam
+        return wanted == _is_solid(
+            p[0], p[1], p[2], lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled
+        )
+    cell = 0
+    for a in range(2, -1, -1):
+        i = int(np.floor((x[a] - lower[a]) / edge[a]))
+        cell = cell * counts[a] + min(max(i, 0), counts[a] - 1)
+    for q in range(start[cell], start[cell + 1]):
+        c = entry[q]
+        if shape[c] != k or not _inside(piece, c, x[0], x[1], x[2]):
+            continue
+        p[:] = x
+        if piece[c, 0] == BLOCK:
+            for a in range(dim):
+                if abs(piece[c, 4 + a] - abs(x[a] - piece[c, 1 + a]) - least) <= step:
+                    p[a] = piece[c, 1 + a] + np.copysign(piece[c, 4 + a] + step, x[a] - piece[c, 1 + a])
+                    break
+        elif piece[c, 0] == HALF_SPACE:
+            for a in range(dim):
+                p[a] += (least + step) * piece[c, 4 + a]
+        else:
+            r, tube = 0.0, piece[c, 0] == CYLINDER
+            for a in range(3):
+                if not (tube and a == piece[c, 7]):
+                    r += (x[a] - piece[c, 1 + a]) ** 2
+            r = np.sqrt(r)
+            if r == 0.0 or abs(piece[c, 4] - r - least) > step:
+                continue
+            for a in range(3):
+                if not (tube and a == piece[c, 7]):
+                    p[a] = piece[c, 1 + a] + (x[a] - piece[c, 1 + a]) * (piece[c, 4] + step) / r
+        away = 0.0
+        for a in range(3):
+            away += (p[a] - x[a]) ** 2
+        for a in range(dim):
+            p[a] += 0.3 * step * ROUND_ABOUT[0, a]  # not on a seam
+        if np.sqrt(away) <= least + 3.0 * step and wanted == _is_solid(
+            p[0], p[1], p[2], lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled
+        ):
+            return True
+    return False
+
+
 def read_spheres(
     path: str | Path, dim: int = 3, radius: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Centres (m, dim) and radii (m,) of a CSV file with columns x, y(, z)[, radius].
+    """Centres (m, dim) and radii (m,) of a CSV file, m; see `spheres_of_file`."""
+    found = spheres_of_file(path, dim, radius)
+    return found.centres, np.broadcast_to(np.asarray(found.radii, float), len(found.centres))
 
-    Lines starting with # are skipped. A header line may be there; names in it that say another order of the
-    columns, or diameters, are refused. radius is used where the file has no such column.
+
+def spheres_of_file(path: str | Path, dim: int = 3, radius: float | None = None) -> Spheres:
+    """Balls of a CSV file with columns x, y(, z)[, radius or diameter].
+
+    Lines starting with # are skipped. A header line may be there, after a # too; it names the columns and perhaps their
+    unit, x_mm or radius [um], in which case the lengths are converted to m. Names that are not understood, columns in
+    another order and lengths of which only some have a unit are refused. radius, m, is used where the file has no such
+    column. Raises ShapeError.
     """
     path = Path(path)
     try:
@@ -629,15 +1154,22 @@ def read_spheres(
     except (OSError, UnicodeDecodeError) as error:
         raise ShapeError(f"{path}: cannot be read as text ({error}); give rows of x,y,z[,radius]") from None
     rows: list[list[float]] = []
+    header: _Header | None = None
     for number, line in enumerate(lines, 1):
-        cells = [c.strip() for c in line.replace(";", ",").split(",")]
-        if not line.strip() or line.lstrip().startswith("#"):
+        if not line.strip():
             continue
+        if line.lstrip().startswith("#"):
+            if not rows and header is None:  # numpy.savetxt puts a # before its header
+                header = _commented_header(line, dim, f"{path}:{number}")
+            continue
+        if ";" in line and "," in line:
+            raise ShapeError(f"{path}:{number}: holds ; and ,: numbers need a decimal point, columns one separator")
+        cells = [c.strip() for c in line.replace(";", ",").split(",")]
         try:
             values = [float(c) for c in cells]
         except ValueError:
             if not rows and not any(_is_number(c) for c in cells):
-                _check_header(cells, dim, f"{path}:{number}")
+                header = _Header.of(cells, dim, f"{path}:{number}")
                 continue
             raise ShapeError(
                 f"{path}:{number}: '{line.strip()[:60]}' is not a row of numbers; fix it"
@@ -647,16 +1179,18 @@ def read_spheres(
             raise ShapeError(f"{path}:{number}: {len(values)} columns where {want} are expected")
         if not np.isfinite(values).all():
             raise ShapeError(f"{path}:{number}: a value is not finite; remove the row or correct it")
+        if header is not None and len(values) != len(header.scale):
+            raise ShapeError(f"{path}:{number}: {len(values)} columns where the header has {len(header.scale)}")
         rows.append(values)
     if not rows:
         raise ShapeError(f"{path}: holds no sphere; give rows of x,y,z[,radius]")
-    table = np.array(rows)
+    table = np.array(rows) * (header.scale if header is not None else 1.0)
     if table.shape[1] == dim and radius is None:
         raise ShapeError(f"{path}: has no column of radii; add one or give the key 'radius'")
     radii = table[:, dim] if table.shape[1] > dim else np.full(len(table), float(radius))  # type: ignore[arg-type]
-    if (radii <= 0).any():
-        raise ShapeError(f"{path}: radius {radii.min()} is not positive")
-    return np.ascontiguousarray(table[:, :dim]), radii
+    if not (radii > 0).all() or not np.isfinite(table).all():
+        raise ShapeError(f"{path}: radius {radii.min()} is not positive, or a length leaves the range of numbers")
+    return Spheres(np.ascontiguousarray(table[:, :dim]), radii, header.said if header is not None else "")
 
 
 TRIES = 2000  # random places tried for each sphere before there is said to be no room
@@ -699,13 +1233,152 @@ def random_spheres(
     )
 
 
-def _check_header(cells: list[str], dim: int, where: str) -> None:
-    names = [c.strip("'\"").lower() for c in cells]
-    order = list("xyz"[:dim])
-    moved = any(a in names and names.index(a) != i for i, a in enumerate(order))
-    if moved or any(n == "d" or n.startswith("diam") for n in names) or names[0] in ("r", "radius"):
-        found = ",".join(names)[:60]
-        raise ShapeError(f"{where}: the columns are {found}; give {','.join(order)}[,radius] in this order")
+UNITS = {
+    "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "cm": 1e-2, "mm": 1e-3, "millimeter": 1e-3,
+    "millimeters": 1e-3, "millimetre": 1e-3, "millimetres": 1e-3, "um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6,
+    "micron": 1e-6, "microns": 1e-6, "micrometer": 1e-6, "micrometers": 1e-6, "micrometre": 1e-6, "micrometres": 1e-6,
+    "nm": 1e-9,
+}  # fmt: skip
+RADIUS, DIAMETER = ("r", "rad", "radius", "radii"), ("d", "dia", "diam", "diameter", "diameters")
+
+
+@dataclass(frozen=True)
+class _Header:
+    """scale: (columns,) factors that make the columns metres and diameters radii; said: what it took, or nothing."""
+
+    scale: np.ndarray
+    said: str
+
+    @classmethod
+    def of(cls, cells: list[str], dim: int, where: str) -> _Header:
+        """Header of the names in a line; raises ShapeError where they are not understood."""
+        found = [_column(cell) for cell in cells]
+        names, shown = [name for name, _ in found], ",".join(cells)[:60]
+        wanted = f"{','.join('xyz'[:dim])}[,radius]"
+        strange = [cell for cell, name in zip(cells, names) if not name]
+        if strange:
+            raise ShapeError(f"{where}: no such column: {', '.join(strange)[:60]}; give {wanted} and no others")
+        if names[:dim] != list("xyz"[:dim]) or names[dim:] not in ([], ["radius"], ["diameter"]):
+            raise ShapeError(f"{where}: the columns are {shown}; give {wanted} in this order")
+        units = [unit for _, unit in found]
+        if None in units and any(units):
+            without = ", ".join(cell for cell, unit in zip(cells, units) if unit is None)
+            raise ShapeError(f"{where}: only some columns have a unit; name that of {without} too, or of none")
+        scale = np.array([1.0 if unit is None else UNITS[unit] for unit in units])
+        said = f"lengths in {', '.join(dict.fromkeys(u for u in units if u))}" if any(units) else ""
+        if any(u is not None and UNITS[u] != 1.0 for u in units):
+            said += " converted to m"
+        if names[-1] == "diameter":
+            scale[-1] /= 2
+            said += f"{', ' if said else ''}diameters halved"
+        return cls(scale, said)
+
+
+def _column(cell: str) -> tuple[str, str | None]:
+    """('x', 'y', 'z', 'radius', 'diameter' or '' for another, its unit or None) of the name of a column."""
+    text = cell.strip().strip("'\"").lower()
+    words = [w for w in re.split(r"[\s_\[\](){}/]+", text) if w]
+    unit = words.pop() if len(words) > 1 and words[-1] in UNITS else None
+    words = [w for w in words if w not in ("centre", "center", "pos", "position", "coordinate", "in", "bead", "sphere")]
+    if len(words) != 1:
+        return "", unit
+    (word,) = words
+    if word in RADIUS or word in DIAMETER:
+        return "radius" if word in RADIUS else "diameter", unit
+    return word if word in ("x", "y", "z") else "", unit
+
+
+def _commented_header(line: str, dim: int, where: str) -> _Header | None:
+    """The header in a comment, if all its words are names of columns."""
+    text = line.lstrip("# \t")
+    for cells in (re.split(r"[,;]", text), text.split()):
+        cells = [c.strip() for c in cells]
+        if len(cells) >= dim and all(_column(c)[0] for c in cells):
+            return _Header.of(cells, dim, where)
+    return None
+
+
+LARGE = 10.0  # radii over the smallest period: then one ball has 8000 images and lengths are in another unit
+
+
+def sphere_findings(
+    body: Spheres, lower: np.ndarray, upper: np.ndarray, period: np.ndarray, name: str
+) -> tuple[list[str], list[str]]:
+    """(facts, warnings) on balls against their box: those outside, wrapped or left out, and those that overlap.
+
+    lower, upper: (dim,) corners, m; period: (dim,) m, infinite along closed axes. Raises ShapeError for balls far
+    larger than a periodic box.
+    """
+    centres = np.atleast_2d(np.asarray(body.centres, float))
+    radii = np.broadcast_to(np.asarray(body.radii, float), len(centres))
+    facts, odd = [], []
+    count, size = len(centres), upper - lower
+    if radii.max() > LARGE * period.min():
+        raise ShapeError(f"{name}: a radius of {radii.max():g} m in a periodic box of {period.min():g} m; check the "
+                         "unit: lengths are in m unless the header names another (x_mm)")  # fmt: skip
+    beyond = np.maximum(lower - centres, centres - upper)  # of the centre, along each axis
+    closed = ~np.isfinite(period)
+    out = (beyond[:, closed] >= radii[:, None]).any(axis=1)
+    wrapped = (beyond[:, ~closed] > ROUND_OFF * size[~closed]).any(axis=1) & ~out
+    far = ((beyond - radii[:, None] >= 0.0)[:, ~closed]).any(axis=1) & ~out
+    if out.any():
+        odd.append(f"{name}: {out.sum()} of {count} spheres lie outside the box and are left out; check lengths "
+                   "and origin")  # fmt: skip
+    if wrapped.any():
+        text = f"{wrapped.sum()} of {count} spheres have their centre outside the box and are wrapped into it"
+        most = float((beyond / size)[:, ~closed].max())
+        if far.any():
+            odd.append(f"{name}: {text}, {far.sum()} of them from wholly outside (up to {most:.3g} box lengths); "
+                       "check lengths and origin")  # fmt: skip
+        else:
+            facts.append(text)
+    kept = np.flatnonzero(~out)
+    pairs, copies, most = _overlaps(centres[kept], radii[kept], period) if len(kept) > 1 else (0, 0, 0.0)
+    if copies:
+        facts.append(f"{copies} spheres repeat another one, or its periodic image; they count once")
+    if pairs:
+        odd.append(f"{name}: {pairs} pairs of spheres overlap, by up to {100 * most:.0f} % of the smaller radius; "
+                   "what they share counts once")  # fmt: skip
+    return facts, odd
+
+
+TOUCH = 0.01  # of the smaller radius: overlaps up to it are how packings touch
+
+
+def _overlaps(centres: np.ndarray, radii: np.ndarray, period: np.ndarray) -> tuple[int, int, float]:
+    """(pairs that overlap, balls that repeat another, largest overlap over the smaller radius)."""
+    x = _into_box(centres, period)
+    order = np.argsort(-radii, kind="stable")
+    x, radii = x[order], radii[order]
+    tree = cKDTree(x, boxsize=np.where(np.isfinite(period), period, 0.0))
+    pairs, most, repeats = 0, 0.0, np.zeros(len(x), dtype=bool)
+    for first in range(0, len(x), 10_000):
+        part = slice(first, first + 10_000)
+        # of two balls that meet the smaller one has its centre within twice the radius of the larger one
+        for i, near in enumerate(tree.query_ball_point(x[part], 2.0 * radii[part]), first):
+            j = np.array([k for k in near if k > i], dtype=np.int64)
+            if not len(j):
+                continue
+            apart = np.linalg.norm(_nearest_image(x[j] - x[i], period), axis=1)
+            same = (apart <= 1e-9 * radii[i]) & (radii[j] >= radii[i] * (1 - 1e-9))
+            repeats[j[same]] = True
+            once = ~(same | repeats[j] | repeats[i])
+            depth = (radii[i] + radii[j] - apart)[once] / radii[j][once]
+            pairs += int((depth > TOUCH).sum())
+            most = max(most, float(depth.max(initial=0.0)))
+    return pairs, int(repeats.sum()), min(most, 2.0)
+
+
+def _cut_planes(geometry: ShapeGeometry) -> Iterator[str]:
+    """Half-spaces that end at a periodic face."""
+    for k, shape in enumerate(geometry.shapes):
+        if not isinstance(shape.body, HalfSpace):
+            continue
+        slope = np.abs(shape.body.unit_normal) > ROUND_OFF
+        cut = [name for name, p, s in zip("xyz", geometry.periodic, slope) if p and s]
+        if cut:
+            yield (f"shape {k + 1}: the half-space is not periodic along {', '.join(cut)}: it ends at the periodic "
+                   "face, where the distance to walls is not that to its end")  # fmt: skip
 
 
 def _is_number(text: str) -> bool:

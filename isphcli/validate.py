@@ -25,6 +25,7 @@ from . import folder as folders
 from . import output
 from .case import Case, load_case
 from .compare import COMPARISONS
+from .geometry import image_voxel_size
 from .peers import Peer, peers_of
 from .report import items, origin, table
 
@@ -211,7 +212,7 @@ def ladder_spacings(case: Case, levels: int) -> list[float]:
     """
     own = case.particles.spacing
     voxels = case.geometry.voxels
-    coarser = [2.0 * own] if voxels is None else _voxel_parts(own, float(np.min(voxels.voxel_size)))
+    coarser = [2.0 * own] if voxels is None else _voxel_parts(own, float(np.min(image_voxel_size(voxels))))
     coarser = coarser[max(0, len(coarser) - levels + 1) :] if levels > 1 else []
     finer = [own / 2.0**k for k in range(1, levels - len(coarser))]
     return [*coarser, own, *finer]

@@ -30,7 +30,11 @@ class VoxelGeometry:
     flow_axis, clear: the image gets `clear` > 0 voxels of fluid 0 at both ends of the axis, which becomes
     periodic; sample_lower, sample_upper (dim,) is the box of the image itself.
     face_velocity, face_slip, slip_length: of the faces and of all other walls, see `geometry.face_walls`.
+    Raises ValueError where these do not fit each other.
     """
+
+    warnings: tuple[str, ...] = ()
+    described: tuple[tuple[str, str], ...] = ()
 
     def __init__(
         self,

@@ -6,6 +6,7 @@ with the header before memory is taken, and pickled objects are never loaded.
 
 from __future__ import annotations
 
+import itertools
 import os
 import zipfile
 import zlib
@@ -44,18 +45,22 @@ class VoxelError(ValueError):
 
 @dataclass(frozen=True)
 class Image:
-    """values: integers [z, y, x] or [y, x]; spacing: edges of a voxel in the order x, y(, z), or None."""
+    """values: integers [z, y, x] or [y, x]; spacing: edges of a voxel in the order x, y(, z), or None.
+
+    spacing of npz files is in m; a MetaImage does not say its unit. info: format and header; warnings: sentences.
+    """
 
     values: np.ndarray
     spacing: tuple[float, ...] | None = None
     info: dict[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
 
 def read_image(path: str | Path, array: str | None = None, grey: bool = False) -> Image:
     """Read an npy, npz (`array`: which of several), mhd or mha file.
 
-        raise VoxelError(f"{path}: images of type '{path.suffix}' are not read; give npy, npz, mhd or mha")
-    or floating point (never NaN). Raises VoxelError.
+    Values are labels, integers of 0 or more in the smallest unsigned type; with `grey`, numbers of any type, integers
+    or floating point (never NaN). Raises VoxelError where the file is no such image, or a picture in colours.
     """
     path = Path(path)
     if not path.is_file():
@@ -68,7 +73,8 @@ def read_image(path: str | Path, array: str | None = None, grey: bool = False) -
         values, spacing, info = reader(path, array)
     except OSError as error:
         raise VoxelError(f"{path}: cannot be read ({error.strerror or error}); check the file") from None
-    return Image(_checked(path, values, grey), spacing, info)
+    values = _checked(path, values, grey)
+    return Image(values, spacing, info, _thin(path, values))
 
 
 def write_image(path: str | Path, values: np.ndarray, spacing: Sequence[float] | None = None) -> None:
@@ -176,7 +182,11 @@ def convert(
         values = ((values >= threshold) != invert).astype(np.uint8)
     values = _relabelled(values, labels or {}, source)
     solids = sorted({int(v) for v in np.ravel(np.asarray(solid))})
-    spacing = image.spacing if voxel_size is None else _sizes(voxel_size, values.ndim, source)
+    spacing, whence, notes = known_spacing(image), "", image.warnings
+    if voxel_size is not None or spacing is not None:
+        given = None if voxel_size is None else _sizes(voxel_size, values.ndim, source)
+        edges, whence, more = voxel_size_of(image, given, source)
+        spacing, notes = tuple(float(s) for s in edges), notes + more
     values = _coarsened(values, int(downsample), solids, source)
     if spacing is not None:
         spacing = tuple(s * int(downsample) for s in spacing)
@@ -190,6 +200,8 @@ def convert(
         "file": str(target),
         "shape": dict(zip(axes, values.shape[::-1])),
         "voxel_size": spacing,
+        "voxel_size_from": whence,
+        "warnings": notes,
         **({"threshold": rule} if threshold is not None else {}),
         "solid": solids,
         **asdict(found),
@@ -255,6 +267,92 @@ def _coarsened(values: np.ndarray, block: int, solids: Sequence[int], path: str 
     return np.where(2 * n_solid > block ** len(shape), value_of[1], value_of[0])
 
 
+UNITS = {"millimetres": 1e-3, "micrometres": 1e-6, "nanometres": 1e-9}  # that imaging tools write without saying so
+COARSE = 1e-3  # m: images of rock have finer voxels
+SAME_SIZE = 1e-3  # relative difference up to which two voxel sizes are one, written with different digits
+
+
+def voxel_size_of(
+    image: Image, given: float | Sequence[float] | None, path: str | Path, axes: str = "zyx"
+) -> tuple[np.ndarray, str, tuple[str, ...]]:
+    """Edges of a voxel along x, y(, z), m, (1,) or (dim,); where they come from; warnings.
+
+    given: of the case, or None: then that of the file. axes: order of the axes of the array. Raises VoxelError
+    where neither has one.
+    """
+    spacing, meta = known_spacing(image, axes), image.info.get("format") == "MetaImage"
+    name = Path(path).name
+    if given is None:
+        if spacing is None:
+            raise VoxelError(f"{path}: holds no voxel size; give geometry.voxels.voxel_size, in m")
+        source = f"from {name}"
+        if not meta:
+            return np.array(spacing), source, ()
+        where = f"{source}, whose ElementSpacing has no unit: taken as metres"
+        most = max(spacing)
+        if most < COARSE:
+            return np.array(spacing), where, ()
+        units = [f"{most * size:g} m if it is in {unit}" for unit, size in UNITS.items()]
+        hint = (f"{name}: ElementSpacing {_numbers(spacing)} has no unit and is taken as metres; voxels of rock are "
+                f"finer: give the voxel size, {' or '.join(units[:2])} (geometry.voxels.voxel_size, "
+                "--voxel-size)")  # fmt: skip
+        return np.array(spacing), where, (hint,)
+    size = np.ravel(np.asarray(given, dtype=float))
+    source = "as given"
+    if spacing is None or len(size) not in (1, len(spacing)):
+        return size, source, ()
+    ratio = np.broadcast_to(size, len(spacing)) / np.array(spacing)
+    if np.allclose(ratio, 1.0, rtol=SAME_SIZE, atol=0.0):
+        return size, f"{source}, as in {name}", ()
+    for unit, length in UNITS.items() if meta else ():
+        if np.allclose(ratio, length, rtol=SAME_SIZE, atol=0.0):
+            return size, f"{source}, as in {name} if that is in {unit}", ()
+    unit = " (without a unit)" if meta else " m"
+    said = (f"the voxel size given, {_numbers(size)} m, is not that of {name}, {_numbers(spacing)}{unit}; the one "
+            "given is taken: leave it out (geometry.voxels.voxel_size, --voxel-size) for that of the file")  # fmt: skip
+    return size, f"{source}; {name} has {_numbers(spacing)}{unit}", (said,)
+
+
+def known_spacing(image: Image, axes: str = "zyx") -> tuple[float, ...] | None:
+    """Edges of a voxel along x, y(, z) that the file tells, or None; 1 1 1 in a MetaImage stands for not known."""
+    if image.spacing is None:
+        return None
+    spacing = image.spacing[: image.values.ndim]
+    if image.info.get("format") != "MetaImage":
+        return spacing
+    return None if all(s == 1.0 for s in spacing) else spacing[::-1] if axes == "xyz" else spacing
+
+
+def _numbers(sizes: Sequence[float] | np.ndarray) -> str:
+    """'5e-06' where all are equal, else '1e-06 x 1e-06 x 2e-06'."""
+    words = [f"{s:.6g}" for s in sizes]
+    return words[0] if len(set(words)) == 1 else " x ".join(words)
+
+
+def faces_that_differ(solid: np.ndarray, periodic: Sequence[bool]) -> tuple[str, ...]:
+    """Sentences on the periodic axes along which an image does not go on at the opposite face.
+
+    solid: bool [z, y, x] or [y, x]; periodic: per axis x, y(, z). Voxels differ from one layer to the next inside the
+    image too; two faces are called different where they are nearer to two unrelated layers than to two neighbours.
+    """
+    share = float(solid.mean())
+    said = []
+    for axis, name in enumerate("xyz"[: solid.ndim]):
+        layers = np.moveaxis(solid, solid.ndim - 1 - axis, 0)
+        if not periodic[axis] or len(layers) < 3:
+            continue
+        across = float((layers[0] != layers[-1]).mean())
+        inside = float(np.mean([(a != b).mean() for a, b in itertools.pairwise(layers)]))
+        unrelated = 2.0 * share * (1.0 - share)
+        if across > 0.05 and across > 0.5 * (inside + max(unrelated, inside)) and across > 1.5 * inside:
+            said.append(
+                f"geometry.periodic: the two faces across {name} differ in {100 * across:.0f} % of their voxels, "
+                f"neighbouring layers in {100 * inside:.0f} %: the image does not repeat along {name}; leave {name} "
+                "out of geometry.periodic, or mirror the image"
+            )
+    return tuple(said)
+
+
 def _sizes(voxel_size: float | Sequence[float] | np.ndarray, dim: int, path: str | Path) -> tuple[float, ...]:
     sizes = np.ravel(np.asarray(voxel_size, dtype=float))
     if sizes.size not in (1, dim) or not np.isfinite(sizes).all() or not (sizes > 0).all():
@@ -268,6 +366,7 @@ def _checked(path: Path, values: np.ndarray, grey: bool) -> np.ndarray:
         raise VoxelError(f"{path}: holds data of type {values.dtype}; save integers, such as uint8")
     while values.ndim > 3 and values.shape[0] == 1:
         values = values[0]
+    _check_colours(path, values)
     if values.ndim not in (2, 3):
         raise VoxelError(f"{path}: has {values.ndim} dimensions; an image has 2 or 3")
     if values.size == 0:
@@ -285,6 +384,50 @@ def _checked(path: Path, values: np.ndarray, grey: bool) -> np.ndarray:
             f"{path}: holds negative values ({values.min()}); labels are 0 or more: relabel them"
         )
     return _smallest(values)
+
+
+THICK = 8  # a picture is at least so many times as wide as it has channels
+
+
+def _check_colours(path: Path, values: np.ndarray) -> None:
+    """Refuse a picture with channels: colours, or one and the same grey, and perhaps an opacity.
+
+    Only unsigned bytes and floating point are pictures: a scan three voxels thick can be saved in another type.
+    """
+    if values.ndim not in (3, 4) or values.shape[-1] not in (3, 4) or values.size == 0:
+        return
+    if values.ndim == 3 and (values.dtype.kind not in "uf" or values.dtype in ("u2", "u4", "u8")):
+        return
+    height, width, channels = values.shape[-3:]
+    if min(height, width) < THICK * channels and values.ndim == 3:
+        return
+    colours = values[..., :3]
+    grey = bool((colours == colours[..., :1]).all())
+    opaque = channels == 4 and bool((values[..., 3] == values[..., 3].flat[0]).all())
+    many = len(np.unique(colours)) > 16
+    if grey or opaque or many or values.ndim == 4:
+        fix = "image[..., 0]" if grey else "image[..., :3].mean(axis=-1)"
+        raise VoxelError(
+            f"{path}: looks like a picture in colours, {channels} channels in its last axis (shape {values.shape}); "
+            f"save one number a voxel, such as {fix}. A scan that is {channels} voxels thick along its last axis: save "
+            "it as bool or uint16"
+        )
+
+
+def _thin(path: Path, values: np.ndarray) -> tuple[str, ...]:
+    """A warning where an axis may be channels and not voxels."""
+    if values.ndim != 3 or values.shape[0] == 1:  # [1, y, x] is 2D
+        return ()
+    thin = [a for a in (0, 2) if values.shape[a] <= 4 and min(np.delete(values.shape, a)) >= THICK * values.shape[a]]
+    if len(thin) != 1:
+        return ()
+    (a,) = thin
+    which, n = ("first", values.shape[a]) if a == 0 else ("last", values.shape[a])
+    return (
+        f"{path.name}: the {which} axis of the array has {n} entr{'y' if n == 1 else 'ies'} and is taken for an axis "
+        f"of space, {n} voxel{'s' * (n > 1)} thick; if it is that of colours, save one number a voxel (an array [y, x] "
+        "is 2D)",
+    )
 
 
 def _smallest(values: np.ndarray) -> np.ndarray:
@@ -352,7 +495,7 @@ def _product(path: Path, shape: Sequence[int]) -> int:
         if n < 0:
             raise VoxelError(f"{path}: has a negative size in shape {tuple(shape)}; correct the header")
         count *= int(n)
-    if count == 0 or not 1 <= len(shape) <= 8:
+    if count == 0 or len(shape) > 8:
         raise VoxelError(f"{path}: is empty or no image (shape {tuple(shape)}); give 2 or 3 dimensions")
     return count
 
@@ -373,7 +516,7 @@ def _read_npz(path: Path, array: str | None) -> tuple[np.ndarray, tuple | None, 
             spacing = None
             if SPACING in members and members[SPACING].file_size < 1000:
                 sizes = _read_member(path, archive, members[SPACING])
-                spacing = _sizes(sizes, values.ndim, path) if sizes.dtype.kind == "f" else None
+                spacing = _sizes(sizes, values.ndim, path) if sizes.dtype.kind in "iuf" else None
     except VoxelError:
         raise
     except Exception as error:  # zipfile and zlib raise many kinds for broken archives

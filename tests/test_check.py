@@ -198,7 +198,17 @@ def findings(text: str, *overrides: str) -> str:
 
 
 def test_nothing_to_say_about_a_good_case():
-    assert findings(SLIT) == findings(SPHERE, "particles.spacing=0.025") == findings(IMAGE) == ""
+    assert findings(SLIT) == findings(SPHERE, "particles.spacing=0.025") == ""
+    porous = np.zeros((8, 8, 20), np.uint8)
+    porous[:, 4:] = 1
+    np.save("rock.npy", porous)
+    assert findings(IMAGE) == ""
+
+
+def test_what_the_geometry_finds_is_a_warning():
+    """The image of the fixture is open at six of eight layers."""
+    assert findings(IMAGE).startswith("porosity 75.0 %: more than rock has")
+    assert "voxels of 10 m" in findings(IMAGE, "geometry.voxels.voxel_size=10", "particles.spacing=10")
 
 
 def test_throats_that_are_too_narrow():

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from isphcli import shapes
 from isphcli.shapes import (
@@ -88,8 +89,15 @@ def test_overlapping_spheres_against_brute_force(dim, equal):
     x = rng.uniform(-0.5, 1.5, (400, dim))
     every = (centres[None] + images(dim)[:, None]).reshape(-1, dim)
     r = np.tile(np.broadcast_to(radii, 60), len(images(dim)))
-    exact = (np.linalg.norm(x[:, None] - every, axis=2) - r).min(1)
-    assert np.abs(g.distance(x) - exact).max() < 1e-14
+    nearest = (np.linalg.norm(x[:, None] - every, axis=2) - r).min(1)
+    d, fluid = g.distance(x), nearest > 0
+    assert np.abs(d - nearest)[fluid].max() < 1e-14
+    # in the solid where balls overlap, their fluid lies deeper than the surface of one of them
+    assert (d[~fluid] <= nearest[~fluid] + 1e-14).all() and (dim == 3 or (d < nearest - 1e-3).any())
+    ways = rng.normal(size=(300, dim))
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    inside = x[~fluid, None] + 0.999 * d[~fluid, None, None] * ways
+    assert (g.phase(inside.reshape(-1, dim)) < 0).all()
 
 
 @pytest.mark.parametrize("scale", SCALES)
@@ -167,7 +175,7 @@ def test_a_box_across_the_whole_period_has_no_seam():
 
 def test_later_shapes_lie_on_top():
     """Solid, a fluid lens carved out of it, a solid bead in the lens. The fourth point is 0.1 from where the
-    half-space was before the carving: near what is left of carved solids the distance is a lower bound."""
+    half-space was before the carving and 0.15 from the bead, the next wall."""
     shapes = [
         Shape(HalfSpace((0.5, 0.5), (1, 0))),
         Shape(Disk((0.5, 0.5), 0.2), phase=1),
@@ -176,8 +184,108 @@ def test_later_shapes_lie_on_top():
     g = ShapeGeometry((0, 0), (1, 1), (False, False), shapes=shapes, slip_length=0.02)
     x = np.array([[0.2, 0.5], [0.32, 0.5], [0.4, 0.5], [0.6, 0.5], [0.9, 0.5]])
     assert g.phase(x).tolist() == [-1, 1, -1, 1, 0]
-    assert np.allclose(g.distance(x), [-0.1, 0.02, -0.05, 0.1, 0.1], atol=1e-14)
-    assert g.slip_length[g.wall(x)].tolist() == [0.02, 0.02, 0.1, 0.02, 0.02]
+    assert np.allclose(g.distance(x), [-0.1, 0.02, -0.05, 0.15, 0.1], atol=1e-14)
+    assert g.slip_length[g.wall(x)].tolist() == [0.02, 0.02, 0.1, 0.1, 0.02]
+
+
+def block(lower, upper, phase=-1):
+    return Shape(Box(lower, upper), phase)
+
+
+# The same scenes of one or of several shapes: (box, periodic, filled with, shapes, shapes)
+SAME = {
+    "duct of two boxes": ((2, 1), (True, True), 0, [block((0, 0), (2, 1)), block((0, 0.25), (2, 0.75), 0)],
+                          [block((0, 0), (2, 1)), block((0, 0.25), (1, 0.75), 0), block((1, 0.25), (2, 0.75), 0)]),
+    "of two fluids": ((2, 1), (True, True), -1, [block((0, 0.25), (2, 0.75), 0)],
+                      [block((0, 0.25), (1, 0.75), 0), block((1, 0.25), (2, 0.75), 1)]),
+    "of three that overlap": ((2, 1), (True, False), -1, [block((0, 0.25), (2, 0.75), 0)],
+                              [block((0, 0.25), (1, 0.75), 0), block((0.9, 0.25), (1.7, 0.75), 0),
+                               block((1.7, 0.25), (2.0, 0.75), 0)]),
+    "solids that touch": ((2, 1), (True, True), 0, [block((0.5, 0.2), (1.5, 0.8))],
+                          [block((0.5, 0.2), (1, 0.8)), block((1, 0.2), (1.5, 0.5)), block((1, 0.5), (1.5, 0.8))]),
+    "bore to the fluid": ((2, 1), (True, False), 0, [block((0.5, 0), (1.5, 0.3)), block((0.5, 0.7), (1.5, 1))],
+                          [block((0.5, 0), (1.5, 1)), block((0.5, 0.3), (1.5, 0.7), 0)]),
+    "tube of two cylinders": ((1, 1, 1), (True, True, True), -1, [Shape(Cylinder(0, (0, 0.5, 0.5), 0.3), 0)],
+                              [Shape(Cylinder(0, (0, 0.5, 0.5), 0.3, (0, 0.4)), 0),
+                               Shape(Cylinder(0, (0, 0.5, 0.5), 0.3, (0.4, 1)), 1)]),
+    "tube in a cube": ((1, 1, 1), (True, False, False), 0, [Shape(Cylinder(2, (0.5, 0.5, 0), 0.3), outside=True)],
+                       [block((0, 0, 0), (1, 1, 0.5)), block((0, 0, 0.5), (1, 1, 1)),
+                        Shape(Cylinder(2, (0.5, 0.5, 0), 0.3, (-1, 0.5)), 0),
+                        Shape(Cylinder(2, (0.5, 0.5, 0), 0.3, (0.5, 2)), 0)]),
+    "boxes in 3D": ((1, 1, 1), (True, True, True), -1, [block((0, 0.3, 0.3), (1, 0.7, 0.7), 0)],
+                    [block((0, 0.3, 0.3), (0.5, 0.7, 0.7), 0), block((0.5, 0.3, 0.3), (1, 0.7, 0.5), 0),
+                     block((0.5, 0.3, 0.5), (1, 0.7, 0.7), 0)]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize("name", SAME)
+def test_no_wall_where_shapes_of_a_kind_touch(name, scale):
+    """A scene of parts has the distances, phases and crossings of the whole, on the seams too."""
+    box, periodic, filled, *scenes = SAME[name]
+
+    def scaled(body):
+        lengths = {"lower", "upper", "centre", "radius", "ends"}
+        values = {k: v for k, v in vars(body).items() if v is not None}
+        return type(body)(**{k: np.asarray(v) * scale if k in lengths else v for k, v in values.items()})
+
+    one, parts = (
+        ShapeGeometry([0] * len(box), np.array(box) * scale, periodic, filled,
+                      [Shape(scaled(s.body), s.phase, s.outside) for s in shapes])
+        for shapes in scenes
+    )  # fmt: skip
+    rng = np.random.default_rng(7)
+    x = rng.uniform(-0.1, 1.1, (1500, len(box))) * box
+    x[:500, 0] = rng.choice([0, 0.4, 0.5, 1.0, 1.5, 1.7, 2.0], 500)  # seams
+    x[500:600, -1] = 0.5
+    x *= scale
+    fluid = one.phase(x) >= 0
+    off_wall = np.abs(one.distance(x)) > 1e-9 * scale
+    assert (fluid == (parts.phase(x) >= 0)).all() and 0.05 < fluid.mean() < 0.95
+    # a side that two coplanar faces make is found to 1e-9 of the box
+    near = one.distance(x)
+    assert np.abs(parts.distance(x) - near)[fluid & off_wall].max() < 2e-9 * 2 * scale
+    inside = ((x >= 0) & (x <= np.array(box) * scale) | np.array(periodic)).all(1)  # behind faces: a lower bound
+    assert np.abs(parts.distance(x) - near)[inside & off_wall].max() < 2e-9 * 2 * scale
+    xj = x + rng.normal(0, 0.3, x.shape) * scale
+    assert np.abs(one.crossing(x[fluid], xj[fluid]) - parts.crossing(x[fluid], xj[fluid])).max() < 1e-8
+
+
+CARVED = {
+    "box and disk": ((2, 1), (True, False), -1, [block((0, 0.4), (1, 0.6), 0), Shape(Disk((1, 0.5), 0.3), 0)]),
+    "a T of three": ((2, 1), (True, False), -1, [block((0, 0.4), (2, 0.6), 0), block((0.9, 0.6), (1.1, 0.8), 1),
+                                                 block((0.9, 0.8), (1.1, 1), 0)]),
+    "box, tube and ball": ((1, 1, 1), (True, False, False), -1, [
+        block((0, 0.4, 0.4), (0.5, 0.6, 0.6), 0), Shape(Cylinder(0, (0, 0.5, 0.5), 0.25, (0.5, 1)), 0),
+        Shape(Sphere((0.5, 0.5, 0.5), 0.3), 1)]),
+    "crossing tubes": ((1, 1, 1), (True, True, False), -1, [
+        Shape(Cylinder(0, (0, 0.5, 0.5), 0.2), 0), Shape(Cylinder(1, (0.5, 0, 0.5), 0.25), 0)]),
+    "ball on a plate": ((1, 1, 1), (True, True, False), 0, [block((0, 0, 0), (1, 1, 0.3)),
+                                                          Shape(Sphere((0.5, 0.5, 0.3), 0.25))]),
+    "pore bodies": ((1, 1), (True, True), -1, [
+        Shape(Spheres(np.array([[0.2, 0.5], [0.5, 0.6], [0.8, 0.4], [0.55, 0.25]]),
+                      np.array([0.2, 0.17, 0.22, 0.18])), 0)]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CARVED)
+def test_distances_where_shapes_join_against_a_grid_of_labels(name):
+    """The nearest site of the other kind is at least as far as the wall, and a diagonal of a cell (1.5 of them at
+    edges) farther at most."""
+    box, periodic, filled, shapes = CARVED[name]
+    g = ShapeGeometry([0] * len(box), box, periodic, filled, shapes)
+    n = 48 if g.dim == 3 else 200
+    h = np.array(box) / n
+    x = ((np.indices((n,) * g.dim).reshape(g.dim, -1).T) + 0.5) * h
+    fluid = (g.phase(x) >= 0).reshape((n,) * g.dim)
+    tiled = np.pad(fluid, [(n // 2, n // 2) if p else (0, 0) for p in periodic], mode="wrap")
+    tiled = np.pad(tiled, [(0, 0) if p else (1, 1) for p in periodic])
+    of_sites = ndimage.distance_transform_edt(tiled, h) - ndimage.distance_transform_edt(~tiled, h)
+    of_sites = of_sites[tuple(slice(n // 2, n // 2 + n) if p else slice(1, n + 1) for p in periodic)].ravel()
+    d = g.distance(x)
+    assert ((d > 0) == fluid.ravel()).all()
+    farther = np.abs(of_sites) - np.abs(d)
+    assert farther.min() > -1e-8 and farther.max() < 1.5 * np.linalg.norm(h)
 
 
 SCENES = {
@@ -292,7 +400,12 @@ def test_reading_spheres(tmp_path):
         ("1;2\n", "columns"),
         ("radius,x,y,z\n0.1,1,2,3\n", ":1: the columns are radius,x,y,z; give x,y,z"),
         ("z,y,x\n1,2,3\n", ":1: the columns are z,y,x"),
-        ("x,y,z,diameter\n1,2,3,1\n", ":1: the columns are"),
+        ("x,y,z,radius,phase\n1,2,3,1,0\n", ":1: no such column: phase"),
+        ("x_mm,y_mm,z_mm,radius_px\n1,2,3,1\n", ":1: no such column: radius_px"),
+        ("x_mm,y_mm,z_mm,radius\n1,2,3,1\n", ":1: only some columns have a unit; name that of radius"),
+        ("x,y,z,radius\n1,2,3\n", ":2: 3 columns where the header has 4"),
+        ("# z,y,x\n1,2,3,1\n", ":1: the columns are z,y,x"),
+        ("0,5;1\n", ":1: holds ; and ,"),
     ],
 )
 def test_bad_sphere_files(tmp_path, text, message):
@@ -300,6 +413,49 @@ def test_bad_sphere_files(tmp_path, text, message):
     file.write_text(text)
     with pytest.raises(ShapeError, match=message):
         read_spheres(file)
+
+
+@pytest.mark.parametrize(
+    "header, length, radius",
+    [
+        ("x_mm,y_mm,z_mm,radius_mm", 1e-3, 1.0),
+        ("x [mm];y [mm];z [mm];r [um]", 1e-3, 1e-3),
+        ("X(\u00b5m),Y(\u03bcm),Z(um),Diameter (micron)", 1e-6, 0.5),
+        ("x,y,z,diameter", 1.0, 0.5),
+        ("centre_x_m,centre_y_m,centre_z_m,radius_m", 1.0, 1.0),
+        ("# x_mm,y_mm,z_mm,radius_mm", 1e-3, 1.0),
+        ("# x_mm y_mm z_mm radius_mm", 1e-3, 1.0),
+        ("# beads of 2 mm", 1.0, 1.0),
+    ],
+)
+def test_lengths_in_the_unit_that_the_header_names(tmp_path, header, length, radius):
+    file = tmp_path / "beads.csv"
+    separator = ";" if ";" in header else ","
+    file.write_text(f"{header}\n{separator.join('1234')}\n", encoding="utf-8")
+    found = shapes.spheres_of_file(file)
+    assert found.centres == pytest.approx(np.array([[1, 2, 3]]) * length, rel=1e-15)
+    assert found.radii == pytest.approx([4 * length * radius], rel=1e-15)
+    assert ("converted to m" in found.columns) == (length != 1.0) and ("halved" in found.columns) == (radius == 0.5)
+
+
+def test_spheres_outside_the_box_and_overlaps_are_counted():
+    centres = [[0.5, 0.5], [0.65, 0.5], [1.5, 0.5], [-0.05, 0.3], [7.95, 0.8], [0.3, -0.5], [0.95, 0.31], [0.3, 0.05]]
+    body, lower, upper = Spheres(np.array(centres), 0.1), np.zeros(2), np.ones(2)
+    facts, odd = shapes.sphere_findings(body, lower, upper, np.array([1, np.inf]), "b.csv")
+    assert facts == ["1 spheres repeat another one, or its periodic image; they count once"]
+    assert odd[0].startswith("b.csv: 1 of 8 spheres lie outside the box and are left out")
+    assert odd[1].startswith("b.csv: 3 of 8 spheres have their centre outside the box and are wrapped into it, 2 of")
+    assert odd[2].startswith("b.csv: 2 pairs of spheres overlap, by up to 190 %")
+    touching = Spheres(np.array([[0.3, 0.5], [0.4999, 0.5]]), 0.1)  # 0.1 % of the radius: how packings touch
+    assert shapes.sphere_findings(touching, lower, upper, np.array([1, np.inf]), "b.csv") == ([], [])
+    with pytest.raises(ShapeError, match=r"b\.csv: a radius of 400 m in a periodic box of 1 m; check the unit"):
+        shapes.sphere_findings(Spheres(np.zeros((1, 2)), 400.0), lower, upper, np.ones(2), "b.csv")
+
+
+def test_a_half_space_that_a_periodic_face_cuts_is_told():
+    cut = ShapeGeometry((0, 0), (1, 1), (True, False), shapes=[Shape(HalfSpace((0.5, 0.5), (1, 1)))])
+    along = ShapeGeometry((0, 0), (1, 1), (True, False), shapes=[Shape(HalfSpace((0.5, 0.5), (0, 1)))])
+    assert along.warnings == () and len(cut.warnings) == 1 and "not periodic along x:" in cut.warnings[0]
 
 
 def test_missing_and_binary_sphere_files(tmp_path):

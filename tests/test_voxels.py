@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from isphcli.geometry import build_geometry
 from isphcli.voxel_geometry import VoxelGeometry, nearest_centre, wall_field
-from isphcli.voxels import VoxelError, apply_labels, convert, read_image, write_image
+from isphcli.voxels import VoxelError, apply_labels, convert, faces_that_differ, read_image, write_image
 
 
 def rock(shape=(5, 6, 7), porosity=0.6, seed=0):
@@ -629,6 +629,138 @@ def test_image_of_a_case(tmp_path):
     assert g.phase(np.array([[0.2, 4, 1], [0.7, 4, 1], [1.2, 4, 1], [0.7, 1, 1]])).tolist() == [0, -1, 1, 0]
     along_z = build_geometry(read(tmp_path, scene), axis=2)
     assert along_z.periodic == (False, False, True) and along_z.upper.tolist() == [1.5, 2, 2.5]
+
+
+SPACING = "voxels: {file: FILE, labels: {solid: 1, brine: 0}SIZE}, periodic: [z]"
+
+
+def scene_of(tmp_path, file, size=None, **values):
+    """Geometry of an image that is solid in 3 of 4 layers along x."""
+    image = np.ones((8, 8, 8), np.uint8)
+    image[..., :2] = 0
+    path = tmp_path / file
+    if path.suffix in (".mhd", ".mha"):
+        write_image(path, image, values.get("voxel_size"))
+    elif path.suffix == ".npy":
+        np.save(path, image)
+    else:
+        np.savez(path, image=image, **values)
+    scene = SPACING.replace("FILE", file).replace("SIZE", "" if size is None else f", voxel_size: {size}")
+    return build_geometry(read(tmp_path, "{" + scene + "}"))
+
+
+@pytest.mark.parametrize(
+    "file, of_file, given, size, source, warning",
+    [
+        ("a.npz", 5e-6, None, 5e-6, "from a.npz", None),
+        ("a.npz", [1e-6, 2e-6, 3e-6], None, [1e-6, 2e-6, 3e-6], "from a.npz", None),
+        ("a.npz", np.array([3]), 3, 3, "as given, as in a.npz", "voxels of 3 m"),
+        ("a.npz", 3e-6, 5e-6, 5e-6, "as given; a.npz has 3e-06 m", "given, 5e-06 m, is not that of a.npz, 3e-06 m"),
+        ("a.npz", 5e-3, 5e-6, 5e-6, "as given; a.npz has 0.005 m", "given, 5e-06 m, is not that of a.npz, 0.005 m"),
+        ("a.npz", 5.0001e-6, 5e-6, 5e-6, "as given, as in a.npz", None),
+        ("a.mha", [5e-6] * 3, None, 5e-6, "from a.mha, whose ElementSpacing has no unit: taken as metres", None),
+        ("a.mhd", [5e-3] * 3, None, 5e-3, "from a.mhd, whose", "give the voxel size, 5e-06 m if it is in milli"),
+        ("a.mhd", [5e-3] * 3, 5e-6, 5e-6, "as given, as in a.mhd if that is in millimetres", None),
+        ("a.mhd", [5.0] * 3, 5e-6, 5e-6, "as given, as in a.mhd if that is in micrometres", None),
+        ("a.mhd", [5.0] * 3, 4e-6, 4e-6, "as given; a.mhd has 5 (without", "is not that of a.mhd, 5 (without a unit)"),
+        ("a.mhd", [1.0] * 3, 4e-6, 4e-6, "as given", None),
+        ("a.npy", None, 4e-6, 4e-6, "as given", None),
+    ],
+)
+def test_voxel_size_of_the_case_and_of_the_file(tmp_path, file, of_file, given, size, source, warning):
+    held = {} if of_file is None else {"voxel_size": of_file}
+    g = scene_of(tmp_path, file, given, **held)
+    assert g.voxel_size.tolist() == np.broadcast_to(size, 3).tolist()
+    assert source in dict(g.described)["voxel size"]
+    about = [w for w in g.warnings if "voxel" in w]
+    assert (warning is None and not about) or any(warning in w for w in about)
+
+
+@pytest.mark.parametrize("file, held", [("a.npz", {}), ("a.mhd", {"voxel_size": [1.0] * 3}), ("a.mha", {})])
+def test_no_voxel_size_anywhere(tmp_path, file, held):
+    with pytest.raises(VoxelError, match=f"{file}: holds no voxel size; give geometry.voxels.voxel_size"):
+        scene_of(tmp_path, file, None, **held)
+
+
+def test_what_is_said_of_an_image(tmp_path):
+    image = np.ones((4, 5, 6), np.uint8)
+    image[:, :, 1:] = 0
+    np.save(tmp_path / "a.npy", image)
+    voxels = "{voxels: {file: a.npy, labels: {solid: [1], brine: 0}, voxel_size: 1e-6, AXES}}"
+    g = build_geometry(read(tmp_path, voxels.replace("AXES", "axes: xyz, crop: [[0, 3], [0, 5], [0, 6]]")))
+    said = dict(g.described)
+    assert said["image"] == ("3 x 5 x 6 voxels along x, y, z, cropped from 4 x 5 x 6; a.npy is an array 4 x 5 x 6, "
+                             "its axes taken as x, y, z")  # fmt: skip
+    assert said["porosity"] == "83.33 % of the image's voxels (solid 1, brine 0)"
+    assert g.warnings == ("porosity 83.3 %: more than rock has; check which values are solid (solid 1, brine 0; the "
+                          "other way round it is 16.7 %)",)  # fmt: skip
+    g = build_geometry(read(tmp_path, voxels.replace("AXES", "axes: zyx")))
+    assert dict(g.described)["image"].startswith("6 x 5 x 4 voxels along x, y, z; a.npy is an array 4 x 5 x 6, its "
+                                                 "axes taken as z, y, x")  # fmt: skip
+
+
+def test_faces_that_do_not_match_are_told():
+    """Layers that drift along x, and the same beside their mirror image; noise, whose layers never match."""
+    rng = np.random.default_rng(0)
+    drift = np.sin(np.arange(58) / 6 + 2 * np.pi * rng.random((30, 30))[..., None]) > 0  # [z, y, x]
+    (said,) = faces_that_differ(drift, (True, False, False))
+    across = 100 * (drift[..., 0] != drift[..., -1]).mean()
+    assert f"the two faces across x differ in {across:.0f} % of their voxels" in said and across > 30
+    assert faces_that_differ(drift, (False, True, True)) == ()
+    assert faces_that_differ(np.concatenate([drift, drift[..., ::-1]], axis=2), (True, False, False)) == ()
+    assert faces_that_differ(rng.random((20, 20, 20)) < 0.5, (True,) * 3) == ()
+    assert faces_that_differ(drift[:, 0].T, (False, True)) != ()  # 2D [y, x]
+
+
+COLOURS = np.random.default_rng(0).integers(0, 256, (40, 50, 3)).astype(np.uint8)
+GREY = np.repeat((COLOURS[..., :1] > 90) * np.uint8(255), 3, axis=2)
+
+
+@pytest.mark.parametrize(
+    "values, fix",
+    [
+        (COLOURS, "mean"),
+        (GREY, r"image\[..., 0\]"),
+        (np.dstack([GREY, np.full(GREY.shape[:2], 255, np.uint8)]), r"image\[..., 0\]"),
+        (np.dstack([COLOURS > 90, np.ones(GREY.shape[:2])]).astype(np.uint8), "mean"),
+        (COLOURS / 255, "mean"),
+        (np.stack([COLOURS] * 5), "mean"),
+    ],
+)
+def test_pictures_in_colours_are_refused(tmp_path, values, fix):
+    np.save(tmp_path / "a.npy", values)
+    with pytest.raises(VoxelError, match=f"a.npy: looks like a picture in colours, [34] channels.*{fix}"):
+        read_image(tmp_path / "a.npy", grey=True)
+
+
+@pytest.mark.parametrize(
+    "values, axis",
+    [
+        (GREY > 0, "last axis of the array has 3 entries"),
+        (GREY[..., :1], "last axis of the array has 1 entry"),
+        (GREY[..., :2], "last axis of the array has 2 entries"),
+        (np.moveaxis(GREY, 2, 0), "first axis of the array has 3 entries"),
+        (np.moveaxis(GREY, 2, 0)[:1], None),  # [1, y, x] is 2D
+        (GREY[..., 0], None),
+        (GREY[:12, :12], None),
+        (GREY[:, :3], None),
+    ],
+)
+def test_a_thin_axis_may_be_colours(tmp_path, values, axis):
+    np.save(tmp_path / "a.npy", values)
+    said = read_image(tmp_path / "a.npy").warnings
+    assert (axis is None and said == ()) or (len(said) == 1 and axis in said[0])
+
+
+def test_a_conversion_says_where_the_voxel_size_is_from(tmp_path):
+    np.savez(tmp_path / "a.npz", image=rock() + 1, voxel_size=2e-6)
+    found = convert(tmp_path / "a.npz", tmp_path / "b.npz")
+    assert found["voxel_size"] == (2e-6,) * 3 and found["voxel_size_from"] == "from a.npz" and found["warnings"] == ()
+    found = convert(tmp_path / "a.npz", tmp_path / "c.npz", voxel_size=(1e-6, 2e-6, 3e-6))
+    assert found["voxel_size"] == (1e-6, 2e-6, 3e-6)
+    assert "given, 1e-06 x 2e-06 x 3e-06 m, is not that" in found["warnings"][0]
+    write_image(tmp_path / "d.mhd", rock() + 1, (1.0, 1.0, 1.0))
+    assert convert(tmp_path / "d.mhd", tmp_path / "e.npz")["voxel_size"] is None
 
 
 def test_shapes_of_a_case(tmp_path):
