@@ -109,8 +109,8 @@ class Spheres:
     ONE_OF: ClassVar = ("file", "random")
 
     file: Path | None = key(
-        "csv of the centres: columns x, y, z and optionally radius or diameter, a header where they are not in this "
-        "order; x_mm, radius [um] are lengths in that unit, without one in m",
+        "csv of the centres: columns x, y, z and optionally the radius, in this order. A header may say that the last "
+        "is a diameter, and the unit of the lengths, as in x_mm or radius [um]; without one they are in m",
         default=None,
         input=True,
     )
