@@ -134,12 +134,17 @@ def flooded(particles, geometry, fluid, face, saturation):
     depth = side * x[:, axis]
     inside = np.sort(depth[np.all((x >= lower) & (x <= upper), axis=1)])
     if not len(inside):
-        raise ParticleError("no fluid particle in the sample: there is nothing to flood; check the labels, or take a "
-                            "smaller particles.spacing")
+        raise ParticleError("no fluid particle in the sample: there is nothing to flood; "
+                            f"check {what_is_solid(geometry)}, or take a smaller particles.spacing")
     last = inside[max(round(saturation * len(inside)), 1) - 1]
     phase = particles.phase.copy()
     phase[depth <= last + 1e-9 * abs(upper[axis] - lower[axis])] = fluid
     return replace(particles, phase=phase)
+
+
+def what_is_solid(geometry):
+    """Key that says what is solid in a scene."""
+    return "geometry.voxels.labels" if hasattr(geometry, "labels") else "geometry.shapes and geometry.fluid"
 
 
 def sample_box(geometry):
@@ -170,7 +175,7 @@ def place(geometry, lattice, support, jitter=0.0, spacing=0.0, seed=0):
     x, phase = np.concatenate(fluid), np.concatenate(phases)
     if len(x) == 0:
         raise ParticleError("no fluid particle: the scene is solid everywhere at this spacing; "
-                            "check the labels, or take a smaller particles.spacing")
+                            f"check {what_is_solid(geometry)}, or take a smaller particles.spacing")
     if jitter > 0.0:
         rng = np.random.default_rng(seed)
         moved = x + rng.uniform(-jitter, jitter, x.shape) * spacing

@@ -189,6 +189,8 @@ class ShapeGeometry:
     Walls are numbered 0 (at rest), 1 + 2 axis + side (faces), 1 + 2 dim + k (shape k).
     """
 
+    warnings: tuple[str, ...] = ()
+
     def __init__(
         self,
         lower: Sequence[float] | np.ndarray,

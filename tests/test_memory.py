@@ -92,7 +92,8 @@ def test_a_lattice_too_large_is_refused_before_it_is_placed(tmp_path, monkeypatc
     assert "about 4.47e+08 fluid particles need about" in done.stderr and "20 GB are free" in done.stderr
     done = CliRunner().invoke(main, ["validate", "--check-only", str(tmp_path / "case.yaml"), "--set",
                                      "particles.spacing=3.5e-5"])
-    assert done.exit_code == 2 and "lattice sites, to be checked, need about 24.5" in done.output
+    assert done.exit_code == 2 and "816,326,531 lattice sites are too many" in done.output
+    assert "of memory, 20 GB are free; take a larger" in done.output
 
 
 def test_an_image_too_large_for_its_wall_distances_is_refused(tmp_path, monkeypatch):
