@@ -359,7 +359,8 @@ def reference_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, s
     lines = []
     is_permeability = reference.kind == "permeability"
     for axis, value in per_axis(reference.value):
-        lines.append((f"published{axis}", f"{value:g} m2 = {value / MILLIDARCY:.4g} mD" if is_permeability else f"{value:.6g}"))
+        shown = f"{value:g} m2 = {value / MILLIDARCY:.4g} mD" if is_permeability else f"{value:.6g}"
+        lines.append((f"published{axis}", shown))
     if reference.source:
         lines.append(("  source", reference.source))
     errors = dict(summary.get("errors") or {})

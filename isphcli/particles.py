@@ -111,12 +111,17 @@ class Particles:
         return len(self.x) - len(self.phase)
 
 
+def lattice_at(case, geometry, spacing):
+    """The Lattice of a case at a spacing. Raises ParticleError where the spacing does not fit the box."""
+    return make_lattice(case.lattice_in(geometry.dim), geometry.lower, geometry.upper, geometry.periodic, spacing,
+                        case.support * spacing, case.particles.offset)
+
+
 def place_case(case, geometry, spacing):
     """The particles of a case at a spacing, which may be another than its own. Raises ParticleError."""
-    asked, support = case.particles, case.support * spacing
-    lattice = make_lattice(case.lattice_in(geometry.dim), geometry.lower, geometry.upper, geometry.periodic, spacing,
-                           support, asked.offset)
-    particles = place(geometry, lattice, support, asked.jitter, spacing, asked.seed)
+    asked = case.particles
+    particles = place(geometry, lattice_at(case, geometry, spacing), case.support * spacing, asked.jitter, spacing,
+                      asked.seed)
     if case.initial is None or case.initial.flood is None:
         return particles
     flood = case.initial.flood

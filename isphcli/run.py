@@ -15,6 +15,7 @@ from .case import CaseError, Problem, dump_case
 from .drive import darcy, drives, held_axis, sample_box, walls_move
 from .geometry import build_geometry, opens, why_closed
 from .linear import SolveError
+from .particles import lattice_at
 
 
 def run_case(case, quiet=False, resume=None):
@@ -82,8 +83,11 @@ def _run_stokes(case, solver, clock, quiet, resume):
 
 
 def _solve_stokes(case, solver, clock, quiet):
-    """Every spacing and axis of a steady case: (axes, {(axis, spacing): Creep}, {(axis, spacing): why nothing flows, None: no path},
-    rows of history, _Seen); the matrices of large scenes leave no room for the files. Raises NoPathError where nothing flows along any axis."""
+    """Every spacing and axis of a steady case: (axes, {(axis, spacing): Creep}, {(axis, spacing): why nothing flows,
+    None: no path}, rows of history, _Seen). The matrices, which leave no room for the files, are gone when it returns.
+
+    Raises NoPathError where nothing flows along any axis.
+    """
     flows, closed, history, scene = {}, {}, [], None
     spacings = (case.particles.spacing, *case.refine)
     with clock("geometry"), progress.stage("geometry", quiet):
@@ -94,6 +98,7 @@ def _solve_stokes(case, solver, clock, quiet):
     if driven and not any(opens(case, axis) for axis in driven):
         raise solver.NoPathError(why_closed(case, *driven))
     for spacing in spacings:  # a finer one that does not fit is not found out after hours
+        lattice_at(case, first, spacing)
         memory.refuse_lattice(case, first, spacing)
     seen = _look(case, first, clock, quiet)
     for spacing in spacings:

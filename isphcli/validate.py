@@ -63,6 +63,11 @@ class Level:
     dimension: int = 3
 
     @property
+    def stopped_short(self) -> bool:
+        """Whether it ran, but ended before it had what the case asks for."""
+        return self.ran and self.status not in (*COMPLETE, "")
+
+    @property
     def ran(self) -> bool:
         """Whether it has an error."""
         return self.error is not None
@@ -385,7 +390,7 @@ def verdict(ladder: Ladder) -> Verdict:
         return Verdict(False, "FAIL", own.status)
     if reference.tolerance is None:
         return Verdict(True, "no bound", "the case has no reference.tolerance")
-    if own.status not in COMPLETE:
+    if own.stopped_short:
         return Verdict(False, "STOPPED SHORT", f"{own.status}: the error, {own.error:.3g}, is of a flow on its way")
     within = abs(own.error) <= reference.tolerance
     sign = "<=" if within else ">"
@@ -402,7 +407,7 @@ def row(level: Level, main: str) -> str:
         return _cells([str(level.number), f"{level.spacing:.4g}"]) + f"  {level.status}"
     rest = [f"{name} {count:.3g}" for name, count in level.iterations.items()]
     rest += [f"{name} {value:.3g}" for name, value in level.errors.items() if name not in (main, "main")]
-    if level.status not in COMPLETE:
+    if level.stopped_short:
         rest.insert(0, level.status.upper())
     return _cells(numbers(level)) + "  " + ", ".join(rest)
 
@@ -578,7 +583,7 @@ def _markdown_ladder(ladder: Ladder) -> list[str]:
     lines.append(f"**{result.word}**: {result.why}. Observed order {_or_dash(ladder.order)}.")
     if ladder.stopped:
         lines.append(f"Ladder {ladder.stopped}.")
-    said = [f"level {level.number}: {level.status}" for level in ladder.done if level.status not in COMPLETE]
+    said = [f"level {level.number}: {level.status}" for level in ladder.done if level.stopped_short]
     said += [f"level {level.number}: {text}" for level in ladder.levels for text in level.warnings]
     return [*lines, *([""] if said else []), *items(said)]
 
