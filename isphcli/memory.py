@@ -102,7 +102,7 @@ def refuse_image(case: Case) -> None:
     voxels = math.prod(shape)
     if spec.crop is not None:
         voxels = min(voxels, math.prod(max(end - first, 0) for first, end in spec.crop))
-    refuse(voxels * BYTES_VOXEL, f"the wall distances of {voxels:,} voxels", CROP)
+    refuse(voxels * BYTES_VOXEL, f"{spec.file}: the wall distances of {voxels:,} voxels", CROP)
 
 
 def refuse_pores(case: Case, labels: np.ndarray, voxel_size: np.ndarray, clear: int) -> None:
