@@ -138,7 +138,7 @@ def solve_axis(case, scene, axis, force, clock, watch=None):
     superficial, mean, permeability = darcy(geometry, particles.x[: particles.n_fluid], cell_velocity,
                                             particles.site_volume, axis, force, fluid.nu)
     return Creep(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
-                 flow.pressure * fluid.density, superficial, mean, permeability, *_mass(scene, flow, axis), flow.report,
+                 flow.pressure * fluid.density, superficial, mean, permeability, *_mass(scene, flow, cell_velocity, axis), flow.report,
                  scene.halo, system.conservative, system.count, int((~scene.percolates.any(axis=1)).sum()))
 
 
@@ -157,8 +157,11 @@ def _quadrature(scene, flow, force, nu):
     return (gradient_p(scene.system.rows, flow.pressure) - scene.system.drive(force)) * (dx * dx / (24.0 * nu))
 
 
-def _mass(scene, flow, axis):
-    """(largest |div u| over the largest speed per spacing, spread of the flux between planes across the axis)."""
+def _mass(scene, flow, cell_velocity, axis):
+    """(largest |div u| over the largest speed per spacing, spread of the flux between planes across the axis).
+
+    The flux is that of which the permeability is the mean: of velocities averaged over cells.
+    """
     dx = scene.system.spacing
     div = total_divergence(scene.system.rows, flow.velocity)
     speed = np.abs(flow.velocity).max()
@@ -170,7 +173,7 @@ def _mass(scene, flow, axis):
     # as many planes as layers of the lattice: every one holds whole layers only
     planes = max(1, round((geometry.upper - geometry.lower)[axis] / dx))
     layer = np.minimum((x / (geometry.upper - geometry.lower)[axis] * planes).astype(int), planes - 1)
-    flux = np.bincount(layer, weights=flow.velocity[:, axis], minlength=planes)
+    flux = np.bincount(layer, weights=cell_velocity[:, axis], minlength=planes)
     mean = flux.mean()
     return worst, float(flux.std() / abs(mean)) if mean != 0.0 else 0.0
 
