@@ -38,7 +38,8 @@ _SNAPSHOT = re.compile(r"(?P<name>.+)_(?P<step>\d{6,})\.vtu")
 
 # The order of keys in summary.json; keys not named here follow in the order in which they came.
 SUMMARY_KEYS = (
-    "title", "status", "message", "dimension", "particles", "porosity", "terms", "steps", "time",
+    "title", "status", "message", "warnings", "dimension", "particles", "image", "porosity", "open_axes", "throats",
+    "terms", "steps", "time",
     "permeability", "permeability_error", "permeability_tensor", "superficial_velocity", "mean_velocity",
     "pressure_drop",
     "two_fluids", "mass_error", "max_divergence", "iterations", "errors", "cpu_seconds", "wall_seconds",

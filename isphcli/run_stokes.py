@@ -138,8 +138,8 @@ def solve_axis(case, scene, axis, force, clock, watch=None):
     superficial, mean, permeability = darcy(geometry, particles.x[: particles.n_fluid], cell_velocity,
                                             particles.site_volume, axis, force, fluid.nu)
     return Creep(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
-                 flow.pressure * fluid.density, superficial, mean, permeability, *_mass(scene, flow, cell_velocity, axis), flow.report,
-                 scene.halo, system.conservative, system.count, int((~scene.percolates.any(axis=1)).sum()))
+                 flow.pressure * fluid.density, superficial, mean, permeability,
+                 *_mass(scene, flow, cell_velocity, axis), flow.report, scene.halo, system.conservative, system.count, int((~scene.percolates.any(axis=1)).sum()))
 
 
 def _quadrature(scene, flow, force, nu):

@@ -150,5 +150,5 @@ def test_a_finer_spacing_that_does_not_fit_is_refused_before_the_first_is_solved
     case = read_case(DISK, "case.yaml", ("refine=[0.002]", "drive={axes: [x]}", f"output.directory={tmp_path}/out"))
     monkeypatch.setattr(memory, "available", lambda: 2e10)
     monkeypatch.setattr(run_stokes, "solve_axis", lambda *_: pytest.fail("solved"))
-    with pytest.raises(ParticleError, match="larger particles.spacing and refine"):
+    with pytest.raises(ParticleError, match=r"larger particles\.spacing and refine"):
         run_case(case, quiet=True)
