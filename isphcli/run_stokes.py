@@ -139,7 +139,8 @@ def solve_axis(case, scene, axis, force, clock, watch=None):
                                             particles.site_volume, axis, force, fluid.nu)
     return Creep(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
                  flow.pressure * fluid.density, superficial, mean, permeability,
-                 *_mass(scene, flow, cell_velocity, axis), flow.report, scene.halo, system.conservative, system.count, int((~scene.percolates.any(axis=1)).sum()))
+                 *_mass(scene, flow, cell_velocity, axis), flow.report, scene.halo, system.conservative, system.count,
+                 int((~scene.percolates.any(axis=1)).sum()))
 
 
 def _quadrature(scene, flow, force, nu):
