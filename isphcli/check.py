@@ -18,8 +18,8 @@ from scipy import ndimage
 
 from . import expressions, memory
 from .case import AXES, Case, load_case
-from .geometry import Connectivity, Geometry, build_geometry, report
-from .particles import Lattice, ParticleError, make_lattice
+from .geometry import Connectivity, Geometry, build_geometry, opens, report, why_closed
+from .particles import Lattice, ParticleError, make_lattice, what_is_solid
 
 # Measured 2026-11-22 on one core at support 2.1, compilation left out: CPU microseconds a particle and step,
 # for stokes a particle and axis. stokes: 57 (sphere array, 86,608 particles), 60 (two tubes), 27 in 2D.
@@ -38,6 +38,7 @@ THIN = 4
 THINNEST = 3  # particles across the median throat below which there is a warning
 LINE_POINTS = 20_000  # points of the centre lines whose width is found exactly
 TINY = 1e-6
+MOST_SITES = 30_000_000  # of a lattice that is looked at site by site: 2.6 us each, measured on Berea on 2026-11-29
 BYTES_SITE = 30  # of a lattice site in a check: phase, distance, labels of the connected parts
 ON_WALL = 1e-9  # of the support: a site this close to a wall is solid, as for `Geometry.phase`
 
@@ -122,14 +123,25 @@ def check_case_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckRep
     return check(load_case(path, tuple(overrides)))
 
 
-def check(case: Case, geometry: Geometry | None = None) -> CheckReport:
-    """Check a case; `geometry` where it is at hand already."""
-    geometry = build_geometry(case) if geometry is None else geometry
-    result = CheckReport(case, geometry.dim, terms(case, geometry), {})
+def check(case: Case, geometry: Geometry | None = None, to_run: bool = False) -> CheckReport:
+    """Check a case; `geometry` where it is at hand already.
+
+    to_run: it is about to be run. However many sites there are, to look at them is then little beside the solve; and
+    what the run itself finds out and tells is left to it: which axes are closed, which fluids are absent.
+    """
+    if geometry is None:
+        try:
+            geometry = build_geometry(case)
+        except ParticleError as error:  # an image whose size alone says that it does not fit
+            return CheckReport(case, case.dim or 3, [], {}, errors=[str(error)])
+    result = CheckReport(case, geometry.dim, terms(case, geometry), {}, warnings=list(geometry.warnings))
     try:
         lattice = lattice_of(case, geometry)
+        if lattice.sites > MOST_SITES and not to_run:
+            _from_samples(result, geometry, lattice)
+            return result
         memory.refuse(lattice.sites * BYTES_SITE, f"{lattice.sites:,} lattice sites, to be checked,",
-                      memory.TOO_LARGE)
+                      memory.too_large(case))
     except ParticleError as error:
         result.errors.append(str(error))
         return result
@@ -137,7 +149,7 @@ def check(case: Case, geometry: Geometry | None = None) -> CheckReport:
     result.particles = sites.particles
     if not sites.particles["fluid"]:
         result.errors.append(
-            "no fluid: the scene is solid at every site of the lattice; check the labels and shapes, or take "
+            f"no fluid: the scene is solid at every site of the lattice; check {what_is_solid(geometry)}, or take "
             "a smaller particles.spacing"
         )
         return result
@@ -150,14 +162,39 @@ def check(case: Case, geometry: Geometry | None = None) -> CheckReport:
     if case.flow != "stokes":
         result.steps = steps(case, result.flow, result.throats)
     _costs(result, geometry)
-    _drive_findings(result, geometry, driven, through)
+    if not to_run or case.flow != "stokes":
+        _drive_findings(result, geometry, driven, through)
     kinds = {(f.density, f.mu) for f in case.fluids.values()}
     if case.flow == "stokes" and sites.per_fluid[1:].any() and len(kinds) > 1:
         result.errors.append("a steady solve has one fluid; use flow: navier_stokes for two")
     result.warnings += geometry.warnings
     result.warnings += list(_resolution_findings(result, geometry, lattice))
     result.warnings += list(_other_findings(result, geometry, sites))
+    if not to_run:
+        result.warnings += list(_absent_fluids(case, sites))
+    elif case.flow != "stokes":  # a run in time goes on, and finds out
+        result.warnings += result.errors
     return result
+
+
+def _from_samples(result: CheckReport, geometry: Geometry, lattice: Lattice) -> None:
+    """What random points tell of a lattice that has too many sites to look at each."""
+    case = result.case
+    size = geometry.upper - geometry.lower
+    phase = geometry.phase(geometry.lower + np.random.default_rng(0).random((memory.SAMPLE, geometry.dim)) * size)
+    share = float((phase >= 0).mean())
+    result.particles = {"fluid": round(share * lattice.sites)}
+    if case.flow != "stokes":
+        result.steps = steps(case, None, None) if case.time is not None and case.time.step else None
+    _costs(result, geometry)
+    need, left = sum(result.memory.values()), memory.available()
+    if left is not None and need > left:
+        result.errors.append(f"needs about {_bytes(need)} of memory, {_bytes(left)} are free; {memory.too_large(case)}")
+    result.warnings.append(
+        f"{lattice.sites:,} lattice sites are too many to look at each ({MOST_SITES:,} at most): particles, memory and "
+        f"time are from {memory.SAMPLE:,} random points (porosity about {100 * share:.2g} %), and pores, throats and "
+        "time steps were not looked at; check a part of the scene for those"
+    )
 
 
 # -- the lattice -----------------------------------------------------------------------------------------
@@ -301,12 +338,6 @@ def driven_axes(case: Case, dim: int) -> list[int]:
         return [AXES.index(name) for name in drive.named_axes]
     push = np.abs(_acceleration(case, dim))
     return [int(axis) for axis in np.argsort(-push, kind="stable") if push[axis] > 0]
-
-
-def opens(case: Case, axis: int) -> bool:
-    """Whether fluid can leave the box along an axis: it is periodic, or an image with clear layers."""
-    voxels = case.geometry.voxels
-    return AXES[axis] in case.geometry.periodic or (voxels is not None and voxels.clear_layer != 0)
 
 
 def _acceleration(case: Case, dim: int, length: np.ndarray | None = None) -> np.ndarray:
@@ -467,7 +498,7 @@ def _costs(result: CheckReport, geometry: Geometry) -> None:
     spacing = case.particles.spacing
     finest = (spacing / min((spacing, *case.refine))) ** dim
     fluid, labels = result.particles["fluid"] * finest, getattr(geometry, "labels", None)
-    result.memory = memory.estimate(case, dim, geometry.has_solid, fluid, result.particles["dummy"] * finest,
+    result.memory = memory.estimate(case, dim, geometry.has_solid, fluid, result.particles.get("dummy", 0) * finest,
                                     0 if labels is None else labels.size, two=len(case.fluids) > 1)
     runs: float | None = 1.0
     if case.flow == "stokes":
@@ -504,10 +535,7 @@ def _drive_findings(
             continue  # a light fluid rises between walls too
         name, fatal = AXES[axis], held or (steady and not through and not moved)
         if not opens(case, axis):
-            fix = (
-                "give geometry.voxels.clear_layer" if case.geometry.voxels else "add it to geometry.periodic"
-            )
-            found = f"nothing can flow along {name}: both faces are walls; {fix}"
+            found = why_closed(case, axis)
         elif _open_when_finer(case, geometry, axis):
             fatal = False
             found = f"throats along {name} are closed on this lattice; take a smaller particles.spacing"
@@ -592,15 +620,18 @@ def _other_findings(result: CheckReport, geometry: Geometry, sites: Sites) -> It
         and result.flow.reynolds > 1
     ):
         yield f"flow: stokes leaves out inertia, but the Reynolds number is about {result.flow.reynolds:.2g}"
-    flooded = case.initial.flood.fluid if case.initial and case.initial.flood else None
-    for k, name in enumerate(case.fluids):
-        if name != flooded and (k >= len(sites.per_fluid) or not sites.per_fluid[k]):
-            yield f"fluids.{name} has no particle: the scene runs as one of a single fluid"
     c = result.connectivity
     if c is not None and geometry.has_solid and c.isolated_pockets and any(c.percolates):
         share = 1 - max(c.percolating_porosity) / c.porosity
         if share > 0.05:
             yield f"{100 * share:.0f} % of the fluid lies in pockets that no flow passes through"
+
+
+def _absent_fluids(case: Case, sites: Sites) -> Iterator[str]:
+    flooded = case.initial.flood.fluid if case.initial and case.initial.flood else None
+    for k, name in enumerate(case.fluids):
+        if name != flooded and (k >= len(sites.per_fluid) or not sites.per_fluid[k]):
+            yield f"fluids.{name} has no particle: the scene runs as one of a single fluid"
 
 
 # -- text ------------------------------------------------------------------------------------------------
@@ -609,6 +640,10 @@ def _other_findings(result: CheckReport, geometry: Geometry, sites: Sites) -> It
 def _lines(r: CheckReport) -> Iterator[str]:
     case = r.case
     yield f"{case.path or 'case'}: {case.title}".rstrip(": ")
+    if not r.terms:  # refused by its size
+        yield from (_row("ERROR", text) for text in r.errors)
+        yield _row("verdict", "cannot run")
+        return
     used = [f"{t.name} ({t.why})" for t in r.terms if t.used]
     out = [f"{t.name} ({t.why})" for t in r.terms if not t.used]
     yield _row("uses", "; ".join(used))
@@ -617,7 +652,8 @@ def _lines(r: CheckReport) -> Iterator[str]:
         p = r.particles
         kind = f"{case.lattice_in(r.dim)}, spacing {case.particles.spacing:g} m, support {case.support:g}"
         yield _row("lattice", f"{r.dim}D {kind}, about {r.neighbours:.0f} neighbours")
-        yield _row("particles", f"{p['fluid']} fluid, {p['dummy']} dummy, {p['left_out']} sites left out")
+        more = f"{p['dummy']} dummy, {p['left_out']} sites left out" if "dummy" in p else "dummies not counted"
+        yield _row("particles", f"{p['fluid']} fluid, {more}")
     if r.connectivity is not None:
         yield from _pore_lines(r.connectivity, r.throats)
     if r.flow is not None:

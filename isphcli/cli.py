@@ -19,26 +19,30 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import __version__
+from . import COMPLETE, __version__
 from .environment import find_kernel_cache, settle_streams, stop_printing
 
 if TYPE_CHECKING:
     from .case import Case
 
-OUTSIDE, BAD_INPUT, FAILED, INTERNAL, INTERRUPTED = 1, 2, 3, 4, 130
+OUTSIDE, BAD_INPUT, FAILED, INTERNAL, STOPPED_SHORT, INTERRUPTED = 1, 2, 3, 4, 5, 130
 NOT_READ = 141  # as the shell says it of programs that end with SIGPIPE
 EXIT_CODES = """\
 \b
 Exit codes:
   0    done
-  1    a result misses its reference: farther off than the tolerance, or not had within --budget (validate)
+  1    a result misses its reference: farther off than the tolerance, not had within --budget, or of a run that
+       stopped short (validate)
   2    the case, a file or an option cannot be used; nothing was written
   3    the run failed on the way: a solve that did not converge, a full disk
   4    a fault of isph itself (please report it; --debug shows where)
+  5    the run stopped short: not steady, or out of steps before its end; what it left is written (run)
   130  interrupted
 """
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 MILLIDARCY = 9.869233e-16  # m2
+DIGITS = 3  # of a result whose error is not known: 1 % is the best that a lattice of particles has beside walls
+IMAGES = (".npy", ".npz", ".mhd", ".mha", ".raw", ".tif", ".tiff", ".nrrd", ".vtk", ".vti", ".h5", ".png", ".bmp")
 
 
 class Unusable(ValueError):
@@ -191,12 +195,13 @@ quiet_option = click.option("--quiet", is_flag=True, help="No progress display; 
 def run(
     case_file: Path | None, out: Path | None, restart: Path | None, overwrite: bool, threads: int | None,
     overrides: tuple[str, ...], quiet: bool,
-) -> None:  # fmt: skip
+) -> int:  # fmt: skip
     """Run a case.
 
-    Prints permeability in m2 and millidarcy, the error against the case's reference and where the time went;
-    leaves snapshots, history, summary and pictures in the output directory (docs/output.md). A directory that
-    holds results is refused unless --restart or --overwrite is given.
+    Prints permeability in m2 and millidarcy (mean velocities where there is none), what was warned of, the error
+    against the case's reference and where the time went; leaves snapshots, history, summary and pictures in the
+    output directory (docs/output.md). A directory that holds results is refused unless --restart or --overwrite is
+    given.
 
     \b
     isph run beadpack.yaml
@@ -220,6 +225,10 @@ def run(
             interrupt.restart = restart / "restart.npz"  # type: ignore[attr-defined]
         raise
     click.echo(closing_lines(case, summary))
+    if summary.get("status", "finished") not in COMPLETE:
+        click.echo(f"stopped short: {summary.get('message') or summary['status']}", err=True)
+        return STOPPED_SHORT
+    return 0
 
 
 def load(path: Path, overrides: Iterable[str], out: Path | None = None) -> Case:
@@ -228,8 +237,35 @@ def load(path: Path, overrides: Iterable[str], out: Path | None = None) -> Case:
 
     from .case import load_case
 
+    refuse_image(path)
     case = load_case(path, tuple(overrides))
     return case if out is None else replace(case, output=replace(case.output, directory=out.absolute()))
+
+
+def refuse_image(path: Path) -> None:
+    """Raise Unusable for an image where a case is asked for, with a case to begin with."""
+    if path.suffix.lower() not in IMAGES or not path.is_file():
+        return
+    from .voxels import image_shape
+
+    shape = image_shape(path)
+    size = "" if shape is None else f" of {' x '.join(map(str, shape[::-1]))} voxels (x, y, z)"
+    axes = "xyz" if shape is None else "xyz"[: len(shape)]
+    convert = "" if path.suffix.lower() in IMAGES[:4] else (
+        f"\nImages of type {path.suffix.lower()} are not read: save it as npy, npz or mhd first, and name that file."
+    )  # fmt: skip
+    raise Unusable(
+        f"{path}: is an image{size}, not a case. Write what is to be known about it into a file {path.stem}.yaml "
+        f"beside it:\n\n"
+        f"geometry:\n"
+        f"  voxels: {{file: '{path.name}', labels: {{solid: 1, water: 0}}, voxel_size: 5.0e-6}}   # m\n"
+        f"particles: {{spacing: 5.0e-6}}   # m: one particle a voxel\n"
+        f"fluids: {{water: {{density: 1000, viscosity: 1.0e-3}}}}   # kg/m3, Pa s\n"
+        f"flow: stokes\n"
+        f"drive: {{axes: [{', '.join(axes)}]}}\n\n"
+        f"with the labels and the voxel size of your image (isph convert-voxels says which values it holds, and makes "
+        f"labels of grey values), then: isph run {path.with_suffix('.yaml')}{convert}"
+    )
 
 
 def directory_of(case: Case) -> Path:
@@ -249,7 +285,13 @@ def check_directory(path: Path) -> None:
 
 def closing_lines(case: Case, summary: Mapping[str, Any]) -> str:
     """What is printed at the end of a run."""
-    lines = [*permeability_lines(summary), *two_fluid_lines(case, summary)]
+    lines = [*scene_lines(summary), *permeability_lines(summary)]
+    if summary.get("permeability") is None:
+        lines += velocity_lines(summary)
+    lines += two_fluid_lines(case, summary)
+    if case.flow == "stokes" and summary.get("mass_error") is not None:
+        lines += [("mass error", f"{summary['mass_error']:.1e} between slices across the flow")]
+    lines += [("warning", text) for text in summary.get("warnings") or ()]
     lines += [*reference_lines(case, summary), *time_lines(summary)]
     directory = directory_of(case)
     lines += [("results", str(directory))]
@@ -259,14 +301,55 @@ def closing_lines(case: Case, summary: Mapping[str, Any]) -> str:
     return table(lines)
 
 
+def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What was run: the image, its porosity, the axes along which pores lead through, the throats."""
+    lines, image, throats = [], summary.get("image"), summary.get("throats")
+    if image:
+        names = "xyz"[: len(image["size"])]
+        size, edges = " x ".join(str(n) for n in image["size"]), sorted({float(h) for h in image["voxel_size"]})
+        edge = " x ".join(f"{h:g}" for h in (edges if len(edges) == 1 else image["voxel_size"]))
+        lines += [("image", f"{size} voxels ({', '.join(names)}) of {edge} m; array read as {image['axes']}")]
+    if summary.get("porosity") is not None:
+        lines += [("porosity", f"{100 * summary['porosity']:.{DIGITS}g} %")]
+    if summary.get("open_axes") is not None:
+        lines += [("open axes", ", ".join(summary["open_axes"]) or "none: no pore leads through the scene")]
+    if throats:
+        lines += [("throats", f"median {throats['median']:.1f} particles wide, 10 % below {throats['narrow']:.1f}")]
+    return lines
+
+
 def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Permeability, m2 and mD: one number, one an axis, or the tensor."""
-    lines = [(f"permeability{axis}", permeability(k)) for axis, k in per_axis(summary.get("permeability"))]
-    lines += [(f"  +-{axis}", permeability(k)) for axis, k in per_axis(summary.get("permeability_error"))]
+    """Permeability, m2 and mD: one number, one an axis, or the tensor; digits as far as the error bar says."""
+    bars = dict(per_axis(summary.get("permeability_error")))
+    lines = []
+    for axis, k in per_axis(summary.get("permeability")):
+        bar = bars.get(axis)
+        lines.append((f"permeability{axis}", permeability(k, digits_within(k, bar))))
+        if bar is not None:
+            lines.append((f"  +-{axis}", permeability(bar, 2)))
     tensor = summary.get("permeability_tensor")
     if tensor is not None:
         heads = ["tensor, m2"] + [""] * (len(tensor) - 1)
-        lines += [(head, " ".join(f"{k:12.4e}" for k in row)) for head, row in zip(heads, tensor)]
+        lines += [(head, " ".join(f"{k:10.{DIGITS - 1}e}" for k in row)) for head, row in zip(heads, tensor)]
+    return lines
+
+
+def digits_within(value: float, error: float | None) -> int:
+    """Significant digits down to the first one of the error; DIGITS where it is not known."""
+    if not error or not value:
+        return DIGITS
+    return min(max(math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 1, 1), 6)
+
+
+def velocity_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Mean velocity of the fluid and superficial velocity of the sample along each axis, m/s."""
+    lines = []
+    for key in ("mean_velocity", "superficial_velocity"):
+        values = [v for _, v in per_axis(None if summary.get(key) is None else list(summary[key]))]
+        if values:
+            least = 10.0**-DIGITS * max(abs(v) for v in values)  # what is less is what is left by the others
+            shown = (f"{a} {v if abs(v) >= least else 0:.{DIGITS}g}" for a, v in zip("xyz", values))
+            lines.append((key.replace("_", " "), ", ".join(shown) + " m/s"))
     return lines
 
 
@@ -290,9 +373,11 @@ def per_axis(value: Any) -> list[tuple[str, float]]:
     return [("", value)]
 
 
-def permeability(k: float) -> str:
-    """1.234e-12 m2 = 1250 mD."""
-    return f"{k:.4e} m2 = {k / MILLIDARCY:.4g} mD"
+def permeability(k: float, digits: int = DIGITS) -> str:
+    """1.23e-12 m2 = 1250 mD."""
+    if not k:
+        return "0 m2 = 0 mD"
+    return f"{k:.{digits - 1}e} m2 = {float(f'{k / MILLIDARCY:.{digits}g}'):g} mD"
 
 
 def reference_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -303,7 +388,8 @@ def reference_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, s
     lines = []
     is_permeability = reference.kind == "permeability"
     for axis, value in per_axis(reference.value):
-        lines.append((f"published{axis}", permeability(value) if is_permeability else f"{value:.6g}"))
+        shown = f"{value:g} m2 = {value / MILLIDARCY:.4g} mD" if is_permeability else f"{value:.6g}"
+        lines.append((f"published{axis}", shown))
     if reference.source:
         lines.append(("  source", reference.source))
     errors = dict(summary.get("errors") or {})
@@ -430,6 +516,7 @@ def validate(
     code, to_run, estimates = 0, [], {}
     for path in case_files:
         try:
+            refuse_image(path)
             report = check_case_file(path, overrides)
         except (Exception, KeyboardInterrupt) as error:
             if len(case_files) == 1 or exit_code(error) != BAD_INPUT:

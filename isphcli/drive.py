@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import linear
-from .geometry import build_geometry
 from .particles import sample_box
 
 
-def drives(case, dim):
+def drives(case, geometry):
     """[(axis, acceleration (dim,) of the first fluid, m/s2)] that a case asks for. The axis is None where walls move:
-    what they drag along is not a response to the drive, and gives no permeability."""
-    drive = case.drive
+    what they drag along is not a response to the drive, and gives no permeability. A pressure drop is over the whole
+    length of the geometry, its clear layers included."""
+    drive, dim = case.drive, geometry.dim
     if drive is not None and drive.axes and not walls_move(case):
         return [("xyz".index(a), np.eye(dim)["xyz".index(a)]) for a in drive.axes]
     force = np.zeros(dim)
@@ -20,7 +20,7 @@ def drives(case, dim):
         density = next(iter(case.fluids.values())).density
         for name, drop in drive.pressure_drop.items():
             axis = "xyz".index(name)
-            force[axis] += drop / (density * _box_length(case, axis))
+            force[axis] += drop / (density * float(geometry.upper[axis] - geometry.lower[axis]))
     if drive is not None and drive.axes:
         force["xyz".index(drive.axes[0])] = 1.0
     if drive is not None and drive.body_force is not None:
@@ -35,13 +35,6 @@ def walls_move(case):
     walls = [*case.geometry.walls.values(), *case.geometry.shapes]
     turns = any(shape.angular_velocity for shape in case.geometry.shapes)
     return turns or any(wall.velocity is not None and any(wall.velocity) for wall in walls)
-
-
-def _box_length(case, axis):
-    if case.geometry.box is not None:
-        return case.geometry.box[axis]
-    geometry = build_geometry(case, axis)
-    return float(geometry.upper[axis] - geometry.lower[axis])
 
 
 STUCK = 1e-6  # of what free fluid would gain from a pressure gradient: less is no flow

@@ -114,7 +114,7 @@ def attempt(stepper, state, config, dt):
     if isinstance(problem, StepError):
         # cavities at Reynolds number 1000 and an orifice that blew up with shifting 0.1 held with each of the first two
         message += ("; try particles.support=3, more particles.shifting, a smaller particles.spacing where pores "
-                    "are few particles wide, or a smaller time.cfl")
+                    "are few particles wide, or smaller time steps (time.step where it is given, else time.cfl)")
         tension = stepper.fluids.tension
         if tension is not None:  # twice the limit holds for a while at Laplace number 1e6, and then blows up
             message += f", or time steps below the capillary limit of {tension.largest_step:.3g}"

@@ -6,7 +6,7 @@ the connected fluid of a lattice of labels.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -264,6 +264,7 @@ def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
 
     spec = case.geometry.voxels
     assert spec is not None
+    memory.refuse_image(case)
     image = voxels.read_image(spec.file, spec.array)
     values = image.values.transpose() if spec.axes == "xyz" else image.values
     values_shape = values.shape
@@ -275,13 +276,14 @@ def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
     clear = added = 0
     if axis is not None and not periodic[axis]:
         h = size[axis if len(size) > 1 else 0]
-        clear = 6 if spec.clear_layer is None else round(spec.clear_layer / h)
+        clear = 6 if spec.clear_layer is None else max(round(spec.clear_layer / h), int(spec.clear_layer > 0))
         added = 2 * clear * (labels.size // labels.shape[labels.ndim - 1 - axis])
     if added > labels.size:
         what, fix = f"clear layers of {clear} voxels", "take a smaller geometry.voxels.clear_layer; it is in metres"
     else:
-        what, fix = f"the wall distances of {labels.size + added:,} voxels", "take a part with geometry.voxels.crop"
+        what, fix = f"the wall distances of {labels.size + added:,} voxels", memory.CROP
     memory.refuse((labels.size + added) * memory.BYTES_VOXEL, what, fix)
+    memory.refuse_pores(case, labels, size, added)
     geometry = VoxelGeometry(labels, size, periodic, case.wall_distance, axis, clear, **walls)
     solid = labels < 0
     porosity, name = 1.0 - float(solid.mean()), spec.file.name
@@ -351,6 +353,35 @@ def _product(numbers: Any) -> str:
     """'20 x 20 x 10', of lengths one number where they are equal."""
     words = [f"{n:.6g}" if isinstance(n, float) else str(n) for n in numbers]
     return words[0] if isinstance(numbers, np.ndarray) and len(set(words)) == 1 else " x ".join(words)
+
+
+def opens(case: Case, axis: int) -> bool:
+    """Whether fluid can leave the box along an axis: it is periodic, or an image with clear layers."""
+    voxels = case.geometry.voxels
+    return "xyz"[axis] in case.geometry.periodic or (voxels is not None and voxels.clear_layer != 0)
+
+
+def why_closed(case: Case, *axes: int) -> str:
+    """Why nothing flows along axes without a path, and what to do."""
+    walled = [axis for axis in axes if not opens(case, axis)]
+    found = []
+    if walled:
+        names = _listed(walled)
+        image = "geometry.voxels.clear_layer is 0: leave it out, or " if case.geometry.voxels is not None else ""
+        found.append(f"nothing can flow along {names}: both faces are walls; {image}add {names} to geometry.periodic")
+    if blocked := [axis for axis in axes if axis not in walled]:
+        what = "geometry.shapes" if case.geometry.voxels is None else "geometry.voxels.labels"
+        found.append(
+            f"no fluid path leads through the scene along {_listed(blocked)}: the permeability is zero; check {what}, "
+            "or take a smaller particles.spacing if the lattice closes the throats"
+        )
+    return "; ".join(found)
+
+
+def _listed(axes: Sequence[int]) -> str:
+    """'x', 'x and y' or 'x, y and z'."""
+    *names, last = ("xyz"[axis] for axis in axes)
+    return f"{', '.join(names)} and {last}" if names else last
 
 
 def _flow_axis(case: Case) -> int | None:

@@ -18,10 +18,12 @@ class SolveError(RuntimeError):
 
     def __init__(self, system, report):
         self.system, self.report = system, report
+        # a steady solve has no time step, and what it fails on are pores that the lattice does not resolve
+        advice = "a smaller particles.spacing" if system == "Stokes" else "smaller time steps (time.step or time.cfl)"
         super().__init__(
             f"the {system} system did not converge: residual {report.residual:.2e} after {report.iterations} "
             f"iterations (asked: {report.tolerance:.1e}; {report.reason}); try a larger solver.max_iterations, "
-            f"a smaller time step or a larger solver.tolerance"
+            f"{advice} or a larger solver.tolerance"
         )
 
 

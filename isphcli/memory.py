@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,13 +34,23 @@ BYTES_PARTICLE = 200  # positions, fields and work arrays of a particle of any k
 BYTES_VOXEL = 40  # of an image while its wall distance is computed
 BYTES_PROGRAM = 2e8  # Python and its libraries
 SAMPLE = 10_000  # points at which the fluid of a lattice is counted before it is placed
-TOO_LARGE = "take a larger particles.spacing or refine, or a crop"
+CROP = "take a part with geometry.voxels.crop, or a coarser image (isph convert-voxels --downsample)"
+
+
+def too_large(case: Case) -> str:
+    """What to do about a scene that does not fit."""
+    image = ", or a part of the image with geometry.voxels.crop" if case.geometry.voxels is not None else ""
+    return f"take a larger particles.spacing{' and refine' if case.refine else ''}{image}"
+
+
+def density(case: Case, dim: int) -> float:
+    """Sites of the lattice of a case in a volume of spacing^dim."""
+    return {"bcc": 2.0, "hexagonal": 2 / 3**0.5}.get(case.lattice_in(dim), 1.0)
 
 
 def neighbours(case: Case, dim: int) -> float:
     """Neighbours of a particle on the lattice of a case."""
-    density = {"bcc": 2.0, "hexagonal": 2 / 3**0.5}.get(case.lattice_in(dim), 1.0)
-    return PAIRS[dim] * density * case.support**dim
+    return PAIRS[dim] * density(case, dim) * case.support**dim
 
 
 def estimate(
@@ -76,7 +87,39 @@ def refuse_lattice(case: Case, geometry: Geometry, spacing: float) -> None:
     phase = geometry.phase(points)
     fluid = sites * float((phase >= 0).mean())
     need = estimate(case, geometry.dim, geometry.has_solid, fluid, 0, two=len(np.unique(phase[phase >= 0])) > 1)
-    refuse(sum(need.values()), f"about {fluid:.3g} fluid particles", TOO_LARGE)
+    refuse(sum(need.values()), f"about {fluid:.3g} fluid particles", too_large(case))
+
+
+def refuse_image(case: Case) -> None:
+    """Raises ParticleError where the wall distances of an image will not fit, by its header: before it is read."""
+    from .voxels import image_shape
+
+    spec = case.geometry.voxels
+    assert spec is not None
+    shape = image_shape(spec.file, spec.array)
+    if shape is None:  # what is wrong with the file is said by those who read it
+        return
+    voxels = math.prod(shape)
+    if spec.crop is not None:
+        voxels = min(voxels, math.prod(max(end - first, 0) for first, end in spec.crop))
+    refuse(voxels * BYTES_VOXEL, f"{spec.file}: the wall distances of {voxels:,} voxels", CROP)
+
+
+def refuse_pores(case: Case, labels: np.ndarray, voxel_size: np.ndarray, clear: int) -> None:
+    """Raises ParticleError where the particles in the pores of an image will not fit: before its wall distances.
+
+    labels: int, below 0 in solids, [z, y, x] or [y, x]; voxel_size: m, one or one an axis; clear: voxels of its clear
+    layers.
+    """
+    spacing = min((case.particles.spacing, *case.refine)) if case.flow == "stokes" else case.particles.spacing
+    sizes = np.broadcast_to(voxel_size[: labels.ndim] if len(voxel_size) > 1 else voxel_size, (labels.ndim,))
+    particles = float(np.prod(sizes / spacing)) * density(case, labels.ndim)  # of a voxel of pore
+    sites = (labels.size + clear) * particles
+    if not 100 * SAMPLE <= sites < 10.0**MOST:  # as in refuse_lattice
+        return
+    fluid = (int(np.count_nonzero(labels >= 0)) + clear) * particles
+    need = estimate(case, labels.ndim, True, fluid, 0, labels.size + clear, two=int(labels.max()) > 0)
+    refuse(sum(need.values()), f"about {fluid:.3g} fluid particles", too_large(case))
 
 
 def refuse(need: float, what: str, fix: str) -> None:

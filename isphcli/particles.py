@@ -111,12 +111,17 @@ class Particles:
         return len(self.x) - len(self.phase)
 
 
+def lattice_at(case, geometry, spacing):
+    """The Lattice of a case at a spacing. Raises ParticleError where the spacing does not fit the box."""
+    return make_lattice(case.lattice_in(geometry.dim), geometry.lower, geometry.upper, geometry.periodic, spacing,
+                        case.support * spacing, case.particles.offset)
+
+
 def place_case(case, geometry, spacing):
     """The particles of a case at a spacing, which may be another than its own. Raises ParticleError."""
-    asked, support = case.particles, case.support * spacing
-    lattice = make_lattice(case.lattice_in(geometry.dim), geometry.lower, geometry.upper, geometry.periodic, spacing,
-                           support, asked.offset)
-    particles = place(geometry, lattice, support, asked.jitter, spacing, asked.seed)
+    asked = case.particles
+    particles = place(geometry, lattice_at(case, geometry, spacing), case.support * spacing, asked.jitter, spacing,
+                      asked.seed)
     if case.initial is None or case.initial.flood is None:
         return particles
     flood = case.initial.flood
@@ -134,12 +139,17 @@ def flooded(particles, geometry, fluid, face, saturation):
     depth = side * x[:, axis]
     inside = np.sort(depth[np.all((x >= lower) & (x <= upper), axis=1)])
     if not len(inside):
-        raise ParticleError("no fluid particle in the sample: there is nothing to flood; check the labels, or take a "
-                            "smaller particles.spacing")
+        raise ParticleError("no fluid particle in the sample: there is nothing to flood; "
+                            f"check {what_is_solid(geometry)}, or take a smaller particles.spacing")
     last = inside[max(round(saturation * len(inside)), 1) - 1]
     phase = particles.phase.copy()
     phase[depth <= last + 1e-9 * abs(upper[axis] - lower[axis])] = fluid
     return replace(particles, phase=phase)
+
+
+def what_is_solid(geometry):
+    """Key that says what is solid in a scene."""
+    return "geometry.voxels.labels" if hasattr(geometry, "labels") else "geometry.shapes and geometry.fluid"
 
 
 def sample_box(geometry):
@@ -170,7 +180,7 @@ def place(geometry, lattice, support, jitter=0.0, spacing=0.0, seed=0):
     x, phase = np.concatenate(fluid), np.concatenate(phases)
     if len(x) == 0:
         raise ParticleError("no fluid particle: the scene is solid everywhere at this spacing; "
-                            "check the labels, or take a smaller particles.spacing")
+                            f"check {what_is_solid(geometry)}, or take a smaller particles.spacing")
     if jitter > 0.0:
         rng = np.random.default_rng(seed)
         moved = x + rng.uniform(-jitter, jitter, x.shape) * spacing

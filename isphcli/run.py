@@ -1,6 +1,7 @@
 """A case from its file to its results: the one place that chooses which terms a scene has."""
 
 import importlib
+import shlex
 import sys
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -9,11 +10,12 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from . import folder, output, progress, restart
+from . import COMPLETE, folder, memory, output, progress, restart
 from .case import CaseError, Problem, dump_case
 from .drive import darcy, drives, held_axis, sample_box, walls_move
-from .geometry import build_geometry
+from .geometry import build_geometry, opens, why_closed
 from .linear import SolveError
+from .particles import lattice_at
 
 
 def run_case(case, quiet=False, resume=None, overwrite=False):
@@ -21,6 +23,9 @@ def run_case(case, quiet=False, resume=None, overwrite=False):
 
     resume: directory whose restart.npz a run of moving particles goes on from.
     overwrite: replace results that the directory holds, those files that its manifest names.
+
+    What the check of a case warns of stands in the summary as `warnings`, and on stderr before anything is solved
+    unless `quiet`.
 
     Raises ValueError (CaseError, VoxelError, ShapeError, ParticleError, NoFlowError, FolderError, RestartError) for a
     case that cannot run, before anything is written; SolveError, StepError or RunError for one that had to stop.
@@ -96,10 +101,9 @@ def _compile_listener(clock):
 
 
 def _run_stokes(case, solver, clock, quiet, resume):
-    axes, flows, scene, history = _solve_stokes(case, solver, clock, quiet)
-    summary, result = _sum_up_stokes(case, solver, axes, flows, scene, history)
-    del scene  # hierarchies of large scenes leave no room for the files
-    main = flows[axes[0][0], min((case.particles.spacing, *case.refine))]
+    axes, flows, closed, history, seen = _solve_stokes(case, solver, clock, quiet)
+    summary, result = _sum_up_stokes(case, solver, axes, flows, closed, history, seen)
+    main = _main(flows)
     directory = folder.prepare(case.output.directory)
     with clock("output"), progress.stage("files and pictures", quiet):
         series = _series(case, directory)
@@ -110,28 +114,49 @@ def _run_stokes(case, solver, clock, quiet, resume):
             for row in history:
                 file.append(row)
         if case.output.plots:
-            _pictures(case, directory, main, next(iter((result.permeability or {}).values()), None))
+            _pictures(case, directory, main, (result.permeability or {}).get("xyz"[main.axis or 0]))
     return _finish(case, directory, summary, result, clock)
 
 
 def _solve_stokes(case, solver, clock, quiet):
-    """Every spacing and axis of a steady case: (axes, {(axis, spacing): Creep}, the last Scene, rows of history)."""
-    flows, history, scene = {}, [], None
-    for spacing in (case.particles.spacing, *case.refine):
-        scene, built_for = None, None
+    """Every spacing and axis of a steady case: (axes, {(axis, spacing): Creep}, {(axis, spacing): why nothing flows,
+    None: no path}, rows of history, _Seen). The matrices, which leave no room for the files, are gone when it returns.
+
+    Raises NoPathError where nothing flows along any axis.
+    """
+    flows, closed, history, scene = {}, {}, [], None
+    spacings = (case.particles.spacing, *case.refine)
+    with clock("geometry"), progress.stage("geometry", quiet):
         first = build_geometry(case)
-        axes = drives(case, first.dim)
-        sealed = getattr(first, "sample_lower", None) is not None and not all(_periodic_of(case, first.dim))
+    axes = drives(case, first)
+    sealed = getattr(first, "sample_lower", None) is not None and not all(_periodic_of(case, first.dim))
+    driven = [axis for axis, _ in axes if axis is not None]
+    if driven and not any(opens(case, axis) for axis in driven):
+        raise solver.NoPathError(why_closed(case, *driven))
+    for spacing in spacings:  # a finer one that does not fit is not found out after hours
+        lattice_at(case, first, spacing)
+        memory.refuse_lattice(case, first, spacing)
+    seen = _look(case, first, clock, quiet)
+    for spacing in spacings:
+        scene, built_for = None, None
         for axis, force in axes:
             if scene is None or (sealed and built_for != axis):
+                scene, built_for = None, axis  # frees the matrices of the axis before
                 with clock("geometry"), progress.stage(f"geometry at spacing {spacing:g}", quiet):
                     geometry = first if axis == axes[0][0] else build_geometry(case, axis)
-                scene = None  # frees the matrices of the axis before
-                with progress.stage("particles, operators and hierarchies", quiet):
-                    needs = [a for a, _ in axes if a is not None] if not sealed else [axis] * (axis is not None)
-                    scene = solver.build_scene(case, geometry, spacing, clock, needs)
-                    refuse_second_fluid(case, scene.particles)
-                    built_for = axis
+                needs = driven if not sealed else [axis] * (axis is not None)
+                try:
+                    with progress.stage("particles, operators and hierarchies", quiet):
+                        scene = solver.build_scene(case, geometry, spacing, clock, needs)
+                except solver.NoPathError:
+                    closed |= {(a, spacing): None for a in needs}
+                    if sealed:
+                        continue
+                    break
+                refuse_second_fluid(case, scene.particles)
+            if axis is not None and not scene.percolates[:, axis].any():
+                closed[axis, spacing] = None
+                continue
             label = f"flow along {'xyz'[axis]}" if axis is not None else "flow driven by walls"
             with progress.stage(f"{label}, {scene.particles.n_fluid:,} particles", quiet) as stage:
                 try:
@@ -140,14 +165,22 @@ def _solve_stokes(case, solver, clock, quiet):
                     with suppress(OSError):
                         error.worst = _worst_of(case, scene, error)
                     raise
+            if axis is not None and flow.permeability[axis] <= 0.0:
+                closed[axis, spacing] = f"the flow along {'xyz'[axis]} is zero; check the drive and what is solid"
+                continue
             flows[axis, spacing] = flow
             history.append({"step": len(history) + 1, "spacing": spacing,
                             "axis": "xyz"[axis] if axis is not None else "",
                             "iterations_stokes": flow.report.iterations, "residual_stokes": flow.report.residual,
                             **{f"superficial_velocity_{a}": float(v) for a, v in zip("xyz", flow.superficial)}})
-            if axis is not None and flow.permeability[axis] <= 0.0:
-                raise solver.NoFlowError(f"the flow along {'xyz'[axis]} is zero; check the drive and the labels")
-    return axes, flows, scene, history
+    if not flows:
+        raise solver.NoPathError("; ".join(dict.fromkeys(filter(None, closed.values()))) or why_closed(case, *driven))
+    return axes, flows, closed, history, seen
+
+
+def _main(flows):
+    """The flow that is written: at the finest spacing, along the first axis that has one."""
+    return flows[min(flows, key=lambda key: key[1])]
 
 
 def _worst_of(case, scene, error):
@@ -158,25 +191,39 @@ def _worst_of(case, scene, error):
     return write_worst(directory / NAME, scene.particles.x[: scene.particles.n_fluid], error.badness)
 
 
-def _sum_up_stokes(case, solver, axes, flows, scene, history):
-    """(summary, result) of the flows of a steady case; the finest spacing of the first axis is what is written."""
+def _sum_up_stokes(case, solver, axes, flows, closed, history, seen):
+    """(summary, result) of the flows of a steady case; the finest spacing of the first axis is what is written.
+
+    Along an axis without a path the permeability is 0; of spacings, those count at which there is one.
+    """
     base = case.particles.spacing
     spacings = (base, *case.refine)
-    main = flows[axes[0][0], min(spacings)]
+    main = _main(flows)
     permeability, messages, bars, ladders = {}, [], {}, {}
     for axis, _ in axes:
         if axis is None:
             continue
-        values = [flows[axis, h].permeability[axis] for h in spacings]
-        permeability["xyz"[axis]] = float(values[0])
-        ladders["xyz"[axis]] = {f"{h:g}": float(k) for h, k in sorted(zip(spacings, values))}
-        if len(spacings) > 1:
-            limit, bar, _, sentence = solver.extrapolate(spacings, values)
-            messages.append(f"{'xyz'[axis]}: {sentence}")
-            permeability["xyz"[axis]], bars["xyz"[axis]] = float(limit), bar
-    tensor = None
-    if len(permeability) == main.geometry.dim and not bars:
-        tensor = np.array([flows["xyz".index(a), base].permeability for a in "xyz"[: main.geometry.dim]]).T
+        name = "xyz"[axis]
+        known = {h: flows[axis, h].permeability[axis] if (axis, h) in flows else 0.0 for h in spacings}
+        open_at = [h for h in spacings if (axis, h) in flows]
+        ladders[name] = {f"{h:g}": float(k) for h, k in sorted(known.items())}
+        permeability[name] = float(known[open_at[0]]) if open_at else 0.0
+        if len(open_at) > 1:
+            limit, bar, _, sentence = solver.extrapolate(open_at, [known[h] for h in open_at])
+            messages.append(f"{name}: {sentence}")
+            permeability[name], bars[name] = float(limit), bar
+        if shut := [h for h in spacings if h not in open_at]:
+            where = f"at the spacing {', '.join(f'{h:g}' for h in shut)} " if open_at else ""
+            seen.warnings.append(where + (closed[axis, shut[0]] or why_closed(case, axis)))
+        if name not in seen.open_axes and open_at:  # by particles that see each other, not by faces of sites
+            seen.open_axes = [a for a in "xyz" if a == name or a in seen.open_axes]
+        elif not open_at:
+            seen.open_axes = [a for a in seen.open_axes if a != name]
+    tensor, dim = None, main.geometry.dim
+    # of sealed sides every axis is an experiment of its own: flow across it has nowhere to go
+    if len(permeability) == dim and not bars and all(_periodic_of(case, dim)):
+        columns = [flows.get((axis, base)) for axis in range(dim)]
+        tensor = np.array([np.zeros(dim) if flow is None else flow.permeability for flow in columns]).T
     single = next(iter(permeability.values())) if len(permeability) == 1 else None
     fluid = next(iter(case.fluids.values()))
     result = SimpleNamespace(
@@ -190,10 +237,10 @@ def _sum_up_stokes(case, solver, axes, flows, scene, history):
     summary = {
         "status": "finished",
         "message": "; ".join(messages) or None,
-        "particles": _counts(main.particles, scene.halo),
-        "porosity": _porosity(main.geometry, main.particles),
-        "terms": _terms(case, main.geometry, _drive_of(axes))
-        + (["flux-balanced divergence"] if scene.system.conservative else []),
+        "warnings": seen.warnings,
+        "particles": _counts(main.particles, main.halo),
+        **seen.scene(main.geometry, main.particles),
+        "terms": _terms(case, main.geometry, _drive_of(axes)) + (["flux-balanced divergence"] if main.balanced else []),
         "steps": 0,
         "time": None,
         "permeability": single if single is not None else permeability or None,
@@ -202,11 +249,11 @@ def _sum_up_stokes(case, solver, axes, flows, scene, history):
         "permeability_tensor": tensor,
         "superficial_velocity": main.superficial,
         "mean_velocity": main.mean,
-        "mass_error": main.mass_error,
-        "max_divergence": main.divergence,
+        "mass_error": max(flow.mass_error for flow in flows.values()),
+        "max_divergence": max(flow.divergence for flow in flows.values()),
         "iterations": {"stokes": _mean_max([r["iterations_stokes"] for r in history])},
-        "components": scene.system.count,
-        "isolated_pockets": int((~scene.percolates.any(axis=1)).sum()),
+        "components": main.components,
+        "isolated_pockets": main.isolated_pockets,
     }
     return summary, result
 
@@ -251,6 +298,8 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
 
     with clock("geometry"), progress.stage("geometry", quiet):
         geometry = build_geometry(case)
+    memory.refuse_lattice(case, geometry, case.particles.spacing)
+    seen = _look(case, geometry, clock, quiet)
     state, stepper, particles = ns.prepare(case, geometry, clock)
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     box = float(np.prod(geometry.upper - geometry.lower))
@@ -330,7 +379,7 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
         raise
     try:
         return _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history,
-                             measures, record)
+                             measures, seen, record)
     except KeyboardInterrupt as stop:
         stop.restart = restart_file
         raise
@@ -359,7 +408,7 @@ def _write_case(directory, case, changes):
     output.write_text(directory / "case.yaml", text + dump_case(case))
 
 
-def _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history, measures,
+def _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history, measures, seen,
                   record):
     force = stepper.fluids.force
     two = measures is not None
@@ -381,15 +430,16 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
         density=stepper.fluids.reference,
     )
     free = axis is not None and not geometry.has_solid and not two
-    messages = [_absent_fluids(case, particles), _added_viscosity(stepper.fluids),
-                "no permeability: no wall resists the flow" if free else None,
+    messages = [_stopped_short(case, march, state, directory), _absent_fluids(case, particles),
+                _added_viscosity(stepper.fluids), "no permeability: no wall resists the flow" if free else None,
                 *(f"changed by a restart from {line}" for line in restart.sentences(record, of_flow=True))]
     summary = {
         "status": march.outcome,
         "message": "; ".join(filter(None, messages)) or None,
         "restarts": record["changes"],
+        "warnings": seen.warnings,
         "particles": _counts(particles, config.halo),
-        "porosity": _porosity(geometry, particles),
+        **seen.scene(geometry, particles),
         "terms": _terms(case, geometry, gravity > 0.0) + (_terms_of_two(stepper.fluids) if two else []),
         "steps": state.step,
         "time": state.time,
@@ -422,6 +472,20 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
     return _finish(case, directory, summary, result, clock)
 
 
+def _stopped_short(case, march, state, directory):
+    """A sentence on a run that ended before it had what was asked for; None where it had."""
+    if march.outcome in COMPLETE:
+        return None
+    time = case.time
+    by_steps = state.step >= time.max_steps
+    cause = (f"time.max_steps, {time.max_steps}, came" if by_steps else f"time.end, {time.end:g} s, came") + " first"
+    what, key = march.outcome, "time.max_steps" if by_steps else "time.end"
+    if time.steady is not None:
+        change = "is not known yet" if march.change is None else f"is {march.change:.2g}"
+        what = f"the flow is not steady: its change {change}, and time.steady asks for {time.steady:g}"
+    return f"{what}; {cause}. Go on with: isph run --restart {shlex.quote(str(directory))} --set {key}=..."
+
+
 # --- what both leave ---------------------------------------------------------------------------------------------
 
 
@@ -444,9 +508,9 @@ def _finish(case, directory, summary, result, clock):
     _write_case(directory, effective, summary.get("restarts", ()))
     summary = {
         "title": case.title,
-        **{k: summary[k] for k in ("status", "message")},
+        **{k: summary[k] for k in ("status", "message", "warnings")},
         "dimension": result.geometry.dim,
-        **{k: v for k, v in summary.items() if k not in ("status", "message")},
+        **{k: v for k, v in summary.items() if k not in ("status", "message", "warnings")},
         "errors": errors,
         "cpu_seconds": clock.cpu(),
         "wall_seconds": clock.wall(),
@@ -460,6 +524,47 @@ def _finish(case, directory, summary, result, clock):
     summary["directory"] = str(directory)
     summary["pictures"] = sorted(str(p) for p in Path(directory).glob("*.png"))
     return summary
+
+
+class _Seen:
+    """What was seen of a scene before anything was solved: `warnings`, `open_axes` (names of the axes along which
+    pores lead through the sample, of a scene with walls) and `throats` (check.Throats or None)."""
+
+    def __init__(self, case, found, has_solid):
+        self.voxels = case.geometry.voxels
+        self.warnings = list(dict.fromkeys(found.warnings))
+        self.throats = found.throats
+        leads = found.connectivity.percolates if has_solid and found.connectivity is not None else ()
+        self.open_axes = [name for name, open_ in zip("xyz", leads) if open_]
+
+    def scene(self, geometry, particles):
+        """Entries of the summary on the scene that was run."""
+        image = throats = None
+        if self.voxels is not None:
+            voxel = np.asarray(geometry.voxel_size)
+            lower, upper = sample_box(geometry)
+            image = {"size": np.rint((upper - lower) / voxel).astype(int), "voxel_size": voxel,
+                     "axes": self.voxels.axes}
+        if self.throats is not None:
+            throats = {"narrow": self.throats.narrow, "median": self.throats.median, "thin": self.throats.thin}
+        return {"image": image, "porosity": _porosity(geometry, particles),
+                "open_axes": self.open_axes if geometry.has_solid else None, "throats": throats}
+
+
+def _look(case, geometry, clock, quiet):
+    """_Seen of a case that is about to run; what is warned of stands on stderr unless `quiet`.
+
+    On Berea (128^3 voxels) it takes 5 s of the minutes of a solve: the lattice is looked at, nothing else is searched.
+    """
+    from .check import check
+
+    with clock("check"), progress.stage("check of the scene", quiet):
+        found = check(case, geometry, to_run=True)
+    seen = _Seen(case, found, geometry.has_solid)
+    if not quiet:
+        for text in seen.warnings:
+            print(f"warning: {text}", file=sys.stderr, flush=True)
+    return seen
 
 
 def _series(case, directory, resume_time=None):

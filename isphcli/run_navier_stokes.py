@@ -34,14 +34,14 @@ def prepare(case, geometry, clock):
     n = particles.n_fluid
     two = len(np.unique(particles.phase)) > 1
     need = memory.estimate(case, geometry.dim, geometry.has_solid, n, particles.n_dummy, two=two)
-    memory.refuse(sum(need.values()), f"{n:,} fluid particles{' of two fluids' * two}", memory.TOO_LARGE)
+    memory.refuse(sum(need.values()), f"{n:,} fluid particles{' of two fluids' * two}", memory.too_large(case))
     x = particles.x[:n].copy()
     u = np.zeros_like(x)
     if case.initial is not None and case.initial.velocity:
         names = dict(zip("xyz", x.T))
         for k, formula in enumerate(case.initial.velocity):
             u[:, k] = expressions.evaluate(formula, **names)
-    force = sum((force for _, force in drives(case, geometry.dim)), np.zeros(geometry.dim))
+    force = sum((force for _, force in drives(case, geometry)), np.zeros(geometry.dim))
     fluids = choose_fluids(case, geometry, particles, force)
     rate = held_velocity(case, particles, fluids.reference, geometry)
     stepper = Stepper(

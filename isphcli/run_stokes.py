@@ -6,7 +6,7 @@ import numpy as np
 
 from . import linear, memory
 from .drive import darcy
-from .geometry import merge_periodic
+from .geometry import merge_periodic, why_closed
 from .kernel import KERNELS
 from .particles import ParticleError, place_case
 from .rows import build_rows, gradient_p, total_divergence
@@ -18,13 +18,18 @@ class NoFlowError(ParticleError):
     """A scene through which nothing can flow along the drive."""
 
 
+class NoPathError(NoFlowError):
+    """No fluid leads through the scene along any of the axes that were asked for."""
+
+
 @dataclass
 class Creep:
     """Flow along one axis at one spacing.
 
     axis: 0, 1, 2 or None where the walls drive the flow; velocity (n, dim) m/s of the particles; cell_velocity
     (n, dim) m/s, its mean over their cells of the lattice; pressure (n,) Pa; superficial, mean, permeability: see
-    `drive.darcy`; divergence, mass_error: see `_mass`.
+    `drive.darcy`; divergence, mass_error: see `_mass`; halo, balanced (the divergence is a balance of fluxes),
+    components, isolated_pockets: of the scene that it was solved in.
     """
 
     axis: int | None
@@ -40,6 +45,10 @@ class Creep:
     divergence: float
     mass_error: float
     report: object
+    halo: int
+    balanced: bool
+    components: int
+    isolated_pockets: int
 
 
 @dataclass
@@ -56,7 +65,7 @@ class Scene:
 def build_scene(case, geometry, spacing, clock, needs=()):
     """Particles, operators and matrices of a geometry at a spacing.
 
-    needs: axes along which the fluid has to percolate; NoFlowError where it does not.
+    needs: axes of which the fluid has to percolate along one; NoPathError where it percolates along none.
     """
     if not geometry.has_solid:
         raise NoFlowError("no wall holds the flow: steady creeping flow needs solids or walls; "
@@ -68,7 +77,7 @@ def build_scene(case, geometry, spacing, clock, needs=()):
         particles = place_case(case, geometry, spacing)
     n = particles.n_fluid
     need = memory.estimate(case, geometry.dim, True, n, particles.n_dummy)
-    memory.refuse(sum(need.values()), f"{n:,} fluid particles", memory.TOO_LARGE)
+    memory.refuse(sum(need.values()), f"{n:,} fluid particles", memory.too_large(case))
     with clock("operators"):
         walls = WallScene(geometry, particles.x[n:], support, kind, particles.site_volume)
         balanced = _balances_fluxes(case, geometry)
@@ -76,10 +85,8 @@ def build_scene(case, geometry, spacing, clock, needs=()):
     with clock("assembly"):
         percolates = _percolation(rows, row, len(particles.x), images, geometry.dim)
         del row
-    for axis in needs:
-        if not percolates[:, axis].any():
-            raise NoFlowError(f"no fluid path leads through the scene along {'xyz'[axis]}: its permeability is zero; "
-                              f"check geometry.voxels.labels and geometry.periodic, or take a smaller spacing")
+    if needs and not percolates[:, list(needs)].any():
+        raise NoPathError(why_closed(case, *needs))
     with clock("preconditioner"):
         nu = next(iter(case.fluids.values())).nu
         system = StokesSystem(rows, spacing, nu, conservative=balanced)
@@ -131,7 +138,9 @@ def solve_axis(case, scene, axis, force, clock, watch=None):
     superficial, mean, permeability = darcy(geometry, particles.x[: particles.n_fluid], cell_velocity,
                                             particles.site_volume, axis, force, fluid.nu)
     return Creep(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
-                 flow.pressure * fluid.density, superficial, mean, permeability, *_mass(scene, flow, axis), flow.report)
+                 flow.pressure * fluid.density, superficial, mean, permeability,
+                 *_mass(scene, flow, cell_velocity, axis), flow.report, scene.halo, system.conservative, system.count,
+                 int((~scene.percolates.any(axis=1)).sum()))
 
 
 def _quadrature(scene, flow, force, nu):
@@ -149,8 +158,11 @@ def _quadrature(scene, flow, force, nu):
     return (gradient_p(scene.system.rows, flow.pressure) - scene.system.drive(force)) * (dx * dx / (24.0 * nu))
 
 
-def _mass(scene, flow, axis):
-    """(largest |div u| over the largest speed per spacing, spread of the flux between planes across the axis)."""
+def _mass(scene, flow, cell_velocity, axis):
+    """(largest |div u| over the largest speed per spacing, spread of the flux between planes across the axis).
+
+    The flux is that of which the permeability is the mean: of velocities averaged over cells.
+    """
     dx = scene.system.spacing
     div = total_divergence(scene.system.rows, flow.velocity)
     speed = np.abs(flow.velocity).max()
@@ -162,7 +174,7 @@ def _mass(scene, flow, axis):
     # as many planes as layers of the lattice: every one holds whole layers only
     planes = max(1, round((geometry.upper - geometry.lower)[axis] / dx))
     layer = np.minimum((x / (geometry.upper - geometry.lower)[axis] * planes).astype(int), planes - 1)
-    flux = np.bincount(layer, weights=flow.velocity[:, axis], minlength=planes)
+    flux = np.bincount(layer, weights=cell_velocity[:, axis], minlength=planes)
     mean = flux.mean()
     return worst, float(flux.std() / abs(mean)) if mean != 0.0 else 0.0
 

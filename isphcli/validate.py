@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from . import COMPLETE, output
 from . import folder as folders
-from . import output
 from .case import Case, load_case
 from .compare import COMPARISONS
 from .geometry import image_voxel_size
@@ -61,8 +61,14 @@ class Level:
     cpu_process_seconds: float | None = None  # of the operating system around the whole run, compilation too
     peak_memory_bytes: int | None = None
     iterations: dict[str, float] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)  # of the check, at the spacing of this level
     repeated_to: float | None = None  # largest difference of an error where the level was run twice
     dimension: int = 3
+
+    @property
+    def stopped_short(self) -> bool:
+        """Whether it ran, but ended before it had what the case asks for."""
+        return self.ran and self.status not in (*COMPLETE, "")
 
     @property
     def ran(self) -> bool:
@@ -252,7 +258,7 @@ def _climb(
         return
     say(_cells(HEADS))
     start = folder / _slug(ladder.name) if ladder.name else folder
-    spent = 0.0
+    spent, before = 0.0, set()
     for number, spacing in enumerate(ladder_spacings(case, levels), 1):
         expected = predicted_seconds(ladder, spacing, estimate)
         ladder.stopped = _over(number, spacing, case, budget, spent, expected)
@@ -266,6 +272,10 @@ def _climb(
         ladder.main = str(level.errors.pop("main", ladder.main))
         ladder.levels.append(level)
         say(row(level, ladder.main))
+        for text in level.warnings:
+            if text not in before:  # a coarser level has thinner throats
+                say(f"       warning: {text}")
+        before |= set(level.warnings)
 
 
 def _over(
@@ -352,6 +362,7 @@ def _filled(level: Level, summary: Mapping[str, Any]) -> Level:
     """The level with what a summary says."""
     cpu, wall = summary["cpu_seconds"], summary["wall_seconds"]
     level.status = summary["status"]
+    level.warnings = list(summary.get("warnings") or ())
     level.dimension = summary["dimension"]
     level.particles = summary["particles"]["fluid"]
     level.steps = summary["steps"]
@@ -395,6 +406,8 @@ def verdict(ladder: Ladder) -> Verdict:
         return Verdict(False, "FAIL", own.status)
     if reference.tolerance is None:
         return Verdict(True, "no bound", "the case has no reference.tolerance")
+    if own.stopped_short:
+        return Verdict(False, "STOPPED SHORT", f"{own.status}: the error, {own.error:.3g}, is of a flow on its way")
     within = abs(own.error) <= reference.tolerance
     sign = "<=" if within else ">"
     why = f"|{own.error:.3g}| {sign} {reference.tolerance:g} at spacing {own.spacing:g}"
@@ -410,7 +423,7 @@ def row(level: Level, main: str) -> str:
         return _cells([str(level.number), f"{level.spacing:.4g}"]) + f"  {level.status}"
     rest = [f"{name} {count:.3g}" for name, count in level.iterations.items()]
     rest += [f"{name} {value:.3g}" for name, value in level.errors.items() if name not in (main, "main")]
-    if level.status not in ("finished", "steady"):
+    if level.stopped_short:
         rest.insert(0, level.status.upper())
     return _cells(numbers(level)) + "  " + ", ".join(rest)
 
@@ -586,7 +599,9 @@ def _markdown_ladder(ladder: Ladder) -> list[str]:
     lines.append(f"**{result.word}**: {result.why}. Observed order {_or_dash(ladder.order)}.")
     if ladder.stopped:
         lines.append(f"Ladder {ladder.stopped}.")
-    return lines
+    said = [f"level {level.number}: {level.status}" for level in ladder.done if level.stopped_short]
+    said += [f"level {level.number}: {text}" for level in ladder.levels for text in level.warnings]
+    return [*lines, *([""] if said else []), *items(said)]
 
 
 def _peers(ladders: Sequence[Ladder]) -> list[tuple[Peer, str]]:

@@ -7,6 +7,7 @@ are indexed [z, y, x]; a 2D image [y, x] is one layer, periodic along z.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numba import get_num_threads, njit, prange
@@ -30,7 +31,7 @@ class VoxelGeometry:
     flow_axis, clear: the image gets `clear` > 0 voxels of fluid 0 at both ends of the axis, which becomes
     periodic; sample_lower, sample_upper (dim,) is the box of the image itself.
     face_velocity, face_slip, slip_length: of the faces and of all other walls, see `geometry.face_walls`.
-    Raises ValueError where these do not fit each other.
+    The wall distances are computed when they are first asked for. Raises ValueError where these do not fit each other.
     """
 
     warnings: tuple[str, ...] = ()
@@ -92,10 +93,13 @@ class VoxelGeometry:
         solid = bool((self.labels < 0).any())
         self.has_solid = solid or not all(around)
         self._solid = 0 if not solid else 1 if (self.labels >= 0).any() else 2  # none, some, all
+
+    @cached_property
+    def _field(self) -> np.ndarray:
+        """Wall distance at the voxel centres: most of the time and memory of an image."""
         if self._solid == 1:
-            self._field = wall_field(self._grid, self._voxel, self._around, wall_distance)
-        else:
-            self._field = np.full((1, 1, 1), FAR if self._solid == 0 else -FAR, dtype=np.float32)
+            return wall_field(self._grid, self._voxel, self._around, self.wall_distance)
+        return np.full((1, 1, 1), FAR if self._solid == 0 else -FAR, dtype=np.float32)
 
     def phase(self, x: np.ndarray) -> np.ndarray:
         """(n,) int8: label of the voxel that holds each point; -1 in solids and beyond non-periodic faces."""

@@ -77,6 +77,40 @@ def read_image(path: str | Path, array: str | None = None, grey: bool = False) -
     return Image(values, spacing, info, _thin(path, values))
 
 
+def image_shape(path: str | Path, array: str | None = None) -> tuple[int, ...] | None:
+    """Shape [z, y, x] or [y, x] by the header of an image, its values unread.
+
+    None where the header does not tell: `read_image` then says what is wrong.
+    """
+    path = Path(path)
+    try:
+        if path.suffix.lower() in (".mhd", ".mha"):
+            with open(path, "rb") as file:
+                header, _ = _meta_header(path, file.read(MAX_HEADER))
+            return tuple(_meta_numbers(path, header, "DimSize", int)[::-1])
+        if path.suffix.lower() == ".npy":
+            with open(path, "rb") as file:
+                return _npy_shape(file)
+        if path.suffix.lower() == ".npz":
+            with zipfile.ZipFile(path) as archive:
+                names = [n for n in archive.namelist() if n not in (SPACING, f"{SPACING}.npy")]
+                with archive.open(names[0] if array is None else f"{array}.npy") as file:
+                    return _npy_shape(file)  # type: ignore[arg-type]
+    except Exception:  # whatever broken bytes make the parsers raise
+        return None
+    return None
+
+
+def _npy_shape(file: BinaryIO) -> tuple[int, ...]:
+    """Shape in the header of an npy stream, sides of one in front left out as `read_image` does."""
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape = tuple(int(n) for n in read(file)[0])
+    while len(shape) > 3 and shape[0] == 1:
+        shape = shape[1:]
+    return shape
+
+
 def write_image(path: str | Path, values: np.ndarray, spacing: Sequence[float] | None = None) -> None:
     """Write an npy, npz, mhd (with a raw file) or mha file; spacing (x, y(, z)) is kept, but not by npy.
 

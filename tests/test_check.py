@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from isphcli import check as module
+from isphcli import memory
 from isphcli.case import Case, read_case
 from isphcli.check import check, lattice_of
 from isphcli.geometry import build_geometry
@@ -309,3 +310,24 @@ def test_the_text_has_all_of_it():
     for word in ("particles", "porosity", "throats", "Re ", "Ca ", "capillary", "memory", "time", "verdict"):
         assert word in text
     assert dataclasses.asdict(report)["dim"] == 2
+
+
+def test_a_lattice_too_large_to_look_at_is_estimated_from_random_points(folder, monkeypatch):
+    """10,000 points: the lattice is not looked at, memory and time are told all the same."""
+    values = np.zeros((12, 12, 20), np.uint8)
+    values[:, :6] = 1
+    np.save("rock.npy", values)
+    whole = check(read(IMAGE, "geometry.voxels.clear_layer=0", "geometry.periodic=[x]"))
+    monkeypatch.setattr(module, "MOST_SITES", 1000)
+    found = check(read(IMAGE, "geometry.voxels.clear_layer=0", "geometry.periodic=[x]"))
+    assert found.can_run and found.throats is None and whole.throats is not None
+    assert any("too many to look at each" in text for text in found.warnings)
+    assert found.seconds is not None and "dummies not counted" in found.text()
+    monkeypatch.setattr(memory, "available", lambda: 1e6)
+    assert "are free" in "".join(check(read(IMAGE, "geometry.periodic=[x]")).errors)
+
+
+def test_what_surprises_in_the_inputs_is_warned_of(monkeypatch):
+    geometry = build_geometry(read(SLIT))
+    geometry.warnings = ("12 spheres lie outside the box",)
+    assert "12 spheres lie outside the box" in check(read(SLIT), geometry).warnings

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 
 import isphcli
 from isphcli import cli, environment
-from isphcli.cli import BAD_INPUT, FAILED, INTERNAL, INTERRUPTED, OUTSIDE, main
+from isphcli.cli import BAD_INPUT, FAILED, INTERNAL, INTERRUPTED, OUTSIDE, STOPPED_SHORT, main
 from isphcli.linear import SolveError
 from isphcli.output import NotFiniteError
 
@@ -122,7 +122,8 @@ def test_run_prints_permeability_its_error_and_the_time(monkeypatch, folder):
     done = isph("run", "case.yaml", "--out", "there", "--quiet", "--set", "particles.spacing=0.0625")
     assert done.exit_code == 0, done.output
     for text in (
-        "1.9000e-12 m2 = 1925 mD",
+        "1.90e-12 m2 = 1930 mD",
+        "2e-12 m2 = 2026 mD",
         "-5 % (bound 10 %)",
         "somewhere",
         "krylov 1.50",
@@ -139,7 +140,57 @@ def test_run_prints_each_axis_and_the_tensor(monkeypatch):
     fake_run(monkeypatch, summary | {"permeability_tensor": tensor, "errors": None})
     out = isph("run", "case.yaml").output
     assert "permeability x" in out and "permeability y" in out and "+- x" in out
-    assert "1.0000e-12   0.0000e+00" in out
+    assert "1.00e-12   0.00e+00" in out
+
+
+def test_no_more_digits_than_the_error_is_known_to(monkeypatch):
+    """k = 5.43210e-13 with an error bar of 0.4e-13 is 5.4e-13; without a bar it has three digits."""
+    bars = {"permeability": {"x": 5.4321e-13, "y": 5.4321e-13, "z": 0.0}, "permeability_error": {"x": 0.4321e-13}}
+    fake_run(monkeypatch, bars)
+    lines = isph("run", "case.yaml").output.splitlines()
+    shown = dict(line.split("  ", 1) for line in lines if line.startswith("permeability"))
+    assert shown["permeability x"].strip() == "5.4e-13 m2 = 550 mD"
+    assert shown["permeability y"].strip() == "5.43e-13 m2 = 550 mD"
+    assert shown["permeability z"].strip() == "0 m2 = 0 mD"
+
+
+def test_run_prints_what_was_run_and_what_was_warned_of(monkeypatch):
+    image = {"size": [8, 12, 20], "voxel_size": [5e-6, 5e-6, 5e-6], "axes": "xyz"}
+    known = {"image": image, "porosity": 0.20349, "open_axes": ["x", "z"], "mass_error": 0.0123, "warnings": ["thin"],
+             "throats": {"median": 1.84, "narrow": 1.0, "thin": 0.9}}
+    fake_run(monkeypatch, {"permeability": 1e-12, **known})
+    out = isph("run", "case.yaml").output
+    for text in ("8 x 12 x 20 voxels (x, y, z) of 5e-06 m; array read as xyz", "20.3 %", "x, z", "thin",
+                 "1.2e-02 between slices", "median 1.8 particles wide"):
+        assert text in out
+
+
+def test_a_run_without_a_permeability_prints_mean_velocities(monkeypatch):
+    fake_run(monkeypatch, {"mean_velocity": [0.123456, 1e-9], "superficial_velocity": [0.05, 0.0]})
+    out = isph("run", "case.yaml").output
+    assert "x 0.123, y 0 m/s" in out and "x 0.05, y 0 m/s" in out and "permeability" not in out
+
+
+@pytest.mark.parametrize("status, code", [("steady", 0), ("out of steps", STOPPED_SHORT),
+                                          ("not steady at the end", STOPPED_SHORT)])
+def test_a_run_that_stops_short_has_an_exit_code_of_its_own(monkeypatch, status, code):
+    fake_run(monkeypatch, {"status": status, "message": "time.max_steps came first"})
+    done = isph("run", "case.yaml")
+    assert done.exit_code == code and ("stopped short: time.max_steps" in done.stderr) == bool(code)
+
+
+@pytest.mark.parametrize("name", ["scan.npz", "scan.npy"])
+@pytest.mark.parametrize("command", ["run", "validate"])
+def test_an_image_in_place_of_a_case_is_told_what_to_type(folder, name, command):
+    """The case that is printed can be run once its labels are right."""
+    image = np.ones((4, 5, 6), np.uint8)
+    image[:, 1:4, 2:5] = 0
+    np.save("scan.npy", image)
+    np.savez("scan.npz", image=image)
+    done = isph(command, name)
+    assert done.exit_code == BAD_INPUT and "6 x 5 x 4 voxels (x, y, z)" in done.stderr and not done.stdout
+    (folder / "scan.yaml").write_text(done.stderr.split("\n\n")[1])
+    assert isph("validate", "--check-only", "scan.yaml").exit_code == 0
 
 
 def test_errors_of_the_run_are_shown_and_the_bound_stands_beside_the_main_one(monkeypatch, folder):

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from isphcli import memory, particles
+from isphcli import memory, particles, run_stokes, voxel_geometry, voxels
 from isphcli.case import read_case
+from isphcli.check import check
 from isphcli.cli import main
 from isphcli.geometry import build_geometry
 from isphcli.output import Clock
 from isphcli.particles import ParticleError
+from isphcli.run import run_case
 from isphcli.run_navier_stokes import prepare
 from isphcli.run_stokes import build_scene
 
@@ -92,7 +94,8 @@ def test_a_lattice_too_large_is_refused_before_it_is_placed(tmp_path, monkeypatc
     assert "about 4.47e+08 fluid particles need about" in done.stderr and "20 GB are free" in done.stderr
     done = CliRunner().invoke(main, ["validate", "--check-only", str(tmp_path / "case.yaml"), "--set",
                                      "particles.spacing=3.5e-5"])
-    assert done.exit_code == 2 and "lattice sites, to be checked, need about 24.5" in done.output
+    assert done.exit_code == 2 and "lattice sites are too many to look at each" in done.output
+    assert "of memory, 20 GB are free; take a larger" in done.output
 
 
 def test_an_image_too_large_for_its_wall_distances_is_refused(tmp_path, monkeypatch):
@@ -104,3 +107,48 @@ def test_an_image_too_large_for_its_wall_distances_is_refused(tmp_path, monkeypa
     monkeypatch.setattr(memory, "available", lambda: 1e5)
     with pytest.raises(ParticleError, match=r"the wall distances of 8,000 voxels need about 0.00032 GB"):
         build_geometry(case)
+
+
+ROCK = """
+geometry: {{voxels: {{file: {file}, labels: {{water: 0, solid: 1}}, voxel_size: 1.0e-6}}}}
+particles: {{spacing: {spacing}}}
+fluids: {{water: {{density: 1000, viscosity: 1.0e-3}}}}
+flow: stokes
+drive: {{axes: [x]}}
+"""
+
+
+def rock(tmp_path, spacing):
+    """A case of an image of 20 voxels a side, half of it pores."""
+    image = np.zeros((20, 20, 20), np.uint8)
+    image[:, ::2] = 1
+    np.save(tmp_path / "rock.npy", image)
+    return read_case(ROCK.format(file=tmp_path / "rock.npy", spacing=spacing).encode(), "case.yaml")
+
+
+def test_an_image_that_does_not_fit_is_refused_by_its_header(tmp_path, monkeypatch):
+    case = rock(tmp_path, 1e-6)
+    monkeypatch.setattr(voxels, "read_image", lambda *_: pytest.fail("read"))
+    monkeypatch.setattr(memory, "available", lambda: 1e5)
+    with pytest.raises(ParticleError, match=r"the wall distances of 8,000 voxels .* geometry.voxels.crop"):
+        build_geometry(case)
+
+
+def test_pores_that_do_not_fit_are_refused_before_wall_distances(tmp_path, monkeypatch):
+    """Of 20 + 2 * 6 layers of 400 voxels, half of the sample and the clear layers are fluid: 8,800 voxels of 1,000
+    particles. The check says the same number, and that the case cannot run."""
+    case = rock(tmp_path, 1e-7)
+    monkeypatch.setattr(voxel_geometry, "wall_field", lambda *_: pytest.fail("distances"))
+    monkeypatch.setattr(memory, "available", lambda: 1e10)
+    with pytest.raises(ParticleError, match=r"about 8.8e\+06 fluid particles need about .* GB"):
+        build_geometry(case)
+    found = check(case)
+    assert not found.can_run and "8.8e+06 fluid particles" in found.text()
+
+
+def test_a_finer_spacing_that_does_not_fit_is_refused_before_the_first_is_solved(tmp_path, monkeypatch):
+    case = read_case(DISK, "case.yaml", ("refine=[0.002]", "drive={axes: [x]}", f"output.directory={tmp_path}/out"))
+    monkeypatch.setattr(memory, "available", lambda: 2e10)
+    monkeypatch.setattr(run_stokes, "solve_axis", lambda *_: pytest.fail("solved"))
+    with pytest.raises(ParticleError, match=r"larger particles\.spacing and refine"):
+        run_case(case, quiet=True)

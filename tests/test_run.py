@@ -135,3 +135,88 @@ def test_an_absent_fluid_is_said_and_costs_nothing(tmp_path):
     two = run(tmp_path, TWO + moving + "interface: {tension: 1}\n", *same)
     assert one["message"] is None and "no particle is of the fluid oil" in two["message"]
     assert "two_fluids" not in two and np.array_equal(one["mean_velocity"], two["mean_velocity"])
+
+
+ROCK = """
+geometry: {voxels: {file: rock.npy, labels: {solid: 1, water: 0}, voxel_size: 1.0e-6}}
+particles: {spacing: 1.0e-6}
+fluids: {water: {density: 1000, viscosity: 1.0e-3}}
+flow: stokes
+"""
+
+
+def duct(tmp_path):
+    """An image with one duct of 4 x 4 voxels along z, which leads through no other face."""
+    image = np.ones((8, 8, 8), np.uint8)
+    image[:, 2:6, 2:6] = 0
+    np.save(tmp_path / "rock.npy", image)
+
+
+def test_axes_without_a_path_have_a_permeability_of_zero_and_leave_the_others(tmp_path, capfd):
+    duct(tmp_path)
+    alone = run(tmp_path, ROCK, "drive={axes: [z]}")["permeability"]
+    found = run(tmp_path, ROCK, "drive={axes: [x, y, z]}")
+    assert found["permeability"] == {"x": 0.0, "y": 0.0, "z": alone} and alone > 0.0
+    assert found["open_axes"] == ["z"] and found["permeability_tensor"] is None
+    for axis in "xy":
+        assert any(f"no fluid path leads through the scene along {axis}" in text for text in found["warnings"])
+    with pytest.raises(ValueError, match=r"along x and y: the permeability is zero; check geometry\.voxels\.labels"):
+        run(tmp_path, ROCK, "drive={axes: [x, y]}")
+    assert not capfd.readouterr().err  # quiet
+
+
+def test_an_image_without_clear_layers_is_not_told_to_check_its_labels(tmp_path):
+    duct(tmp_path)
+    with pytest.raises(ValueError, match=r"along z: both faces are walls; geometry\.voxels\.clear_layer is") as caught:
+        run(tmp_path, ROCK, "drive={axes: [z]}", "geometry.voxels.clear_layer=0")
+    assert "labels" not in str(caught.value)
+
+
+def test_only_periodic_scenes_have_a_tensor(tmp_path):
+    np.save(tmp_path / "rock.npy", np.pad(np.ones((2, 2), np.uint8), ((1, 1), (1, 1))))
+    sealed = run(tmp_path, ROCK, "drive={axes: [x, y]}")
+    assert sealed["permeability_tensor"] is None and set(sealed["permeability"]) == {"x", "y"}
+    around = run(tmp_path, ROCK, "drive={axes: [x, y]}", "geometry.periodic=[x, y]")
+    assert np.shape(around["permeability_tensor"]) == (2, 2)
+
+
+def test_an_image_with_a_pressure_drop_is_read_once(tmp_path, monkeypatch):
+    from isphcli import voxels
+
+    duct(tmp_path)
+    read, real = [], voxels.read_image
+    monkeypatch.setattr(voxels, "read_image", lambda *words: read.append(words) or real(*words))
+    by_drop = run(tmp_path, ROCK, "drive={pressure_drop: {z: 2.0}}", "refine=[0.5e-6]")
+    assert len(read) == 1
+    # the drop is over the sample and its clear layers, 20 voxels: k is that of any other drive
+    by_force = run(tmp_path, ROCK, "drive={body_force: [0, 0, 100]}", "refine=[0.5e-6]")
+    assert by_drop["permeability"] == pytest.approx(by_force["permeability"], rel=1e-4)  # tolerance of the solver
+    assert by_drop["superficial_velocity"][2] == pytest.approx(by_force["superficial_velocity"][2], rel=1e-4)
+
+
+def test_warnings_come_before_the_solve_and_stay_in_the_summary(tmp_path, monkeypatch, capfd):
+    from isphcli import run_stokes
+
+    duct(tmp_path)
+    coarse = ["particles.spacing=2.0e-6", "drive={axes: [z]}", "geometry.wall_distance=stairs"]  # two particles across
+    warned = run(tmp_path, ROCK, *coarse)["warnings"]
+    assert any(text.startswith("the median throat is") for text in warned)
+    assert json.loads((tmp_path / "out/summary.json").read_text())["warnings"] == warned
+    assert not capfd.readouterr().err
+
+    def told(*_):
+        err = capfd.readouterr().err
+        assert all(f"warning: {text}" in err for text in warned)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run_stokes, "build_scene", told)
+    with pytest.raises(KeyboardInterrupt):
+        run_case(load_case(write(tmp_path, ROCK), [f"output.directory={tmp_path / 'o'}", *coarse]))
+
+
+@pytest.mark.parametrize("time, status, key", [("{end: 1, max_steps: 2}", "out of steps", "time.max_steps"),
+                                               ("{steady: 1e-9, max_steps: 2}", "not steady", "time.max_steps"),
+                                               ("{steady: 1e-9, end: 1e-6}", "not steady", "time.end")])
+def test_a_run_that_stops_short_says_what_came_first(tmp_path, time, status, key):
+    found = run(tmp_path, DISK + f"drive: {{body_force: [1, 0]}}\ntime: {time}\n", "output.plots=false")
+    assert status in found["message"] and f"--set {key}=" in found["message"] and found["permeability"] is None

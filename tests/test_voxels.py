@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from isphcli.geometry import build_geometry
 from isphcli.voxel_geometry import VoxelGeometry, nearest_centre, wall_field
-from isphcli.voxels import VoxelError, apply_labels, convert, faces_that_differ, read_image, write_image
+from isphcli.voxels import VoxelError, apply_labels, convert, faces_that_differ, image_shape, read_image, write_image
 
 
 def rock(shape=(5, 6, 7), porosity=0.6, seed=0):
@@ -781,3 +781,12 @@ def test_shapes_of_a_case(tmp_path):
     assert g.phase(x).tolist() == [-1, 0, 1, -1, 1]
     assert g.wall_velocity[g.wall(x[4:])].tolist() == [[1, 0, 0]]
     assert g.slip_length[g.wall(x[3:])].tolist() == [0.1, 0.01]
+
+
+@pytest.mark.parametrize("suffix", ["npy", "npz", "mhd", "mha"])
+def test_the_header_tells_the_shape(tmp_path, suffix):
+    path = tmp_path / f"image.{suffix}"
+    write_image(path, np.zeros((3, 4, 5), np.uint8), (1.0, 1.0, 1.0))
+    assert image_shape(path) == (3, 4, 5)
+    path.write_bytes(b"nothing of the kind")
+    assert image_shape(path) is None and image_shape(tmp_path / "absent.npy") is None
