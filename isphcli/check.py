@@ -105,6 +105,7 @@ class CheckReport:
     neighbours: float = 0.0
     memory: dict[str, float] = field(default_factory=dict)  # bytes, by part
     seconds: float | None = None  # one core
+    inputs: tuple[tuple[str, str], ...] = ()  # what was read and how it was understood: (name, text)
     warnings: list[str] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)
 
@@ -134,7 +135,8 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False) ->
             geometry = build_geometry(case)
         except ParticleError as error:  # an image whose size alone says that it does not fit
             return CheckReport(case, case.dim or 3, [], {}, errors=[str(error)])
-    result = CheckReport(case, geometry.dim, terms(case, geometry), {}, warnings=list(geometry.warnings))
+    result = CheckReport(case, geometry.dim, terms(case, geometry), {}, warnings=list(geometry.warnings),
+                         inputs=geometry.described)
     try:
         lattice = lattice_of(case, geometry)
         if lattice.sites > MOST_SITES and not to_run:
@@ -167,7 +169,6 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False) ->
     kinds = {(f.density, f.mu) for f in case.fluids.values()}
     if case.flow == "stokes" and sites.per_fluid[1:].any() and len(kinds) > 1:
         result.errors.append("a steady solve has one fluid; use flow: navier_stokes for two")
-    result.warnings += geometry.warnings
     result.warnings += list(_resolution_findings(result, geometry, lattice))
     result.warnings += list(_other_findings(result, geometry, sites))
     if not to_run:
@@ -644,6 +645,7 @@ def _lines(r: CheckReport) -> Iterator[str]:
         yield from (_row("ERROR", text) for text in r.errors)
         yield _row("verdict", "cannot run")
         return
+    yield from (_row(name, text) for name, text in r.inputs)
     used = [f"{t.name} ({t.why})" for t in r.terms if t.used]
     out = [f"{t.name} ({t.why})" for t in r.terms if not t.used]
     yield _row("uses", "; ".join(used))

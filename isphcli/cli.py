@@ -303,14 +303,10 @@ def closing_lines(case: Case, summary: Mapping[str, Any]) -> str:
 
 def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What was run: the image, its porosity, the axes along which pores lead through, the throats."""
-    lines, image, throats = [], summary.get("image"), summary.get("throats")
-    if image:
-        names = "xyz"[: len(image["size"])]
-        size, edges = " x ".join(str(n) for n in image["size"]), sorted({float(h) for h in image["voxel_size"]})
-        edge = " x ".join(f"{h:g}" for h in (edges if len(edges) == 1 else image["voxel_size"]))
-        lines += [("image", f"{size} voxels ({', '.join(names)}) of {edge} m; array read as {image['axes']}")]
+    throats = summary.get("throats")
+    lines = [tuple(text.split(": ", 1)) for text in summary.get("inputs") or ()]
     if summary.get("porosity") is not None:
-        lines += [("porosity", f"{100 * summary['porosity']:.{DIGITS}g} %")]
+        lines += [("porosity", f"{100 * summary['porosity']:.{DIGITS}g} % (fluid particles over sites)")]
     if summary.get("open_axes") is not None:
         lines += [("open axes", ", ".join(summary["open_axes"]) or "none: no pore leads through the scene")]
     if throats:

@@ -31,8 +31,8 @@ LIBRARIES = ("isphcli", "numpy", "scipy", "numba", "pyamg", "meshio", "matplotli
 
 # The order of keys in summary.json; keys not named here follow in the order in which they came.
 SUMMARY_KEYS = (
-    "title", "status", "message", "restarts", "warnings", "dimension", "particles", "image", "porosity", "open_axes",
-    "throats", "terms", "steps", "time",
+    "title", "status", "message", "restarts", "warnings", "dimension", "particles", "inputs", "image",
+    "porosity", "open_axes", "throats", "terms", "steps", "time",
     "permeability", "permeability_error", "permeability_tensor", "superficial_velocity", "mean_velocity",
     "pressure_drop",
     "two_fluids", "mass_error", "max_divergence", "iterations", "errors", "cpu_seconds", "wall_seconds",

@@ -530,11 +530,12 @@ class _Seen:
     """What was seen of a scene before anything was solved: `warnings`, `open_axes` (names of the axes along which
     pores lead through the sample, of a scene with walls) and `throats` (check.Throats or None)."""
 
-    def __init__(self, case, found, has_solid):
+    def __init__(self, case, found, geometry):
         self.voxels = case.geometry.voxels
+        self.inputs = [f"{name}: {text}" for name, text in geometry.described]
         self.warnings = list(dict.fromkeys(found.warnings))
         self.throats = found.throats
-        leads = found.connectivity.percolates if has_solid and found.connectivity is not None else ()
+        leads = found.connectivity.percolates if geometry.has_solid and found.connectivity is not None else ()
         self.open_axes = [name for name, open_ in zip("xyz", leads) if open_]
 
     def scene(self, geometry, particles):
@@ -547,7 +548,7 @@ class _Seen:
                      "axes": self.voxels.axes}
         if self.throats is not None:
             throats = {"narrow": self.throats.narrow, "median": self.throats.median, "thin": self.throats.thin}
-        return {"image": image, "porosity": _porosity(geometry, particles),
+        return {"inputs": self.inputs, "image": image, "porosity": _porosity(geometry, particles),
                 "open_axes": self.open_axes if geometry.has_solid else None, "throats": throats}
 
 
@@ -560,7 +561,7 @@ def _look(case, geometry, clock, quiet):
 
     with clock("check"), progress.stage("check of the scene", quiet):
         found = check(case, geometry, to_run=True)
-    seen = _Seen(case, found, geometry.has_solid)
+    seen = _Seen(case, found, geometry)
     if not quiet:
         for text in seen.warnings:
             print(f"warning: {text}", file=sys.stderr, flush=True)
