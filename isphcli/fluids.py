@@ -19,7 +19,7 @@ class Terms:
     turn: Turn, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity has no kink, or None;
     shy: (n,) bool, near an interface, or None;
     along: (dim,) or (n, dim), what a unit pressure gradient along the axis of a held velocity accelerates by, or None;
-    forgets: whether the odd-even part of the pressure is taken out (see `Stepper._odd_even`).
+    forgets: whether the odd-even part of the pressure is taken out (see `projection`).
     """
 
     ops: object
@@ -35,10 +35,10 @@ class Terms:
     forgets: bool = True
     along: np.ndarray | None = None
 
-    def slope(self, p):
+    def pressure_gradient(self, p):
         """Gradient of the pressure p (n,) over the density without its jump, (n, dim) m/s2."""
-        slope = gradient_p(self.ops, p)
-        return slope if self.jump is None else slope - self.jump
+        gradient = gradient_p(self.ops, p)
+        return gradient if self.jump is None else gradient - self.jump
 
 
 def body_force(ops, x, row, force):
@@ -60,12 +60,12 @@ class OneFluid:
         self.reference, self.viscosity, self.force, self.held = reference, viscosity, force, held
 
     @property
-    def stiffest(self):
+    def nu_max(self):
         """Largest kinematic viscosity, m2/s."""
         return self.viscosity
 
     @property
-    def thinnest(self):
+    def nu_min(self):
         """Smallest kinematic viscosity, m2/s."""
         return self.viscosity
 

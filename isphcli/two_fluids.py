@@ -44,12 +44,12 @@ class TwoFluids:
         self.artificial, self.loose = tension.damping(self.mu) if tension is not None else (0.0, False)
 
     @property
-    def stiffest(self):
+    def nu_max(self):
         """Largest kinematic viscosity, m2/s."""
         return float((self.mu / self.density).max())
 
     @property
-    def thinnest(self):
+    def nu_min(self):
         """Smallest kinematic viscosity, m2/s."""
         return float((self.mu / self.density).min())
 
@@ -90,7 +90,7 @@ class TwoFluids:
             else:
                 jump = push
         # more feeds on itself: docs/method.md 12
-        bulk = self.density.min() * self.thinnest / reference
+        bulk = self.density.min() * self.nu_min / reference
         return Terms(weighted, viscosity, force, jump, lift, rho if heavy else 1.0, bulk, turn,
                      smooth, None if self.loose else near, heavy or thick or self.tension is None, along)
 

@@ -30,14 +30,14 @@ class KeptVolume:
         self.side = size / self.blocks
         self.nodes = np.where(geometry.periodic, self.blocks, self.blocks + 1)
         self.wanted = self._numbers(self._shares(x))
-        self.drift = 0.0  # root mean square of (N - N_0) / N_0 over the fluid
 
     def expansion(self, x, dt):
-        """Divergence (n,) that the particles at x (n, dim) are to have in a step of dt, 1/s."""
+        """Divergence (n,) that the particles at x (n, dim) are to have in a step of dt, 1/s, and the root mean square
+        of (N - N_0) / N_0 over the fluid."""
         shares = self._shares(x)
         surplus = (self._numbers(shares) - self.wanted) / (self.wanted + LEAST * self.wanted.max())
-        self.drift = float(np.sqrt((surplus**2 @ self.wanted) / self.wanted.sum()))
-        return sum(share * surplus[node] for share, node in shares) / (self.steps * dt)
+        drift = float(np.sqrt((surplus**2 @ self.wanted) / self.wanted.sum()))
+        return sum(share * surplus[node] for share, node in shares) / (self.steps * dt), drift
 
     def _numbers(self, shares):
         return sum(np.bincount(node, share, minlength=int(np.prod(self.nodes))) for share, node in shares)

@@ -65,7 +65,7 @@ class WallScene:
             volume[:n] = particle_volumes(table, pairs, self.kind, self.support)
         return table, owner, pairs, walls, fraction, volume, images
 
-    def keep_off(self, x, displacement, dr, nearest):
+    def clamp_wall_distance(self, x, displacement, dr, nearest):
         """The shift dr (n, dim) or None, with what keeps particles from coming nearer to a wall than `nearest`.
 
         x: (n, dim) positions; displacement: (n, dim) with the flow; nearest: number or (n,), m.
