@@ -106,13 +106,12 @@ class HeldVelocity:
         return state.pressure_gradient * self.areal
 
 
-def leads_through(ops, x, row, axis):
-    """Whether particles that see each other lead all the way round a periodic axis. ops: Operators; x: (n_rows, dim)
-    table of positions; row: (n_pairs,) rows of the neighbours in it.
+def leads_through(ops, axis):
+    """Whether particles that see each other lead all the way round a periodic axis. ops: Operators.
 
     How far a gradient moves the fluid does not tell: before a wall across it, viscous layers leave a tenth of it.
     """
-    n = len(ops.start) - 1
+    n, (x, row) = ops.n, (ops.neighbours.x, ops.neighbours.row)
     # of two copies of the scene, a way over the seam leads to the other one
     over = np.where(x[row, axis] != x[ops.column, axis], n, 0).astype(ops.column.dtype)
     start = np.concatenate([ops.start, ops.start[-1] + ops.start[1:]])

@@ -41,12 +41,12 @@ class Terms:
         return gradient if self.jump is None else gradient - self.jump
 
 
-def body_force(ops, x, row, force):
+def body_force(ops, force):
     """The body force (dim,), m/s2; beside walls as the gradient of its potential, (n, dim), as in `StokesSystem.drive`:
-    fluid in a pocket or a dead end one particle wide rests. Arguments as those of `TwoFluids.terms`."""
+    fluid in a pocket or a dead end one particle wide rests."""
     if ops.walls is None or not force.any():
         return force
-    return potential_gradient(ops.start, row, x, ops.grad_p, force)
+    return potential_gradient(ops, force)
 
 
 class OneFluid:
@@ -69,7 +69,7 @@ class OneFluid:
         """Smallest kinematic viscosity, m2/s."""
         return self.viscosity
 
-    def terms(self, ops, x, row, pairs, owner):
+    def terms(self, ops, neighbours):
         """Terms of one configuration; arguments as those of `TwoFluids.terms`."""
-        along = body_force(ops, x, row, self.held) if self.held is not None else None
-        return Terms(ops, self.viscosity, body_force(ops, x, row, self.force), bulk=self.viscosity, along=along)
+        along = body_force(ops, self.held) if self.held is not None else None
+        return Terms(ops, self.viscosity, body_force(ops, self.force), bulk=self.viscosity, along=along)

@@ -52,11 +52,11 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
         return PressureSystem(matrix, lambda p, gradient: matrix @ p, None)
     from .coupling import diagonal, divergence_and_jump
 
-    natural = terms.ops.walls.natural
+    symmetric = terms.ops.walls.symmetric_laplacian
     with solvers.clock("assembly"):
-        exact, own = diagonal(ops, config.x, natural, terms.ops.grad_p), matrix.diagonal()
+        exact, own = diagonal(ops, symmetric, terms.ops.grad_p), matrix.diagonal()
         scale = np.where(exact > own, exact / np.where(own > 0.0, own, 1.0), 1.0)
-    return PressureSystem(matrix, lambda p, gradient: divergence_and_jump(ops, config.x, natural, p, gradient), scale)
+    return PressureSystem(matrix, lambda p, gradient: divergence_and_jump(ops, symmetric, p, gradient), scale)
 
 
 def pressure_increment(config: Configuration, system: PressureSystem, div: np.ndarray, p: np.ndarray,

@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from .fluids import Terms
     from .linear import ComponentMeans, Report
-    from .neighbours import Pairs
+    from .neighbours import Neighbourhood
     from .operators import Operators
 
 
@@ -39,18 +39,20 @@ class State:
 class Configuration:
     """Everything that depends on the positions only.
 
-    ops: Operators; x: (n_rows, dim) table of positions, m, row: (n_pairs,) rows of the neighbours in it; pairs: all
-    neighbours, dummies included; means: of the connected parts of the fluid; halo: number of periodic images;
-    terms: the operators with the densities and viscosities of the fluids, and the forces.
+    ops: Operators; neighbours: all of them, dummies included; means: of the connected parts of the fluid; halo: number
+    of periodic images; terms: the operators with the densities and viscosities of the fluids, and the forces.
     """
 
     ops: Operators
-    x: np.ndarray
-    row: np.ndarray
-    pairs: Pairs
+    neighbours: Neighbourhood
     means: ComponentMeans
     halo: int
     terms: Terms
+
+    @property
+    def x(self) -> np.ndarray:
+        """(n, dim) positions of the fluid particles, m."""
+        return self.neighbours.x[: self.ops.n]
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from .drive import HeldVelocity, leads_through
 from .failure import Bounds, RunError, StepError
 from .halo import build_halo, wrap
 from .kept_hierarchies import KeptHierarchies
-from .neighbours import find_pairs
+from .neighbours import neighbourhood
 from .operators import build_operators, gradient_p, particle_volumes, total_divergence
 from .projection import PressureSystem, pressure_increment, pressure_system, settled, solve_pressure
 from .shifting import carry, shift
@@ -105,26 +105,22 @@ class Stepper:
         geometry = self.geometry
         if self.walls is not None:
             with self.clock("operators"):
-                ops, table, pairs, images = self.walls.configure(x)
-                row, owner = ops.walls.row, images.owners(n + len(self.dummies))
+                ops, neighbours, images = self.walls.configure(x)
         else:
             with self.clock("neighbours"):
                 images = build_halo(x, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support)
-                table, owner = images.positions(x), images.owners(n)
-                pairs = find_pairs(table, n, self.support)
-                row = pairs.index
+                neighbours = neighbourhood(images.positions(x), images.owners(n), n, self.kind, self.support)
             with self.clock("operators"):
-                volume = particle_volumes(table, pairs, self.kind, self.support)
-                ops = build_operators(table, pairs, owner, volume, self.kind, self.support)
+                ops = build_operators(neighbours, particle_volumes(neighbours))
         with self.clock("terms"):
-            terms = self.fluids.terms(ops, table, row, pairs, owner)
+            terms = self.fluids.terms(ops, neighbours)
         with self.clock("assembly"):
             # a periodic box full of fluid is one component; pores can be many
             labels = np.zeros(n, np.int32)
             if self.walls is not None:
-                joined = None if ops.walls.still is None else ops.walls.natural > 0.0
+                joined = None if ops.walls.still is None else ops.walls.symmetric_laplacian > 0.0
                 labels = linear.components(ops.start, ops.column, joined)[1]
-        return Configuration(ops, table, row, pairs, linear.ComponentMeans(labels), len(images.owner), terms)
+        return Configuration(ops, neighbours, linear.ComponentMeans(labels), len(images.owner), terms)
 
     def move(self, state: State, config: Configuration, dt: float) -> tuple[State, int]:
         """The state with its particles where they are after dt and its fields carried to where they were shifted, and
@@ -164,7 +160,7 @@ class Stepper:
         with self.clock("terms"):
             speed = np.sqrt(((u - wind) ** 2).sum(axis=1).max())
             if self.shifting > 0.0 and speed > 0.0:
-                dr = shift(config.x, config.pairs, len(u), speed, dt, self.shifting, self.spacing)
+                dr = shift(config.neighbours, speed, dt, self.shifting, self.spacing)
                 if config.terms.shy is not None:
                     dr[config.terms.shy] *= INTERFACE_SHIFTING
             if self.walls is not None:
@@ -188,8 +184,7 @@ class Stepper:
         if self.volume is not None:  # a step that is tried again with half its length is not to expand twice as hard
             expansion, volume_drift = self.volume.expansion(moved.x, max(dt, state.dt_old))
         first = not state.dt_old
-        if first and self.held_velocity is not None and not leads_through(config.ops, config.x, config.row,
-                                                                          self.held_velocity.axis):
+        if first and self.held_velocity is not None and not leads_through(config.ops, self.held_velocity.axis):
             self._nothing_flows()
         # the first step finds the pressure of the start: it is taken again with what it found
         for _ in range(self.fluids.first_passes if first else 1):
@@ -239,7 +234,7 @@ class Stepper:
         finally:
             solvers.tolerance = tolerance
         v = star - gradient_p(terms.ops, q) / rate
-        increment = held.gradient_for_flux(config.x[: len(u)], u, v, rate, shifting_flux)
+        increment = held.gradient_for_flux(config.x, u, v, rate, shifting_flux)
         if increment is None:
             self._nothing_flows()
         return u + increment * v, settled(config, p + increment * (q - terms.bulk * div)), increment
