@@ -12,11 +12,20 @@ A steady solve (`flow: stokes`) that misses its tolerance is tried again as `Sto
 SolveError, exit code 3, and the particles of the largest residuals.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from . import linear, output
+
+if TYPE_CHECKING:
+    from .geometry import Geometry
+    from .state import Configuration, State, StepResult
+    from .step import Stepper
 
 HALVINGS = 4
 # benchmarks/limits.py: what runs that ended well reached | runs that blew up, left alone
@@ -30,7 +39,7 @@ NAME = "worst.vtu"
 class StepError(RuntimeError):
     """A step that broke a limit. Attribute `badness`: (n,) how far each particle is beyond it."""
 
-    def __init__(self, message, badness=None):
+    def __init__(self, message: str, badness: np.ndarray | None = None):
         super().__init__(message)
         self.badness = badness
 
@@ -38,7 +47,9 @@ class StepError(RuntimeError):
 class RunError(RuntimeError):
     """A run that had to stop. Attributes: `badness` of the particles, `restart` and `worst`, the files it left."""
 
-    badness = restart = worst = None
+    badness: np.ndarray | None = None
+    restart: Path | None = None
+    worst: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -52,14 +63,14 @@ class Bounds:
     start: m/s; force: m/s2; other: speed of walls and of surface tension, m/s; density: (n,) or 1.
     """
 
-    geometry: object
+    geometry: Geometry | None
     site_volume: float
-    density: object
+    density: np.ndarray | float
     start: float
     force: float
     other: float
 
-    def speed(self, u):
+    def speed(self, u: np.ndarray) -> float:
         """Root mean square speed of velocities (n, dim), weighted with the density."""
         largest = np.abs(u).max()
         if not 0.0 < largest < np.inf:  # squares of very small and very large speeds leave the range of numbers
@@ -67,7 +78,7 @@ class Bounds:
         square = ((u / largest) ** 2).sum(axis=1)
         return largest * np.sqrt(np.average(square, weights=np.broadcast_to(self.density, square.shape)))
 
-    def check(self, old, found):
+    def check(self, old: State, found: StepResult) -> None:
         """Raises StepError where the step from the State `old` to the StepResult `found` broke a limit."""
         new, dt = found.state, found.dt
         for name, values in (("position", new.x), ("velocity", new.u), ("pressure", new.p)):
@@ -96,7 +107,7 @@ class Bounds:
                 raise StepError(f"{inside.sum()} particles are in a wall", inside.astype(float))
 
 
-def attempt(stepper, state, config, dt):
+def attempt(stepper: Stepper, state: State, config: Configuration, dt: float) -> StepResult:
     """The StepResult of a step of dt or, if that fails, of a shorter one. Raises RunError."""
     for halving in range(HALVINGS + 1):
         length = dt * 0.5**halving
@@ -123,7 +134,7 @@ def attempt(stepper, state, config, dt):
     raise error from problem
 
 
-def write_worst(path, x, badness, **fields):
+def write_worst(path: Path, x: np.ndarray, badness: np.ndarray | None, **fields: np.ndarray) -> Path | None:
     """Writes the WORST particles of a step or solve that failed as a VTU; returns its path.
 
     x: (n, dim) m; badness: (n,) how bad each is, or None where nothing is known: then nothing is written, and None is

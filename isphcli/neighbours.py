@@ -23,7 +23,7 @@ class Pairs:
     index: np.ndarray
 
     @property
-    def count(self):
+    def count(self) -> np.ndarray:
         """Neighbours of each particle, (n,)."""
         return np.diff(self.start)
 
@@ -59,7 +59,7 @@ def neighbourhood(x: np.ndarray, owner: np.ndarray, n: int, kind: int, support: 
     return Neighbourhood(pairs.start, owner[pairs.index], pairs.index, x, owner, kind, support)
 
 
-def find_pairs(x, n, support):
+def find_pairs(x: np.ndarray, n: int, support: float) -> Pairs:
     """All pairs closer than the support radius, rows sorted by cell.
 
     x: (n_rows, dim) positions, owned particles first, then halo and dummies; n: rows that get neighbours;

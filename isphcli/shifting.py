@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit, prange
 
 from .neighbours import Neighbourhood
-from .operators import gradient_one_sided
+from .operators import Operators, gradient_one_sided
 
 LONGEST = 0.1  # of the spacing: a longer shift is cut, so that the Taylor series stays good
 
@@ -28,7 +28,7 @@ def shift(neighbours: Neighbourhood, largest_speed: float, dt: float, coefficien
     return _shift(neighbours, coefficient * largest_speed * dt, LONGEST * spacing)
 
 
-def carry(ops, fields, dr, second):
+def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray) -> np.ndarray:
     """fields (n, c) at positions displaced by dr (n, dim), by their Taylor series.
 
     second: (n,) bool, where the second derivative is taken too (not beside walls, where the gradient is one-sided).

@@ -34,10 +34,9 @@ from .state import Configuration, State, StepResult
 from .viscous_solve import viscous_solve
 
 if TYPE_CHECKING:
-    from .fluids import OneFluid
+    from .fluids import Fluids
     from .geometry import Geometry
     from .output import Clock
-    from .two_fluids import TwoFluids
     from .volume import KeptVolume
     from .wall_scene import WallScene
 
@@ -69,7 +68,7 @@ class Stepper:
     support: float
     kind: int
     site_volume: float
-    fluids: OneFluid | TwoFluids
+    fluids: Fluids
     shifting: float
     second_order: bool
     solvers: KeptHierarchies

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -13,19 +13,26 @@ from .operators import Operators, particle_volumes
 from .walls import WallStars, WallTable, build_wall_operators, crossings
 
 if TYPE_CHECKING:
-    from .contact_angle import SlipAtLine
     from .geometry import Geometry
+
+
+class WallChange(Protocol):
+    """What makes the walls of a configuration other than those of the geometry (contact_angle.SlipAtLine)."""
+
+    def wall_table(self, geometry: Geometry, wall: np.ndarray,
+                   neighbours: Neighbourhood) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+        """(wall (n_rows,), velocity, slip length and spin of the walls) of the nearest walls (n_rows,)."""
 
 
 class WallScene:
     """Dummies of a scene and their wall data, which never change.
 
     geometry: Geometry; dummies: (n_dummy, dim) m; support: m; kind: kernel number; site_volume: m^dim;
-    line: contact_angle.SlipAtLine or None.
+    line: what changes walls near a contact line, or None.
     """
 
     def __init__(self, geometry: Geometry, dummies: np.ndarray, support: float, kind: int, site_volume: float,
-                 line: SlipAtLine | None = None):
+                 line: WallChange | None = None):
         self.geometry, self.dummies = geometry, dummies
         self.support, self.kind, self.site_volume = support, kind, site_volume
         self.dummy_distance = geometry.distance(dummies)
