@@ -20,7 +20,7 @@ from isphcli import linear
 from isphcli.case import read_case
 from isphcli.geometry import build_geometry
 from isphcli.halo import build_halo, wrap
-from isphcli.neighbours import find_pairs
+from isphcli.neighbours import neighbourhood
 from isphcli.operators import build_operators, particle_volumes
 from isphcli.output import Clock
 from isphcli.run_stokes import build_scene, solve_axis
@@ -47,8 +47,8 @@ def elliptic(points):
     support = 2.1 / points
     images = build_halo(x, lower, upper, around, support)
     table = images.positions(x)
-    pairs = find_pairs(table, len(x), support)
-    ops = build_operators(table, pairs, images.owners(len(x)), particle_volumes(table, pairs, 0, support), 0, support)
+    neighbours = neighbourhood(table, images.owners(len(x)), len(x), 0, support)
+    ops = build_operators(neighbours, particle_volumes(neighbours))
     means = linear.ComponentMeans(np.zeros(len(x), np.int32))
     right = np.sin(2 * np.pi * x).prod(axis=1) + 0.1 * rng.standard_normal(len(x))
     found = {}

@@ -11,11 +11,11 @@ import time
 import numpy as np
 
 from isphcli.halo import build_halo, wrap
-from isphcli.neighbours import find_pairs
+from isphcli.neighbours import neighbourhood
 from isphcli.operators import build_operators, divergence, gradient, laplacian, particle_volumes
 from isphcli.particles import make_lattice, place
 from isphcli.shapes import Shape, ShapeGeometry, Sphere
-from isphcli.walls import WallTable, build_wall_operators, crossings
+from isphcli.walls import WallStars, WallTable, build_wall_operators, crossings
 
 
 def timed(function, repeats):
@@ -41,18 +41,18 @@ def periodic(dim, n, ratio, repeats):
     x = wrap(x, lower, upper, axes)
     halo, t_halo = timed(lambda: build_halo(x, lower, upper, axes, support), repeats)
     rows, owner = halo.positions(x), halo.owners(len(x))
-    pairs, t_pairs = timed(lambda: find_pairs(rows, len(x), support), repeats)
-    volume, t_volume = timed(lambda: particle_volumes(rows, pairs, 0, support), repeats)
-    size = len(pairs.index)
+    pairs, t_pairs = timed(lambda: neighbourhood(rows, owner, len(x), 0, support), repeats)
+    volume, t_volume = timed(lambda: particle_volumes(pairs), repeats)
+    size = len(pairs.row)
     print(
         f"periodic {dim}D, {n}^{dim} particles, {len(rows) - len(x)} images, "
         f"support {ratio}: {size / len(x):.1f} neighbours"
     )
     report("build_halo", t_halo, len(x), size)
-    report("find_pairs", t_pairs, len(x), size)
+    report("neighbourhood", t_pairs, len(x), size)
     report("particle_volumes", t_volume, len(x), size)
     for order in (1, 2):
-        ops, t = timed(lambda: build_operators(rows, pairs, owner, volume, 0, support, order), repeats)  # noqa: B023
+        ops, t = timed(lambda: build_operators(pairs, volume, order), repeats)  # noqa: B023
         report(f"build_operators order {order}", t, len(x), size)
     u = np.random.default_rng(1).normal(size=x.shape)
     for apply in (laplacian, gradient, divergence):
@@ -70,7 +70,7 @@ def ball(dim, n, ratio, repeats):
     p = place(geometry, lattice, support, 0.1, 1 / n)
     halo = build_halo(p.x, geometry.lower, geometry.upper, np.ones(dim, bool), support)
     rows, owner = halo.positions(p.x), halo.owners(len(p.x))
-    pairs = find_pairs(rows, p.n_fluid, support)
+    pairs = neighbourhood(rows, owner, p.n_fluid, 0, support)
     table = WallTable(
         owner < p.n_fluid,
         geometry.distance(p.x)[owner],
@@ -78,15 +78,16 @@ def ball(dim, n, ratio, repeats):
         geometry.wall_velocity,
         geometry.slip_length,
         np.zeros((0, dim)),
+        np.zeros((0, dim, dim)),
     )
-    fraction, t_cross = timed(lambda: crossings(geometry, rows, pairs, table), repeats)
-    volume, size = np.full(len(p.x), p.site_volume), len(pairs.index)
+    fraction, t_cross = timed(lambda: crossings(geometry, pairs, table), repeats)
+    volume, size = np.full(len(p.x), p.site_volume), len(pairs.row)
     crossed = (fraction <= 1).mean()
     print(f"walls {dim}D, {p.n_fluid} fluid particles, {p.n_dummy} dummies, {crossed:.0%} wall pairs")
     report("crossings", t_cross, p.n_fluid, size)
     for order in (1, 2):
         _, t = timed(
-            lambda: build_wall_operators(rows, pairs, fraction, owner, volume, table, 0, support, order),  # noqa: B023
+            lambda: build_wall_operators(WallStars(pairs, table, fraction, volume), order),  # noqa: B023
             repeats,
         )
         report(f"build_wall_operators order {order}", t, p.n_fluid, size)

@@ -38,11 +38,12 @@ def main(points=48, steps=12):
     clock, iterations = None, []
     for k in range(steps + 2):
         if k == 2:
-            clock = stepper.clock = Clock()
+            clock = stepper.solvers.clock = Clock()
         dt = 0.2 / points  # CFL 0.2 from the start, no growing first steps
-        state, config = stepper.advance(state, config, dt)
+        found = stepper.advance(state, config, dt)
+        state, config = found.state, found.config
         if k >= 2:
-            iterations.append({name: r.iterations for name, r in stepper.reports.items()})
+            iterations.append({name: r.iterations for name, r in found.reports.items()})
     spent = clock.cpu()
     scale = 1e6 / (particles.n_fluid * steps)
     print(f"{particles.n_fluid} particles, {steps} steps, {len(config.ops.column) / particles.n_fluid:.0f} neighbours, "

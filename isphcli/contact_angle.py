@@ -47,13 +47,13 @@ class SlipAtLine:
     def __init__(self, phase, length):
         self.phase, self.length = phase, length
 
-    def wall_table(self, geometry, wall, pairs, owner):
+    def wall_table(self, geometry, wall, neighbours):
         """(wall (n_rows,), velocity, slip length, spin) of the walls, each there twice: as it is, and near a line.
 
-        wall: (n_rows,) nearest wall of each row; pairs: neighbours of the fluid particles; owner: (n_rows,).
+        wall: (n_rows,) nearest wall of each row; neighbours: of the fluid particles, dummies included.
         """
-        n = len(self.phase)
-        sees = _fluids_in_sight(pairs.start, pairs.index, owner, self.phase, int(owner.max()) + 1)
+        n, owner = len(self.phase), neighbours.owner
+        sees = _fluids_in_sight(neighbours.start, neighbours.column, self.phase, int(owner.max()) + 1)
         wall = wall + len(geometry.slip_length) * ((owner >= n) & sees[owner].all(axis=1)).astype(wall.dtype)
         slip = np.concatenate([geometry.slip_length, np.maximum(geometry.slip_length, self.length)])
         spin = None if geometry.wall_spin is None else np.concatenate([geometry.wall_spin] * 2)
@@ -69,17 +69,17 @@ class ContactAngle:
         self.dummies, self.depth, self.normals = dummies, depth, normals
         self.kind, self.support, self.spacing, self.volume = kind, support, spacing, volume
 
-    def ghosts(self, ops, x, row, pairs, owner, colour, near):
+    def ghosts(self, ops, neighbours, colour, near):
         """Ghosts of one configuration, or None where the interface meets no wall. Arguments as those of
         `SurfaceTension.force`."""
-        n, reach = len(colour), near
+        n, x, reach = len(colour), neighbours.x, near
         for _ in range(2):
             reach = dilate(ops.start, ops.column, reach)
         reach &= ops.walls.near
-        start, at, dummy = _seen(pairs.start, pairs.index, owner, reach, n)
+        start, at, dummy = _seen(neighbours, reach, n)
         if len(at) == 0:
             return None
-        band = find_band(ops, x, row, colour, near, self.kind, self.support, self.spacing, wanted=reach)
+        band = find_band(ops, colour, near, self.spacing, wanted=reach)
         particle = np.repeat(np.arange(n), np.diff(start))
         offset = x[at] - x[particle]
         seen = np.zeros(len(self.dummies), np.bool_)
@@ -94,7 +94,7 @@ class ContactAngle:
         normal = np.where(meets[:, None], math.sin(self.angle) * t - math.cos(self.angle) * p, 0.0)
         steep = min(max(self.angle, STEEPEST), math.pi - STEEPEST)
         rise = (self.depth[used] + self.spacing)[:, None]
-        carried = self._colour_at(self.dummies[used] + rise * (p + t / math.tan(steep)), x, owner, colour)
+        carried = self._colour_at(self.dummies[used] + rise * (p + t / math.tan(steep)), x, neighbours.owner, colour)
         return Ghosts(start, offset, carried[where], normal[where], self.volume)
 
     def _colour_at(self, points, x, owner, colour):
@@ -109,31 +109,32 @@ class ContactAngle:
 
 
 @njit(cache=True)
-def _fluids_in_sight(start, index, owner, phase, count):
+def _fluids_in_sight(start, column, phase, count):
     """(count, 2) bool, whether a particle or dummy has either fluid within its support."""
     sees = np.zeros((count, 2), np.bool_)
     for i in range(len(start) - 1):
         for p in range(start[i], start[i + 1]):
-            sees[owner[index[p]], phase[i]] = True
+            sees[column[p], phase[i]] = True
     return sees
 
 
 @njit(cache=True)
-def _seen(start, index, owner, mark, n):
+def _seen(neighbours, mark, n):
     """(row pointers (n + 1,), table rows, dummies) of what the marked particles see of the walls."""
+    start, column, row = neighbours.start, neighbours.column, neighbours.row
     new_start = np.zeros(n + 1, np.int64)
     for i in range(n):
         new_start[i + 1] = new_start[i]
         if mark[i]:
             for p in range(start[i], start[i + 1]):
-                new_start[i + 1] += owner[index[p]] >= n
+                new_start[i + 1] += column[p] >= n
     at, dummy = np.empty(new_start[n], np.int64), np.empty(new_start[n], np.int64)
     count = 0
     for i in range(n):
         if mark[i]:
             for p in range(start[i], start[i + 1]):
-                if owner[index[p]] >= n:
-                    at[count], dummy[count] = index[p], owner[index[p]] - n
+                if column[p] >= n:
+                    at[count], dummy[count] = row[p], column[p] - n
                     count += 1
     return new_start, at, dummy
 

@@ -8,6 +8,10 @@ with w the symmetric-form weights of the Laplacian: a difference of fourth order
 p, beside walls too (Rhie and Chow 1983 in the particles' words).
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numba import njit, prange
 
@@ -15,24 +19,30 @@ from . import linear
 from .operators import SHARED
 from .walls import in_sight
 
+if TYPE_CHECKING:
+    from .neighbours import Neighbourhood
+    from .operators import Operators
+
 FEW = 0.5  # of the neighbours
 NARROW = 0.65  # the same in scenes with dead ends: with 0.5 a pack held 110 steps. Flat walls leave two thirds
 STILL = 0.1  # of the neighbours: three of 32; with two, three particles in a dead end still blew up
 APART = 1.5  # crossing of a pair in sight that shares no pressure
 
 
-def divergence_and_jump(ops, x, natural_p, p, grad_p):
+def divergence_and_jump(ops: Operators, symmetric_p: np.ndarray, p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
     """-div(grad p) - S p beside walls, (n,).
 
-    ops: Operators with walls; x: (n_rows, dim) table of positions; p: (n,); natural_p: (n_pairs,) w_ij, over the
-    density of the pair where that varies, grad_p (n, dim) then being the gradient over the density.
+    ops: with walls; p: (n,); symmetric_p: (n_pairs,) w_ij, over the density of the pair where that varies, grad_p
+    (n, dim) then being the gradient over the density.
     """
     walls = ops.walls
-    return _sweep(ops.start, ops.column, walls.row, x, ops.grad, walls.natural, natural_p, walls.div, p, grad_p)
+    return _sweep(ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p), walls.div, p, grad_p)
 
 
 @njit(cache=True, parallel=True)
-def _sweep(start, column, row, x, grad, natural, natural_p, wall_div, p, grad_p):
+def _sweep(neighbours, weights, wall_div, p, grad_p):
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    grad, natural, natural_p = weights
     n, dim = grad_p.shape
     out = np.empty(n)
     for i in prange(n):
@@ -50,15 +60,14 @@ def _sweep(start, column, row, x, grad, natural, natural_p, wall_div, p, grad_p)
     return out
 
 
-def diagonal(ops, x, natural_p, grad_p):
+def diagonal(ops: Operators, symmetric_p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
     """Diagonal (n,) of the matrix that `divergence_and_jump` applies with the gradients grad_p (n_pairs, dim), of rows
-    that see a wall; of the others that of the Laplacian natural_p."""
+    that see a wall; of the others that of the Laplacian symmetric_p."""
     walls = ops.walls
-    return _diagonal(ops.start, ops.column, walls.row, x, ops.grad, walls.natural, natural_p, walls.div, grad_p,
-                     walls.near)
+    return _diagonal(ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p, grad_p), walls.div, walls.near)
 
 
-def balance(ops, x, count):
+def balance(ops: Operators, count: np.ndarray) -> None:
     """Makes sense of rows that see less than FEW of their neighbours, in place. count: (n,) those beyond walls too.
 
     Divergence: the balance of fluxes. sum_j w_ij x_ji . (u_i + u_j) / 2 is exact where the neighbourhood
@@ -70,11 +79,12 @@ def balance(ops, x, count):
     """
     walls = ops.walls
     bad = np.flatnonzero(np.diff(ops.start) < FEW * count)
-    _balance(ops.start, walls.row, x, walls.natural, bad, ops.grad, walls.div, walls.div_velocity)
+    _balance(ops.neighbours, walls.symmetric_laplacian, bad, ops.grad, walls.div, walls.div_velocity)
 
 
 @njit(cache=True)
-def _balance(start, row, x, natural, rows, grad, wall_div, wall_div_velocity):
+def _balance(neighbours, natural, rows, grad, wall_div, wall_div_velocity):
+    start, row, x = neighbours.start, neighbours.row, neighbours.x
     dim = x.shape[1]
     for i in rows:
         wall_div[i] = 0.0
@@ -86,11 +96,11 @@ def _balance(start, row, x, natural, rows, grad, wall_div, wall_div_velocity):
                 wall_div[i, k] -= flux
 
 
-def crowding(start, index, fraction, owner):
+def crowding(neighbours: Neighbourhood, fraction: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Particles that see few of their neighbours: (few, still), (n,) bool each, or None where there are no dead ends.
 
-    start, index: pairs of the n fluid particles; fraction: (n_pairs,) their crossings, where those that share no
-    pressure are marked in place; owner: (n_rows,).
+    neighbours: all of them; fraction: (n_pairs,) their crossings, where those that share no pressure are marked in
+    place.
 
     few: less than NARROW of them, in pores as narrow as a particle. Their divergence is that of `adjoin`. The corners
     of a wide scene see no more: without dead ends `balance` stays.
@@ -101,31 +111,32 @@ def crowding(start, index, fraction, owner):
     change as they move: it reached 1e4 times that of the fluid around them, and where the thread grew a little
     stronger it threw them out.
     """
+    start, column = neighbours.start, neighbours.column
     seen, count = in_sight(start, fraction), np.diff(start)
     few, still = seen < NARROW * count, seen < STILL * count
     if not still.any():
         return None, None
-    _set_apart(start, index, fraction, owner, still)
+    _set_apart(start, column, fraction, still)
     sight, begin = fraction > 1.0, np.concatenate([[0], np.cumsum(seen)])
-    column, shared = owner[index[sight]], fraction[sight] > SHARED
-    whole, part = (linear.components(begin, column, joined)[1] for joined in (None, shared))
+    fluid, shared = column[sight], fraction[sight] > SHARED
+    whole, part = (linear.components(begin, fluid, joined)[1] for joined in (None, shared))
     size, all_in_sight = np.bincount(part)[part], np.bincount(whole)[whole]
     behind = (size < all_in_sight) & (size < count) & ~still
     if behind.any():
         still |= behind
-        _set_apart(start, index, fraction, owner, still)
+        _set_apart(start, column, fraction, still)
     return few, still
 
 
 @njit(cache=True)
-def _set_apart(start, index, fraction, owner, still):
+def _set_apart(start, column, fraction, still):
     for i in range(len(still)):
         for p in range(start[i], start[i + 1]):
-            if fraction[p] > 1.0 and (still[i] or still[owner[index[p]]]):
+            if fraction[p] > 1.0 and (still[i] or still[column[p]]):
                 fraction[p] = APART
 
 
-def adjoin(ops, x):
+def adjoin(ops: Operators) -> None:
     """Gives rows that see few of their neighbours the divergence that is minus the adjoint of the pressure gradient, in
     place: sum_i V_i p_i div u_i = - sum_i V_i u_i . grad p_i over these rows.
 
@@ -137,11 +148,12 @@ def adjoin(ops, x):
     """
     walls = ops.walls
     rows = np.flatnonzero(walls.few)
-    _adjoin(ops.start, ops.column, walls.row, x, ops.volume, ops.grad_p, rows, ops.grad, walls.div, walls.div_velocity)
+    _adjoin(ops.neighbours, ops.volume, ops.grad_p, rows, ops.grad, walls.div, walls.div_velocity)
 
 
 @njit(cache=True, parallel=True)
-def _adjoin(start, column, row, x, volume, grad_p, rows, grad, wall_div, wall_div_velocity):
+def _adjoin(neighbours, volume, grad_p, rows, grad, wall_div, wall_div_velocity):
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     dim = x.shape[1]
     for r in prange(len(rows)):
         i = rows[r]
@@ -165,7 +177,7 @@ def _adjoin(start, column, row, x, volume, grad_p, rows, grad, wall_div, wall_di
                 wall_div[i, k] -= grad[q, k] + grad_p[q, k]
 
 
-def fill(ops, p):
+def fill(ops: Operators, p: np.ndarray) -> None:
     """Gives p (n,) of particles that share it with nobody the mean of what they see, in place, deep in a dead end step
     by step: what they start from when they see more, and what is written."""
     _fill(ops.start, ops.column, ops.walls.still, p)
@@ -184,7 +196,9 @@ def _fill(start, column, still, p):
 
 
 @njit(cache=True, parallel=True)
-def _diagonal(start, column, row, x, grad, natural, natural_p, wall_div, grad_p, near):
+def _diagonal(neighbours, weights, wall_div, near):
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    grad, natural, natural_p, grad_p = weights
     n, dim = wall_div.shape
     out = np.zeros(n)
     for i in prange(n):

@@ -76,36 +76,35 @@ class HeldVelocity:
         """Mean speed of the fluid in the sample, m/s; of that beside a sample without any."""
         return abs(self.wanted) / (self.porosity or self.fraction)
 
-    def drifted(self, state, shifts, dt):
-        """Mean velocity of the shifts where U is taken, averaged over the last steps, m/s. state: step.State; shifts:
+    def averaged_shifting_flux(self, state, shifts, dt):
+        """Mean velocity of the shifts where U is taken, averaged over the last steps, m/s. state: state.State; shifts:
         (n, dim) m of this step, or None."""
-        now, before = 0.0, state.drift
+        now, before = 0.0, state.shifting_flux
         if self.shifts and shifts is not None:
             now = shifts[_outside(state.x[:, self.axis], self.lower, self.upper), self.axis].mean() / dt
         return float(before + (now - before) / AVERAGED)
 
-    def missing(self, x, u, v, rate, drift):
+    def gradient_for_flux(self, x, u, v, rate, shifting_flux):
         """G by which the velocities u (n, dim) at x (n, dim) miss what is wanted, m/s2. v: (n, dim) of a unit
-        gradient, s; rate: 1/s, of the step; drift: m/s, of `drifted`. None where no gradient moves the fluid along the
-        axis."""
+        gradient, s; rate: 1/s, of the step; shifting_flux: m/s, of `averaged_shifting_flux`. None where no gradient
+        moves the fluid along the axis."""
         here = _outside(x[:, self.axis], self.lower, self.upper)
         gain = v[here, self.axis].mean()
         if not gain * rate > STUCK:
             return None
-        return (self.wanted / self.fraction - drift - u[here, self.axis].mean()) / gain
+        return (self.wanted / self.fraction - shifting_flux - u[here, self.axis].mean()) / gain
 
     def drop(self, state):
-        """Pressure drop over the box in the step to `state` (step.State), Pa."""
-        return state.push * self.areal
+        """Pressure drop over the box in the step to `state` (state.State), Pa."""
+        return state.pressure_gradient * self.areal
 
 
-def leads_through(ops, x, row, axis):
-    """Whether particles that see each other lead all the way round a periodic axis. ops: Operators; x: (n_rows, dim)
-    table of positions; row: (n_pairs,) rows of the neighbours in it.
+def leads_through(ops, axis):
+    """Whether particles that see each other lead all the way round a periodic axis. ops: Operators.
 
     How far a gradient moves the fluid does not tell: before a wall across it, viscous layers leave a tenth of it.
     """
-    n = len(ops.start) - 1
+    n, (x, row) = ops.n, (ops.neighbours.x, ops.neighbours.row)
     # of two copies of the scene, a way over the seam leads to the other one
     over = np.where(x[row, axis] != x[ops.column, axis], n, 0).astype(ops.column.dtype)
     start = np.concatenate([ops.start, ops.start[-1] + ops.start[1:]])

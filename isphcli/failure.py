@@ -1,7 +1,7 @@
 """When a step goes wrong: the limits that it must keep, what is tried again, and how a run ends. All of it is here.
 
 1. A linear solve that misses its tolerance is repeated with a new hierarchy (the kept one may be stale), then with
-   two cycles of it a call and twice the Krylov vectors and iterations (`STRONGER`, `Stepper._multigrid`). A system
+   two cycles of it a call and twice the Krylov vectors and iterations (`kept_hierarchies.RETRY_FACTOR`). A system
    solved with its diagonal alone gets a hierarchy.
 2. A step of which a solve has failed, or that breaks one of the `Bounds`, is repeated with half its length and new
    hierarchies, up to HALVINGS times.
@@ -12,14 +12,22 @@ A steady solve (`flow: stokes`) that misses its tolerance is tried again as `Sto
 SolveError, exit code 3, and the particles of the largest residuals.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from . import linear, output
 
+if TYPE_CHECKING:
+    from .geometry import Geometry
+    from .state import Configuration, State, StepResult
+    from .step import Stepper
+
 HALVINGS = 4
-STRONGER = 2  # cycles a preconditioner call, and factor of Krylov vectors and iterations, of the last try of a solve
 # benchmarks/limits.py: what runs that ended well reached | runs that blew up, left alone
 GROWTH = 1.5  # of the root mean square speed over what energy allows; <= 1.0 | 5 to 1e14
 DIVERGENCE = 0.5  # largest divergence times dt, the part of its volume that a particle gains; <= 0.23 | 0.3 to 1e27
@@ -31,7 +39,7 @@ NAME = "worst.vtu"
 class StepError(RuntimeError):
     """A step that broke a limit. Attribute `badness`: (n,) how far each particle is beyond it."""
 
-    def __init__(self, message, badness=None):
+    def __init__(self, message: str, badness: np.ndarray | None = None):
         super().__init__(message)
         self.badness = badness
 
@@ -39,7 +47,9 @@ class StepError(RuntimeError):
 class RunError(RuntimeError):
     """A run that had to stop. Attributes: `badness` of the particles, `restart` and `worst`, the files it left."""
 
-    badness = restart = worst = None
+    badness: np.ndarray | None = None
+    restart: Path | None = None
+    worst: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -53,14 +63,14 @@ class Bounds:
     start: m/s; force: m/s2; other: speed of walls and of surface tension, m/s; density: (n,) or 1.
     """
 
-    geometry: object
+    geometry: Geometry | None
     site_volume: float
-    density: object
+    density: np.ndarray | float
     start: float
     force: float
     other: float
 
-    def speed(self, u):
+    def speed(self, u: np.ndarray) -> float:
         """Root mean square speed of velocities (n, dim), weighted with the density."""
         largest = np.abs(u).max()
         if not 0.0 < largest < np.inf:  # squares of very small and very large speeds leave the range of numbers
@@ -68,8 +78,9 @@ class Bounds:
         square = ((u / largest) ** 2).sum(axis=1)
         return largest * np.sqrt(np.average(square, weights=np.broadcast_to(self.density, square.shape)))
 
-    def check(self, old, new, config, divergence, dt):
-        """Raises StepError where the step from state `old` to `new` broke a limit. divergence: (n,) 1/s."""
+    def check(self, old: State, found: StepResult) -> None:
+        """Raises StepError where the step from the State `old` to the StepResult `found` broke a limit."""
+        new, dt = found.state, found.dt
         for name, values in (("position", new.x), ("velocity", new.u), ("pressure", new.p)):
             bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
             if bad.any():
@@ -81,11 +92,11 @@ class Bounds:
             if speed > bound:
                 raise StepError(f"the mean speed is {speed:.3g}, but that {since}, the force and the walls allow "
                                 f"{bound:.3g}", size)
-        change = np.abs(divergence) * dt
+        change = np.abs(found.divergence) * dt
         if change.max() > DIVERGENCE:
             raise StepError(f"a particle would change its volume by {change.max():.2g} of it (limit {DIVERGENCE})",
                             change)
-        volume = config.ops.volume[: len(new.x)] / self.site_volume
+        volume = found.config.ops.volume[: len(new.x)] / self.site_volume
         if volume.min() < VOLUME[0] or volume.max() > VOLUME[1]:
             raise StepError(f"the volumes of particles range from {volume.min():.2g} to {volume.max():.2g} of that at "
                             f"the start (limits {VOLUME[0]} and {VOLUME[1]}): they clump or part",
@@ -96,20 +107,20 @@ class Bounds:
                 raise StepError(f"{inside.sum()} particles are in a wall", inside.astype(float))
 
 
-def attempt(stepper, state, config, dt):
-    """(state, configuration, step length) after a step of dt or, if that fails, a shorter one. Raises RunError."""
+def attempt(stepper: Stepper, state: State, config: Configuration, dt: float) -> StepResult:
+    """The StepResult of a step of dt or, if that fails, of a shorter one. Raises RunError."""
     for halving in range(HALVINGS + 1):
         length = dt * 0.5**halving
         try:
             if state.time + length * 1e-3 == state.time:
                 raise StepError(f"the step {length:.3g} is lost in the digits of the time {state.time:.3g}")
             with np.errstate(all="ignore"):  # what is not finite is found by the bounds
-                new, new_config = stepper.advance(state, config, length)
-                stepper.bounds.check(state, new, new_config, stepper.divergences, length)
-            return new, new_config, length
+                found = stepper.advance(state, config, length)
+                stepper.bounds.check(state, found)
+            return found
         except (linear.SolveError, StepError) as error:
             problem = error
-            stepper.forget()
+            stepper.solvers.drop()
     message = f"step {state.step + 1} at time {state.time:g}: {problem} (the last of {HALVINGS} halvings, {length:.3g})"
     if isinstance(problem, StepError):
         # cavities at Reynolds number 1000 and an orifice that blew up with shifting 0.1 held with each of the first two
@@ -123,7 +134,7 @@ def attempt(stepper, state, config, dt):
     raise error from problem
 
 
-def write_worst(path, x, badness, **fields):
+def write_worst(path: Path, x: np.ndarray, badness: np.ndarray | None, **fields: np.ndarray) -> Path | None:
     """Writes the WORST particles of a step or solve that failed as a VTU; returns its path.
 
     x: (n, dim) m; badness: (n,) how bad each is, or None where nothing is known: then nothing is written, and None is

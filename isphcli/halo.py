@@ -1,5 +1,8 @@
 """Periodic images as halo particles: rows of one table (owner, shift); kernels never see periodicity."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,16 +19,16 @@ class Halo:
     owner: np.ndarray
     shift: np.ndarray
 
-    def positions(self, x):
+    def positions(self, x: np.ndarray) -> np.ndarray:
         """Owned rows followed by their images, (n + n_halo, dim)."""
         return np.concatenate([x, x[self.owner] + self.shift]) if len(self.owner) else x
 
-    def owners(self, n):
+    def owners(self, n: int) -> np.ndarray:
         """Owner of every row, (n + n_halo,) int32: the identity for the first n."""
         return np.concatenate([np.arange(n, dtype=np.int32), self.owner])
 
 
-def wrap(x, lower, upper, periodic):
+def wrap(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, periodic: Sequence[bool] | np.ndarray) -> np.ndarray:
     """Positions moved back into the box along periodic axes, (n, dim)."""
     x = x.copy()
     for axis in np.flatnonzero(periodic):
@@ -37,7 +40,7 @@ def wrap(x, lower, upper, periodic):
     return x
 
 
-def build_halo(x, lower, upper, periodic, support):
+def build_halo(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, periodic: np.ndarray, support: float) -> Halo:
     """Images of x within one support of the box; a box thinner than a support gets several images along that axis.
 
     x: (n, dim) inside the box; lower, upper: (dim,); periodic: (dim,) bool; support: m.

@@ -40,14 +40,13 @@ class Band:
     strength: np.ndarray
 
 
-def find_band(ops, x, row, colour, near, kind, support, spacing, ghosts=None, wanted=None):
+def find_band(ops, colour, near, spacing, ghosts=None, wanted=None):
     """The Band of a configuration.
 
-    ops: Operators; x: (n_rows, dim) table of positions; row: (n_pairs,) rows of the neighbours; near: (n,) of
-    `near_interface`; support, spacing: m; ghosts: what walls carry on of the interface (contact_angle.Ghosts), or None;
-    wanted: (n,) bool, particles whose normals are asked for, or None for all.
+    ops: Operators; near: (n,) of `near_interface`; spacing: m; ghosts: what walls carry on of the interface
+    (contact_angle.Ghosts), or None; wanted: (n,) bool, particles whose normals are asked for, or None for all.
     """
-    start, offset, seen, _, volume = ghost_arrays(ghosts, len(colour), x.shape[1])
+    beyond = ghost_arrays(ghosts, len(colour), ops.dim)
     if wanted is None:
         wanted = np.ones(len(colour), np.bool_)
     reach, smooth, known = near, colour, wanted
@@ -55,13 +54,13 @@ def find_band(ops, x, row, colour, near, kind, support, spacing, ghosts=None, wa
         known = dilate(ops.start, ops.column, known)
     for _ in range(AVERAGES):
         reach = dilate(ops.start, ops.column, reach)
-        smooth = average(ops.start, ops.column, row, x, ops.volume, kind, support, smooth, reach & known,
-                         start, offset, seen, volume)
+        smooth = average(ops.neighbours, ops.volume, smooth, reach & known, beyond)
     reach = reach & wanted
     normal, strength = _normals(ops.start, ops.column, ops.grad_p, smooth, reach, FAINT / spacing)
     if ghosts is not None:
-        _normals_with_ghosts(ops.start, ops.column, row, x, ops.volume, kind, support, smooth, reach, FAINT / spacing,
-                             start, offset, seen, volume, normal, strength)
+        beside, at_the_wall, strong = _normals_with_ghosts(ops.neighbours, ops.volume, smooth, reach, FAINT / spacing,
+                                                           beyond)
+        normal[beside], strength[beside] = at_the_wall[beside], strong[beside]
     return Band(smooth, normal, strength)
 
 
@@ -72,12 +71,11 @@ def ghost_arrays(ghosts, n, dim):
     return ghosts.start, ghosts.offset, ghosts.colour, ghosts.normal, ghosts.volume
 
 
-def crossings(ops, x, row, colour, near, kind, support):
+def crossings(ops, colour, near):
     """Fraction t of the way from i to j at which a pair crosses the interface, (n_pairs,); 0.5 for like pairs.
     Arguments as those of `find_band`."""
-    dim = x.shape[1]
-    point, weight = _adjacent(ops.start, ops.column, row, x, ops.volume, colour, ADJACENT)
-    depth = _depths(ops.start, ops.column, row, x, colour, point, weight, near, kind, support, dim)
+    point, weight = _adjacent(ops.neighbours, ops.volume, colour, ADJACENT)
+    depth = _depths(ops.neighbours, colour, point, weight, near, ops.dim)
     return _fractions(ops.start, ops.column, colour, depth)
 
 
@@ -109,11 +107,14 @@ def dilate(start, column, mark):
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def average(start, column, row, x, weight, kind, support, f, mark, ghost_start, ghost_offset, ghost_f, ghost_weight):
+def average(neighbours, weight, f, mark, ghosts):
     """Kernel average sum_j w W f / sum_j w W of the marked particles, (n,), j = i and the ghosts included; f elsewhere.
 
-    weight: (n,) w, the volumes or more; f: (n,); mark: (n,) bool; ghosts as in contact_angle.Ghosts.
+    weight: (n,) w, the volumes or more; f: (n,); mark: (n,) bool; ghosts: of `ghost_arrays`.
     """
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    kind, support = neighbours.kind, neighbours.support
+    ghost_start, ghost_offset, ghost_f, _, ghost_weight = ghosts
     n, dim = len(start) - 1, x.shape[1]
     out = f.copy()
     for i in prange(n):
@@ -136,8 +137,10 @@ def average(start, column, row, x, weight, kind, support, f, mark, ghost_start, 
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def averages(start, column, row, x, weight, kind, support, f, times):
+def averages(neighbours, weight, f, times):
     """f (n,) averaged so many times over the particles of weight (n,) above zero, without ghosts: see `average`."""
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    kind, support = neighbours.kind, neighbours.support
     n = len(start) - 1
     share, own = np.empty(len(column)), np.empty(n)
     for i in prange(n):
@@ -204,23 +207,29 @@ def _normalise(gradient, faint):
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def _normals_with_ghosts(start, column, row, x, volume, kind, support, f, mark, faint,
-                         ghost_start, ghost_offset, ghost_f, ghost_volume, normal, strength):
-    """Normals of the particles that see ghosts: gradients of eq. 5 over fluid and ghosts."""
+def _normals_with_ghosts(neighbours, volume, f, mark, faint, ghosts):
+    """(which of the marked particles see ghosts, (n,) bool, their normals (n, dim), strengths (n,)): gradients of eq. 5
+    over fluid and ghosts."""
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    kernel = neighbours.kind, neighbours.support
+    ghost_start, ghost_offset, ghost_f, _, ghost_volume = ghosts
     n, dim = len(start) - 1, x.shape[1]
+    beside, normal, strength = np.zeros(n, np.bool_), np.zeros((n, dim)), np.zeros(n)
     for i in prange(n):
         if mark[i] and ghost_start[i + 1] > ghost_start[i]:
+            beside[i] = True
             sums, dz = NO_SLOPE, 0.0
             for p in range(start[i], start[i + 1]):
                 j, q = column[p], row[p]
                 if dim == 3:
                     dz = x[q, 2] - x[i, 2]
-                sums = _add_slope(sums, x[q, 0] - x[i, 0], x[q, 1] - x[i, 1], dz, f[j] - f[i], volume[j], kind, support)
+                offset = x[q, 0] - x[i, 0], x[q, 1] - x[i, 1], dz
+                sums = _add_slope(sums, offset, f[j] - f[i], volume[j], kernel)
             for p in range(ghost_start[i], ghost_start[i + 1]):
                 if dim == 3:
                     dz = ghost_offset[p, 2]
-                sums = _add_slope(sums, ghost_offset[p, 0], ghost_offset[p, 1], dz, ghost_f[p] - f[i], ghost_volume,
-                                  kind, support)
+                offset = ghost_offset[p, 0], ghost_offset[p, 1], dz
+                sums = _add_slope(sums, offset, ghost_f[p] - f[i], ghost_volume, kernel)
             spread, inverse = np.empty(6), np.zeros((3, 3))
             for k in range(6):
                 spread[k] = sums[k]
@@ -228,24 +237,27 @@ def _normals_with_ghosts(start, column, row, x, volume, kind, support, f, mark, 
             for k in range(dim):
                 normal[i, k] = inverse[k, 0] * sums[6] + inverse[k, 1] * sums[7] + inverse[k, 2] * sums[8]
             strength[i] = _normalise(normal[i], faint)
+    return beside, normal, strength
 
 
 NO_SLOPE = (0.0,) * 9
 
 
 @njit(cache=True, inline="always")
-def _add_slope(s, x, y, z, difference, volume, kind, support):
+def _add_slope(s, offset, difference, volume, kernel):
     """The sums of w d (x) d (xx, yy, zz, yz, xz, xy) and w d (f_j - f_i), w = F V / r, with one more neighbour."""
+    x, y, z = offset
     r = math.sqrt(x * x + y * y + z * z)
-    w = volume * slope(kind, r / support) / r if r > 0.0 else 0.0
+    w = volume * slope(kernel[0], r / kernel[1]) / r if r > 0.0 else 0.0
     a, b, c = w * x, w * y, w * z
     return (s[0] + x * a, s[1] + y * b, s[2] + z * c, s[3] + y * c, s[4] + x * c, s[5] + x * b,
             s[6] + a * difference, s[7] + b * difference, s[8] + c * difference)  # fmt: skip
 
 
 @njit(cache=True, parallel=True)
-def _adjacent(start, column, row, x, volume, colour, reach):
+def _adjacent(neighbours, volume, colour, reach):
     """Mean crossing point of the adjacent unlike pairs of each particle, relative to it, (n, dim), and its weight."""
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     n, dim = len(start) - 1, x.shape[1]
     point, weight = np.zeros((n, dim)), np.zeros(n)
     farthest = (reach * np.max(volume) ** (1.0 / dim)) ** 2
@@ -272,13 +284,15 @@ def _adjacent(start, column, row, x, volume, colour, reach):
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def _depths(start, column, row, x, colour, point, weight, near, kind, support, dim):
+def _depths(neighbours, colour, point, weight, near, dim):
     """Distance of the particles near the interface to the plane through the crossings that they see; nan where they
     see none.
 
     The plane goes through the mean of the crossings; its normal is the direction in which they spread least. Where
     they spread in all directions alike, as for a bubble of some particles, it is that from the one fluid to the other.
     """
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    kind, support = neighbours.kind, neighbours.support
     n = len(start) - 1
     depth = np.full(n, np.nan)
     for i in prange(n):

@@ -131,9 +131,9 @@ class Measures:
     def ganglia(self, config, k):
         """Number of the separate parts of fluid k."""
         start, column = config.ops.start, config.ops.column
-        x, owner = config.x, np.repeat(np.arange(len(start) - 1), np.diff(start))
+        x, owner = config.ops.neighbours.x, np.repeat(np.arange(len(start) - 1), np.diff(start))
         like = (self.phase[owner] == k) & (self.phase[column] == k)
-        owner, column, row = owner[like], column[like], config.row[like]
+        owner, column, row = owner[like], column[like], config.ops.neighbours.row[like]
         offset = x[row] - x[owner]
         near = (offset * offset).sum(axis=1) < (LINKED * self.distance) ** 2
         number = np.cumsum(self.phase == k) - 1
@@ -157,7 +157,7 @@ class Measures:
         points, depth, normal = points[same], depth[same], normals[np.argmin(depth)]
         if len(points) < 3 * self.geometry.dim:
             return None
-        centre = self._centre_of_drop(config.x[: len(self.phase)])
+        centre = self._centre_of_drop(config.x)
         points = self._round(points, centre)
         off, middle, radius = self._fit(points)
         foot = points @ normal - depth  # of the wall along its normal
@@ -176,7 +176,7 @@ class Measures:
         owner = np.repeat(np.arange(len(start) - 1), np.diff(start))
         unlike = (colour[owner] >= 0.5) & (colour[column] < 0.5)
         inner, outer = colour[owner[unlike]], colour[column[unlike]]
-        a, b = config.x[owner[unlike]], config.x[config.row[unlike]]
+        a, b = config.x[owner[unlike]], config.ops.neighbours.x[config.ops.neighbours.row[unlike]]
         near = ((b - a) ** 2).sum(axis=1) < (ADJACENT * self.distance) ** 2
         return (a + ((inner - 0.5) / (inner - outer))[:, None] * (b - a))[near]
 

@@ -1,6 +1,9 @@
 """Neighbour search: a cell list and rows of neighbours in CSR form."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -20,12 +23,43 @@ class Pairs:
     index: np.ndarray
 
     @property
-    def count(self):
+    def count(self) -> np.ndarray:
         """Neighbours of each particle, (n,)."""
         return np.diff(self.start)
 
 
-def find_pairs(x, n, support):
+class Neighbourhood(NamedTuple):
+    """The neighbours of the n fluid particles, as kernels take them.
+
+    start: (n + 1,) int64 row pointers; column: (n_pairs,) int32 particle that each neighbour is or images; row:
+    (n_pairs,) int32 its row in the table of positions; x: (n_rows, dim) that table, m: fluid particles, dummies,
+    periodic images; owner: (n_rows,) int32 particle that each row is or images; kind: kernel number; support: m.
+
+    One holds all neighbours, dummies included (their columns are n and more), the other those fluid neighbours that no
+    wall hides (`Operators.neighbours`).
+    """
+
+    start: np.ndarray
+    column: np.ndarray
+    row: np.ndarray
+    x: np.ndarray
+    owner: np.ndarray
+    kind: int
+    support: float
+
+    @property
+    def n(self) -> int:
+        """Number of fluid particles."""
+        return len(self.start) - 1
+
+
+def neighbourhood(x: np.ndarray, owner: np.ndarray, n: int, kind: int, support: float) -> Neighbourhood:
+    """All neighbours of the first n rows of the table x (n_rows, dim), m. owner: (n_rows,) int32; support: m."""
+    pairs = find_pairs(x, n, support)
+    return Neighbourhood(pairs.start, owner[pairs.index], pairs.index, x, owner, kind, support)
+
+
+def find_pairs(x: np.ndarray, n: int, support: float) -> Pairs:
     """All pairs closer than the support radius, rows sorted by cell.
 
     x: (n_rows, dim) positions, owned particles first, then halo and dummies; n: rows that get neighbours;

@@ -14,13 +14,20 @@ Lengths inside the kernels are divided by the support radius, so that nothing de
 Scenes in 2D carry a third component of zero: one code path serves both.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit, prange
 
 from .kernel import QUINTIC_SPLINE, WENDLAND_C2, WENDLAND_C4, normalisation, shape, slope
+from .neighbours import Neighbourhood
+
+if TYPE_CHECKING:
+    from .walls import WallSums
 
 CHUNKS = 64  # rows are handed to threads in this many pieces, each with its own scratch arrays
 LANES = 8  # rows are padded to a multiple of this many neighbours: whole vectors
@@ -41,70 +48,80 @@ SINGULAR = 1e-7  # scaled pivot below which a correction system counts as rank-d
 class Operators:
     """Weights of one configuration; the first `n` rows are the fluid particles.
 
-    start: (n + 1,) row pointers; column: (n_pairs,) int32 owners of the fluid neighbours;
+    neighbours: fluid neighbours in sight;
     lap: (n_pairs,) weights of the velocity Laplacian, 1/m2; grad: (n_pairs, dim) of its gradient, 1/m;
     lap_p, grad_p: the same for the pressure (the very same arrays where a scene has no walls);
     volume: (n,) m^dim; deficient: particles that fell back on a simpler correction;
     walls: sums over the neighbours beyond a wall, or None (see `walls.WallSums`).
     """
 
-    start: np.ndarray
-    column: np.ndarray
+    neighbours: Neighbourhood
     lap: np.ndarray
     grad: np.ndarray
     lap_p: np.ndarray
     grad_p: np.ndarray
     volume: np.ndarray
     deficient: int = 0
-    walls: object = None
+    walls: WallSums | None = None
 
     @property
-    def n(self):
+    def n(self) -> int:
         """Number of fluid particles."""
-        return len(self.start) - 1
+        return self.neighbours.n
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return self.grad.shape[1]
+
+    @property
+    def start(self) -> np.ndarray:
+        """(n + 1,) row pointers of the pairs."""
+        return self.neighbours.start
+
+    @property
+    def column(self) -> np.ndarray:
+        """(n_pairs,) int32 particles that the neighbours are or image."""
+        return self.neighbours.column
 
 
-def particle_volumes(x, pairs, kind, support):
-    """V_i = 1 / sum_j W_ij, the sum including j = i (eq. 7), (n,) m^dim."""
-    return _volumes(x, pairs.start, pairs.index, kind, support)
+def particle_volumes(neighbours: Neighbourhood) -> np.ndarray:
+    """V_i = 1 / sum_j W_ij, the sum over all neighbours and j = i (eq. 7), (n,) m^dim."""
+    return _volumes(neighbours)
 
 
-def build_operators(x, pairs, owner, volume, kind, support, order=2):
-    """Operators of a scene without walls.
-
-    x: (n_rows, dim) owned particles and halo; pairs: neighbours of the owned ones; owner: (n_rows,) int32;
-    volume: (n,); kind: kernel number; support: m; order: 1 (eq. 5) or 2 (gradient exact for quadratics).
-    """
-    lap, grad, deficient = _rows(x, pairs.start, pairs.index, owner, volume, kind, support, order)
-    return Operators(pairs.start, owner[pairs.index], lap, grad, lap, grad, volume, int(deficient.sum()))
+def build_operators(neighbours: Neighbourhood, volume: np.ndarray, order: int = 2) -> Operators:
+    """Operators of a scene without walls. volume: (n,) m^dim; order: 1 (eq. 5) or 2 (gradient exact for quadratics)."""
+    lap, grad, deficient = _rows(neighbours, volume, order)
+    return Operators(neighbours, lap, grad, lap, grad, volume, int(deficient.sum()))
 
 
-def laplacian(ops, f):
+def laplacian(ops: Operators, f: np.ndarray) -> np.ndarray:
     """Velocity Laplacian of f (n, k) without the wall terms."""
     return _laplacian(ops.start, ops.column, ops.lap, f)
 
 
-def gradient(ops, f):
+def gradient(ops: Operators, f: np.ndarray) -> np.ndarray:
     """Velocity gradient d f_c / d x_k of f (n, c) as (n, c, k), without the wall terms."""
     return _gradient(ops.start, ops.column, ops.grad, f)
 
 
-def gradient_p(ops, p):
+def gradient_p(ops: Operators, p: np.ndarray) -> np.ndarray:
     """Pressure gradient (n, dim) of p (n,)."""
     return _gradient_scalar(ops.start, ops.column, ops.grad_p, p)
 
 
-def gradient_one_sided(ops, f):
+def gradient_one_sided(ops: Operators, f: np.ndarray) -> np.ndarray:
     """Gradients (n, c, dim) of f (n, c) with the weights of the pressure: over fluid neighbours only beside walls."""
     return _gradient(ops.start, ops.column, ops.grad_p, f)
 
 
-def divergence(ops, u):
+def divergence(ops: Operators, u: np.ndarray) -> np.ndarray:
     """Divergence (n,) of u (n, dim) without the wall terms."""
     return _divergence(ops.start, ops.column, ops.grad, u)
 
 
-def total_divergence(ops, u):
+def total_divergence(ops: Operators, u: np.ndarray) -> np.ndarray:
     """Divergence (n,) of u (n, dim), walls included."""
     div = divergence(ops, u)
     if ops.walls is not None:
@@ -114,8 +131,19 @@ def total_divergence(ops, u):
     return div
 
 
+def potential_gradient(ops: Operators, force: np.ndarray) -> np.ndarray:
+    """A uniform acceleration force (dim,) as the gradient of its potential in the pressure's own operator, (n, dim).
+
+    Where the neighbours span all directions it is the force itself; in a dead end one particle wide it is what a
+    pressure can balance, and the fluid rests.
+    """
+    return _potential_gradient(ops.neighbours, ops.grad_p, force)
+
+
 @njit(cache=True, parallel=True)
-def _volumes(x, start, index, kind, support):
+def _volumes(neighbours):
+    x, start, index = neighbours.x, neighbours.start, neighbours.row
+    kind, support = neighbours.kind, neighbours.support
     n, dim = len(start) - 1, x.shape[1]
     volume = np.empty(n)
     scale = normalisation(kind, support, dim)
@@ -146,22 +174,23 @@ def new_star(size):
 
 
 @njit(cache=True, error_model="numpy")
-def gather_star(x, i, begin, end, index, owner, volume, kind, support, star):
-    """The neighbours index[begin:end] of particle i into star = (ex, ey, ez, s, w).
+def gather_star(neighbours, i, volume, star):
+    """The neighbours of particle i into star = (ex, ey, ez, s, w).
 
     e: direction; s: distance / support; w: F V support. Coincident particles get e = 0, w = 0 and s = 1: they
     do not act on each other, shifting parts them. Weightless neighbours fill up whole vectors.
     Returns the number with those.
     """
     ex, ey, ez, s, w = star
-    count, dim = end - begin, x.shape[1]
+    x, kind, support, begin = neighbours.x, neighbours.kind, neighbours.support, neighbours.start[i]
+    count, dim = neighbours.start[i + 1] - begin, x.shape[1]
     x0, x1 = x[i, 0], x[i, 1]
     x2 = x[i, 2] if dim == 3 else 0.0
     for k in range(count):
-        j = np.uint32(index[begin + k])
+        j = np.uint32(neighbours.row[begin + k])
         ex[k], ey[k] = x[j, 0] - x0, x[j, 1] - x1
         ez[k] = x[j, 2] - x2 if dim == 3 else 0.0
-        w[k] = volume[np.uint32(owner[j])]
+        w[k] = volume[np.uint32(neighbours.column[begin + k])]
     padded = (count + LANES - 1) // LANES * LANES
     for k in range(count, padded):
         ex[k], ey[k], ez[k], w[k] = 0.0, 0.0, 0.0, 0.0
@@ -341,14 +370,23 @@ def _pseudo_inverse(moments, dim, g, whole):
 
 
 @njit(cache=True, error_model="numpy")
-def correction(moments, dim, order, g, system, right, drift, spread):
-    """Solves for L_i and, for order 2, K_i.
+def new_correction():
+    """Scratch arrays for the tensors of one particle, (g, system, right, drift, spread), see `correction`."""
+    return np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 4)), np.empty(3), np.empty((3, 3))
 
-    moments: (41,) sums; g: (3, 3) G_i. Scratch: system (6, 6). Results, in the order xx yy zz yz xz xy:
-    right (6, 4): column 0 the weights l of L_i : e e = sum_v l_v e_v, columns 1-3 K_i;
+
+@njit(cache=True, error_model="numpy")
+def correction(moments, dim, order, tensors):
+    """The correction tensors of one particle: G_i, L_i and, for order 2, K_i.
+
+    moments: (41,) sums. tensors: (g (3, 3) G_i; system (6, 6) scratch; right, drift, spread), in the order
+    xx yy zz yz xz xy: right (6, 4): column 0 the weights l of L_i : e e = sum_v l_v e_v, columns 1-3 K_i;
     drift (3,): 2 sum_v l_v R_v, what multiplies the gradient in the Laplacian; spread (3, 3): 1 + K R.
-    Returns True where the system was rank-deficient: then L_i is a multiple of the identity and K_i zero.
+    Returns True where a system was rank-deficient: G_i is then a pseudo-inverse, or L_i a multiple of the identity and
+    K_i zero.
     """
+    g, system, right, drift, spread = tensors
+    thin = invert_gradient(moments, dim, g)
     # P_uk: the gradient of eq. 5 of the quadratic function u, which ought to vanish at the particle
     p = right  # columns 1-3 first hold P
     for v in range(6):
@@ -399,7 +437,7 @@ def correction(moments, dim, order, g, system, right, drift, spread):
                 for v in range(6):
                     t += right[v, 1 + m] * moments[6 + _THIRD[v, k]]
                 spread[m, k] = t
-    return deficient
+    return thin or deficient
 
 
 @njit(cache=True, error_model="numpy")
@@ -439,12 +477,13 @@ def _solve(a, b, columns):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def star_weights(star, padded, g, right, drift, spread, order, out):
+def star_weights(star, padded, tensors, order, out):
     """Weights of every neighbour of a star into out (4, padded).
 
     out[0]: of the Laplacian (times support^2); out[1:4]: of the gradient (times support).
     """
     ex, ey, ez, s, w = star
+    g, _, right, drift, spread = tensors
     lap, gx, gy, gz = out[0], out[1], out[2], out[3]
     g00, g01, g02, g11, g12, g22 = g[0, 0], g[0, 1], g[0, 2], g[1, 1], g[1, 2], g[2, 2]
     l0, l1, l2, l3, l4, l5 = right[0, 0], right[1, 0], right[2, 0], right[3, 0], right[4, 0], right[5, 0]
@@ -476,23 +515,21 @@ def star_weights(star, padded, g, right, drift, spread, order, out):
 
 
 @njit(cache=True, parallel=True)
-def _rows(x, start, index, owner, volume, kind, support, order):
-    n, dim, size = len(start) - 1, x.shape[1], star_size(start)
-    lap = np.empty(len(index))
-    grad = np.empty((len(index), dim))
+def _rows(neighbours, volume, order):
+    start = neighbours.start
+    n, dim, size = len(start) - 1, neighbours.x.shape[1], star_size(start)
+    lap = np.empty(len(neighbours.row))
+    grad = np.empty((len(neighbours.row), dim))
     deficient = np.zeros(CHUNKS, np.int64)
     for chunk in prange(CHUNKS):
         star, moments, out = new_star(size), np.empty(41), np.empty((4, size))
-        g, system, right = np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 4))
-        drift, spread = np.empty(3), np.empty((3, 3))
+        tensors = new_correction()
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
-            padded = gather_star(x, i, start[i], start[i + 1], index, owner, volume, kind, support, star)
+            padded = gather_star(neighbours, i, volume, star)
             star_moments(star, padded, moments)
-            poor = invert_gradient(moments, dim, g)
-            poor |= correction(moments, dim, order, g, system, right, drift, spread)
-            deficient[chunk] += poor
-            star_weights(star, padded, g, right, drift, spread, order, out)
-            _store(out, start[i], start[i + 1], support, lap, grad)
+            deficient[chunk] += correction(moments, dim, order, tensors)
+            star_weights(star, padded, tensors, order, out)
+            _store(out, start[i], start[i + 1], neighbours.support, lap, grad)
     return lap, grad, deficient
 
 
@@ -563,12 +600,8 @@ def _divergence(start, column, grad, u):
 
 
 @njit(cache=True, parallel=True)
-def potential_gradient(start, row, x, grad_p, force):
-    """A uniform acceleration force (dim,) as the one-sided gradient of its potential, (n, dim).
-
-    Where the neighbours span all directions it is the force itself; in a dead end one particle wide it is what a
-    pressure can balance, and the fluid rests. row: (n_pairs,) rows of the neighbours in the table x (n_rows, dim).
-    """
+def _potential_gradient(neighbours, grad_p, force):
+    start, row, x = neighbours.start, neighbours.row, neighbours.x
     n, dim = len(start) - 1, len(force)
     out = np.zeros((n, dim))
     for i in prange(n):

@@ -37,8 +37,8 @@ class RestartError(ValueError):
 class Saved:
     """A run between two steps.
 
-    state: step.State; origins: {name of a hierarchy: (state before the step in which it was built, length of that step,
-    s, iterations of its first use)}; energies: [(time, energy)] that the test for a steady state looks back on;
+    state: state.State; origins: {name of a hierarchy: (state before the step in which it was built, length of that
+    step, s, iterations of its first use)}; energies: [(time, energy)] that the test for a steady state looks back on;
     record: what the case said, see `record_of`.
     """
 
@@ -119,7 +119,7 @@ def _check_fits(path, state, like):
         here, there = (np.shape(f[name]) if name in f else None for f in (found, wanted))
         if here != there:
             what = f"{name} has the shape {here}, the case needs {there}"
-            if name in ("drift", "push"):
+            if name in ("shifting_flux", "pressure_gradient"):
                 what = "one of the file and the case holds a superficial velocity, the other does not"
             raise RestartError(f"{path}: {what}; restart with the case that wrote it")
 

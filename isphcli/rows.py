@@ -6,14 +6,17 @@ With e the unit vector from particle i to its neighbour j, s their distance over
 
 the weights of eqs 5-6 (see `operators` and `walls`) are
 
-    lap_ij = L_i : T - b_i . a,   grad_ij = M_i a - K_i : T,   grad_p_ij = Q_i a,   natural_ij = c_i w / s .
+    lap_ij = L_i : T - b_i . a,   grad_ij = M_i a - K_i : T,   grad_p_ij = Q_i a,   symmetric_ij = c_i w / s .
 
-K makes the gradient of the velocity exact for quadratic functions. A lattice has as many different (a, T) as a star
-has neighbours, however many particles there are: a pair keeps the number of its shape, one byte, where the weights
-took 80.
+K makes the gradient of the velocity exact for quadratic functions. A lattice has as many different (a, T) as a
+neighbourhood has neighbours, however many particles there are: a pair keeps the number of its offset, one byte, where
+the weights took 80.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,151 +28,160 @@ from .operators import (
     correction,
     gather_star,
     invert_gradient,
+    new_correction,
     new_star,
     second_moments,
     star_moments,
     star_size,
 )
-from .walls import add_slip, set_wall_velocity
+from .walls import BoundarySums, WallStars, add_wall_pair, meet_walls, new_boundary_sums, new_wall_pair
 
 # Share by which diagonals of the conductances are raised. Pressure is known up to a constant in each component; in a
 # pocket smaller than an aggregate the coarse matrices hold nothing but that constant and divide by round-off.
 GROUND = 1e-6
-MOST_SHAPES = 255  # more, and every pair keeps a shape of its own: particles off a lattice
+MOST_OFFSETS = 255  # more, and every pair keeps an offset of its own: particles off a lattice
 
 
-@dataclass(frozen=True)
-class Rows:
-    """Rows of the fluid particles over the fluid neighbours in sight; columns are owners.
+class LatticePairs(NamedTuple):
+    """The pairs of fluid particles in sight as kernels take them; columns are owners.
 
-    start: (n + 1,); column: (n_pairs,) int32; shape: (n_pairs,) number of the pair's shape.
-    Of the shapes: step (m, dim) x_j - x_i, m; pull (m, 3) a; bend (m, 6) T; tie (m,) w / s.
-    Of the particles: laplace (n, 9) L and b, 1/m2; gradient (n, dim, dim) M and gradient_p Q, 1/m; scale (n,) c,
-    1/m2; curve (n, dim, 6) K, 1/m, or (0, dim, 6) for gradients of first order; curve_p, the same of the pressure
-    gradient away from walls, (0, dim, 6) on a lattice, where it vanishes.
-    Sums over the neighbours beyond walls, see `walls.WallSums`: wall_lap (n,), wall_lap_velocity (n, dim),
-    wall_div (n, dim), wall_div_velocity (n,), slip (n, dim, dim) or None.
-    deficient: particles that fell back on a simpler correction.
+    start: (n + 1,); column: (n_pairs,) int32; offset_id: (n_pairs,) number of the offset of the pair. Of the m offsets:
+    step (m, dim) x_j - x_i, m; first_moment (m, 3) a; second_moment (m, 6) T; pair_laplacian (m,) w / s.
     """
 
     start: np.ndarray
     column: np.ndarray
-    shape: np.ndarray
+    offset_id: np.ndarray
     step: np.ndarray
-    pull: np.ndarray
-    bend: np.ndarray
-    tie: np.ndarray
+    first_moment: np.ndarray
+    second_moment: np.ndarray
+    pair_laplacian: np.ndarray
+
+
+class Factors(NamedTuple):
+    """Tensors of the particles as kernels take them.
+
+    laplace: (n, 9) L and b, 1/m2; gradient: (n, dim, dim) M and gradient_p Q, 1/m; scale: (n,) c, 1/m2; k_tensor:
+    (n, dim, 6) K, 1/m, or (0, dim, 6) for gradients of first order; k_tensor_p, the same of the pressure gradient away
+    from walls, (0, dim, 6) on a lattice, where it vanishes.
+    """
+
     laplace: np.ndarray
     gradient: np.ndarray
     gradient_p: np.ndarray
     scale: np.ndarray
-    curve: np.ndarray
-    curve_p: np.ndarray
-    wall_lap: np.ndarray
-    wall_lap_velocity: np.ndarray
-    wall_div: np.ndarray
-    wall_div_velocity: np.ndarray
-    slip: np.ndarray | None
+    k_tensor: np.ndarray
+    k_tensor_p: np.ndarray
+
+
+@dataclass(frozen=True)
+class LatticeWeights:
+    """The operators of the fluid particles of a steady solve.
+
+    pairs, tensors: see there; walls: sums over the neighbours beyond walls (`walls.WallSums`), slips: whether a wall
+    slips; deficient: particles that fell back on a simpler correction.
+    """
+
+    pairs: LatticePairs
+    tensors: Factors
+    walls: BoundarySums
+    slips: bool
     deficient: int
 
     @property
-    def n(self):
+    def n(self) -> int:
         """Number of fluid particles."""
-        return len(self.start) - 1
+        return len(self.pairs.start) - 1
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return self.pairs.step.shape[1]
 
 
-def build_rows(x, pairs, fraction, owner, volume, table, kind, support, order=1):
-    """(Rows, row of each pair in the table of positions); arguments as those of `walls.build_wall_operators`."""
-    n, dim = len(pairs.start) - 1, x.shape[1]
-    start, row = _in_sight(pairs.start, pairs.index, fraction)
-    shape, step, count = _shapes(x, start, row, 1e-6 * support)
-    if count <= MOST_SHAPES:
+def build_lattice_weights(stars: WallStars, order: int = 1) -> tuple[LatticeWeights, np.ndarray]:
+    """(LatticeWeights, row of each pair in the table of positions). order: of the velocity gradient, 1 (eq. 5) or 2."""
+    everyone, walls, fraction, volume = stars.neighbours, stars.walls, stars.fraction, stars.volume
+    x, n = everyone.x, everyone.n
+    start, row = _in_sight(everyone.start, everyone.row, fraction)
+    offset_id, step, count = _offsets(x, start, row, 1e-6 * everyone.support)
+    if count <= MOST_OFFSETS:
         step, weight = step[:count].copy(), np.full(count, volume[0])
     else:
-        shape = np.arange(len(row), dtype=np.int32)
-        step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[owner[row]]
-    pull, bend, tie = _shape_weights(step, weight, kind, support)
-    slips = bool(np.any(table.slip_length > 0.0))
-    tensors = (np.empty((n, 9)), np.empty((n, dim, dim)), np.empty((n, dim, dim)), np.empty(n),
-               np.zeros((n if order == 2 else 0, dim, 6)),
-               np.zeros((n if order == 2 and count > MOST_SHAPES else 0, dim, 6)))
-    sums = np.zeros(n), np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(n)
-    slip = np.zeros((n if slips else 0, dim, dim))
-    spin = np.zeros((0, dim, dim)) if table.spin is None else table.spin
-    deficient = _factors(x, pairs.start, pairs.index, fraction, owner, volume, kind, support, order,
-                         table.distance, table.wall, table.velocity, spin, table.slip_length, table.normal,
-                         *tensors, *sums, slip)
-    return Rows(start, owner[row], shape, step, pull, bend, tie, *tensors, *sums, slip if slips else None,
-                int(deficient.sum())), row
+        offset_id = np.arange(len(row), dtype=np.int32)
+        step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[everyone.owner[row]]
+    first_moment, second_moment, pair_laplacian = _offset_weights(step, weight, everyone.kind, everyone.support)
+    slips = bool(np.any(walls.slip_length > 0.0))
+    deficient, tensors, sums = _factors(everyone, fraction, volume, order, walls, count > MOST_OFFSETS)
+    pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
+    return LatticeWeights(pairs, Factors(*tensors), BoundarySums(*sums), slips, int(deficient.sum())), row
 
 
-def velocity_matrix(rows, dx, dtype=float):
+def velocity_matrix(ops: LatticeWeights, dx: float, dtype: type = float) -> sp.csr_matrix:
     """-dx^2 lap, walls included, in canonical CSR form."""
-    return _canonical(rows, *_velocity_entries(rows.start, rows.column, rows.shape, rows.pull, rows.bend, rows.laplace,
-                                               rows.wall_lap, dx * dx, np.dtype(dtype).type(0)))
+    entries = _velocity_entries(ops.pairs, ops.tensors.laplace, ops.walls.lap, dx * dx, np.dtype(dtype).type(0))
+    return _canonical(ops.n, *entries)
 
 
-def conductance_matrix(rows, w, dx):
-    """-dx^2 div(w grad) with the natural weights and harmonic means of w (n,) over the pairs, canonical CSR.
+def conductance_matrix(ops: LatticeWeights, w: np.ndarray, dx: float) -> sp.csr_matrix:
+    """-dx^2 div(w grad) with the symmetric weights and harmonic means of w (n,) over the pairs, canonical CSR.
 
     Its diagonal is raised by `GROUND`.
     """
-    entries = _conductance_entries(rows.start, rows.column, rows.shape, rows.tie, rows.scale, w, dx * dx)
-    return _canonical(rows, *entries)
+    return _canonical(ops.n, *_conductance_entries(ops.pairs, ops.tensors.scale, w, dx * dx))
 
 
-def _canonical(rows, start, column, entries):
-    matrix = sp.csr_matrix((entries, column, start), shape=(rows.n, rows.n))
+def _canonical(n: int, start: np.ndarray, column: np.ndarray, entries: np.ndarray) -> sp.csr_matrix:
+    matrix = sp.csr_matrix((entries, column, start), shape=(n, n))
     matrix.sum_duplicates()
     return matrix
 
 
-def gradient_p(rows, p):
+def gradient_p(ops: LatticeWeights, p: np.ndarray) -> np.ndarray:
     """Pressure gradient (n, dim) of p (n,)."""
-    gradient = _gradient_p(rows.start, rows.column, rows.shape, rows.pull, rows.gradient_p, p)
-    if len(rows.curve_p):
-        gradient -= _bent(rows.start, rows.column, rows.shape, rows.bend, rows.curve_p, p)
+    gradient = _gradient_p(ops.pairs, ops.tensors.gradient_p, p)
+    if len(ops.tensors.k_tensor_p):
+        gradient -= _second_order(ops.pairs, ops.tensors.k_tensor_p, p)
     return gradient
 
 
-def potential_gradient(rows, force):
+def potential_gradient(ops: LatticeWeights, force: np.ndarray) -> np.ndarray:
     """The force (dim,) as the gradient of its potential in the pressure's own operator, (n, dim)."""
-    return _potential_gradient(rows.start, rows.shape, rows.pull, rows.bend, rows.step, rows.gradient_p, rows.curve_p,
-                               force)
+    return _potential_gradient(ops.pairs, ops.tensors.gradient_p, ops.tensors.k_tensor_p, force)
 
 
-def total_divergence(rows, u):
+def total_divergence(ops: LatticeWeights, u: np.ndarray) -> np.ndarray:
     """Consistent divergence (n,) of u (n, dim), walls included."""
-    zero = np.zeros(rows.n)
-    return divergence_and_jump(rows, u, zero, u, 1.0, 0.0, False) + rows.wall_div_velocity
+    zero = np.zeros(ops.n)
+    return divergence_and_jump(ops, u, (zero, u), (1.0, 0.0), False) + ops.walls.div_velocity
 
 
-def divergence_and_jump(rows, u, p, grad_p, a, b, conservative):
+def divergence_and_jump(ops: LatticeWeights, u: np.ndarray, pressure: tuple[np.ndarray, np.ndarray],
+                        factors: tuple[float, float], conservative: bool) -> np.ndarray:
     """a div u + b S p without the velocity of the walls, (n,); see `coupling`.
 
+    pressure: p (n,) and its gradient (n, dim); factors: a, b.
     conservative: on a lattice the divergence may be the balance of the fluxes w_ij x_ji . (u_i + u_j) / 2 between
     neighbours, which is exact for linear fields too where the neighbourhood is whole. It adds up to zero over the
     fluid whatever the walls. The consistent divergence does not: in pores a few particles wide the errors that it
     leaves are as large as the flow through a throat, and GMRES stalls (bead pack at 1.2 particles a bead: residual
     0.6 after 200 iterations, against 130 iterations to 1e-6).
     """
-    return _divergence_and_jump(rows.start, rows.column, rows.shape, rows.step, rows.pull, rows.tie, rows.bend,
-                                rows.gradient, rows.curve, rows.scale, rows.wall_div, u, p, grad_p, a, b, conservative)
+    return _divergence_and_jump(ops.pairs, ops.tensors, ops.walls.div, u, pressure, factors, conservative)
 
 
-def momentum(rows, u, p, dx, out, grad_p):
+def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: np.ndarray, grad_p: np.ndarray) -> None:
     """-dx^2 lap u + dx grad p into out (n, dim), grad p into grad_p (n, dim)."""
-    _momentum(rows.start, rows.column, rows.shape, rows.pull, rows.bend, rows.laplace, rows.gradient_p, rows.wall_lap,
-              dx, u, p, out, grad_p)
-    if len(rows.curve_p):
-        bent = _bent(rows.start, rows.column, rows.shape, rows.bend, rows.curve_p, p)
-        grad_p -= bent
-        out -= dx * bent
+    _momentum(ops.pairs, ops.tensors, ops.walls.lap, dx, (u, p), out, grad_p)
+    if len(ops.tensors.k_tensor_p):
+        more = _second_order(ops.pairs, ops.tensors.k_tensor_p, p)
+        grad_p -= more
+        out -= dx * more
 
 
-def natural_laplacian(rows, f):
-    """sum_j natural_ij (f_j - f_i), (n,)."""
-    return _natural(rows.start, rows.column, rows.shape, rows.tie, rows.scale, f)
+def symmetric_laplacian(ops: LatticeWeights, f: np.ndarray) -> np.ndarray:
+    """sum_j symmetric_ij (f_j - f_i), (n,)."""
+    return _symmetric(ops.pairs, ops.tensors.scale, f)
 
 
 # --- building ----------------------------------------------------------------------------------------------------
@@ -194,11 +206,11 @@ def _in_sight(start, index, fraction):
 
 
 @njit(cache=True)
-def _shapes(x, start, row, tolerance):
-    """Number of the shape of each pair, the steps of the shapes, and how many; gives up beyond MOST_SHAPES."""
+def _offsets(x, start, row, tolerance):
+    """Number of the offset of each pair, the offsets, and how many; gives up beyond MOST_OFFSETS."""
     dim = x.shape[1]
-    shape = np.empty(len(row), np.uint8)
-    step = np.empty((MOST_SHAPES, dim))
+    offset_id = np.empty(len(row), np.uint8)
+    step = np.empty((MOST_OFFSETS, dim))
     count = 0
     for i in range(len(start) - 1):
         guess = 0  # rows list their neighbours in the same order
@@ -215,21 +227,21 @@ def _shapes(x, start, row, tolerance):
                     found = t
                     break
             if found < 0:
-                if count == MOST_SHAPES:
-                    return shape, step, count + 1
+                if count == MOST_OFFSETS:
+                    return offset_id, step, count + 1
                 for k in range(dim):
                     step[count, k] = x[row[q], k] - x[i, k]
                 found = count
                 count += 1
-            shape[q] = found
+            offset_id[q] = found
             guess = found + 1
-    return shape, step, count
+    return offset_id, step, count
 
 
 @njit(cache=True)
-def _shape_weights(step, volume, kind, support):
+def _offset_weights(step, volume, kind, support):
     m, dim = step.shape
-    pull, bend, tie = np.zeros((m, 3)), np.zeros((m, 6)), np.zeros(m)
+    first_moment, second_moment, pair_laplacian = np.zeros((m, 3)), np.zeros((m, 6)), np.zeros(m)
     factor = normalisation(kind, support, dim)
     e = np.zeros(3)
     for t in range(m):
@@ -243,45 +255,43 @@ def _shape_weights(step, volume, kind, support):
             e[k] = step[t, k] / r
         s = r / support
         w = volume[t] * factor * slope(kind, s)
-        tie[t] = w / s
+        pair_laplacian[t] = w / s
         for k in range(3):
-            pull[t, k] = w * e[k]
-            bend[t, k] = tie[t] * e[k] * e[k]
-        bend[t, 3], bend[t, 4], bend[t, 5] = tie[t] * e[1] * e[2], tie[t] * e[0] * e[2], tie[t] * e[0] * e[1]
-    return pull, bend, tie
+            first_moment[t, k] = w * e[k]
+            second_moment[t, k] = pair_laplacian[t] * e[k] * e[k]
+        for v, a, b in ((3, 1, 2), (4, 0, 2), (5, 0, 1)):
+            second_moment[t, v] = pair_laplacian[t] * e[a] * e[b]
+    return first_moment, second_moment, pair_laplacian
 
 
 @njit(cache=True, parallel=True)
-def _factors(x, start, index, fraction, owner, volume, kind, support, order,
-             distance, wall, velocity, spin, slip_length, normal,
-             laplace, gradient, gradient_p, scale, curve, curve_p,
-             wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip):
-    """As `walls._wall_rows`, but the tensors are kept and the weights of the wall pairs only summed up."""
-    n, dim, size = len(start) - 1, x.shape[1], star_size(start)
+def _factors(neighbours, fraction, volume, order, walls, off_lattice):
+    """As `walls._wall_rows`, but the tensors are kept and the weights of the wall pairs only summed up.
+
+    Returns (deficient, arrays of Factors, arrays of BoundarySums)."""
+    start, per_length = neighbours.start, 1.0 / neighbours.support
+    n, dim, size = len(start) - 1, neighbours.x.shape[1], star_size(start)
     deficient = np.zeros(CHUNKS, np.int64)
-    per_length = 1.0 / support
+    laplace, scale = np.empty((n, 9)), np.empty(n)
+    gradient, gradient_p = np.empty((n, dim, dim)), np.empty((n, dim, dim))
+    k_tensor = np.zeros((n if order == 2 else 0, dim, 6))
+    k_tensor_p = np.zeros((n if order == 2 and off_lattice else 0, dim, 6))
+    wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip = new_boundary_sums(n, dim, walls.slip_length)
     per_area = per_length * per_length
     for chunk in prange(CHUNKS):
         star, moments = new_star(size), np.empty(41)
         ex, ey, ez, s, w = star
-        g, gp, system, right = np.empty((3, 3)), np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 4))
-        drift, spread, wall_u, slide = np.empty(3), np.empty((3, 3)), np.empty(dim), np.empty((dim, dim))
-        pull, bend, slopes = np.empty(3), np.empty(6), np.empty(3)
+        corrected, gp, pair = new_correction(), np.empty((3, 3)), new_wall_pair(dim)
+        g, _, right, drift, spread = corrected
+        weight = pair[0]
+        a_q, t_q = np.empty(3), np.empty(6)
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             begin, count = start[i], start[i + 1] - start[i]
-            padded = gather_star(x, i, begin, start[i + 1], index, owner, volume, kind, support, star)
-            full, near = 0.0, False  # sum of w r over the whole star, dummies at their own places
-            for k in range(count):
-                full += w[k] * s[k]
-            for k in range(count):
-                if fraction[begin + k] <= 1.0:
-                    near = True
-                    s[k] *= fraction[begin + k]  # to where the pair meets the wall
+            padded = gather_star(neighbours, i, volume, star)
+            whole, near = meet_walls(star, fraction[begin : begin + count])
             star_moments(star, padded, moments)
-            poor = invert_gradient(moments, dim, g)
-            poor |= correction(moments, dim, order, g, system, right, drift, spread)
-            deficient[chunk] += poor
-            scale[i] = 2.0 * dim * per_area / full if full > 0.0 else 0.0
+            deficient[chunk] += correction(moments, dim, order, corrected)
+            scale[i] = 2.0 * dim * per_area / whole if whole > 0.0 else 0.0
             for v in range(6):
                 laplace[i, v] = 2.0 * per_area * right[v, 0]
             for k in range(3):
@@ -295,10 +305,10 @@ def _factors(x, start, index, fraction, owner, volume, kind, support, order,
                         gradient[i, m, k] = per_length * (
                             spread[m, 0] * g[0, k] + spread[m, 1] * g[1, k] + spread[m, 2] * g[2, k])
                     for v in range(6):
-                        curve[i, m, v] = per_length * right[v, 1 + m]
+                        k_tensor[i, m, v] = per_length * right[v, 1 + m]
             if not near:
-                if len(curve_p) > 0:
-                    gradient_p[i], curve_p[i] = gradient[i], curve[i]
+                if len(k_tensor_p) > 0:
+                    gradient_p[i], k_tensor_p[i] = gradient[i], k_tensor[i]
                 continue
             second_moments(star, fraction[begin : begin + count], moments)
             invert_gradient(moments, dim, gp)
@@ -308,45 +318,39 @@ def _factors(x, start, index, fraction, owner, volume, kind, support, order,
             for q in range(count):
                 if fraction[begin + q] > 1.0:
                     continue
-                pull[0], pull[1], pull[2] = w[q] * ex[q], w[q] * ey[q], w[q] * ez[q]
+                a_q[0], a_q[1], a_q[2] = w[q] * ex[q], w[q] * ey[q], w[q] * ez[q]
                 b = w[q] / s[q]
-                bend[0], bend[1], bend[2] = b * ex[q] * ex[q], b * ey[q] * ey[q], b * ez[q] * ez[q]
-                bend[3], bend[4], bend[5] = b * ey[q] * ez[q], b * ex[q] * ez[q], b * ex[q] * ey[q]
-                a = 0.0
+                t_q[0], t_q[1], t_q[2] = b * ex[q] * ex[q], b * ey[q] * ey[q], b * ez[q] * ez[q]
+                t_q[3], t_q[4], t_q[5] = b * ey[q] * ez[q], b * ex[q] * ez[q], b * ex[q] * ey[q]
+                weight[0] = 0.0
                 for v in range(6):
-                    a += laplace[i, v] * bend[v]
+                    weight[0] += laplace[i, v] * t_q[v]
                 for k in range(3):
-                    a -= laplace[i, 6 + k] * pull[k]
-                j = index[begin + q]
-                met = wall[j]
-                wall_lap[i] += a
-                set_wall_velocity(x[i], star, q, support, velocity, spin, met, wall_u)
+                    weight[0] -= laplace[i, 6 + k] * a_q[k]
                 for m in range(dim):
-                    slopes[m] = 0.0
+                    weight[1 + m] = 0.0
                     for k in range(dim):
-                        slopes[m] += gradient[i, m, k] * pull[k]
+                        weight[1 + m] += gradient[i, m, k] * a_q[k]
                     if order == 2:
                         for v in range(6):
-                            slopes[m] -= curve[i, m, v] * bend[v]
-                    wall_lap_velocity[i, m] += a * wall_u[m]
-                    wall_div[i, m] += slopes[m]
-                    wall_div_velocity[i] += slopes[m] * wall_u[m]
-                if slip_length[met] > 0.0:
-                    add_slip(a, slopes, 1.0, slip_length[met], max(distance[i], 0.0),
-                             normal, j, wall_u, slide,
-                             slip[i], wall_lap_velocity[i], wall_div[i], wall_div_velocity, i)
-    return deficient
+                            weight[1 + m] -= k_tensor[i, m, v] * t_q[v]
+                sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
+                add_wall_pair(neighbours, walls, i, q, star, pair, sums)
+    sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
+    return deficient, (laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p), sums
 
 
 @njit(cache=True, inline="always")
-def _lap_weight(laplace, i, bend, pull, t):
-    return (laplace[i, 0] * bend[t, 0] + laplace[i, 1] * bend[t, 1] + laplace[i, 2] * bend[t, 2]
-            + laplace[i, 3] * bend[t, 3] + laplace[i, 4] * bend[t, 4] + laplace[i, 5] * bend[t, 5]
-            - laplace[i, 6] * pull[t, 0] - laplace[i, 7] * pull[t, 1] - laplace[i, 8] * pull[t, 2])
+def _lap_weight(laplace, i, second, first, t):
+    return (laplace[i, 0] * second[t, 0] + laplace[i, 1] * second[t, 1] + laplace[i, 2] * second[t, 2]
+            + laplace[i, 3] * second[t, 3] + laplace[i, 4] * second[t, 4] + laplace[i, 5] * second[t, 5]
+            - laplace[i, 6] * first[t, 0] - laplace[i, 7] * first[t, 1] - laplace[i, 8] * first[t, 2])
 
 
 @njit(cache=True, parallel=True)
-def _velocity_entries(start, column, shape, pull, bend, laplace, wall_lap, area, zero):
+def _velocity_entries(pairs, laplace, wall_lap, area, zero):
+    start, column, offset_id = pairs.start, pairs.column, pairs.offset_id
+    first_moment, second_moment = pairs.first_moment, pairs.second_moment
     n = len(start) - 1
     first = np.empty(n + 1, np.int32)
     index, entries = np.empty(len(column) + n, np.int32), np.empty(len(column) + n, type(zero))
@@ -356,7 +360,7 @@ def _velocity_entries(start, column, shape, pull, bend, laplace, wall_lap, area,
         first[i] = at
         total = wall_lap[i]
         for q in range(start[i], start[i + 1]):
-            a = _lap_weight(laplace, i, bend, pull, shape[q])
+            a = _lap_weight(laplace, i, second_moment, first_moment, offset_id[q])
             total += a
             index[q + i + 1], entries[q + i + 1] = column[q], -area * a
         index[at], entries[at] = i, area * total
@@ -364,7 +368,8 @@ def _velocity_entries(start, column, shape, pull, bend, laplace, wall_lap, area,
 
 
 @njit(cache=True, parallel=True)
-def _conductance_entries(start, column, shape, tie, scale, w, area):
+def _conductance_entries(pairs, scale, w, area):
+    start, column, offset_id, pair_laplacian = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
     n = len(start) - 1
     first = np.empty(n + 1, np.int32)
     index, entries = np.empty(len(column) + n, np.int32), np.empty(len(column) + n)
@@ -375,7 +380,7 @@ def _conductance_entries(start, column, shape, tie, scale, w, area):
         total = 0.0
         for q in range(start[i], start[i + 1]):
             j = column[q]
-            a = scale[i] * tie[shape[q]] * 2.0 * w[i] * w[j] / (w[i] + w[j])
+            a = scale[i] * pair_laplacian[offset_id[q]] * 2.0 * w[i] * w[j] / (w[i] + w[j])
             total += a
             index[q + i + 1], entries[q + i + 1] = j, -area * a
         index[at], entries[at] = i, (1.0 + GROUND) * area * total if total > 0.0 else 1.0
@@ -386,18 +391,22 @@ def _conductance_entries(start, column, shape, tie, scale, w, area):
 
 
 @njit(cache=True, parallel=True)
-def _momentum(start, column, shape, pull, bend, laplace, gradient_p, wall_lap, dx, u, p, out, grad_p):
+def _momentum(pairs, tensors, wall_lap, dx, unknowns, out, grad_p):
+    start, column, offset_id = pairs.start, pairs.column, pairs.offset_id
+    first_moment, second_moment = pairs.first_moment, pairs.second_moment
+    laplace, gradient_p = tensors.laplace, tensors.gradient_p
+    u, p = unknowns
     n, dim = u.shape
     for i in prange(n):
         s0 = s1 = s2 = v0 = v1 = v2 = 0.0
         u0, u1, u2, pi = u[i, 0], u[i, 1], u[i, 2] if dim == 3 else 0.0, p[i]
         for q in range(start[i], start[i + 1]):
-            j, t = column[q], shape[q]
+            j, t = column[q], offset_id[q]
             dp = p[j] - pi
-            s0 += pull[t, 0] * dp
-            s1 += pull[t, 1] * dp
-            s2 += pull[t, 2] * dp
-            a = _lap_weight(laplace, i, bend, pull, t)
+            s0 += first_moment[t, 0] * dp
+            s1 += first_moment[t, 1] * dp
+            s2 += first_moment[t, 2] * dp
+            a = _lap_weight(laplace, i, second_moment, first_moment, t)
             v0 += a * (u[j, 0] - u0)
             v1 += a * (u[j, 1] - u1)
             if dim == 3:
@@ -413,8 +422,12 @@ def _momentum(start, column, shape, pull, bend, laplace, gradient_p, wall_lap, d
 
 
 @njit(cache=True, parallel=True)
-def _divergence_and_jump(start, column, shape, step, pull, tie, bend, gradient, curve, scale, wall_div, u, p, grad_p,
-                         a, b, conservative):
+def _divergence_and_jump(pairs, tensors, wall_div, u, pressure, factors, conservative):
+    start, column, offset_id, step = pairs.start, pairs.column, pairs.offset_id, pairs.step
+    first_moment, second_moment, pair_laplacian = pairs.first_moment, pairs.second_moment, pairs.pair_laplacian
+    gradient, scale, k_tensor = tensors.gradient, tensors.scale, tensors.k_tensor
+    p, grad_p = pressure
+    a, b = factors
     n, dim = u.shape
     out = np.empty(n)
     for i in prange(n):
@@ -423,7 +436,7 @@ def _divergence_and_jump(start, column, shape, step, pull, tie, bend, gradient, 
             for k in range(dim):
                 divergence -= wall_div[i, k] * u[i, k]
         for q in range(start[i], start[i + 1]):
-            j, t = column[q], shape[q]
+            j, t = column[q], offset_id[q]
             missed, along = p[j] - p[i], 0.0
             for k in range(dim):
                 missed -= 0.5 * (grad_p[i, k] + grad_p[j, k]) * step[t, k]
@@ -432,28 +445,29 @@ def _divergence_and_jump(start, column, shape, step, pull, tie, bend, gradient, 
                 else:
                     g = 0.0
                     for m in range(dim):
-                        g += gradient[i, k, m] * pull[t, m]
-                    if len(curve) > 0:
+                        g += gradient[i, k, m] * first_moment[t, m]
+                    if len(k_tensor) > 0:
                         for v in range(6):
-                            g -= curve[i, k, v] * bend[t, v]
+                            g -= k_tensor[i, k, v] * second_moment[t, v]
                     divergence += g * (u[j, k] - u[i, k])
-            flux += tie[t] * along
-            jump += tie[t] * missed
+            flux += pair_laplacian[t] * along
+            jump += pair_laplacian[t] * missed
         out[i] = a * (divergence + scale[i] * flux) + b * scale[i] * jump
     return out
 
 
 @njit(cache=True, parallel=True)
-def _gradient_p(start, column, shape, pull, gradient_p, p):
+def _gradient_p(pairs, gradient_p, p):
+    start, column, offset_id, first_moment = pairs.start, pairs.column, pairs.offset_id, pairs.first_moment
     n, dim = len(p), gradient_p.shape[1]
     out = np.empty((n, dim))
     for i in prange(n):
         s0 = s1 = s2 = 0.0
         for q in range(start[i], start[i + 1]):
-            dp, t = p[column[q]] - p[i], shape[q]
-            s0 += pull[t, 0] * dp
-            s1 += pull[t, 1] * dp
-            s2 += pull[t, 2] * dp
+            dp, t = p[column[q]] - p[i], offset_id[q]
+            s0 += first_moment[t, 0] * dp
+            s1 += first_moment[t, 1] * dp
+            s2 += first_moment[t, 2] * dp
         for k in range(dim):
             out[i, k] = gradient_p[i, k, 0] * s0 + gradient_p[i, k, 1] * s1
             if dim == 3:
@@ -462,43 +476,47 @@ def _gradient_p(start, column, shape, pull, gradient_p, p):
 
 
 @njit(cache=True, parallel=True)
-def _bent(start, column, shape, bend, curve_p, p):
+def _second_order(pairs, k_tensor_p, p):
     """K_i : sum_j T (p_j - p_i), (n, dim)."""
-    n, dim = len(p), curve_p.shape[1]
+    start, column, offset_id, second_moment = pairs.start, pairs.column, pairs.offset_id, pairs.second_moment
+    n, dim = len(p), k_tensor_p.shape[1]
     out = np.zeros((n, dim))
     for i in prange(n):
         for q in range(start[i], start[i + 1]):
-            dp, t = p[column[q]] - p[i], shape[q]
+            dp, t = p[column[q]] - p[i], offset_id[q]
             for k in range(dim):
                 for v in range(6):
-                    out[i, k] += curve_p[i, k, v] * bend[t, v] * dp
+                    out[i, k] += k_tensor_p[i, k, v] * second_moment[t, v] * dp
     return out
 
 
 @njit(cache=True, parallel=True)
-def _potential_gradient(start, shape, pull, bend, step, gradient_p, curve_p, force):
+def _potential_gradient(pairs, gradient_p, k_tensor_p, force):
+    start, offset_id, step = pairs.start, pairs.offset_id, pairs.step
+    first_moment, second_moment = pairs.first_moment, pairs.second_moment
     n, dim = len(start) - 1, len(force)
     out = np.zeros((n, dim))
     for i in prange(n):
         for q in range(start[i], start[i + 1]):
             rise = 0.0
             for k in range(dim):
-                rise += force[k] * step[shape[q], k]
+                rise += force[k] * step[offset_id[q], k]
             for k in range(dim):
                 for m in range(dim):
-                    out[i, k] += gradient_p[i, k, m] * pull[shape[q], m] * rise
-                if len(curve_p) > 0:
+                    out[i, k] += gradient_p[i, k, m] * first_moment[offset_id[q], m] * rise
+                if len(k_tensor_p) > 0:
                     for v in range(6):
-                        out[i, k] -= curve_p[i, k, v] * bend[shape[q], v] * rise
+                        out[i, k] -= k_tensor_p[i, k, v] * second_moment[offset_id[q], v] * rise
     return out
 
 
 @njit(cache=True, parallel=True)
-def _natural(start, column, shape, tie, scale, f):
+def _symmetric(pairs, scale, f):
+    start, column, offset_id, pair_laplacian = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
     out = np.empty(len(f))
     for i in prange(len(f)):
         s = 0.0
         for q in range(start[i], start[i + 1]):
-            s += tie[shape[q]] * (f[column[q]] - f[i])
+            s += pair_laplacian[offset_id[q]] * (f[column[q]] - f[i])
         out[i] = scale[i] * s
     return out

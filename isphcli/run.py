@@ -319,7 +319,7 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
     with progress.stage("neighbours and operators", quiet):
         config = stepper.configure(state.x)
         if resume is not None:
-            stepper.take_up(saved.origins)
+            stepper.rebuild_hierarchies(saved.origins)
     directory = folder.prepare(case.output.directory)
     _write_case(directory, case, record["changes"])
     series = _series(case, directory, since)
@@ -354,13 +354,14 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
                     file.sync()  # a restart finds every row and every snapshot up to its step
                     restart.save(restart_file, march.last, record)
 
-            def show(state, dt, limit):
+            def show(found, limit):
+                state = found.state
                 if case.output.restart_every and state.step % case.output.restart_every == 0:
                     with clock("output"):
                         save()
-                reports = stepper.reports
-                bar.update(state.step, state.time, dt, limit, {k: r.iterations for k, r in reports.items()},
-                           {k: r.residual for k, r in reports.items()} | {"divergence": stepper.divergence})
+                reports = found.reports
+                bar.update(state.step, state.time, found.dt, limit, {k: r.iterations for k, r in reports.items()},
+                           {k: r.residual for k, r in reports.items()} | {"divergence": found.max_divergence})
 
             try:
                 state, config = march.run(state, config, snapshot, row, show)
@@ -414,12 +415,12 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
     two = measures is not None
     gravity = np.linalg.norm(force)
     axis = int(np.argmax(np.abs(force))) if gravity > 0.0 else None
-    if stepper.rate is not None:
-        force = (force[stepper.rate.axis] + state.push) * stepper.fluids.held
+    if stepper.held_velocity is not None:
+        force = (force[stepper.held_velocity.axis] + state.pressure_gradient) * stepper.fluids.held
         gravity = np.linalg.norm(force)
-        axis = stepper.rate.axis if gravity > 0.0 else None
+        axis = stepper.held_velocity.axis if gravity > 0.0 else None
     superficial, mean, along = darcy(geometry, state.x, state.u, particles.site_volume, axis, force,
-                                     stepper.fluids.stiffest)
+                                     stepper.fluids.nu_max)
     resisted = geometry.has_solid and not two and not walls_move(case)
     known = axis is not None and resisted and march.outcome == "steady"
     permeability = float(along[axis]) if known else None
@@ -446,7 +447,7 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
         "permeability": permeability,
         "superficial_velocity": superficial,
         "mean_velocity": mean,
-        "pressure_drop": stepper.rate.drop(state) if stepper.rate is not None else None,
+        "pressure_drop": stepper.held_velocity.drop(state) if stepper.held_velocity is not None else None,
         "mass_error": 0.0,  # particles are neither made nor lost
         "max_divergence": max((r["divergence"] for r in history), default=0.0),
         "iterations": {

@@ -7,10 +7,12 @@ import numpy as np
 from . import expressions, failure, memory
 from .drive import drives, held_axis, held_velocity
 from .fluids import OneFluid
+from .kept_hierarchies import KeptHierarchies
 from .kernel import KERNELS
 from .particles import place_case
 from .restart import Saved
-from .step import State, Stepper
+from .state import State
+from .step import Stepper
 
 VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
 # The first step, as a part of what the limits allow, and the growth of the steps after it (second order needs less
@@ -43,17 +45,17 @@ def prepare(case, geometry, clock):
             u[:, k] = expressions.evaluate(formula, **names)
     force = sum((force for _, force in drives(case, geometry)), np.zeros(geometry.dim))
     fluids = choose_fluids(case, geometry, particles, force)
-    rate = held_velocity(case, particles, fluids.reference, geometry)
+    held = held_velocity(case, particles, fluids.reference, geometry)
     stepper = Stepper(
         geometry=geometry, dummies=particles.x[n:], spacing=spacing, support=support,
         kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,
         fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
-        tolerance=case.solver.tolerance, restart=case.solver.restart, max_iterations=case.solver.max_iterations,
-        clock=clock, rate=rate, volume=kept_volume(case, geometry, x),
+        solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock),
+        bounds=bounds(case, geometry, particles, u, force, held), held_velocity=held,
+        volume=kept_volume(case, geometry, x),
     )
-    stepper.bounds = bounds(case, geometry, particles, u, force, rate)
-    held = {} if rate is None else {"push": 0.0, "drift": 0.0}
-    return State(x, u, u.copy(), np.zeros(n), **held), stepper, particles
+    none_yet = {} if held is None else {"pressure_gradient": 0.0, "shifting_flux": 0.0}
+    return State(x, u, u.copy(), np.zeros(n), **none_yet), stepper, particles
 
 
 def choose_fluids(case, geometry, particles, force):
@@ -121,7 +123,7 @@ def kept_volume(case, geometry, x):
 class March:
     """Runs a state to its end; everything written on the way goes through the callbacks.
 
-    snapshot(state, config), row(dict) and progress(state, dt, limit) are called as the run goes. `last` is the last
+    snapshot(state, config), row(dict) and progress(result, limit) are called as the run goes. `last` is the last
     step of which all is told (restart.Saved): what a run that stops goes on from.
     density: of the fluid or (n,) of the particles, kg/m3; measure(state, config): further entries of a row, dict.
     """
@@ -145,14 +147,14 @@ class March:
                 acceleration = np.sqrt(((state.u - state.u_old) ** 2).sum(axis=1).max()) / state.dt_old
             else:
                 acceleration = np.linalg.norm(stepper.fluids.force)
-                speed = max(speed, stepper.rate.speed if stepper.rate is not None else 0.0)
+                speed = max(speed, stepper.held_velocity.speed if stepper.held_velocity is not None else 0.0)
             # u dt + a dt^2 / 2 = cfl dx
             reach = time.cfl * stepper.spacing
             root = speed + np.sqrt(speed * speed + 2.0 * acceleration * reach)
             if root > 0.0:
                 found["cfl"] = 2.0 * reach / root
             if time.steady is None or not found:
-                found["viscous"] = VISCOUS * stepper.spacing**2 / stepper.fluids.thinnest
+                found["viscous"] = VISCOUS * stepper.spacing**2 / stepper.fluids.nu_min
             if stepper.fluids.tension is not None:
                 found["capillary"] = time.capillary * stepper.fluids.tension.largest_step
         walls = stepper.geometry.has_solid
@@ -179,14 +181,15 @@ class March:
                 dt, limit = target, "end"
             elif dt > 0.5 * target:
                 dt = 0.5 * target  # two like steps instead of a long one and a stump
-            state, config, dt = failure.attempt(self.stepper, state, config, dt)
+            found = failure.attempt(self.stepper, state, config, dt)
+            state, config = found.state, found.config
             if case.time.steady is not None:
                 self._look_back(state)
             if state.time >= due * (1.0 - 1e-9):
                 snapshot(state, config)
-            row(self._row(state, dt, limit) | self.measure(state, config))
+            row(self._row(found, limit) | self.measure(state, config))
             self.last = self._saved(state)
-            progress(state, dt, limit)
+            progress(found, limit)
         if case.time.steady is not None:
             self.outcome = "steady" if self._steady_by_now(state) else "not steady at the end"
         elif state.step >= case.time.max_steps and state.time < end * (1.0 - 1e-12):
@@ -194,7 +197,7 @@ class March:
         return state, config
 
     def _saved(self, state):
-        return Saved(state, self.stepper.origins(), tuple(self.energies))
+        return Saved(state, self.stepper.solvers.origins(), tuple(self.energies))
 
     def _next_snapshot(self, time):
         """When the next snapshot after `time` is due, from the time alone: a restarted run finds the same number."""
@@ -213,22 +216,22 @@ class March:
     def _steady_by_now(self, state):
         return self.change is not None and self.change < self.case.time.steady
 
-    def _row(self, state, dt, limit):
-        stepper = self.stepper
+    def _row(self, found, limit):
+        state, stepper = found.state, self.stepper
         # einsum: numpy's sums over an axis of two or three entries take five times as long
         mean = np.einsum("ij->j", state.u) / len(state.u)
         energy = 0.5 * self.site_volume * float((self.density * np.einsum("ij,ij->i", state.u, state.u)).sum())
         fraction = len(state.u) * self.site_volume / self.box_volume
-        row = {"step": state.step, "time": state.time, "dt": dt, "limit": limit}
+        row = {"step": state.step, "time": state.time, "dt": found.dt, "limit": limit}
         for name in ("velocity", "pressure"):
-            report = stepper.reports[name]
+            report = found.reports[name]
             row[f"iterations_{name}"] = report.iterations
             row[f"residual_{name}"] = report.residual
-        row |= {"rebuilt": int(stepper.rebuilt), "divergence": stepper.divergence, "kinetic_energy": energy}
-        if stepper.volume is not None:
-            row["volume_drift"] = stepper.volume.drift
-        if stepper.rate is not None:
-            row[f"pressure_drop_{'xyz'[stepper.rate.axis]}"] = stepper.rate.drop(state)
+        row |= {"rebuilt": int(found.rebuilt), "divergence": found.max_divergence, "kinetic_energy": energy}
+        if found.volume_drift is not None:
+            row["volume_drift"] = found.volume_drift
+        if stepper.held_velocity is not None:
+            row[f"pressure_drop_{'xyz'[stepper.held_velocity.axis]}"] = stepper.held_velocity.drop(state)
         row |= {f"mean_velocity_{a}": float(m) for a, m in zip("xyz", mean)}
         row |= {f"superficial_velocity_{a}": float(m * fraction) for a, m in zip("xyz", mean)}
         if self.case.time.steady is not None:

@@ -18,8 +18,8 @@ from .rows import (
     divergence_and_jump,
     gradient_p,
     momentum,
-    natural_laplacian,
     potential_gradient,
+    symmetric_laplacian,
     velocity_matrix,
 )
 
@@ -47,18 +47,18 @@ class StokesFlow:
 class StokesSystem:
     """Matrices of one lattice; every right-hand side shares them.
 
-    rows: Rows of the operators (without walls no steady flow exists);
+    ops: LatticeWeights (without walls no steady flow exists);
     spacing: m; viscosity: kinematic, m2/s;
     conservative: take the divergence as a balance of fluxes, on lattices only (see `rows`).
     """
 
-    def __init__(self, rows, spacing, viscosity, tau=TAU, conservative=True):
-        self.rows, self.spacing, self.viscosity, self.tau = rows, spacing, viscosity, tau
-        self.dim = rows.gradient.shape[1]
+    def __init__(self, ops, spacing, viscosity, tau=TAU, conservative=True):
+        self.ops, self.spacing, self.viscosity, self.tau = ops, spacing, viscosity, tau
+        self.dim = ops.dim
         self.conservative = conservative
-        self.count, labels = components(rows.start, rows.column)
+        self.count, labels = components(ops.pairs.start, ops.pairs.column)
         self.means = ComponentMeans(labels)
-        self._velocity = BlockCycle(hierarchy(velocity_matrix(rows, spacing), STRENGTH), CYCLES)
+        self._velocity = BlockCycle(hierarchy(velocity_matrix(ops, spacing), STRENGTH), CYCLES)
         self._darcy = cycle(hierarchy(self._conductance()))
 
     def _conductance(self):
@@ -67,12 +67,12 @@ class StokesSystem:
         In a pore of width h, w is about h^2 / 12: pressure modes much longer than the pore is wide obey Darcy's law,
         and the Schur complement of the coupled system is this operator there, the identity for short modes.
         """
-        w = np.maximum(self._velocity(np.ones((self.rows.n, 3)))[:, 0], 1e-3)
-        return conductance_matrix(self.rows, w, self.spacing)
+        w = np.maximum(self._velocity(np.ones((self.ops.n, 3)))[:, 0], 1e-3)
+        return conductance_matrix(self.ops, w, self.spacing)
 
     def split(self, v):
         """(velocity (n, dim), scaled pressure (n,)) of a vector of unknowns."""
-        n = self.rows.n
+        n = self.ops.n
         return v[: n * self.dim].reshape(n, self.dim), v[n * self.dim :]
 
     def apply(self, v):
@@ -82,10 +82,10 @@ class StokesSystem:
         forces, mass = self.split(out)
         dx = self.spacing
         grad_p = np.empty_like(u)
-        momentum(self.rows, u, p, dx, forces, grad_p)
-        if self.rows.slip is not None:
-            forces -= dx**2 * np.einsum("nkm,nm->nk", self.rows.slip, u)
-        both = divergence_and_jump(self.rows, u, p, grad_p, dx, -self.tau * dx * dx, self.conservative)
+        momentum(self.ops, u, p, dx, forces, grad_p)
+        if self.ops.slips:
+            forces -= dx**2 * np.einsum("nkm,nm->nk", self.ops.walls.slip, u)
+        both = divergence_and_jump(self.ops, u, (p, grad_p), (dx, -self.tau * dx * dx), self.conservative)
         mass[:] = self.means.remove(both)
         return out
 
@@ -97,9 +97,9 @@ class StokesSystem:
         u, p = self.split(out)
         dx = self.spacing
         mass = self.means.remove(mass)
-        p[:] = mass + self.means.remove(self._darcy(mass) - ROUGH * dx * dx * natural_laplacian(self.rows, mass))
-        rest = np.zeros((self.rows.n, 3))
-        rest[:, : self.dim] = forces - dx * gradient_p(self.rows, p)
+        p[:] = mass + self.means.remove(self._darcy(mass) - ROUGH * dx * dx * symmetric_laplacian(self.ops, mass))
+        rest = np.zeros((self.ops.n, 3))
+        rest[:, : self.dim] = forces - dx * gradient_p(self.ops, p)
         u[:] = self._velocity(rest)[:, : self.dim]
         return out
 
@@ -110,7 +110,7 @@ class StokesSystem:
         balance the part across it, and in a pocket of one particle none at all: there that part is left out, and fluid
         at rest stays at rest.
         """
-        return potential_gradient(self.rows, np.asarray(force, float))
+        return potential_gradient(self.ops, np.asarray(force, float))
 
     def solve(self, force, tolerance, restart=60, max_iterations=400, watch=None):
         """Flow under the acceleration `force` ((dim,), m/s2) and the motion of the walls.
@@ -119,13 +119,13 @@ class StokesSystem:
         length is doubled, then SolveError is raised; its attribute `badness` is the residual of each particle, (n,),
         over the largest right-hand side.
         """
-        rows = self.rows
-        rhs = np.zeros(rows.n * (self.dim + 1))
+        ops = self.ops
+        rhs = np.zeros(ops.n * (self.dim + 1))
         forces, mass = self.split(rhs)
         forces[:] = self.drive(force) * (self.spacing**2 / self.viscosity)
-        forces += self.spacing**2 * rows.wall_lap_velocity
+        forces += self.spacing**2 * ops.walls.lap_velocity
         if not self.conservative:  # walls move along themselves: no flux passes them
-            mass[:] = self.means.remove(-self.spacing * rows.wall_div_velocity)
+            mass[:] = self.means.remove(-self.spacing * ops.walls.div_velocity)
         most = max_iterations if self.conservative else min(max_iterations, ceil(-PATIENCE * log10(tolerance)))
         solve = partial(gmres_from_the_right, self.apply, rhs, self.precondition, tolerance, watch=watch)
         solution, report = solve(restart, most)

@@ -59,33 +59,33 @@ class SurfaceTension:
         """`damping` of this interface between fluids of dynamic viscosities (2,), Pa s."""
         return damping(self.tension, self.density, viscosity, self.spacing)
 
-    def force(self, ops, weighted, x, row, pairs, owner, colour, near, reference):
+    def force(self, ops, weighted, neighbours, colour, near, reference):
         """Acceleration (n, dim), m/s2, and what the Laplacian of the pressure makes of the jump (Terms.lift), or None.
 
         ops: Operators; weighted: the same with its pressure weights divided by the density of each pair over
-        `reference`; x, row, pairs, owner: as in `TwoFluids.terms`; colour: (n,); near: (n,) of `near_interface`.
+        `reference`; neighbours: all of them, dummies included; colour: (n,); near: (n,) of `near_interface`.
         """
         ghosts = None
         if self.contact is not None:
-            ghosts = self.contact.ghosts(ops, x, row, pairs, owner, colour, near)
-        start, offset, _, ghost_normal, volume = ghost_arrays(ghosts, len(colour), x.shape[1])
-        band = find_band(ops, x, row, colour, near, self.kind, self.support, self.spacing, ghosts)
-        curvature = _curvature(ops.start, ops.column, row, x, ops.volume, self.kind, self.support,
-                               band.normal, band.strength, start, offset, ghost_normal, volume)
-        curvature = averages(ops.start, ops.column, row, x, band.strength * ops.volume, self.kind, self.support,
-                             curvature, SMOOTHINGS)
+            ghosts = self.contact.ghosts(ops, neighbours, colour, near)
+        band = find_band(ops, colour, near, self.spacing, ghosts)
+        curvature = _curvature(ops.neighbours, ops.volume, band.normal, band.strength,
+                               ghost_arrays(ghosts, len(colour), ops.dim))
+        curvature = averages(ops.neighbours, band.strength * ops.volume, curvature, SMOOTHINGS)
         self.band, self.curvature = band, curvature
         if self.method == "jump":
-            across = weighted.lap_p if ops.walls is None else weighted.walls.natural
-            return _jump(ops.start, ops.column, weighted.grad_p, across, colour, curvature, band.strength,
+            across = weighted.lap_p if ops.walls is None else weighted.walls.symmetric_laplacian
+            return _jump(weighted.neighbours, weighted.grad_p, across, colour, curvature, band.strength,
                          self.tension / reference)
         push = self.tension * curvature * band.strength / self.density.mean()
         return push[:, None] * band.normal, None
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def _curvature(start, column, row, x, volume, kind, support, normal, strength,
-               ghost_start, ghost_offset, ghost_normal, ghost_volume):
+def _curvature(neighbours, volume, normal, strength, ghosts):
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    kernel = neighbours.kind, neighbours.support
+    ghost_start, ghost_offset, _, ghost_normal, ghost_volume = ghosts
     n, dim = len(start) - 1, x.shape[1]
     kappa = np.zeros(n)
     for i in prange(n):
@@ -98,15 +98,15 @@ def _curvature(start, column, row, x, volume, kind, support, normal, strength,
                     turn_x, turn_y = normal[j, 0] - normal[i, 0], normal[j, 1] - normal[i, 1]
                     if dim == 3:
                         dz, turn_z = x[q, 2] - x[i, 2], normal[j, 2] - normal[i, 2]
-                    sums = _add_turn(sums, x[q, 0] - x[i, 0], x[q, 1] - x[i, 1], dz, turn_x, turn_y, turn_z,
-                                     volume[j], kind, support)
+                    offset = x[q, 0] - x[i, 0], x[q, 1] - x[i, 1], dz
+                    sums = _add_turn(sums, offset, (turn_x, turn_y, turn_z), volume[j], kernel)
             for p in range(ghost_start[i], ghost_start[i + 1]):
                 if ghost_normal[p, 0] != 0.0 or ghost_normal[p, 1] != 0.0 or ghost_normal[p, dim - 1] != 0.0:
                     turn_x, turn_y = ghost_normal[p, 0] - normal[i, 0], ghost_normal[p, 1] - normal[i, 1]
                     if dim == 3:
                         dz, turn_z = ghost_offset[p, 2], ghost_normal[p, 2] - normal[i, 2]
-                    sums = _add_turn(sums, ghost_offset[p, 0], ghost_offset[p, 1], dz, turn_x, turn_y, turn_z,
-                                     ghost_volume, kind, support)
+                    offset = ghost_offset[p, 0], ghost_offset[p, 1], dz
+                    sums = _add_turn(sums, offset, (turn_x, turn_y, turn_z), ghost_volume, kernel)
             kappa[i] = -_divergence(sums, normal[i])
     return kappa
 
@@ -115,12 +115,14 @@ NO_TURN = (0.0,) * 15
 
 
 @njit(cache=True, inline="always")
-def _add_turn(s, x, y, z, turn_x, turn_y, turn_z, volume, kind, support):
+def _add_turn(s, offset, turn, volume, kernel):
     """The sums of w d (x) d (xx, yy, zz, yz, xz, xy) and w (n_j - n_i) (x) d, row by row, with one more neighbour."""
+    x, y, z = offset
+    turn_x, turn_y, turn_z = turn
     r = math.sqrt(x * x + y * y + z * z)
     if r == 0.0:
         return s
-    w = volume * slope(kind, r / support) / r
+    w = volume * slope(kernel[0], r / kernel[1]) / r
     a, b, c = w * x, w * y, w * z
     return (s[0] + x * a, s[1] + y * b, s[2] + z * c, s[3] + y * c, s[4] + x * c, s[5] + x * b,
             s[6] + turn_x * a, s[7] + turn_x * b, s[8] + turn_x * c,
@@ -163,7 +165,8 @@ def _divergence(s, normal):
 
 
 @njit(cache=True, parallel=True)
-def _jump(start, column, grad, lap, colour, kappa, strength, tension):
+def _jump(neighbours, grad, lap, colour, kappa, strength, tension):
+    start, column = neighbours.start, neighbours.column
     n, dim = len(start) - 1, grad.shape[1]
     out, lift = np.zeros((n, dim)), np.zeros(n)
     for i in prange(n):

@@ -44,12 +44,12 @@ class TwoFluids:
         self.artificial, self.loose = tension.damping(self.mu) if tension is not None else (0.0, False)
 
     @property
-    def stiffest(self):
+    def nu_max(self):
         """Largest kinematic viscosity, m2/s."""
         return float((self.mu / self.density).max())
 
     @property
-    def thinnest(self):
+    def nu_min(self):
         """Smallest kinematic viscosity, m2/s."""
         return float((self.mu / self.density).min())
 
@@ -58,9 +58,8 @@ class TwoFluids:
         """Density that pressures are divided by, kg/m3."""
         return self.density[0]
 
-    def terms(self, ops, x, row, pairs, owner):
-        """Terms of one configuration. ops: Operators; x: (n_rows, dim) table of positions; row: (n_pairs,) rows of the
-        neighbours in it; pairs, owner: all neighbours, dummies included, and the owners of the rows."""
+    def terms(self, ops, neighbours):
+        """Terms of one configuration. ops: Operators; neighbours: all of them, dummies included."""
         reference = self.density[0]
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
         rho = self.density[self.phase] / reference
@@ -68,7 +67,7 @@ class TwoFluids:
         near = near_interface(ops.start, ops.column, self.colour)
         weighted, viscosity, turn, smooth = ops, mu[0], None, None
         if heavy or thick:
-            t = crossings(ops, x, row, self.colour, near, self.kind, self.support)
+            t = crossings(ops, self.colour, near)
             weighted = self._weigh(ops, t, rho, mu, heavy)
             viscosity = 1.0
         if self.artificial > 0.0:
@@ -77,33 +76,33 @@ class TwoFluids:
         if thick:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near
-            turn = Turn.build(ops, weighted.lap, x, row, np.flatnonzero(free), self.support)
-        force, jump, lift, along = body_force(ops, x, row, self.body), None, None, None
+            turn = Turn.build(ops, weighted.lap, np.flatnonzero(free))
+        force, jump, lift, along = body_force(ops, self.body), None, None, None
         if self.push.any():
-            force = force + potential_gradient(ops.start, row, x, weighted.grad_p, self.push)
+            force = force + potential_gradient(weighted, self.push)
         if self.held is not None:
-            along = potential_gradient(ops.start, row, x, weighted.grad_p, self.held)
+            along = potential_gradient(weighted, self.held)
         if self.tension is not None:
-            push, lift = self.tension.force(ops, weighted, x, row, pairs, owner, self.colour, near, reference)
+            push, lift = self.tension.force(ops, weighted, neighbours, self.colour, near, reference)
             if lift is None:
                 force = force + push
             else:
                 jump = push
         # more feeds on itself: docs/method.md 12
-        bulk = self.density.min() * self.thinnest / reference
+        bulk = self.density.min() * self.nu_min / reference
         return Terms(weighted, viscosity, force, jump, lift, rho if heavy else 1.0, bulk, turn,
                      smooth, None if self.loose else near, heavy or thick or self.tension is None, along)
 
     @staticmethod
     def _weigh(ops, t, rho, mu, heavy):
         walls = ops.walls
-        natural = walls.natural if walls is not None else None
-        lap, lap_p, grad_p, natural = _weights(
-            ops.start, ops.column, t, rho, mu, ops.lap, ops.lap_p, ops.grad_p,
-            natural if natural is not None else ops.lap_p, heavy)
+        symmetric = ops.lap_p if walls is None else walls.symmetric_laplacian
+        weights = ops.lap, ops.lap_p, ops.grad_p, symmetric
+        lap, lap_p, grad_p, symmetric = _weights(ops.neighbours, t, rho, mu, weights, heavy)
         if walls is not None:
             nu = mu / rho
-            walls = replace(walls, lap=nu * walls.lap, lap_velocity=nu[:, None] * walls.lap_velocity, natural=natural,
+            walls = replace(walls, lap=nu * walls.lap, lap_velocity=nu[:, None] * walls.lap_velocity,
+                            symmetric_laplacian=symmetric,
                             slip=None if walls.slip is None else nu[:, None, None] * walls.slip)
         return replace(ops, lap=lap, lap_p=lap_p, grad_p=grad_p, walls=walls)
 
@@ -127,12 +126,11 @@ class Turn:
     tensor: np.ndarray
 
     @classmethod
-    def build(cls, ops, weighted_lap, x, row, rows, support):
-        """ops: Operators; weighted_lap: (n_pairs,) its `lap` times m_ij / rho_i; x: (n_rows, dim) table of positions;
-        row: (n_pairs,) rows of the neighbours in it; rows: (m,); support: m."""
+    def build(cls, ops, weighted_lap, rows):
+        """ops: Operators; weighted_lap: (n_pairs,) its `lap` times m_ij / rho_i; rows: (m,)."""
         count = np.diff(ops.start)[rows]
         start = np.concatenate([[0], np.cumsum(count)])
-        column, tensor = _turn_tensors(ops.start, ops.column, row, x, ops.lap, weighted_lap, rows, start, support)
+        column, tensor = _turn_tensors(ops.neighbours, ops.lap, weighted_lap, rows, start)
         return cls(rows, start, column, tensor)
 
     def add(self, u, out, factor):
@@ -141,7 +139,9 @@ class Turn:
 
 
 @njit(cache=True, parallel=True)
-def _weights(start, column, t, rho, mu, lap, lap_p, grad_p, natural, heavy):
+def _weights(neighbours, t, rho, mu, weights, heavy):
+    start, column = neighbours.start, neighbours.column
+    lap, lap_p, grad_p, natural = weights
     n, dim = len(start) - 1, grad_p.shape[1]
     size = len(lap)
     new_lap = np.empty(size)
@@ -174,8 +174,9 @@ def _thickened(start, column, lap, weighted_lap, near, share):
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def _turn_tensors(start, column, row, x, lap, weighted_lap, rows, new_start, support):
-    dim = x.shape[1]
+def _turn_tensors(neighbours, lap, weighted_lap, rows, new_start):
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    dim, support = x.shape[1], neighbours.support
     new_column = np.empty(new_start[-1], np.int32)
     size, entries = dim + dim * (dim + 1) // 2, dim * (dim + 1) // 2
     tensor = np.empty((new_start[-1], entries))

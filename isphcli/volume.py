@@ -14,7 +14,14 @@ neither the disorder of particles nor their distance from walls, both of which b
 more than what is to be taken out.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+if TYPE_CHECKING:
+    from .geometry import Geometry
 
 SIDE = 6  # spacings: some 50 to 200 particles a block
 LEAST = 0.02  # of the fullest block: to that, blocks in the rock with less fluid are not held as strictly
@@ -23,26 +30,26 @@ LEAST = 0.02  # of the fullest block: to that, blocks in the rock with less flui
 class KeptVolume:
     """geometry: Geometry; x: (n, dim) fluid particles where they begin, m; spacing: m; steps: T over the step."""
 
-    def __init__(self, geometry, x, spacing, steps):
+    def __init__(self, geometry: Geometry, x: np.ndarray, spacing: float, steps: float):
         size = geometry.upper - geometry.lower
         self.lower, self.steps = geometry.lower, steps
         self.blocks = np.array([_blocks(round(length / spacing)) for length in size])
         self.side = size / self.blocks
         self.nodes = np.where(geometry.periodic, self.blocks, self.blocks + 1)
         self.wanted = self._numbers(self._shares(x))
-        self.drift = 0.0  # root mean square of (N - N_0) / N_0 over the fluid
 
-    def expansion(self, x, dt):
-        """Divergence (n,) that the particles at x (n, dim) are to have in a step of dt, 1/s."""
+    def expansion(self, x: np.ndarray, dt: float) -> tuple[np.ndarray, float]:
+        """Divergence (n,) that the particles at x (n, dim) are to have in a step of dt, 1/s, and the root mean square
+        of (N - N_0) / N_0 over the fluid."""
         shares = self._shares(x)
         surplus = (self._numbers(shares) - self.wanted) / (self.wanted + LEAST * self.wanted.max())
-        self.drift = float(np.sqrt((surplus**2 @ self.wanted) / self.wanted.sum()))
-        return sum(share * surplus[node] for share, node in shares) / (self.steps * dt)
+        drift = float(np.sqrt((surplus**2 @ self.wanted) / self.wanted.sum()))
+        return sum(share * surplus[node] for share, node in shares) / (self.steps * dt), drift
 
-    def _numbers(self, shares):
+    def _numbers(self, shares: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         return sum(np.bincount(node, share, minlength=int(np.prod(self.nodes))) for share, node in shares)
 
-    def _shares(self, x):
+    def _shares(self, x: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """[(share (n,), node (n,))] of the 2^dim nodes round each particle."""
         place = (x - self.lower) / self.side
         first = np.clip(np.floor(place).astype(int), 0, self.blocks - 1)
@@ -53,7 +60,7 @@ class KeptVolume:
         return found
 
 
-def _blocks(layers):
+def _blocks(layers: int) -> int:
     """Number of blocks along an axis of so many layers of particles, of a whole number of layers each if 5 to 8 will
     do: numbers of others change when a lattice moves on."""
     whole = [n for n in range(1, layers + 1) if layers % n == 0 and 5 <= layers // n <= 8]

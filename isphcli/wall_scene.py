@@ -1,22 +1,38 @@
 """Operators of scenes with walls: dummies, wall data of every row, crossings. Imported only where there are solids."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
 import numpy as np
 
 from .coupling import adjoin, balance, crowding
-from .halo import build_halo
-from .neighbours import find_pairs
-from .operators import particle_volumes
-from .walls import WallTable, build_wall_operators, crossings
+from .halo import Halo, build_halo
+from .neighbours import Neighbourhood, neighbourhood
+from .operators import Operators, particle_volumes
+from .walls import WallStars, WallTable, build_wall_operators, crossings
+
+if TYPE_CHECKING:
+    from .geometry import Geometry
+
+
+class WallChange(Protocol):
+    """What makes the walls of a configuration other than those of the geometry (contact_angle.SlipAtLine)."""
+
+    def wall_table(self, geometry: Geometry, wall: np.ndarray,
+                   neighbours: Neighbourhood) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+        """(wall (n_rows,), velocity, slip length and spin of the walls) of the nearest walls (n_rows,)."""
 
 
 class WallScene:
     """Dummies of a scene and their wall data, which never change.
 
     geometry: Geometry; dummies: (n_dummy, dim) m; support: m; kind: kernel number; site_volume: m^dim;
-    line: contact_angle.SlipAtLine or None.
+    line: what changes walls near a contact line, or None.
     """
 
-    def __init__(self, geometry, dummies, support, kind, site_volume, line=None):
+    def __init__(self, geometry: Geometry, dummies: np.ndarray, support: float, kind: int, site_volume: float,
+                 line: WallChange | None = None):
         self.geometry, self.dummies = geometry, dummies
         self.support, self.kind, self.site_volume = support, kind, site_volume
         self.dummy_distance = geometry.distance(dummies)
@@ -25,19 +41,20 @@ class WallScene:
         self.slips = line is not None or bool(np.any(geometry.slip_length > 0.0))
         self.dummy_normal = self._normals(dummies) if self.slips else None
 
-    def configure(self, x):
-        """(Operators, table of positions, pairs, Halo) of fluid positions x (n, dim)."""
-        table, owner, pairs, walls, fraction, volume, images = self.stars(x)
-        few, still = crowding(pairs.start, pairs.index, fraction, owner)
-        ops = build_wall_operators(table, pairs, fraction, owner, volume, walls, self.kind, self.support, 2, few, still)
+    def configure(self, x: np.ndarray) -> tuple[Operators, Neighbourhood, Halo]:
+        """Operators, all neighbours and periodic images of fluid positions x (n, dim)."""
+        stars, images = self.stars(x)
+        neighbours = stars.neighbours
+        few, still = crowding(neighbours, stars.fraction)
+        ops = build_wall_operators(stars, 2, few, still)
         if few is None:
-            balance(ops, table, np.diff(pairs.start))
+            balance(ops, np.diff(neighbours.start))
         else:
-            adjoin(ops, table)
-        return ops, table, pairs, images
+            adjoin(ops)
+        return ops, neighbours, images
 
-    def stars(self, x, fixed=False):
-        """What operators are built from: (table of positions, owners, pairs, WallTable, crossings, volumes, Halo).
+    def stars(self, x: np.ndarray, fixed: bool = False) -> tuple[WallStars, Halo]:
+        """What operators are built from, and the periodic images.
 
         fixed: the particles sit on their lattice and will stay there: every volume is that of a site.
         """
@@ -45,11 +62,11 @@ class WallScene:
         owned = np.concatenate([x, self.dummies])
         images = build_halo(owned, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support)
         table, owner = images.positions(owned), images.owners(len(owned))
-        pairs = find_pairs(table, n, self.support)
+        neighbours = neighbourhood(table, owner, n, self.kind, self.support)
         wall, velocity = np.concatenate([geometry.wall(x), self.dummy_wall])[owner], geometry.wall_velocity
         slip_length, spin = geometry.slip_length, geometry.wall_spin
         if self.line is not None:
-            wall, velocity, slip_length, spin = self.line.wall_table(geometry, wall, pairs, owner)
+            wall, velocity, slip_length, spin = self.line.wall_table(geometry, wall, neighbours)
         walls = WallTable(
             owner < n,
             np.concatenate([geometry.distance(x), self.dummy_distance])[owner],
@@ -57,15 +74,16 @@ class WallScene:
             velocity,
             slip_length,
             np.concatenate([self._normals(x), self.dummy_normal])[owner] if self.slips else np.zeros((0, x.shape[1])),
-            spin,
+            np.zeros((0, x.shape[1], x.shape[1])) if spin is None else spin,
         )
-        fraction = crossings(geometry, table, pairs, walls)
+        fraction = crossings(geometry, neighbours, walls)
         volume = np.full(len(owned), self.site_volume)
         if not fixed:
-            volume[:n] = particle_volumes(table, pairs, self.kind, self.support)
-        return table, owner, pairs, walls, fraction, volume, images
+            volume[:n] = particle_volumes(neighbours)
+        return WallStars(neighbours, walls, fraction, volume), images
 
-    def keep_off(self, x, displacement, dr, nearest):
+    def clamp_wall_distance(self, x: np.ndarray, displacement: np.ndarray, dr: np.ndarray | None,
+                            nearest: float | np.ndarray) -> np.ndarray | None:
         """The shift dr (n, dim) or None, with what keeps particles from coming nearer to a wall than `nearest`.
 
         x: (n, dim) positions; displacement: (n, dim) with the flow; nearest: number or (n,), m.
@@ -86,11 +104,11 @@ class WallScene:
         dr[rows] += missing[:, None] * self._normals(ahead[rows])
         return dr
 
-    def _normals(self, x):
+    def _normals(self, x: np.ndarray) -> np.ndarray:
         return wall_normals(self.geometry, x, self.support)
 
 
-def wall_normals(geometry, x, scale):
+def wall_normals(geometry: Geometry, x: np.ndarray, scale: float) -> np.ndarray:
     """Unit normals into the fluid at x (n, dim), from central differences of the wall distance over 1e-3 of `scale`, m;
     zero where it is flat."""
     h = 1e-3 * scale

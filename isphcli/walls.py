@@ -13,11 +13,15 @@ Pressure has no values at walls: its gradient is corrected over fluid neighbours
 uncorrected sum over them (homogeneous Neumann, conservative).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit, prange
 
+from .neighbours import Neighbourhood
 from .operators import (
     CHUNKS,
     SHARED,
@@ -25,12 +29,16 @@ from .operators import (
     correction,
     gather_star,
     invert_gradient,
+    new_correction,
     new_star,
     second_moments,
     star_moments,
     star_size,
     star_weights,
 )
+
+if TYPE_CHECKING:
+    from .geometry import Geometry
 
 AT_ONCE = 4_000_000  # pairs asked of the geometry in one go: bounds the memory of large scenes
 NEAREST = 0.02  # of a pair: nearest a wall may be; nearer ones triple the iterations and change k by 1e-5
@@ -43,8 +51,7 @@ class WallSums:
     lap: (n,) sum of the Laplacian weights a_iW; lap_velocity: (n, dim) sum a_iW u_W;
     div: (n, dim) sum of the gradient weights g_iW; div_velocity: (n,) sum g_iW . u_W;
     slip: (n, dim, dim) what a slip wall takes off the diagonal, or None where no wall slips;
-    natural: (n_pairs,) symmetric-form weights of the pressure Laplacian;
-    row: (n_pairs,) int32 row of each fluid neighbour in the table of positions;
+    symmetric_laplacian: (n_pairs,) symmetric-form weights of the pressure Laplacian;
     near: (n,) bool, particle sees a wall, or fluid that it shares no pressure with;
     few, still: (n,) bool, see `coupling.crowding`, or None where there are none.
     """
@@ -54,20 +61,19 @@ class WallSums:
     div: np.ndarray
     div_velocity: np.ndarray
     slip: np.ndarray | None
-    natural: np.ndarray
-    row: np.ndarray
+    symmetric_laplacian: np.ndarray
     near: np.ndarray
     few: np.ndarray | None = None
     still: np.ndarray | None = None
 
 
-@dataclass(frozen=True)
-class WallTable:
-    """Wall data of every row of the table of positions.
+class WallTable(NamedTuple):
+    """Wall data of every row of the table of positions, as kernels take them.
 
     fluid: (n_rows,) bool; distance: (n_rows,) signed, m; wall: (n_rows,) int32 nearest wall;
     velocity: (n_walls, dim) m/s; slip_length: (n_walls,) m; normal: (n_rows, dim) into the fluid,
-    used by slip walls only (else empty); spin: (n_walls, dim, dim) 1/s where walls turn, u_W = velocity + spin x.
+    used by slip walls only (else empty); spin: (n_walls, dim, dim) 1/s where walls turn, u_W = velocity + spin x, else
+    (0, dim, dim).
     """
 
     fluid: np.ndarray
@@ -76,56 +82,64 @@ class WallTable:
     velocity: np.ndarray
     slip_length: np.ndarray
     normal: np.ndarray
-    spin: np.ndarray | None = None
+    spin: np.ndarray
 
 
-def crossings(geometry, x, pairs, table):
-    """Fraction t of each pair at which it meets a wall, (n_pairs,) in (0, 1]; 2.0 for fluid pairs in sight.
+@dataclass(frozen=True)
+class WallStars:
+    """What operators beside walls are built from.
 
-    geometry: a Geometry; x: (n_rows, dim); pairs: neighbours of the fluid particles; table: WallTable.
+    neighbours: all of them, dummies included; walls: wall data of their rows; fraction: (n_pairs,) their crossings, see
+    `crossings`; volume: (n_owned,) of fluid particles and dummies, m^dim.
     """
-    fraction = np.full(len(pairs.index), 2.0)
-    ask = _suspects(x, pairs.start, pairs.index, table.fluid, table.distance)
+
+    neighbours: Neighbourhood
+    walls: WallTable
+    fraction: np.ndarray
+    volume: np.ndarray
+
+
+class BoundarySums(NamedTuple):
+    """The sums over walls as kernels make them, see `WallSums`; slip: (0, dim, dim) where no wall slips."""
+
+    lap: np.ndarray
+    lap_velocity: np.ndarray
+    div: np.ndarray
+    div_velocity: np.ndarray
+    slip: np.ndarray
+
+
+def crossings(geometry: Geometry, neighbours: Neighbourhood, walls: WallTable) -> np.ndarray:
+    """Fraction t of each pair at which it meets a wall, (n_pairs,) in (0, 1]; 2.0 for fluid pairs in sight."""
+    x = neighbours.x
+    fraction = np.full(len(neighbours.row), 2.0)
+    ask = _suspects(neighbours, walls.fluid, walls.distance)
     for begin in range(0, len(ask), AT_ONCE):
         some = ask[begin : begin + AT_ONCE]
-        i = np.searchsorted(pairs.start, some, side="right") - 1
-        j = pairs.index[some]
+        i = np.searchsorted(neighbours.start, some, side="right") - 1
+        j = neighbours.row[some]
         t = geometry.crossing(x[i], x[j])
         # a fluid neighbour in sight stays one; a dummy that the geometry calls free is met at its own place
-        sees = table.fluid[j] & (t >= 1.0)
+        sees = walls.fluid[j] & (t >= 1.0)
         fraction[some] = np.where(sees, 2.0, np.clip(t, NEAREST, 1.0))
     return fraction
 
 
-def build_wall_operators(x, pairs, fraction, owner, volume, table, kind, support, order=1, few=None, still=None):
-    """Operators of a scene with walls.
-
-    x: (n_rows, dim); pairs, fraction: neighbours of the n fluid particles and their wall crossings;
-    owner: (n_rows,); volume: (n_owned,) of fluid particles and dummies; order: of the velocity gradient;
-    few, still: of `WallSums`.
-    """
-    n, dim = len(pairs.start) - 1, x.shape[1]
+def build_wall_operators(star: WallStars, order: int = 1, few: np.ndarray | None = None,
+                         still: np.ndarray | None = None) -> Operators:
+    """Operators of a scene with walls. order: of the velocity gradient, 1 (eq. 5) or 2; few, still: of `WallSums`."""
+    everyone, walls = star.neighbours, star.walls
+    n = everyone.n
     start = np.zeros(n + 1, dtype=np.int64)
-    np.cumsum(in_sight(pairs.start, fraction), out=start[1:])
-    size = start[-1]
-    slips = bool(np.any(table.slip_length > 0.0))
-    column, row = np.empty(size, np.int32), np.empty(size, np.int32)
-    lap, natural, lap_p = np.empty(size), np.empty(size), np.empty(size)
-    grad, grad_p = np.empty((size, dim)), np.empty((size, dim))
-    spin = np.zeros((0, dim, dim)) if table.spin is None else table.spin
-    sums = WallSums(np.zeros(n), np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(n),
-                    np.zeros((n, dim, dim)) if slips else None, natural, row, np.zeros(n, dtype=np.bool_), few, still)
-    deficient = _wall_rows(
-        x, pairs.start, pairs.index, fraction, owner, volume, kind, support, order,
-        table.distance, table.wall, table.velocity, spin, table.slip_length, table.normal,
-        start, column, row, lap, grad, natural, lap_p, grad_p,
-        sums.lap, sums.lap_velocity, sums.div, sums.div_velocity,
-        sums.slip if slips else np.zeros((0, dim, dim)), sums.near,
-    )
-    return Operators(start, column, lap, grad, lap_p, grad_p, volume[:n], int(deficient.sum()), sums)
+    np.cumsum(in_sight(everyone.start, star.fraction), out=start[1:])
+    deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, sums = _wall_rows(
+        everyone, star.fraction, star.volume, order, walls, start)
+    found = WallSums(*sums[:4], sums[4] if np.any(walls.slip_length > 0.0) else None, symmetric, near, few, still)
+    seen = everyone._replace(start=start, column=column, row=row)
+    return Operators(seen, lap, grad, lap_p, grad_p, star.volume[:n], int(deficient.sum()), found)
 
 
-def wall_laplacian(walls, u):
+def wall_laplacian(walls: WallSums, u: np.ndarray) -> np.ndarray:
     """What walls add to the velocity Laplacian of u (n, dim)."""
     result = walls.lap_velocity - walls.lap[:, None] * u
     if walls.slip is not None:
@@ -133,14 +147,15 @@ def wall_laplacian(walls, u):
     return result
 
 
-def wall_divergence(walls, u):
+def wall_divergence(walls: WallSums, u: np.ndarray) -> np.ndarray:
     """What walls add to the divergence of u (n, dim), (n,)."""
     return walls.div_velocity - np.einsum("nk,nk->n", walls.div, u)
 
 
 @njit(cache=True)
-def _suspects(x, start, index, fluid, distance):
+def _suspects(neighbours, fluid, distance):
     """Pairs that may cross a wall: those with a dummy, and fluid pairs that two free balls do not cover."""
+    x, start, index = neighbours.x, neighbours.start, neighbours.row
     count = 0
     keep = np.empty(len(index), np.bool_)
     for i in range(len(start) - 1):
@@ -173,96 +188,127 @@ def in_sight(start, fraction):
     return counts
 
 
+@njit(cache=True)
+def meet_walls(star, fraction):
+    """Moves the far ends of the pairs of a star to where they meet a wall (eq. 11). fraction: (count,) their crossings.
+
+    Returns the sum of w s over the star with the dummies at their own places, and whether it meets a wall or has a
+    neighbour that it shares no pressure with.
+    """
+    s, w = star[3], star[4]
+    whole, near = 0.0, False
+    for k in range(len(fraction)):
+        whole += w[k] * s[k]
+    for k in range(len(fraction)):
+        near |= fraction[k] <= SHARED
+        if fraction[k] <= 1.0:
+            s[k] *= fraction[k]
+    return whole, near
+
+
+@njit(cache=True)
+def new_boundary_sums(n, dim, slip_length):
+    """Arrays of BoundarySums of n particles, still zero."""
+    slips = n if np.any(slip_length > 0.0) else 0
+    return np.zeros(n), np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(n), np.zeros((slips, dim, dim))
+
+
+@njit(cache=True)
+def new_wall_pair(dim):
+    """Scratch arrays for `add_wall_pair`: weights of the pair (4,), of the Laplacian and of the gradient; velocity of
+    the wall (dim,); slip tensor (dim, dim)."""
+    return np.empty(4), np.empty(dim), np.empty((dim, dim))
+
+
+@njit(cache=True)
+def add_wall_pair(neighbours, walls, i, k, star, pair, sums):
+    """Adds neighbour k of the star of particle i, which is met at a wall, to the sums of the walls: eq. 11.
+
+    pair: of `new_wall_pair`, with the weights of this one, 1/m2 and 1/m; sums: arrays of BoundarySums. With Navier
+    slip, u at the wall is u_W + B (u_i - u_W), B = length / (length + d) times the projection on the wall.
+    """
+    weight, wall_u, slide = pair
+    lap, lap_velocity, div, div_velocity, slip = sums
+    x, dim = neighbours.x, neighbours.x.shape[1]
+    j = neighbours.row[neighbours.start[i] + k]
+    met = walls.wall[j]
+    for m in range(dim):
+        wall_u[m] = walls.velocity[met, m]
+        if len(walls.spin) > 0:
+            for q in range(dim):
+                wall_u[m] += walls.spin[met, m, q] * (x[i, q] + star[q][k] * star[3][k] * neighbours.support)
+    a = weight[0]
+    lap[i] += a
+    for m in range(dim):
+        lap_velocity[i, m] += a * wall_u[m]
+        div[i, m] += weight[1 + m]
+        div_velocity[i] += weight[1 + m] * wall_u[m]
+    length = walls.slip_length[met]
+    if length > 0.0:
+        normal, factor = walls.normal, length / (length + max(walls.distance[i], 0.0))
+        for q in range(dim):
+            for m in range(dim):
+                slide[q, m] = factor * ((1.0 if q == m else 0.0) - normal[j, q] * normal[j, m])
+        for q in range(dim):
+            for m in range(dim):
+                slip[i, q, m] += a * slide[q, m]
+                lap_velocity[i, q] -= a * slide[q, m] * wall_u[m]
+                div[i, m] -= weight[1 + q] * slide[q, m]
+                div_velocity[i] -= weight[1 + q] * slide[q, m] * wall_u[m]
+
+
 @njit(cache=True, parallel=True)
-def _wall_rows(x, start, index, fraction, owner, volume, kind, support, order,
-               distance, wall, velocity, spin, slip_length, normal,
-               fluid_start, column, row, lap, grad, natural, lap_p, grad_p,
-               wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip, near):
-    n, dim, size = len(start) - 1, x.shape[1], star_size(start)
+def _wall_rows(neighbours, fraction, volume, order, walls, seen_start):
+    """(deficient, (columns, rows), weights of the pairs in sight, near, arrays of BoundarySums).
+
+    All that it makes is returned: numba loses what a parallel loop writes to arrays that came in a tuple.
+    """
+    start, per_length = neighbours.start, 1.0 / neighbours.support
+    n, dim, size = len(start) - 1, neighbours.x.shape[1], star_size(start)
+    pairs = seen_start[n]
+    column, row, near = np.empty(pairs, np.int32), np.empty(pairs, np.int32), np.zeros(n, np.bool_)
+    lap, symmetric, lap_p = np.empty(pairs), np.empty(pairs), np.empty(pairs)
+    grad, grad_p = np.empty((pairs, dim)), np.empty((pairs, dim))
+    wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip = new_boundary_sums(n, dim, walls.slip_length)
     deficient = np.zeros(CHUNKS, np.int64)
-    per_length = 1.0 / support
     per_area = per_length * per_length
     for chunk in prange(CHUNKS):
         star, moments, out = new_star(size), np.empty(41), np.empty((4, size))
         ex, ey, ez, s, w = star
-        g, gp, system, right = np.empty((3, 3)), np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 4))
-        drift, spread, wall_u, slide = np.empty(3), np.empty((3, 3)), np.empty(dim), np.empty((dim, dim))
+        tensors, g_p, pair = new_correction(), np.empty((3, 3)), new_wall_pair(dim)
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             begin, count = start[i], start[i + 1] - start[i]
-            padded = gather_star(x, i, begin, start[i + 1], index, owner, volume, kind, support, star)
-            full = 0.0  # sum of w r over the whole star, dummies at their own places
-            for k in range(count):
-                full += w[k] * s[k]
-            for k in range(count):
-                near[i] |= fraction[begin + k] <= SHARED
-                if fraction[begin + k] <= 1.0:
-                    s[k] *= fraction[begin + k]  # to where the pair meets the wall
+            padded = gather_star(neighbours, i, volume, star)
+            whole, near[i] = meet_walls(star, fraction[begin : begin + count])
             star_moments(star, padded, moments)
-            poor = invert_gradient(moments, dim, g)
-            poor |= correction(moments, dim, order, g, system, right, drift, spread)
-            deficient[chunk] += poor
-            star_weights(star, padded, g, right, drift, spread, order, out)
+            deficient[chunk] += correction(moments, dim, order, tensors)
+            star_weights(star, padded, tensors, order, out)
             if near[i]:
                 second_moments(star, fraction[begin : begin + count], moments)
-                invert_gradient(moments, dim, gp)
-            at = np.uint64(fluid_start[i])
+                invert_gradient(moments, dim, g_p)
+            at = np.uint64(seen_start[i])
             for k in range(count):
-                j = np.uint32(index[begin + k])
                 a = out[0, k] * per_area
                 if fraction[begin + k] > 1.0:
-                    column[at] = owner[j]
-                    row[at] = j
+                    column[at] = neighbours.column[begin + k]
+                    row[at] = neighbours.row[begin + k]
                     lap[at] = a
                     shared = fraction[begin + k] > SHARED
-                    natural[at] = 2.0 * dim * per_area * w[k] / (full * s[k]) if w[k] > 0.0 and shared else 0.0
-                    lap_p[at] = natural[at] if near[i] else a
+                    symmetric[at] = 2.0 * dim * per_area * w[k] / (whole * s[k]) if w[k] > 0.0 and shared else 0.0
+                    lap_p[at] = symmetric[at] if near[i] else a
                     for m in range(dim):
                         grad[at, m] = out[1 + m, k] * per_length
                         if near[i]:
-                            b = gp[m, 0] * ex[k] + gp[m, 1] * ey[k] + gp[m, 2] * ez[k]
+                            b = g_p[m, 0] * ex[k] + g_p[m, 1] * ey[k] + g_p[m, 2] * ez[k]
                             grad_p[at, m] = b * w[k] * per_length if shared else 0.0
                         else:
                             grad_p[at, m] = grad[at, m]
                     at += np.uint64(1)
                 else:
-                    met = wall[j]
-                    wall_lap[i] += a
-                    set_wall_velocity(x[i], star, k, support, velocity, spin, met, wall_u)
+                    pair[0][0] = a
                     for m in range(dim):
-                        wall_lap_velocity[i, m] += a * wall_u[m]
-                        wall_div[i, m] += out[1 + m, k] * per_length
-                        wall_div_velocity[i] += out[1 + m, k] * per_length * wall_u[m]
-                    if slip_length[met] > 0.0:
-                        add_slip(a, out[1:, k], per_length, slip_length[met], max(distance[i], 0.0),
-                                 normal, j, wall_u, slide,
-                                 slip[i], wall_lap_velocity[i], wall_div[i], wall_div_velocity, i)
-    return deficient
-
-
-@njit(cache=True)
-def set_wall_velocity(x, star, k, support, velocity, spin, wall, out):
-    """Velocity of a wall where pair k of the star of a particle at x (dim,) meets it, into out (dim,)."""
-    away, s = star[:3], star[3]
-    for m in range(len(x)):
-        out[m] = velocity[wall, m]
-        if len(spin) > 0:
-            for q in range(len(x)):
-                out[m] += spin[wall, m, q] * (x[q] + away[q][k] * s[k] * support)
-
-
-@njit(cache=True)
-def add_slip(a, slope, per_length, length, distance, normal, j, wall_u, slide,
-             slip, lap_velocity, div, div_velocity, i):
-    """Navier slip: u at the wall is u_W + B (u_i - u_W), B = length / (length + d) times the projection
-    on the wall."""
-    dim = len(wall_u)
-    factor = length / (length + distance)
-    for k in range(dim):
-        for m in range(dim):
-            slide[k, m] = factor * ((1.0 if k == m else 0.0) - normal[j, k] * normal[j, m])
-    for k in range(dim):
-        for m in range(dim):
-            slip[k, m] += a * slide[k, m]
-            lap_velocity[k] -= a * slide[k, m] * wall_u[m]
-            div[m] -= slope[k] * per_length * slide[k, m]
-            div_velocity[i] -= slope[k] * per_length * slide[k, m] * wall_u[m]
+                        pair[0][1 + m] = out[1 + m, k] * per_length
+                    sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
+                    add_wall_pair(neighbours, walls, i, k, star, pair, sums)
+    sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
+    return deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, sums

@@ -5,7 +5,7 @@ import pytest
 
 from isphcli.halo import build_halo, wrap
 from isphcli.linear import ComponentMeans, SolveError, assemble, components, cycle, gmres, hierarchy, row_sums
-from isphcli.neighbours import find_pairs
+from isphcli.neighbours import neighbourhood
 from isphcli.operators import build_operators, laplacian, particle_volumes
 
 
@@ -17,8 +17,8 @@ def operators(dim, n, ratio):
     x = wrap(x, np.zeros(dim), np.ones(dim), np.ones(dim, bool))
     halo = build_halo(x, np.zeros(dim), np.ones(dim), np.ones(dim, bool), ratio / n)
     rows, owner = halo.positions(x), halo.owners(len(x))
-    pairs = find_pairs(rows, len(x), ratio / n)
-    return x, build_operators(rows, pairs, owner, particle_volumes(rows, pairs, 0, ratio / n), 0, ratio / n)
+    neighbours = neighbourhood(rows, owner, len(x), 0, ratio / n)
+    return x, build_operators(neighbours, particle_volumes(neighbours))
 
 
 def solve(matrix, rhs, means, tolerance=1e-8, **kw):

@@ -6,7 +6,7 @@ import pytest
 
 from isphcli.halo import build_halo, wrap
 from isphcli.kernel import KERNELS
-from isphcli.neighbours import find_pairs
+from isphcli.neighbours import neighbourhood
 from isphcli.operators import build_operators, divergence, gradient, gradient_p, laplacian, particle_volumes
 
 SUPPORTS = [2.1, 2.5, 3.0]
@@ -25,17 +25,14 @@ def build(x, support, kind=0, order=2, length=1.0):
     dim = x.shape[1]
     halo = build_halo(x, np.zeros(dim), np.full(dim, length), np.ones(dim, bool), support)
     rows, owner = halo.positions(x), halo.owners(len(x))
-    pairs = find_pairs(rows, len(x), support)
-    return build_operators(
-        rows, pairs, owner, particle_volumes(rows, pairs, kind, support), kind, support, order
-    )
+    neighbours = neighbourhood(rows, owner, len(x), kind, support)
+    return build_operators(neighbours, particle_volumes(neighbours), order)
 
 
 def free(x, support, kind=0, order=2):
     """Operators of particles alone in space, volumes of a lattice of a third of the support."""
-    pairs = find_pairs(x, len(x), support)
-    volume = np.full(len(x), (support / 3) ** x.shape[1])
-    return build_operators(x, pairs, np.arange(len(x), dtype=np.int32), volume, kind, support, order)
+    neighbours = neighbourhood(x, np.arange(len(x), dtype=np.int32), len(x), kind, support)
+    return build_operators(neighbours, np.full(len(x), (support / 3) ** x.shape[1]), order)
 
 
 def quadratic(dim, seed=1):
@@ -110,8 +107,7 @@ def test_volumes_fill_the_box(dim):
     for jitter in (0.0, 0.1):
         x = jittered(dim, n, jitter)
         halo = build_halo(x, np.zeros(dim), np.ones(dim), np.ones(dim, bool), support)
-        pairs = find_pairs(halo.positions(x), len(x), support)
-        volume = particle_volumes(halo.positions(x), pairs, 0, support)
+        volume = particle_volumes(neighbourhood(halo.positions(x), halo.owners(len(x)), len(x), 0, support))
         assert volume.sum() == pytest.approx(1.0, rel=0.03)
         if jitter == 0.0:
             assert volume == pytest.approx(volume[0], rel=1e-12)

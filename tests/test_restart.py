@@ -84,10 +84,10 @@ def stop_at(monkeypatch, step):
     """Ctrl-C in the middle of a step."""
     real = run_navier_stokes.March._row
 
-    def row(self, state, dt, limit):
-        if state.step == step:
+    def row(self, found, limit):
+        if found.state.step == step:
             raise KeyboardInterrupt
-        return real(self, state, dt, limit)
+        return real(self, found, limit)
 
     monkeypatch.setattr(run_navier_stokes.March, "_row", row)
 
@@ -136,7 +136,7 @@ def test_two_fluids_go_on_with_the_same_bits(tmp_path):
             restart.save(tmp_path / "r.npz", saved)
             saved = restart.load(tmp_path / "r.npz", state)
             state = saved.state
-            stepper.take_up(saved.origins)
+            stepper.rebuild_hierarchies(saved.origins)
         limited = replace(case, time=replace(case.time, max_steps=steps))
         found = run_navier_stokes.March(limited, stepper, particles.site_volume, 1.0, 1.0)
         nothing = lambda *_: None  # noqa: E731
@@ -352,7 +352,7 @@ def test_a_file_of_another_case_is_refused(tmp_path):
     restart.save(tmp_path / "r.npz", saved())
     with pytest.raises(RestartError, match=r"has the shape \(20,.*needs \(10,"):
         restart.load(tmp_path / "r.npz", saved(10).state)
-    held = replace(saved().state, push=0.0, drift=0.0)
+    held = replace(saved().state, pressure_gradient=0.0, shifting_flux=0.0)
     with pytest.raises(RestartError, match="one of the file and the case holds a superficial velocity"):
         restart.load(tmp_path / "r.npz", held)
     with pytest.raises(RestartError, match="no restart file"):

@@ -15,7 +15,7 @@ SPACING = 1 / 12
 
 
 def both(dim, jitter, slip=0.0, order=2):
-    """Operators of `walls` and Rows of a disk that moves and turns, or of a sphere that moves, in a periodic cell."""
+    """Weights per pair and in factors of a disk that moves and turns, or of a sphere that moves, in a periodic cell."""
     body = Shape(Sphere([0.5] * dim, 0.31), velocity=[0.3, -0.2, 0.1][:dim], angular_velocity=0.7 if dim == 2 else None)
     geometry = ShapeGeometry([0] * dim, [1] * dim, [True] * dim, shapes=[body], slip_length=slip)
     kind = "square" if dim == 2 else "cubic"
@@ -25,9 +25,8 @@ def both(dim, jitter, slip=0.0, order=2):
     n = particles.n_fluid
     x = wrap(particles.x[:n], geometry.lower, geometry.upper, geometry.periodic)
     scene = WallScene(geometry, particles.x[n:], support, 0, particles.site_volume)
-    table, owner, pairs, walls, fraction, volume, _ = scene.stars(x, jitter == 0.0)
-    args = (table, pairs, fraction, owner, volume, walls, 0, support, order)
-    return build_wall_operators(*args), factored.build_rows(*args)[0]
+    stars, _ = scene.stars(x, jitter == 0.0)
+    return build_wall_operators(stars, order), factored.build_lattice_weights(stars, order)[0]
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -36,23 +35,23 @@ def test_factors_are_the_weights(dim, jitter, slip, order):
     ops, rows = both(dim, jitter, slip, order)
     rng = np.random.default_rng(0)
     u, p = rng.standard_normal((ops.n, dim)), rng.standard_normal(ops.n)
-    assert (len(rows.step) < 40) == (jitter == 0.0)  # a lattice has few shapes
+    assert (len(rows.pairs.step) < 40) == (jitter == 0.0)  # a lattice has few offsets
     out, grad = np.empty_like(u), np.empty_like(u)
     factored.momentum(rows, u, p, SPACING, out, grad)
     expected = laplacian(ops, u) - ops.walls.lap[:, None] * u
-    whole = rows.wall_lap_velocity - rows.wall_lap[:, None] * u
+    whole = rows.walls.lap_velocity - rows.walls.lap[:, None] * u
     if slip:
-        whole += np.einsum("nkm,nm->nk", rows.slip, u)
+        whole += np.einsum("nkm,nm->nk", rows.walls.slip, u)
     np.testing.assert_allclose(whole, wall_laplacian(ops.walls, u), atol=1e-10 * np.abs(whole).max())
     np.testing.assert_allclose(grad, gradient_p(ops, p), atol=1e-10 * np.abs(grad).max())
     np.testing.assert_allclose(out, -SPACING**2 * expected + SPACING * grad, atol=1e-10 * np.abs(out).max())
     div = total_divergence(ops, u)
     np.testing.assert_allclose(factored.total_divergence(rows, u), div, atol=1e-10 * np.abs(div).max())
-    natural = np.zeros(ops.n)
+    symmetric = np.zeros(ops.n)
     for i in range(ops.n):
         part = slice(ops.start[i], ops.start[i + 1])
-        natural[i] = ops.walls.natural[part] @ (p[ops.column[part]] - p[i])
-    np.testing.assert_allclose(factored.natural_laplacian(rows, p), natural, atol=1e-10 * np.abs(natural).max())
+        symmetric[i] = ops.walls.symmetric_laplacian[part] @ (p[ops.column[part]] - p[i])
+    np.testing.assert_allclose(factored.symmetric_laplacian(rows, p), symmetric, atol=1e-10 * np.abs(symmetric).max())
 
 
 def test_matrices_are_what_the_rows_apply():
@@ -63,6 +62,6 @@ def test_matrices_are_what_the_rows_apply():
     factored.momentum(rows, u, np.zeros(ops.n), SPACING, out, np.empty_like(u))
     np.testing.assert_allclose(factored.velocity_matrix(rows, SPACING) @ p, out[:, 0], atol=1e-12 * np.abs(out).max())
     conductance = factored.conductance_matrix(rows, np.full(ops.n, 2.0), SPACING)
-    expected = -2.0 * SPACING**2 * factored.natural_laplacian(rows, p)
+    expected = -2.0 * SPACING**2 * factored.symmetric_laplacian(rows, p)
     ground = factored.GROUND * conductance.diagonal() / (1 + factored.GROUND)
     np.testing.assert_allclose(conductance @ p - ground * p, expected, atol=1e-12 * np.abs(expected).max())

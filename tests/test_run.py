@@ -106,10 +106,10 @@ def test_a_periodic_scene_imports_nothing_of_walls(tmp_path):
 def test_an_interrupt_leaves_a_restart_file(tmp_path, monkeypatch):
     real = run_navier_stokes.March._row
 
-    def stop(self, state, dt, limit):
-        if state.step == 3:
+    def stop(self, found, limit):
+        if found.state.step == 3:
             raise KeyboardInterrupt
-        return real(self, state, dt, limit)
+        return real(self, found, limit)
 
     monkeypatch.setattr(run_navier_stokes.March, "_row", stop)
     with pytest.raises(KeyboardInterrupt) as caught:

@@ -118,7 +118,7 @@ time: {end: 0.0225, step: 0.0122}
 
 def test_periodic_scenes_hold_nothing_of_walls():
     _, config, stepper, _ = run(VORTEX.format(dx=0.1, jitter=0, nu=0.01, end=0.02, cfl=0.2))
-    assert config.ops.walls is None and stepper._scene is None
+    assert config.ops.walls is None and stepper.walls is None
     assert config.ops.lap_p is config.ops.lap and config.ops.grad_p is config.ops.grad
 
 

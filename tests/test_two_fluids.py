@@ -209,7 +209,7 @@ def test_a_uniform_curvature_is_balanced_exactly():
     n = len(state.x)
     colour = stepper.fluids.colour
     ops = config.terms.ops
-    push, lift = _jump(ops.start, ops.column, ops.grad_p, ops.lap_p, colour, np.full(n, 3.0), np.ones(n), 2.0)
+    push, lift = _jump(ops.neighbours, ops.grad_p, ops.lap_p, colour, np.full(n, 3.0), np.ones(n), 2.0)
     residual = push - gradient_p(ops, 6.0 * colour)
     assert np.abs(residual).max() < 1e-12 * np.abs(push).max()
     left = lift - laplacian(replace(ops, lap=ops.lap_p), 6.0 * colour[:, None])[:, 0]
@@ -248,10 +248,11 @@ def test_crossings_of_a_flat_interface_are_exact():
     config = stepper.configure(state.x)
     ops, colour = config.ops, stepper.fluids.colour
     near = near_interface(ops.start, ops.column, colour)
-    t = crossings(ops, config.x, config.row, colour, near, stepper.kind, stepper.support)
+    t = crossings(ops, colour, near)
     i = np.repeat(np.arange(ops.n), np.diff(ops.start))
     unlike = colour[i] != colour[ops.column]
-    y = config.x[i, 1] + t * (config.x[config.row, 1] - config.x[i, 1])
+    seen = ops.neighbours
+    y = seen.x[i, 1] + t * (seen.x[seen.row, 1] - seen.x[i, 1])
     assert unlike.any() and np.abs(y[unlike] - 0.5).max() < 1e-12
 
 
@@ -260,7 +261,7 @@ def test_normals_of_a_disk_point_into_it():
     config = stepper.configure(state.x)
     colour = stepper.fluids.colour
     near = near_interface(config.ops.start, config.ops.column, colour)
-    band = find_band(config.ops, config.x, config.row, colour, near, stepper.kind, stepper.support, 1 / 24)
+    band = find_band(config.ops, colour, near, 1 / 24)
     centre = 0.5 - state.x
     inward = centre / np.linalg.norm(centre, axis=1, keepdims=True)
     strong = band.strength > 0.5 * band.strength.max()
@@ -291,7 +292,7 @@ def test_the_stress_of_a_linear_velocity_vanishes():
 
     ops = config.ops
     rows = np.flatnonzero(~ops.walls.near & (np.abs(state.x[:, 0] - 3 / 12) < 0.5 / 12))
-    turn = Turn.build(ops, ops.lap, config.x, config.row, rows, stepper.support)
+    turn = Turn.build(ops, ops.lap, rows)
     u, out = np.zeros_like(state.x), np.zeros_like(state.x)
     u[:] = state.x @ np.array([[0.3, 2.0], [-1.0, -0.3]])
     turn.add(u, out, 1.0)

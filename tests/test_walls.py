@@ -7,11 +7,11 @@ import pytest
 from isphcli.halo import build_halo
 from isphcli.kernel import KERNELS
 from isphcli.linear import components
-from isphcli.neighbours import find_pairs
+from isphcli.neighbours import neighbourhood
 from isphcli.operators import build_operators, divergence, gradient, gradient_p, laplacian
 from isphcli.particles import make_lattice, place
 from isphcli.shapes import Box, Cylinder, Disk, Shape, ShapeError, ShapeGeometry, Spheres
-from isphcli.walls import WallTable, build_wall_operators, crossings, wall_divergence, wall_laplacian
+from isphcli.walls import WallStars, WallTable, build_wall_operators, crossings, wall_divergence, wall_laplacian
 
 SUPPORTS = [2.1, 2.5, 3.0]
 
@@ -34,7 +34,7 @@ class Scene:
         p, self.n, self.spacing = self.particles, self.particles.n_fluid, spacing
         halo = build_halo(p.x, geometry.lower, geometry.upper, np.array(geometry.periodic), support)
         self.rows, owner = halo.positions(p.x), halo.owners(len(p.x))
-        self.pairs = find_pairs(self.rows, self.n, support)
+        self.neighbours = neighbourhood(self.rows, owner, self.n, kind, support)
         slips = bool(np.any(geometry.slip_length > 0))
         normal = np.zeros((0, dim))
         if slips:
@@ -50,14 +50,12 @@ class Scene:
             geometry.wall_velocity,
             geometry.slip_length,
             normal,
-            geometry.wall_spin,
+            geometry.wall_spin if geometry.wall_spin is not None else np.zeros((0, dim, dim)),
         )
         self.table, self.owner = table, owner
-        self.fraction = crossings(geometry, self.rows, self.pairs, table)
+        self.fraction = crossings(geometry, self.neighbours, table)
         self.volume = np.full(len(p.x), p.site_volume)
-        self.ops = build_wall_operators(
-            self.rows, self.pairs, self.fraction, owner, self.volume, table, kind, support, order
-        )
+        self.ops = build_wall_operators(WallStars(self.neighbours, table, self.fraction, self.volume), order)
 
     @property
     def x(self):
@@ -147,7 +145,7 @@ def test_any_quadratic_with_its_wall_values(dim, ratio):
     for i in range(0, s.n, 5):
         rows = np.concatenate([[i], np.delete(np.arange(len(s.rows)), i)])
         x = s.rows[rows]
-        pairs = find_pairs(x, 1, ratio * dx)
+        neighbours = neighbourhood(x, np.arange(len(x), dtype=np.int32), 1, 0, ratio * dx)
         table = WallTable(
             s.table.fluid[rows],
             s.table.distance[rows],
@@ -155,14 +153,13 @@ def test_any_quadratic_with_its_wall_values(dim, ratio):
             np.zeros((len(x), dim)),
             np.zeros(len(x)),
             np.zeros((0, dim)),
+            np.zeros((0, dim, dim)),
         )
-        t = crossings(geometry, x, pairs, table)
-        j = pairs.index
+        t = crossings(geometry, neighbours, table)
+        j = neighbours.row
         met = x[0] + np.minimum(t, 1.0)[:, None] * (x[j] - x[0])
         table.velocity[j] = f(met)[:, None]
-        ops = build_wall_operators(
-            x, pairs, t, np.arange(len(x), dtype=np.int32), s.volume, table, 0, ratio * dx, 2
-        )
+        ops = build_wall_operators(WallStars(neighbours, table, t, s.volume), 2)
         values = f(x)
         lap = (
             ops.lap @ (values[ops.column] - values[0])
@@ -264,7 +261,7 @@ def test_no_wall_in_sight_is_the_scene_without_walls():
     """Far from walls the rows are those of `build_operators`; pressure and velocity weights agree there."""
     geometry = ShapeGeometry([0, 0], [1, 1], [True, True], shapes=[Shape(Disk([0.5, 0.5], 0.2))])
     s = Scene(geometry, 1 / 24, 2.5, jitter=0.1, order=2)
-    plain = build_operators(s.rows, s.pairs, s.owner, s.volume, 0, 2.5 / 24, 2)
+    plain = build_operators(s.neighbours, s.volume, 2)
     f = np.random.default_rng(0).normal(size=(s.n, 2))
     far = ~s.ops.walls.near
     assert far.any() and s.ops.walls.near.any()
@@ -279,7 +276,7 @@ def test_no_wall_in_sight_is_the_scene_without_walls():
     i = np.repeat(np.arange(s.n), np.diff(s.ops.start))
     assert np.array_equal(s.ops.lap_p[far[i]], s.ops.lap[far[i]])
     assert np.array_equal(s.ops.grad_p[far[i]], s.ops.grad[far[i]])
-    assert np.array_equal(s.ops.lap_p[~far[i]], s.ops.walls.natural[~far[i]])
+    assert np.array_equal(s.ops.lap_p[~far[i]], s.ops.walls.symmetric_laplacian[~far[i]])
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -289,17 +286,17 @@ def test_pressure_is_exact_for_linear_functions_at_walls(dim):
     slope[0] = 0.0  # periodic
     slope[-1] *= dim == 2
     assert gradient_p(s.ops, s.x @ slope) == pytest.approx(np.broadcast_to(slope, (s.n, dim)), abs=1e-11)
-    # natural weights: positive, and constants vanish
-    assert np.all(s.ops.walls.natural > 0)
+    # symmetric weights: positive, and constants vanish
+    assert np.all(s.ops.walls.symmetric_laplacian > 0)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_natural_pressure_weights_are_conservative_on_a_lattice(dim):
+def test_symmetric_pressure_weights_are_conservative_on_a_lattice(dim):
     """Every particle of a lattice has the same full star: the weights are mutual, fluxes cancel in pairs."""
     s = Scene(channel(dim, 1.0), 1 / 8, 2.1)
     p = np.random.default_rng(0).normal(size=s.n)
     i = np.repeat(np.arange(s.n), np.diff(s.ops.start))
-    assert abs((s.ops.walls.natural * (p[s.ops.column] - p[i])).sum()) < 1e-9
+    assert abs((s.ops.walls.symmetric_laplacian * (p[s.ops.column] - p[i])).sum()) < 1e-9
 
 
 def test_throats_and_corners_are_finite():
