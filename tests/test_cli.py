@@ -155,12 +155,12 @@ def test_no_more_digits_than_the_error_is_known_to(monkeypatch):
 
 
 def test_run_prints_what_was_run_and_what_was_warned_of(monkeypatch):
-    image = {"size": [8, 12, 20], "voxel_size": [5e-6, 5e-6, 5e-6], "axes": "xyz"}
-    known = {"image": image, "porosity": 0.20349, "open_axes": ["x", "z"], "mass_error": 0.0123, "warnings": ["thin"],
+    inputs = ["image: 8 x 12 x 20 voxels along x, y, z", "voxel size: 5e-06 m, as given"]
+    known = {"inputs": inputs, "porosity": 0.20349, "open_axes": ["x", "z"], "mass_error": 0.0123, "warnings": ["thin"],
              "throats": {"median": 1.84, "narrow": 1.0, "thin": 0.9}}
     fake_run(monkeypatch, {"permeability": 1e-12, **known})
     out = isph("run", "case.yaml").output
-    for text in ("8 x 12 x 20 voxels (x, y, z) of 5e-06 m; array read as xyz", "20.3 %", "x, z", "thin",
+    for text in ("8 x 12 x 20 voxels along x, y, z", "5e-06 m, as given", "20.3 %", "x, z", "thin",
                  "1.2e-02 between slices", "median 1.8 particles wide"):
         assert text in out
 
