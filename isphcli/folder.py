@@ -240,7 +240,7 @@ class Folder:
         text = {"program": "isphcli", "version": __version__, "case": self.case, "files": list(self.files),
                 "folders": list(self.folders)}  # fmt: skip
         with whole(self.path / MANIFEST) as temporary:
-            temporary.write_text(json.dumps(text, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+            temporary.write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
 
 
 _held: dict[Path, Folder] = {}

@@ -260,6 +260,7 @@ def _describe_spheres(file, body, lower, upper, period, described, warnings) -> 
 def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
     from . import memory, voxels
     from .case_checks import check_dimension
+    from .particles import ParticleError
     from .voxel_geometry import VoxelGeometry
 
     spec = case.geometry.voxels
@@ -283,14 +284,18 @@ def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
     else:
         what, fix = f"the wall distances of {labels.size + added:,} voxels", memory.CROP
     memory.refuse((labels.size + added) * memory.BYTES_VOXEL, what, fix)
-    memory.refuse_pores(case, labels, size, added)
+    unusual = _unusual_size(case, np.broadcast_to(size, labels.ndim))
+    try:
+        memory.refuse_pores(case, labels, size, added)
+    except ParticleError as error:  # voxels in another unit than the spacing make absurd numbers of particles
+        raise ParticleError("; ".join((str(error), *unusual))) from None
     geometry = VoxelGeometry(labels, size, periodic, case.wall_distance, axis, clear, **walls)
     solid = labels < 0
     porosity, name = 1.0 - float(solid.mean()), spec.file.name
     geometry.warnings = (
         *image.warnings,
         *odd,
-        *_unusual_size(case, geometry.voxel_size),
+        *unusual,
         *_unusual_porosity(porosity, spec.labels),
         *voxels.faces_that_differ(solid, periodic),
     )

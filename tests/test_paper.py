@@ -107,7 +107,7 @@ def test_drops_on_walls_are_judged_by_degrees(monkeypatch, folder, error, holds)
 def test_what_cannot_run_says_why(folder):
     with pytest.raises(NotRun, match="no_such_case"):
         paper.run("no_such_case", folder)
-    with pytest.raises(NotRun, match="NoFlowError"):  # spheres that overlap leave closed pockets
+    with pytest.raises(NotRun, match="NoPathError"):  # spheres that overlap leave closed pockets
         paper.run("sphere_array", folder, "geometry.shapes.0.sphere.radius=7.2e-4", "particles.spacing=5e-5")
     with pytest.raises(CaseError):
         paper.run("slit", folder, "particles.spacing=much")

@@ -9,13 +9,16 @@ import tracemalloc
 import zipfile
 import zlib
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from isphcli import memory
 from isphcli.geometry import build_geometry
+from isphcli.particles import ParticleError
 from isphcli.voxel_geometry import VoxelGeometry, nearest_centre, wall_field
 from isphcli.voxels import VoxelError, apply_labels, convert, faces_that_differ, image_shape, read_image, write_image
 
@@ -646,7 +649,17 @@ def scene_of(tmp_path, file, size=None, **values):
     else:
         np.savez(path, image=image, **values)
     scene = SPACING.replace("FILE", file).replace("SIZE", "" if size is None else f", voxel_size: {size}")
-    return build_geometry(read(tmp_path, "{" + scene + "}"))
+    with mock.patch.object(memory, "available", lambda: None):  # voxels of metres are not to be refused by their number
+        return build_geometry(read(tmp_path, "{" + scene + "}"))
+
+
+def test_a_size_in_another_unit_is_named_where_it_is_refused(tmp_path):
+    """voxel_size: 5, micrometres meant, beside a spacing that fits micrometres no better."""
+    np.save(tmp_path / "a.npy", np.zeros((10, 10, 10), np.uint8))
+    scene = SPACING.replace("FILE", "a.npy").replace("SIZE", ", voxel_size: 5")
+    said = r"fluid particles need .* if micrometres are meant, the voxel size is 5e-06 m"
+    with pytest.raises(ParticleError, match=said):
+        build_geometry(read(tmp_path, "{" + scene + "}"))
 
 
 @pytest.mark.parametrize(
