@@ -17,7 +17,7 @@ import numpy as np
 from .output import replacing
 
 NAME = "restart.npz"
-VERSION = 2
+VERSION = 3
 
 
 class RestartError(ValueError):
@@ -29,12 +29,12 @@ class Saved:
     """A run between two steps.
 
     state: step.State; origins: {name of a hierarchy: (state before the step in which it was built, length of that step,
-    s, iterations of its first use)}; energies: [(time, energy)] that the test for a steady state looks back on.
+    s, iterations of its first use)}; record: [(time, integral)] of the test for a steady state (steady.Steady.kept).
     """
 
     state: object
     origins: dict = field(default_factory=dict)
-    energies: tuple = ()
+    record: tuple = ()
 
 
 def save(path, saved):
@@ -50,7 +50,7 @@ def save(path, saved):
             if isinstance(value, np.ndarray) and value.dtype.kind == "f" and not np.isfinite(value).all():
                 raise RestartError(f"{path}: {name} is not finite; nothing was written")
             arrays[f"state{k}.{name}"] = np.asarray(value)
-    arrays["energies"] = np.array(saved.energies, dtype=float).reshape(-1, 2)
+    arrays["record"] = np.array(saved.record, dtype=float).reshape(-1, 2)
     arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8)
     with replacing(path) as temporary, open(temporary, "wb") as file:
         np.savez(file, **arrays, sha256=np.frombuffer(_digest(arrays), dtype=np.uint8))
@@ -81,7 +81,7 @@ def load(path, like):
         states[k] = type(like)(**{name: v.item() if v.ndim == 0 else v for name, v in found.items()})
     _check_fits(path, states[0], like)
     origins = {name: (states[k], dt, first) for name, (k, dt, first) in meta["origins"].items()}
-    return Saved(states[0], origins, tuple(map(tuple, arrays["energies"].tolist())))
+    return Saved(states[0], origins, tuple(map(tuple, arrays["record"].tolist())))
 
 
 def _fields(state):

@@ -226,7 +226,8 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
     since, last_step = None, None
     if resume is not None:
         saved = restart.load(Path(resume) / restart.NAME, state)
-        state, march.energies = saved.state, list(saved.energies)
+        state = saved.state
+        march.take_up(saved)
         if Path(resume).resolve() == case.output.directory.resolve():  # elsewhere its files begin anew
             since, last_step = state.time, state.step
     with progress.stage("neighbours and operators", quiet):
@@ -273,7 +274,8 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
                         save()
                 reports = stepper.reports
                 bar.update(state.step, state.time, dt, limit, {k: r.iterations for k, r in reports.items()},
-                           {k: r.residual for k, r in reports.items()} | {"divergence": stepper.divergence})
+                           {k: r.residual for k, r in reports.items()} | {"divergence": stepper.divergence}
+                           | ({"change": march.steady.distance} if march.steady is not None else {}))
 
             try:
                 state, config = march.run(state, config, snapshot, row, show)
@@ -299,14 +301,17 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
     gravity = np.linalg.norm(force)
     axis = int(np.argmax(np.abs(force))) if gravity > 0.0 else None
     if stepper.rate is not None:
-        force = (force[stepper.rate.axis] + state.push) * stepper.fluids.held
+        force = (force[stepper.rate.axis] + state.push * march.settled(state)) * stepper.fluids.held
         gravity = np.linalg.norm(force)
         axis = stepper.rate.axis if gravity > 0.0 else None
     superficial, mean, along = darcy(geometry, state.x, state.u, particles.site_volume, axis, force,
                                      stepper.fluids.stiffest)
     resisted = geometry.has_solid and not two and not walls_move(case)
     known = axis is not None and resisted and march.outcome == "steady"
-    permeability = float(along[axis]) if known else None
+    permeability = error = None
+    if known:
+        permeability = float(along[axis]) * (march.settled(state) if stepper.rate is None else 1.0)
+        error = permeability * march.steady.distance
     result = SimpleNamespace(
         x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * stepper.fluids.reference,
         time=state.time, spacing=case.particles.spacing,
@@ -315,7 +320,7 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
     )
     free = axis is not None and not geometry.has_solid and not two
     messages = [_absent_fluids(case, particles), _added_viscosity(stepper.fluids),
-                "no permeability: no wall resists the flow" if free else None]
+                "no permeability: no wall resists the flow" if free else None, march.standing]
     summary = {
         "status": march.outcome,
         "message": "; ".join(filter(None, messages)) or None,
@@ -325,6 +330,7 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
         "steps": state.step,
         "time": state.time,
         "permeability": permeability,
+        "permeability_error": error,
         "superficial_velocity": superficial,
         "mean_velocity": mean,
         "pressure_drop": stepper.rate.drop(state) if stepper.rate is not None else None,
