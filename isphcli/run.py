@@ -312,7 +312,8 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
     since, last_step, record = None, None, restart.record_of(case)
     if resume is not None:
         saved = restart.load(Path(resume) / restart.NAME, state, record)
-        state, march.energies = saved.state, list(saved.energies)
+        state = saved.state
+        march.take_up(saved)
         record = _gone_on(case, Path(resume) / restart.NAME, saved, record, quiet)
         if Path(resume).resolve() == case.output.directory.resolve():  # elsewhere its files begin anew
             since, last_step = state.time, state.step
@@ -360,7 +361,8 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
                         save()
                 reports = stepper.reports
                 bar.update(state.step, state.time, dt, limit, {k: r.iterations for k, r in reports.items()},
-                           {k: r.residual for k, r in reports.items()} | {"divergence": stepper.divergence})
+                           {k: r.residual for k, r in reports.items()} | {"divergence": stepper.divergence}
+                           | ({"change": march.steady.distance} if march.steady is not None else {}))
 
             try:
                 state, config = march.run(state, config, snapshot, row, show)
@@ -415,14 +417,17 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
     gravity = np.linalg.norm(force)
     axis = int(np.argmax(np.abs(force))) if gravity > 0.0 else None
     if stepper.rate is not None:
-        force = (force[stepper.rate.axis] + state.push) * stepper.fluids.held
+        force = (force[stepper.rate.axis] + state.push * march.settled(state)) * stepper.fluids.held
         gravity = np.linalg.norm(force)
         axis = stepper.rate.axis if gravity > 0.0 else None
     superficial, mean, along = darcy(geometry, state.x, state.u, particles.site_volume, axis, force,
                                      stepper.fluids.stiffest)
     resisted = geometry.has_solid and not two and not walls_move(case)
     known = axis is not None and resisted and march.outcome == "steady"
-    permeability = float(along[axis]) if known else None
+    permeability = error = None
+    if known:
+        permeability = float(along[axis]) * (march.settled(state) if stepper.rate is None else 1.0)
+        error = permeability * march.steady.distance
     result = SimpleNamespace(
         x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * stepper.fluids.reference,
         time=state.time, spacing=case.particles.spacing,
@@ -444,6 +449,7 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
         "steps": state.step,
         "time": state.time,
         "permeability": permeability,
+        "permeability_error": error,
         "superficial_velocity": superficial,
         "mean_velocity": mean,
         "pressure_drop": stepper.rate.drop(state) if stepper.rate is not None else None,
@@ -481,8 +487,7 @@ def _stopped_short(case, march, state, directory):
     cause = (f"time.max_steps, {time.max_steps}, came" if by_steps else f"time.end, {time.end:g} s, came") + " first"
     what, key = march.outcome, "time.max_steps" if by_steps else "time.end"
     if time.steady is not None:
-        change = "is not known yet" if march.change is None else f"is {march.change:.2g}"
-        what = f"the flow is not steady: its change {change}, and time.steady asks for {time.steady:g}"
+        what = f"the flow is not steady: {march.standing}"
     return f"{what}; {cause}. Go on with: isph run --restart {shlex.quote(str(directory))} --set {key}=..."
 
 
