@@ -427,7 +427,7 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
     permeability = error = None
     if known:
         permeability = float(along[axis]) * (march.settled(state) if stepper.rate is None else 1.0)
-        error = permeability * march.steady.distance
+        error = abs(permeability) * march.steady.distance
     result = SimpleNamespace(
         x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * stepper.fluids.reference,
         time=state.time, spacing=case.particles.spacing,

@@ -236,10 +236,10 @@ class March:
         """Words on how far from steady a flow is that was to become so; None of others."""
         if self.outcome != "not steady at the end":
             return None
-        distance = self.steady.distance
+        distance, asked = self.steady.distance, f"time.steady asks for {self.case.time.steady:g}"
         if distance is None:
-            return f"how far it is from its steady value cannot be told yet, time.steady asks for {self.case.time.steady:g}"
-        return f"it may be {distance:.2g} off its steady value, relative, and time.steady asks for {self.case.time.steady:g}"
+            return f"how far it is from its steady value cannot be told yet, {asked}"
+        return f"it may be {distance:.2g} off its steady value, relative, and {asked}"
 
     def _steady_by_now(self):
         distance = self.steady.distance if self.steady is not None else None

@@ -31,9 +31,9 @@ CONFIDENCE = 2.179
 class Steady:
     """The record of one number f over a run.
 
-    kept: [(time, integral of f since the first of them)], one entry a step and one before, as far back as the windows go.
-    mean: of f over the last window; error: by how much its steady value may differ from that, in units of f. Both are
-    None while the record does not tell.
+    kept: [(time, integral of f since the first of them)], one entry a step and one before, as far back as the windows
+    go. mean: of f over the last window; error: by how much its steady value may differ from that, in units of f. Both
+    are None while the record does not tell.
     """
 
     def __init__(self, kept: Sequence[tuple[float, float]] = ((0.0, 0.0),)):

@@ -143,7 +143,8 @@ output: {{directory: {out}, plots: false, snapshots: false}}
 
 
 def run_slit(tmp_path, asked, steps):
-    return run_case(read_case(SLIT.format(asked=asked, steps=steps, out=tmp_path / "out").encode(), "c.yaml"), quiet=True)
+    case = read_case(SLIT.format(asked=asked, steps=steps, out=tmp_path / "out").encode(), "case.yaml")
+    return run_case(case, quiet=True)
 
 
 def test_the_permeability_of_a_slit_is_that_of_a_window(tmp_path):

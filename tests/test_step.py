@@ -171,7 +171,10 @@ fluids: {{water: {{density: 1, viscosity: 1.0e-6}}}}
 solver: {{tolerance: 1.0e-12}}
 time: {{end: 1}}
 """
-PERIODIC = "geometry: {{box: [1, 1], periodic: [x, y]}}\nparticles: {{spacing: {dx}, jitter: {jitter}, shifting: 0}}" + STILL
+PERIODIC = """
+geometry: {{box: [1, 1], periodic: [x, y]}}
+particles: {{spacing: {dx}, jitter: {jitter}, shifting: 0}}
+""" + STILL
 ROUND_WALLS = """
 geometry:
   box: [1, 1]
@@ -214,7 +217,8 @@ def swirl_and_source(x):
 @pytest.mark.parametrize("text", [PERIODIC, ROUND_WALLS], ids=["periodic", "walls"])
 @pytest.mark.parametrize("jitter", [0, 0.1])
 def test_a_step_takes_off_the_gradient_of_its_pressure(text, jitter):
-    """Eq. 3, all of it: u* - dt grad q / g0 is left, with the discrete gradient of what the step adds to the pressure."""
+    """Eq. 3, all of it: u* - dt grad q / g0 is left, with the discrete gradient of what the step adds to the
+    pressure."""
     before, after, q, ops = one_step(text.format(dx=0.0625, jitter=jitter), swirl_and_source)
     taken = gradient_p(ops, q)
     assert np.linalg.norm(taken) > 0.1 * np.linalg.norm(before)
