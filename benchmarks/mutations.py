@@ -29,8 +29,8 @@ TIMEOUT = 600  # s: a broken operator may never converge
 
 
 class Mutation(NamedTuple):
-    """One change: text of a module of the package that occurs once, what stands there instead, and why no reference
-    is known to miss its bound by it."""
+    """One change: text of a module of the package that occurs once, what stands there instead, why no reference is
+    known to miss its bound by it, and a test of the suite that notices it then."""
 
     name: str
     kind: str  # sign, factor or order
@@ -40,6 +40,7 @@ class Mutation(NamedTuple):
     new: str
     cases: tuple[str, ...] = QUICK
     unnoticed: str = ""
+    test: str = ""
 
 
 MUTATIONS = (
@@ -62,7 +63,8 @@ MUTATIONS = (
              "step", "p + q - terms.bulk * div", "p + q + terms.bulk * div"),
     Mutation("projection_factor", "factor", "half of the pressure gradient taken off the velocity (eq. 3)",
              "step", "u = star - gradient_p(terms.ops, q) / rate", "u = star - 0.5 * gradient_p(terms.ops, q) / rate",
-             unnoticed="the pressure is incremental: what divergence is left comes back in the next right-hand side"),
+             unnoticed="the pressure is incremental: what divergence is left comes back in the next right-hand side",
+             test="tests/test_step.py::test_a_step_takes_off_the_gradient_of_its_pressure"),
     Mutation("first_order_in_time", "order", "implicit Euler in place of the second-order scheme",
              "step", "dt / state.dt_old if (state.dt_old and self.second_order) else 0.0", "0.0"),
     Mutation("shift_without_carry", "order", "shifted particles keep their velocity (eq. 9 dropped)",
@@ -160,6 +162,8 @@ def main():
         shown = "; ".join(text for _, text in found[:4]) + (f"; {len(found) - 4} more" if len(found) > 4 else "")
         if not shown:
             shown = f"none: {mutation.unnoticed}" if mutation and mutation.unnoticed else "none"
+            if mutation and mutation.test:
+                shown += f"; by {mutation.test}"
         print(f"| {name} | {kind} | {what} | {shown} |", flush=True)
         if mutation and not found:
             missed_by_all.append(name)

@@ -392,7 +392,9 @@ class Time:
 
     end: float | None = key("time at which the run ends", default=None, unit="s", above=0)
     steady: float | None = key(
-        "relative rate of change of the mean velocity below which the flow counts as steady and the run ends",
+        "estimated distance from the steady value, relative, noise of the particles included, at which the run ends: "
+        "of the superficial velocity along the drive; of the pressure drop where a velocity is held; without both of "
+        "the root mean square speed (docs/method.md 6)",
         default=None,
         above=0,
         below=1,

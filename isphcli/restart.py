@@ -38,13 +38,14 @@ class Saved:
     """A run between two steps.
 
     state: state.State; origins: {name of a hierarchy: (state before the step in which it was built, length of that
-    step, s, iterations of its first use)}; energies: [(time, energy)] that the test for a steady state looks back on;
+    step, s, iterations of its first use)}; steady: [(time, integral)] of the test for a steady state
+    (steady.Steady.kept);
     record: what the case said, see `record_of`.
     """
 
     state: object
     origins: dict = field(default_factory=dict)
-    energies: tuple = ()
+    steady: tuple = ()
     record: dict = field(default_factory=dict)
 
 
@@ -61,7 +62,7 @@ def save(path, saved, record=None):
             if isinstance(value, np.ndarray) and value.dtype.kind == "f" and not np.isfinite(value).all():
                 raise RestartError(f"{path}: {name} is not finite; nothing was written")
             arrays[f"state{k}.{name}"] = np.asarray(value)
-    arrays["energies"] = np.array(saved.energies, dtype=float).reshape(-1, 2)
+    arrays["steady"] = np.array(saved.steady, dtype=float).reshape(-1, 2)
     arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8)
     arrays["sha256"] = np.frombuffer(_digest(arrays), dtype=np.uint8)
     # not numpy.savez, which in older numpy leaves its archive open on a full disk and complains at the end
@@ -105,7 +106,7 @@ def load(path, like, record=None):
         states[k] = type(like)(**{name: v.item() if v.ndim == 0 else v for name, v in found.items()})
     _check_fits(path, states[0], like)
     origins = {name: (states[k], dt, first) for name, (k, dt, first) in meta["origins"].items()}
-    return Saved(states[0], origins, tuple(map(tuple, arrays["energies"].tolist())), meta.get("record", {}))
+    return Saved(states[0], origins, tuple(map(tuple, arrays["steady"].tolist())), meta.get("record", {}))
 
 
 def _fields(state):

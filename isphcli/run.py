@@ -312,7 +312,8 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
     since, last_step, record = None, None, restart.record_of(case)
     if resume is not None:
         saved = restart.load(Path(resume) / restart.NAME, state, record)
-        state, march.energies = saved.state, list(saved.energies)
+        state = saved.state
+        march.take_up(saved)
         record = _gone_on(case, Path(resume) / restart.NAME, saved, record, quiet)
         if Path(resume).resolve() == case.output.directory.resolve():  # elsewhere its files begin anew
             since, last_step = state.time, state.step
@@ -361,7 +362,8 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
                         save()
                 reports = found.reports
                 bar.update(state.step, state.time, found.dt, limit, {k: r.iterations for k, r in reports.items()},
-                           {k: r.residual for k, r in reports.items()} | {"divergence": found.max_divergence})
+                           {k: r.residual for k, r in reports.items()} | {"divergence": found.max_divergence}
+                           | ({"change": march.steady.distance} if march.steady is not None else {}))
 
             try:
                 state, config = march.run(state, config, snapshot, row, show)
@@ -416,14 +418,18 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
     gravity = np.linalg.norm(force)
     axis = int(np.argmax(np.abs(force))) if gravity > 0.0 else None
     if stepper.held_velocity is not None:
-        force = (force[stepper.held_velocity.axis] + state.pressure_gradient) * stepper.fluids.held
+        force = force[stepper.held_velocity.axis] + state.pressure_gradient * march.settled(state)
+        force = force * stepper.fluids.held
         gravity = np.linalg.norm(force)
         axis = stepper.held_velocity.axis if gravity > 0.0 else None
     superficial, mean, along = darcy(geometry, state.x, state.u, particles.site_volume, axis, force,
                                      stepper.fluids.nu_max)
     resisted = geometry.has_solid and not two and not walls_move(case)
     known = axis is not None and resisted and march.outcome == "steady"
-    permeability = float(along[axis]) if known else None
+    permeability = error = None
+    if known:
+        permeability = float(along[axis]) * (march.settled(state) if stepper.held_velocity is None else 1.0)
+        error = abs(permeability) * march.steady.distance
     result = SimpleNamespace(
         x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * stepper.fluids.reference,
         time=state.time, spacing=case.particles.spacing,
@@ -445,6 +451,7 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
         "steps": state.step,
         "time": state.time,
         "permeability": permeability,
+        "permeability_error": error,
         "superficial_velocity": superficial,
         "mean_velocity": mean,
         "pressure_drop": stepper.held_velocity.drop(state) if stepper.held_velocity is not None else None,
@@ -482,8 +489,7 @@ def _stopped_short(case, march, state, directory):
     cause = (f"time.max_steps, {time.max_steps}, came" if by_steps else f"time.end, {time.end:g} s, came") + " first"
     what, key = march.outcome, "time.max_steps" if by_steps else "time.end"
     if time.steady is not None:
-        change = "is not known yet" if march.change is None else f"is {march.change:.2g}"
-        what = f"the flow is not steady: its change {change}, and time.steady asks for {time.steady:g}"
+        what = f"the flow is not steady: {march.standing}"
     return f"{what}; {cause}. Go on with: isph run --restart {shlex.quote(str(directory))} --set {key}=..."
 
 

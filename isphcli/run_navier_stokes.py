@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from . import expressions, failure, memory
-from .drive import drives, held_axis, held_velocity
+from .drive import darcy, drives, held_axis, held_velocity, walls_move
 from .fluids import OneFluid
 from .kept_hierarchies import KeptHierarchies
 from .kernel import KERNELS
 from .particles import place_case
 from .restart import Saved
 from .state import State
+from .steady import Steady
 from .step import Stepper
 
 VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
@@ -21,7 +22,6 @@ VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no li
 FIRST, GROWTH = 1.0 / 16.0, 2.0
 FIRST_AT_WALLS, GROWTH_AT_WALLS = 1.0 / 64.0, 1.25
 SPREAD = 10.0  # root mean square speed over the mean of a held flow, at most; in rock it is 2 to 3
-STEADY_WINDOW = 0.8  # a run is steady when the kinetic energy has changed little since this fraction of the time
 
 
 def prepare(case, geometry, clock):
@@ -120,19 +120,29 @@ def kept_volume(case, geometry, x):
     return KeptVolume(geometry, x, case.particles.spacing, case.particles.keep_volume)
 
 
+def _free_direction(case, stepper):
+    """Unit vector (dim,) of the force along the axes that do not end at walls; None where there is no such force, or
+    walls move and drag the fluid along as well."""
+    force = stepper.fluids.force * np.array(stepper.geometry.periodic)
+    size = np.linalg.norm(force)
+    return force / size if size > 0.0 and not walls_move(case) else None
+
+
 class March:
     """Runs a state to its end; everything written on the way goes through the callbacks.
 
     snapshot(state, config), row(dict) and progress(result, limit) are called as the run goes. `last` is the last
     step of which all is told (restart.Saved): what a run that stops goes on from.
     density: of the fluid or (n,) of the particles, kg/m3; measure(state, config): further entries of a row, dict.
+    steady: steady.Steady of what `observed` says, in a run to a steady state, else None.
     """
 
     def __init__(self, case, stepper, site_volume, density, box_volume, measure=lambda state, config: {}):
         self.measure = measure
         self.case, self.stepper = case, stepper
         self.site_volume, self.density, self.box_volume = site_volume, density, box_volume
-        self.energies, self.change, self.last = [], None, None
+        self.steady = Steady() if case.time.steady is not None else None
+        self.along, self.last = _free_direction(case, stepper), None
         self.outcome = "finished"
 
     def limits(self, state):
@@ -168,10 +178,8 @@ class March:
         """(state, config) at the end. Raises failure.RunError."""
         case = self.case
         end = case.time.end if case.time.end is not None else np.inf
-        if case.time.steady is not None and state.step:
-            self._look_back(state)
         self.last = self._saved(state)
-        while not self._steady_by_now(state) and state.time < end * (1.0 - 1e-12) and state.step < case.time.max_steps:
+        while not self._steady_by_now() and state.time < end * (1.0 - 1e-12) and state.step < case.time.max_steps:
             due = self._next_snapshot(state.time)
             limits = self.limits(state)
             limit = min(limits, key=limits.get)
@@ -183,38 +191,63 @@ class March:
                 dt = 0.5 * target  # two like steps instead of a long one and a stump
             found = failure.attempt(self.stepper, state, config, dt)
             state, config = found.state, found.config
-            if case.time.steady is not None:
-                self._look_back(state)
+            if self.steady is not None:
+                self.steady.add(state.time, self.observed(state))
             if state.time >= due * (1.0 - 1e-9):
                 snapshot(state, config)
             row(self._row(found, limit) | self.measure(state, config))
             self.last = self._saved(state)
             progress(found, limit)
         if case.time.steady is not None:
-            self.outcome = "steady" if self._steady_by_now(state) else "not steady at the end"
+            self.outcome = "steady" if self._steady_by_now() else "not steady at the end"
         elif state.step >= case.time.max_steps and state.time < end * (1.0 - 1e-12):
             self.outcome = "out of steps"
         return state, config
 
     def _saved(self, state):
-        return Saved(state, self.stepper.solvers.origins(), tuple(self.energies))
+        kept = tuple(self.steady.kept) if self.steady is not None else ()
+        return Saved(state, self.stepper.solvers.origins(), kept)
 
     def _next_snapshot(self, time):
         """When the next snapshot after `time` is due, from the time alone: a restarted run finds the same number."""
         every = self.case.output.every
         return np.inf if every is None else (np.floor(time / every * (1.0 + 1e-9)) + 1.0) * every
 
-    def _look_back(self, state):
-        """`change`: of the kinetic energy since STEADY_WINDOW of the time, relative; None before that says anything."""
-        energy = float((state.u * state.u).sum())
-        window = [e for e in self.energies if STEADY_WINDOW * state.time <= e[0] < state.time]
-        self.energies = [*window, (state.time, energy)]
-        values = [e for _, e in self.energies]
-        known = state.step >= 20 and len(values) >= 5 and energy > 0.0
-        self.change = (max(values) - min(values)) / energy if known else None
+    def take_up(self, saved):
+        """Go on with the record of a restart.Saved; from its time on where it has none."""
+        if self.steady is not None:
+            self.steady = Steady(saved.steady or ((saved.state.time, 0.0),))
 
-    def _steady_by_now(self, state):
-        return self.change is not None and self.change < self.case.time.steady
+    def observed(self, state):
+        """The number that tells whether the flow of a step.State is steady: the pressure drop, Pa, where a velocity is
+        held; the superficial velocity of the sample along the force, m/s, where it can follow it; else the root mean
+        square speed of the fluid, m/s, which walls that slide in opposite directions do not hide."""
+        stepper = self.stepper
+        if stepper.held_velocity is not None:
+            return stepper.held_velocity.drop(state)
+        if self.along is not None:
+            superficial, *_ = darcy(stepper.geometry, state.x, state.u, self.site_volume, None, None, None)
+            return float(superficial @ self.along)
+        return float(np.sqrt(np.einsum("ij,ij", state.u, state.u) / len(state.u)))
+
+    def settled(self, state):
+        """The steady value of `observed` over that of a state, which has the noise of its particles; 1 where the run
+        is not steady."""
+        return self.steady.mean / self.observed(state) if self._steady_by_now() else 1.0
+
+    @property
+    def standing(self):
+        """Words on how far from steady a flow is that was to become so; None of others."""
+        if self.outcome != "not steady at the end":
+            return None
+        distance, asked = self.steady.distance, f"time.steady asks for {self.case.time.steady:g}"
+        if distance is None:
+            return f"how far it is from its steady value cannot be told yet, {asked}"
+        return f"it may be {distance:.2g} off its steady value, relative, and {asked}"
+
+    def _steady_by_now(self):
+        distance = self.steady.distance if self.steady is not None else None
+        return distance is not None and distance < self.case.time.steady
 
     def _row(self, found, limit):
         state, stepper = found.state, self.stepper
@@ -235,5 +268,5 @@ class March:
         row |= {f"mean_velocity_{a}": float(m) for a, m in zip("xyz", mean)}
         row |= {f"superficial_velocity_{a}": float(m * fraction) for a, m in zip("xyz", mean)}
         if self.case.time.steady is not None:
-            row["change"] = self.change
+            row["change"] = self.steady.distance
         return row

@@ -19,6 +19,13 @@ def test_a_mutation_changes_what_compiles(mutation):
     assert mutated != source
 
 
+@pytest.mark.parametrize("mutation", [m for m in mutations.MUTATIONS if m.test], ids=lambda m: m.name)
+def test_the_test_that_notices_a_mutation_is_there(mutation):
+    """What no reference misses and a test notices: benchmarks/mutations.py names the test."""
+    path, _, name = mutation.test.partition("::")
+    assert mutation.unnoticed and f"\ndef {name}(" in (ROOT / path).read_text()
+
+
 def test_a_changed_kernel_drops_the_kernels_that_hold_it():
     assert {"kernel", "operators", "walls", "step", "shifting"} <= mutations.dependents("kernel")
     assert "kernel" not in mutations.dependents("walls")
