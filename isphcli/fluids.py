@@ -19,6 +19,7 @@ class Terms:
     turn: Turn, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity has no kink, or None;
     shy: (n,) bool, near an interface, or None;
     along: (dim,) or (n, dim), what a unit pressure gradient along the axis of a held velocity accelerates by, or None;
+    band: interface.Band of the tension, or None;
     forgets: whether the odd-even part of the pressure is taken out (see `Stepper._odd_even`).
     """
 
@@ -34,6 +35,7 @@ class Terms:
     shy: np.ndarray | None = None
     forgets: bool = True
     along: np.ndarray | None = None
+    band: object = None
 
     def slope(self, p):
         """Gradient of the pressure p (n,) over the density without its jump, (n, dim) m/s2."""

@@ -78,13 +78,13 @@ class TwoFluids:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near
             turn = Turn.build(ops, weighted.lap, x, row, np.flatnonzero(free), self.support)
-        force, jump, lift, along = body_force(ops, x, row, self.body), None, None, None
+        force, jump, lift, along, band = body_force(ops, x, row, self.body), None, None, None, None
         if self.push.any():
             force = force + potential_gradient(ops.start, row, x, weighted.grad_p, self.push)
         if self.held is not None:
             along = potential_gradient(ops.start, row, x, weighted.grad_p, self.held)
         if self.tension is not None:
-            push, lift = self.tension.force(ops, weighted, x, row, pairs, owner, self.colour, near, reference)
+            push, lift, band = self.tension.force(ops, weighted, x, row, pairs, owner, self.colour, near, reference)
             if lift is None:
                 force = force + push
             else:
@@ -92,7 +92,7 @@ class TwoFluids:
         # more feeds on itself: docs/method.md 12
         bulk = self.density.min() * self.thinnest / reference
         return Terms(weighted, viscosity, force, jump, lift, rho if heavy else 1.0, bulk, turn,
-                     smooth, None if self.loose else near, heavy or thick or self.tension is None, along)
+                     smooth, None if self.loose else near, heavy or thick or self.tension is None, along, band)
 
     @staticmethod
     def _weigh(ops, t, rho, mu, heavy):
