@@ -56,9 +56,9 @@ MUTATIONS = (
              unnoticed="it is the better one for vortices since the odd-even part of the pressure is taken out "
                        "(method.md 6)"),
     Mutation("wall_sign", "sign", "a wall's share of the diagonal subtracted (extrapolation, eq. 11)",
-             "walls", "wall_lap[i] += a\n", "wall_lap[i] -= a\n"),
+             "walls", "    lap[i] += a\n", "    lap[i] -= a\n"),
     Mutation("wall_at_the_dummy", "order", "walls taken at the dummy, not where the pair meets them",
-             "walls", "s[k] *= fraction[begin + k]", "s[k] *= 1.0"),
+             "walls", "s[k] *= fraction[k]", "s[k] *= 1.0"),
     Mutation("rotational_sign", "sign", "rotational term of the pressure added, not subtracted",
              "step", "p + q - terms.bulk * div", "p + q + terms.bulk * div"),
     Mutation("projection_factor", "factor", "half of the pressure gradient taken off the velocity (eq. 3)",

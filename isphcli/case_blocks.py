@@ -403,7 +403,7 @@ class Time:
         "distance over the spacing that a particle may move in a step", default=0.2, above=0, at_most=1
     )
     capillary: float = key(
-        "largest step over sqrt(rho dx^3 / (2 pi sigma)), in which a capillary wave of the spacing moves by its radian",
+        "largest step over sqrt(rho dx^3 / (2 pi sigma)), rho the mean density (Brackbill, Kothe and Zemach 1992)",
         default=1.0,
         above=0,
     )

@@ -354,7 +354,7 @@ def two_fluid_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, s
     found = summary.get("two_fluids") or {}
     lines = [(f"saturation {name}", found.get(f"saturation_{name}"), "") for name in case.fluids]
     lines += [("pressure jump", found.get("pressure_jump"), " Pa")]
-    lines += [("contact angle", found.get("contact_angle"), " degrees")]
+    lines += [("contact angle", found.get("contact_angle"), f" degrees through {next(iter(case.fluids))}")]
     return [(head, f"{value:.4g}{unit}") for head, value, unit in lines if value is not None]
 
 

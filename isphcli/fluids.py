@@ -22,6 +22,14 @@ class TransposedStress(Protocol):
         """out += factor times the stress over the density, m/s2; u, out: (n, dim)."""
 
 
+class InterfaceBand(Protocol):
+    """The interface of one configuration (interface.Band)."""
+
+    colour: np.ndarray
+    normal: np.ndarray
+    strength: np.ndarray
+
+
 class Tension(Protocol):
     """What a step needs to know of surface tension."""
 
@@ -72,6 +80,7 @@ class Terms:
     turn: Turn, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity has no kink, or None;
     shy: (n,) bool, near an interface, or None;
     along: (dim,) or (n, dim), what a unit pressure gradient along the axis of a held velocity accelerates by, or None;
+    band: of the interface, or None;
     forgets: whether the odd-even part of the pressure is taken out (see `projection`).
     """
 
@@ -87,6 +96,7 @@ class Terms:
     shy: np.ndarray | None = None
     forgets: bool = True
     along: np.ndarray | None = None
+    band: InterfaceBand | None = None
 
     def pressure_gradient(self, p: np.ndarray) -> np.ndarray:
         """Gradient of the pressure p (n,) over the density without its jump, (n, dim) m/s2."""

@@ -96,7 +96,7 @@ class Measures:
         return mean if before is None else mean + length * round((before - mean) / length)
 
     def _interface(self, state, config, volume):
-        sigma, strength = self.tension.tension, self.tension.band.strength
+        sigma, strength = self.tension.tension, config.terms.band.strength
         area = self._area(config, volume)
         row = {"interface_area": area, "surface_energy": sigma * area,
                "pressure_jump": self._jump(state.p, strength == 0.0) * self.pressure,
@@ -106,16 +106,28 @@ class Measures:
         return row
 
     def _circularity(self, x, volume, length):
-        """None where the first fluid lies along a wall or round a periodic axis: not all its outline is interface."""
-        first = self.phase == 0
-        if None in self.centres[0] or self.geometry.distance(x[first]).min() < self.distance:
-            return None
-        return 2.0 * math.sqrt(math.pi * volume[first].sum()) / length
+        """Of the fluid that the other one encloses; None where neither is: not all its outline is interface."""
+        for k in (0, 1):
+            mine = self.phase == k
+            if self._enclosed(x[mine]):
+                return 2.0 * math.sqrt(math.pi * volume[mine].sum()) / length
+        return None
+
+    def _enclosed(self, x):
+        """Whether particles (m, dim) keep off the walls and leave a gap along every periodic axis."""
+        if self.geometry.distance(x).min() < self.distance:
+            return False
+        for axis in np.flatnonzero(self.geometry.periodic):
+            along = np.sort(x[:, axis])
+            length = self.geometry.upper[axis] - self.geometry.lower[axis]
+            if np.diff(along, append=along[0] + length).max() < LINKED * self.distance:
+                return False
+        return True
 
     def _area(self, config, volume):
         """sum V |grad C|, m^(dim - 1). The band leaves out where the gradient is faint, which is 2 % of the sum: with
         it, disks and ellipses of 36 to 64 particles have their length within 0.7 %."""
-        band = self.tension.band
+        band = config.terms.band
         slope = gradient_p(config.ops, band.colour)
         size = np.sqrt((slope * slope).sum(axis=1))
         return float(volume @ np.where(band.strength > 0.0, band.strength, size))
@@ -167,12 +179,23 @@ class Measures:
         if abs(height) > radius + self.distance:
             return None
         through = math.degrees(math.acos(min(max(-height / radius, -1.0), 1.0)))
-        return through if self._first_inside(middle, radius, points, config.x) else 180.0 - through
+        inside = self._first_inside(middle, radius, points, config.x)
+        if not self._on_one_wall(config.x[: len(self.phase)], 0 if inside else 1, normal):
+            return None
+        return through if inside else 180.0 - through
+
+    def _on_one_wall(self, x, k, normal):
+        """Whether all that fluid k touches is a wall of this normal (dim,): a slug between plates is no drop."""
+        from .wall_scene import wall_normals
+
+        mine = x[self.phase == k]
+        at_wall = mine[self.geometry.distance(mine) < self.distance]
+        return bool((wall_normals(self.geometry, at_wall, self.distance) @ normal > 0.99).all())
 
     def _crossings(self, config):
         """Points (m, dim) between particles side by side where the averaged colour is one half. Without the average the
         angle of a drop of 24 spacings on a lattice comes out wrong by up to 33 degrees."""
-        start, column, colour = config.ops.start, config.ops.column, self.tension.band.colour
+        start, column, colour = config.ops.start, config.ops.column, config.terms.band.colour
         owner = np.repeat(np.arange(len(start) - 1), np.diff(start))
         unlike = (colour[owner] >= 0.5) & (colour[column] < 0.5)
         inner, outer = colour[owner[unlike]], colour[column[unlike]]
@@ -234,4 +257,18 @@ def summary(measures, state, config, rows, driven):
     if measures.tension is not None:
         late = [row["capillary_number"] for row in rows[int(0.9 * len(rows)):] if row.get("capillary_number")]
         block["spurious_capillary_number"] = max(late, default=block["capillary_number"]) if not driven else None
+    if "contact_angle" in block:
+        block["contact_angle_through"] = measures.names[0]
     return block
+
+
+def broke_up(names, rows, block):
+    """A sentence on fluids that end in more parts than they began in, or None. rows: of the history, whose first count
+    is the start; block: of `summary`."""
+    grown = []
+    for name in names:
+        known = [row for row in rows if row.get(f"ganglia_{name}") is not None]
+        if known and block[f"ganglia_{name}"] > known[0][f"ganglia_{name}"]:
+            grown.append(f"{name} is in {block[f'ganglia_{name}']:g} parts at t = {rows[-1]['time']:.4g}, was in "
+                         f"{known[0][f'ganglia_{name}']:g} at t = {known[0]['time']:.4g}")
+    return f"the interface broke up though nothing drives the flow: {'; '.join(grown)}" if grown else None

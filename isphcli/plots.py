@@ -44,6 +44,7 @@ def plot_slice(
     upper: Sequence[float] | None = None,
     permeability: float | None = None,
     phase: np.ndarray | None = None,
+    periodic: Sequence[bool] | None = None,
     units: tuple[str, str] = ("m", "m/s"),
 ) -> None:
     """Draw the velocity magnitude: of a 2D scene the whole, of a 3D one a plane that holds the flow axis.
@@ -67,8 +68,9 @@ def plot_slice(
     offset = np.zeros(len(x)) if normal is None else x[:, normal] - position
     near = np.abs(offset) < _CUTOFF * spacing
     box = low[list(shown)], high[list(shown)]
+    wrap = _pair(periodic, shown)
     values = {"speed": speed[near]} | ({} if phase is None else {"phase": phase[near].astype(float)})
-    filled, images = _splat(x[near][:, list(shown)], offset[near], spacing, *box, values)
+    filled, images = _splat(x[near][:, list(shown)], offset[near], spacing, *box, values, wrap)
     if distance is not None and np.isposinf(distance).all():
         filled[:] = 1.0  # no walls: gaps between particles are not solids
     if not (filled > _FILLED).any():
@@ -80,7 +82,7 @@ def plot_slice(
     width, height = (6.4, 6.4 * aspect) if aspect <= 1.3 else (8.0 / aspect, 8.0)
     figure, ((axes,),) = _figure(width + 1.7, height + 1.15)
     if "phase" in images:
-        _draw_interfaces(axes, images["phase"], filled, extent)
+        _draw_interfaces(axes, _smooth(images["phase"], filled, wrap), extent, "white")
     picture, unit_speed = _draw_speed(axes, images["speed"], filled, extent, units[1])
     _colour_bar(figure, axes, picture, unit_speed)
     axes.set_xlabel("xyz"[shown[0]] + (f"  ({unit})" if unit else ""))
@@ -104,6 +106,7 @@ def plot_phases(
     lower: Sequence[float] | None = None,
     upper: Sequence[float] | None = None,
     walls: bool = True,
+    periodic: Sequence[bool] | None = None,
 ) -> None:
     """Draw where each of two fluids is and the interface: of a 3D scene the middle slice, normal to its shortest side.
 
@@ -122,8 +125,9 @@ def plot_phases(
     if not near.any():
         raise ValueError(f"{path}: no fluid in the plane {'xyz'[normal or 0]} = {middle:.4g}")
     box = low[[a, b]], high[[a, b]]
+    wrap = _pair(periodic, (a, b))
     values = {"phase": phase[near].astype(float)}
-    filled, images = _splat(x[near][:, [a, b]], offset[near], spacing, *box, values)
+    filled, images = _splat(x[near][:, [a, b]], offset[near], spacing, *box, values, wrap)
     if not walls:
         filled[:] = 1.0
     factor, unit = _prefix("m", float(np.max(box[1] - box[0])))
@@ -131,10 +135,10 @@ def plot_phases(
     aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
     width, height = (6.4, 6.4 * aspect) if aspect <= 1.3 else (8.0 / aspect, 8.0)
     figure, ((axes,),) = _figure(width + 1.3, height + 1.15)
-    second = images["phase"] > 0.5
+    smooth = _smooth(images["phase"], filled, wrap)
+    second = smooth > 0.5
     axes.imshow(second, origin="lower", extent=extent, cmap=ListedColormap(PHASES), vmin=0, vmax=1)
-    if second.any() and not second.all():
-        axes.contour(images["phase"], [0.5], extent=extent, colors=INK, linewidths=1.2)
+    _draw_interfaces(axes, smooth, extent, INK)
     if filled.min() < _FILLED:
         axes.contourf(filled, [-1, _FILLED], extent=extent, colors=[SOLID], zorder=2)
     axes.set_xlabel("xyz"[a] + f"  ({unit})")
@@ -143,6 +147,8 @@ def plot_phases(
     _headline(axes, title, where)
     patches = [Patch(color=colour, label=name) for colour, name in zip(PHASES, names)]
     axes.legend(handles=patches, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+    for text in axes.get_legend().get_texts():
+        text.set_parse_math(False)
     _save(figure, path)
 
 
@@ -165,11 +171,12 @@ def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], t
         ("mean velocity (m/s)", ("mean_velocity",), False),
         ("superficial velocity (m/s)", ("superficial_velocity",), False),
         ("pressure drop (Pa)", ("pressure_drop",), False),
-        ("kinetic energy", ("kinetic_energy",), False),
+        ("kinetic energy (J)", ("kinetic_energy",), False),
         ("pressure jump (Pa)", ("pressure_jump",), False),
         ("saturation", ("saturation",), False),
         ("centre (m)", ("centre",), False),
-        ("interface", ("circularity", "capillary_number"), True),
+        ("circularity", ("circularity",), False),
+        ("capillary number", ("capillary_number",), True),
         ("contact angle (degrees)", ("contact_angle",), False),
     ):
         lines = {
@@ -200,7 +207,7 @@ def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], t
     for axes in list(grid.flat)[len(panels) :]:
         axes.set_visible(False)
     if title:
-        figure.suptitle(title, fontweight="bold", color=INK)
+        figure.suptitle(title, fontweight="bold", color=INK).set_parse_math(False)
     _save(figure, path)
 
 
@@ -269,7 +276,11 @@ def _choose_plane(x, dim, axis, lower, upper, spacing, plane):
     return across, normal, float(x[np.argmin(np.abs(x[:, normal] - middle[normal])), normal])
 
 
-def _splat(points, offset, spacing, lower, upper, values):
+def _pair(periodic, shown):
+    return (False, False) if periodic is None else tuple(bool(periodic[a]) for a in shown)
+
+
+def _splat(points, offset, spacing, lower, upper, values, periodic=(False, False)):
     """Spread particles over pixels: the filled share (ny, nx), near 1 in fluid, and each value's mean.
 
     points: (n, 2); offset: (n,) distance from the plane; values: name -> (n,).
@@ -279,7 +290,7 @@ def _splat(points, offset, spacing, lower, upper, values):
     shape = np.maximum(np.rint(cells * per_spacing).astype(int), 1)
     pixel = (upper - lower) / shape
     reach = math.ceil(_CUTOFF * spacing / pixel.min())
-    points, offset, values = _mirrored(points, offset, values, lower, upper, _CUTOFF * spacing)
+    points, offset, values = _carried_on(points, offset, values, lower, upper, _CUTOFF * spacing, periodic)
     home = np.floor((points - lower) / pixel).astype(int)
     weight = np.zeros(shape[0] * shape[1])
     sums = {name: np.zeros_like(weight) for name in values}
@@ -302,14 +313,15 @@ def _splat(points, offset, spacing, lower, upper, values):
     return filled / (np.quantile(filled[filled > 0], 0.9) if filled.any() else 1.0), image
 
 
-def _mirrored(points, offset, values, lower, upper, reach):
-    """Points within `reach` of the box's faces once more, reflected there: no edge is left half filled."""
+def _carried_on(points, offset, values, lower, upper, reach, periodic):
+    """Points within `reach` of the box's faces once more, behind the other face where the box
+    is periodic, else reflected: no edge is left half filled."""
     index = np.arange(len(points))
     for a in (0, 1):
-        for face in (lower[a], upper[a]):
+        for face, other in ((lower[a], upper[a]), (upper[a], lower[a])):
             near = np.abs(points[:, a] - face) < reach
             image = points[near].copy()
-            image[:, a] = 2 * face - image[:, a]
+            image[:, a] = image[:, a] + (other - face) if periodic[a] else 2 * face - image[:, a]
             points, index = np.concatenate([points, image]), np.concatenate([index, index[near]])
     return points, offset[index], {name: value[index] for name, value in values.items()}
 
@@ -332,17 +344,22 @@ def _draw_speed(axes, speed, filled, extent, unit):
     return picture, unit
 
 
-def _draw_interfaces(axes, phase, filled, extent):
-    """White lines where the phase changes; smoothed over a spacing or so, as particles are no finer."""
+def _smooth(phase, filled, periodic):
+    """The phase over a spacing or so, as particles are no finer: every picture draws the interface of this."""
     from scipy.ndimage import gaussian_filter
 
     share = (filled > _FILLED).astype(float)
     width = 0.012 * max(phase.shape) if max(phase.shape) > 300 else 1.0
-    weight = np.maximum(gaussian_filter(share, width), 1e-3)
-    smooth = np.ma.array(gaussian_filter(share * phase, width) / weight, mask=share == 0)
-    levels = np.arange(0.5, phase.max())
+    mode = ["wrap" if p else "nearest" for p in (periodic[1], periodic[0])]
+    weight = np.maximum(gaussian_filter(share, width, mode=mode), 1e-3)
+    return np.ma.array(gaussian_filter(share * phase, width, mode=mode) / weight, mask=share == 0)
+
+
+def _draw_interfaces(axes, smooth, extent, colour):
+    """Lines where the phase changes."""
+    levels = np.arange(0.5, smooth.max())
     if len(levels) and np.ptp(smooth) > 0.5:
-        axes.contour(smooth, levels, extent=extent, colors="white", linewidths=1.6, zorder=4)
+        axes.contour(smooth, levels, extent=extent, colors=colour, linewidths=1.6, zorder=4)
 
 
 def _map():
@@ -414,12 +431,15 @@ def _headline(axes, title, second):
     """Title in bold, a second line in grey under it; a long title loses its end."""
     title = title if len(title) <= 64 else title[:63] + "…"
     if title:
-        axes.set_title(title, loc="left", fontweight="bold", fontsize=12, color=INK, pad=22 if second else 8)
+        text = axes.set_title(title, loc="left", fontweight="bold", fontsize=12, color=INK, pad=22 if second else 8)
+        text.set_parse_math(False)
     if second:
         axes.annotate(second, (0, 1.015), xycoords="axes fraction", va="bottom", fontsize=9, color="#6b6b6b")
 
 
 def _line(axes, x, y, colour, label):
+    known = np.isfinite(y)  # what is measured every few steps is joined over the rows between
+    x, y = x[known], y[known]
     if len(x) > 2000:
         step = len(x) // 1000
         x, y = x[::step], y[::step]

@@ -287,7 +287,8 @@ def _pictures(case, directory, flow, permeability):
 
     x = flow.particles.x[: flow.particles.n_fluid]
     plot_slice(directory / "slice.png", x, flow.velocity, None, flow.geometry.dim, flow.spacing, case.title,
-               flow_axis=flow.axis, lower=flow.geometry.lower, upper=flow.geometry.upper, permeability=permeability)
+               flow_axis=flow.axis, lower=flow.geometry.lower, upper=flow.geometry.upper, permeability=permeability,
+               periodic=flow.geometry.periodic)
 
 
 # --- moving particles --------------------------------------------------------------------------------------------
@@ -462,20 +463,25 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
         },
     }
     if two:
+        from .measures import broke_up
         from .measures import summary as summary_of_two
 
         moved = gravity > 0.0 or bool(np.any(geometry.wall_velocity)) or bool(case.initial and case.initial.velocity)
         summary["two_fluids"] = summary_of_two(measures, state, config, history, moved)
+        broken = None if moved else broke_up(measures.names, history, summary["two_fluids"])
+        if broken:
+            summary.setdefault("warnings", []).append(broken)
     if case.output.plots:
         from .plots import plot_histories, plot_phases, plot_slice
 
         with clock("output"):
             plot_slice(directory / "slice.png", state.x, state.u, None, geometry.dim, case.particles.spacing,
                        case.title, lower=geometry.lower, upper=geometry.upper, permeability=permeability,
-                       phase=particles.phase if two else None)
+                       phase=particles.phase if two else None, periodic=geometry.periodic)
             if two:
                 plot_phases(directory / "phases.png", state.x, particles.phase, case.fluid_names, geometry.dim,
-                            case.particles.spacing, case.title, geometry.lower, geometry.upper, geometry.has_solid)
+                            case.particles.spacing, case.title, geometry.lower, geometry.upper, geometry.has_solid,
+                            periodic=geometry.periodic)
             plot_histories(directory / "histories.png", history, case.title)
     return _finish(case, directory, summary, result, clock)
 

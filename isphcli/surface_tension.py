@@ -52,7 +52,7 @@ class SurfaceTension:
 
     @property
     def largest_step(self):
-        """Time in which a capillary wave of two spacings moves on by its radian, sqrt(rho dx^3 / (2 pi sigma)), s."""
+        """sqrt(rho dx^3 / (2 pi sigma)), rho the mean density, s: the limit of Brackbill, Kothe and Zemach (1992)."""
         return math.sqrt(self.density.mean() * self.spacing**3 / (2.0 * math.pi * self.tension))
 
     def damping(self, viscosity):
@@ -60,7 +60,8 @@ class SurfaceTension:
         return damping(self.tension, self.density, viscosity, self.spacing)
 
     def force(self, ops, weighted, neighbours, colour, near, reference):
-        """Acceleration (n, dim), m/s2, and what the Laplacian of the pressure makes of the jump (Terms.lift), or None.
+        """Acceleration (n, dim), m/s2; what the Laplacian of the pressure makes of the jump (Terms.lift), or None; the
+        Band of this configuration.
 
         ops: Operators; weighted: the same with its pressure weights divided by the density of each pair over
         `reference`; neighbours: all of them, dummies included; colour: (n,); near: (n,) of `near_interface`.
@@ -75,10 +76,11 @@ class SurfaceTension:
         self.band, self.curvature = band, curvature
         if self.method == "jump":
             across = weighted.lap_p if ops.walls is None else weighted.walls.symmetric_laplacian
-            return _jump(weighted.neighbours, weighted.grad_p, across, colour, curvature, band.strength,
-                         self.tension / reference)
+            push, lift = _jump(weighted.neighbours, weighted.grad_p, across, colour, curvature, band.strength,
+                               self.tension / reference)
+            return push, lift, band
         push = self.tension * curvature * band.strength / self.density.mean()
-        return push[:, None] * band.normal, None
+        return push[:, None] * band.normal, None, band
 
 
 @njit(cache=True, parallel=True, error_model="numpy")

@@ -77,13 +77,13 @@ class TwoFluids:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near
             turn = Turn.build(ops, weighted.lap, np.flatnonzero(free))
-        force, jump, lift, along = body_force(ops, self.body), None, None, None
+        force, jump, lift, along, band = body_force(ops, self.body), None, None, None, None
         if self.push.any():
             force = force + potential_gradient(weighted, self.push)
         if self.held is not None:
             along = potential_gradient(weighted, self.held)
         if self.tension is not None:
-            push, lift = self.tension.force(ops, weighted, neighbours, self.colour, near, reference)
+            push, lift, band = self.tension.force(ops, weighted, neighbours, self.colour, near, reference)
             if lift is None:
                 force = force + push
             else:
@@ -91,7 +91,7 @@ class TwoFluids:
         # more feeds on itself: docs/method.md 12
         bulk = self.density.min() * self.nu_min / reference
         return Terms(weighted, viscosity, force, jump, lift, rho if heavy else 1.0, bulk, turn,
-                     smooth, None if self.loose else near, heavy or thick or self.tension is None, along)
+                     smooth, None if self.loose else near, heavy or thick or self.tension is None, along, band)
 
     @staticmethod
     def _weigh(ops, t, rho, mu, heavy):

@@ -64,6 +64,22 @@ def test_a_disk():
     assert (row["ganglia_oil"], row["ganglia_water"]) == (1, 1)
 
 
+def test_circularity_is_of_the_drop_whichever_fluid_is_first():
+    """The water that surrounds the drop has four times its area: with it the circularity would be about 2."""
+    other = [{"sphere": {"centre": [0.5, 0.5], "radius": 0.25}, "is": "water"}]
+    row = Scene(DISK, "geometry.fluid=oil", f"geometry.shapes={other}").row()
+    assert row["circularity"] == pytest.approx(1.0, abs=0.01)
+
+
+def test_what_is_measured_is_of_the_configuration_it_is_given():
+    """As after a restart at the end, where the last forces were those of an earlier state."""
+    scene = Scene(DISK)
+    config = scene.stepper.configure(scene.state.x)
+    before = scene.measures(scene.state, config, True)
+    scene.stepper.configure(scene.state.x * [1.0, 0.5])
+    assert scene.measures(scene.state, config, True) == before
+
+
 def test_an_ellipse_is_less_circular_than_a_disk():
     """Half axes 2 : 1: the circle of its area has 0.9174 of its perimeter (Ramanujan: 9.6884 / (2 pi sqrt 2))."""
     scene = Scene(DISK, "geometry.shapes.0.sphere.radius=0.2")
@@ -88,9 +104,9 @@ def test_kinetic_energy_and_velocity_are_those_of_the_masses():
 def test_pressure_jump_leaves_the_band_out():
     """The pressure of a particle in the band may be anything."""
     scene = Scene(DISK)
-    scene.stepper.configure(scene.state.x)
+    band = scene.stepper.configure(scene.state.x).terms.band
     p = np.where(scene.phase == 0, 5.0, 1.0)
-    p[scene.stepper.fluids.tension.band.strength > 0] = 100.0
+    p[band.strength > 0] = 100.0
     assert scene.row(p=p)["pressure_jump"] == pytest.approx(4.0 * 800)  # p is over the density of the first fluid
 
 
@@ -166,6 +182,7 @@ def test_contact_angle_of_a_ball_on_a_wall():
     "{sphere: {centre: [0.5, 0.3], radius: 0.15}, is: oil}",  # far from both walls
     "{sphere: {centre: [0.5, 0.3], radius: 0.25}, is: oil}",  # four spacings off both
     "{box: {lower: [-1, -1], upper: [2, 0.05]}, is: oil}",  # a layer along the wall
+    "{box: {lower: [0.3, -1], upper: [0.7, 2]}, is: oil}",  # a slug between both walls
 ])  # fmt: skip
 def test_no_contact_no_angle(shape):
     text = CAP.format(centre=0, radius=0.2, inside="oil", outside="water")

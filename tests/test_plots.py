@@ -120,3 +120,31 @@ def test_pyplot_stays_out_and_matplotlib_comes_late():
         "p.plot_profile(f, y, y); assert 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_seldom_measured_columns_are_drawn():
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    x, y = np.arange(100.0), np.full(100, np.nan)
+    y[::20] = 60.0
+    plots._line(axes, x, y, "black", "angle")
+    assert axes.lines[0].get_xdata().tolist() == [0, 20, 40, 60, 80] and np.isfinite(axes.lines[0].get_ydata()).all()
+
+
+def test_periodic_faces_are_carried_on_from_the_other_side():
+    """A particle by the upper face is seen behind the lower one, and nowhere else."""
+    points, offset = np.array([[0.9, 0.5]]), np.zeros(1)
+    box = np.zeros(2), np.ones(2)
+    found, _, _ = plots._carried_on(points, offset, {}, *box, 0.2, (True, False))
+    assert np.allclose(found, [[0.9, 0.5], [-0.1, 0.5]])
+    found, _, _ = plots._carried_on(points, offset, {}, *box, 0.2, (False, False))
+    assert np.allclose(found, [[0.9, 0.5], [1.1, 0.5]])
+
+
+def test_titles_are_shown_as_typed():
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    plots._headline(axes, "128^3 of $a_b$", "")
+    assert axes.get_title(loc="left") == "128^3 of $a_b$" and not axes._left_title.get_parse_math()
