@@ -24,7 +24,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 from isphcli import compare, output
 from isphcli.case import load_case
 from isphcli.run import run_case
-from isphcli.run_navier_stokes import March
+from isphcli.run_navier_stokes import TimeLoop
 
 NAMES = ("taylor_green_2d_re100", "taylor_green_3d_re100")
 CASES = [Path(__file__).parents[1] / "cases" / f"{name}.yaml" for name in NAMES]
@@ -86,9 +86,9 @@ def overhead(case):
         with clock("section"):
             pass
     a_section = (time.process_time() - start) / count
-    sections, rows = Timed(output.Clock.__call__), Timed(March._row)
+    sections, rows = Timed(output.Clock.__call__), Timed(TimeLoop._row)
     appends, errors = Timed(output.History.append), Timed(compare.compare)
-    timed = ((output.Clock, "__call__", sections), (March, "_row", rows), (output.History, "append", appends),
+    timed = ((output.Clock, "__call__", sections), (TimeLoop, "_row", rows), (output.History, "append", appends),
              (compare, "compare", errors))  # fmt: skip
     for owner, name, function in timed:
         setattr(owner, name, function)

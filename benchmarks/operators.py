@@ -15,7 +15,7 @@ from isphcli.neighbours import neighbourhood
 from isphcli.operators import build_operators, divergence, gradient, laplacian, particle_volumes
 from isphcli.particles import make_lattice, place
 from isphcli.shapes import Shape, ShapeGeometry, Sphere
-from isphcli.walls import WallStars, WallTable, build_wall_operators, crossings
+from isphcli.walls import WallStencils, WallTable, build_wall_operators, crossings
 
 
 def timed(function, repeats):
@@ -87,7 +87,7 @@ def ball(dim, n, ratio, repeats):
     report("crossings", t_cross, p.n_fluid, size)
     for order in (1, 2):
         _, t = timed(
-            lambda: build_wall_operators(WallStars(pairs, table, fraction, volume), order),  # noqa: B023
+            lambda: build_wall_operators(WallStencils(pairs, table, fraction, volume), order),  # noqa: B023
             repeats,
         )
         report(f"build_wall_operators order {order}", t, p.n_fluid, size)

@@ -25,22 +25,22 @@ if TYPE_CHECKING:
 
 FEW = 0.5  # of the neighbours
 NARROW = 0.65  # the same in scenes with dead ends: with 0.5 a pack held 110 steps. Flat walls leave two thirds
-STILL = 0.1  # of the neighbours: three of 32; with two, three particles in a dead end still blew up
+ISOLATED = 0.1  # of the neighbours: three of 32; with two, three particles in a dead end still blew up
 APART = 1.5  # crossing of a pair in sight that shares no pressure
 
 
-def divergence_and_jump(ops: Operators, symmetric_p: np.ndarray, p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
+def div_grad_rhie_chow(ops: Operators, symmetric_p: np.ndarray, p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
     """-div(grad p) - S p beside walls, (n,).
 
     ops: with walls; p: (n,); symmetric_p: (n_pairs,) w_ij, over the density of the pair where that varies, grad_p
     (n, dim) then being the gradient over the density.
     """
     walls = ops.walls
-    return _sweep(ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p), walls.div, p, grad_p)
+    return _div_grad_rhie_chow(ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p), walls.div, p, grad_p)
 
 
 @njit(cache=True, parallel=True)
-def _sweep(neighbours, weights, wall_div, p, grad_p):
+def _div_grad_rhie_chow(neighbours, weights, wall_div, p, grad_p):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     grad, natural, natural_p = weights
     n, dim = grad_p.shape
@@ -61,13 +61,13 @@ def _sweep(neighbours, weights, wall_div, p, grad_p):
 
 
 def diagonal(ops: Operators, symmetric_p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
-    """Diagonal (n,) of the matrix that `divergence_and_jump` applies with the gradients grad_p (n_pairs, dim), of rows
+    """Diagonal (n,) of the matrix that `div_grad_rhie_chow` applies with the gradients grad_p (n_pairs, dim), of rows
     that see a wall; of the others that of the Laplacian symmetric_p."""
     walls = ops.walls
     return _diagonal(ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p, grad_p), walls.div, walls.near)
 
 
-def balance(ops: Operators, count: np.ndarray) -> None:
+def flux_form(ops: Operators, count: np.ndarray) -> None:
     """Makes sense of rows that see less than FEW of their neighbours, in place. count: (n,) those beyond walls too.
 
     Divergence: the balance of fluxes. sum_j w_ij x_ji . (u_i + u_j) / 2 is exact where the neighbourhood
@@ -79,11 +79,11 @@ def balance(ops: Operators, count: np.ndarray) -> None:
     """
     walls = ops.walls
     bad = np.flatnonzero(np.diff(ops.start) < FEW * count)
-    _balance(ops.neighbours, walls.symmetric_laplacian, bad, ops.grad, walls.div, walls.div_velocity)
+    _flux_form(ops.neighbours, walls.symmetric_laplacian, bad, ops.grad, walls.div, walls.div_velocity)
 
 
 @njit(cache=True)
-def _balance(neighbours, natural, rows, grad, wall_div, wall_div_velocity):
+def _flux_form(neighbours, natural, rows, grad, wall_div, wall_div_velocity):
     start, row, x = neighbours.start, neighbours.row, neighbours.x
     dim = x.shape[1]
     for i in rows:
@@ -96,16 +96,17 @@ def _balance(neighbours, natural, rows, grad, wall_div, wall_div_velocity):
                 wall_div[i, k] -= flux
 
 
-def crowding(neighbours: Neighbourhood, fraction: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Particles that see few of their neighbours: (few, still), (n,) bool each, or None where there are no dead ends.
+def classify_neighbourhoods(neighbours: Neighbourhood,
+                            fraction: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Particles that see few of their neighbours: (narrow, isolated), (n,) bool each; None where none is isolated.
 
     neighbours: all of them; fraction: (n_pairs,) their crossings, where those that share no pressure are marked in
     place.
 
-    few: less than NARROW of them, in pores as narrow as a particle. Their divergence is that of `adjoin`. The corners
-    of a wide scene see no more: without dead ends `balance` stays.
-    still: less than STILL, in dead ends beside points of contact, and what only such particles join with the rest if it
-    is less than a neighbourhood. Nobody shares the pressure with them: they have no
+    narrow: less than NARROW of them, in pores as narrow as a particle. Their divergence is that of
+    `adjoint_divergence`. The corners of a wide scene see no more: without dead ends `flux_form` stays.
+    isolated: less than ISOLATED, in dead ends beside points of contact, and what only such particles join with the rest
+    if it is less than a neighbourhood. Nobody shares the pressure with them: they have no
     gradient, no force (the body force is taken with the same weights) and no divergence, and move as the fluid
     around them drags them. Else the pressure of one or two particles hangs on a thread, of which shape and length
     change as they move: it reached 1e4 times that of the fluid around them, and where the thread grew a little
@@ -113,30 +114,30 @@ def crowding(neighbours: Neighbourhood, fraction: np.ndarray) -> tuple[np.ndarra
     """
     start, column = neighbours.start, neighbours.column
     seen, count = in_sight(start, fraction), np.diff(start)
-    few, still = seen < NARROW * count, seen < STILL * count
-    if not still.any():
+    narrow, isolated = seen < NARROW * count, seen < ISOLATED * count
+    if not isolated.any():
         return None, None
-    _set_apart(start, column, fraction, still)
+    _share_no_pressure(start, column, fraction, isolated)
     sight, begin = fraction > 1.0, np.concatenate([[0], np.cumsum(seen)])
     fluid, shared = column[sight], fraction[sight] > SHARED
-    whole, part = (linear.components(begin, fluid, joined)[1] for joined in (None, shared))
+    whole, part = (linear.pair_components(begin, fluid, joined)[1] for joined in (None, shared))
     size, all_in_sight = np.bincount(part)[part], np.bincount(whole)[whole]
-    behind = (size < all_in_sight) & (size < count) & ~still
+    behind = (size < all_in_sight) & (size < count) & ~isolated
     if behind.any():
-        still |= behind
-        _set_apart(start, column, fraction, still)
-    return few, still
+        isolated |= behind
+        _share_no_pressure(start, column, fraction, isolated)
+    return narrow, isolated
 
 
 @njit(cache=True)
-def _set_apart(start, column, fraction, still):
-    for i in range(len(still)):
+def _share_no_pressure(start, column, fraction, isolated):
+    for i in range(len(isolated)):
         for p in range(start[i], start[i + 1]):
-            if fraction[p] > 1.0 and (still[i] or still[column[p]]):
+            if fraction[p] > 1.0 and (isolated[i] or isolated[column[p]]):
                 fraction[p] = APART
 
 
-def adjoin(ops: Operators) -> None:
+def adjoint_divergence(ops: Operators) -> None:
     """Gives rows that see few of their neighbours the divergence that is minus the adjoint of the pressure gradient, in
     place: sum_i V_i p_i div u_i = - sum_i V_i u_i . grad p_i over these rows.
 
@@ -147,12 +148,12 @@ def adjoin(ops: Operators) -> None:
     zero, and so is the sum of the divergence). Flat walls leave two thirds of the neighbours in sight.
     """
     walls = ops.walls
-    rows = np.flatnonzero(walls.few)
-    _adjoin(ops.neighbours, ops.volume, ops.grad_p, rows, ops.grad, walls.div, walls.div_velocity)
+    rows = np.flatnonzero(walls.narrow)
+    _adjoint_divergence(ops.neighbours, ops.volume, ops.grad_p, rows, ops.grad, walls.div, walls.div_velocity)
 
 
 @njit(cache=True, parallel=True)
-def _adjoin(neighbours, volume, grad_p, rows, grad, wall_div, wall_div_velocity):
+def _adjoint_divergence(neighbours, volume, grad_p, rows, grad, wall_div, wall_div_velocity):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     dim = x.shape[1]
     for r in prange(len(rows)):
@@ -177,16 +178,16 @@ def _adjoin(neighbours, volume, grad_p, rows, grad, wall_div, wall_div_velocity)
                 wall_div[i, k] -= grad[q, k] + grad_p[q, k]
 
 
-def fill(ops: Operators, p: np.ndarray) -> None:
+def extrapolate_pressure(ops: Operators, p: np.ndarray) -> None:
     """Gives p (n,) of particles that share it with nobody the mean of what they see, in place, deep in a dead end step
     by step: what they start from when they see more, and what is written."""
-    _fill(ops.start, ops.column, ops.walls.still, p)
+    _extrapolate_pressure(ops.start, ops.column, ops.walls.isolated, p)
 
 
 @njit(cache=True)
-def _fill(start, column, still, p):
+def _extrapolate_pressure(start, column, isolated, p):
     for i in range(len(p)):
-        if still[i]:
+        if isolated[i]:
             count, total = 0, 0.0
             for q in range(start[i], start[i + 1]):
                 count += 1

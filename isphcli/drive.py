@@ -108,7 +108,7 @@ def leads_through(ops, axis):
     # of two copies of the scene, a way over the seam leads to the other one
     over = np.where(x[row, axis] != x[ops.column, axis], n, 0).astype(ops.column.dtype)
     start = np.concatenate([ops.start, ops.start[-1] + ops.start[1:]])
-    labels = linear.components(start, np.concatenate([ops.column + over, ops.column + n - over]))[1]
+    labels = linear.pair_components(start, np.concatenate([ops.column + over, ops.column + n - over]))[1]
     return bool((labels[:n] == labels[n:]).any())
 
 

@@ -37,17 +37,17 @@ NAME = "worst.vtu"
 
 
 class StepError(RuntimeError):
-    """A step that broke a limit. Attribute `badness`: (n,) how far each particle is beyond it."""
+    """A step that broke a limit. Attribute `violation`: (n,) how far each particle is beyond it."""
 
-    def __init__(self, message: str, badness: np.ndarray | None = None):
+    def __init__(self, message: str, violation: np.ndarray | None = None):
         super().__init__(message)
-        self.badness = badness
+        self.violation = violation
 
 
 class RunError(RuntimeError):
-    """A run that had to stop. Attributes: `badness` of the particles, `restart` and `worst`, the files it left."""
+    """A run that had to stop. Attributes: `violation` of the particles, `restart` and `worst`, the files it left."""
 
-    badness: np.ndarray | None = None
+    violation: np.ndarray | None = None
     restart: Path | None = None
     worst: Path | None = None
 
@@ -130,21 +130,21 @@ def attempt(stepper: Stepper, state: State, config: Configuration, dt: float) ->
         if tension is not None:  # twice the limit holds for a while at Laplace number 1e6, and then blows up
             message += f", or time steps below the capillary limit of {tension.largest_step:.3g}"
     error = RunError(message)
-    error.badness = getattr(problem, "badness", None)
+    error.violation = getattr(problem, "violation", None)
     raise error from problem
 
 
-def write_worst(path: Path, x: np.ndarray, badness: np.ndarray | None, **fields: np.ndarray) -> Path | None:
+def write_worst(path: Path, x: np.ndarray, violation: np.ndarray | None, **fields: np.ndarray) -> Path | None:
     """Writes the WORST particles of a step or solve that failed as a VTU; returns its path.
 
-    x: (n, dim) m; badness: (n,) how bad each is, or None where nothing is known: then nothing is written, and None is
+    x: (n, dim) m; violation: (n,) how bad each is, or None where nothing is known: then nothing is written, and None is
     returned; fields: further (n,) or (n, dim) values. Raises NotFiniteError where a field is not finite.
     """
-    if badness is None:
+    if violation is None:
         return None
     largest = np.finfo(float).max
-    amount = np.nan_to_num(np.abs(badness), nan=largest, posinf=largest)
+    amount = np.nan_to_num(np.abs(violation), nan=largest, posinf=largest)
     rows = np.argsort(-amount, kind="stable")[:WORST]
     chosen = {name: values[rows] for name, values in fields.items()}
-    output.write_vtu(path, x[rows], {**chosen, "particle": rows, "badness": amount[rows]})
+    output.write_vtu(path, x[rows], {**chosen, "particle": rows, "violation": amount[rows]})
     return path

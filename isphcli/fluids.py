@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from .wall_scene import WallChange
 
 
-class TransposedStress(Protocol):
-    """The part of the viscous stress that couples the components of the velocity (two_fluids.Turn)."""
+class StressCoupling(Protocol):
+    """The part of the viscous stress that couples the components of the velocity (two_fluids.TransposedStress)."""
 
     def add(self, u: np.ndarray, out: np.ndarray, factor: float) -> None:
         """out += factor times the stress over the density, m/s2; u, out: (n, dim)."""
@@ -73,35 +73,35 @@ class Terms:
     """The fluids of one configuration, as the equations see them.
 
     ops: Operators, the weights of the pressure over the density, those of the velocity times the viscosity;
-    viscosity: number that still multiplies the latter, m2/s; force: (dim,) or (n, dim) m/s2; jump: (n, dim) m/s2 what a
-    jump of the pressure at the interface accelerates by, or None; lift: (n,) 1/s2, what the Laplacian of the pressure
-    makes of that jump; density: over that of the first fluid, (n,) or 1;
+    viscosity: number that still multiplies the latter, m2/s; force: (dim,) or (n, dim) m/s2; jump_acceleration:
+    (n, dim) m/s2 what a jump of the pressure at the interface accelerates by, or None; laplacian_of_jump: (n,) 1/s2,
+    what the Laplacian of the pressure makes of that jump; density: over that of the first fluid, (n,) or 1;
     bulk: number, dynamic viscosity over the density of the first fluid of the rotational term (eq. 4), m2/s;
-    turn: Turn, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity has no kink, or None;
-    shy: (n,) bool, near an interface, or None;
+    transposed_stress: of two fluids, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity
+    has no kink, or None; shifts_less: (n,) bool, near an interface, or None;
     along: (dim,) or (n, dim), what a unit pressure gradient along the axis of a held velocity accelerates by, or None;
     band: of the interface, or None;
-    forgets: whether the odd-even part of the pressure is taken out (see `projection`).
+    damp_odd_even_pressure: whether the odd-even part of the pressure is taken out (see `projection`).
     """
 
     ops: Operators
     viscosity: float
     force: np.ndarray
-    jump: np.ndarray | None = None
-    lift: np.ndarray | None = None
+    jump_acceleration: np.ndarray | None = None
+    laplacian_of_jump: np.ndarray | None = None
     density: np.ndarray | float = 1.0
     bulk: float = 0.0
-    turn: TransposedStress | None = None
+    transposed_stress: StressCoupling | None = None
     smooth: np.ndarray | None = None
-    shy: np.ndarray | None = None
-    forgets: bool = True
+    shifts_less: np.ndarray | None = None
+    damp_odd_even_pressure: bool = True
     along: np.ndarray | None = None
     band: InterfaceBand | None = None
 
     def pressure_gradient(self, p: np.ndarray) -> np.ndarray:
         """Gradient of the pressure p (n,) over the density without its jump, (n, dim) m/s2."""
         gradient = gradient_p(self.ops, p)
-        return gradient if self.jump is None else gradient - self.jump
+        return gradient if self.jump_acceleration is None else gradient - self.jump_acceleration
 
 
 def body_force(ops: Operators, force: np.ndarray) -> np.ndarray:

@@ -120,10 +120,10 @@ class KeptHierarchies:
 
     def record(self, name: str, report: Report, residual: Callable[[], np.ndarray]) -> None:
         """Keep the report of the hardest solve of a system. Raises SolveError, with the residual (n,) of each particle
-        as its `badness`, where it did not converge."""
+        as its `violation`, where it did not converge."""
         if not report.converged:
             error = SolveError(name, report)
-            error.badness = residual()
+            error.violation = residual()
             raise error
         before = self.reports.get(name)
         if before is None or before.iterations < report.iterations:

@@ -59,7 +59,7 @@ class ComponentMeans:
         return v - (np.bincount(self.labels, weights=v, minlength=len(self.count)) / self.count)[self.labels]
 
 
-def components(start, column, joined=None):
+def pair_components(start, column, joined=None):
     """Connected components of the pair graph: (count, labels (n,) int32). joined: (n_pairs,) bool, pairs that count."""
     n = len(start) - 1
     if joined is not None:

@@ -58,7 +58,7 @@ class Measures:
             row[f"ganglia_{name}"] = self.ganglia(config, k) if everything else None
         return row
 
-    def go_on(self, row):
+    def resume(self, row):
         """Takes up the centres of a row of the history, so that those of a restarted run do not jump by a period."""
         self.centres = [[row.get(f"centre_{a}_{name}") for a in "xyz"[: self.geometry.dim]] for name in self.names]
 

@@ -159,7 +159,7 @@ def _volumes(neighbours):
 
 
 @njit(cache=True)
-def star_size(start):
+def stencil_size(start):
     """Places that the longest row takes up once padded."""
     longest = 0
     for i in range(len(start) - 1):
@@ -168,20 +168,20 @@ def star_size(start):
 
 
 @njit(cache=True)
-def new_star(size):
-    """Scratch arrays for the neighbours of one particle, see `gather_star`."""
+def new_stencil(size):
+    """Scratch arrays for the neighbours of one particle, see `gather_stencil`."""
     return np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
 
 
 @njit(cache=True, error_model="numpy")
-def gather_star(neighbours, i, volume, star):
+def gather_stencil(neighbours, i, volume, stencil):
     """The neighbours of particle i into star = (ex, ey, ez, s, w).
 
     e: direction; s: distance / support; w: F V support. Coincident particles get e = 0, w = 0 and s = 1: they
     do not act on each other, shifting parts them. Weightless neighbours fill up whole vectors.
     Returns the number with those.
     """
-    ex, ey, ez, s, w = star
+    ex, ey, ez, s, w = stencil
     x, kind, support, begin = neighbours.x, neighbours.kind, neighbours.support, neighbours.start[i]
     count, dim = neighbours.start[i + 1] - begin, x.shape[1]
     x0, x1 = x[i, 0], x[i, 1]
@@ -217,13 +217,13 @@ def gather_star(neighbours, i, volume, star):
 
 
 @njit(cache=True, fastmath=REDUCE)
-def star_moments(star, padded, moments):
+def stencil_moments(stencil, padded, moments):
     """Moment sums of a star.
 
     moments[0:6]: sum w s e e; [6:16]: sum w e e e; [16:26]: sum w s^2 e e e; [26:41]: sum w s e e e e,
     the components of each in the order of `_SECOND`, `_THIRD` and `_FOURTH`.
     """
-    ex, ey, ez, s, w = star
+    ex, ey, ez, s, w = stencil
     # several loops: their sums stay in registers, 41 do not
     m0 = m1 = m2 = m3 = m4 = m5 = 0.0
     t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = t8 = t9 = 0.0
@@ -294,9 +294,9 @@ def star_moments(star, padded, moments):
 
 
 @njit(cache=True)
-def second_moments(star, fraction, moments):
-    """moments[0:6] of `star_moments` over the neighbours that share the pressure, fraction > SHARED."""
-    ex, ey, ez, s, w = star
+def second_moments(stencil, fraction, moments):
+    """moments[0:6] of `stencil_moments` over the neighbours that share the pressure, fraction > SHARED."""
+    ex, ey, ez, s, w = stencil
     moments[:6] = 0.0
     for k in range(len(fraction)):
         if fraction[k] > SHARED:
@@ -477,12 +477,12 @@ def _solve(a, b, columns):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def star_weights(star, padded, tensors, order, out):
+def stencil_weights(stencil, padded, tensors, order, out):
     """Weights of every neighbour of a star into out (4, padded).
 
     out[0]: of the Laplacian (times support^2); out[1:4]: of the gradient (times support).
     """
-    ex, ey, ez, s, w = star
+    ex, ey, ez, s, w = stencil
     g, _, right, drift, spread = tensors
     lap, gx, gy, gz = out[0], out[1], out[2], out[3]
     g00, g01, g02, g11, g12, g22 = g[0, 0], g[0, 1], g[0, 2], g[1, 1], g[1, 2], g[2, 2]
@@ -517,18 +517,18 @@ def star_weights(star, padded, tensors, order, out):
 @njit(cache=True, parallel=True)
 def _rows(neighbours, volume, order):
     start = neighbours.start
-    n, dim, size = len(start) - 1, neighbours.x.shape[1], star_size(start)
+    n, dim, size = len(start) - 1, neighbours.x.shape[1], stencil_size(start)
     lap = np.empty(len(neighbours.row))
     grad = np.empty((len(neighbours.row), dim))
     deficient = np.zeros(CHUNKS, np.int64)
     for chunk in prange(CHUNKS):
-        star, moments, out = new_star(size), np.empty(41), np.empty((4, size))
+        stencil, moments, out = new_stencil(size), np.empty(41), np.empty((4, size))
         tensors = new_correction()
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
-            padded = gather_star(neighbours, i, volume, star)
-            star_moments(star, padded, moments)
+            padded = gather_stencil(neighbours, i, volume, stencil)
+            stencil_moments(stencil, padded, moments)
             deficient[chunk] += correction(moments, dim, order, tensors)
-            star_weights(star, padded, tensors, order, out)
+            stencil_weights(stencil, padded, tensors, order, out)
             _store(out, start[i], start[i + 1], neighbours.support, lap, grad)
     return lap, grad, deficient
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from isphcli.output import replacing
+from .output import replacing
 
 DARCY = 9.869233e-13  # m2
 SOLID = "#dcdad5"

@@ -50,13 +50,13 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
         matrix = linear.assemble(ops.start, ops.column, terms.ops.lap_p, 0.0, 1.0)
     if ops.walls is None:
         return PressureSystem(matrix, lambda p, gradient: matrix @ p, None)
-    from .coupling import diagonal, divergence_and_jump
+    from .coupling import diagonal, div_grad_rhie_chow
 
     symmetric = terms.ops.walls.symmetric_laplacian
     with solvers.clock("assembly"):
         exact, own = diagonal(ops, symmetric, terms.ops.grad_p), matrix.diagonal()
         scale = np.where(exact > own, exact / np.where(own > 0.0, own, 1.0), 1.0)
-    return PressureSystem(matrix, lambda p, gradient: divergence_and_jump(ops, symmetric, p, gradient), scale)
+    return PressureSystem(matrix, lambda p, gradient: div_grad_rhie_chow(ops, symmetric, p, gradient), scale)
 
 
 def pressure_increment(config: Configuration, system: PressureSystem, div: np.ndarray, p: np.ndarray,
@@ -98,10 +98,10 @@ def solve_pressure(config: Configuration, system: PressureSystem, right: np.ndar
 def settled(config: Configuration, p: np.ndarray) -> np.ndarray:
     """A pressure p (n,) without the constant of each component; in dead ends that of the fluid next to them."""
     p, walls = config.means.remove(p), config.ops.walls
-    if walls is not None and walls.still is not None:
-        from .coupling import fill
+    if walls is not None and walls.isolated is not None:
+        from .coupling import extrapolate_pressure
 
-        fill(config.ops, p)
+        extrapolate_pressure(config.ops, p)
     return p
 
 
@@ -115,15 +115,15 @@ def _odd_even(config: Configuration, gradient: np.ndarray, old: np.ndarray, rate
     step to step, hardly damped: layers of density ratio 100 at rest grew by 5 % a step, whatever its length, and a
     drop of density ratio 1000 blew up. Where drag sets the speed there is nothing to damp, and w = 1 would keep the
     pressure from growing to what balances it. Tension between fluids that differ in name only is kinder, and more
-    accurate with w = 0 (not terms.forgets).
+    accurate with w = 0 (not terms.damp_odd_even_pressure).
     """
     ops, terms = config.ops, config.terms
-    if not terms.forgets:
+    if not terms.damp_odd_even_pressure:
         return 0.0
     odd_even, drag = -total_divergence(ops, gradient) - old, linear.row_sums(ops.start, ops.lap)
     if ops.walls is not None:
         odd_even += ops.walls.div_velocity
         drag += ops.walls.lap
-    if terms.lift is not None:
-        odd_even -= terms.lift
+    if terms.laplacian_of_jump is not None:
+        odd_even -= terms.laplacian_of_jump
     return odd_even * (rate / (rate + nu_min * drag))

@@ -26,15 +26,15 @@ from .kernel import normalisation, slope
 from .operators import (
     CHUNKS,
     correction,
-    gather_star,
+    gather_stencil,
     invert_gradient,
     new_correction,
-    new_star,
+    new_stencil,
     second_moments,
-    star_moments,
-    star_size,
+    stencil_moments,
+    stencil_size,
 )
-from .walls import BoundarySums, WallStars, add_wall_pair, meet_walls, new_boundary_sums, new_wall_pair
+from .walls import BoundarySums, WallStencils, add_wall_pair, meet_walls, new_boundary_sums, new_wall_pair
 
 # Share by which diagonals of the conductances are raised. Pressure is known up to a constant in each component; in a
 # pocket smaller than an aggregate the coarse matrices hold nothing but that constant and divide by round-off.
@@ -99,9 +99,9 @@ class LatticeWeights:
         return self.pairs.step.shape[1]
 
 
-def build_lattice_weights(stars: WallStars, order: int = 1) -> tuple[LatticeWeights, np.ndarray]:
+def build_lattice_weights(stencils: WallStencils, order: int = 1) -> tuple[LatticeWeights, np.ndarray]:
     """(LatticeWeights, row of each pair in the table of positions). order: of the velocity gradient, 1 (eq. 5) or 2."""
-    everyone, walls, fraction, volume = stars.neighbours, stars.walls, stars.fraction, stars.volume
+    everyone, walls, fraction, volume = stencils.neighbours, stencils.walls, stencils.fraction, stencils.volume
     x, n = everyone.x, everyone.n
     start, row = _in_sight(everyone.start, everyone.row, fraction)
     offset_id, step, count = _offsets(x, start, row, 1e-6 * everyone.support)
@@ -153,10 +153,10 @@ def potential_gradient(ops: LatticeWeights, force: np.ndarray) -> np.ndarray:
 def total_divergence(ops: LatticeWeights, u: np.ndarray) -> np.ndarray:
     """Consistent divergence (n,) of u (n, dim), walls included."""
     zero = np.zeros(ops.n)
-    return divergence_and_jump(ops, u, (zero, u), (1.0, 0.0), False) + ops.walls.div_velocity
+    return divergence_and_rhie_chow(ops, u, (zero, u), (1.0, 0.0), False) + ops.walls.div_velocity
 
 
-def divergence_and_jump(ops: LatticeWeights, u: np.ndarray, pressure: tuple[np.ndarray, np.ndarray],
+def divergence_and_rhie_chow(ops: LatticeWeights, u: np.ndarray, pressure: tuple[np.ndarray, np.ndarray],
                         factors: tuple[float, float], conservative: bool) -> np.ndarray:
     """a div u + b S p without the velocity of the walls, (n,); see `coupling`.
 
@@ -167,7 +167,7 @@ def divergence_and_jump(ops: LatticeWeights, u: np.ndarray, pressure: tuple[np.n
     leaves are as large as the flow through a throat, and GMRES stalls (bead pack at 1.2 particles a bead: residual
     0.6 after 200 iterations, against 130 iterations to 1e-6).
     """
-    return _divergence_and_jump(ops.pairs, ops.tensors, ops.walls.div, u, pressure, factors, conservative)
+    return _divergence_and_rhie_chow(ops.pairs, ops.tensors, ops.walls.div, u, pressure, factors, conservative)
 
 
 def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: np.ndarray, grad_p: np.ndarray) -> None:
@@ -270,7 +270,7 @@ def _factors(neighbours, fraction, volume, order, walls, off_lattice):
 
     Returns (deficient, arrays of Factors, arrays of BoundarySums)."""
     start, per_length = neighbours.start, 1.0 / neighbours.support
-    n, dim, size = len(start) - 1, neighbours.x.shape[1], star_size(start)
+    n, dim, size = len(start) - 1, neighbours.x.shape[1], stencil_size(start)
     deficient = np.zeros(CHUNKS, np.int64)
     laplace, scale = np.empty((n, 9)), np.empty(n)
     gradient, gradient_p = np.empty((n, dim, dim)), np.empty((n, dim, dim))
@@ -279,17 +279,17 @@ def _factors(neighbours, fraction, volume, order, walls, off_lattice):
     wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip = new_boundary_sums(n, dim, walls.slip_length)
     per_area = per_length * per_length
     for chunk in prange(CHUNKS):
-        star, moments = new_star(size), np.empty(41)
-        ex, ey, ez, s, w = star
+        stencil, moments = new_stencil(size), np.empty(41)
+        ex, ey, ez, s, w = stencil
         corrected, gp, pair = new_correction(), np.empty((3, 3)), new_wall_pair(dim)
         g, _, right, drift, spread = corrected
         weight = pair[0]
         a_q, t_q = np.empty(3), np.empty(6)
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             begin, count = start[i], start[i + 1] - start[i]
-            padded = gather_star(neighbours, i, volume, star)
-            whole, near = meet_walls(star, fraction[begin : begin + count])
-            star_moments(star, padded, moments)
+            padded = gather_stencil(neighbours, i, volume, stencil)
+            whole, near = meet_walls(stencil, fraction[begin : begin + count])
+            stencil_moments(stencil, padded, moments)
             deficient[chunk] += correction(moments, dim, order, corrected)
             scale[i] = 2.0 * dim * per_area / whole if whole > 0.0 else 0.0
             for v in range(6):
@@ -310,7 +310,7 @@ def _factors(neighbours, fraction, volume, order, walls, off_lattice):
                 if len(k_tensor_p) > 0:
                     gradient_p[i], k_tensor_p[i] = gradient[i], k_tensor[i]
                 continue
-            second_moments(star, fraction[begin : begin + count], moments)
+            second_moments(stencil, fraction[begin : begin + count], moments)
             invert_gradient(moments, dim, gp)
             for m in range(dim):
                 for k in range(dim):
@@ -335,7 +335,7 @@ def _factors(neighbours, fraction, volume, order, walls, off_lattice):
                         for v in range(6):
                             weight[1 + m] -= k_tensor[i, m, v] * t_q[v]
                 sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
-                add_wall_pair(neighbours, walls, i, q, star, pair, sums)
+                add_wall_pair(neighbours, walls, i, q, stencil, pair, sums)
     sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
     return deficient, (laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p), sums
 
@@ -422,7 +422,7 @@ def _momentum(pairs, tensors, wall_lap, dx, unknowns, out, grad_p):
 
 
 @njit(cache=True, parallel=True)
-def _divergence_and_jump(pairs, tensors, wall_div, u, pressure, factors, conservative):
+def _divergence_and_rhie_chow(pairs, tensors, wall_div, u, pressure, factors, conservative):
     start, column, offset_id, step = pairs.start, pairs.column, pairs.offset_id, pairs.step
     first_moment, second_moment, pair_laplacian = pairs.first_moment, pairs.second_moment, pairs.pair_laplacian
     gradient, scale, k_tensor = tensors.gradient, tensors.scale, tensors.k_tensor

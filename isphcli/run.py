@@ -119,8 +119,9 @@ def _run_stokes(case, solver, clock, quiet, resume):
 
 
 def _solve_stokes(case, solver, clock, quiet):
-    """Every spacing and axis of a steady case: (axes, {(axis, spacing): Creep}, {(axis, spacing): why nothing flows,
-    None: no path}, rows of history, _Seen). The matrices, which leave no room for the files, are gone when it returns.
+    """Every spacing and axis of a steady case: (axes, {(axis, spacing): StokesResult}, {(axis, spacing): why
+    nothing flows, None: no path}, rows of history, _Seen). The matrices, which leave no room for the files, are gone
+    when it returns.
 
     Raises NoPathError where nothing flows along any axis.
     """
@@ -188,7 +189,7 @@ def _worst_of(case, scene, error):
     from .failure import NAME, write_worst
 
     directory = folder.prepare(case.output.directory)
-    return write_worst(directory / NAME, scene.particles.x[: scene.particles.n_fluid], error.badness)
+    return write_worst(directory / NAME, scene.particles.x[: scene.particles.n_fluid], error.violation)
 
 
 def _sum_up_stokes(case, solver, axes, flows, closed, history, seen):
@@ -304,7 +305,7 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
     state, stepper, particles = ns.prepare(case, geometry, clock)
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     box = float(np.prod(geometry.upper - geometry.lower))
-    march = ns.March(case, stepper, particles.site_volume, density, box)
+    march = ns.TimeLoop(case, stepper, particles.site_volume, density, box)
     measures = None
     if len(np.unique(particles.phase)) > 1:
         from .measures import of_case
@@ -378,7 +379,7 @@ def _run_navier_stokes(case, ns, clock, quiet, resume):
         if isinstance(stop, failure.RunError):
             with suppress(OSError):
                 last = march.last.state
-                stop.worst = failure.write_worst(directory / failure.NAME, last.x, stop.badness, velocity=last.u,
+                stop.worst = failure.write_worst(directory / failure.NAME, last.x, stop.violation, velocity=last.u,
                                                  pressure=last.p)
         raise
     try:
@@ -652,7 +653,7 @@ def _terms_of_two(fluids):
         terms.append(f"surface tension ({fluids.tension.method})")
         if fluids.tension.contact is not None:
             terms.append("contact angle")
-        if fluids.artificial > 0.0:
+        if fluids.added_viscosity > 0.0:
             terms.append("artificial viscosity at the interface")
         if fluids.line is not None:
             terms.append("slip at contact lines")

@@ -128,7 +128,7 @@ def _free_direction(case, stepper):
     return force / size if size > 0.0 and not walls_move(case) else None
 
 
-class March:
+class TimeLoop:
     """Runs a state to its end; everything written on the way goes through the callbacks.
 
     snapshot(state, config), row(dict) and progress(result, limit) are called as the run goes. `last` is the last

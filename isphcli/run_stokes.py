@@ -23,7 +23,7 @@ class NoPathError(NoFlowError):
 
 
 @dataclass
-class Creep:
+class StokesResult:
     """Flow along one axis at one spacing.
 
     axis: 0, 1, 2 or None where the walls drive the flow; velocity (n, dim) m/s of the particles; cell_velocity
@@ -52,7 +52,7 @@ class Creep:
 
 
 @dataclass
-class Scene:
+class SteadyScene:
     """One geometry at one spacing with its matrices; every axis that it serves shares them."""
 
     geometry: object
@@ -90,7 +90,7 @@ def build_scene(case, geometry, spacing, clock, needs=()):
     with clock("preconditioner"):
         nu = next(iter(case.fluids.values())).nu
         system = StokesSystem(ops, spacing, nu, conservative=balanced)
-    return Scene(geometry, particles, system, len(images.owner), percolates)
+    return SteadyScene(geometry, particles, system, len(images.owner), percolates)
 
 
 def _operators(walls, x, fixed, order):
@@ -99,8 +99,8 @@ def _operators(walls, x, fixed, order):
     order: of the gradient in the consistent divergence. On the sphere array of solid fraction 0.216 with 16 spacings a
     cell the permeability is 1.2 % low with order 1, and 0.05 % high with order 2.
     """
-    stars, images = walls.stars(x, fixed)
-    return *build_lattice_weights(stars, order), images
+    stencils, images = walls.stencils(x, fixed)
+    return *build_lattice_weights(stencils, order), images
 
 
 def _balances_fluxes(case, geometry):
@@ -117,7 +117,7 @@ def _percolation(ops, row, owned, images, dim):
     crossing = shift[row].any(axis=1)
     start = np.concatenate([[0], np.cumsum(np.bincount(np.repeat(np.arange(n), np.diff(ops.pairs.start))[~crossing],
                                                        minlength=n))])
-    count, raw = linear.components(start, ops.pairs.column[~crossing])
+    count, raw = linear.pair_components(start, ops.pairs.column[~crossing])
     edges = [np.empty((0, 3), np.int64)]
     first = np.repeat(np.arange(n), np.diff(ops.pairs.start))[crossing]
     for axis in range(dim):
@@ -129,7 +129,7 @@ def _percolation(ops, row, owned, images, dim):
 
 
 def solve_axis(case, scene, axis, force, clock, watch=None):
-    """The flow of a scene under an acceleration; see `Creep`."""
+    """The flow of a scene under an acceleration; see `StokesResult`."""
     geometry, particles, system = scene.geometry, scene.particles, scene.system
     fluid = next(iter(case.fluids.values()))
     with clock("krylov"):
@@ -137,7 +137,7 @@ def solve_axis(case, scene, axis, force, clock, watch=None):
     cell_velocity = flow.velocity + _quadrature(scene, flow, force, fluid.nu)
     superficial, mean, permeability = darcy(geometry, particles.x[: particles.n_fluid], cell_velocity,
                                             particles.site_volume, axis, force, fluid.nu)
-    return Creep(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
+    return StokesResult(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
                  flow.pressure * fluid.density, superficial, mean, permeability,
                  *_mass(scene, flow, cell_velocity, axis), flow.report, scene.halo, system.conservative, system.count,
                  int((~scene.percolates.any(axis=1)).sum()))

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 NEAR_WALL = 0.25  # of the spacing: no particle comes nearer to a wall than this; at 0.015 a cavity blew up
 # The same for particles that see few others (coupling.NARROW). Where beads touch, half of the fluid lies within 0.25:
 # kept off that far, particles crowd into the middle of the pores, and the flux of a pack is 40 % too large.
-NEAR_WALLS = 0.1
+NEAR_WALL_NARROW = 0.1
 # Of the shift, near an interface, which it blurs. A bubble that rises (1/24) lost 1.4 % of its height to a whole one; a
 # drop without any comes apart.
 INTERFACE_SHIFTING = 1.0 / 3.0
@@ -117,8 +117,8 @@ class Stepper:
             # a periodic box full of fluid is one component; pores can be many
             labels = np.zeros(n, np.int32)
             if self.walls is not None:
-                joined = None if ops.walls.still is None else ops.walls.symmetric_laplacian > 0.0
-                labels = linear.components(ops.start, ops.column, joined)[1]
+                joined = None if ops.walls.isolated is None else ops.walls.symmetric_laplacian > 0.0
+                labels = linear.pair_components(ops.start, ops.column, joined)[1]
         return Configuration(ops, neighbours, linear.ComponentMeans(labels), len(images.owner), terms)
 
     def move(self, state: State, config: Configuration, dt: float) -> tuple[State, int]:
@@ -160,12 +160,12 @@ class Stepper:
             speed = np.sqrt(((u - wind) ** 2).sum(axis=1).max())
             if self.shifting > 0.0 and speed > 0.0:
                 dr = shift(config.neighbours, speed, dt, self.shifting, self.spacing)
-                if config.terms.shy is not None:
-                    dr[config.terms.shy] *= INTERFACE_SHIFTING
+                if config.terms.shifts_less is not None:
+                    dr[config.terms.shifts_less] *= INTERFACE_SHIFTING
             if self.walls is not None:
-                few, nearest = config.ops.walls.few, NEAR_WALL * self.spacing
-                if few is not None:
-                    nearest = np.where(few, NEAR_WALLS * self.spacing, nearest)
+                narrow, nearest = config.ops.walls.narrow, NEAR_WALL * self.spacing
+                if narrow is not None:
+                    nearest = np.where(narrow, NEAR_WALL_NARROW * self.spacing, nearest)
                 dr = self.walls.clamp_wall_distance(state.x, displacement, dr, nearest)
         return dr
 

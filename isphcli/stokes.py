@@ -12,10 +12,10 @@ from math import ceil, log10
 
 import numpy as np
 
-from .linear import BlockCycle, ComponentMeans, SolveError, components, cycle, gmres_from_the_right, hierarchy
+from .linear import BlockCycle, ComponentMeans, SolveError, cycle, gmres_from_the_right, hierarchy, pair_components
 from .rows import (
     conductance_matrix,
-    divergence_and_jump,
+    divergence_and_rhie_chow,
     gradient_p,
     momentum,
     potential_gradient,
@@ -56,7 +56,7 @@ class StokesSystem:
         self.ops, self.spacing, self.viscosity, self.tau = ops, spacing, viscosity, tau
         self.dim = ops.dim
         self.conservative = conservative
-        self.count, labels = components(ops.pairs.start, ops.pairs.column)
+        self.count, labels = pair_components(ops.pairs.start, ops.pairs.column)
         self.means = ComponentMeans(labels)
         self._velocity = BlockCycle(hierarchy(velocity_matrix(ops, spacing), STRENGTH), CYCLES)
         self._darcy = cycle(hierarchy(self._conductance()))
@@ -85,7 +85,7 @@ class StokesSystem:
         momentum(self.ops, u, p, dx, forces, grad_p)
         if self.ops.slips:
             forces -= dx**2 * np.einsum("nkm,nm->nk", self.ops.walls.slip, u)
-        both = divergence_and_jump(self.ops, u, (p, grad_p), (dx, -self.tau * dx * dx), self.conservative)
+        both = divergence_and_rhie_chow(self.ops, u, (p, grad_p), (dx, -self.tau * dx * dx), self.conservative)
         mass[:] = self.means.remove(both)
         return out
 
@@ -116,7 +116,7 @@ class StokesSystem:
         """Flow under the acceleration `force` ((dim,), m/s2) and the motion of the walls.
 
         Where the tolerance is missed, the divergence becomes a balance of fluxes (if it was not), then the restart
-        length is doubled, then SolveError is raised; its attribute `badness` is the residual of each particle, (n,),
+        length is doubled, then SolveError is raised; its attribute `violation` is the residual of each particle, (n,),
         over the largest right-hand side.
         """
         ops = self.ops
@@ -139,7 +139,7 @@ class StokesSystem:
         if not report.converged:
             error = SolveError("Stokes", report)
             forces, mass = self.split(np.abs(rhs - self.apply(solution)) / np.abs(rhs).max())
-            error.badness = np.maximum(forces.max(axis=1), mass)
+            error.violation = np.maximum(forces.max(axis=1), mass)
             raise error
         u, p = self.split(solution)
         return StokesFlow(u.copy(), self.means.remove(p) * (self.viscosity / self.spacing), report)

@@ -23,7 +23,7 @@ from .failure import RunError
 from .geometry import build_geometry
 from .output import Clock
 from .particles import ParticleError
-from .run_navier_stokes import March, prepare
+from .run_navier_stokes import TimeLoop, prepare
 from .run_stokes import NoFlowError, build_scene, solve_axis
 
 EXPLICIT = 0.125  # nu dt / dx^2 of an explicit method (Morris, Fox and Zhu 1997)
@@ -77,7 +77,7 @@ EXACT = "solver.tolerance=1e-12"
 
 
 @dataclass(frozen=True)
-class Scene:
+class StressScene:
     """A scene, its setting, what must hold, the bound, and the function (large: bool) that measures it."""
 
     name: str
@@ -94,7 +94,7 @@ def scene(name, setting, invariant, bound):
     """Enters the decorated function into SCENES."""
 
     def enter(function):
-        SCENES.append(Scene(name, setting, invariant, bound, function))
+        SCENES.append(StressScene(name, setting, invariant, bound, function))
         return function
 
     return enter
@@ -111,7 +111,7 @@ def marched(text, *sets, change=None):
     if change is not None:
         start = change(start)
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
-    march = March(case, stepper, particles.site_volume, density, float(np.prod(geometry.upper - geometry.lower)))
+    march = TimeLoop(case, stepper, particles.site_volume, density, float(np.prod(geometry.upper - geometry.lower)))
     rows = []
     state, config = march.run(start, stepper.configure(start.x), lambda *_: None, rows.append, lambda *_: None)
     return SimpleNamespace(case=case, geometry=geometry, start=start, state=state, rows=rows, config=config,
@@ -119,7 +119,7 @@ def marched(text, *sets, change=None):
 
 
 def creeping(text, *sets, axis=0):
-    """The steady creeping flow of a case: run_stokes.Creep with `scene`."""
+    """The steady creeping flow of a case: run_stokes.StokesResult with `scene`."""
     case = read_case(text.encode(), "stress.yaml", ("flow=stokes", "time=null", *sets))
     geometry = build_geometry(case)
     built = build_scene(case, geometry, case.particles.spacing, Clock(), (axis,))
@@ -380,7 +380,7 @@ def blow_up(large):
     try:
         marched(ORIFICE, "particles.shifting=0")
     except RunError as error:
-        return int("mean speed" not in str(error) or error.badness is None)
+        return int("mean speed" not in str(error) or error.violation is None)
     return 1
 
 
@@ -460,7 +460,7 @@ def above_the_capillary_limit(large):
     try:
         run = marched(DROP, *THIN, f"time.step={step}", f"time.max_steps={1000 if large else 60}")
     except RunError as error:
-        return float("capillary limit" not in str(error) or error.badness is None)
+        return float("capillary limit" not in str(error) or error.violation is None)
     return float(np.abs(run.state.u).max() * 0.2)
 
 

@@ -23,11 +23,12 @@ from .kernel import slope
 from .operators import THIN
 
 SMOOTHINGS = 3  # kernel averages of the curvature over the band
-# Mean viscosity over sqrt(rho sigma dx) below which an interface is helped (docs/method.md 12), and how much viscosity
+# Mean viscosity over sqrt(rho sigma dx) below which an interface gets viscosity (docs/method.md 12), and how much
 # it then gets for what it lacks. With 1 a drop of Laplace number 1e6 lost particles after 1000 steps, with 2.5 not
-# after 1500 (support 2.3). Particles are shifted there in full already below LOOSE: with a third of it a drop at 0.041
-# blew up after 500 steps (support 2.8), with all of it it holds 2500; at 0.043 it holds either way.
-HELD, HELP, LOOSE = 0.04, 2.5, 0.044
+# after 1500 (support 2.3). Particles are shifted there in full already below OHNESORGE_FULL_SHIFTING: with a third of
+# the shift a drop at 0.041 blew up after 500 steps (support 2.8), with all of it it holds 2500; at 0.043 it holds
+# either way.
+OHNESORGE_MIN, ADDED_VISCOSITY, OHNESORGE_FULL_SHIFTING = 0.04, 2.5, 0.044
 
 
 def damping(tension, density, viscosity, spacing):
@@ -37,7 +38,7 @@ def damping(tension, density, viscosity, spacing):
     tension: N/m; density, viscosity: (2,) kg/m3 and dynamic, Pa s; spacing: m."""
     unit = math.sqrt(np.mean(density) * tension * spacing)
     own = float(np.mean(viscosity)) / unit
-    return HELP * max(HELD - own, 0.0) * unit, own < LOOSE
+    return ADDED_VISCOSITY * max(OHNESORGE_MIN - own, 0.0) * unit, own < OHNESORGE_FULL_SHIFTING
 
 
 class SurfaceTension:
@@ -76,9 +77,9 @@ class SurfaceTension:
         self.band, self.curvature = band, curvature
         if self.method == "jump":
             across = weighted.lap_p if ops.walls is None else weighted.walls.symmetric_laplacian
-            push, lift = _jump(weighted.neighbours, weighted.grad_p, across, colour, curvature, band.strength,
-                               self.tension / reference)
-            return push, lift, band
+            jump = _jump(weighted.neighbours, weighted.grad_p, across, colour, curvature, band.strength,
+                         self.tension / reference)
+            return *jump, band
         push = self.tension * curvature * band.strength / self.density.mean()
         return push[:, None] * band.normal, None, band
 
@@ -170,7 +171,7 @@ def _divergence(s, normal):
 def _jump(neighbours, grad, lap, colour, kappa, strength, tension):
     start, column = neighbours.start, neighbours.column
     n, dim = len(start) - 1, grad.shape[1]
-    out, lift = np.zeros((n, dim)), np.zeros(n)
+    out, laplacian_of_jump = np.zeros((n, dim)), np.zeros(n)
     for i in prange(n):
         for p in range(start[i], start[i + 1]):
             j = column[p]
@@ -178,7 +179,7 @@ def _jump(neighbours, grad, lap, colour, kappa, strength, tension):
                 both = strength[i] + strength[j]
                 if both > 0.0:
                     jump = tension * (strength[i] * kappa[i] + strength[j] * kappa[j]) / both * (colour[j] - colour[i])
-                    lift[i] += lap[p] * jump
+                    laplacian_of_jump[i] += lap[p] * jump
                     for k in range(dim):
                         out[i, k] += grad[p, k] * jump
-    return out, lift
+    return out, laplacian_of_jump

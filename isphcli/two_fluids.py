@@ -9,7 +9,7 @@ acceleration and the stress are continuous:
     mu lap u      ->  sum_j m_ij lap_ij (u_j - u_i),         1 / m_ij = t / mu_i + (1 - t) / mu_j
 
 Both are paired: the Poisson matrix has lap_ij / r_ij (only one of the two blows up at density ratio 10).
-Where the viscosity jumps, the transposed stress div(mu (grad u)^T) does not vanish: see `Turn`.
+Where the viscosity jumps, the transposed stress div(mu (grad u)^T) does not vanish: see `TransposedStress`.
 """
 
 import math
@@ -41,7 +41,9 @@ class TwoFluids:
         self.mu = np.array(viscosity, float)
         self.body, self.push, self.force = body, push, body + push
         self.kind, self.support, self.tension, self.line, self.held = kind, support, tension, line, held
-        self.artificial, self.loose = tension.damping(self.mu) if tension is not None else (0.0, False)
+        self.added_viscosity, self.interface_underdamped = 0.0, False
+        if tension is not None:
+            self.added_viscosity, self.interface_underdamped = tension.damping(self.mu)
 
     @property
     def nu_max(self):
@@ -65,33 +67,35 @@ class TwoFluids:
         rho = self.density[self.phase] / reference
         mu = self.mu[self.phase] / reference
         near = near_interface(ops.start, ops.column, self.colour)
-        weighted, viscosity, turn, smooth = ops, mu[0], None, None
+        weighted, viscosity, transposed_stress, smooth = ops, mu[0], None, None
         if heavy or thick:
             t = crossings(ops, self.colour, near)
             weighted = self._weigh(ops, t, rho, mu, heavy)
             viscosity = 1.0
-        if self.artificial > 0.0:
-            share = self.artificial / reference / (viscosity * rho)
+        if self.added_viscosity > 0.0:
+            share = self.added_viscosity / reference / (viscosity * rho)
             weighted = replace(weighted, lap=_thickened(ops.start, ops.column, ops.lap, weighted.lap, near, share))
         if thick:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near
-            turn = Turn.build(ops, weighted.lap, np.flatnonzero(free))
-        force, jump, lift, along, band = body_force(ops, self.body), None, None, None, None
+            transposed_stress = TransposedStress.build(ops, weighted.lap, np.flatnonzero(free))
+        force, jump, laplacian_of_jump, along, band = body_force(ops, self.body), None, None, None, None
         if self.push.any():
             force = force + potential_gradient(weighted, self.push)
         if self.held is not None:
             along = potential_gradient(weighted, self.held)
         if self.tension is not None:
-            push, lift, band = self.tension.force(ops, weighted, neighbours, self.colour, near, reference)
-            if lift is None:
+            push, laplacian_of_jump, band = self.tension.force(ops, weighted, neighbours, self.colour, near, reference)
+            if laplacian_of_jump is None:
                 force = force + push
             else:
                 jump = push
         # more feeds on itself: docs/method.md 12
         bulk = self.density.min() * self.nu_min / reference
-        return Terms(weighted, viscosity, force, jump, lift, rho if heavy else 1.0, bulk, turn,
-                     smooth, None if self.loose else near, heavy or thick or self.tension is None, along, band)
+        shifts_less = None if self.interface_underdamped else near
+        density, damps = rho if heavy else 1.0, heavy or thick or self.tension is None
+        return Terms(weighted, viscosity, force, jump, laplacian_of_jump, density, bulk, transposed_stress, smooth,
+                     shifts_less, damps, along, band)
 
     @staticmethod
     def _weigh(ops, t, rho, mu, heavy):
@@ -108,7 +112,7 @@ class TwoFluids:
 
 
 @dataclass(frozen=True)
-class Turn:
+class TransposedStress:
     """The transposed stress of the particles at the interface that see no wall, over their density.
 
     sum_j m_ij 2 H_ij (u_j - u_i) / rho_i with H_ij the weights of the second derivatives d_k d_l, exact for quadratic
@@ -130,12 +134,12 @@ class Turn:
         """ops: Operators; weighted_lap: (n_pairs,) its `lap` times m_ij / rho_i; rows: (m,)."""
         count = np.diff(ops.start)[rows]
         start = np.concatenate([[0], np.cumsum(count)])
-        column, tensor = _turn_tensors(ops.neighbours, ops.lap, weighted_lap, rows, start)
+        column, tensor = _transposed_stress_tensors(ops.neighbours, ops.lap, weighted_lap, rows, start)
         return cls(rows, start, column, tensor)
 
     def add(self, u, out, factor):
         """out += factor times the stress; u, out: (n, dim)."""
-        _turn(self.rows, self.start, self.column, self.tensor, u, out, factor)
+        _add_transposed_stress(self.rows, self.start, self.column, self.tensor, u, out, factor)
 
 
 @njit(cache=True, parallel=True)
@@ -174,7 +178,7 @@ def _thickened(start, column, lap, weighted_lap, near, share):
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def _turn_tensors(neighbours, lap, weighted_lap, rows, new_start):
+def _transposed_stress_tensors(neighbours, lap, weighted_lap, rows, new_start):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     dim, support = x.shape[1], neighbours.support
     new_column = np.empty(new_start[-1], np.int32)
@@ -275,7 +279,7 @@ def _fill(basis, row, x, i, begin, count, unit):
 
 
 @njit(cache=True, parallel=True)
-def _turn(rows, start, column, tensor, u, out, factor):
+def _add_transposed_stress(rows, start, column, tensor, u, out, factor):
     flat = u.shape[1] == 2
     for m in prange(len(rows)):
         i = rows[m]

@@ -37,7 +37,7 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, righ
     stiff = nu_max > JACOBI_LIMIT * rate * spacing**2
     if not stiff:
         guess = right / rate  # what viscosity then changes little
-    if slip is not None or terms.turn is not None:
+    if slip is not None or terms.transposed_stress is not None:
         return _coupled(terms, matrix, slip, right, guess, stiff, solvers)
     inverse = 1.0 / matrix.diagonal()
 
@@ -64,7 +64,7 @@ def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right
     residual of the thick one.
     """
     n, dim = right.shape
-    turn, viscosity = terms.turn, terms.viscosity
+    transposed_stress, viscosity = terms.transposed_stress, terms.viscosity
     diagonal = matrix.diagonal()[:, None]
 
     def apply(v: np.ndarray) -> np.ndarray:
@@ -72,8 +72,8 @@ def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right
         out = matrix @ u
         if slip is not None:
             out -= viscosity * np.einsum("nkm,nm->nk", slip, u)
-        if turn is not None:
-            turn.add(u, out, -1.0)
+        if transposed_stress is not None:
+            transposed_stress.add(u, out, -1.0)
         return (out / diagonal).ravel()
 
     def by_component(once: Apply) -> Apply:

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from .coupling import adjoin, balance, crowding
+from .coupling import adjoint_divergence, classify_neighbourhoods, flux_form
 from .halo import Halo, build_halo
 from .neighbours import Neighbourhood, neighbourhood
 from .operators import Operators, particle_volumes
-from .walls import WallStars, WallTable, build_wall_operators, crossings
+from .walls import WallStencils, WallTable, build_wall_operators, crossings
 
 if TYPE_CHECKING:
     from .geometry import Geometry
@@ -43,17 +43,17 @@ class WallScene:
 
     def configure(self, x: np.ndarray) -> tuple[Operators, Neighbourhood, Halo]:
         """Operators, all neighbours and periodic images of fluid positions x (n, dim)."""
-        stars, images = self.stars(x)
-        neighbours = stars.neighbours
-        few, still = crowding(neighbours, stars.fraction)
-        ops = build_wall_operators(stars, 2, few, still)
-        if few is None:
-            balance(ops, np.diff(neighbours.start))
+        stencils, images = self.stencils(x)
+        neighbours = stencils.neighbours
+        narrow, isolated = classify_neighbourhoods(neighbours, stencils.fraction)
+        ops = build_wall_operators(stencils, 2, narrow, isolated)
+        if narrow is None:
+            flux_form(ops, np.diff(neighbours.start))
         else:
-            adjoin(ops)
+            adjoint_divergence(ops)
         return ops, neighbours, images
 
-    def stars(self, x: np.ndarray, fixed: bool = False) -> tuple[WallStars, Halo]:
+    def stencils(self, x: np.ndarray, fixed: bool = False) -> tuple[WallStencils, Halo]:
         """What operators are built from, and the periodic images.
 
         fixed: the particles sit on their lattice and will stay there: every volume is that of a site.
@@ -80,7 +80,7 @@ class WallScene:
         volume = np.full(len(owned), self.site_volume)
         if not fixed:
             volume[:n] = particle_volumes(neighbours)
-        return WallStars(neighbours, walls, fraction, volume), images
+        return WallStencils(neighbours, walls, fraction, volume), images
 
     def clamp_wall_distance(self, x: np.ndarray, displacement: np.ndarray, dr: np.ndarray | None,
                             nearest: float | np.ndarray) -> np.ndarray | None:

@@ -27,14 +27,14 @@ from .operators import (
     SHARED,
     Operators,
     correction,
-    gather_star,
+    gather_stencil,
     invert_gradient,
     new_correction,
-    new_star,
+    new_stencil,
     second_moments,
-    star_moments,
-    star_size,
-    star_weights,
+    stencil_moments,
+    stencil_size,
+    stencil_weights,
 )
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class WallSums:
     slip: (n, dim, dim) what a slip wall takes off the diagonal, or None where no wall slips;
     symmetric_laplacian: (n_pairs,) symmetric-form weights of the pressure Laplacian;
     near: (n,) bool, particle sees a wall, or fluid that it shares no pressure with;
-    few, still: (n,) bool, see `coupling.crowding`, or None where there are none.
+    narrow, isolated: (n,) bool, see `coupling.classify_neighbourhoods`, or None where there are none.
     """
 
     lap: np.ndarray
@@ -63,8 +63,8 @@ class WallSums:
     slip: np.ndarray | None
     symmetric_laplacian: np.ndarray
     near: np.ndarray
-    few: np.ndarray | None = None
-    still: np.ndarray | None = None
+    narrow: np.ndarray | None = None
+    isolated: np.ndarray | None = None
 
 
 class WallTable(NamedTuple):
@@ -86,7 +86,7 @@ class WallTable(NamedTuple):
 
 
 @dataclass(frozen=True)
-class WallStars:
+class WallStencils:
     """What operators beside walls are built from.
 
     neighbours: all of them, dummies included; walls: wall data of their rows; fraction: (n_pairs,) their crossings, see
@@ -125,18 +125,21 @@ def crossings(geometry: Geometry, neighbours: Neighbourhood, walls: WallTable) -
     return fraction
 
 
-def build_wall_operators(star: WallStars, order: int = 1, few: np.ndarray | None = None,
-                         still: np.ndarray | None = None) -> Operators:
-    """Operators of a scene with walls. order: of the velocity gradient, 1 (eq. 5) or 2; few, still: of `WallSums`."""
-    everyone, walls = star.neighbours, star.walls
+def build_wall_operators(stencil: WallStencils, order: int = 1, narrow: np.ndarray | None = None,
+                         isolated: np.ndarray | None = None) -> Operators:
+    """Operators of a scene with walls.
+
+    order: of the velocity gradient, 1 (eq. 5) or 2; narrow, isolated: see `WallSums`.
+    """
+    everyone, walls = stencil.neighbours, stencil.walls
     n = everyone.n
     start = np.zeros(n + 1, dtype=np.int64)
-    np.cumsum(in_sight(everyone.start, star.fraction), out=start[1:])
+    np.cumsum(in_sight(everyone.start, stencil.fraction), out=start[1:])
     deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, sums = _wall_rows(
-        everyone, star.fraction, star.volume, order, walls, start)
-    found = WallSums(*sums[:4], sums[4] if np.any(walls.slip_length > 0.0) else None, symmetric, near, few, still)
+        everyone, stencil.fraction, stencil.volume, order, walls, start)
+    found = WallSums(*sums[:4], sums[4] if np.any(walls.slip_length > 0.0) else None, symmetric, near, narrow, isolated)
     seen = everyone._replace(start=start, column=column, row=row)
-    return Operators(seen, lap, grad, lap_p, grad_p, star.volume[:n], int(deficient.sum()), found)
+    return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[:n], int(deficient.sum()), found)
 
 
 def wall_laplacian(walls: WallSums, u: np.ndarray) -> np.ndarray:
@@ -189,13 +192,13 @@ def in_sight(start, fraction):
 
 
 @njit(cache=True)
-def meet_walls(star, fraction):
+def meet_walls(stencil, fraction):
     """Moves the far ends of the pairs of a star to where they meet a wall (eq. 11). fraction: (count,) their crossings.
 
     Returns the sum of w s over the star with the dummies at their own places, and whether it meets a wall or has a
     neighbour that it shares no pressure with.
     """
-    s, w = star[3], star[4]
+    s, w = stencil[3], stencil[4]
     whole, near = 0.0, False
     for k in range(len(fraction)):
         whole += w[k] * s[k]
@@ -221,7 +224,7 @@ def new_wall_pair(dim):
 
 
 @njit(cache=True)
-def add_wall_pair(neighbours, walls, i, k, star, pair, sums):
+def add_wall_pair(neighbours, walls, i, k, stencil, pair, sums):
     """Adds neighbour k of the star of particle i, which is met at a wall, to the sums of the walls: eq. 11.
 
     pair: of `new_wall_pair`, with the weights of this one, 1/m2 and 1/m; sums: arrays of BoundarySums. With Navier
@@ -236,7 +239,7 @@ def add_wall_pair(neighbours, walls, i, k, star, pair, sums):
         wall_u[m] = walls.velocity[met, m]
         if len(walls.spin) > 0:
             for q in range(dim):
-                wall_u[m] += walls.spin[met, m, q] * (x[i, q] + star[q][k] * star[3][k] * neighbours.support)
+                wall_u[m] += walls.spin[met, m, q] * (x[i, q] + stencil[q][k] * stencil[3][k] * neighbours.support)
     a = weight[0]
     lap[i] += a
     for m in range(dim):
@@ -264,7 +267,7 @@ def _wall_rows(neighbours, fraction, volume, order, walls, seen_start):
     All that it makes is returned: numba loses what a parallel loop writes to arrays that came in a tuple.
     """
     start, per_length = neighbours.start, 1.0 / neighbours.support
-    n, dim, size = len(start) - 1, neighbours.x.shape[1], star_size(start)
+    n, dim, size = len(start) - 1, neighbours.x.shape[1], stencil_size(start)
     pairs = seen_start[n]
     column, row, near = np.empty(pairs, np.int32), np.empty(pairs, np.int32), np.zeros(n, np.bool_)
     lap, symmetric, lap_p = np.empty(pairs), np.empty(pairs), np.empty(pairs)
@@ -273,18 +276,18 @@ def _wall_rows(neighbours, fraction, volume, order, walls, seen_start):
     deficient = np.zeros(CHUNKS, np.int64)
     per_area = per_length * per_length
     for chunk in prange(CHUNKS):
-        star, moments, out = new_star(size), np.empty(41), np.empty((4, size))
-        ex, ey, ez, s, w = star
+        stencil, moments, out = new_stencil(size), np.empty(41), np.empty((4, size))
+        ex, ey, ez, s, w = stencil
         tensors, g_p, pair = new_correction(), np.empty((3, 3)), new_wall_pair(dim)
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             begin, count = start[i], start[i + 1] - start[i]
-            padded = gather_star(neighbours, i, volume, star)
-            whole, near[i] = meet_walls(star, fraction[begin : begin + count])
-            star_moments(star, padded, moments)
+            padded = gather_stencil(neighbours, i, volume, stencil)
+            whole, near[i] = meet_walls(stencil, fraction[begin : begin + count])
+            stencil_moments(stencil, padded, moments)
             deficient[chunk] += correction(moments, dim, order, tensors)
-            star_weights(star, padded, tensors, order, out)
+            stencil_weights(stencil, padded, tensors, order, out)
             if near[i]:
-                second_moments(star, fraction[begin : begin + count], moments)
+                second_moments(stencil, fraction[begin : begin + count], moments)
                 invert_gradient(moments, dim, g_p)
             at = np.uint64(seen_start[i])
             for k in range(count):
@@ -309,6 +312,6 @@ def _wall_rows(neighbours, fraction, volume, order, walls, seen_start):
                     for m in range(dim):
                         pair[0][1 + m] = out[1 + m, k] * per_length
                     sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
-                    add_wall_pair(neighbours, walls, i, k, star, pair, sums)
+                    add_wall_pair(neighbours, walls, i, k, stencil, pair, sums)
     sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
     return deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, sums

@@ -7,12 +7,12 @@ import pytest
 
 from isphcli import linear
 from isphcli.case import load_case, read_case
-from isphcli.coupling import diagonal, divergence_and_jump, fill
+from isphcli.coupling import diagonal, div_grad_rhie_chow, extrapolate_pressure
 from isphcli.geometry import build_geometry
 from isphcli.operators import gradient_p, invert_gradient, total_divergence
 from isphcli.output import Clock
 from isphcli.particles import place_case
-from isphcli.run_navier_stokes import March, prepare
+from isphcli.run_navier_stokes import TimeLoop, prepare
 from isphcli.wall_scene import WallScene
 
 CASES = Path(__file__).parent.parent / "cases"
@@ -48,7 +48,7 @@ def pressure_matrix(case):
     state, stepper, _ = prepare(case, build_geometry(case), Clock())
     config = stepper.configure(state.x)
     ops, one = config.ops, np.eye(len(state.x))
-    columns = [divergence_and_jump(ops, ops.walls.symmetric_laplacian, e, gradient_p(ops, e)) for e in one]
+    columns = [div_grad_rhie_chow(ops, ops.walls.symmetric_laplacian, e, gradient_p(ops, e)) for e in one]
     return np.array(columns).T, config
 
 
@@ -104,7 +104,7 @@ def pack(tmp_path_factory):
     (folder / "case.yaml").write_text(PACK)
     case = load_case(folder / "case.yaml", [])
     state, stepper, particles = prepare(case, build_geometry(case), Clock())
-    return state, stepper, March(case, stepper, particles.site_volume, 1000.0, 1.0).limits
+    return state, stepper, TimeLoop(case, stepper, particles.site_volume, 1000.0, 1.0).limits
 
 
 def test_moving_particles_between_beads_that_touch(pack):
@@ -126,11 +126,11 @@ def test_few_neighbours_divergence_is_the_adjoint_of_the_gradient(pack):
     """sum V p div u = - sum V u . grad p for pressures of particles that see few, any velocities."""
     state, stepper, _ = pack
     ops, random = stepper.configure(state.x).ops, np.random.default_rng(3)
-    few = ops.walls.few
-    u, p = random.normal(size=state.u.shape), random.normal(size=len(few)) * few
+    narrow = ops.walls.narrow
+    u, p = random.normal(size=state.u.shape), random.normal(size=len(narrow)) * narrow
     left = ops.volume * p * total_divergence(ops, u)
     right = (ops.volume[:, None] * u * gradient_p(ops, p)).sum(axis=1)
-    assert few.sum() > 100 and not few.all()
+    assert narrow.sum() > 100 and not narrow.all()
     assert abs(left.sum() + right.sum()) < 1e-12 * np.abs(left).sum()
 
 
@@ -139,19 +139,19 @@ def test_dead_ends_share_no_pressure(pack):
     they see; constants of the rest are found in every part that is left."""
     state, stepper, _ = pack
     config = stepper.configure(state.x)
-    ops, still = config.ops, config.ops.walls.still
-    p = np.random.default_rng(4).normal(size=len(still))
+    ops, isolated = config.ops, config.ops.walls.isolated
+    p = np.random.default_rng(4).normal(size=len(isolated))
     u = np.random.default_rng(5).normal(size=state.u.shape)
-    assert 5 < still.sum() < 0.1 * len(still)
-    assert not gradient_p(ops, p * still).any() and not gradient_p(ops, p)[still].any()
-    assert not config.terms.force[still].any() and not total_divergence(ops, u)[still].any()
-    assert (config.means.count[config.means.labels[still]] == 1).all()
+    assert 5 < isolated.sum() < 0.1 * len(isolated)
+    assert not gradient_p(ops, p * isolated).any() and not gradient_p(ops, p)[isolated].any()
+    assert not config.terms.force[isolated].any() and not total_divergence(ops, u)[isolated].any()
+    assert (config.means.count[config.means.labels[isolated]] == 1).all()
     seen = np.diff(ops.start) > 0
-    level = np.where(still, 0.0, 7.0)
+    level = np.where(isolated, 0.0, 7.0)
     for _ in range(20):
-        fill(ops, level)
-    joined = linear.components(ops.start, ops.column)[1]
-    wet = np.isin(joined, joined[~still])
+        extrapolate_pressure(ops, level)
+    joined = linear.pair_components(ops.start, ops.column)[1]
+    wet = np.isin(joined, joined[~isolated])
     np.testing.assert_allclose(level[wet & seen], 7.0, atol=0.1)
 
 
@@ -169,7 +169,7 @@ def test_wide_pores_see_enough(name):
     fluid = geometry.phase(x) >= 0
     scene = WallScene(geometry, x[~fluid], case.support * case.particles.spacing, 0, 1.0)
     walls = scene.configure(x[fluid])[0].walls
-    assert walls.near.any() and walls.few is None and walls.still is None
+    assert walls.near.any() and walls.narrow is None and walls.isolated is None
 
 
 def test_a_faint_star_knows_no_gradient():

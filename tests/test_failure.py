@@ -65,7 +65,7 @@ def test_what_is_no_number_is_found(step, name, value):
     found = replace(found, state=replace(found.state, **{name: values}))
     with pytest.raises(StepError, match="1 particles is no longer a number") as caught:
         bounds.check(before, found)
-    assert np.flatnonzero(caught.value.badness).tolist() == [7]
+    assert np.flatnonzero(caught.value.violation).tolist() == [7]
 
 
 def test_speed_from_nowhere_is_found(step):
@@ -103,7 +103,7 @@ def test_divergence_and_volumes_are_bounded(step):
     config = replace(found.config, ops=replace(found.config.ops, volume=volume))
     with pytest.raises(StepError, match="clump") as caught:
         bounds.check(before, replace(found, config=config))
-    assert np.argmax(caught.value.badness) == 3
+    assert np.argmax(caught.value.violation) == 3
 
 
 def test_particles_in_a_wall_are_found():
@@ -167,7 +167,7 @@ def test_a_solve_that_cannot_be_cured_names_its_system(monkeypatch):
     tries(monkeypatch, stepper, 10**9)
     with pytest.raises(RunError, match=r"step 1 at time 0: the velocity system.*residual.*4 halvings.*") as caught:
         failure.attempt(stepper, state, config, 1e-3)
-    assert isinstance(caught.value.__cause__, SolveError) and caught.value.badness.shape == (100,)
+    assert isinstance(caught.value.__cause__, SolveError) and caught.value.violation.shape == (100,)
 
 
 def test_a_step_without_length_ends_the_run():
@@ -194,7 +194,7 @@ def test_a_run_that_blows_up_ends_with_all_it_has(tmp_path):
     saved = restart.load(out / restart.NAME, state)
     assert saved.state.step == rows[-1]["step"]
     x, worst = output.read_vtu(out / failure.NAME)
-    assert len(x) == failure.WORST and np.all(np.diff(worst["badness"]) <= 0)
+    assert len(x) == failure.WORST and np.all(np.diff(worst["violation"]) <= 0)
     assert np.array_equal(x[:, :2], saved.state.x[worst["particle"]])
     for file in out.glob("snapshots/*.vtu"):
         assert np.abs(output.read_vtu(file)[1]["velocity"]).max() < 3
@@ -220,7 +220,7 @@ def test_a_steady_solve_that_does_not_converge(tmp_path):
     assert done.exit_code == 3 and "the Stokes system did not converge: residual" in done.stderr
     assert f"worst particles: {out / failure.NAME}" in done.stderr and "restart" not in done.stderr
     x, worst = output.read_vtu(out / failure.NAME)
-    assert len(x) == failure.WORST and np.all(np.diff(worst["badness"]) <= 0) and 0 < worst["badness"][0] < 1
+    assert len(x) == failure.WORST and np.all(np.diff(worst["violation"]) <= 0) and 0 < worst["violation"][0] < 1
     assert np.all(np.hypot(*(x[:, :2] - 0.5).T) > 0.25)
     assert sorted(path.name for path in out.rglob("*") if path.is_file()) == [folder.MANIFEST, failure.NAME]
 
@@ -229,7 +229,7 @@ def test_worst_particles_without_a_number_are_written(tmp_path):
     """A residual that is not finite is the worst of all."""
     path = failure.write_worst(tmp_path / "worst.vtu", np.arange(6.0).reshape(3, 2), np.array([1, np.nan, -np.inf]))
     found = output.read_vtu(path)[1]
-    assert found["particle"].tolist() == [1, 2, 0] and np.isfinite(found["badness"]).all()
+    assert found["particle"].tolist() == [1, 2, 0] and np.isfinite(found["violation"]).all()
 
 
 @pytest.mark.parametrize("at", ["solve_axis", "build_scene"])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isphcli.halo import build_halo, wrap
-from isphcli.linear import ComponentMeans, SolveError, assemble, components, cycle, gmres, hierarchy, row_sums
+from isphcli.linear import ComponentMeans, SolveError, assemble, cycle, gmres, hierarchy, pair_components, row_sums
 from isphcli.neighbours import neighbourhood
 from isphcli.operators import build_operators, laplacian, particle_volumes
 
@@ -39,7 +39,7 @@ def poisson(dim, n, ratio):
     x, ops = operators(dim, n, ratio)
     exact = np.sin(2 * np.pi * x).prod(axis=1)
     matrix = assemble(ops.start, ops.column, ops.lap, 0.0, 1.0)
-    means = ComponentMeans(components(ops.start, ops.column)[1])
+    means = ComponentMeans(pair_components(ops.start, ops.column)[1])
     q, report = solve(matrix, dim * (2 * np.pi) ** 2 * exact, means)
     assert report.converged and report.residual <= 1e-8 * 1.01
     exact = means.remove(exact)
@@ -92,7 +92,7 @@ def two_boxes():
 
 def test_one_null_vector_a_component():
     (xa, a), (xb, b), start, column, lap = two_boxes()
-    count, labels = components(start, column)
+    count, labels = pair_components(start, column)
     assert count == 2 and np.array_equal(labels, np.repeat([0, 1], [a.n, b.n]))
     matrix = assemble(start, column, lap, 0.0, 1.0)
     for k in range(2):

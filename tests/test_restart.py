@@ -82,14 +82,14 @@ def load(tmp_path, text, out, *sets):
 
 def stop_at(monkeypatch, step):
     """Ctrl-C in the middle of a step."""
-    real = run_navier_stokes.March._row
+    real = run_navier_stokes.TimeLoop._row
 
     def row(self, found, limit):
         if found.state.step == step:
             raise KeyboardInterrupt
         return real(self, found, limit)
 
-    monkeypatch.setattr(run_navier_stokes.March, "_row", row)
+    monkeypatch.setattr(run_navier_stokes.TimeLoop, "_row", row)
 
 
 def left_by(directory):
@@ -138,7 +138,7 @@ def test_two_fluids_go_on_with_the_same_bits(tmp_path):
             state = saved.state
             stepper.rebuild_hierarchies(saved.origins)
         limited = replace(case, time=replace(case.time, max_steps=steps))
-        found = run_navier_stokes.March(limited, stepper, particles.site_volume, 1.0, 1.0)
+        found = run_navier_stokes.TimeLoop(limited, stepper, particles.site_volume, 1.0, 1.0)
         nothing = lambda *_: None  # noqa: E731
         found.run(state, stepper.configure(state.x), nothing, nothing, nothing)
         return found.last

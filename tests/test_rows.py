@@ -25,8 +25,8 @@ def both(dim, jitter, slip=0.0, order=2):
     n = particles.n_fluid
     x = wrap(particles.x[:n], geometry.lower, geometry.upper, geometry.periodic)
     scene = WallScene(geometry, particles.x[n:], support, 0, particles.site_volume)
-    stars, _ = scene.stars(x, jitter == 0.0)
-    return build_wall_operators(stars, order), factored.build_lattice_weights(stars, order)[0]
+    stencils, _ = scene.stencils(x, jitter == 0.0)
+    return build_wall_operators(stencils, order), factored.build_lattice_weights(stencils, order)[0]
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -104,14 +104,14 @@ def test_a_periodic_scene_imports_nothing_of_walls(tmp_path):
 
 
 def test_an_interrupt_leaves_a_restart_file(tmp_path, monkeypatch):
-    real = run_navier_stokes.March._row
+    real = run_navier_stokes.TimeLoop._row
 
     def stop(self, found, limit):
         if found.state.step == 3:
             raise KeyboardInterrupt
         return real(self, found, limit)
 
-    monkeypatch.setattr(run_navier_stokes.March, "_row", stop)
+    monkeypatch.setattr(run_navier_stokes.TimeLoop, "_row", stop)
     with pytest.raises(KeyboardInterrupt) as caught:
         run(tmp_path, VORTEX)
     with np.load(caught.value.restart) as file:  # of the third step the history has no row: it is taken again

@@ -11,7 +11,7 @@ from isphcli.geometry import build_geometry
 from isphcli.operators import gradient_p, total_divergence
 from isphcli.output import Clock
 from isphcli.references import taylor_green_2d
-from isphcli.run_navier_stokes import March, prepare
+from isphcli.run_navier_stokes import TimeLoop, prepare
 
 VORTEX = """
 geometry: {{box: [1, 1], periodic: [x, y]}}
@@ -27,7 +27,7 @@ def run(text):
     case = read_case(text.encode(), "case.yaml")
     geometry = build_geometry(case)
     state, stepper, particles = prepare(case, geometry, Clock())
-    march = March(case, stepper, particles.site_volume, 1.0, float(np.prod(geometry.upper - geometry.lower)))
+    march = TimeLoop(case, stepper, particles.site_volume, 1.0, float(np.prod(geometry.upper - geometry.lower)))
     rows = []
     nothing = lambda *_: None  # noqa: E731
     state, config = march.run(state, stepper.configure(state.x), nothing, rows.append, nothing)

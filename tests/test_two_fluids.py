@@ -12,7 +12,7 @@ from isphcli.geometry import build_geometry
 from isphcli.interface import crossings, find_band, near_interface
 from isphcli.output import Clock
 from isphcli.references import two_layer_couette, two_layer_poiseuille
-from isphcli.run_navier_stokes import March, prepare
+from isphcli.run_navier_stokes import TimeLoop, prepare
 from isphcli.walls import wall_laplacian
 
 
@@ -25,7 +25,7 @@ def scene(text):
 def run(text):
     """(state, stepper, particles, rows) at the end of a case."""
     case, geometry, state, stepper, particles = scene(text)
-    march = March(case, stepper, particles.site_volume, 1.0, float(np.prod(geometry.upper - geometry.lower)))
+    march = TimeLoop(case, stepper, particles.site_volume, 1.0, float(np.prod(geometry.upper - geometry.lower)))
     rows = []
     nothing = lambda *_: None  # noqa: E731
     state, _ = march.run(state, stepper.configure(state.x), nothing, rows.append, nothing)
@@ -163,7 +163,7 @@ def test_an_interface_that_hardly_damps_gets_viscosity():
         _, _, state, stepper, _ = scene(text)
         config = stepper.configure(state.x)
         ops, terms = config.ops, config.terms
-        assert (stepper.fluids.artificial > 0.0) == lacks
+        assert (stepper.fluids.added_viscosity > 0.0) == lacks
         if not lacks:
             assert terms.ops is ops
             continue
@@ -172,7 +172,8 @@ def test_an_interface_that_hardly_damps_gets_viscosity():
         owner = np.repeat(np.arange(len(state.x)), np.diff(ops.start))
         both = near[owner] & near[ops.column]
         assert not more[~both].any() and more[both].min() >= 0.0
-        np.testing.assert_allclose(more[both], stepper.fluids.artificial * ops.lap[both], atol=1e-12 * ops.lap.max())
+        expected = stepper.fluids.added_viscosity * ops.lap[both]
+        np.testing.assert_allclose(more[both], expected, atol=1e-12 * ops.lap.max())
         u = np.random.default_rng(0).normal(size=len(state.x))
         total = np.bincount(owner, weights=more * (u[ops.column] - u[owner])).sum()
         assert abs(total) < 1e-10 * np.abs(more).sum()  # a lattice: weights are symmetric there
@@ -209,11 +210,11 @@ def test_a_uniform_curvature_is_balanced_exactly():
     n = len(state.x)
     colour = stepper.fluids.colour
     ops = config.terms.ops
-    push, lift = _jump(ops.neighbours, ops.grad_p, ops.lap_p, colour, np.full(n, 3.0), np.ones(n), 2.0)
+    push, laplacian_of_jump = _jump(ops.neighbours, ops.grad_p, ops.lap_p, colour, np.full(n, 3.0), np.ones(n), 2.0)
     residual = push - gradient_p(ops, 6.0 * colour)
     assert np.abs(residual).max() < 1e-12 * np.abs(push).max()
-    left = lift - laplacian(replace(ops, lap=ops.lap_p), 6.0 * colour[:, None])[:, 0]
-    assert np.abs(left).max() < 1e-12 * np.abs(lift).max()
+    left = laplacian_of_jump - laplacian(replace(ops, lap=ops.lap_p), 6.0 * colour[:, None])[:, 0]
+    assert np.abs(left).max() < 1e-12 * np.abs(laplacian_of_jump).max()
 
 
 @pytest.mark.parametrize("spacing, bound", [(1 / 24, 0.04), (1 / 48, 0.02)])
@@ -279,7 +280,7 @@ def test_the_velocity_matrix_has_no_growing_mode(ratio):
     for k in range(2 * n):
         one, out = np.zeros(2 * n), np.zeros((n, 2))
         one[k] = 1.0
-        terms.turn.add(one.reshape(n, 2), out, 1.0)
+        terms.transposed_stress.add(one.reshape(n, 2), out, 1.0)
         full[:, k] -= out.ravel()
     assert np.linalg.eigvals(full).real.min() > 0.0
 
@@ -288,14 +289,14 @@ def test_the_stress_of_a_linear_velocity_vanishes():
     """Constant viscosity, any arrangement, velocity linear in x: weights of second derivatives see nothing."""
     _, _, state, stepper, _ = scene(layers(1 / 12, mu=2).replace("spacing: ", "jitter: 0.2, spacing: "))
     config = stepper.configure(state.x)
-    from isphcli.two_fluids import Turn
+    from isphcli.two_fluids import TransposedStress
 
     ops = config.ops
     rows = np.flatnonzero(~ops.walls.near & (np.abs(state.x[:, 0] - 3 / 12) < 0.5 / 12))
-    turn = Turn.build(ops, ops.lap, rows)
+    transposed_stress = TransposedStress.build(ops, ops.lap, rows)
     u, out = np.zeros_like(state.x), np.zeros_like(state.x)
     u[:] = state.x @ np.array([[0.3, 2.0], [-1.0, -0.3]])
-    turn.add(u, out, 1.0)
+    transposed_stress.add(u, out, 1.0)
     assert len(rows) and np.abs(out).max() < 1e-9 * np.abs(ops.lap).max()
 
 

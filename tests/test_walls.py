@@ -6,12 +6,12 @@ import pytest
 
 from isphcli.halo import build_halo
 from isphcli.kernel import KERNELS
-from isphcli.linear import components
+from isphcli.linear import pair_components
 from isphcli.neighbours import neighbourhood
 from isphcli.operators import build_operators, divergence, gradient, gradient_p, laplacian
 from isphcli.particles import make_lattice, place
 from isphcli.shapes import Box, Cylinder, Disk, Shape, ShapeError, ShapeGeometry, Spheres
-from isphcli.walls import WallStars, WallTable, build_wall_operators, crossings, wall_divergence, wall_laplacian
+from isphcli.walls import WallStencils, WallTable, build_wall_operators, crossings, wall_divergence, wall_laplacian
 
 SUPPORTS = [2.1, 2.5, 3.0]
 
@@ -55,7 +55,7 @@ class Scene:
         self.table, self.owner = table, owner
         self.fraction = crossings(geometry, self.neighbours, table)
         self.volume = np.full(len(p.x), p.site_volume)
-        self.ops = build_wall_operators(WallStars(self.neighbours, table, self.fraction, self.volume), order)
+        self.ops = build_wall_operators(WallStencils(self.neighbours, table, self.fraction, self.volume), order)
 
     @property
     def x(self):
@@ -159,7 +159,7 @@ def test_any_quadratic_with_its_wall_values(dim, ratio):
         j = neighbours.row
         met = x[0] + np.minimum(t, 1.0)[:, None] * (x[j] - x[0])
         table.velocity[j] = f(met)[:, None]
-        ops = build_wall_operators(WallStars(neighbours, table, t, s.volume), 2)
+        ops = build_wall_operators(WallStencils(neighbours, table, t, s.volume), 2)
         values = f(x)
         lap = (
             ops.lap @ (values[ops.column] - values[0])
@@ -215,7 +215,7 @@ def test_thin_wall_blocks_pairs(ratio):
     assert s.ops.deficient == 0
     assert np.abs(s.lap(along_x(u, 2))[:, 0] + 2).max() < 1e-10
     # each side is a component of its own for the pressure
-    assert components(s.ops.start, s.ops.column)[0] == 2
+    assert pair_components(s.ops.start, s.ops.column)[0] == 2
 
 
 @pytest.mark.parametrize("dim", [2, 3])
