@@ -33,15 +33,21 @@ from pathlib import Path
 
 import numpy as np
 
-from isphcli import restart, voxels
-from isphcli.case import CaseError, dump_case, read_case
-from isphcli.check import check
-from isphcli.expressions import ExpressionError
-from isphcli.geometry import build_geometry
-from isphcli.particles import ParticleError, place_case
-from isphcli.shapes import ShapeError, read_spheres
-from isphcli.step import State
-from isphcli.voxels import VoxelError
+from isphcli.case.expressions import ExpressionError
+from isphcli.case.load import dump_case, read_case
+from isphcli.case.yaml import CaseError
+from isphcli.domain.lattice import ParticleError
+from isphcli.flow.state import State
+from isphcli.geometry.bodies import ShapeError
+from isphcli.geometry.images.image import VoxelError
+from isphcli.geometry.images.read import read_image
+from isphcli.geometry.labels import apply_labels
+from isphcli.output import restart
+from isphcli.output.convert_images import write_image
+from isphcli.preflight.check import check
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.place import place_case
+from isphcli.scene.spheres import read_spheres
 
 LIMIT = 1_500_000_000  # bytes of address space that the inputs may take
 SECONDS = 20  # the largest image here has 100 million voxels
@@ -189,7 +195,7 @@ class Images:
         values = np.random.default_rng(0).integers(0, 3, (4, 5, 6), dtype=np.uint8)
         self.seeds = []
         for suffix in ("npy", "npz", "mhd", "mha"):
-            voxels.write_image(folder / f"seed.{suffix}", values, (1e-6, 1e-6, 2e-6))
+            write_image(folder / f"seed.{suffix}", values, (1e-6, 1e-6, 2e-6))
             self.seeds.append((suffix, (folder / f"seed.{suffix}").read_bytes()))
         self.raw = (folder / "seed.raw").read_bytes()
 
@@ -275,13 +281,13 @@ class Images:
 
     def use(self, path):
         for grey in (False, True):
-            found = voxels.read_image(path, grey=grey)
+            found = read_image(path, grey=grey)
             assert found.values.ndim in (2, 3) and found.values.size
             assert found.values.dtype.kind != "f" or not np.isnan(found.values).any()
         values = np.unique(found.values.ravel()[:10_000])
         if found.values.dtype.kind in "bu":
             labels = {"solid": int(values[0]), "water": [int(v) for v in values[1:]]}
-            voxels.apply_labels(found.values, labels, ["water"], path)
+            apply_labels(found.values, labels, ["water"], path)
 
 
 class Spheres:

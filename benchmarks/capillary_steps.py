@@ -9,8 +9,8 @@ from pathlib import Path
 
 from measuring import QUIET  # sets the number of threads before numba is there
 
-from isphcli.case import load_case
-from isphcli.run import run_case
+from isphcli.case.load import load_case
+from isphcli.run.run import run_case
 
 FOLDER = Path(__file__).parents[1] / "cases"
 NAMES = ("square_drop_1", "square_drop_4", "oscillating_drop", "capillary_wave", "drop_wall_60", "rising_bubble",

@@ -12,9 +12,9 @@ from pathlib import Path
 
 from measuring import QUIET, Timed  # sets the number of threads before numba is there
 
-from isphcli import contact_angle, surface_tension, two_fluids
-from isphcli.case import load_case
-from isphcli.run import run_case
+from isphcli.case.load import load_case
+from isphcli.run.run import run_case
+from isphcli.two_phase import contact_angle, surface_tension, two_fluids
 
 TIMED = (
     (two_fluids, ("crossings", "_weights", "_thickened", "_turn_tensors", "near_interface")),

@@ -16,14 +16,18 @@ import time
 
 import numpy as np
 
-from isphcli import linear
-from isphcli.case import read_case
-from isphcli.geometry import build_geometry
-from isphcli.halo import build_halo, wrap
-from isphcli.neighbours import neighbourhood
-from isphcli.operators import build_operators, particle_volumes
-from isphcli.output import Clock
-from isphcli.run_stokes import build_scene, solve_axis
+from isphcli.case.load import read_case
+from isphcli.domain.components import ComponentMeans
+from isphcli.domain.halo import build_halo, wrap
+from isphcli.domain.neighbours import neighbourhood
+from isphcli.operators.assemble import assemble
+from isphcli.operators.moments import particle_volumes
+from isphcli.operators.pair_weights import build_operators
+from isphcli.output.clock import Clock
+from isphcli.run.steady import build_scene, solve_axis
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.solvers.krylov import gmres
+from isphcli.solvers.multigrid import cycle, hierarchy
 
 RADIUS = (3 * 0.216 / (4 * np.pi)) ** (1 / 3)
 SPHERES = f"""
@@ -49,14 +53,14 @@ def elliptic(points):
     table = images.positions(x)
     neighbours = neighbourhood(table, images.owners(len(x)), len(x), 0, support)
     ops = build_operators(neighbours, particle_volumes(neighbours))
-    means = linear.ComponentMeans(np.zeros(len(x), np.int32))
+    means = ComponentMeans(np.zeros(len(x), np.int32))
     right = np.sin(2 * np.pi * x).prod(axis=1) + 0.1 * rng.standard_normal(len(x))
     found = {}
     for name, shift, project in (("poisson", 0.0, means.remove), ("helmholtz", points**2 / 25.0, lambda v: v)):
-        matrix = linear.assemble(ops.start, ops.column, ops.lap, shift, 1.0)
-        once = linear.cycle(linear.hierarchy(matrix))
+        matrix = assemble(ops.start, ops.column, ops.lap, shift, 1.0)
+        once = cycle(hierarchy(matrix))
         begin = time.process_time()
-        _, report = linear.gmres(lambda v: project(matrix @ v), project(right), lambda v: project(once(v)),  # noqa: B023
+        _, report = gmres(lambda v: project(matrix @ v), project(right), lambda v: project(once(v)),  # noqa: B023
                                  1e-6, 60, 400)
         found[name] = (report.iterations, time.process_time() - begin)
     return found

@@ -54,9 +54,9 @@ def child(path, out, resume):
         return pid
     code = FAULT
     try:
-        from isphcli.case import load_case
-        from isphcli.restart import RestartError
-        from isphcli.run import run_case
+        from isphcli.case.load import load_case
+        from isphcli.output.restart import RestartError
+        from isphcli.run.run import run_case
 
         try:
             run_case(load_case(path, [f"output.directory={out}"]), quiet=True, resume=out if resume else None,
@@ -89,7 +89,7 @@ def wait(pid, seconds):
 
 def listed(out):
     """{file: bytes} of the snapshots in the series."""
-    from isphcli.output import read_pvd
+    from isphcli.output.files import read_pvd
 
     series = out / "particles.pvd"
     return {file: (out / file).read_bytes() for _, file in read_pvd(series)} if series.exists() else {}
@@ -113,10 +113,9 @@ def main():
     asked = parser.parse_args()
     # before numba is imported: one thread, and no thread pool that a fork would inherit half of
     os.environ |= {"NUMBA_NUM_THREADS": "1", "NUMBA_THREADING_LAYER": "workqueue", "OPENBLAS_NUM_THREADS": "1"}
+    import isphcli.run_navier_stokes  # noqa: F401
     import meshio  # noqa: F401
     import pyamg  # noqa: F401
-
-    import isphcli.run_navier_stokes  # noqa: F401
 
     rng = random.Random(asked.seed)
     root = Path(tempfile.mkdtemp(prefix="isph-kill-"))

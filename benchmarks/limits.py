@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from isphcli import stress
-from isphcli.failure import Bounds, RunError
+from isphcli.flow.step_limits import Bounds, RunError
+from isphcli.validation import stress
 
 CASES = Path(__file__).parent.parent / "cases"
 VORTEX_100 = ("particles.spacing=0.04", "particles.jitter=0")

@@ -21,10 +21,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-from isphcli import compare, output
-from isphcli.case import load_case
-from isphcli.run import run_case
-from isphcli.run_navier_stokes import TimeLoop
+from isphcli.case.load import load_case
+from isphcli.output.clock import Clock
+from isphcli.output.files import History
+from isphcli.references import compare
+from isphcli.run.run import run_case
+from isphcli.run.time_loop import TimeLoop
 
 NAMES = ("taylor_green_2d_re100", "taylor_green_3d_re100")
 CASES = [Path(__file__).parents[1] / "cases" / f"{name}.yaml" for name in NAMES]
@@ -80,15 +82,15 @@ def agreement(case):
 
 def overhead(case):
     """(CPU seconds of a run without compilation and reference, {what only measures: CPU seconds})."""
-    clock, count = output.Clock(), 20_000
+    clock, count = Clock(), 20_000
     start = time.process_time()
     for _ in range(count):
         with clock("section"):
             pass
     a_section = (time.process_time() - start) / count
-    sections, rows = Timed(output.Clock.__call__), Timed(TimeLoop._row)
-    appends, errors = Timed(output.History.append), Timed(compare.compare)
-    timed = ((output.Clock, "__call__", sections), (TimeLoop, "_row", rows), (output.History, "append", appends),
+    sections, rows = Timed(Clock.__call__), Timed(TimeLoop._row)
+    appends, errors = Timed(History.append), Timed(compare.compare)
+    timed = ((Clock, "__call__", sections), (TimeLoop, "_row", rows), (History, "append", appends),
              (compare, "compare", errors))  # fmt: skip
     for owner, name, function in timed:
         setattr(owner, name, function)

@@ -10,12 +10,17 @@ import time
 
 import numpy as np
 
-from isphcli.halo import build_halo, wrap
-from isphcli.neighbours import neighbourhood
-from isphcli.operators import build_operators, divergence, gradient, laplacian, particle_volumes
-from isphcli.particles import make_lattice, place
-from isphcli.shapes import Shape, ShapeGeometry, Sphere
-from isphcli.walls import WallStencils, WallTable, build_wall_operators, crossings
+from isphcli.domain.halo import build_halo, wrap
+from isphcli.domain.lattice import make_lattice
+from isphcli.domain.neighbours import neighbourhood
+from isphcli.geometry.bodies import Shape, Sphere
+from isphcli.geometry.shape_geometry import ShapeGeometry
+from isphcli.operators.apply import divergence, gradient, laplacian
+from isphcli.operators.crossings import WallStencils, WallTable, crossings
+from isphcli.operators.moments import particle_volumes
+from isphcli.operators.pair_weights import build_operators
+from isphcli.operators.wall_weights import build_wall_operators
+from isphcli.scene.place import place
 
 
 def timed(function, repeats):

@@ -15,10 +15,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-from isphcli.case import read_case
-from isphcli.geometry import build_geometry
-from isphcli.output import Clock
-from isphcli.run_navier_stokes import prepare
+from isphcli.case.load import read_case
+from isphcli.output.clock import Clock
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.prepare import prepare
 
 CASE = """
 geometry: {{box: [1, 1, 1], periodic: [x, y, z]}}

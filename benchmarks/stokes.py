@@ -41,11 +41,12 @@ SCENES = {
 
 
 def measure(name):
-    from isphcli.case import load_case
-    from isphcli.drive import drives
-    from isphcli.geometry import build_geometry
-    from isphcli.output import Clock, peak_memory
-    from isphcli.run_stokes import build_scene, solve_axis
+    from isphcli.case.forcing import drives
+    from isphcli.case.load import load_case
+    from isphcli.output.clock import Clock
+    from isphcli.output.machine import peak_memory
+    from isphcli.run.steady import build_scene, solve_axis
+    from isphcli.scene.build_geometry import build_geometry
 
     file, sets = SCENES[name]
     case = load_case(CASES / file, sets)

@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import COMPLETE, __version__
-from .environment import find_kernel_cache, settle_streams, stop_printing
+from .output.environment import find_kernel_cache, settle_streams, stop_printing
 
 if TYPE_CHECKING:
-    from .case import Case
+    from .case.blocks import Case
 
 OUTSIDE, BAD_INPUT, FAILED, INTERNAL, STOPPED_SHORT, INTERRUPTED = 1, 2, 3, 4, 5, 130
 NOT_READ = 141  # as the shell says it of programs that end with SIGPIPE
@@ -215,7 +215,7 @@ def run(
     set_threads(threads, quiet)
     case = load(case_file or restart / "case.yaml", overrides, out or restart)  # type: ignore[operator]
     check_directory(directory_of(case))
-    from .run import run_case
+    from .run.run import run_case
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: with a restart file
     try:
@@ -235,7 +235,7 @@ def load(path: Path, overrides: Iterable[str], out: Path | None = None) -> Case:
     """Read a case, its output directory replaced by `out`."""
     from dataclasses import replace
 
-    from .case import load_case
+    from .case.load import load_case
 
     refuse_image(path)
     case = load_case(path, tuple(overrides))
@@ -246,7 +246,7 @@ def refuse_image(path: Path) -> None:
     """Raise Unusable for an image where a case is asked for, with a case to begin with."""
     if path.suffix.lower() not in IMAGES or not path.is_file():
         return
-    from .voxels import image_shape
+    from .geometry.images.read import image_shape
 
     shape = image_shape(path)
     size = "" if shape is None else f" of {' x '.join(map(str, shape[::-1]))} voxels (x, y, z)"
@@ -493,7 +493,7 @@ def validate(
     """
     set_threads(threads, quiet)
     if stress:
-        from .stress import page
+        from .validation.stress import page
 
         text, passed = page(report=None if quiet else lambda line: click.echo(line, err=True))
         click.echo(text)
@@ -501,13 +501,13 @@ def validate(
     if paper:
         if case_files or overrides or check_only or levels or vary:
             raise click.UsageError("--paper takes no CASE and only --budget, --out and --threads")
-        from .paper import reproduce
+        from .validation.paper import reproduce
 
         text, passed = reproduce(out, budget, click.echo)
         click.echo(text)
         return 0 if passed else OUTSIDE
     case_files = case_files or default_cases()
-    from .check import check_case_file
+    from .preflight.check import check_case_file
 
     code, to_run, estimates = 0, [], {}
     for path in case_files:
@@ -567,7 +567,7 @@ def run_references(cases: list[Case], **options: Any) -> int:
     if not has_module("isphcli.validate"):
         click.echo("references were not run: this version only checks", err=True)
         return 0
-    from .validate import validate_cases
+    from .validation.ladder import validate_cases
 
     text, passed = validate_cases(cases, **options)
     click.echo(text)
@@ -648,7 +648,7 @@ def convert_voxels(
     if invert and threshold is None:
         raise click.UsageError("--invert belongs to --threshold")
     set_threads(None)
-    from .voxels import convert
+    from .output.convert_images import convert
 
     report = convert(source, target, threshold, invert, crop, labels, solid, downsample, voxel_size, array, force)
     click.echo(image_lines(report))
@@ -711,7 +711,7 @@ def keys(words: tuple[str, ...]) -> None:
     isph keys gravity
     isph keys contact angle
     """
-    from .case_docs import keys_page
+    from .case.docs import keys_page
 
     known = list(documented_keys(keys_page()))
     asked = " ".join(words)

@@ -13,12 +13,14 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isphcli import restart
-from isphcli.case import CaseError, dump_case, read_case
+from isphcli.case.load import dump_case, read_case
+from isphcli.case.yaml import CaseError
 from isphcli.cli import main
-from isphcli.restart import RestartError, Saved
-from isphcli.shapes import ShapeError, read_spheres
-from isphcli.step import State
+from isphcli.flow.state import State
+from isphcli.geometry.bodies import ShapeError
+from isphcli.output import restart
+from isphcli.output.restart import RestartError, Saved
+from isphcli.scene.spheres import read_spheres
 
 BENCHMARK = Path(__file__).parent.parent / "benchmarks" / "bad_inputs.py"
 IMAGE = np.array([[[0, 0, 1], [0, 1, 1]], [[0, 0, 0], [0, 0, 1]]], dtype=np.uint8)

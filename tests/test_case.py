@@ -17,10 +17,13 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isphcli import case_docs, case_yaml
-from isphcli.case import Case, CaseError, Table, dump_case, load_case, read_case
-from isphcli.case_yaml import MAX_BYTES, MAX_DEPTH
-from isphcli.geometry import build_geometry
+from isphcli.case import docs as case_docs
+from isphcli.case import yaml as case_yaml
+from isphcli.case.blocks import Case
+from isphcli.case.load import dump_case, load_case, read_case
+from isphcli.case.reader import Table
+from isphcli.case.yaml import MAX_BYTES, MAX_DEPTH, CaseError
+from isphcli.scene.build_geometry import build_geometry
 
 BEADS = """\
 title: CO2 in a brine-saturated bead pack

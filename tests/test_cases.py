@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isphcli.case import load_case
-from isphcli.geometry import build_geometry
-from isphcli.output import read_pvd, read_vtu
-from isphcli.paper import disk_sites
-from isphcli.particles import make_lattice
-from isphcli.references import square_duct_flux
-from isphcli.run import run_case
+from isphcli.case.load import load_case
+from isphcli.domain.lattice import make_lattice
+from isphcli.output.files import read_pvd, read_vtu
+from isphcli.references.solutions import square_duct_flux
+from isphcli.run.run import run_case
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.validation.paper import disk_sites
 
 CASES = Path(__file__).parent.parent / "cases"
 FILES = sorted(CASES.glob("*.yaml"))

@@ -5,12 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from isphcli import check as module
-from isphcli import memory
-from isphcli.case import Case, read_case
-from isphcli.check import check, lattice_of
-from isphcli.geometry import build_geometry
-from isphcli.particles import place
+from isphcli.case.blocks import Case
+from isphcli.case.load import read_case
+from isphcli.preflight import check as module
+from isphcli.preflight.check import check, lattice_of
+from isphcli.scene import memory
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.place import place
 
 SLIT = """\
 geometry: {box: [1, 0.5], periodic: [x]}

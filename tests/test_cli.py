@@ -16,10 +16,11 @@ import pytest
 from click.testing import CliRunner
 
 import isphcli
-from isphcli import cli, environment
+from isphcli import cli
 from isphcli.cli import BAD_INPUT, FAILED, INTERNAL, INTERRUPTED, OUTSIDE, STOPPED_SHORT, main
-from isphcli.linear import SolveError
-from isphcli.output import NotFiniteError
+from isphcli.output import environment
+from isphcli.output.files import NotFiniteError
+from isphcli.solvers.krylov import SolveError
 
 CASE = """\
 title: slit

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from isphcli import references
-from isphcli.case import REFERENCE_KINDS, CaseError, load_case, read_case
-from isphcli.compare import (
+from isphcli.case.blocks import REFERENCE_KINDS
+from isphcli.case.load import load_case, read_case
+from isphcli.case.yaml import CaseError
+from isphcli.references import solutions as references
+from isphcli.references.compare import (
     COMPARISONS,
     FIELDS,
     PARAMETERS,
@@ -21,7 +23,7 @@ from isphcli.compare import (
     connected_parts,
     fit_oscillation,
 )
-from isphcli.geometry import build_geometry
+from isphcli.scene.build_geometry import build_geometry
 
 CASES = Path(__file__).parent.parent / "cases"
 WRONG = 1.03  # every velocity or permeability 3 % too large

@@ -5,15 +5,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isphcli import linear
-from isphcli.case import load_case, read_case
-from isphcli.coupling import diagonal, div_grad_rhie_chow, extrapolate_pressure
-from isphcli.geometry import build_geometry
-from isphcli.operators import gradient_p, invert_gradient, total_divergence
-from isphcli.output import Clock
-from isphcli.particles import place_case
-from isphcli.run_navier_stokes import TimeLoop, prepare
-from isphcli.wall_scene import WallScene
+from isphcli.case.load import load_case, read_case
+from isphcli.domain.components import pair_components
+from isphcli.operators.apply import gradient_p, total_divergence
+from isphcli.operators.assemble import assemble
+from isphcli.operators.div_grad import diagonal, div_grad_rhie_chow
+from isphcli.operators.moments import invert_gradient
+from isphcli.operators.narrow_pores import extrapolate_pressure
+from isphcli.operators.wall_operators import WallScene
+from isphcli.output.clock import Clock
+from isphcli.run.time_loop import TimeLoop
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.place import place_case
+from isphcli.scene.prepare import prepare
 
 CASES = Path(__file__).parent.parent / "cases"
 TOUCH = """
@@ -68,7 +72,7 @@ def test_rows_divided_by_their_diagonal_suit_the_laplacian(touching):
     """Spheres that touch, jittered: with thin stars that know a gradient and no division the eigenvalues reached 47."""
     matrix, config = touching
     ops, n = config.ops, len(touching[0])
-    laplacian = linear.assemble(ops.start, ops.column, ops.lap_p, 0.0, 1.0).toarray()
+    laplacian = assemble(ops.start, ops.column, ops.lap_p, 0.0, 1.0).toarray()
     scale = np.maximum(diagonal(ops, ops.walls.symmetric_laplacian, ops.grad_p) / np.diag(laplacian), 1.0)
     rows = matrix / scale[:, None]
     values = np.linalg.eigvals(np.linalg.pinv(laplacian, rcond=1e-9) @ (rows - rows.mean(axis=0)))
@@ -150,7 +154,7 @@ def test_dead_ends_share_no_pressure(pack):
     level = np.where(isolated, 0.0, 7.0)
     for _ in range(20):
         extrapolate_pressure(ops, level)
-    joined = linear.pair_components(ops.start, ops.column)[1]
+    joined = pair_components(ops.start, ops.column)[1]
     wet = np.isin(joined, joined[~isolated])
     np.testing.assert_allclose(level[wet & seen], 7.0, atol=0.1)
 

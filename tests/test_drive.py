@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from test_step import run
 
-from isphcli.case import CaseError, read_case
-from isphcli.failure import RunError
-from isphcli.references import two_layer_poiseuille
+from isphcli.case.load import read_case
+from isphcli.case.yaml import CaseError
+from isphcli.flow.step_limits import RunError
+from isphcli.references.solutions import two_layer_poiseuille
 
 SLIT = """
 geometry: {{box: [0.25, 1], periodic: [x]{layers}}}

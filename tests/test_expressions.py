@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isphcli.expressions import ExpressionError, check, evaluate
+from isphcli.case.expressions import ExpressionError, check, evaluate
 
 x = np.linspace(0.1, 1, 5)
 y = np.linspace(-1, 1, 5)

@@ -8,16 +8,22 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from isphcli import failure, folder, linear, output, restart, run_stokes
-from isphcli import step as step_module
-from isphcli.case import load_case, read_case
+from isphcli.case.load import load_case, read_case
 from isphcli.cli import main
-from isphcli.failure import Bounds, RunError, StepError
-from isphcli.geometry import build_geometry
-from isphcli.linear import SolveError
-from isphcli.output import Clock
-from isphcli.run import run_case
-from isphcli.run_navier_stokes import prepare
+from isphcli.flow import step as step_module
+from isphcli.flow.attempt import attempt
+from isphcli.flow.step_limits import Bounds, RunError, StepError
+from isphcli.output import folder, restart
+from isphcli.output.clock import Clock
+from isphcli.output.files import read_history, read_vtu
+from isphcli.output.folder import TEMPORARY
+from isphcli.output.worst import NAME, WORST, write_worst
+from isphcli.run.run import run_case
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.prepare import prepare
+from isphcli.solvers import krylov
+from isphcli.solvers.krylov import SolveError
+from isphcli.solvers.multigrid import hierarchy
 
 VORTEX = """
 geometry: {box: [1, 1], periodic: [x, y]}
@@ -116,7 +122,7 @@ def test_particles_in_a_wall_are_found():
 
 def tries(monkeypatch, stepper, failing):
     """Lets the first `failing` solves miss their tolerance; a list of (restart, new hierarchies so far) a solve."""
-    real, build, seen, built = linear.gmres, linear.hierarchy, [], []
+    real, build, seen, built = krylov.gmres, hierarchy, [], []
 
     def gmres(apply, rhs, precondition, tolerance, restart, *rest, **more):
         seen.append((restart, len(built)))
@@ -136,12 +142,12 @@ def guessed(terms, nu_max, spacing, rate, right, guess, solvers):
 def test_the_order_of_tries(monkeypatch):
     """A pressure solve that misses its tolerance: the kept hierarchy, a new one, more of a new one, half the step."""
     stepper, state, config = scene(VORTEX + "solver: {restart: 40}\n")
-    found = failure.attempt(stepper, state, config, 1e-3)
+    found = attempt(stepper, state, config, 1e-3)
     state, config = found.state, found.config
     assert set(stepper.solvers._levels) == {"pressure"}
     monkeypatch.setattr(step_module, "viscous_solve", guessed)  # leave only the pressure solves
     seen = tries(monkeypatch, stepper, 0)
-    failure.attempt(stepper, state, config, 1e-3)
+    attempt(stepper, state, config, 1e-3)
     assert seen == [(40, 0)]
     for failing, expected, length in ((1, [(40, 0), (40, 1)], 1e-3),
                                       (2, [(40, 0), (40, 1), (80, 2)], 1e-3),
@@ -151,7 +157,7 @@ def test_the_order_of_tries(monkeypatch):
         stepper.advance(state, config, 1e-3)
         monkeypatch.setattr(step_module, "viscous_solve", guessed)
         seen = tries(monkeypatch, stepper, failing)
-        assert failure.attempt(stepper, state, config, 1e-3).dt == length
+        assert attempt(stepper, state, config, 1e-3).dt == length
         assert seen == expected
 
 
@@ -166,14 +172,14 @@ def test_a_solve_that_cannot_be_cured_names_its_system(monkeypatch):
     stepper, state, config = scene(VORTEX)
     tries(monkeypatch, stepper, 10**9)
     with pytest.raises(RunError, match=r"step 1 at time 0: the velocity system.*residual.*4 halvings.*") as caught:
-        failure.attempt(stepper, state, config, 1e-3)
+        attempt(stepper, state, config, 1e-3)
     assert isinstance(caught.value.__cause__, SolveError) and caught.value.violation.shape == (100,)
 
 
 def test_a_step_without_length_ends_the_run():
     stepper, state, config = scene(VORTEX)
     with pytest.raises(RunError, match="lost in the digits of the time"):
-        failure.attempt(stepper, replace(state, time=1.0), config, 1e-17)
+        attempt(stepper, replace(state, time=1.0), config, 1e-17)
 
 
 @pytest.mark.filterwarnings("error")
@@ -185,19 +191,19 @@ def test_a_run_that_blows_up_ends_with_all_it_has(tmp_path):
     done = CliRunner().invoke(main, ["run", str(tmp_path / "case.yaml"), "--out", str(out), "--quiet"])
     assert done.exit_code == 3, done.output
     assert "error: step " in done.stderr and "try particles.support=3" in done.stderr
-    assert str(out / restart.NAME) in done.stderr and str(out / failure.NAME) in done.stderr
-    rows = output.read_history(out / "history.csv")
+    assert str(out / restart.NAME) in done.stderr and str(out / NAME) in done.stderr
+    rows = read_history(out / "history.csv")
     energy = np.array([row["kinetic_energy"] for row in rows])
     assert energy.max() <= 1.5**2 * 0.25
     case = load_case(tmp_path / "case.yaml")
     state, *_ = prepare(case, build_geometry(case), Clock())
     saved = restart.load(out / restart.NAME, state)
     assert saved.state.step == rows[-1]["step"]
-    x, worst = output.read_vtu(out / failure.NAME)
-    assert len(x) == failure.WORST and np.all(np.diff(worst["violation"]) <= 0)
+    x, worst = read_vtu(out / NAME)
+    assert len(x) == WORST and np.all(np.diff(worst["violation"]) <= 0)
     assert np.array_equal(x[:, :2], saved.state.x[worst["particle"]])
     for file in out.glob("snapshots/*.vtu"):
-        assert np.abs(output.read_vtu(file)[1]["velocity"]).max() < 3
+        assert np.abs(read_vtu(file)[1]["velocity"]).max() < 3
     with pytest.raises(RunError, match=f"step {saved.state.step + 1} "):  # and ends in the same step again
         run_case(load_case(out / "case.yaml"), quiet=True, resume=out)
 
@@ -218,17 +224,17 @@ def test_a_steady_solve_that_does_not_converge(tmp_path):
     done = CliRunner().invoke(main, ["run", str(tmp_path / "case.yaml"), "--out", str(out), "--quiet",
                                      "--set", "solver={max_iterations: 2, tolerance: 1.0e-10}"])
     assert done.exit_code == 3 and "the Stokes system did not converge: residual" in done.stderr
-    assert f"worst particles: {out / failure.NAME}" in done.stderr and "restart" not in done.stderr
-    x, worst = output.read_vtu(out / failure.NAME)
-    assert len(x) == failure.WORST and np.all(np.diff(worst["violation"]) <= 0) and 0 < worst["violation"][0] < 1
+    assert f"worst particles: {out / NAME}" in done.stderr and "restart" not in done.stderr
+    x, worst = read_vtu(out / NAME)
+    assert len(x) == WORST and np.all(np.diff(worst["violation"]) <= 0) and 0 < worst["violation"][0] < 1
     assert np.all(np.hypot(*(x[:, :2] - 0.5).T) > 0.25)
-    assert sorted(path.name for path in out.rglob("*") if path.is_file()) == [folder.MANIFEST, failure.NAME]
+    assert sorted(path.name for path in out.rglob("*") if path.is_file()) == [folder.MANIFEST, NAME]
 
 
 def test_worst_particles_without_a_number_are_written(tmp_path):
     """A residual that is not finite is the worst of all."""
-    path = failure.write_worst(tmp_path / "worst.vtu", np.arange(6.0).reshape(3, 2), np.array([1, np.nan, -np.inf]))
-    found = output.read_vtu(path)[1]
+    path = write_worst(tmp_path / "worst.vtu", np.arange(6.0).reshape(3, 2), np.array([1, np.nan, -np.inf]))
+    found = read_vtu(path)[1]
     assert found["particle"].tolist() == [1, 2, 0] and np.isfinite(found["violation"]).all()
 
 
@@ -268,6 +274,6 @@ def test_a_steady_run_that_is_interrupted_as_it_writes(tmp_path, monkeypatch):
     monkeypatch.setattr(output.os, "replace", stop)
     done = CliRunner().invoke(main, ["run", str(tmp_path / "case.yaml"), "--out", str(out), "--quiet"])
     assert done.exit_code == 130 and done.stderr == "interrupted\n"
-    assert not list(out.rglob(f"{output.TEMPORARY}*")) and not (out / "summary.json").exists()
+    assert not list(out.rglob(f"{TEMPORARY}*")) and not (out / "summary.json").exists()
     for path in out.glob("snapshots/*.vtu"):
-        assert np.isfinite(output.read_vtu(path)[1]["velocity"]).all()
+        assert np.isfinite(read_vtu(path)[1]["velocity"]).all()

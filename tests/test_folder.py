@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from isphcli import folder, output, paper
 from isphcli.cli import BAD_INPUT, main
-from isphcli.folder import Folder, FolderError
+from isphcli.output import folder
+from isphcli.output.files import History, Series, read_history, write_summary, write_text
+from isphcli.output.folder import Folder, FolderError
+from isphcli.validation import paper
 
 STEADY = """\
 # mine
@@ -120,8 +122,8 @@ def test_a_file_of_others_in_the_way(here, name, monkeypatch):
 
 def test_all_files_of_a_run_are_announced(here):
     """`run._files` names all that a run writes: what is not there is found only when the run has been computed."""
-    from isphcli.case import load_case
-    from isphcli.run import _files
+    from isphcli.case.load import load_case
+    from isphcli.run.results import _files
 
     for name, text in (("steady", STEADY), ("moving", MOVING.replace(", plots: false", ""))):
         (here / f"{name}.yaml").write_text(text)
@@ -150,12 +152,12 @@ def test_a_link_of_ours_is_replaced_and_not_what_it_leads_to(here):
     (here / "data.csv").write_text("mine")
     (here / "out").mkdir()
     with Folder("out") as held:
-        output.write_text("out/history.csv", "a")
+        write_text("out/history.csv", "a")
     (here / "out/history.csv").unlink()
     (here / "out/history.csv").symlink_to(here / "data.csv")
     with Folder("out", overwrite=True) as held:
         held.prepare()
-        output.write_text("out/history.csv", "b")
+        write_text("out/history.csv", "b")
     assert (here / "data.csv").read_text() == "mine" and (here / "out/history.csv").read_text() == "b"
 
 
@@ -169,7 +171,7 @@ def test_options_that_contradict_each_other(here):
     words = ["run", "--restart", "out/case", "--out", "out/other", "--quiet", "--set", "time.end=0.06"]
     refused(isph(*words), "holds results")
     assert isph(*words, "--overwrite").exit_code == 0
-    assert output.read_history(here / "out/other/history.csv")[0]["time"] > 0.05
+    assert read_history(here / "out/other/history.csv")[0]["time"] > 0.05
 
 
 def test_a_folder_that_was_copied_without_its_manifest(here):
@@ -287,29 +289,29 @@ def test_what_a_kill_leaves_is_ours(here):
         held.prepare()
     assert contents(here / "out").keys() == {folder.MANIFEST, ".isph-c.12345678.txt"}
     with Folder("out"):  # names without files are no results
-        output.write_text("out/b.txt", "b")
+        write_text("out/b.txt", "b")
     assert listed(here / "out") == ["b.txt"]
 
 
 def test_every_writer_names_its_file(here):
     with Folder("out") as held:
-        output.Series("out").write(0, 0.0, np.zeros((1, 2)), {})
-        with output.History("out/history.csv") as history:
+        Series("out").write(0, 0.0, np.zeros((1, 2)), {})
+        with History("out/history.csv") as history:
             history.append({"step": 1})
-        output.write_summary("out/summary.json", {})
+        write_summary("out/summary.json", {})
         assert list(held.files) == ["snapshots/particles_000000.vtu", "particles.pvd", "history.csv", "summary.json"]
         for name in ("b.csv", "b.txt"):
             (here / "out" / name).write_text("mine")
         with pytest.raises(FolderError, match=r"b\.txt: is there already"):
-            output.write_text("out/b.txt", "x")
-        with pytest.raises(FolderError, match=r"b\.csv: is there already"), output.History("out/b.csv") as history:
+            write_text("out/b.txt", "x")
+        with pytest.raises(FolderError, match=r"b\.csv: is there already"), History("out/b.csv") as history:
             history.append({"step": 1})
         folder.remove("out/b.txt")
         folder.remove("out/summary.json")
     assert (here / "out/b.txt").read_text() == "mine" and (here / "out/b.csv").read_text() == "mine"
     assert not (here / "out/summary.json").exists()
-    output.write_text("free.txt", "a")  # outside of any folder that is held nothing is written down
-    output.write_text("free.txt", "b")
+    write_text("free.txt", "a")  # outside of any folder that is held nothing is written down
+    write_text("free.txt", "b")
 
 
 # -- folders within --------------------------------------------------------------------------------------
@@ -318,7 +320,7 @@ def test_every_writer_names_its_file(here):
 def test_the_report_of_the_paper_goes_on_in_its_own_folder(here):
     """Its report, and what its figures write; those of others are in the way and stay."""
     def run(seconds, place):
-        output.write_text(place / "a.txt", "ours")
+        write_text(place / "a.txt", "ours")
         return paper.Finding((), [])
 
     figures = [paper.Figure("fig", "a figure", "a claim", 1.0, run)]
@@ -339,10 +341,10 @@ def test_the_runs_of_a_command_are_its_own(here):
     with Folder("all", keep=True):
         assert not folder.ours("all/1")
         with Folder("all/1"):
-            output.write_text("all/1/a.txt", "1")
+            write_text("all/1/a.txt", "1")
         assert folder.ours("all/1")
     with Folder("all/2"):
-        output.write_text("all/2/a.txt", "of another")
+        write_text("all/2/a.txt", "of another")
     with Folder("all", keep=True):
         assert folder.ours("all/1") and not folder.ours("all/2") and not folder.ours("all/2")
     assert not folder.ours("all/1")  # nobody holds a folder around it

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isphcli.geometry import components, percolating, report
+from isphcli.geometry.connectivity import components, percolating, report
 
 
 def two_tubes():

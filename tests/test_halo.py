@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from isphcli.halo import build_halo, wrap
+from isphcli.domain.halo import build_halo, wrap
 
 
 def all_images(x, lower, upper, periodic, support):

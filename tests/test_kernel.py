@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isphcli.kernel import KERNELS, normalisation, shape, slope
+from isphcli.operators.kernel import KERNELS, normalisation, shape, slope
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)  # exact up to degree 19
 # the quintic spline has knots at thirds of its support

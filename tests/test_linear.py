@@ -3,10 +3,15 @@
 import numpy as np
 import pytest
 
-from isphcli.halo import build_halo, wrap
-from isphcli.linear import ComponentMeans, SolveError, assemble, cycle, gmres, hierarchy, pair_components, row_sums
-from isphcli.neighbours import neighbourhood
-from isphcli.operators import build_operators, laplacian, particle_volumes
+from isphcli.domain.components import ComponentMeans, pair_components
+from isphcli.domain.halo import build_halo, wrap
+from isphcli.domain.neighbours import neighbourhood
+from isphcli.operators.apply import laplacian
+from isphcli.operators.assemble import assemble, row_sums
+from isphcli.operators.moments import particle_volumes
+from isphcli.operators.pair_weights import build_operators
+from isphcli.solvers.krylov import SolveError, gmres
+from isphcli.solvers.multigrid import cycle, hierarchy
 
 
 def operators(dim, n, ratio):

@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isphcli import run_navier_stokes as ns
-from isphcli.case import read_case
-from isphcli.geometry import build_geometry
-from isphcli.measures import SELDOM, of_case
-from isphcli.output import Clock
+from isphcli.case.load import read_case
+from isphcli.output.clock import Clock
+from isphcli.run.results import of_case
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.prepare import prepare
+from isphcli.two_phase.measures import SELDOM
 
 DISK = """\
 geometry:
@@ -40,7 +41,7 @@ class Scene:
     def __init__(self, text, *overrides):
         self.case = read_case(text.encode(), "case.yaml", overrides)
         self.geometry = build_geometry(self.case)
-        self.state, self.stepper, self.particles = ns.prepare(self.case, self.geometry, Clock())
+        self.state, self.stepper, self.particles = prepare(self.case, self.geometry, Clock())
         self.measures = of_case(self.case, self.geometry, self.particles, self.stepper.fluids)
         self.phase = self.particles.phase
 

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from isphcli import memory, particles, run_stokes, voxel_geometry, voxels
-from isphcli.case import read_case
-from isphcli.check import check
+from isphcli.case.load import read_case
 from isphcli.cli import main
-from isphcli.geometry import build_geometry
-from isphcli.output import Clock
-from isphcli.particles import ParticleError
-from isphcli.run import run_case
-from isphcli.run_navier_stokes import prepare
-from isphcli.run_stokes import build_scene
+from isphcli.domain.lattice import ParticleError
+from isphcli.output.clock import Clock
+from isphcli.preflight.check import check
+from isphcli.run.run import run_case
+from isphcli.run.steady import build_scene
+from isphcli.scene import memory
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.prepare import prepare
 
 DISK = b"""
 geometry: {box: [1, 1, 1], periodic: [x, y, z], shapes: [{sphere: {centre: [0.5, 0.5, 0.5], radius: 0.3}, is: solid}]}

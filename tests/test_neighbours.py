@@ -4,8 +4,8 @@ import numba
 import numpy as np
 import pytest
 
-from isphcli.halo import build_halo
-from isphcli.neighbours import find_pairs
+from isphcli.domain.halo import build_halo
+from isphcli.domain.neighbours import find_pairs
 
 
 def brute(x, n, support):

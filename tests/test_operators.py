@@ -4,10 +4,12 @@ import numba
 import numpy as np
 import pytest
 
-from isphcli.halo import build_halo, wrap
-from isphcli.kernel import KERNELS
-from isphcli.neighbours import neighbourhood
-from isphcli.operators import build_operators, divergence, gradient, gradient_p, laplacian, particle_volumes
+from isphcli.domain.halo import build_halo, wrap
+from isphcli.domain.neighbours import neighbourhood
+from isphcli.operators.apply import divergence, gradient, gradient_p, laplacian
+from isphcli.operators.kernel import KERNELS
+from isphcli.operators.moments import particle_volumes
+from isphcli.operators.pair_weights import build_operators
 
 SUPPORTS = [2.1, 2.5, 3.0]
 

@@ -11,8 +11,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isphcli import output
-from isphcli.progress import Progress, compiling, duration, stage
+from isphcli.output.clock import Clock
+from isphcli.output.files import (
+    FLUSH_EVERY,
+    SUMMARY_KEYS,
+    History,
+    NotFiniteError,
+    Series,
+    read_history,
+    read_pvd,
+    read_vtu,
+    replacing,
+    write_summary,
+    write_text,
+)
+from isphcli.output.machine import peak_memory, versions
+from isphcli.output.progress import Progress, compiling, duration, stage
 
 rng = np.random.default_rng(1)
 
@@ -30,9 +44,9 @@ def fields(n, dim):
 def test_snapshot_reads_back_bit_for_bit(tmp_path, dim):
     x = rng.random((50, dim)) * 1e-4
     f = fields(50, dim)
-    path = output.Series(tmp_path, "rock").write(12, 0.5, x, f)
+    path = Series(tmp_path, "rock").write(12, 0.5, x, f)
     assert path == tmp_path / "snapshots" / "rock_000012.vtu"
-    points, data = output.read_vtu(path)
+    points, data = read_vtu(path)
     assert np.array_equal(points[:, :dim], x) and not points[:, dim:].any()
     assert data["velocity"].shape == (50, 3) and np.array_equal(data["velocity"][:, :dim], f["velocity"])
     assert np.array_equal(data["pressure"], f["pressure"]) and data["phase"].dtype == np.int32
@@ -40,12 +54,12 @@ def test_snapshot_reads_back_bit_for_bit(tmp_path, dim):
 
 def test_a_snapshot_without_particles_is_refused(tmp_path):
     with pytest.raises(ValueError, match="no particles"):
-        output.Series(tmp_path).write(0, 0.0, np.zeros((0, 3)), fields(0, 3))
+        Series(tmp_path).write(0, 0.0, np.zeros((0, 3)), fields(0, 3))
 
 
 def test_vtk_opens_the_series(tmp_path):
     vtk = pytest.importorskip("vtkmodules.vtkIOXML")
-    series = output.Series(tmp_path, "rock")
+    series = Series(tmp_path, "rock")
     x = rng.random((20, 3))
     for step in (0, 10):
         path = series.write(step, 0.1 * step, x, fields(20, 3))
@@ -55,49 +69,49 @@ def test_vtk_opens_the_series(tmp_path):
     grid = reader.GetOutput()
     assert grid.GetNumberOfPoints() == grid.GetNumberOfCells() == 20
     assert grid.GetPointData().GetArray("velocity").GetNumberOfComponents() == 3
-    assert output.read_pvd(series.path) == [
+    assert read_pvd(series.path) == [
         (0.0, "snapshots/rock_000000.vtu"),
         (1.0, "snapshots/rock_000010.vtu"),
     ]
 
 
 def test_series_goes_on_after_a_restart(tmp_path):
-    series, x = output.Series(tmp_path), np.zeros((1, 2))
+    series, x = Series(tmp_path), np.zeros((1, 2))
     for step in range(4):
         series.write(step, float(step), x, {})
-    again = output.Series(tmp_path, resume_time=1.0)
-    assert [t for t, _ in output.read_pvd(again.path)] == [0.0, 1.0]
+    again = Series(tmp_path, resume_time=1.0)
+    assert [t for t, _ in read_pvd(again.path)] == [0.0, 1.0]
     again.write(2, 1.5, x, {})
-    assert [t for t, _ in output.read_pvd(again.path)] == [0.0, 1.0, 1.5]
+    assert [t for t, _ in read_pvd(again.path)] == [0.0, 1.0, 1.5]
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_no_snapshot_with_nan(tmp_path, bad):
     f = fields(10, 2)
     f["pressure"][3:5] = bad
-    series = output.Series(tmp_path)
-    with pytest.raises(output.NotFiniteError, match="pressure: 2 of 10"):
+    series = Series(tmp_path)
+    with pytest.raises(NotFiniteError, match="pressure: 2 of 10"):
         series.write(0, 0.0, np.zeros((10, 2)), f)
     assert not list((tmp_path / "snapshots").iterdir()) and not series.path.exists()
 
 
 def test_distance_without_walls_is_left_out(tmp_path):
     x = np.zeros((3, 2))
-    path = output.Series(tmp_path).write(0, 0.0, x, {"distance": np.full(3, np.inf)})
-    assert "distance" not in output.read_vtu(path)[1]
-    with pytest.raises(output.NotFiniteError, match="distance: 1 of 3"):
-        output.Series(tmp_path).write(1, 0.0, x, {"distance": np.array([1.0, 2.0, np.inf])})
+    path = Series(tmp_path).write(0, 0.0, x, {"distance": np.full(3, np.inf)})
+    assert "distance" not in read_vtu(path)[1]
+    with pytest.raises(NotFiniteError, match="distance: 1 of 3"):
+        Series(tmp_path).write(1, 0.0, x, {"distance": np.array([1.0, 2.0, np.inf])})
 
 
 def test_wrong_length_is_named(tmp_path):
     with pytest.raises(ValueError, match=r"pressure: shape \(4,\) does not fit 3"):
-        output.Series(tmp_path).write(0, 0.0, np.zeros((3, 2)), {"pressure": np.zeros(4)})
+        Series(tmp_path).write(0, 0.0, np.zeros((3, 2)), {"pressure": np.zeros(4)})
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path):
     path = tmp_path / "a.txt"
-    output.write_text(path, "old")
-    with pytest.raises(RuntimeError), output.replacing(path) as temporary:
+    write_text(path, "old")
+    with pytest.raises(RuntimeError), replacing(path) as temporary:
         temporary.write_text("half")
         raise RuntimeError
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
@@ -105,33 +119,33 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
 
 def test_history_reads_back(tmp_path):
     path = tmp_path / "history.csv"
-    with output.History(path) as history:
+    with History(path) as history:
         history.append({"step": 1, "time": 0.1, "limit": "cfl", "iterations_p": np.int64(3), "p": None})
         history.append({"step": 2, "time": np.float64(0.2), "limit": "end", "p": 1e-7})
-    assert output.read_history(path) == [
+    assert read_history(path) == [
         {"step": 1, "time": 0.1, "limit": "cfl", "iterations_p": 3, "p": None},
         {"step": 2, "time": 0.2, "limit": "end", "iterations_p": None, "p": 1e-7},
     ]
     with open(path, "a") as file:
         file.write("3,0.2")  # a run that was killed as it wrote
-    with output.History(path, resume_step=1) as history:
+    with History(path, resume_step=1) as history:
         history.append({"step": 2, "time": 0.19, "change": 0.5})
-    assert [(row["step"], row["time"], row["change"]) for row in output.read_history(path)] == [
+    assert [(row["step"], row["time"], row["change"]) for row in read_history(path)] == [
         (1, 0.1, None), (2, 0.19, 0.5)]
 
 
 def test_history_can_be_read_while_it_grows(tmp_path):
-    history = output.History(tmp_path / "h.csv")
+    history = History(tmp_path / "h.csv")
     for step in range(20):
         history.append({"step": step})
-    assert len(output.read_history(history.path)) >= 20 - output.FLUSH_EVERY
+    assert len(read_history(history.path)) >= 20 - FLUSH_EVERY
     history.close()
 
 
 def test_history_refuses_nan_and_new_columns(tmp_path):
-    history = output.History(tmp_path / "h.csv")
+    history = History(tmp_path / "h.csv")
     history.append({"dt": 1.0})
-    with pytest.raises(output.NotFiniteError, match="dt in row 2"):
+    with pytest.raises(NotFiniteError, match="dt in row 2"):
         history.append({"dt": math.nan})
     with pytest.raises(KeyError, match="residual"):
         history.append({"dt": 1.0, "residual": 1.0})
@@ -140,7 +154,7 @@ def test_history_refuses_nan_and_new_columns(tmp_path):
 
 def test_summary(tmp_path):
     path = tmp_path / "summary.json"
-    output.write_summary(
+    write_summary(
         path,
         {"extra": None, "time": np.float64(1.5), "title": "µ", "particles": {"fluid": np.int64(3)},
          "permeability_tensor": np.eye(2), "terms": {"viscosity", "pressure"}, "ok": np.bool_(True)},
@@ -149,18 +163,18 @@ def test_summary(tmp_path):
     assert list(read) == ["title", "particles", "terms", "time", "permeability_tensor", "extra", "ok"]
     assert read["permeability_tensor"] == [[1, 0], [0, 1]] and read["ok"] is True
     assert read["terms"] == ["pressure", "viscosity"]
-    with pytest.raises(output.NotFiniteError, match=r"errors\.velocity\[1\]"):
-        output.write_summary(path, {"errors": {"velocity": [1.0, math.nan]}})
+    with pytest.raises(NotFiniteError, match=r"errors\.velocity\[1\]"):
+        write_summary(path, {"errors": {"velocity": [1.0, math.nan]}})
     assert json.loads(path.read_text(encoding="utf-8")) == read
 
 
 def test_every_key_of_the_summary_is_documented():
     page = (Path(__file__).parents[1] / "docs" / "output.md").read_text(encoding="utf-8")
-    assert [key for key in output.SUMMARY_KEYS if f"`{key}`" not in page] == []
+    assert [key for key in SUMMARY_KEYS if f"`{key}`" not in page] == []
 
 
 def test_clock_counts_nothing_twice():
-    clock = output.Clock()
+    clock = Clock()
     with clock("outer"):
         time.sleep(0.02)
         for _ in range(2):
@@ -176,10 +190,10 @@ def test_clock_counts_nothing_twice():
 
 
 def test_peak_memory_and_versions():
-    before = output.peak_memory()
+    before = peak_memory()
     block = np.ones(int(2e7))  # 160 MB
-    assert block.nbytes <= output.peak_memory() and before <= output.peak_memory()
-    found = output.versions()
+    assert block.nbytes <= peak_memory() and before <= peak_memory()
+    found = versions()
     assert found["numpy"] == np.__version__ and "isphcli" in found
 
 
@@ -343,13 +357,14 @@ def test_a_kernel_that_is_not_in_the_cache_is_told(monkeypatch):
     """What numba compiles, not what it loads: seen by the display that is open."""
     import numba
 
-    from isphcli import output as outputs
-    from isphcli import progress, run
+    from isphcli.output import progress
+    from isphcli.output.clock import Clock
+    from isphcli.run import run
 
     told = []
     monkeypatch.setattr(progress, "compiling", told.append)
     kernel = numba.njit(lambda a: a + 1)
-    with run._compile_listener(outputs.Clock()):
+    with run._compile_listener(Clock()):
         assert kernel(1) == 2
         assert told[0] is True and told[-1] is False
         told.clear()

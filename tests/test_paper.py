@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from isphcli import paper, references
-from isphcli.case import CaseError
+from isphcli.case.yaml import CaseError
 from isphcli.cli import BAD_INPUT, OUTSIDE, main
-from isphcli.paper import Figure, Finding, NotRun, count_table_1, radial_profile, reproduce, spacing_for
+from isphcli.references import solutions as references
+from isphcli.validation import paper
+from isphcli.validation.paper import Figure, Finding, NotRun, count_table_1, radial_profile, reproduce, spacing_for
 
 
 @pytest.fixture(autouse=True)

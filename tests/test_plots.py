@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from isphcli import plots
+from isphcli.output import plots
 
 H = 1.0e-6
 

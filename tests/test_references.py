@@ -8,7 +8,7 @@ from scipy.integrate import simpson, trapezoid
 from scipy.interpolate import BSpline, CubicSpline
 from scipy.linalg import expm
 
-from isphcli import references as ref
+from isphcli.references import solutions as ref
 
 Y = np.linspace(0, 1, 2001)
 DY = Y[1]

@@ -14,12 +14,16 @@ import numba
 import numpy as np
 import pytest
 
-from isphcli import output, restart, run_navier_stokes
-from isphcli.case import load_case
-from isphcli.geometry import build_geometry
-from isphcli.restart import RestartError, Saved
-from isphcli.run import run_case
-from isphcli.step import State
+from isphcli.case.load import load_case
+from isphcli.flow.state import State
+from isphcli.output import restart
+from isphcli.output.clock import Clock
+from isphcli.output.files import read_history, read_pvd, write_vtu
+from isphcli.output.restart import RestartError, Saved
+from isphcli.run.run import run_case
+from isphcli.run.time_loop import TimeLoop
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.prepare import prepare
 
 VORTEX = """
 geometry: {box: [1, 1], periodic: [x, y]}
@@ -82,14 +86,14 @@ def load(tmp_path, text, out, *sets):
 
 def stop_at(monkeypatch, step):
     """Ctrl-C in the middle of a step."""
-    real = run_navier_stokes.TimeLoop._row
+    real = TimeLoop._row
 
     def row(self, found, limit):
         if found.state.step == step:
             raise KeyboardInterrupt
         return real(self, found, limit)
 
-    monkeypatch.setattr(run_navier_stokes.TimeLoop, "_row", row)
+    monkeypatch.setattr(TimeLoop, "_row", row)
 
 
 def left_by(directory):
@@ -131,14 +135,14 @@ def test_two_fluids_go_on_with_the_same_bits(tmp_path):
     geometry = build_geometry(case)
 
     def march(saved, steps):
-        state, stepper, particles = run_navier_stokes.prepare(case, geometry, output.Clock())
+        state, stepper, particles = prepare(case, geometry, Clock())
         if saved is not None:
             restart.save(tmp_path / "r.npz", saved)
             saved = restart.load(tmp_path / "r.npz", state)
             state = saved.state
             stepper.rebuild_hierarchies(saved.origins)
         limited = replace(case, time=replace(case.time, max_steps=steps))
-        found = run_navier_stokes.TimeLoop(limited, stepper, particles.site_volume, 1.0, 1.0)
+        found = TimeLoop(limited, stepper, particles.site_volume, 1.0, 1.0)
         nothing = lambda *_: None  # noqa: E731
         found.run(state, stepper.configure(state.x), nothing, nothing, nothing)
         return found.last
@@ -152,9 +156,9 @@ def test_two_fluids_go_on_with_the_same_bits(tmp_path):
 def test_a_finished_run_goes_on_with_more_time(tmp_path):
     run_case(load(tmp_path, VORTEX, "a"), quiet=True)
     summary = run_case(load(tmp_path, VORTEX, "a", "time.end=0.13"), quiet=True, resume=tmp_path / "a")
-    rows = output.read_history(tmp_path / "a" / "history.csv")
+    rows = read_history(tmp_path / "a" / "history.csv")
     assert [r["step"] for r in rows] == list(range(1, summary["steps"] + 1))
-    assert [t for t, _ in output.read_pvd(tmp_path / "a" / "particles.pvd")] == pytest.approx(
+    assert [t for t, _ in read_pvd(tmp_path / "a" / "particles.pvd")] == pytest.approx(
         [0, 0.03, 0.06, 0.09, 0.1, 0.12, 0.13])
 
 
@@ -170,7 +174,7 @@ def test_a_run_goes_on_in_another_directory(tmp_path):
     before = left_by(tmp_path / "a")
     run_case(load(tmp_path, VORTEX, "b", "time.end=0.13"), quiet=True, resume=tmp_path / "a")
     assert left_by(tmp_path / "a") == before
-    assert output.read_history(tmp_path / "b" / "history.csv")[0]["time"] > 0.1
+    assert read_history(tmp_path / "b" / "history.csv")[0]["time"] > 0.1
 
 
 def refuses_to_go_on(case, resume, *words):
@@ -267,7 +271,7 @@ def test_a_change_is_not_lost_with_a_run_that_is_killed(tmp_path, monkeypatch):
     run_case(load(tmp_path, CAVITY, "a"), quiet=True)
     with monkeypatch.context() as patch:
         patch.setattr(restart, "save", lambda *_: None)
-        stop_at(patch, output.read_history(tmp_path / "a" / "history.csv")[-1]["step"] + 2)
+        stop_at(patch, read_history(tmp_path / "a" / "history.csv")[-1]["step"] + 2)
         with pytest.raises(KeyboardInterrupt):
             run_case(load(tmp_path, CAVITY, "a", "fluids.water.viscosity=0.2", "time.end=0.6"), quiet=True,
                      resume=tmp_path / "a")
@@ -370,7 +374,7 @@ def test_nan_is_not_saved(tmp_path):
 def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
     """ENOSPC in the second snapshot: the first stays, the run ends with the error, and the restart makes it whole."""
     run_case(load(tmp_path, VORTEX, "a"), quiet=True)
-    real = output.write_vtu
+    real = write_vtu
 
     def full(path, *rest):
         if "000000" not in str(path):

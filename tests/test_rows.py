@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
-from isphcli import rows as factored
-from isphcli.halo import wrap
-from isphcli.operators import gradient_p, laplacian, total_divergence
-from isphcli.particles import make_lattice, place
-from isphcli.shapes import Shape, ShapeGeometry, Sphere
-from isphcli.wall_scene import WallScene
-from isphcli.walls import build_wall_operators, wall_laplacian
+from isphcli.domain.halo import wrap
+from isphcli.domain.lattice import make_lattice
+from isphcli.geometry.bodies import Shape, Sphere
+from isphcli.geometry.shape_geometry import ShapeGeometry
+from isphcli.operators import lattice_weights as factored
+from isphcli.operators.apply import gradient_p, laplacian, total_divergence
+from isphcli.operators.wall_operators import WallScene
+from isphcli.operators.wall_weights import build_wall_operators, wall_laplacian
+from isphcli.scene.place import place
 
 SPACING = 1 / 12
 

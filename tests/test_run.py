@@ -7,10 +7,11 @@ import sys
 import numpy as np
 import pytest
 
-from isphcli import run_navier_stokes
-from isphcli.case import CaseError, load_case
-from isphcli.output import read_history, read_pvd, read_vtu
-from isphcli.run import run_case
+from isphcli.case.load import load_case
+from isphcli.case.yaml import CaseError
+from isphcli.output.files import read_history, read_pvd, read_vtu
+from isphcli.run.run import run_case
+from isphcli.run.time_loop import TimeLoop
 
 DISK = """
 title: a disk
@@ -104,14 +105,14 @@ def test_a_periodic_scene_imports_nothing_of_walls(tmp_path):
 
 
 def test_an_interrupt_leaves_a_restart_file(tmp_path, monkeypatch):
-    real = run_navier_stokes.TimeLoop._row
+    real = TimeLoop._row
 
     def stop(self, found, limit):
         if found.state.step == 3:
             raise KeyboardInterrupt
         return real(self, found, limit)
 
-    monkeypatch.setattr(run_navier_stokes.TimeLoop, "_row", stop)
+    monkeypatch.setattr(TimeLoop, "_row", stop)
     with pytest.raises(KeyboardInterrupt) as caught:
         run(tmp_path, VORTEX)
     with np.load(caught.value.restart) as file:  # of the third step the history has no row: it is taken again
@@ -181,10 +182,10 @@ def test_only_periodic_scenes_have_a_tensor(tmp_path):
 
 
 def test_an_image_with_a_pressure_drop_is_read_once(tmp_path, monkeypatch):
-    from isphcli import voxels
+    from isphcli.geometry.images.read import read_image
 
     duct(tmp_path)
-    read, real = [], voxels.read_image
+    read, real = [], read_image
     monkeypatch.setattr(voxels, "read_image", lambda *words: read.append(words) or real(*words))
     by_drop = run(tmp_path, ROCK, "drive={pressure_drop: {z: 2.0}}", "refine=[0.5e-6]")
     assert len(read) == 1
@@ -195,7 +196,6 @@ def test_an_image_with_a_pressure_drop_is_read_once(tmp_path, monkeypatch):
 
 
 def test_warnings_come_before_the_solve_and_stay_in_the_summary(tmp_path, monkeypatch, capfd):
-    from isphcli import run_stokes
 
     duct(tmp_path)
     coarse = ["particles.spacing=2.0e-6", "drive={axes: [z]}", "geometry.wall_distance=stairs"]  # two particles across

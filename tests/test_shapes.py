@@ -6,20 +6,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from isphcli import shapes
-from isphcli.shapes import (
-    Box,
-    Cylinder,
-    Disk,
-    HalfSpace,
-    Shape,
-    ShapeError,
-    ShapeGeometry,
-    Sphere,
-    Spheres,
-    random_spheres,
-    read_spheres,
-)
+from isphcli.geometry.bodies import Box, Cylinder, Disk, HalfSpace, Shape, ShapeError, Sphere, Spheres
+from isphcli.geometry.shape_geometry import ShapeGeometry
+from isphcli.scene.spheres import random_spheres, read_spheres, sphere_findings, spheres_of_file
 
 SCALES = [1.0, 1e-6, 1e3]
 
@@ -432,7 +421,7 @@ def test_lengths_in_the_unit_that_the_header_names(tmp_path, header, length, rad
     file = tmp_path / "beads.csv"
     separator = ";" if ";" in header else ","
     file.write_text(f"{header}\n{separator.join('1234')}\n", encoding="utf-8")
-    found = shapes.spheres_of_file(file)
+    found = spheres_of_file(file)
     assert found.centres == pytest.approx(np.array([[1, 2, 3]]) * length, rel=1e-15)
     assert found.radii == pytest.approx([4 * length * radius], rel=1e-15)
     assert ("converted to m" in found.columns) == (length != 1.0) and ("halved" in found.columns) == (radius == 0.5)
@@ -441,15 +430,15 @@ def test_lengths_in_the_unit_that_the_header_names(tmp_path, header, length, rad
 def test_spheres_outside_the_box_and_overlaps_are_counted():
     centres = [[0.5, 0.5], [0.65, 0.5], [1.5, 0.5], [-0.05, 0.3], [7.95, 0.8], [0.3, -0.5], [0.95, 0.31], [0.3, 0.05]]
     body, lower, upper = Spheres(np.array(centres), 0.1), np.zeros(2), np.ones(2)
-    facts, odd = shapes.sphere_findings(body, lower, upper, np.array([1, np.inf]), "b.csv")
+    facts, odd = sphere_findings(body, lower, upper, np.array([1, np.inf]), "b.csv")
     assert facts == ["1 spheres repeat another one, or its periodic image; they count once"]
     assert odd[0].startswith("b.csv: 1 of 8 spheres lie outside the box and are left out")
     assert odd[1].startswith("b.csv: 3 of 8 spheres have their centre outside the box and are wrapped into it, 2 of")
     assert odd[2].startswith("b.csv: 2 pairs of spheres overlap, by up to 190 %")
     touching = Spheres(np.array([[0.3, 0.5], [0.4999, 0.5]]), 0.1)  # 0.1 % of the radius: how packings touch
-    assert shapes.sphere_findings(touching, lower, upper, np.array([1, np.inf]), "b.csv") == ([], [])
+    assert sphere_findings(touching, lower, upper, np.array([1, np.inf]), "b.csv") == ([], [])
     with pytest.raises(ShapeError, match=r"b\.csv: a radius of 400 m in a periodic box of 1 m; check the unit"):
-        shapes.sphere_findings(Spheres(np.zeros((1, 2)), 400.0), lower, upper, np.ones(2), "b.csv")
+        sphere_findings(Spheres(np.zeros((1, 2)), 400.0), lower, upper, np.ones(2), "b.csv")
 
 
 def test_a_half_space_that_a_periodic_face_cuts_is_told():

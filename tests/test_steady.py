@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from isphcli.case import read_case
-from isphcli.output import read_history
-from isphcli.run import run_case
-from isphcli.steady import Steady
+from isphcli.case.load import read_case
+from isphcli.output.files import read_history
+from isphcli.run.run import run_case
+from isphcli.run.steadiness import Steady
 
 
 def steady_at(signal, asked, steps, growth=1.25, first=1 / 64):

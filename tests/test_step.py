@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isphcli.case import read_case
-from isphcli.failure import RunError
-from isphcli.geometry import build_geometry
-from isphcli.operators import gradient_p, total_divergence
-from isphcli.output import Clock
-from isphcli.references import taylor_green_2d
-from isphcli.run_navier_stokes import TimeLoop, prepare
+from isphcli.case.load import read_case
+from isphcli.flow.step_limits import RunError
+from isphcli.operators.apply import gradient_p, total_divergence
+from isphcli.output.clock import Clock
+from isphcli.references.solutions import taylor_green_2d
+from isphcli.run.time_loop import TimeLoop
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.prepare import prepare
 
 VORTEX = """
 geometry: {{box: [1, 1], periodic: [x, y]}}

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
-from isphcli.case import read_case
-from isphcli.geometry import build_geometry
-from isphcli.output import Clock
-from isphcli.run_stokes import NoFlowError, build_scene, extrapolate, solve_axis
-from isphcli.shapes import Shape, ShapeGeometry, Sphere
-from isphcli.voxel_geometry import VoxelGeometry
+from isphcli.case.load import read_case
+from isphcli.geometry.bodies import Shape, Sphere
+from isphcli.geometry.shape_geometry import ShapeGeometry
+from isphcli.geometry.voxel_geometry import VoxelGeometry
+from isphcli.output.clock import Clock
+from isphcli.run.permeability import extrapolate
+from isphcli.run.steady import NoFlowError, build_scene, solve_axis
+from isphcli.scene.build_geometry import build_geometry
 
 CHANNEL = """
 geometry:

@@ -3,8 +3,8 @@
 import pytest
 from click.testing import CliRunner
 
-from isphcli import stress
 from isphcli.cli import OUTSIDE, main
+from isphcli.validation import stress
 
 
 @pytest.mark.parametrize("scene", stress.SCENES, ids=lambda scene: scene.measure.__name__)

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from isphcli.case import CaseError, load_case, read_case
-from isphcli.geometry import build_geometry
-from isphcli.output import read_history
-from isphcli.particles import place_case
-from isphcli.references import laplace_jump
-from isphcli.run import run_case
+from isphcli.case.load import load_case, read_case
+from isphcli.case.yaml import CaseError
+from isphcli.output.files import read_history
+from isphcli.references.solutions import laplace_jump
+from isphcli.run.run import run_case
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.place import place_case
 
 CASES = Path(__file__).parent.parent / "cases"
 

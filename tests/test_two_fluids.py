@@ -6,14 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isphcli import linear
-from isphcli.case import read_case
-from isphcli.geometry import build_geometry
-from isphcli.interface import crossings, find_band, near_interface
-from isphcli.output import Clock
-from isphcli.references import two_layer_couette, two_layer_poiseuille
-from isphcli.run_navier_stokes import TimeLoop, prepare
-from isphcli.walls import wall_laplacian
+from isphcli.case.load import read_case
+from isphcli.operators.assemble import assemble
+from isphcli.operators.wall_weights import wall_laplacian
+from isphcli.output.clock import Clock
+from isphcli.references.solutions import two_layer_couette, two_layer_poiseuille
+from isphcli.run.time_loop import TimeLoop
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.prepare import prepare
+from isphcli.two_phase.normals import crossings, find_band, near_interface
 
 
 def scene(text):
@@ -66,7 +67,7 @@ def test_the_layered_profile_is_exact_to_round_off():
     config = stepper.configure(state.x)
     ops = config.terms.ops
     u = two_layer_couette(state.x[:, 1], 1.0, 0.5, (1.0, 50.0), 1.0)
-    matrix = linear.assemble(ops.start, ops.column, ops.lap, 0.0, 1.0, ops.walls.lap)
+    matrix = assemble(ops.start, ops.column, ops.lap, 0.0, 1.0, ops.walls.lap)
     residual = matrix @ u - ops.walls.lap_velocity[:, 0]
     assert np.abs(residual).max() < 1e-11 * np.abs(matrix).max()
 
@@ -98,7 +99,7 @@ def test_what_a_scene_does_not_need_is_not_there():
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_thinnest_direction_of_a_tensor(dim):
     """That of numpy's eigh to round-off, wherever one stands apart, however thin and however long the tensor is."""
-    from isphcli.interface import FLAT, _flattest, _flattest_2d
+    from isphcli.two_phase.normals import FLAT, _flattest, _flattest_2d
 
     def thinnest(t, least):
         if dim == 2:
@@ -204,8 +205,8 @@ def test_a_uniform_curvature_is_balanced_exactly():
     """The jump is met by a pressure of two values: no flow from a curvature without errors."""
     _, _, state, stepper, _ = scene(drop(jitter=0.1, rho=10))
     config = stepper.configure(state.x)
-    from isphcli.operators import gradient_p, laplacian
-    from isphcli.surface_tension import _jump
+    from isphcli.operators.apply import gradient_p, laplacian
+    from isphcli.two_phase.surface_tension import _jump
 
     n = len(state.x)
     colour = stepper.fluids.colour
@@ -275,7 +276,7 @@ def test_the_velocity_matrix_has_no_growing_mode(ratio):
     _, _, state, stepper, _ = scene(layers(1 / 12, mu=ratio).replace("spacing: ", "jitter: 0.2, spacing: "))
     config = stepper.configure(state.x)
     terms, n = config.terms, len(state.x)
-    matrix = linear.assemble(terms.ops.start, terms.ops.column, terms.ops.lap, 0.0, 1.0, terms.ops.walls.lap)
+    matrix = assemble(terms.ops.start, terms.ops.column, terms.ops.lap, 0.0, 1.0, terms.ops.walls.lap)
     full = np.kron(matrix.toarray(), np.eye(2))
     for k in range(2 * n):
         one, out = np.zeros(2 * n), np.zeros((n, 2))
@@ -289,7 +290,7 @@ def test_the_stress_of_a_linear_velocity_vanishes():
     """Constant viscosity, any arrangement, velocity linear in x: weights of second derivatives see nothing."""
     _, _, state, stepper, _ = scene(layers(1 / 12, mu=2).replace("spacing: ", "jitter: 0.2, spacing: "))
     config = stepper.configure(state.x)
-    from isphcli.two_fluids import TransposedStress
+    from isphcli.two_phase.two_fluids import TransposedStress
 
     ops = config.ops
     rows = np.flatnonzero(~ops.walls.near & (np.abs(state.x[:, 0] - 3 / 12) < 0.5 / 12))

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from isphcli import validate
-from isphcli.case import load_case
+from isphcli.case.load import load_case
 from isphcli.cli import BAD_INPUT, OUTSIDE, main, settings
-from isphcli.peers import TABLE, difference, load_peers, peers_of
-from isphcli.validate import Ladder, Level, ladder_spacings, predicted_seconds, slope, validate_cases, verdict
+from isphcli.validation import ladder as validate
+from isphcli.validation.ladder import Ladder, Level, ladder_spacings, predicted_seconds, slope, validate_cases, verdict
+from isphcli.validation.peers import TABLE, difference, load_peers, peers_of
 
 CASES = Path(__file__).parent.parent / "cases"
 PARTS = {"out": Path("runs"), "quiet": True}

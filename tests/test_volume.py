@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isphcli.case import read_case
-from isphcli.geometry import build_geometry
-from isphcli.output import Clock
-from isphcli.run_navier_stokes import prepare
+from isphcli.case.load import read_case
+from isphcli.output.clock import Clock
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.prepare import prepare
 
 BOX = """
 geometry: {{box: [{box}], periodic: [{periodic}]{solid}}}

@@ -16,11 +16,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isphcli import memory
-from isphcli.geometry import build_geometry
-from isphcli.particles import ParticleError
-from isphcli.voxel_geometry import VoxelGeometry, nearest_centre, wall_field
-from isphcli.voxels import VoxelError, apply_labels, convert, faces_that_differ, image_shape, read_image, write_image
+from isphcli.domain.lattice import ParticleError
+from isphcli.geometry.images.image import VoxelError
+from isphcli.geometry.images.read import image_shape, read_image
+from isphcli.geometry.labels import apply_labels, faces_that_differ
+from isphcli.geometry.voxel_geometry import VoxelGeometry
+from isphcli.geometry.wall_distance import nearest_centre, wall_field
+from isphcli.output.convert_images import convert, write_image
+from isphcli.scene import memory
+from isphcli.scene.build_geometry import build_geometry
 
 
 def rock(shape=(5, 6, 7), porosity=0.6, seed=0):
@@ -611,7 +615,7 @@ def test_bad_arguments(change):
 
 
 def read(tmp_path, scene):
-    from isphcli.case import read_case
+    from isphcli.case.load import read_case
 
     text = f"""
 geometry: {scene}

@@ -4,14 +4,18 @@ import numba
 import numpy as np
 import pytest
 
-from isphcli.halo import build_halo
-from isphcli.kernel import KERNELS
-from isphcli.linear import pair_components
-from isphcli.neighbours import neighbourhood
-from isphcli.operators import build_operators, divergence, gradient, gradient_p, laplacian
-from isphcli.particles import make_lattice, place
-from isphcli.shapes import Box, Cylinder, Disk, Shape, ShapeError, ShapeGeometry, Spheres
-from isphcli.walls import WallStencils, WallTable, build_wall_operators, crossings, wall_divergence, wall_laplacian
+from isphcli.domain.components import pair_components
+from isphcli.domain.halo import build_halo
+from isphcli.domain.lattice import make_lattice
+from isphcli.domain.neighbours import neighbourhood
+from isphcli.geometry.bodies import Box, Cylinder, Disk, Shape, ShapeError, Spheres
+from isphcli.geometry.shape_geometry import ShapeGeometry
+from isphcli.operators.apply import divergence, gradient, gradient_p, laplacian
+from isphcli.operators.crossings import WallStencils, WallTable, crossings
+from isphcli.operators.kernel import KERNELS
+from isphcli.operators.pair_weights import build_operators
+from isphcli.operators.wall_weights import build_wall_operators, wall_divergence, wall_laplacian
+from isphcli.scene.place import place
 
 SUPPORTS = [2.1, 2.5, 3.0]
 

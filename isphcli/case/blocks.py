@@ -1,0 +1,543 @@
+# ruff: noqa: RUF009  (a dataclass default that is a call is what `key` is for; it makes a `field`)
+"""case.blocks"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, is_dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+from .reader import Table, key, keys_of
+
+Vector = tuple[float, ...]
+AXES = ("x", "y", "z")
+FACES = tuple(f"{axis}_{end}" for axis in AXES for end in ("min", "max"))
+SOLID = "solid"
+LATTICES = {2: ("square", "hexagonal"), 3: ("cubic", "bcc")}  # by dimension, the default first
+FLOWS = ("navier_stokes", "stokes")
+SUPPORT, SUPPORT_MOVING_2D = 2.1, 2.3  # defaults, measured: benchmarks/support.py
+SUPPORT_TENSION_2D = 2.8  # curvature of a disk: bias -1 % with 2.3 (docs/method.md 12)
+WALL_DISTANCES = ("exact", "smooth", "stairs")
+KERNELS = ("wendland_c2", "wendland_c4", "quintic_spline")
+FIELDS = ("velocity", "pressure", "phase", "distance", "divergence")
+REFERENCE_KINDS = (
+    "slit",
+    "couette",
+    "poiseuille",
+    "startup_couette",
+    "startup_poiseuille",
+    "decaying_channel",
+    "taylor_couette",
+    "annulus",
+    "two_layer_couette",
+    "two_layer_poiseuille",
+    "two_layer_hydrostatics",
+    "square_duct",
+    "sphere_array",
+    "cylinder_array",
+    "taylor_green",
+    "taylor_green_3d",
+    "lid_driven_cavity",
+    "static_drop",
+    "oscillating_drop",
+    "capillary_wave",
+    "rising_bubble",
+    "contact_angle",
+    "permeability",
+    "flow_split",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Voxels:
+    """A segmented image."""
+
+    file: Path = key("image file: npy, npz, mhd", input=True)
+    labels: Table[tuple[int, ...]] = key(
+        "for `solid` and each fluid in the image, the voxel value or values that stand for it",
+        single=True,
+        unique=True,
+        at_least=0,
+    )
+    voxel_size: float | Vector | None = key(
+        "edge of a voxel: one number, or one an axis (x, y, z). Without it: that of the file (npz: `voxel_size`, in m; "
+        "mhd: `ElementSpacing`, taken as metres)",
+        default=None,
+        unit="m",
+        above=0,
+        lengths=(2, 3),
+    )
+    array: str | None = key("name of the array in an npz that holds several", default=None)
+    axes: str = key(
+        "order of the axes of the array; zyx: x varies fastest, as in raw and mhd images",
+        default="zyx",
+        choices=("zyx", "xyz"),
+    )
+    clear_layer: float | None = key(
+        "thickness of the layer of clear fluid added at each end of the axis of flow, where the image is "
+        "not periodic along it. Without it: six voxels",
+        default=None,
+        unit="m",
+        at_least=0,
+    )
+    crop: tuple[tuple[int, int], ...] | None = key(
+        "voxel ranges [first, end) along x, y, z that are kept, before anything else",
+        default=None,
+        at_least=0,
+        lengths=(2, 3),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sphere:
+    """A sphere; a disk in 2D."""
+
+    centre: Vector = key("centre of the sphere", unit="m", per_axis=True)
+    radius: float = key("radius of the sphere", unit="m", above=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spheres:
+    """Spheres listed in a file, or placed at random without overlap, outside the solids before them."""
+
+    ONE_OF: ClassVar = ("file", "random")
+
+    file: Path | None = key(
+        "csv of the centres: columns x, y, z and optionally the radius, in this order. A header may say that the last "
+        "is a diameter, and the unit of the lengths, as in x_mm or radius [um]; without one they are in m",
+        default=None,
+        input=True,
+    )
+    random: int | None = key(
+        "number of spheres placed at random (more: from a file)", default=None, at_least=1, at_most=10_000
+    )
+    radius: float | None = key(
+        "radius of all spheres; not needed where the file has a column for it", default=None, unit="m", above=0
+    )
+    clearance: float = key(
+        "least distance between spheres placed at random, and of them from solids", default=0.0, unit="m", at_least=0
+    )
+    seed: int = key("seed of the random places", default=0, at_least=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box:
+    """A box along the axes."""
+
+    lower: Vector = key("lower corner", unit="m", per_axis=True)
+    upper: Vector = key("upper corner", unit="m", per_axis=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cylinder:
+    """A circular cylinder along an axis, infinite unless ends are given; 3D only."""
+
+    axis: str = key("direction of the cylinder", choices=AXES)
+    radius: float = key("radius of the cylinder", unit="m", above=0)
+    centre: Vector | None = key(
+        "a point of its axis. Without it: the middle of the box", default=None, unit="m", per_axis=True
+    )
+    lower: float | None = key("coordinate of the lower end along the axis", default=None, unit="m")
+    upper: float | None = key("coordinate of the upper end along the axis", default=None, unit="m")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HalfSpace:
+    """The side of a plane that its normal points away from: (x - point) . normal < 0."""
+
+    point: Vector = key("a point of the plane", unit="m", per_axis=True)
+    normal: Vector = key("normal of the plane, of any length, pointing out of the shape", per_axis=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shape:
+    """A region of space and what fills it."""
+
+    ONE_OF: ClassVar = ("sphere", "spheres", "box", "cylinder", "half_space")
+
+    sphere: Sphere | None = key("a sphere, in 2D a disk", default=None)
+    spheres: Spheres | None = key("many spheres, from a file or at random", default=None)
+    box: Box | None = key("a box along the axes", default=None)
+    cylinder: Cylinder | None = key("a circular cylinder", default=None)
+    half_space: HalfSpace | None = key("one side of a plane", default=None)
+    outside: bool = key("the region is the outside of the shape", default=False)
+    what: str = key("what fills the region: `solid` or the name of a fluid", name="is")
+    velocity: Vector | None = key(
+        "velocity of the wall, if solid. Without it: at rest", default=None, unit="m/s", per_axis=True
+    )
+    angular_velocity: float | None = key(
+        "turning of the wall, if solid: of a cylinder about its axis, of a disk (2D) about its centre, "
+        "counterclockwise. Without it: none",
+        default=None,
+        unit="rad/s",
+    )
+    slip_length: float | None = key(
+        "Navier slip length of the wall, if solid. Without it: that of the geometry",
+        default=None,
+        unit="m",
+        at_least=0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wall:
+    """A face of the box."""
+
+    velocity: Vector | None = key(
+        "velocity of the wall, along itself. Without it: at rest", default=None, unit="m/s", per_axis=True
+    )
+    slip_length: float | None = key(
+        "Navier slip length. Without it: that of the geometry", default=None, unit="m", at_least=0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """Where there is fluid and where there is solid: an image, or a box with shapes."""
+
+    ONE_OF: ClassVar = ("voxels", "box")
+
+    voxels: Voxels | None = key("a segmented image", default=None)
+    box: Vector | None = key(
+        "edges of the box; two numbers make the scene 2D", default=None, unit="m", above=0, lengths=(2, 3)
+    )
+    origin: Vector | None = key(
+        "lower corner of the box. Without it: zeros", default=None, unit="m", per_axis=True
+    )
+    fluid: str | None = key("what fills the box before the shapes. Without it: the first fluid", default=None)
+    shapes: tuple[Shape, ...] = key("regions of the box, later ones on top of earlier ones", default=())
+    periodic: tuple[str, ...] = key(
+        "axes along which the scene repeats; along the others the faces are walls (image: sealed sides)",
+        default=(),
+        choices=AXES,
+        unique=True,
+    )
+    walls: Table[Wall] = key(
+        "faces of the box that move or slip: x_min, x_max, y_min, y_max, z_min, z_max",
+        default=Table(),
+        names=FACES,
+    )
+    wall_distance: str | None = key(
+        "how the distance to the walls is found: exact (shapes), smooth (sub-voxel, from the image) or "
+        "stairs (to the faces of the voxels). Without it: exact for shapes, smooth for an image",
+        default=None,
+        choices=WALL_DISTANCES,
+    )
+    slip_length: float = key(
+        "Navier slip length of all walls that do not state their own", default=0.0, unit="m", at_least=0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lattice:
+    """The particles: how many, how arranged, how many neighbours they see."""
+
+    spacing: float = key(
+        "lattice constant; bcc has two particles a cube of this edge; hexagonal: distance of neighbours",
+        unit="m",
+        above=0,
+    )
+    lattice: str | None = key(
+        f"arrangement: {' or '.join(LATTICES[2])} in 2D, {' or '.join(LATTICES[3])} in 3D. "
+        "Without it: the first of each",
+        default=None,
+        choices=LATTICES[2] + LATTICES[3],
+    )
+    support: float | None = key(
+        "support radius of the kernel over the spacing. Without it: "
+        + f"{SUPPORT}, and for moving particles in a 2D box {SUPPORT_MOVING_2D}, with tension {SUPPORT_TENSION_2D}",
+        default=None,
+        at_least=1.5,
+        at_most=6,
+    )
+    kernel: str = key("smoothing kernel", default=KERNELS[0], choices=KERNELS)
+    offset: Vector | None = key(
+        "shift of the lattice, in spacings. Without it: chosen by the geometry", default=None, per_axis=True
+    )
+    jitter: float = key(
+        "random displacement of the particles, over the spacing (0.2: 20 %)",
+        default=0.0,
+        at_least=0,
+        at_most=0.5,
+    )
+    seed: int = key("seed of the random displacement", default=0, at_least=0)
+    shifting: float = key(
+        "coefficient C of the particle shifting (Xu et al. 2009); 0 switches it off", default=0.3, at_least=0
+    )
+    keep_volume: float = key(
+        "steps in which blocks of six spacings that have gained or lost particles return to the number that fits in, "
+        "for long runs through pores (100 suits; moving particles; smooth flow is the worse for it); 0 leaves it out",
+        default=0.0,
+        at_least=0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fluid:
+    """A Newtonian fluid."""
+
+    ONE_OF: ClassVar = ("viscosity", "kinematic_viscosity")
+
+    density: float = key("density", unit="kg/m3", above=0)
+    viscosity: float | None = key("dynamic viscosity", default=None, unit="Pa s", above=0)
+    kinematic_viscosity: float | None = key("kinematic viscosity", default=None, unit="m2/s", above=0)
+
+    @property
+    def mu(self) -> float:
+        """Dynamic viscosity, Pa s."""
+        if self.viscosity is not None:
+            return self.viscosity
+        assert self.kinematic_viscosity is not None
+        return self.kinematic_viscosity * self.density
+
+    @property
+    def nu(self) -> float:
+        """Kinematic viscosity, m2/s."""
+        if self.kinematic_viscosity is not None:
+            return self.kinematic_viscosity
+        return self.mu / self.density
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interface:
+    """Surface tension between two fluids."""
+
+    tension: float = key("surface tension", unit="N/m", above=0)
+    contact_angle: float = key(
+        "at walls, measured through the first fluid", default=90.0, unit="degrees", at_least=0, at_most=180
+    )
+    slip_length: float = key(
+        "Navier slip length of the walls that both fluids are within a support of, where it is more than their own",
+        default=0.0,
+        unit="m",
+        at_least=0,
+    )
+    method: str = key(
+        "a sharp jump of pressure, or a continuous force in a band (csf)",
+        default="jump",
+        choices=("jump", "csf"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """What makes the fluid move."""
+
+    body_force: Vector | None = key(
+        "acceleration of the fluid, such as gravity: [0, 0, -9.81]", default=None, unit="m/s2", per_axis=True
+    )
+    pressure_drop: Table[float] | None = key(
+        "axis: drop over the box along it; the same as a body force of drop / (density length)",
+        default=None,
+        unit="Pa",
+        names=AXES,
+    )
+    superficial_velocity: Table[float] | None = key(
+        "axis: flux through a cross section of the box, solids included, that is held by a pressure drop that follows "
+        "(navier_stokes); of an image with clear layers, that of the layers; the history tells the drop",
+        default=None,
+        unit="m/s",
+        names=AXES,
+    )
+    axes: tuple[str, ...] | None = key(
+        "permeability along these axes, one solve each from shared matrices (stokes); all axes of a "
+        "periodic scene give the tensor",
+        default=None,
+        choices=AXES,
+        unique=True,
+    )
+
+    @property
+    def named_axes(self) -> tuple[str, ...]:
+        """Axes along which it names a flow and leaves the force to the run; none where it gives a force."""
+        return self.axes or tuple(self.superficial_velocity or ())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flood:
+    """A fluid that has come in from one face of the scene."""
+
+    fluid: str = key("name of the fluid")
+    face: str = key("face that it comes from", name="from", choices=FACES)
+    saturation: float = key(
+        "its share of all fluid (image: without the clear layers), reached by whole layers of particles",
+        above=0,
+        at_most=1,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Initial:
+    """The state at time zero."""
+
+    flood: Flood | None = key("turns the fluid next to one face into another", default=None)
+    velocity: tuple[str, ...] | None = key(
+        'one formula of x, y, z an axis, such as "sin(2*pi*x)*cos(2*pi*y)". Without it: at rest',
+        default=None,
+        unit="m/s",
+        per_axis=True,
+        formula=True,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Time:
+    """How long and in which steps; needs `end` or `steady`, and stops at what comes first."""
+
+    end: float | None = key("time at which the run ends", default=None, unit="s", above=0)
+    steady: float | None = key(
+        "estimated distance from the steady value, relative, noise of the particles included, at which the run ends: "
+        "of the superficial velocity along the drive; of the pressure drop where a velocity is held; without both of "
+        "the root mean square speed (docs/method.md 6)",
+        default=None,
+        above=0,
+        below=1,
+    )
+    cfl: float = key(
+        "distance over the spacing that a particle may move in a step", default=0.2, above=0, at_most=1
+    )
+    capillary: float = key(
+        "largest step over sqrt(rho dx^3 / (2 pi sigma)), rho the mean density (Brackbill, Kothe and Zemach 1992)",
+        default=1.0,
+        above=0,
+    )
+    step: float | None = key(
+        "fixed time step. Without it: as large as the limits allow", default=None, unit="s", above=0
+    )
+    max_steps: int = key("steps after which the run ends in any case", default=1_000_000, at_least=1)
+    scheme: str = key(
+        "time integration: second order (bdf2) or first order, very stable (euler)",
+        default="bdf2",
+        choices=("bdf2", "euler"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solver:
+    """The linear solvers."""
+
+    tolerance: float = key("residual over the right-hand side", default=1e-6, above=0, below=1)
+    restart: int = key("Krylov vectors kept before GMRES restarts", default=100, at_least=1)
+    max_iterations: int = key("iterations after which a solve has failed", default=400, at_least=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """What a run leaves behind."""
+
+    directory: Path | None = key(
+        "where results go, from the working directory. Without it: out/<name of the case file>", default=None
+    )
+    every: float | None = key(
+        "time between snapshots. Without it: the first and the last state", default=None, unit="s", above=0
+    )
+    fields: tuple[str, ...] = key(
+        "fields in the snapshots", default=("velocity", "pressure", "phase"), choices=FIELDS, unique=True
+    )
+    dummies: bool = key("write the particles in the solids too", default=False)
+    snapshots: bool = key("write snapshots", default=True)
+    plots: bool = key("draw pictures", default=True)
+    restart_every: int | None = key(
+        "steps between restart files. Without it: at the end only", default=None, at_least=1
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reference:
+    """What `isph validate` compares the result with."""
+
+    kind: str = key("the solution to compare with", choices=REFERENCE_KINDS)
+    value: float | Vector | None = key(
+        "published number, for the kinds that need one (permeability: m2, one or one an axis)", default=None
+    )
+    tolerance: float | None = key("bound on the relative error", default=None, above=0)
+    source: str = key("where the value is from", default="")
+    reason: str = key("why that bound", default="")
+    parameters: Table[float | str] = key("name: value of what the kind needs", default=Table())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A case: everything that was asked for."""
+
+    title: str = key("free text", default="")
+    geometry: Scene = key("where there is fluid and where there is solid")
+    particles: Lattice = key("resolution and arrangement of the particles")
+    fluids: Table[Fluid] = key("name: properties of the fluid, one block each")
+    interface: Interface | None = key("surface tension, with two fluids", default=None)
+    drive: Drive | None = key("what makes the fluid move", default=None)
+    initial: Initial | None = key("the state at time zero. Without it: at rest", default=None)
+    flow: str = key(
+        "navier_stokes: moving particles, in time; stokes: steady creeping flow on the fixed lattice",
+        default="navier_stokes",
+        choices=FLOWS,
+    )
+    time: Time | None = key("how long and in which steps (navier_stokes)", default=None)
+    solver: Solver = key("the linear solvers", default=Solver())
+    refine: tuple[float, ...] = key(
+        "further spacings at which the same case is solved, to extrapolate (stokes)",
+        default=(),
+        unit="m",
+        above=0,
+        unique=True,
+    )
+    output: Output = key("what the run leaves behind", default=Output())
+    reference: Reference | None = key("what `isph validate` compares with", default=None)
+
+    path: Path | None = field(default=None, compare=False)
+    """The file that the case was read from."""
+
+    @property
+    def dim(self) -> int | None:
+        """2 or 3; None for an image, which has to be read first."""
+        return None if self.geometry.box is None else len(self.geometry.box)
+
+    @property
+    def fluid_names(self) -> tuple[str, ...]:
+        """In case order: `phase` of a particle is the index into them."""
+        return tuple(self.fluids)
+
+    @property
+    def support(self) -> float:
+        """Support radius over the spacing."""
+        if self.particles.support is not None:
+            return self.particles.support
+        if self.flow == "navier_stokes" and self.dim == 2:
+            return SUPPORT_MOVING_2D if self.interface is None else SUPPORT_TENSION_2D
+        return SUPPORT
+
+    @property
+    def wall_distance(self) -> str:
+        """How the wall distance is found: smooth or stairs of an image, exact of shapes."""
+        return self.geometry.wall_distance or ("smooth" if self.geometry.voxels else "exact")
+
+    def lattice_in(self, dim: int) -> str:
+        """The arrangement of the particles of a scene with `dim` dimensions."""
+        return self.particles.lattice or LATTICES[dim][0]
+
+    def completed(self) -> Case:
+        """The same case with all that it can decide by itself filled in."""
+        geometry, particles = self.geometry, self.particles
+        geometry = replace(geometry, wall_distance=self.wall_distance)
+        particles = replace(particles, support=self.support)
+        if self.dim:
+            origin = geometry.origin or (0.0,) * self.dim
+            geometry = replace(geometry, origin=origin, fluid=geometry.fluid or self.fluid_names[0])
+            particles = replace(particles, lattice=self.lattice_in(self.dim))
+        directory = self.output.directory or Path("out", self.path.stem if self.path else "case").absolute()
+        return replace(
+            self, geometry=geometry, particles=particles, output=replace(self.output, directory=directory)
+        )
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses, tables and tuples as the dicts and lists that YAML knows, without what is None."""
+    if is_dataclass(value):
+        cls: Any = type(value)
+        attributes = {k.name: getattr(value, k.attribute) for k in keys_of(cls).values()}
+        return {name: plain(v) for name, v in attributes.items() if v is not None}
+    if isinstance(value, Table):
+        return {name: plain(v) for name, v in value.items()}
+    if isinstance(value, tuple):
+        return [plain(v) for v in value]
+    return str(value) if isinstance(value, Path) else value

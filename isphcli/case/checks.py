@@ -1,0 +1,365 @@
+"""What must hold between the keys of a case. Each check reports all it finds and never raises.
+
+A value that could not be read is None and has a problem at its path: a check asks `clear` for the paths
+that it looks at, and leaves alone what already has a problem.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import is_dataclass
+from typing import TYPE_CHECKING, Any
+
+from . import expressions
+from .blocks import AXES, LATTICES, SOLID, Shape
+from .reader import Key, Table, keys_of, suggest
+from .yaml import Report, Where, as_key, shown
+
+if TYPE_CHECKING:
+    from .blocks import Case
+
+# What a reference needs and nothing else in a case tells
+PARAMETERS = {
+    "sphere_array": ("fraction",),
+    "cylinder_array": ("fraction",),
+    "taylor_green": ("speed",),
+    "taylor_green_3d": ("speed",),
+}
+OF_A_FORCE = ("poiseuille", "startup_poiseuille", "two_layer_poiseuille")  # solutions that a given force makes
+FEWEST_STEPS = 10  # in which blocks may return to their volume: each brings back a tenth of what they are off
+MAX_SITES = 1e9  # of the lattice: far above what a machine holds, so the lengths must be mistaken
+
+
+def check_case(case: Case, report: Report, places: dict[str, Where]) -> None:
+    """Report what is wrong between the keys; `places` says where each path was written."""
+    if any(block is None for block in (case.geometry, case.particles, case.fluids)):
+        return  # a required block that could not be read has been reported; the checks need all three
+    checks = _Checks(case, report, places)
+    for check in (
+        checks.fluids,
+        checks.scene,
+        checks.voxels,
+        checks.periodic,
+        checks.walls,
+        checks.shapes,
+        checks.vectors,
+        checks.particles,
+        checks.volume,
+        checks.interface,
+        checks.drive,
+        checks.formulas,
+        checks.flow,
+        checks.refine,
+        checks.reference,
+    ):
+        check()
+
+
+def check_dimension(case: Case, dim: int) -> None:
+    """Raise CaseError where a case does not fit its image of `dim` dimensions, known only once the image is read."""
+    report = Report()
+    checks = _Checks(case, report, {"": Where(str(case.path or "case"), None)}, dim)
+    checks.periodic()
+    checks.voxel_size()
+    checks.vectors()
+    checks.lattice()
+    checks.driven_axes()
+    checks.formulas()
+    report.raise_if_any()
+
+
+class _Checks:
+    def __init__(self, case: Case, report: Report, places: dict[str, Where], dim: int | None = None):
+        self.case = case
+        self.report = report
+        self.places = places
+        self.clear = report.clear_of
+        self.dim = dim or (case.dim if self.clear("geometry.box", "geometry.voxels") else None)
+        self.axes = AXES[: self.dim or 3]
+
+    def bad(self, path: str, message: str, fix: str = "") -> None:
+        """Report a problem at the line of `path` or of the innermost block around it."""
+        place = path
+        while place not in self.places:
+            place = place.rpartition(".")[0]
+        self.report.add(self.places[place], path, message, fix)
+
+    def fluids(self) -> None:
+        if self.case.fluids is None:
+            return
+        if not self.case.fluids:
+            self.bad("fluids", "no fluid is declared", "add one: water: {density: 1000, viscosity: 1e-3}")
+        for name, fluid in self.case.fluids.items():
+            path = f"fluids.{as_key(name)}"
+            if not name.replace("_", "").replace("-", "").isalnum() or name == SOLID:
+                fix = "use letters, digits, - and _; solid is not a fluid"
+                self.bad(path, "not a name for a fluid", fix)
+            elif self.clear(path) and not all(0.0 < v < math.inf for v in (fluid.mu, fluid.nu)):
+                self.bad(path, "its viscosity and density together leave the range of numbers", "check their units")
+        if len(self.case.fluids) > 2:
+            self.bad("fluids", f"{len(self.case.fluids)} fluids", "a scene has one or two")
+
+    def scene(self) -> None:
+        """Keys that belong to a box make no sense beside an image, and the reverse."""
+        if not self.clear("geometry.box", "geometry.voxels"):
+            return
+        geometry = self.case.geometry
+        if geometry.voxels:
+            for name in ("origin", "fluid", "shapes", "walls"):
+                if getattr(geometry, name):
+                    self.bad(f"geometry.{name}", "belongs to a box, not to voxels", "remove it")
+        elif geometry.fluid is not None:
+            self._fluid_name(geometry.fluid, "geometry.fluid")
+        refused = "exact" if geometry.voxels else "stairs"
+        if geometry.wall_distance == refused:
+            what = "voxels have no exact walls" if geometry.voxels else "only voxels have stairs"
+            self.bad("geometry.wall_distance", what, f"use {'smooth' if geometry.voxels else 'exact'}")
+
+    def voxels(self) -> None:
+        if not self.clear("geometry.voxels") or self.case.geometry.voxels is None:
+            return
+        voxels, path = self.case.geometry.voxels, "geometry.voxels"
+        for name in voxels.labels:
+            if name != SOLID:
+                self._fluid_name(name, f"{path}.labels.{as_key(name)}")
+        if not set(voxels.labels) - {SOLID}:
+            self.bad(f"{path}.labels", "no voxel is fluid", "add the name of a fluid and its value")
+        self._labels_differ(voxels.labels, f"{path}.labels")
+        if voxels.array is not None and voxels.file.suffix != ".npz":
+            self.bad(f"{path}.array", "only an npz holds named arrays", "remove it")
+        for axis, (first, end) in zip(AXES, voxels.crop or ()):
+            if first >= end:
+                self.bad(f"{path}.crop", f"keeps nothing along {axis}", "each range is [first, end)")
+        size = voxels.voxel_size
+        if size is None and voxels.file is not None and voxels.file.suffix.lower() == ".npy":
+            self.bad(f"{path}.voxel_size", "is missing, and an npy holds none", "give the edge of a voxel, in m")
+        if voxels.crop and isinstance(size, tuple) and len(size) != len(voxels.crop):
+            self.bad(f"{path}.crop", f"has {len(voxels.crop)} ranges, voxel_size has {len(size)} numbers")
+
+    def _labels_differ(self, labels: Table[tuple[int, ...]], path: str) -> None:
+        owner: dict[int, str] = {}
+        for name, values in labels.items():
+            for value in values:
+                if owner.setdefault(value, name) != name:
+                    self.bad(f"{path}.{as_key(name)}", f"value {value} already stands for {owner[value]}")
+
+    def periodic(self) -> None:
+        if self.clear("geometry.periodic"):
+            self._axes_exist(self.case.geometry.periodic, "geometry.periodic")
+
+    def _axes_exist(self, axes: Any, path: str) -> bool:
+        missing = [axis for axis in axes if axis not in self.axes]
+        for axis in missing:
+            self.bad(path, f"a 2D scene has no axis {axis}", "remove it")
+        return not missing
+
+    def walls(self) -> None:
+        if not self.clear("geometry.walls", "geometry.periodic"):
+            return
+        for face, wall in self.case.geometry.walls.items():
+            path, axis = f"geometry.walls.{face}", face[0]
+            if not self._axes_exist(axis, path):
+                continue
+            if axis in self.case.geometry.periodic:
+                self.bad(path, f"{axis} is periodic and has no walls", "remove it, or the axis from periodic")
+            normal = AXES.index(axis)
+            if wall.velocity and normal < len(wall.velocity) and wall.velocity[normal] != 0:
+                self.bad(f"{path}.velocity", f"moves the wall along {axis}", "a wall slides along itself")
+
+    def shapes(self) -> None:
+        shapes = self.case.geometry.shapes if self.case.geometry else None
+        for i, shape in enumerate(shapes or ()):
+            path = f"geometry.shapes.{i}"
+            if self.clear(path):
+                self._filling(shape, path)
+                self._form(shape, path)
+
+    def _filling(self, shape: Shape, path: str) -> None:
+        if shape.what == SOLID:
+            return
+        self._fluid_name(shape.what, f"{path}.is", extra=(SOLID,))
+        for name in ("velocity", "angular_velocity", "slip_length"):
+            if getattr(shape, name) is not None:
+                self.bad(f"{path}.{name}", "only solids have one", "remove it, or write is: solid")
+
+    def _form(self, shape: Shape, path: str) -> None:
+        box, cylinder = shape.box, shape.cylinder
+        if box and any(lower >= upper for lower, upper in zip(box.lower, box.upper)):
+            self.bad(f"{path}.box", "lower must be below upper along every axis")
+        if shape.angular_velocity is not None and not (cylinder or (shape.sphere and self.dim == 2)):
+            self.bad(f"{path}.angular_velocity", "only cylinders turn, and disks in 2D", "remove it")
+        if shape.spheres and shape.spheres.random and shape.spheres.radius is None:
+            self.bad(f"{path}.spheres.radius", "missing", "spheres placed at random need one")
+        if shape.half_space and not any(shape.half_space.normal):
+            self.bad(f"{path}.half_space.normal", "has no direction", "give a vector that is not zero")
+        if not cylinder:
+            return
+        if self.dim == 2:
+            self.bad(f"{path}.cylinder", "a cylinder is 3D", "a sphere in 2D is a disk")
+        if cylinder.lower is not None and cylinder.upper is not None and cylinder.lower >= cylinder.upper:
+            self.bad(f"{path}.cylinder", "lower must be below upper")
+
+    def vectors(self) -> None:
+        """All vectors have as many entries as the scene has dimensions; those of an image agree."""
+        if not self.clear("geometry.box", "geometry.voxels"):
+            return
+        wanted = (self.dim,) if self.dim else (2, 3)
+        for path, spec, value in _walk(self.case):
+            if spec.per_axis and isinstance(value, tuple) and len(value) not in wanted:
+                numbers = " or ".join(map(str, wanted))
+                self.bad(path, f"has {len(value)} entries", f"the scene has {numbers} dimensions")
+
+    def voxel_size(self) -> None:
+        size = self.case.geometry.voxels.voxel_size if self.case.geometry.voxels else None
+        if isinstance(size, tuple) and len(size) != self.dim:
+            fix = f"the image has {self.dim} dimensions"
+            self.bad("geometry.voxels.voxel_size", f"has {len(size)} entries", fix)
+
+    def particles(self) -> None:
+        if not self.dim or not self.clear("particles.spacing", "particles.lattice"):
+            return
+        self.lattice()
+        self._spacing_fits(self.case.particles.spacing, "particles.spacing")
+
+    def volume(self) -> None:
+        path = "particles.keep_volume"
+        if self.clear(path) and 0.0 < self.case.particles.keep_volume < FEWEST_STEPS:
+            message = f"{self.case.particles.keep_volume:g} steps would throw the particles about"
+            self.bad(path, message, f"take 100, at least {FEWEST_STEPS}, or 0 to leave it out")
+
+    def lattice(self) -> None:
+        assert self.dim
+        lattice, allowed = self.case.particles.lattice, LATTICES[self.dim]
+        if lattice and lattice not in allowed:
+            message = f"{lattice} is not a lattice in {self.dim}D"
+            self.bad("particles.lattice", message, f"use {' or '.join(allowed)}")
+
+    def _spacing_fits(self, spacing: float, path: str) -> None:
+        box = self.case.geometry.box
+        assert box is not None
+        sites = sum(math.log10(edge) - math.log10(spacing) for edge in box)  # the ratio may overflow
+        if spacing >= min(box):
+            self.bad(path, f"{spacing:g} is not smaller than the box, {min(box):g}", "make it smaller")
+        elif sites > math.log10(MAX_SITES):
+            self.bad(path, f"the box has about 1e{sites:.0f} sites", "are box and spacing in the same unit?")
+
+    def interface(self) -> None:
+        if self.case.interface and self.case.fluids is not None and len(self.case.fluids) != 2:
+            self.bad("interface", f"needs two fluids, found {len(self.case.fluids)}")
+
+    def drive(self) -> None:
+        drive = self.case.drive
+        if drive is None or not self.clear("drive"):
+            return
+        pushed = drive.body_force or drive.pressure_drop or drive.superficial_velocity
+        if drive.axes is not None and pushed:
+            self.bad("drive.axes", "makes its own flow along each axis", "remove the rest of drive")
+        if not (drive.axes or pushed):
+            self.bad("drive", "drives nothing", "give body_force, pressure_drop, superficial_velocity or axes")
+        if drive.axes and self.clear("flow") and self.case.flow != "stokes":
+            self.bad("drive.axes", "needs flow: stokes", "use body_force, pressure_drop or superficial_velocity")
+        if drive.superficial_velocity is not None:
+            self.held_rate(drive)
+        self.driven_axes()
+
+    def held_rate(self, drive: Any) -> None:
+        path = "drive.superficial_velocity"
+        if len(drive.superficial_velocity) != 1 or not all(drive.superficial_velocity.values()):
+            self.bad(path, "needs one axis, and a velocity other than zero")
+        if drive.pressure_drop is not None:
+            self.bad(path, "finds its own pressure drop", "remove drive.pressure_drop")
+        if self.clear("flow") and self.case.flow == "stokes":
+            self.bad(path, "needs flow: navier_stokes", "use pressure_drop: the permeability of a steady creeping flow "
+                     "does not depend on it")
+
+    def driven_axes(self) -> None:
+        for name in ("pressure_drop", "superficial_velocity", "axes"):
+            axes = getattr(self.case.drive, name, None) or ()
+            if self._axes_exist(axes, f"drive.{name}"):
+                self._driven_axes_open(axes, f"drive.{name}")
+
+    def _driven_axes_open(self, axes: Any, path: str) -> None:
+        """In a box a flow from face to face needs a periodic axis; an image gets clear layers instead."""
+        if self.case.geometry.box is None or not self.dim or not self.clear("geometry.periodic"):
+            return
+        for axis in axes:
+            if axis not in self.case.geometry.periodic:
+                self.bad(path, f"{axis} ends at walls", f"add {axis} to geometry.periodic")
+
+    def formulas(self) -> None:
+        if not self.case.initial or not self.clear("initial") or not self.dim:
+            return
+        self.flood()
+        for i, formula in enumerate(self.case.initial.velocity or ()):
+            try:
+                expressions.check(formula, self.axes)
+            except expressions.ExpressionError as error:
+                self.bad(f"initial.velocity.{i}", str(error))
+
+    def flood(self) -> None:
+        flood, path = self.case.initial.flood, "initial.flood"  # type: ignore[union-attr]
+        if flood is not None:
+            self._fluid_name(flood.fluid, f"{path}.fluid")
+            self._axes_exist(flood.face[0], f"{path}.from")
+
+    def flow(self) -> None:
+        if not self.clear("flow", "time"):
+            return
+        case = self.case
+        if case.flow == "stokes":
+            for name in ("time", "initial", "interface"):
+                if getattr(case, name) is not None:
+                    self.bad(name, "has no meaning in flow: stokes, which is steady", "remove it")
+        elif case.time is None or (case.time.end is None and case.time.steady is None):
+            self.bad("time", "the run would not end", "give time.end or time.steady")
+
+    def refine(self) -> None:
+        if not self.case.refine or not self.clear("refine", "particles.spacing", "flow"):
+            return
+        if self.case.flow != "stokes":
+            self.bad("refine", "needs flow: stokes", "remove it")
+        if self.case.particles.spacing in self.case.refine:
+            self.bad("refine", "repeats particles.spacing", "list the further spacings only")
+        for i, spacing in enumerate(self.case.refine):
+            if self.dim:
+                self._spacing_fits(spacing, f"refine.{i}")
+
+    def reference(self) -> None:
+        reference = self.case.reference
+        if reference is None or not self.clear("reference"):
+            return
+        if reference.kind == "permeability" and reference.value is None:
+            self.bad("reference", "kind permeability needs a value", "give value, in m2")
+        if reference.kind in OF_A_FORCE and self.case.drive and self.case.drive.superficial_velocity:
+            self.bad("reference.kind", f"{reference.kind} is the flow under a given force", "give drive.pressure_drop")
+        for name in PARAMETERS.get(reference.kind, ()):
+            if name not in reference.parameters:
+                fix = f"add parameters: {{{name}: ...}}"
+                self.bad("reference.parameters", f"kind {reference.kind} needs {name}", fix)
+
+    def _fluid_name(self, name: str, path: str, extra: tuple[str, ...] = ()) -> None:
+        if self.case.fluids is not None and name not in self.case.fluids:
+            fix = suggest(name, (*extra, *self.case.fluids))
+            self.bad(path, f"{shown(name)} is not a fluid of this case", fix)
+
+
+def _walk(block: Any, path: str = "") -> Iterator[tuple[str, Key, Any]]:
+    """Dotted path, declaration and value of every key below a block."""
+    cls: Any = type(block)
+    for declared in keys_of(cls).values():
+        value = getattr(block, declared.attribute)
+        child_path = f"{path}.{declared.name}" if path else declared.name
+        yield child_path, declared.spec, value
+        for name, item in _items(value):
+            if is_dataclass(item):
+                yield from _walk(item, f"{child_path}.{name}" if name else child_path)
+
+
+def _items(value: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Table):
+        yield from ((as_key(name), item) for name, item in value.items())
+    elif isinstance(value, tuple):
+        yield from ((str(i), item) for i, item in enumerate(value))
+    else:
+        yield "", value

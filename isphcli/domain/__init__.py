@@ -1,0 +1,1 @@
+"""Points, ghosts, neighbours, and sums over all particles."""

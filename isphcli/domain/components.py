@@ -1,0 +1,30 @@
+"""Linear systems: GMRES with a smoothed-aggregation preconditioner, null spaces, reports (paper 2.4, eqs 25-26)."""
+
+import numpy as np
+import scipy.sparse as sp
+
+
+class ComponentMeans:
+    """The projection P of eq. 26 for one constant vector a connected component.
+
+    labels: (n,) component of each particle.
+    """
+
+    def __init__(self, labels):
+        self.labels = labels
+        self.count = np.bincount(labels)
+
+    def remove(self, v):
+        """v without its mean over each component, (n,)."""
+        if len(self.count) == 1:
+            return v - v.mean()
+        return v - (np.bincount(self.labels, weights=v, minlength=len(self.count)) / self.count)[self.labels]
+
+
+def pair_components(start, column, joined=None):
+    """Connected components of the pair graph: (count, labels (n,) int32). joined: (n_pairs,) bool, pairs that count."""
+    n = len(start) - 1
+    if joined is not None:
+        start, column = np.concatenate([[0], np.cumsum(joined)])[start], column[joined]
+    graph = sp.csr_matrix((np.ones(len(column), dtype=np.int8), column, start), shape=(n, n))
+    return sp.csgraph.connected_components(graph, directed=False)

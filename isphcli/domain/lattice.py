@@ -1,0 +1,109 @@
+"""Particles on a lattice: fluid particles from a geometry, and dummy particles within a support of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+MOST = 9  # power of ten of lattice sites: far above what a machine holds
+CLASSIFY_AT_ONCE = 2_000_000  # lattice sites asked of the geometry in one go: bounds the memory of large scenes
+
+
+class ParticleError(ValueError):
+    """A lattice that holds no fluid, or does not fit its box."""
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """basis: (m, dim) sites of a cell in units of it; cell: (dim,) edges, m; counts: (dim,) cells;
+    corner: (dim,) of the first cell, m."""
+
+    basis: np.ndarray
+    cell: np.ndarray
+    counts: np.ndarray
+    corner: np.ndarray
+
+    @property
+    def sites(self):
+        """Number of sites."""
+        return int(self.counts.prod()) * len(self.basis)
+
+    @property
+    def site_volume(self):
+        """m^dim of one site."""
+        return float(self.cell.prod()) / len(self.basis)
+
+    def slabs(self):
+        """Positions of the sites, (k, dim) at a time, in slabs along the first axis."""
+        rest = [np.arange(c) for c in self.counts[1:]]
+        per_layer = int(self.counts[1:].prod()) * len(self.basis)
+        thick = max(1, CLASSIFY_AT_ONCE // max(per_layer, 1))
+        for first in range(0, int(self.counts[0]), thick):
+            own = np.arange(first, min(first + thick, int(self.counts[0])))
+            index = np.stack(np.meshgrid(own, *rest, indexing="ij"), axis=-1).reshape(-1, 1, len(self.counts))
+            yield (self.corner + (index + self.basis) * self.cell).reshape(-1, len(self.counts))
+
+
+BASES = {
+    "square": np.array([[0.5, 0.5]]),
+    "hexagonal": np.array([[0.25, 0.25], [0.75, 0.75]]),
+    "cubic": np.array([[0.5, 0.5, 0.5]]),
+    "bcc": np.array([[0.25, 0.25, 0.25], [0.75, 0.75, 0.75]]),
+}
+
+
+def make_lattice(kind, lower, upper, periodic, spacing, margin, offset=None):
+    """Lattice over a box, continued by `margin` beyond its non-periodic faces.
+
+    spacing: m, edge of the cell (hexagonal: nearest-neighbour distance, cell spacing x sqrt(3) spacing). Along
+    periodic axes the cell is stretched to fit the box a whole number of times; along the others it is exact and
+    starts at the lower face. offset: (dim,) shift in spacings. Raises ParticleError if the box is thinner than a cell.
+    """
+    lower, upper = np.asarray(lower, float), np.asarray(upper, float)
+    dim = len(lower)
+    cell = np.full(dim, float(spacing))
+    if kind == "hexagonal":
+        cell[1] *= np.sqrt(3.0)
+    length = upper - lower
+    if not np.log10((length + 2.0 * margin) / cell).sum() < MOST:  # an image may be of any size
+        edges = " x ".join(f"{edge:g}" for edge in length)
+        raise ParticleError(f"a box of {edges} has more than 1e{MOST} sites at the spacing {spacing:g}; are both in "
+                            f"the same unit?")
+    shift = np.zeros(dim) if offset is None else np.asarray(offset, float) * spacing
+    counts, corner = np.empty(dim, np.int64), lower + shift
+    for axis in range(dim):
+        cells = length[axis] / cell[axis]
+        if periodic[axis]:
+            counts[axis] = max(1, round(cells))
+            if cells < 0.75:
+                raise ParticleError(f"the spacing {spacing:g} does not fit the box, {length[axis]:g} along axis "
+                                    f"{'xyz'[axis]}; take a smaller particles.spacing")
+            cell[axis] = length[axis] / counts[axis]
+        else:
+            before = int(np.ceil((margin + shift[axis]) / cell[axis]))
+            after = int(np.ceil((length[axis] + margin - shift[axis]) / cell[axis] - 1e-9))
+            counts[axis] = before + after
+            corner[axis] -= before * cell[axis]
+    return Lattice(BASES[kind], cell, counts, corner)
+
+
+@dataclass(frozen=True)
+class Particles:
+    """The particles of a scene: n_fluid fluid particles, then dummies.
+
+    x: (n, dim) m; phase: (n_fluid,) int8 index of the fluid; site_volume: m^dim; sites: lattice sites inside the box;
+    left_out: sites in solids that no fluid sees.
+    """
+
+    x: np.ndarray
+    phase: np.ndarray
+    site_volume: float
+    sites: int
+    left_out: int
+
+    @property
+    def n_fluid(self):
+        return len(self.phase)
+
+    @property
+    def n_dummy(self):
+        return len(self.x) - len(self.phase)

@@ -1,0 +1,80 @@
+"""What makes the fluid move: accelerations of a case, a pressure drop among them, or a velocity that is held."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..domain.components import pair_components
+
+STUCK = 1e-6  # of what free fluid would gain from a pressure gradient: less is no flow
+AVERAGED = 100.0  # steps over which the flux of the shifts is averaged: from step to step it is noise
+
+
+@dataclass(frozen=True)
+class HeldVelocity:
+    """A superficial velocity that is held: each step finds the pressure gradient that it takes.
+
+    A step is linear in the gradient G over the density of the first fluid: with v the velocity that a gradient of one
+    makes (`Stepper._hold`), U(u + G v) = U(u) + G U(v) is what was asked. U is taken where the flow is clear: in the
+    clear layers of an image, as at a pump, else in the whole box. Where the scene has two fluids they go where their
+    particles go, and shifts move those not to and fro only: they bring back what the velocities at menisci carry apart.
+    Their flux, averaged over AVERAGED steps, is then part of U. Of one fluid a shift is but a change of the points.
+
+    axis: 0, 1 or 2; wanted: m/s; shifts: whether theirs are part of U; lower, upper: m along the axis, the sample,
+    outside of which U is taken, inf and -inf for the whole box; fraction: of the place where U is taken that is fluid;
+    porosity: of the sample, or of the box; areal: density of the first fluid times the length of the box, kg/m2.
+    """
+
+    axis: int
+    wanted: float
+    shifts: bool
+    lower: float
+    upper: float
+    fraction: float
+    porosity: float
+    areal: float
+
+    @property
+    def speed(self):
+        """Mean speed of the fluid in the sample, m/s; of that beside a sample without any."""
+        return abs(self.wanted) / (self.porosity or self.fraction)
+
+    def averaged_shifting_flux(self, state, shifts, dt):
+        """Mean velocity of the shifts where U is taken, averaged over the last steps, m/s. state: state.State; shifts:
+        (n, dim) m of this step, or None."""
+        now, before = 0.0, state.shifting_flux
+        if self.shifts and shifts is not None:
+            now = shifts[_outside(state.x[:, self.axis], self.lower, self.upper), self.axis].mean() / dt
+        return float(before + (now - before) / AVERAGED)
+
+    def gradient_for_flux(self, x, u, v, rate, shifting_flux):
+        """G by which the velocities u (n, dim) at x (n, dim) miss what is wanted, m/s2. v: (n, dim) of a unit
+        gradient, s; rate: 1/s, of the step; shifting_flux: m/s, of `averaged_shifting_flux`. None where no gradient
+        moves the fluid along the axis."""
+        here = _outside(x[:, self.axis], self.lower, self.upper)
+        gain = v[here, self.axis].mean()
+        if not gain * rate > STUCK:
+            return None
+        return (self.wanted / self.fraction - shifting_flux - u[here, self.axis].mean()) / gain
+
+    def drop(self, state):
+        """Pressure drop over the box in the step to `state` (state.State), Pa."""
+        return state.pressure_gradient * self.areal
+
+
+def leads_through(ops, axis):
+    """Whether particles that see each other lead all the way round a periodic axis. ops: Operators.
+
+    How far a gradient moves the fluid does not tell: before a wall across it, viscous layers leave a tenth of it.
+    """
+    n, (x, row) = ops.n, (ops.neighbours.x, ops.neighbours.row)
+    # of two copies of the scene, a way over the seam leads to the other one
+    over = np.where(x[row, axis] != x[ops.column, axis], n, 0).astype(ops.column.dtype)
+    start = np.concatenate([ops.start, ops.start[-1] + ops.start[1:]])
+    labels = pair_components(start, np.concatenate([ops.column + over, ops.column + n - over]))[1]
+    return bool((labels[:n] == labels[n:]).any())
+
+
+def _outside(along, lower, upper):
+    """Which coordinates (n,) lie outside of the sample."""
+    return (along < lower) | (along > upper)

@@ -1,0 +1,139 @@
+"""The fluids of a scene as the equations see them; a scene of one fluid needs no more than this."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from ..operators.apply import gradient_p, potential_gradient
+
+if TYPE_CHECKING:
+    from ..domain.neighbours import Neighbourhood
+    from ..operators.pair_weights import Operators
+    from ..operators.wall_operators import WallChange
+
+
+class StressCoupling(Protocol):
+    """The part of the viscous stress that couples the components of the velocity (two_fluids.TransposedStress)."""
+
+    def add(self, u: np.ndarray, out: np.ndarray, factor: float) -> None:
+        """out += factor times the stress over the density, m/s2; u, out: (n, dim)."""
+
+
+class InterfaceBand(Protocol):
+    """The interface of one configuration (interface.Band)."""
+
+    colour: np.ndarray
+    normal: np.ndarray
+    strength: np.ndarray
+
+
+class Tension(Protocol):
+    """What a step needs to know of surface tension."""
+
+    @property
+    def largest_step(self) -> float:
+        """Capillary limit of the time step, s."""
+
+
+class Fluids(Protocol):
+    """What fluids put into the equations; `OneFluid` and `two_fluids.TwoFluids` implement it.
+
+    force: (dim,) m/s2, on the first fluid; held: (dim,) unit vector along which a velocity is held, or None; tension,
+    line: surface tension, and what walls do near a contact line, or None; first_passes: through the equations in the
+    first step, which has no pressure to go on from.
+    """
+
+    force: np.ndarray
+    held: np.ndarray | None
+    tension: Tension | None
+    line: WallChange | None
+    first_passes: int
+
+    @property
+    def reference(self) -> float:
+        """Density that pressures are divided by, kg/m3."""
+
+    @property
+    def nu_max(self) -> float:
+        """Largest kinematic viscosity, m2/s."""
+
+    @property
+    def nu_min(self) -> float:
+        """Smallest kinematic viscosity, m2/s."""
+
+    def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
+        """Terms of one configuration. neighbours: all of them, dummies included."""
+
+
+@dataclass(frozen=True)
+class Terms:
+    """The fluids of one configuration, as the equations see them.
+
+    ops: Operators, the weights of the pressure over the density, those of the velocity times the viscosity;
+    viscosity: number that still multiplies the latter, m2/s; force: (dim,) or (n, dim) m/s2; jump_acceleration:
+    (n, dim) m/s2 what a jump of the pressure at the interface accelerates by, or None; laplacian_of_jump: (n,) 1/s2,
+    what the Laplacian of the pressure makes of that jump; density: over that of the first fluid, (n,) or 1;
+    bulk: number, dynamic viscosity over the density of the first fluid of the rotational term (eq. 4), m2/s;
+    transposed_stress: of two fluids, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity
+    has no kink, or None; shifts_less: (n,) bool, near an interface, or None;
+    along: (dim,) or (n, dim), what a unit pressure gradient along the axis of a held velocity accelerates by, or None;
+    band: of the interface, or None;
+    damp_odd_even_pressure: whether the odd-even part of the pressure is taken out (see `projection`).
+    """
+
+    ops: Operators
+    viscosity: float
+    force: np.ndarray
+    jump_acceleration: np.ndarray | None = None
+    laplacian_of_jump: np.ndarray | None = None
+    density: np.ndarray | float = 1.0
+    bulk: float = 0.0
+    transposed_stress: StressCoupling | None = None
+    smooth: np.ndarray | None = None
+    shifts_less: np.ndarray | None = None
+    damp_odd_even_pressure: bool = True
+    along: np.ndarray | None = None
+    band: InterfaceBand | None = None
+
+    def pressure_gradient(self, p: np.ndarray) -> np.ndarray:
+        """Gradient of the pressure p (n,) over the density without its jump, (n, dim) m/s2."""
+        gradient = gradient_p(self.ops, p)
+        return gradient if self.jump_acceleration is None else gradient - self.jump_acceleration
+
+
+def body_force(ops: Operators, force: np.ndarray) -> np.ndarray:
+    """The body force (dim,), m/s2; beside walls as the gradient of its potential, (n, dim), as in `StokesSystem.drive`:
+    fluid in a pocket or a dead end one particle wide rests."""
+    if ops.walls is None or not force.any():
+        return force
+    return potential_gradient(ops, force)
+
+
+class OneFluid:
+    """A single fluid, or two that differ in name only. reference: density, kg/m3; viscosity: kinematic,
+    m2/s; force: (dim,) m/s2; held: (dim,) unit vector along which a velocity is held, or None."""
+
+    tension: Tension | None = None
+    line: WallChange | None = None
+    first_passes = 3
+
+    def __init__(self, reference: float, viscosity: float, force: np.ndarray, held: np.ndarray | None = None):
+        self.reference, self.viscosity, self.force, self.held = reference, viscosity, force, held
+
+    @property
+    def nu_max(self) -> float:
+        """Largest kinematic viscosity, m2/s."""
+        return self.viscosity
+
+    @property
+    def nu_min(self) -> float:
+        """Smallest kinematic viscosity, m2/s."""
+        return self.viscosity
+
+    def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
+        """Terms of one configuration; see `Fluids.terms`."""
+        along = body_force(ops, self.held) if self.held is not None else None
+        return Terms(ops, self.viscosity, body_force(ops, self.force), bulk=self.viscosity, along=along)

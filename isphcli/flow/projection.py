@@ -1,0 +1,129 @@
+"""Eqs 3-4: the pressure increment that makes the velocity divergence-free, and the new pressure.
+
+    div (grad q) = (g0 rho / dt) div u*,   u = u* - dt grad q / (g0 rho)         (eq. 3)
+    p <- p + q - nu rho div u*                                                    (eq. 4, rotational form)
+
+Pressures are divided by the density of the first fluid (m2/s2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..operators.apply import gradient_p, total_divergence
+from ..operators.assemble import assemble, row_sums
+from ..solvers.kept_hierarchies import Apply, KeptHierarchies
+
+if TYPE_CHECKING:
+    from .state import Configuration
+
+ROUND_OFF = 1e-14  # of the pressures whose difference the right-hand side is: nothing is solved more exactly
+
+
+@dataclass(frozen=True)
+class PressureSystem:
+    """The matrix A of eq. 3, which stands for -div grad.
+
+    A is minus the Laplacian of eq. 6 without walls. Beside walls the divergence sees the wall and the pressure gradient
+    does not: there the two differ so much that a correction by the Laplacian overshoots and the pressure grows from
+    step to step. Scenes with walls therefore take div grad itself, the odd-even mode added, preconditioned by the
+    Laplacian.
+
+    laplacian: (n, n) matrix of the preconditioner; apply(p, gradient): A p of a pressure p (n,) and its gradient
+    (n, dim); scale: (n,) by what the diagonal of A exceeds that of the Laplacian, or None.
+    """
+
+    laplacian: sp.csr_matrix
+    apply: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    scale: np.ndarray | None
+
+
+def pressure_system(config: Configuration, solvers: KeptHierarchies) -> PressureSystem:
+    """The matrix of eq. 3 of a configuration."""
+    ops, terms = config.ops, config.terms
+    with solvers.clock("assembly"):
+        matrix = assemble(ops.start, ops.column, terms.ops.lap_p, 0.0, 1.0)
+    if ops.walls is None:
+        return PressureSystem(matrix, lambda p, gradient: matrix @ p, None)
+    from ..operators.div_grad import diagonal, div_grad_rhie_chow
+
+    symmetric = terms.ops.walls.symmetric_laplacian
+    with solvers.clock("assembly"):
+        exact, own = diagonal(ops, symmetric, terms.ops.grad_p), matrix.diagonal()
+        scale = np.where(exact > own, exact / np.where(own > 0.0, own, 1.0), 1.0)
+    return PressureSystem(matrix, lambda p, gradient: div_grad_rhie_chow(ops, symmetric, p, gradient), scale)
+
+
+def pressure_increment(config: Configuration, system: PressureSystem, div: np.ndarray, p: np.ndarray,
+                       gradient: np.ndarray, rate: float, nu_min: float, solvers: KeptHierarchies) -> np.ndarray:
+    """The increment q (n,) of  A q = -w (A + div grad) p - rate div u*  (eq. 3), with the constant of each component
+    projected out (eqs 25-26). Raises SolveError.
+
+    div: (n,) of u*, 1/s; p: (n,) and its gradient (n, dim); rate: g0 / dt, 1/s; nu_min: smallest kinematic viscosity,
+    m2/s.
+    """
+    with solvers.clock("krylov"):
+        old = system.apply(p, gradient)
+        right = config.means.remove(_odd_even(config, gradient, old, rate, nu_min) - rate * div)
+        # a small increment is the difference of large pressures: no solve is more exact than their round-off
+        size, floor = np.linalg.norm(right), ROUND_OFF * np.linalg.norm(old)
+        if size <= floor:
+            right[:] = 0.0
+        tolerance = max(solvers.tolerance, floor / size) if size > 0.0 else solvers.tolerance
+    return solve_pressure(config, system, right, float(tolerance), solvers)
+
+
+def solve_pressure(config: Configuration, system: PressureSystem, right: np.ndarray, tolerance: float,
+                   solvers: KeptHierarchies) -> np.ndarray:
+    """q (n,) of A q = right without the constant of each component (eqs 25-26). Raises SolveError."""
+    means, weighted, scale = config.means, config.terms.ops, system.scale
+
+    def apply(q: np.ndarray) -> np.ndarray:
+        return means.remove(system.apply(q, gradient_p(weighted, q)))
+
+    def settle(once: Apply) -> Apply:
+        return lambda v: means.remove(once(v if scale is None else means.remove(v / scale)))
+
+    with solvers.clock("krylov"):
+        q, report = solvers.multigrid("pressure", system.laplacian, apply, right, None, settle, tolerance)
+    solvers.record("pressure", report, lambda: right - apply(q))
+    return means.remove(q)
+
+
+def settled(config: Configuration, p: np.ndarray) -> np.ndarray:
+    """A pressure p (n,) without the constant of each component; in dead ends that of the fluid next to them."""
+    p, walls = config.means.remove(p), config.ops.walls
+    if walls is not None and walls.isolated is not None:
+        from ..operators.narrow_pores import extrapolate_pressure
+
+        extrapolate_pressure(config.ops, p)
+    return p
+
+
+def _odd_even(config: Configuration, gradient: np.ndarray, old: np.ndarray, rate: float,
+              nu_min: float) -> np.ndarray | float:
+    """-w (A + div grad) p of `pressure_increment`, (n,), where the odd-even part of the pressure is damped, else 0.
+    gradient: (n, dim) of p; old: (n,) A p.
+
+    w is the part of inertia in what a particle sets against a force, rate / (rate + nu sum_j lap_ij), nu that of
+    the thinner fluid. Without it, what A sees of p and the gradient does not, its odd-even part, is handed on from
+    step to step, hardly damped: layers of density ratio 100 at rest grew by 5 % a step, whatever its length, and a
+    drop of density ratio 1000 blew up. Where drag sets the speed there is nothing to damp, and w = 1 would keep the
+    pressure from growing to what balances it. Tension between fluids that differ in name only is kinder, and more
+    accurate with w = 0 (not terms.damp_odd_even_pressure).
+    """
+    ops, terms = config.ops, config.terms
+    if not terms.damp_odd_even_pressure:
+        return 0.0
+    odd_even, drag = -total_divergence(ops, gradient) - old, row_sums(ops.start, ops.lap)
+    if ops.walls is not None:
+        odd_even += ops.walls.div_velocity
+        drag += ops.walls.lap
+    if terms.laplacian_of_jump is not None:
+        odd_even -= terms.laplacian_of_jump
+    return odd_even * (rate / (rate + nu_min * drag))

@@ -1,0 +1,81 @@
+"""The fluid at one time, what depends on its positions alone, and what a step returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ..domain.components import ComponentMeans
+    from ..domain.neighbours import Neighbourhood
+    from ..operators.pair_weights import Operators
+    from ..solvers.krylov import Report
+    from .one_fluid import Terms
+
+
+@dataclass(frozen=True)
+class State:
+    """Fluid particles at one time.
+
+    x, u, u_old: (n, dim) m and m/s; p: (n,) pressure over the density of the first fluid, m2/s2; time: s; dt_old:
+    length of the step before, s, 0 before the first. Of a scene that holds a superficial velocity, otherwise None:
+    pressure_gradient: over the density of the first fluid, m/s2, that held it; shifting_flux: mean velocity of the
+    shifts that it makes up for (drive.HeldVelocity), m/s.
+    """
+
+    x: np.ndarray
+    u: np.ndarray
+    u_old: np.ndarray
+    p: np.ndarray
+    time: float = 0.0
+    step: int = 0
+    dt_old: float = 0.0
+    pressure_gradient: float | None = None
+    shifting_flux: float | None = None
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """Everything that depends on the positions only.
+
+    ops: Operators; neighbours: all of them, dummies included; means: of the connected parts of the fluid; halo: number
+    of periodic images; terms: the operators with the densities and viscosities of the fluids, and the forces.
+    """
+
+    ops: Operators
+    neighbours: Neighbourhood
+    means: ComponentMeans
+    halo: int
+    terms: Terms
+
+    @property
+    def x(self) -> np.ndarray:
+        """(n, dim) positions of the fluid particles, m."""
+        return self.neighbours.x[: self.ops.n]
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """What a step made, and what it found on the way.
+
+    state, config: after the step; dt: its length, s; divergence: (n,) of the new velocity, 1/s; stopped: particles that
+    would have entered a wall and stayed where they were; reports: {system: Report of its hardest solve}; rebuilt:
+    whether a hierarchy was built; volume_drift: root mean square deviation of the number of particles in blocks, or
+    None where it is not controlled.
+    """
+
+    state: State
+    config: Configuration
+    dt: float
+    divergence: np.ndarray
+    stopped: int
+    reports: dict[str, Report]
+    rebuilt: bool
+    volume_drift: float | None = None
+
+    @property
+    def max_divergence(self) -> float:
+        """Largest divergence times the step: the part of its volume that a particle gains, at most."""
+        return float(np.abs(self.divergence).max()) * self.dt

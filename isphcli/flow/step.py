@@ -1,0 +1,248 @@
+"""One step of the Lagrangian predictor-corrector (paper eqs 2-4, 8-10).
+
+The particles are moved first, with the velocity extrapolated to the middle of the step, and shifted; every operator is
+then evaluated once, on the new configuration, where the new velocity has to be divergence-free. Time derivatives
+along the particle paths are backward differences of second order (BDF2 with variable steps; L-stable):
+
+    (g0 u* - b0 u^n - b1 u^{n-1}) / dt = -grad p / rho + nu lap u* + F           (eq. 2, `viscous_solve`)
+    div (grad q) = (g0 rho / dt) div u*,   u = u* - dt grad q / (g0 rho)         (eq. 3, `projection`)
+    p <- p + q - nu rho div u*                                                    (eq. 4, rotational form)
+
+Eq. 2 of the paper is a Crank-Nicolson step on the old configuration. It is first order in time, because the old
+configuration is not where the new velocity lives, and it does not damp the modes that an impulsive start excites.
+Pressures here are divided by the density of the first fluid (m2/s2).
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..domain.components import ComponentMeans, pair_components
+from ..domain.halo import build_halo, wrap
+from ..domain.neighbours import neighbourhood
+from ..operators.apply import gradient_p, total_divergence
+from ..operators.moments import particle_volumes
+from ..operators.pair_weights import build_operators
+from ..solvers.kept_hierarchies import KeptHierarchies
+from ..solvers.krylov import SolveError
+from .held_velocity import HeldVelocity, leads_through
+from .projection import PressureSystem, pressure_increment, pressure_system, settled, solve_pressure
+from .shifting import carry, shift
+from .state import Configuration, State, StepResult
+from .step_limits import Bounds, RunError, StepError
+from .viscous_solve import viscous_solve
+
+if TYPE_CHECKING:
+    from ..geometry.protocol import Geometry
+    from ..operators.wall_operators import WallScene
+    from ..output.clock import Clock
+    from .one_fluid import Fluids
+    from .volume_control import KeptVolume
+
+NEAR_WALL = 0.25  # of the spacing: no particle comes nearer to a wall than this; at 0.015 a cavity blew up
+# The same for particles that see few others (coupling.NARROW). Where beads touch, half of the fluid lies within 0.25:
+# kept off that far, particles crowd into the middle of the pores, and the flux of a pack is 40 % too large.
+NEAR_WALL_NARROW = 0.1
+# Of the shift, near an interface, which it blurs. A bubble that rises (1/24) lost 1.4 % of its height to a whole one; a
+# drop without any comes apart.
+INTERFACE_SHIFTING = 1.0 / 3.0
+# Tolerance of what a unit pressure gradient makes: a small part of it is added to the velocity (`Stepper._hold`)
+UNIT_RESPONSE_TOLERANCE = 1e-3
+
+
+@dataclass
+class Stepper:
+    """What a scene needs to be advanced.
+
+    geometry: where fluid and walls are; dummies: (n_dummy, dim) m; spacing, support: m; kind: kernel number;
+    site_volume: m^dim; fluids: what they put into the equations; shifting: coefficient of eq. 8, 0 for none;
+    second_order: BDF2 or implicit Euler; solvers: with the hierarchies that are kept, the only changing state;
+    bounds: what no step may exceed; held_velocity: the superficial velocity that is held, or None; volume: what keeps
+    the number of particles in blocks, or None.
+    """
+
+    geometry: Geometry
+    dummies: np.ndarray
+    spacing: float
+    support: float
+    kind: int
+    site_volume: float
+    fluids: Fluids
+    shifting: float
+    second_order: bool
+    solvers: KeptHierarchies
+    bounds: Bounds
+    held_velocity: HeldVelocity | None = None
+    volume: KeptVolume | None = None
+
+    def __post_init__(self) -> None:
+        self.walls: WallScene | None = None
+        if self.geometry.has_solid:
+            from ..operators.wall_operators import WallScene
+
+            self.walls = WallScene(self.geometry, self.dummies, self.support, self.kind, self.site_volume,
+                                   self.fluids.line)
+
+    @property
+    def clock(self) -> Clock:
+        """Where the time of a step is counted."""
+        return self.solvers.clock
+
+    def rebuild_hierarchies(self, origins: dict[str, tuple[State, float, int]]) -> None:
+        """Build the hierarchies of a restart file again, by the steps that built them: they have the same bits."""
+
+        def take(state: State, dt: float) -> None:
+            with suppress(SolveError, StepError):
+                self.advance(state, self.configure(state.x), dt)
+
+        self.solvers.rebuild(origins, take)
+
+    def configure(self, x: np.ndarray) -> Configuration:
+        """Neighbours and operators of fluid positions x (n, dim)."""
+        n = len(x)
+        geometry = self.geometry
+        if self.walls is not None:
+            with self.clock("operators"):
+                ops, neighbours, images = self.walls.configure(x)
+        else:
+            with self.clock("neighbours"):
+                images = build_halo(x, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support)
+                neighbours = neighbourhood(images.positions(x), images.owners(n), n, self.kind, self.support)
+            with self.clock("operators"):
+                ops = build_operators(neighbours, particle_volumes(neighbours))
+        with self.clock("terms"):
+            terms = self.fluids.terms(ops, neighbours)
+        with self.clock("assembly"):
+            # a periodic box full of fluid is one component; pores can be many
+            labels = np.zeros(n, np.int32)
+            if self.walls is not None:
+                joined = None if ops.walls.isolated is None else ops.walls.symmetric_laplacian > 0.0
+                labels = pair_components(ops.start, ops.column, joined)[1]
+        return Configuration(ops, neighbours, ComponentMeans(labels), len(images.owner), terms)
+
+    def move(self, state: State, config: Configuration, dt: float) -> tuple[State, int]:
+        """The state with its particles where they are after dt and its fields carried to where they were shifted, and
+        the number of particles that would have entered a wall and stay."""
+        ratio = dt / state.dt_old if state.dt_old else 0.0
+        u, u_old, p = state.u, state.u_old, state.p
+        # without walls nothing tells a wind from a motion of the box: shifting and the carried pressure must not either
+        wind = 0.0 if self.walls is not None else u.mean(axis=0)
+        displacement = dt * (u + 0.5 * ratio * (u - u_old))
+        dr = self._shift(state, config, dt, wind, displacement)
+        if self.held_velocity is not None:
+            state = replace(state, shifting_flux=self.held_velocity.averaged_shifting_flux(state, dr, dt))
+        if dr is not None:
+            with self.clock("terms"):
+                walls = config.ops.walls
+                second = ~walls.near if walls is not None else np.ones(len(u), dtype=np.bool_)
+                if config.terms.smooth is not None:
+                    second = second & config.terms.smooth
+                fields = carry(config.ops, np.concatenate([u, u_old], axis=1), dr, second)
+                u, u_old = np.ascontiguousarray(fields[:, : u.shape[1]]), np.ascontiguousarray(fields[:, u.shape[1] :])
+                displacement += dr
+        terms, stopped = config.terms, 0
+        p = p + terms.density * (terms.pressure_gradient(p) * (displacement - dt * wind)).sum(axis=1)
+        x = wrap(state.x + displacement, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
+        if self.walls is not None:
+            # a particle never enters a wall: one that would stays where it is
+            inside = self.geometry.phase(x) < 0
+            x[inside] = state.x[inside]
+            stopped = int(inside.sum())
+        return replace(state, x=x, u=u, u_old=u_old, p=p), stopped
+
+    def _shift(self, state: State, config: Configuration, dt: float, wind: np.ndarray | float,
+               displacement: np.ndarray) -> np.ndarray | None:
+        """Shifts (n, dim) of eq. 8, m, with what keeps particles off the walls; None where there are none.
+        displacement: (n, dim) with the flow, m."""
+        dr, u = None, state.u
+        with self.clock("terms"):
+            speed = np.sqrt(((u - wind) ** 2).sum(axis=1).max())
+            if self.shifting > 0.0 and speed > 0.0:
+                dr = shift(config.neighbours, speed, dt, self.shifting, self.spacing)
+                if config.terms.shifts_less is not None:
+                    dr[config.terms.shifts_less] *= INTERFACE_SHIFTING
+            if self.walls is not None:
+                narrow, nearest = config.ops.walls.narrow, NEAR_WALL * self.spacing
+                if narrow is not None:
+                    nearest = np.where(narrow, NEAR_WALL_NARROW * self.spacing, nearest)
+                dr = self.walls.clamp_wall_distance(state.x, displacement, dr, nearest)
+        return dr
+
+    def advance(self, state: State, config: Configuration, dt: float) -> StepResult:
+        """One step of length dt. Raises SolveError, StepError or RunError."""
+        self.solvers.begin(state, dt)
+        moved, stopped = self.move(state, config, dt)
+        config = self.configure(moved.x)
+        ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0
+        g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
+        history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
+        p, held, known = moved.p, state.pressure_gradient, history + config.terms.force
+        system = pressure_system(config, self.solvers)
+        expansion, volume_drift = 0.0, None
+        if self.volume is not None:  # a step that is tried again with half its length is not to expand twice as hard
+            expansion, volume_drift = self.volume.expansion(moved.x, max(dt, state.dt_old))
+        first = not state.dt_old
+        if first and self.held_velocity is not None and not leads_through(config.ops, self.held_velocity.axis):
+            self._nothing_flows()
+        # the first step finds the pressure of the start: it is taken again with what it found
+        for _ in range(self.fluids.first_passes if first else 1):
+            driven = known if held is None else known + held * config.terms.along
+            u, p = self._project(config, system, moved.u, driven, p, g0 / dt, expansion)
+            if held is not None:
+                u, p, increment = self._hold(config, system, u, p, g0 / dt, moved.shifting_flux)
+                held += increment
+        new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.shifting_flux)
+        return StepResult(new, config, dt, total_divergence(config.ops, u), stopped, self.solvers.reports,
+                          self.solvers.rebuilt, volume_drift)
+
+    def _project(self, config: Configuration, system: PressureSystem, guess: np.ndarray, known: np.ndarray,
+                 p: np.ndarray, rate: float, expansion: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """Eqs 2-4: (velocity, pressure). known: (n, dim) m/s2, of the steps before and the forces; rate: g0 / dt;
+        expansion: divergence that the velocity is to have, 0 or (n,) of `KeptVolume`."""
+        ops, terms = config.ops, config.terms
+        gradient = terms.pressure_gradient(p)
+        right = known - gradient
+        if ops.walls is not None:
+            right += terms.viscosity * terms.ops.walls.lap_velocity
+        star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, right, guess, self.solvers)  # eq. 2
+        div = total_divergence(ops, star) - expansion
+        q = pressure_increment(config, system, div, p, gradient, rate, self.fluids.nu_min, self.solvers)
+        u = star - gradient_p(terms.ops, q) / rate  # eq. 3
+        return u, settled(config, p + q - terms.bulk * div)  # eq. 4
+
+    def _hold(self, config: Configuration, system: PressureSystem, u: np.ndarray, p: np.ndarray, rate: float,
+              shifting_flux: float | None) -> tuple[np.ndarray, np.ndarray, float]:
+        """(velocity, pressure, increment of the pressure gradient) that have the superficial velocity that is held:
+        what a gradient of one makes in this step is added so many times (drive.HeldVelocity).
+
+        shifting_flux: m/s, of the shifts; other arguments as those of `_project`.
+        """
+        held, solvers = self.held_velocity, self.solvers
+        assert held is not None and shifting_flux is not None
+        ops, terms, tolerance = config.ops, config.terms, solvers.tolerance
+        if "pressure" in solvers:  # a new hierarchy is judged by its first solve, which has to be a whole one
+            solvers.tolerance = max(tolerance, UNIT_RESPONSE_TOLERANCE)
+        try:
+            along = np.broadcast_to(terms.along, u.shape)
+            star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), solvers)
+            div = total_divergence(ops, star)
+            if ops.walls is not None:
+                div -= ops.walls.div_velocity
+            q = solve_pressure(config, system, config.means.remove(-rate * div), solvers.tolerance, solvers)
+        finally:
+            solvers.tolerance = tolerance
+        v = star - gradient_p(terms.ops, q) / rate
+        increment = held.gradient_for_flux(config.x, u, v, rate, shifting_flux)
+        if increment is None:
+            self._nothing_flows()
+        return u + increment * v, settled(config, p + increment * (q - terms.bulk * div)), increment
+
+    def _nothing_flows(self) -> None:
+        assert self.held_velocity is not None
+        axis = "xyz"[self.held_velocity.axis]
+        raise RunError(f"no pressure drop moves the fluid along {axis}: no pore leads through the scene, or its "
+                       "throats are closed at this spacing")

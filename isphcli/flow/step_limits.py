@@ -1,0 +1,101 @@
+"""When a step goes wrong: the limits that it must keep, what is tried again, and how a run ends. All of it is here.
+
+1. A linear solve that misses its tolerance is repeated with a new hierarchy (the kept one may be stale), then with
+   two cycles of it a call and twice the Krylov vectors and iterations (`kept_hierarchies.RETRY_FACTOR`). A system
+   solved with its diagonal alone gets a hierarchy.
+2. A step of which a solve has failed, or that breaks one of the `Bounds`, is repeated with half its length and new
+   hierarchies, up to HALVINGS times.
+3. RunError, exit code 3: the step, the system and its true residual or the limit and its value, and what to try. The
+   run leaves the worst particles (worst.vtu) and a restart file of the last good state.
+
+A steady solve (`flow: stokes`) that misses its tolerance is tried again as `StokesSystem.solve` tells, and ends with a
+SolveError, exit code 3, and the particles of the largest residuals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ..geometry.protocol import Geometry
+    from .state import State, StepResult
+
+# benchmarks/limits.py: what runs that ended well reached | runs that blew up, left alone
+GROWTH = 1.5  # of the root mean square speed over what energy allows; <= 1.0 | 5 to 1e14
+DIVERGENCE = 0.5  # largest divergence times dt, the part of its volume that a particle gains; <= 0.23 | 0.3 to 1e27
+VOLUME = (0.3, 1.8)  # of a particle, over that of a site: the inverse of the number density; 0.53 to 1.40 | 0.01, 2.3
+
+
+class StepError(RuntimeError):
+    """A step that broke a limit. Attribute `violation`: (n,) how far each particle is beyond it."""
+
+    def __init__(self, message: str, violation: np.ndarray | None = None):
+        super().__init__(message)
+        self.violation = violation
+
+
+class RunError(RuntimeError):
+    """A run that had to stop. Attributes: `violation` of the particles, `restart` and `worst`, the files it left."""
+
+    violation: np.ndarray | None = None
+    restart: Path | None = None
+    worst: Path | None = None
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What no step may exceed.
+
+    Incompressible flow gains kinetic energy only from what drives it: the root mean square speed is at most that of the
+    start, plus force times time, plus the speed of the walls, plus the speed that surface tension gives fluid of the
+    size of a spacing. The mean is weighted with the density.
+
+    start: m/s; force: m/s2; other: speed of walls and of surface tension, m/s; density: (n,) or 1.
+    """
+
+    geometry: Geometry | None
+    site_volume: float
+    density: np.ndarray | float
+    start: float
+    force: float
+    other: float
+
+    def speed(self, u: np.ndarray) -> float:
+        """Root mean square speed of velocities (n, dim), weighted with the density."""
+        largest = np.abs(u).max()
+        if not 0.0 < largest < np.inf:  # squares of very small and very large speeds leave the range of numbers
+            return largest
+        square = ((u / largest) ** 2).sum(axis=1)
+        return largest * np.sqrt(np.average(square, weights=np.broadcast_to(self.density, square.shape)))
+
+    def check(self, old: State, found: StepResult) -> None:
+        """Raises StepError where the step from the State `old` to the StepResult `found` broke a limit."""
+        new, dt = found.state, found.dt
+        for name, values in (("position", new.x), ("velocity", new.u), ("pressure", new.p)):
+            bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+            if bad.any():
+                raise StepError(f"the {name} of {bad.sum()} particles is no longer a number", bad.astype(float))
+        speed, size = self.speed(new.u), np.sqrt((new.u**2).sum(axis=1))
+        before = (("of the step before", self.speed(old.u), dt), ("of the start", self.start, new.time))
+        for since, begin, time in before:
+            bound = GROWTH * (begin + self.force * time + self.other)
+            if speed > bound:
+                raise StepError(f"the mean speed is {speed:.3g}, but that {since}, the force and the walls allow "
+                                f"{bound:.3g}", size)
+        change = np.abs(found.divergence) * dt
+        if change.max() > DIVERGENCE:
+            raise StepError(f"a particle would change its volume by {change.max():.2g} of it (limit {DIVERGENCE})",
+                            change)
+        volume = found.config.ops.volume[: len(new.x)] / self.site_volume
+        if volume.min() < VOLUME[0] or volume.max() > VOLUME[1]:
+            raise StepError(f"the volumes of particles range from {volume.min():.2g} to {volume.max():.2g} of that at "
+                            f"the start (limits {VOLUME[0]} and {VOLUME[1]}): they clump or part",
+                            np.maximum(VOLUME[0] / volume, volume / VOLUME[1]))
+        if self.geometry.has_solid:
+            inside = self.geometry.phase(new.x) < 0
+            if inside.any():
+                raise StepError(f"{inside.sum()} particles are in a wall", inside.astype(float))

@@ -1,0 +1,96 @@
+"""Eq. 2: the velocity u* before the projection, implicit in the viscous terms.
+
+    (g0 / dt - nu lap) u* = right
+
+One matrix serves all components, unless slip walls or the transposed stress of two fluids couple them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..operators.assemble import assemble
+from ..solvers.kept_hierarchies import RETRY_FACTOR, Apply, KeptHierarchies
+from ..solvers.krylov import Report
+
+if TYPE_CHECKING:
+    from .one_fluid import Terms
+
+JACOBI_LIMIT = 2.0  # nu dt / dx^2 up to which the matrix is solved with its diagonal alone
+
+
+def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, right: np.ndarray, guess: np.ndarray,
+                  solvers: KeptHierarchies) -> np.ndarray:
+    """u* (n, dim), m/s, of eq. 2. Raises SolveError.
+
+    terms: of the configuration; nu_max: largest kinematic viscosity, m2/s; spacing: m; rate: g0 / dt, 1/s; right:
+    (n, dim) m/s2; guess: (n, dim) m/s.
+    """
+    ops, walls = terms.ops, terms.ops.walls
+    with solvers.clock("assembly"):
+        matrix = assemble(ops.start, ops.column, ops.lap, rate, terms.viscosity,
+                                 walls.lap if walls is not None else None)
+        slip = walls.slip if walls is not None else None
+    stiff = nu_max > JACOBI_LIMIT * rate * spacing**2
+    if not stiff:
+        guess = right / rate  # what viscosity then changes little
+    if slip is not None or terms.transposed_stress is not None:
+        return _coupled(terms, matrix, slip, right, guess, stiff, solvers)
+    inverse = 1.0 / matrix.diagonal()
+
+    def solve(b: np.ndarray, x0: np.ndarray) -> tuple[np.ndarray, Report]:
+        if not stiff:
+            found = solvers.krylov(matrix.dot, b, inverse.__mul__, x0)
+            if found[1].converged:
+                return found
+        return solvers.multigrid("velocity", matrix, matrix.dot, b, x0)
+
+    out = np.empty_like(right)
+    for k in range(right.shape[1]):
+        with solvers.clock("krylov"):
+            out[:, k], report = solve(np.ascontiguousarray(right[:, k]), np.ascontiguousarray(guess[:, k]))
+        solvers.record("velocity", report, lambda k=k: right[:, k] - matrix @ out[:, k])  # type: ignore[misc]
+    return out
+
+
+def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right: np.ndarray, guess: np.ndarray,
+             stiff: bool, solvers: KeptHierarchies) -> np.ndarray:
+    """All components at once; the preconditioner leaves their coupling out.
+
+    Every row is divided by its diagonal: where viscosities differ by 1e4, the thin fluid would be lost in the
+    residual of the thick one.
+    """
+    n, dim = right.shape
+    transposed_stress, viscosity = terms.transposed_stress, terms.viscosity
+    diagonal = matrix.diagonal()[:, None]
+
+    def apply(v: np.ndarray) -> np.ndarray:
+        u = v.reshape(n, dim)
+        out = matrix @ u
+        if slip is not None:
+            out -= viscosity * np.einsum("nkm,nm->nk", slip, u)
+        if transposed_stress is not None:
+            transposed_stress.add(u, out, -1.0)
+        return (out / diagonal).ravel()
+
+    def by_component(once: Apply) -> Apply:
+        def precondition(v: np.ndarray) -> np.ndarray:
+            parts = v.reshape(n, dim) * diagonal
+            return np.stack([once(np.ascontiguousarray(parts[:, k])) for k in range(dim)], axis=1).ravel()
+
+        return precondition
+
+    scaled = (right / diagonal).ravel()
+    with solvers.clock("krylov"):
+        if stiff:
+            solution, report = solvers.multigrid("velocity", matrix, apply, scaled, guess.ravel(), by_component)
+        else:
+            for factor in (1, RETRY_FACTOR):
+                solution, report = solvers.krylov(apply, scaled, np.copy, guess.ravel(), factor)
+                if report.converged:
+                    break
+    solvers.record("velocity", report, lambda: np.abs(scaled - apply(solution)).reshape(n, dim).max(axis=1))
+    return solution.reshape(n, dim)

@@ -1,0 +1,1 @@
+"""Where fluid and walls are."""

@@ -1,0 +1,122 @@
+"""What every geometry answers, and which parts of its fluid are connected.
+
+`VoxelGeometry` (voxel_geometry.py) and `ShapeGeometry` (shapes.py) implement `Geometry`; `report` counts
+the connected fluid of a lattice of labels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+
+@dataclass(frozen=True)
+class Connectivity:
+    """Connected fluid of a lattice; axes in the order x, y(, z)."""
+
+    porosity: float  # fluid cells over all cells
+    components: int
+    percolates: tuple[bool, ...]  # per axis
+    percolating_porosity: tuple[float, ...]  # per axis: cells of components percolating along it / all cells
+    isolated_pockets: int  # components that percolate along no axis
+    isolated_volume: float  # their cells times the cell volume
+    largest_share: float  # cells of the largest component over fluid cells (0 without fluid)
+
+
+def components(fluid: np.ndarray, periodic: tuple[bool, ...]) -> tuple[np.ndarray, int, np.ndarray]:
+    """Face-connected components of a fluid mask, across periodic faces.
+
+    fluid: bool [z, y, x] or [y, x]; periodic: per axis in the order x, y(, z).
+    Returns (labels with 0 in solid and 1..n, n, percolates (n + 1, dim) bool with axes x, y(, z)).
+    A component percolates along a periodic axis if a closed path in it winds round that axis, and along
+    another axis if it touches both faces.
+    """
+    fluid = np.asarray(fluid, dtype=bool)
+    dim = fluid.ndim
+    if len(periodic) != dim:
+        raise ValueError(f"periodic has {len(periodic)} entries for an image of {dim} dimensions")
+    raw, n_raw = ndimage.label(fluid)
+    edges = _periodic_edges(raw, periodic)
+    n, owner, winding = merge_periodic(n_raw, edges, dim)
+    labels = np.concatenate([[0], owner + 1]).astype(raw.dtype)[raw]
+    percolates = np.zeros((n + 1, dim), dtype=bool)
+    percolates[1:] = winding
+    for axis in range(dim):
+        if not periodic[axis]:
+            first, last = np.take(labels, [0, -1], axis=dim - 1 - axis).swapaxes(0, dim - 1 - axis)
+            percolates[np.intersect1d(first, last), axis] = True
+    percolates[0] = False
+    return labels, n, percolates
+
+
+def report(fluid: np.ndarray, periodic: tuple[bool, ...], cell_volume: float = 1.0) -> Connectivity:
+    """Porosity, components, percolation and pockets of a fluid mask [z, y, x] or [y, x]; see `components`."""
+    fluid = np.asarray(fluid, dtype=bool)
+    labels, n, percolates = components(fluid, periodic)
+    size = np.bincount(labels.ravel(), minlength=n + 1)
+    size[0] = 0
+    isolated = np.logical_not(percolates.any(axis=1))
+    isolated[0] = False
+    return Connectivity(
+        porosity=float(size.sum() / max(fluid.size, 1)),
+        components=n,
+        percolates=tuple(bool(p) for p in np.ravel(percolates.any(axis=0))),
+        percolating_porosity=tuple(float(s) for s in size @ percolates / max(fluid.size, 1)),
+        isolated_pockets=int(isolated.sum()),
+        isolated_volume=float(size[isolated].sum() * cell_volume),
+        largest_share=float(size.max() / max(size.sum(), 1)),
+    )
+
+
+def percolating(fluid: np.ndarray, periodic: tuple[bool, ...], axis: int) -> np.ndarray:
+    """Mask (shape of fluid) of the fluid in components that percolate along the axis (0 x, 1 y, 2 z)."""
+    labels, _, percolates = components(fluid, periodic)
+    return percolates[:, axis][labels]
+
+
+def _periodic_edges(raw: np.ndarray, periodic: tuple[bool, ...]) -> np.ndarray:
+    """(m, 3) int: component on the upper face, the one it touches on the lower face, axis."""
+    dim = raw.ndim
+    edges = [np.empty((0, 3), dtype=np.int64)]
+    for axis in range(dim):
+        if periodic[axis]:
+            upper = np.take(raw, -1, axis=dim - 1 - axis).ravel().astype(np.int64)
+            lower = np.take(raw, 0, axis=dim - 1 - axis).ravel().astype(np.int64)
+            both = (upper > 0) & (lower > 0)
+            pairs = np.unique(np.stack([upper[both], lower[both]], axis=1), axis=0)
+            edges.append(np.column_stack([pairs - 1, np.full(len(pairs), axis)]))
+    return np.concatenate(edges)
+
+
+def merge_periodic(n_raw: int, edges: np.ndarray, dim: int) -> tuple[int, np.ndarray, np.ndarray]:
+    """Join components by periodic edges: (n, owner (n_raw,), winding (n, dim) bool).
+
+    Each raw component gets the periodic cell it lies in along a spanning tree; an edge that disagrees with
+    the tree closes a path round the box.
+    """
+    graph = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n_raw, n_raw)).tocsr()
+    n, owner = connected_components(graph, directed=False) if n_raw else (0, np.empty(0, dtype=np.int64))
+    winding = np.zeros((n, dim), dtype=bool)
+    if not len(edges):
+        return n, owner, winding
+    shift_of: dict[tuple[int, int], np.ndarray] = {}
+    for upper, lower, axis in edges:
+        step = np.zeros(dim, dtype=np.int64)
+        step[axis] = 1
+        shift_of[int(upper), int(lower)] = step
+        shift_of.setdefault((int(lower), int(upper)), -step)
+    cell = np.zeros((n_raw, dim), dtype=np.int64)
+    for start in np.unique(owner[edges[:, 0]]):
+        root = int(edges[owner[edges[:, 0]] == start][0, 0])
+        order, parent = breadth_first_order(graph, root, directed=False)
+        for node in order[1:]:
+            cell[node] = cell[parent[node]] + shift_of[int(parent[node]), int(node)]
+    step = np.zeros((len(edges), dim), dtype=np.int64)
+    step[np.arange(len(edges)), edges[:, 2]] = 1
+    loop = cell[edges[:, 0]] + step - cell[edges[:, 1]]
+    np.logical_or.at(winding, owner[edges[:, 0]], loop != 0)
+    return n, owner, winding

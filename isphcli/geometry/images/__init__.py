@@ -1,0 +1,1 @@
+"""Readers and writers of images, one file a format."""

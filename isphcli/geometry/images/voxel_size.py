@@ -1,0 +1,74 @@
+"""Images of rock: reading, writing, labelling and converting npy, npz and MetaImage (mhd + raw, mha) files.
+
+Arrays are indexed [z, y, x] or [y, x]. Nothing in a file is believed before it is checked: sizes are compared
+with the header before memory is taken, and pickled objects are never loaded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .image import UNITS, Image, VoxelError
+
+COARSE = 1e-3  # m: images of rock have finer voxels
+SAME_SIZE = 1e-3  # relative difference up to which two voxel sizes are one, written with different digits
+
+
+def voxel_size_of(
+    image: Image, given: float | Sequence[float] | None, path: str | Path, axes: str = "zyx"
+) -> tuple[np.ndarray, str, tuple[str, ...]]:
+    """Edges of a voxel along x, y(, z), m, (1,) or (dim,); where they come from; warnings.
+
+    given: of the case, or None: then that of the file. axes: order of the axes of the array. Raises VoxelError
+    where neither has one.
+    """
+    spacing, meta = known_spacing(image, axes), image.info.get("format") == "MetaImage"
+    name = Path(path).name
+    if given is None:
+        if spacing is None:
+            raise VoxelError(f"{path}: holds no voxel size; give geometry.voxels.voxel_size, in m")
+        source = f"from {name}"
+        if not meta:
+            return np.array(spacing), source, ()
+        where = f"{source}, whose ElementSpacing has no unit: taken as metres"
+        most = max(spacing)
+        if most < COARSE:
+            return np.array(spacing), where, ()
+        units = [f"{most * size:g} m if it is in {unit}" for unit, size in UNITS.items()]
+        hint = (f"{name}: ElementSpacing {_numbers(spacing)} has no unit and is taken as metres; voxels of rock are "
+                f"finer: give the voxel size, {' or '.join(units[:2])} (geometry.voxels.voxel_size, "
+                "--voxel-size)")  # fmt: skip
+        return np.array(spacing), where, (hint,)
+    size = np.ravel(np.asarray(given, dtype=float))
+    source = "as given"
+    if spacing is None or len(size) not in (1, len(spacing)):
+        return size, source, ()
+    ratio = np.broadcast_to(size, len(spacing)) / np.array(spacing)
+    if np.allclose(ratio, 1.0, rtol=SAME_SIZE, atol=0.0):
+        return size, f"{source}, as in {name}", ()
+    for unit, length in UNITS.items() if meta else ():
+        if np.allclose(ratio, length, rtol=SAME_SIZE, atol=0.0):
+            return size, f"{source}, as in {name} if that is in {unit}", ()
+    unit = " (without a unit)" if meta else " m"
+    said = (f"the voxel size given, {_numbers(size)} m, is not that of {name}, {_numbers(spacing)}{unit}; the one "
+            "given is taken: leave it out (geometry.voxels.voxel_size, --voxel-size) for that of the file")  # fmt: skip
+    return size, f"{source}; {name} has {_numbers(spacing)}{unit}", (said,)
+
+
+def known_spacing(image: Image, axes: str = "zyx") -> tuple[float, ...] | None:
+    """Edges of a voxel along x, y(, z) that the file tells, or None; 1 1 1 in a MetaImage stands for not known."""
+    if image.spacing is None:
+        return None
+    spacing = image.spacing[: image.values.ndim]
+    if image.info.get("format") != "MetaImage":
+        return spacing
+    return None if all(s == 1.0 for s in spacing) else spacing[::-1] if axes == "xyz" else spacing
+
+
+def _numbers(sizes: Sequence[float] | np.ndarray) -> str:
+    """'5e-06' where all are equal, else '1e-06 x 1e-06 x 2e-06'."""
+    words = [f"{s:.6g}" for s in sizes]
+    return words[0] if len(set(words)) == 1 else " x ".join(words)

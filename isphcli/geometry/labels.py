@@ -1,0 +1,101 @@
+"""Images of rock: reading, writing, labelling and converting npy, npz and MetaImage (mhd + raw, mha) files.
+
+Arrays are indexed [z, y, x] or [y, x]. Nothing in a file is believed before it is checked: sizes are compared
+with the header before memory is taken, and pickled objects are never loaded.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .images.image import VoxelError
+
+
+def crop(
+    values: np.ndarray, ranges: Sequence[Sequence[int]] | None, path: str | Path = "image"
+) -> np.ndarray:
+    """Part [first, end) of an image along x, y(, z)."""
+    if ranges is None:
+        return values
+    sizes = values.shape[::-1]
+    if len(ranges) != values.ndim:
+        raise VoxelError(
+            f"{path}: crop has {len(ranges)} ranges for {values.ndim} dimensions; give one an axis"
+        )
+    for name, (first, end), size in zip("xyz", ranges, sizes):
+        if not 0 <= first < end <= size:
+            raise VoxelError(f"{path}: crop {name} [{first}, {end}) does not lie in 0 to {size}; shorten it")
+    return values[tuple(slice(int(first), int(end)) for first, end in reversed(list(ranges)))]
+
+
+def apply_labels(
+    values: np.ndarray,
+    labels: Mapping[str, int | Sequence[int]],
+    fluids: Sequence[str],
+    path: str | Path = "image",
+) -> np.ndarray:
+    """Phases int8: -1 where the value is one of labels['solid'], k for those of fluids[k].
+
+    Every value of the image needs a label, and every fluid with labels a voxel.
+    """
+    found = {int(v): int(n) for v, n in _histogram(values).items()}
+    phase_of: dict[int, int] = {}
+    for name, wanted in labels.items():
+        if name != "solid" and name not in fluids:
+            raise VoxelError(f"{path}: label '{name}' is neither solid nor a fluid ({', '.join(fluids)})")
+        numbers = [int(v) for v in np.ravel(np.asarray(wanted))]
+        if name != "solid" and not any(v in found for v in numbers):
+            raise VoxelError(
+                f"{path}: no voxel has the label of '{name}' {numbers}; it holds {_counts(found)}"
+            )
+        phase_of.update({v: -1 if name == "solid" else fluids.index(name) for v in numbers})
+    unknown = [v for v in found if v not in phase_of]
+    if unknown:
+        raise VoxelError(f"{path}: voxels of value {unknown[:8]} have no label; it holds {_counts(found)}")
+    phases = np.empty(values.shape, dtype=np.int8)
+    for value in found:
+        phases[values == value] = phase_of[value]
+    return phases
+
+
+def _histogram(values: np.ndarray) -> dict[int, int]:
+    """{value: voxels}, ascending."""
+    if values.dtype.itemsize <= 2 and values.dtype.kind == "u":
+        counts = np.bincount(values.ravel())
+        return {int(v): int(counts[v]) for v in np.flatnonzero(counts)}
+    found, counts = np.unique(values, return_counts=True)
+    return {int(v): int(n) for v, n in zip(found, counts)}
+
+
+def _counts(found: Mapping[int, int]) -> str:
+    """'0 (12 voxels), 1 (7 voxels)', shortened."""
+    text = ", ".join(f"{v} ({n} voxels)" for v, n in list(found.items())[:8])
+    return text + (f" and {len(found) - 8} other values" if len(found) > 8 else "")
+
+
+def faces_that_differ(solid: np.ndarray, periodic: Sequence[bool]) -> tuple[str, ...]:
+    """Sentences on the periodic axes along which an image does not go on at the opposite face.
+
+    solid: bool [z, y, x] or [y, x]; periodic: per axis x, y(, z). Voxels differ from one layer to the next inside the
+    image too; two faces are called different where they are nearer to two unrelated layers than to two neighbours.
+    """
+    share = float(solid.mean())
+    said = []
+    for axis, name in enumerate("xyz"[: solid.ndim]):
+        layers = np.moveaxis(solid, solid.ndim - 1 - axis, 0)
+        if not periodic[axis] or len(layers) < 3:
+            continue
+        across = float((layers[0] != layers[-1]).mean())
+        inside = float(np.mean([(a != b).mean() for a, b in itertools.pairwise(layers)]))
+        unrelated = 2.0 * share * (1.0 - share)
+        if across > 0.05 and across > 0.5 * (inside + max(unrelated, inside)) and across > 1.5 * inside:
+            said.append(
+                f"geometry.periodic: the two faces across {name} differ in {100 * across:.0f} % of their voxels, "
+                f"neighbouring layers in {100 * inside:.0f} %: the image does not repeat along {name}; leave {name} "
+                "out of geometry.periodic, or mirror the image"
+            )
+    return tuple(said)

@@ -1,0 +1,496 @@
+"""Scenes of spheres, boxes, cylinders and half-spaces with exact signed distances.
+
+A `ShapeGeometry` is a box filled with one fluid and an ordered list of `Shape`, later ones on top of earlier
+ones. Solids join by min and fluid shapes carve by max of the signed distances. That is exact in
+the fluid round unions of solids; elsewhere it is a lower bound that is 0 on every surface, also where two shapes of
+a kind touch and there is no wall. There `_walls_near` looks for the nearest point of a wall.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numba import njit, prange
+from scipy.spatial.transform import Rotation
+
+from .bodies import BALL, BLOCK, CYLINDER, HALF_SPACE
+
+PLANE, ROUND = range(2)  # surfaces of pieces, see `_surfaces_near`
+MOST_SURFACES = 48  # nearest ones on which a wall is looked for
+PROBE = 1e-9  # of the largest side of the box: how far from a point its surroundings are looked at
+
+
+@njit(cache=True)
+def _inside(piece, p, x, y, z):
+    """Whether a point lies inside a piece, not on its surface."""
+    x, y, z = x - piece[p, 1], y - piece[p, 2], z - piece[p, 3]
+    kind = piece[p, 0]
+    if kind == BALL:
+        return x * x + y * y + z * z < piece[p, 4] ** 2
+    if kind == BLOCK:
+        return abs(x) < piece[p, 4] and abs(y) < piece[p, 5] and abs(z) < piece[p, 6]
+    if kind == HALF_SPACE:
+        return x * piece[p, 4] + y * piece[p, 5] + z * piece[p, 6] < 0.0
+    axis = piece[p, 7]
+    along = x if axis == 0 else y if axis == 1 else z
+    return x * x + y * y + z * z - along * along < piece[p, 4] ** 2 and abs(along) < piece[p, 5]
+
+
+@njit(cache=True)
+def _topmost(x, y, z, lower, edge, counts, around, start, entry, piece, shape, outside):
+    """The topmost shape that holds a point, -1 where it is none, -2 beyond a face that is a wall."""
+    cell = 0
+    at = (x, y, z)
+    local = np.empty(3)
+    for a in range(2, -1, -1):
+        i = int(np.floor((at[a] - lower[a]) / edge[a]))
+        turns = i // counts[a]
+        if turns != 0 and not around[a]:
+            return -2
+        local[a] = at[a] - turns * (edge[a] * counts[a])
+        cell = cell * counts[a] + i - turns * counts[a]
+    top = -1
+    for q in range(start[cell], start[cell + 1]):
+        s = shape[entry[q]]
+        if s > top and not outside[s] and _inside(piece, entry[q], local[0], local[1], local[2]):
+            top = s
+    for s in range(len(outside) - 1, top, -1):
+        if outside[s]:
+            held = False
+            for q in range(start[cell], start[cell + 1]):
+                held |= shape[entry[q]] == s and _inside(piece, entry[q], local[0], local[1], local[2])
+            if not held:
+                return s
+    return top
+
+
+@njit(cache=True)
+def _is_solid(x, y, z, lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled):
+    top = _topmost(x, y, z, lower, edge, counts, around, start, entry, piece, shape, outside)
+    return True if top == -2 else filled if top == -1 else bool(solid[top])
+
+
+def _directions() -> np.ndarray:
+    """(m, 3) unit vectors all round, turned off the axes, so that none lies in a face of a box."""
+    steps = np.array([v for v in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(v)])
+    return steps / np.linalg.norm(steps, axis=1)[:, None] @ Rotation.from_euler("xyz", [0.17, 0.23, 0.31]).as_matrix()
+
+
+def _in_3d(x: np.ndarray) -> np.ndarray:
+    """Points (n, 3), z = 0 in 2D."""
+    return np.ascontiguousarray(np.pad(x, ((0, 0), (0, 3 - x.shape[1]))))
+
+
+ROUND_ABOUT = _directions()
+ROUND_ABOUT_2D = np.array([[np.cos(a), np.sin(a), 0.0] for a in (np.arange(16) + 0.3) * np.pi / 8])
+
+
+@njit(cache=True, parallel=True)
+def _beside(
+    x, lower, edge, counts, around, start, entry, piece, shape, solid, outside, sure, filled, step
+):
+    """A fluid shape (-1: what fills the box) beside each point, -2 if there is solid beside it too."""
+    found = np.empty(len(x), np.int64)
+    flat = edge[2] * counts[2] < 10.0 * step
+    ways = ROUND_ABOUT_2D if flat else ROUND_ABOUT
+    for k in prange(len(x)):
+        beside = -2
+        for w in range(len(ways)):
+            top = _topmost(
+                x[k, 0] + step * ways[w, 0], x[k, 1] + step * ways[w, 1], x[k, 2] + step * ways[w, 2],
+                lower, edge, counts, around, start, entry, piece, shape, outside,
+            )  # fmt: skip
+            if top == -2 or (top == -1 and filled) or (top >= 0 and solid[top]):
+                beside = -2
+                break
+            beside = max(beside, top)
+        found[k] = beside
+    return found
+
+
+@njit(cache=True)
+def _value(surface, s, p, slope):
+    """Signed distance of point p to a surface; its gradient goes to slope."""
+    if surface[s, 0] == PLANE:
+        f = -surface[s, 4]
+        for a in range(3):
+            slope[a] = surface[s, 1 + a]
+            f += slope[a] * p[a]
+        return f
+    r = 0.0
+    for a in range(3):
+        slope[a] = (p[a] - surface[s, 1 + a]) * surface[s, 5 + a]
+        r += slope[a] * slope[a]
+    r = np.sqrt(r)
+    if r == 0.0:  # in the middle all directions are alike
+        slope[0 if surface[s, 5] > 0 else 1] = 1.0
+    else:
+        slope /= r
+    return r - surface[s, 4]
+
+
+@njit(cache=True)
+def _add_surface(surface, n, row, x, reach, slope, near, step):
+    """Put a surface on the list of the nearest, if it is within reach and new; returns how many there are."""
+    surface[-1] = row
+    f = abs(_value(surface, len(surface) - 1, x, slope))
+    if f > reach:
+        return n
+    for s in range(n):
+        same = surface[s, 0] == row[0] and abs(surface[s, 4] - row[4]) < 0.1 * step
+        for a in range(3):
+            small = 1e-12 if row[0] == PLANE else 0.1 * step
+            same &= abs(surface[s, 1 + a] - row[1 + a]) < small and surface[s, 5 + a] == row[5 + a]
+        if same:
+            return n
+    at = n
+    if n == MOST_SURFACES:
+        at = int(np.argmax(near[:n]))
+        if f >= near[at]:
+            return n
+    surface[at] = row
+    near[at] = f
+    return min(n + 1, MOST_SURFACES)
+
+
+@njit(cache=True)
+def _surfaces_near(x, reach, lower, edge, counts, around, start, entry, piece, shape, surface, near, row, slope, step):
+    """Planes and round surfaces of the pieces within reach of point x, periodic images too, and closed faces.
+
+    Rows of surface: kind; normal (3,) of a plane or centre (3,); offset of the plane or radius; of round ones 1 along
+    the axes that count (a cylinder leaves one out), of planes 0; the shape, -1 of a face.
+    """
+    n = 0
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    for a in range(3):
+        first[a] = int(np.floor((x[a] - reach - lower[a]) / edge[a]))
+        last[a] = int(np.floor((x[a] + reach - lower[a]) / edge[a]))
+        if not around[a]:
+            first[a] = min(max(first[a], 0), counts[a] - 1)
+            last[a] = min(max(last[a], 0), counts[a] - 1)
+            if edge[a] * counts[a] > 10.0 * step:  # not the layer of a 2D scene
+                for side in range(2):
+                    row[:] = 0.0
+                    row[1 + a], row[4], row[8] = 1.0, lower[a] + side * edge[a] * counts[a], -1.0
+                    n = _add_surface(surface, n, row, x, reach, slope, near, step)
+    for z in range(first[2], last[2] + 1):
+        for y in range(first[1], last[1] + 1):
+            for i in range(first[0], last[0] + 1):
+                tx, ty, tz = i // counts[0], y // counts[1], z // counts[2]
+                cell = ((z - tz * counts[2]) * counts[1] + y - ty * counts[1]) * counts[0] + i - tx * counts[0]
+                for q in range(start[cell], start[cell + 1]):
+                    p = entry[q]
+                    kind = piece[p, 0]
+                    c = (piece[p, 1] + tx * edge[0] * counts[0], piece[p, 2] + ty * edge[1] * counts[1],
+                         piece[p, 3] + tz * edge[2] * counts[2])
+                    row[:] = 0.0
+                    row[8] = shape[p]
+                    if kind == HALF_SPACE:
+                        for a in range(3):
+                            row[1 + a] = piece[p, 4 + a]
+                            row[4] += row[1 + a] * c[a]
+                        n = _add_surface(surface, n, row, x, reach, slope, near, step)
+                        continue
+                    if kind != BLOCK:
+                        row[0], row[4] = ROUND, piece[p, 4]
+                        for a in range(3):
+                            row[1 + a] = c[a]
+                            row[5 + a] = 0.0 if kind == CYLINDER and a == piece[p, 7] else 1.0
+                        n = _add_surface(surface, n, row, x, reach, slope, near, step)
+                    if kind == BALL:
+                        continue
+                    for a in range(3):
+                        half = piece[p, 4 + a] if kind == BLOCK else piece[p, 5] if a == piece[p, 7] else np.inf
+                        if half == np.inf:
+                            continue
+                        for side in (-1.0, 1.0):
+                            row[:8] = 0.0
+                            row[1 + a], row[4] = 1.0, c[a] + side * half
+                            n = _add_surface(surface, n, row, x, reach, slope, near, step)
+    return n
+
+
+@njit(cache=True)
+def _solve(g, b, m):
+    """Solution of the symmetric m by m system g x = b in place of b; False where it is singular."""
+    for i in range(m):
+        if g[i, i] < 1e-10:
+            return False
+        for j in range(i + 1, m):
+            factor = g[j, i] / g[i, i]
+            for k in range(i, m):
+                g[j, k] -= factor * g[i, k]
+            b[j] -= factor * b[i]
+    for i in range(m - 1, -1, -1):
+        for j in range(i + 1, m):
+            b[i] -= g[i, j] * b[j]
+        b[i] /= g[i, i]
+    return True
+
+
+@njit(cache=True)
+def _foot(surface, chosen, m, dim, x, p, j, g, b, step):
+    """Move p to the point nearest to x that lies on all m chosen surfaces; False where none is found."""
+    scale = step / PROBE
+    for turn in range(60):
+        # steps towards x along tight curves are too long and swing about the nearest point; at last only back to them
+        share = 1.0 if turn < 15 else 0.4 if turn < 30 else 0.15 if turn < 50 else 0.0
+        off = 0.0
+        for i in range(m):
+            b[i] = -_value(surface, chosen[i], p, j[i])
+            off = max(off, abs(b[i]))
+            for a in range(3):
+                b[i] -= share * j[i, a] * (x[a] - p[a])
+        if m == dim and turn == 12 and off > 1e-3 * scale:  # they do not meet
+            return False
+        for i in range(m):
+            for k in range(m):
+                g[i, k] = j[i, 0] * j[k, 0] + j[i, 1] * j[k, 1] + j[i, 2] * j[k, 2]
+        if not _solve(g, b, m):
+            return False
+        moved = 0.0
+        for a in range(3):
+            to = p[a] + share * (x[a] - p[a])
+            for i in range(m):
+                to += b[i] * j[i, a]
+            moved = max(moved, abs(to - p[a]))
+            p[a] = to
+        if not moved < 1e6 * scale:
+            return False
+        if moved < 1e-13 * scale:
+            break
+    for i in range(m):
+        if not abs(_value(surface, chosen[i], p, j[i])) < 1e-12 * scale:
+            return False
+    return True
+
+
+@njit(cache=True)
+def _meets(
+    p, m, j, g, b, wanted, dim, lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled, step
+):
+    """Whether there is solid (wanted True) or fluid (False) beside point p, on m surfaces of gradients j.
+
+    Looked at are all sides that the surfaces make and directions all round.
+    """
+    ways = ROUND_ABOUT_2D if dim == 2 else ROUND_ABOUT
+    for w in range(2**m + len(ways)):
+        d0, d1, d2 = 0.0, 0.0, 0.0
+        if w < 2**m:
+            for i in range(m):
+                b[i] = 1.0 if (w >> i) & 1 else -1.0
+                for k in range(m):
+                    g[i, k] = j[i, 0] * j[k, 0] + j[i, 1] * j[k, 1] + j[i, 2] * j[k, 2]
+            if not _solve(g, b, m):
+                continue
+            for i in range(m):
+                d0, d1, d2 = d0 + b[i] * j[i, 0], d1 + b[i] * j[i, 1], d2 + b[i] * j[i, 2]
+            size = np.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
+            d0, d1, d2 = d0 / size + 4e-4, d1 / size + 9e-4, d2 / size + (5e-4 if dim == 3 else 0.0)
+        else:
+            d0, d1, d2 = ways[w - 2**m, 0], ways[w - 2**m, 1], ways[w - 2**m, 2]
+        if wanted == _is_solid(
+            p[0] + step * d0, p[1] + step * d1, p[2] + step * d2,
+            lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled,
+        ):  # fmt: skip
+            return True
+    return False
+
+
+@njit(cache=True, parallel=True)
+def _walls_near(
+    x, bound, known, dim, lower, edge, counts, around, start, entry, piece, shape, solid, outside, sure,
+    filled, step, chunks,
+):
+    """Signed distance (n,) to the nearest wall and its index (n,).
+
+    x: (n, 3) in the box or beyond closed faces; bound, known: (n,) signed lower bound of the distance and the index
+    of the surface it is to. Walls are where there is solid beside fluid. The nearest point of them is the foot of
+    x on one surface, on the line where two meet or on a point of three: those of the surfaces near by are tried.
+    """
+    n = len(x)
+    d, wall = bound.copy(), known.copy()
+    size = np.sqrt(((edge[:dim] * counts[:dim]) ** 2).sum())
+    for chunk in prange(chunks):
+        surface, near = np.zeros((MOST_SURFACES + 1, 9)), np.zeros(MOST_SURFACES)
+        row, slope, p, twin, at = np.zeros(9), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+        j, g, b = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+        chosen = np.zeros(3, np.int64)
+        for k in range(chunk * n // chunks, (chunk + 1) * n // chunks):
+            at[:], p[:] = x[k], 0.0
+            least = abs(bound[k])
+            wanted = bound[k] > 0.0  # in fluid solid is looked for, in a solid fluid
+            if least <= 2.0 * step:  # on a surface: a wall, or inside one kind
+                here, other = False, False
+                ways, away = ROUND_ABOUT_2D if dim == 2 else ROUND_ABOUT, 4.0 * step
+                for w in range(len(ways)):
+                    is_solid = _is_solid(
+                        at[0] + away * ways[w, 0], at[1] + away * ways[w, 1], at[2] + away * ways[w, 2],
+                        lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled,
+                    )  # fmt: skip
+                    here, other = here | is_solid, other | (not is_solid)
+                if here and other:
+                    continue
+                wanted = not here
+            elif _met_at_once(
+                at, least, wanted, known[k] - 1 - 2 * dim, dim, lower, edge, counts, around, start, entry, piece,
+                shape, solid, outside, filled, step, p,
+            ):  # fmt: skip
+                continue
+            reach, best, owner = least * (1.0 + 1e-9) + 4.0 * step, np.inf, -1
+            while True:
+                m = _surfaces_near(
+                    at, reach, lower, edge, counts, around, start, entry, piece, shape, surface, near, row, slope, step
+                )
+                order = np.argsort(near[:m])
+                for count in range(1, dim + 1):
+                    best, owner = _nearest_foot(
+                        surface, near, order, m, count, at, least, best, owner, wanted, dim, p, twin, chosen, j, g, b,
+                        lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled, step,
+                    )
+                if best <= reach or reach > 2.0 * size:
+                    break
+                reach = 2.0 * reach + 0.01 * size
+            if best < np.inf:
+                d[k] = max(best, least) if wanted else -max(best, least)
+                if owner >= 0:
+                    wall[k] = 1 + 2 * dim + owner
+    return d, wall
+
+
+@njit(cache=True)
+def _twin(surface, chosen, count, p, j, twin):
+    """Mirror image of a point that `count` (the dimension) surfaces share, in the plane that holds the centres of the
+    round ones and the normals of the planes; False where there is none. They meet there too."""
+    centre, m = -1, 0
+    for i in range(count):
+        c = chosen[i]
+        if surface[c, 0] == PLANE:
+            j[m] = surface[c, 1:4]
+            m += 1
+        elif centre < 0:
+            centre = c
+        else:
+            j[m] = surface[c, 1:4] - surface[centre, 1:4]
+            m += 1
+    if count == 2:
+        j[1, 0], j[1, 1], j[1, 2] = 0.0, 0.0, 1.0
+    twin[0] = j[0, 1] * j[1, 2] - j[0, 2] * j[1, 1]
+    twin[1] = j[0, 2] * j[1, 0] - j[0, 0] * j[1, 2]
+    twin[2] = j[0, 0] * j[1, 1] - j[0, 1] * j[1, 0]
+    size = np.sqrt((twin * twin).sum())
+    if size == 0.0:
+        return False
+    twin /= size
+    height = 0.0
+    for a in range(3):
+        height += (p[a] - surface[centre, 1 + a]) * twin[a]
+    for a in range(3):
+        twin[a] = p[a] - 2.0 * height * twin[a]
+    return True
+
+
+@njit(cache=True)
+def _nearest_foot(
+    surface, near, order, m, count, x, least, best, owner, wanted, dim, p, twin, chosen, j, g, b, lower, edge, counts,
+    around, start, entry, piece, shape, solid, outside, filled, step,
+):
+    """(best, owner): distance of the nearest point of a wall on `count` of the m surfaces, if it is nearer than best,
+    and a shape whose surface it is on."""
+    for i0 in range(m):
+        if near[order[i0]] >= best:
+            break
+        for i1 in range(i0 + 1 if count > 1 else 0, m if count > 1 else 1):
+            if count > 1 and near[order[i1]] >= best:
+                break
+            for i2 in range(i1 + 1 if count > 2 else 0, m if count > 2 else 1):
+                if count > 2 and near[order[i2]] >= best:
+                    break
+                chosen[0], chosen[1], chosen[2] = order[i0], order[i1], order[i2]
+                curved, tube = False, False
+                for i in range(count):
+                    curved |= surface[chosen[i], 0] == ROUND
+                    for a in range(dim):
+                        tube |= surface[chosen[i], 0] == ROUND and surface[chosen[i], 5 + a] == 0.0
+                # round surfaces also meet on their far sides; on the line between two centres both face the same way
+                found = False
+                for side in range(count + 4 if curved and count > 1 else 1):
+                    middle = chosen[min(max(side - 1, 0), count - 1)]
+                    if 0 < side <= count and (surface[middle, 0] == PLANE or (found and not tube)):
+                        continue
+                    if (count < side < count + 3 and found) or (side == count + 3 and not (found and count == dim)):
+                        continue
+                    for a in range(dim):
+                        p[a] = twin[a] if side > count + 2 else x[a]
+                        if count < side < count + 3:
+                            aside = 0.3 * near[order[i2 if count == 3 else i1]]
+                            p[a] += aside * ROUND_ABOUT[0, a] * (1.0 if side == count + 1 else -1.0)
+                        elif 0 < side <= count and surface[middle, 5 + a] > 0.0:
+                            p[a] = 2.0 * surface[middle, 1 + a] - x[a]
+                    if not _foot(surface, chosen, count, dim, x, p, j, g, b, step):
+                        continue
+                    if curved and not found:
+                        found = count < dim or _twin(surface, chosen, count, p, g, twin)
+                    away = np.sqrt((p[0] - x[0]) ** 2 + (p[1] - x[1]) ** 2 + (p[2] - x[2]) ** 2)
+                    if away < best and away > least * (1.0 - 1e-9) - step and _meets(
+                        p, count, j, g, b, wanted, dim, lower, edge, counts, around, start, entry, piece, shape, solid,
+                        outside, filled, step,
+                    ):
+                        best, owner = away, int(surface[chosen[0], 8])
+                        if best <= least * (1.0 + 1e-9) + step:
+                            return best, owner
+    return best, owner
+
+
+@njit(cache=True)
+def _met_at_once(
+    x, least, wanted, k, dim, lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled, step, p
+):
+    """Whether there is a wall right at the foot of x on the piece of shape k that holds it (k < 0: on the faces)."""
+    if k < 0:
+        for a in range(3):
+            inside = 2.0 * step if a < dim else 0.0
+            p[a] = x[a] if around[a] else min(max(x[a], lower[a] + inside), lower[a] + edge[a] * counts[a] - inside)
+            p[a] += 0.3 * inside * ROUND_ABOUT[0, a]  # not on a seam
+        return wanted == _is_solid(
+            p[0], p[1], p[2], lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled
+        )
+    cell = 0
+    for a in range(2, -1, -1):
+        i = int(np.floor((x[a] - lower[a]) / edge[a]))
+        cell = cell * counts[a] + min(max(i, 0), counts[a] - 1)
+    for q in range(start[cell], start[cell + 1]):
+        c = entry[q]
+        if shape[c] != k or not _inside(piece, c, x[0], x[1], x[2]):
+            continue
+        p[:] = x
+        if piece[c, 0] == BLOCK:
+            for a in range(dim):
+                if abs(piece[c, 4 + a] - abs(x[a] - piece[c, 1 + a]) - least) <= step:
+                    p[a] = piece[c, 1 + a] + np.copysign(piece[c, 4 + a] + step, x[a] - piece[c, 1 + a])
+                    break
+        elif piece[c, 0] == HALF_SPACE:
+            for a in range(dim):
+                p[a] += (least + step) * piece[c, 4 + a]
+        else:
+            r, tube = 0.0, piece[c, 0] == CYLINDER
+            for a in range(3):
+                if not (tube and a == piece[c, 7]):
+                    r += (x[a] - piece[c, 1 + a]) ** 2
+            r = np.sqrt(r)
+            if r == 0.0 or abs(piece[c, 4] - r - least) > step:
+                continue
+            for a in range(3):
+                if not (tube and a == piece[c, 7]):
+                    p[a] = piece[c, 1 + a] + (x[a] - piece[c, 1 + a]) * (piece[c, 4] + step) / r
+        away = 0.0
+        for a in range(3):
+            away += (p[a] - x[a]) ** 2
+        for a in range(dim):
+            p[a] += 0.3 * step * ROUND_ABOUT[0, a]  # not on a seam
+        if np.sqrt(away) <= least + 3.0 * step and wanted == _is_solid(
+            p[0], p[1], p[2], lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled
+        ):
+            return True
+    return False

@@ -1,0 +1,49 @@
+"""geometry.protocol"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+
+class Geometry(Protocol):
+    """Labels and wall distances of a scene. Points are (n, dim) float64, lengths in metres.
+
+    Points may lie outside the box: along periodic axes they are wrapped, along the others everything outside
+    is solid.
+    """
+
+    dim: int
+    lower: np.ndarray  # (dim,) corner of the box
+    upper: np.ndarray  # (dim,)
+    periodic: tuple[bool, ...]  # per axis
+    wall_velocity: np.ndarray  # (n_walls, dim), m/s; wall 0 is at rest
+    wall_spin: np.ndarray | None  # (n_walls, dim, dim), 1/s: a wall moves at wall_velocity + wall_spin @ x; None: 0
+    wall_speed: np.ndarray  # (n_walls,) largest speed, m/s
+    slip_length: np.ndarray  # (n_walls,) Navier slip length, m
+    has_solid: bool  # False: no solid anywhere
+    warnings: tuple[str, ...]  # what is odd about the input, sentences; () where nothing is
+    described: tuple[tuple[str, str], ...]  # what was read and how it was understood: (name, text); () without a file
+
+    def phase(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int8: -1 in a solid, otherwise the index of the fluid."""
+        ...
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """(n,) signed distance to the wall, > 0 in fluid; +inf where there is no wall at all."""
+        ...
+
+    def wall(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int32 index of the nearest wall in `wall_velocity` and `slip_length`."""
+        ...
+
+    def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
+        """(n,) fraction t in (0, 1] of the way from fluid point xi to xj where the first wall is met;
+        1.0 where none is met."""
+        ...
+
+
+def sample_box(geometry):
+    """(lower, upper) corners of the rock itself: of an image without its clear layers, else of the box."""
+    return getattr(geometry, "sample_lower", geometry.lower), getattr(geometry, "sample_upper", geometry.upper)

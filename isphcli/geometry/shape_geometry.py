@@ -1,0 +1,239 @@
+"""Scenes of spheres, boxes, cylinders and half-spaces with exact signed distances.
+
+A `ShapeGeometry` is a box filled with one fluid and an ordered list of `Shape`, later ones on top of earlier
+ones. Solids join by min and fluid shapes carve by max of the signed distances. That is exact in
+the fluid round unions of solids; elsewhere it is a lower bound that is 0 on every surface, also where two shapes of
+a kind touch and there is no wall. There `_walls_near` looks for the nearest point of a wall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import get_num_threads
+
+from .bodies import ROUND_OFF, Cylinder, HalfSpace, Shape, ShapeError, Sphere, _check_body
+from .faces import face_distance, face_walls
+from .nearest_wall import PROBE, _beside, _in_3d, _walls_near
+from .segment_walls import CELLS_A_PIECE, _crossings, _extent, _fill_cells, _images
+
+
+class ShapeGeometry:
+    """Box of fluid with shapes in it; implements `geometry.Geometry`.
+
+    lower, upper: (dim,) corners, m; periodic: per axis, the faces of the other axes are walls;
+    fluid: index of the fluid that fills the box; shapes: later ones lie on top of earlier ones.
+    slip_length: m, of walls that do not state their own; face_velocity, face_slip: see `geometry.face_walls`.
+    Walls are numbered 0 (at rest), 1 + 2 axis + side (faces), 1 + 2 dim + k (shape k).
+    Raises ShapeError where a shape or the box cannot be used.
+    """
+
+    warnings: tuple[str, ...] = ()
+    described: tuple[tuple[str, str], ...] = ()
+
+    def __init__(
+        self,
+        lower: Sequence[float] | np.ndarray,
+        upper: Sequence[float] | np.ndarray,
+        periodic: Sequence[bool],
+        fluid: int = 0,
+        shapes: Sequence[Shape] = (),
+        slip_length: float = 0.0,
+        face_velocity: dict | None = None,
+        face_slip: dict | None = None,
+    ):
+        self.lower = np.array(lower, dtype=float)
+        self.upper = np.array(upper, dtype=float)
+        self.dim = len(self.lower)
+        self.periodic = tuple(bool(p) for p in periodic)
+        self.fluid = int(fluid)
+        self.shapes = tuple(shapes)
+        if self.dim not in (2, 3) or len(self.upper) != self.dim or len(self.periodic) != self.dim:
+            raise ShapeError("lower, upper and periodic need two entries each, or three each")
+        if not (
+            np.isfinite(self.lower).all()
+            and np.isfinite(self.upper).all()
+            and (self.upper > self.lower).all()
+        ):
+            raise ShapeError(f"box from {self.lower} to {self.upper}: upper must be finite and above lower")
+        self.period = np.where(self.periodic, self.upper - self.lower, np.inf)
+        self.round_off = ROUND_OFF * float((self.upper - self.lower).max())
+        for k, shape in enumerate(self.shapes):
+            _check_body(shape.body, self.dim, f"shape {k + 1}")
+        self.warnings = tuple(_cut_planes(self))
+        self._grid: _Grid | None = None  # for `crossing`, when it is first asked
+        self.has_solid = self.fluid < 0 or not all(self.periodic) or any(s.phase < 0 for s in self.shapes)
+        self.wall_velocity, self.slip_length = face_walls(
+            self.dim, slip_length, face_velocity, face_slip, len(self.shapes)
+        )
+        for k, shape in enumerate(self.shapes):
+            self.wall_velocity[1 + 2 * self.dim + k] = 0.0 if shape.velocity is None else shape.velocity
+            if shape.slip_length is not None:
+                self.slip_length[1 + 2 * self.dim + k] = shape.slip_length
+        self.wall_speed = np.linalg.norm(self.wall_velocity, axis=1)
+        self.wall_spin: np.ndarray | None = None
+        for k, shape in enumerate(self.shapes):
+            if shape.angular_velocity:
+                self._turn(1 + 2 * self.dim + k, shape, f"shape {k + 1}")
+
+    def _turn(self, wall: int, shape: Shape, name: str) -> None:
+        """Let a wall turn: u = u_0 + A (x - centre), A antisymmetric."""
+        body, omega = shape.body, shape.angular_velocity
+        assert omega is not None
+        if not isinstance(body, Cylinder) and not (isinstance(body, Sphere) and self.dim == 2):
+            raise ShapeError(f"{name}: only cylinders turn, and disks in 2D")
+        # x, y, z in turn: the plane that is turned, in the positive sense about the axis
+        plane = [(body.axis + 1) % 3, (body.axis + 2) % 3] if isinstance(body, Cylinder) else [0, 1]
+        centre = np.asarray(body.centre, float)
+        if (abs(centre - (self.lower + self.upper) / 2) + body.radius > self.period / 2 + self.round_off)[plane].any():
+            raise ShapeError(f"{name}: turns, and reaches over a periodic face; move it into the box")
+        if self.wall_spin is None:
+            self.wall_spin = np.zeros((len(self.wall_velocity), self.dim, self.dim))
+        self.wall_spin[wall, plane[0], plane[1]], self.wall_spin[wall, plane[1], plane[0]] = -omega, omega
+        self.wall_velocity[wall] -= self.wall_spin[wall] @ centre
+        self.wall_speed[wall] += abs(omega) * body.radius
+
+    def phase(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int8: -1 in a solid or on its surface, otherwise the index of the fluid."""
+        x = self._wrapped(x)
+        phase = np.full(len(x), self.fluid, dtype=np.int8)
+        seam = np.zeros(len(x), dtype=bool)  # on the surface of a fluid shape: a wall only if there is solid beside it
+        for shape in self.shapes:
+            margin = self.round_off if shape.phase < 0 else -self.round_off
+            d = shape.signed_distance(x, self.period)
+            phase[d <= margin] = shape.phase
+            if shape.phase >= 0:
+                seam |= np.abs(d) <= self.round_off
+        phase[face_distance(x, self.lower, self.upper, self.periodic)[0] <= self.round_off] = -1
+        seam &= phase < 0
+        if seam.any():
+            beside = _beside(_in_3d(x[seam]), *self._pieces(), self.fluid < 0, PROBE / ROUND_OFF * self.round_off)
+            phases = np.array([self.fluid, *(s.phase for s in self.shapes)], dtype=np.int8)
+            phase[seam] = np.where(beside < -1, -1, phases[beside + 1])
+        return phase
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """(n,) signed distance to the wall, m.
+
+        Walls are where fluid meets solid, not where shapes of a kind touch. Exact where the nearest point of the
+        wall lies on one surface or on an edge of planes; where it lies on an edge of curved surfaces that has
+        several nearest points, never more than the distance to one of them and never less than that to the
+        nearest surface of any shape.
+        """
+        return self._nearest(x)[0]
+
+    def wall(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int32 index of the face or shape whose surface gives `distance`; on a crossing point it is the
+        wall that is met."""
+        return self._nearest(x)[1]
+
+    def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
+        """(n,) fraction t in (0, 1] from fluid point xi to xj at the first wall; 1.0 where none is met.
+
+        Exact: the chords of the segment in the bodies cut it into parts, and the first part whose topmost
+        shape is solid begins at t.
+        """
+        xi, xj = np.asarray(xi, float), np.asarray(xj, float)
+        if not self.has_solid or not len(xi):
+            return np.ones(len(xi))
+        return _crossings(xi, xj, *self._pieces(), self.fluid < 0, self.round_off, get_num_threads())
+
+    def _pieces(self) -> _Grid:
+        if self._grid is None:
+            self._grid = _Grid.of(self)
+        return self._grid
+
+    def _wrapped(self, x: np.ndarray) -> np.ndarray:
+        x = np.array(x, dtype=float, ndmin=2)
+        for a in range(self.dim):
+            if self.periodic[a]:
+                x[:, a] = self.lower[a] + np.mod(x[:, a] - self.lower[a], self.period[a])
+        return x
+
+    def _nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Signed distance and index of the wall that gives it."""
+        x = self._wrapped(x)
+        d = np.full(len(x), np.inf if self.fluid >= 0 else -np.inf)
+        wall = np.zeros(len(x), dtype=np.int32)
+        for k, shape in enumerate(self.shapes):
+            if shape.phase < 0:
+                sd = shape.signed_distance(x, self.period)
+                closer = sd < d
+            elif self.fluid < 0 or any(s.phase < 0 for s in self.shapes[:k]):
+                sd = -shape.signed_distance(x, self.period)
+                closer = sd > d
+            else:
+                continue
+            d[closer] = sd[closer]
+            wall[closer] = 1 + 2 * self.dim + k
+        face, face_wall = face_distance(x, self.lower, self.upper, self.periodic)
+        closer = face < d
+        d[closer] = face[closer]
+        wall[closer] = face_wall[closer]
+        # beside fluid, faces are walls, and so are solids that no fluid shape lies on
+        bare = np.logical_and.accumulate([s.phase < 0 for s in self.shapes[::-1]])[::-1]
+        is_wall = np.concatenate([np.ones(1 + 2 * self.dim, dtype=bool), bare])
+        ask = np.flatnonzero(np.isfinite(d) & ((d <= self.round_off) | ~is_wall[wall]))
+        if len(ask) and self.shapes:
+            d[ask], wall[ask] = _walls_near(
+                _in_3d(x[ask]), d[ask], wall[ask], self.dim, *self._pieces(), self.fluid < 0,
+                PROBE / ROUND_OFF * self.round_off, get_num_threads(),
+            )
+        return d, wall
+
+
+class _Grid(NamedTuple):
+    """Convex pieces of a scene and their images, listed by the cells of a grid over the box; axes x, y, z.
+
+    lower, edge (3,): of cells, m; counts, around (3,): cells and periodicity; start, entry: pieces of each
+    cell; piece (m, 8): see `Body.pieces`; shape (m,): the shape each is of; solid, outside, sure: of each
+    shape, sure: what is in its pieces is solid whatever the other shapes.
+    """
+
+    lower: np.ndarray
+    edge: np.ndarray
+    counts: np.ndarray
+    around: np.ndarray
+    start: np.ndarray
+    entry: np.ndarray
+    piece: np.ndarray
+    shape: np.ndarray
+    solid: np.ndarray
+    outside: np.ndarray
+    sure: np.ndarray
+
+    @classmethod
+    def of(cls, geometry: ShapeGeometry) -> _Grid:
+        lower, upper = np.zeros((2, 3))
+        upper[:] = 2 * geometry.round_off  # the layer of a 2D scene
+        lower[: geometry.dim], upper[: geometry.dim] = geometry.lower, geometry.upper
+        lower[geometry.dim :] = -upper[geometry.dim :]
+        around = np.array([*geometry.periodic, False][:3])
+        of_shape = [s.body.pieces(geometry.period) for s in geometry.shapes]
+        piece = np.concatenate([np.zeros((0, 8)), *of_shape])
+        shape = np.repeat(np.arange(len(of_shape)), [len(p) for p in of_shape])
+        piece, shape = _images(piece, shape, lower, upper, around)
+        size = upper - lower
+        edge = (size[: geometry.dim].prod() / (CELLS_A_PIECE * max(len(piece), 1))) ** (1 / geometry.dim)
+        counts = np.clip(np.round(size / edge), 1, 500).astype(np.int64)
+        counts[geometry.dim :] = 1
+        edge = size / counts
+        solid = np.array([s.phase < 0 for s in geometry.shapes], dtype=np.bool_)
+        outside = np.array([s.outside for s in geometry.shapes], dtype=np.bool_)
+        sure = solid & ~outside & np.logical_and.accumulate(solid[::-1])[::-1]
+        start, entry = _fill_cells(piece, _extent(piece), lower, edge, counts)
+        return cls(lower, edge, counts, around, start, entry, piece, shape, solid, outside, sure)
+
+
+def _cut_planes(geometry: ShapeGeometry) -> Iterator[str]:
+    """Half-spaces that end at a periodic face."""
+    for k, shape in enumerate(geometry.shapes):
+        if not isinstance(shape.body, HalfSpace):
+            continue
+        slope = np.abs(shape.body.unit_normal) > ROUND_OFF
+        cut = [name for name, p, s in zip("xyz", geometry.periodic, slope) if p and s]
+        if cut:
+            yield (f"shape {k + 1}: the half-space is not periodic along {', '.join(cut)}: it ends at the periodic "
+                   "face, where the distance to walls is not that to its end")  # fmt: skip

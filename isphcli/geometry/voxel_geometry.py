@@ -1,0 +1,147 @@
+"""Geometry of a labelled voxel image: phases, wall distance and first wall along a segment.
+
+In voxel coordinates u = (x - lower) / voxel_size, voxel i covers [i, i + 1] and its centre is i + 1/2. Images
+are indexed [z, y, x]; a 2D image [y, x] is one layer, periodic along z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numba import get_num_threads, njit, prange
+
+from .faces import face_distance, face_walls
+from .voxel_crossings import _crossings
+from .voxel_lookup import FAR, _label, _voxel_of
+from .wall_distance import _distances, wall_field
+
+
+class VoxelGeometry:
+    """Geometry (see `geometry.Geometry`) of a voxel image.
+
+    labels: int8 [z, y, x] or [y, x], -1 solid, otherwise the index of a fluid; voxel_size: m, one number or
+    (dim,) in the order x, y(, z); periodic: (dim,) in that order, the faces of the other axes are walls;
+    wall_distance: 'smooth' (oblique staircases stand for smooth walls) or 'stairs' (walls are voxel faces).
+    flow_axis, clear: the image gets `clear` > 0 voxels of fluid 0 at both ends of the axis, which becomes
+    periodic; sample_lower, sample_upper (dim,) is the box of the image itself.
+    face_velocity, face_slip, slip_length: of the faces and of all other walls, see `geometry.face_walls`.
+    The wall distances are computed when they are first asked for. Raises ValueError where these do not fit each other.
+    """
+
+    warnings: tuple[str, ...] = ()
+    described: tuple[tuple[str, str], ...] = ()
+
+    def __init__(
+        self,
+        labels: np.ndarray,
+        voxel_size: float | Sequence[float] | np.ndarray,
+        periodic: Sequence[bool],
+        wall_distance: str = "smooth",
+        flow_axis: int | None = None,
+        clear: int = 0,
+        slip_length: float = 0.0,
+        face_velocity: dict | None = None,
+        face_slip: dict | None = None,
+    ):
+        labels = np.asarray(labels)
+        if labels.ndim == 3 and labels.shape[0] == 1:
+            labels = labels[0]
+        if labels.ndim not in (2, 3) or labels.size == 0:
+            raise ValueError(f"labels of shape {labels.shape}: give 2 or 3 dimensions and a voxel")
+        if wall_distance not in ("smooth", "stairs"):
+            raise ValueError(f"wall_distance '{wall_distance}': choose smooth or stairs")
+        self.dim = labels.ndim
+        size = np.asarray(voxel_size, dtype=float).ravel()
+        self.voxel_size = np.full(self.dim, size[0]) if size.size == 1 else size[: self.dim].copy()
+        if (
+            not (self.voxel_size > 0).all()
+            or not np.isfinite(self.voxel_size).all()
+            or size.size not in (1, 2, 3)
+        ):
+            raise ValueError(f"voxel_size {voxel_size} must be positive, one number or one per axis")
+        around = [bool(p) for p in periodic][: self.dim]
+        if len(around) != self.dim:
+            raise ValueError(f"periodic needs {self.dim} entries")
+        array_axis = None if flow_axis is None else self.dim - 1 - flow_axis
+        sample = np.array(labels.shape[::-1])
+        if flow_axis is not None and clear > 0:
+            widths = [(clear, clear) if a == array_axis else (0, 0) for a in range(self.dim)]
+            labels = np.pad(labels, widths, constant_values=0)
+            around[flow_axis] = True
+        start = np.zeros(self.dim)
+        if flow_axis is not None:
+            start[flow_axis] = clear
+        self.labels = np.ascontiguousarray(labels, dtype=np.int8)
+        self.periodic = tuple(around)
+        self.wall_distance = wall_distance
+        self.lower = np.zeros(self.dim)
+        self.upper = np.array(self.labels.shape[::-1]) * self.voxel_size
+        self.sample_lower = start * self.voxel_size
+        self.sample_upper = (start + sample) * self.voxel_size
+        self.wall_velocity, self.slip_length = face_walls(self.dim, slip_length, face_velocity, face_slip)
+        self.wall_spin, self.wall_speed = None, np.linalg.norm(self.wall_velocity, axis=1)
+        self._unit = float(self.voxel_size.min())
+        self._grid = self.labels if self.dim == 3 else self.labels[None]
+        self._around = np.array([*around, True][:3])
+        self._voxel = np.append(self.voxel_size / self._unit, 1.0)[:3]  # x, y, z
+        solid = bool((self.labels < 0).any())
+        self.has_solid = solid or not all(around)
+        self._solid = 0 if not solid else 1 if (self.labels >= 0).any() else 2  # none, some, all
+
+    @cached_property
+    def _field(self) -> np.ndarray:
+        """Wall distance at the voxel centres: most of the time and memory of an image."""
+        if self._solid == 1:
+            return wall_field(self._grid, self._voxel, self._around, self.wall_distance)
+        return np.full((1, 1, 1), FAR if self._solid == 0 else -FAR, dtype=np.float32)
+
+    def phase(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int8: label of the voxel that holds each point; -1 in solids and beyond non-periodic faces."""
+        return _phases(self._grid, self._around, self._points(x))
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """(n,) signed distance to the wall, m; its sign agrees with `phase`."""
+        u = self._points(x)
+        if not self.has_solid:
+            return np.full(len(u), np.inf)
+        stairs = self.wall_distance == "stairs"
+        d = _distances(self._grid, self._field, self._around, self._voxel, stairs, u)
+        return np.where(np.abs(d) > 1e20, np.copysign(np.inf, d), d * self._unit)
+
+    def wall(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int32: the face of the image where it is the nearest wall, otherwise 0."""
+        x = np.asarray(x, dtype=float)
+        face, number = face_distance(x, self.lower, self.upper, self.periodic)
+        nearest = face <= np.maximum(self.distance(x), 0.0) + 1e-6 * self._unit
+        return np.where(nearest, number, 0).astype(np.int32)
+
+    def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
+        """(n,) fraction t in (0, 1] from fluid point xi to xj at the first wall; 1.0 where none is met.
+
+        'stairs': the first face of a solid voxel, exactly; a segment through the edge where two solid voxels
+        touch is blocked. 'smooth': zero of the smooth distance before the first solid voxel whose chord has
+        its middle in the solid.
+        """
+        xi, xj = np.asarray(xi, dtype=float), np.asarray(xj, dtype=float)
+        if not self.has_solid:
+            return np.ones(len(xi))
+        stairs = self.wall_distance == "stairs"
+        lattice = (self._grid, self._field, self._around)
+        return _crossings(*lattice, stairs, xi, xj, self.lower, self.voxel_size, get_num_threads())
+
+    def _points(self, x: np.ndarray) -> np.ndarray:
+        """Voxel coordinates (n, 3); the layer of a 2D image has z = 1/2."""
+        x = np.asarray(x, dtype=float)
+        u = np.full((len(x), 3), 0.5)
+        u[:, : self.dim] = (x - self.lower) / self.voxel_size
+        return u
+
+
+@njit(cache=True, parallel=True)
+def _phases(grid, around, u):
+    phase = np.empty(len(u), dtype=np.int8)
+    for k in prange(len(u)):
+        phase[k] = _label(grid, around, _voxel_of(u[k, 0]), _voxel_of(u[k, 1]), _voxel_of(u[k, 2]))
+    return phase

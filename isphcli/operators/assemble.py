@@ -1,0 +1,28 @@
+"""Linear systems: GMRES with a smoothed-aggregation preconditioner, null spaces, reports (paper 2.4, eqs 25-26)."""
+
+import numpy as np
+import scipy.sparse as sp
+
+
+def assemble(start, column, weights, shift, scale, diagonal=None):
+    """The matrix  shift - scale * L  in canonical CSR form, L f_i = sum_j w_ij (f_j - f_i) - diagonal_i f_i.
+
+    weights: (n_pairs,); shift, scale: numbers; diagonal: (n,) wall sums or None.
+    """
+    n = len(start) - 1
+    total = row_sums(start, weights)
+    if diagonal is not None:
+        total = total + diagonal
+    # scipy sorts in place: it must not reorder the columns that the operators hold
+    matrix = sp.csr_matrix((-scale * weights, column.copy(), start.copy()), shape=(n, n))
+    matrix = matrix + sp.diags_array(shift + scale * total).tocsr()
+    matrix.sum_duplicates()
+    if max(matrix.nnz, n) < 2**31:
+        matrix.indptr, matrix.indices = matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32)
+    return matrix
+
+
+def row_sums(start, values):
+    """Sums of the entries of each row, (n,); empty rows give zero."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    return total[start[1:]] - total[start[:-1]]

@@ -1,0 +1,523 @@
+"""The operators of a steady solve in factors: a few tensors a particle in place of ten numbers a pair.
+
+With e the unit vector from particle i to its neighbour j, s their distance over the support, w = F V support and
+
+    a = w e,        T = w e (x) e / s        (xx yy zz yz xz xy)
+
+the weights of eqs 5-6 (see `operators` and `walls`) are
+
+    lap_ij = L_i : T - b_i . a,   grad_ij = M_i a - K_i : T,   grad_p_ij = Q_i a,   symmetric_ij = c_i w / s .
+
+K makes the gradient of the velocity exact for quadratic functions. A lattice has as many different (a, T) as a
+neighbourhood has neighbours, however many particles there are: a pair keeps the number of its offset, one byte, where
+the weights took 80.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from numba import njit, prange
+
+from .crossings import WallStencils
+from .kernel import normalisation, slope
+from .moments import (
+    CHUNKS,
+    correction,
+    gather_stencil,
+    invert_gradient,
+    new_correction,
+    new_stencil,
+    second_moments,
+    stencil_moments,
+    stencil_size,
+)
+from .wall_weights import BoundarySums, add_wall_pair, meet_walls, new_boundary_sums, new_wall_pair
+
+# Share by which diagonals of the conductances are raised. Pressure is known up to a constant in each component; in a
+# pocket smaller than an aggregate the coarse matrices hold nothing but that constant and divide by round-off.
+GROUND = 1e-6
+MOST_OFFSETS = 255  # more, and every pair keeps an offset of its own: particles off a lattice
+
+
+class LatticePairs(NamedTuple):
+    """The pairs of fluid particles in sight as kernels take them; columns are owners.
+
+    start: (n + 1,); column: (n_pairs,) int32; offset_id: (n_pairs,) number of the offset of the pair. Of the m offsets:
+    step (m, dim) x_j - x_i, m; first_moment (m, 3) a; second_moment (m, 6) T; pair_laplacian (m,) w / s.
+    """
+
+    start: np.ndarray
+    column: np.ndarray
+    offset_id: np.ndarray
+    step: np.ndarray
+    first_moment: np.ndarray
+    second_moment: np.ndarray
+    pair_laplacian: np.ndarray
+
+
+class Factors(NamedTuple):
+    """Tensors of the particles as kernels take them.
+
+    laplace: (n, 9) L and b, 1/m2; gradient: (n, dim, dim) M and gradient_p Q, 1/m; scale: (n,) c, 1/m2; k_tensor:
+    (n, dim, 6) K, 1/m, or (0, dim, 6) for gradients of first order; k_tensor_p, the same of the pressure gradient away
+    from walls, (0, dim, 6) on a lattice, where it vanishes.
+    """
+
+    laplace: np.ndarray
+    gradient: np.ndarray
+    gradient_p: np.ndarray
+    scale: np.ndarray
+    k_tensor: np.ndarray
+    k_tensor_p: np.ndarray
+
+
+@dataclass(frozen=True)
+class LatticeWeights:
+    """The operators of the fluid particles of a steady solve.
+
+    pairs, tensors: see there; walls: sums over the neighbours beyond walls (`walls.WallSums`), slips: whether a wall
+    slips; deficient: particles that fell back on a simpler correction.
+    """
+
+    pairs: LatticePairs
+    tensors: Factors
+    walls: BoundarySums
+    slips: bool
+    deficient: int
+
+    @property
+    def n(self) -> int:
+        """Number of fluid particles."""
+        return len(self.pairs.start) - 1
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return self.pairs.step.shape[1]
+
+
+def build_lattice_weights(stencils: WallStencils, order: int = 1) -> tuple[LatticeWeights, np.ndarray]:
+    """(LatticeWeights, row of each pair in the table of positions). order: of the velocity gradient, 1 (eq. 5) or 2."""
+    everyone, walls, fraction, volume = stencils.neighbours, stencils.walls, stencils.fraction, stencils.volume
+    x, n = everyone.x, everyone.n
+    start, row = _in_sight(everyone.start, everyone.row, fraction)
+    offset_id, step, count = _offsets(x, start, row, 1e-6 * everyone.support)
+    if count <= MOST_OFFSETS:
+        step, weight = step[:count].copy(), np.full(count, volume[0])
+    else:
+        offset_id = np.arange(len(row), dtype=np.int32)
+        step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[everyone.owner[row]]
+    first_moment, second_moment, pair_laplacian = _offset_weights(step, weight, everyone.kind, everyone.support)
+    slips = bool(np.any(walls.slip_length > 0.0))
+    deficient, tensors, sums = _factors(everyone, fraction, volume, order, walls, count > MOST_OFFSETS)
+    pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
+    return LatticeWeights(pairs, Factors(*tensors), BoundarySums(*sums), slips, int(deficient.sum())), row
+
+
+def velocity_matrix(ops: LatticeWeights, dx: float, dtype: type = float) -> sp.csr_matrix:
+    """-dx^2 lap, walls included, in canonical CSR form."""
+    entries = _velocity_entries(ops.pairs, ops.tensors.laplace, ops.walls.lap, dx * dx, np.dtype(dtype).type(0))
+    return _canonical(ops.n, *entries)
+
+
+def conductance_matrix(ops: LatticeWeights, w: np.ndarray, dx: float) -> sp.csr_matrix:
+    """-dx^2 div(w grad) with the symmetric weights and harmonic means of w (n,) over the pairs, canonical CSR.
+
+    Its diagonal is raised by `GROUND`.
+    """
+    return _canonical(ops.n, *_conductance_entries(ops.pairs, ops.tensors.scale, w, dx * dx))
+
+
+def _canonical(n: int, start: np.ndarray, column: np.ndarray, entries: np.ndarray) -> sp.csr_matrix:
+    matrix = sp.csr_matrix((entries, column, start), shape=(n, n))
+    matrix.sum_duplicates()
+    return matrix
+
+
+def gradient_p(ops: LatticeWeights, p: np.ndarray) -> np.ndarray:
+    """Pressure gradient (n, dim) of p (n,)."""
+    gradient = _gradient_p(ops.pairs, ops.tensors.gradient_p, p)
+    if len(ops.tensors.k_tensor_p):
+        gradient -= _second_order(ops.pairs, ops.tensors.k_tensor_p, p)
+    return gradient
+
+
+def potential_gradient(ops: LatticeWeights, force: np.ndarray) -> np.ndarray:
+    """The force (dim,) as the gradient of its potential in the pressure's own operator, (n, dim)."""
+    return _potential_gradient(ops.pairs, ops.tensors.gradient_p, ops.tensors.k_tensor_p, force)
+
+
+def total_divergence(ops: LatticeWeights, u: np.ndarray) -> np.ndarray:
+    """Consistent divergence (n,) of u (n, dim), walls included."""
+    zero = np.zeros(ops.n)
+    return divergence_and_rhie_chow(ops, u, (zero, u), (1.0, 0.0), False) + ops.walls.div_velocity
+
+
+def divergence_and_rhie_chow(ops: LatticeWeights, u: np.ndarray, pressure: tuple[np.ndarray, np.ndarray],
+                        factors: tuple[float, float], conservative: bool) -> np.ndarray:
+    """a div u + b S p without the velocity of the walls, (n,); see `coupling`.
+
+    pressure: p (n,) and its gradient (n, dim); factors: a, b.
+    conservative: on a lattice the divergence may be the balance of the fluxes w_ij x_ji . (u_i + u_j) / 2 between
+    neighbours, which is exact for linear fields too where the neighbourhood is whole. It adds up to zero over the
+    fluid whatever the walls. The consistent divergence does not: in pores a few particles wide the errors that it
+    leaves are as large as the flow through a throat, and GMRES stalls (bead pack at 1.2 particles a bead: residual
+    0.6 after 200 iterations, against 130 iterations to 1e-6).
+    """
+    return _divergence_and_rhie_chow(ops.pairs, ops.tensors, ops.walls.div, u, pressure, factors, conservative)
+
+
+def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: np.ndarray, grad_p: np.ndarray) -> None:
+    """-dx^2 lap u + dx grad p into out (n, dim), grad p into grad_p (n, dim)."""
+    _momentum(ops.pairs, ops.tensors, ops.walls.lap, dx, (u, p), out, grad_p)
+    if len(ops.tensors.k_tensor_p):
+        more = _second_order(ops.pairs, ops.tensors.k_tensor_p, p)
+        grad_p -= more
+        out -= dx * more
+
+
+def symmetric_laplacian(ops: LatticeWeights, f: np.ndarray) -> np.ndarray:
+    """sum_j symmetric_ij (f_j - f_i), (n,)."""
+    return _symmetric(ops.pairs, ops.tensors.scale, f)
+
+
+# --- building ----------------------------------------------------------------------------------------------------
+
+
+@njit(cache=True)
+def _in_sight(start, index, fraction):
+    """Row pointers and rows in the table of the neighbours that no wall hides."""
+    n = len(start) - 1
+    first = np.zeros(n + 1, np.int64)
+    for i in range(n):
+        first[i + 1] = first[i]
+        for q in range(start[i], start[i + 1]):
+            first[i + 1] += fraction[q] > 1.0
+    row = np.empty(first[n], np.int32)
+    at = 0
+    for q in range(len(index)):
+        if fraction[q] > 1.0:
+            row[at] = index[q]
+            at += 1
+    return first, row
+
+
+@njit(cache=True)
+def _offsets(x, start, row, tolerance):
+    """Number of the offset of each pair, the offsets, and how many; gives up beyond MOST_OFFSETS."""
+    dim = x.shape[1]
+    offset_id = np.empty(len(row), np.uint8)
+    step = np.empty((MOST_OFFSETS, dim))
+    count = 0
+    for i in range(len(start) - 1):
+        guess = 0  # rows list their neighbours in the same order
+        for q in range(start[i], start[i + 1]):
+            found = -1
+            for tried in range(count):
+                t = guess + tried
+                if t >= count:
+                    t -= count
+                off = 0.0
+                for k in range(dim):
+                    off = max(off, abs(x[row[q], k] - x[i, k] - step[t, k]))
+                if off < tolerance:
+                    found = t
+                    break
+            if found < 0:
+                if count == MOST_OFFSETS:
+                    return offset_id, step, count + 1
+                for k in range(dim):
+                    step[count, k] = x[row[q], k] - x[i, k]
+                found = count
+                count += 1
+            offset_id[q] = found
+            guess = found + 1
+    return offset_id, step, count
+
+
+@njit(cache=True)
+def _offset_weights(step, volume, kind, support):
+    m, dim = step.shape
+    first_moment, second_moment, pair_laplacian = np.zeros((m, 3)), np.zeros((m, 6)), np.zeros(m)
+    factor = normalisation(kind, support, dim)
+    e = np.zeros(3)
+    for t in range(m):
+        r = 0.0
+        for k in range(dim):
+            r += step[t, k] ** 2
+        r = np.sqrt(r)
+        if r == 0.0:  # coincident particles do not act on each other
+            continue
+        for k in range(dim):
+            e[k] = step[t, k] / r
+        s = r / support
+        w = volume[t] * factor * slope(kind, s)
+        pair_laplacian[t] = w / s
+        for k in range(3):
+            first_moment[t, k] = w * e[k]
+            second_moment[t, k] = pair_laplacian[t] * e[k] * e[k]
+        for v, a, b in ((3, 1, 2), (4, 0, 2), (5, 0, 1)):
+            second_moment[t, v] = pair_laplacian[t] * e[a] * e[b]
+    return first_moment, second_moment, pair_laplacian
+
+
+@njit(cache=True, parallel=True)
+def _factors(neighbours, fraction, volume, order, walls, off_lattice):
+    """As `walls._wall_rows`, but the tensors are kept and the weights of the wall pairs only summed up.
+
+    Returns (deficient, arrays of Factors, arrays of BoundarySums)."""
+    start, per_length = neighbours.start, 1.0 / neighbours.support
+    n, dim, size = len(start) - 1, neighbours.x.shape[1], stencil_size(start)
+    deficient = np.zeros(CHUNKS, np.int64)
+    laplace, scale = np.empty((n, 9)), np.empty(n)
+    gradient, gradient_p = np.empty((n, dim, dim)), np.empty((n, dim, dim))
+    k_tensor = np.zeros((n if order == 2 else 0, dim, 6))
+    k_tensor_p = np.zeros((n if order == 2 and off_lattice else 0, dim, 6))
+    wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip = new_boundary_sums(n, dim, walls.slip_length)
+    per_area = per_length * per_length
+    for chunk in prange(CHUNKS):
+        stencil, moments = new_stencil(size), np.empty(41)
+        ex, ey, ez, s, w = stencil
+        corrected, gp, pair = new_correction(), np.empty((3, 3)), new_wall_pair(dim)
+        g, _, right, drift, spread = corrected
+        weight = pair[0]
+        a_q, t_q = np.empty(3), np.empty(6)
+        for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
+            begin, count = start[i], start[i + 1] - start[i]
+            padded = gather_stencil(neighbours, i, volume, stencil)
+            whole, near = meet_walls(stencil, fraction[begin : begin + count])
+            stencil_moments(stencil, padded, moments)
+            deficient[chunk] += correction(moments, dim, order, corrected)
+            scale[i] = 2.0 * dim * per_area / whole if whole > 0.0 else 0.0
+            for v in range(6):
+                laplace[i, v] = 2.0 * per_area * right[v, 0]
+            for k in range(3):
+                laplace[i, 6 + k] = per_area * (g[k, 0] * drift[0] + g[k, 1] * drift[1] + g[k, 2] * drift[2])
+            for m in range(dim):
+                for k in range(dim):
+                    gradient[i, m, k] = per_length * g[m, k]
+                    gradient_p[i, m, k] = per_length * g[m, k]
+                if order == 2:
+                    for k in range(dim):
+                        gradient[i, m, k] = per_length * (
+                            spread[m, 0] * g[0, k] + spread[m, 1] * g[1, k] + spread[m, 2] * g[2, k])
+                    for v in range(6):
+                        k_tensor[i, m, v] = per_length * right[v, 1 + m]
+            if not near:
+                if len(k_tensor_p) > 0:
+                    gradient_p[i], k_tensor_p[i] = gradient[i], k_tensor[i]
+                continue
+            second_moments(stencil, fraction[begin : begin + count], moments)
+            invert_gradient(moments, dim, gp)
+            for m in range(dim):
+                for k in range(dim):
+                    gradient_p[i, m, k] = per_length * gp[m, k]
+            for q in range(count):
+                if fraction[begin + q] > 1.0:
+                    continue
+                a_q[0], a_q[1], a_q[2] = w[q] * ex[q], w[q] * ey[q], w[q] * ez[q]
+                b = w[q] / s[q]
+                t_q[0], t_q[1], t_q[2] = b * ex[q] * ex[q], b * ey[q] * ey[q], b * ez[q] * ez[q]
+                t_q[3], t_q[4], t_q[5] = b * ey[q] * ez[q], b * ex[q] * ez[q], b * ex[q] * ey[q]
+                weight[0] = 0.0
+                for v in range(6):
+                    weight[0] += laplace[i, v] * t_q[v]
+                for k in range(3):
+                    weight[0] -= laplace[i, 6 + k] * a_q[k]
+                for m in range(dim):
+                    weight[1 + m] = 0.0
+                    for k in range(dim):
+                        weight[1 + m] += gradient[i, m, k] * a_q[k]
+                    if order == 2:
+                        for v in range(6):
+                            weight[1 + m] -= k_tensor[i, m, v] * t_q[v]
+                sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
+                add_wall_pair(neighbours, walls, i, q, stencil, pair, sums)
+    sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
+    return deficient, (laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p), sums
+
+
+@njit(cache=True, inline="always")
+def _lap_weight(laplace, i, second, first, t):
+    return (laplace[i, 0] * second[t, 0] + laplace[i, 1] * second[t, 1] + laplace[i, 2] * second[t, 2]
+            + laplace[i, 3] * second[t, 3] + laplace[i, 4] * second[t, 4] + laplace[i, 5] * second[t, 5]
+            - laplace[i, 6] * first[t, 0] - laplace[i, 7] * first[t, 1] - laplace[i, 8] * first[t, 2])
+
+
+@njit(cache=True, parallel=True)
+def _velocity_entries(pairs, laplace, wall_lap, area, zero):
+    start, column, offset_id = pairs.start, pairs.column, pairs.offset_id
+    first_moment, second_moment = pairs.first_moment, pairs.second_moment
+    n = len(start) - 1
+    first = np.empty(n + 1, np.int32)
+    index, entries = np.empty(len(column) + n, np.int32), np.empty(len(column) + n, type(zero))
+    first[n] = len(index)
+    for i in prange(n):
+        at = start[i] + i
+        first[i] = at
+        total = wall_lap[i]
+        for q in range(start[i], start[i + 1]):
+            a = _lap_weight(laplace, i, second_moment, first_moment, offset_id[q])
+            total += a
+            index[q + i + 1], entries[q + i + 1] = column[q], -area * a
+        index[at], entries[at] = i, area * total
+    return first, index, entries
+
+
+@njit(cache=True, parallel=True)
+def _conductance_entries(pairs, scale, w, area):
+    start, column, offset_id, pair_laplacian = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
+    n = len(start) - 1
+    first = np.empty(n + 1, np.int32)
+    index, entries = np.empty(len(column) + n, np.int32), np.empty(len(column) + n)
+    first[n] = len(index)
+    for i in prange(n):
+        at = start[i] + i
+        first[i] = at
+        total = 0.0
+        for q in range(start[i], start[i + 1]):
+            j = column[q]
+            a = scale[i] * pair_laplacian[offset_id[q]] * 2.0 * w[i] * w[j] / (w[i] + w[j])
+            total += a
+            index[q + i + 1], entries[q + i + 1] = j, -area * a
+        index[at], entries[at] = i, (1.0 + GROUND) * area * total if total > 0.0 else 1.0
+    return first, index, entries
+
+
+# --- applying ----------------------------------------------------------------------------------------------------
+
+
+@njit(cache=True, parallel=True)
+def _momentum(pairs, tensors, wall_lap, dx, unknowns, out, grad_p):
+    start, column, offset_id = pairs.start, pairs.column, pairs.offset_id
+    first_moment, second_moment = pairs.first_moment, pairs.second_moment
+    laplace, gradient_p = tensors.laplace, tensors.gradient_p
+    u, p = unknowns
+    n, dim = u.shape
+    for i in prange(n):
+        s0 = s1 = s2 = v0 = v1 = v2 = 0.0
+        u0, u1, u2, pi = u[i, 0], u[i, 1], u[i, 2] if dim == 3 else 0.0, p[i]
+        for q in range(start[i], start[i + 1]):
+            j, t = column[q], offset_id[q]
+            dp = p[j] - pi
+            s0 += first_moment[t, 0] * dp
+            s1 += first_moment[t, 1] * dp
+            s2 += first_moment[t, 2] * dp
+            a = _lap_weight(laplace, i, second_moment, first_moment, t)
+            v0 += a * (u[j, 0] - u0)
+            v1 += a * (u[j, 1] - u1)
+            if dim == 3:
+                v2 += a * (u[j, 2] - u2)
+        for k in range(dim):
+            grad_p[i, k] = gradient_p[i, k, 0] * s0 + gradient_p[i, k, 1] * s1
+            if dim == 3:
+                grad_p[i, k] += gradient_p[i, k, 2] * s2
+        out[i, 0] = dx * dx * (wall_lap[i] * u0 - v0) + dx * grad_p[i, 0]
+        out[i, 1] = dx * dx * (wall_lap[i] * u1 - v1) + dx * grad_p[i, 1]
+        if dim == 3:
+            out[i, 2] = dx * dx * (wall_lap[i] * u2 - v2) + dx * grad_p[i, 2]
+
+
+@njit(cache=True, parallel=True)
+def _divergence_and_rhie_chow(pairs, tensors, wall_div, u, pressure, factors, conservative):
+    start, column, offset_id, step = pairs.start, pairs.column, pairs.offset_id, pairs.step
+    first_moment, second_moment, pair_laplacian = pairs.first_moment, pairs.second_moment, pairs.pair_laplacian
+    gradient, scale, k_tensor = tensors.gradient, tensors.scale, tensors.k_tensor
+    p, grad_p = pressure
+    a, b = factors
+    n, dim = u.shape
+    out = np.empty(n)
+    for i in prange(n):
+        divergence, flux, jump = 0.0, 0.0, 0.0
+        if not conservative:
+            for k in range(dim):
+                divergence -= wall_div[i, k] * u[i, k]
+        for q in range(start[i], start[i + 1]):
+            j, t = column[q], offset_id[q]
+            missed, along = p[j] - p[i], 0.0
+            for k in range(dim):
+                missed -= 0.5 * (grad_p[i, k] + grad_p[j, k]) * step[t, k]
+                if conservative:
+                    along += 0.5 * (u[i, k] + u[j, k]) * step[t, k]
+                else:
+                    g = 0.0
+                    for m in range(dim):
+                        g += gradient[i, k, m] * first_moment[t, m]
+                    if len(k_tensor) > 0:
+                        for v in range(6):
+                            g -= k_tensor[i, k, v] * second_moment[t, v]
+                    divergence += g * (u[j, k] - u[i, k])
+            flux += pair_laplacian[t] * along
+            jump += pair_laplacian[t] * missed
+        out[i] = a * (divergence + scale[i] * flux) + b * scale[i] * jump
+    return out
+
+
+@njit(cache=True, parallel=True)
+def _gradient_p(pairs, gradient_p, p):
+    start, column, offset_id, first_moment = pairs.start, pairs.column, pairs.offset_id, pairs.first_moment
+    n, dim = len(p), gradient_p.shape[1]
+    out = np.empty((n, dim))
+    for i in prange(n):
+        s0 = s1 = s2 = 0.0
+        for q in range(start[i], start[i + 1]):
+            dp, t = p[column[q]] - p[i], offset_id[q]
+            s0 += first_moment[t, 0] * dp
+            s1 += first_moment[t, 1] * dp
+            s2 += first_moment[t, 2] * dp
+        for k in range(dim):
+            out[i, k] = gradient_p[i, k, 0] * s0 + gradient_p[i, k, 1] * s1
+            if dim == 3:
+                out[i, k] += gradient_p[i, k, 2] * s2
+    return out
+
+
+@njit(cache=True, parallel=True)
+def _second_order(pairs, k_tensor_p, p):
+    """K_i : sum_j T (p_j - p_i), (n, dim)."""
+    start, column, offset_id, second_moment = pairs.start, pairs.column, pairs.offset_id, pairs.second_moment
+    n, dim = len(p), k_tensor_p.shape[1]
+    out = np.zeros((n, dim))
+    for i in prange(n):
+        for q in range(start[i], start[i + 1]):
+            dp, t = p[column[q]] - p[i], offset_id[q]
+            for k in range(dim):
+                for v in range(6):
+                    out[i, k] += k_tensor_p[i, k, v] * second_moment[t, v] * dp
+    return out
+
+
+@njit(cache=True, parallel=True)
+def _potential_gradient(pairs, gradient_p, k_tensor_p, force):
+    start, offset_id, step = pairs.start, pairs.offset_id, pairs.step
+    first_moment, second_moment = pairs.first_moment, pairs.second_moment
+    n, dim = len(start) - 1, len(force)
+    out = np.zeros((n, dim))
+    for i in prange(n):
+        for q in range(start[i], start[i + 1]):
+            rise = 0.0
+            for k in range(dim):
+                rise += force[k] * step[offset_id[q], k]
+            for k in range(dim):
+                for m in range(dim):
+                    out[i, k] += gradient_p[i, k, m] * first_moment[offset_id[q], m] * rise
+                if len(k_tensor_p) > 0:
+                    for v in range(6):
+                        out[i, k] -= k_tensor_p[i, k, v] * second_moment[offset_id[q], v] * rise
+    return out
+
+
+@njit(cache=True, parallel=True)
+def _symmetric(pairs, scale, f):
+    start, column, offset_id, pair_laplacian = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
+    out = np.empty(len(f))
+    for i in prange(len(f)):
+        s = 0.0
+        for q in range(start[i], start[i + 1]):
+            s += pair_laplacian[offset_id[q]] * (f[column[q]] - f[i])
+        out[i] = scale[i] * s
+    return out

@@ -1,0 +1,112 @@
+"""Operators of scenes with walls: dummies, wall data of every row, crossings. Imported only where there are solids."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from ..domain.halo import Halo, build_halo
+from ..domain.neighbours import Neighbourhood, neighbourhood
+from ..geometry.wall_normals import wall_normals
+from .crossings import WallStencils, WallTable, crossings
+from .div_grad import adjoint_divergence, flux_form
+from .moments import particle_volumes
+from .narrow_pores import classify_neighbourhoods
+from .pair_weights import Operators
+from .wall_weights import build_wall_operators
+
+if TYPE_CHECKING:
+    from ..geometry.protocol import Geometry
+
+
+class WallChange(Protocol):
+    """What makes the walls of a configuration other than those of the geometry (contact_angle.SlipAtLine)."""
+
+    def wall_table(self, geometry: Geometry, wall: np.ndarray,
+                   neighbours: Neighbourhood) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+        """(wall (n_rows,), velocity, slip length and spin of the walls) of the nearest walls (n_rows,)."""
+
+
+class WallScene:
+    """Dummies of a scene and their wall data, which never change.
+
+    geometry: Geometry; dummies: (n_dummy, dim) m; support: m; kind: kernel number; site_volume: m^dim;
+    line: what changes walls near a contact line, or None.
+    """
+
+    def __init__(self, geometry: Geometry, dummies: np.ndarray, support: float, kind: int, site_volume: float,
+                 line: WallChange | None = None):
+        self.geometry, self.dummies = geometry, dummies
+        self.support, self.kind, self.site_volume = support, kind, site_volume
+        self.dummy_distance = geometry.distance(dummies)
+        self.dummy_wall = geometry.wall(dummies)
+        self.line = line
+        self.slips = line is not None or bool(np.any(geometry.slip_length > 0.0))
+        self.dummy_normal = self._normals(dummies) if self.slips else None
+
+    def configure(self, x: np.ndarray) -> tuple[Operators, Neighbourhood, Halo]:
+        """Operators, all neighbours and periodic images of fluid positions x (n, dim)."""
+        stencils, images = self.stencils(x)
+        neighbours = stencils.neighbours
+        narrow, isolated = classify_neighbourhoods(neighbours, stencils.fraction)
+        ops = build_wall_operators(stencils, 2, narrow, isolated)
+        if narrow is None:
+            flux_form(ops, np.diff(neighbours.start))
+        else:
+            adjoint_divergence(ops)
+        return ops, neighbours, images
+
+    def stencils(self, x: np.ndarray, fixed: bool = False) -> tuple[WallStencils, Halo]:
+        """What operators are built from, and the periodic images.
+
+        fixed: the particles sit on their lattice and will stay there: every volume is that of a site.
+        """
+        geometry, n = self.geometry, len(x)
+        owned = np.concatenate([x, self.dummies])
+        images = build_halo(owned, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support)
+        table, owner = images.positions(owned), images.owners(len(owned))
+        neighbours = neighbourhood(table, owner, n, self.kind, self.support)
+        wall, velocity = np.concatenate([geometry.wall(x), self.dummy_wall])[owner], geometry.wall_velocity
+        slip_length, spin = geometry.slip_length, geometry.wall_spin
+        if self.line is not None:
+            wall, velocity, slip_length, spin = self.line.wall_table(geometry, wall, neighbours)
+        walls = WallTable(
+            owner < n,
+            np.concatenate([geometry.distance(x), self.dummy_distance])[owner],
+            wall,
+            velocity,
+            slip_length,
+            np.concatenate([self._normals(x), self.dummy_normal])[owner] if self.slips else np.zeros((0, x.shape[1])),
+            np.zeros((0, x.shape[1], x.shape[1])) if spin is None else spin,
+        )
+        fraction = crossings(geometry, neighbours, walls)
+        volume = np.full(len(owned), self.site_volume)
+        if not fixed:
+            volume[:n] = particle_volumes(neighbours)
+        return WallStencils(neighbours, walls, fraction, volume), images
+
+    def clamp_wall_distance(self, x: np.ndarray, displacement: np.ndarray, dr: np.ndarray | None,
+                            nearest: float | np.ndarray) -> np.ndarray | None:
+        """The shift dr (n, dim) or None, with what keeps particles from coming nearer to a wall than `nearest`.
+
+        x: (n, dim) positions; displacement: (n, dim) with the flow; nearest: number or (n,), m.
+        A particle that starts nearer does not approach further. The flow along a no-slip wall never presses a particle
+        against it; shifting and round-off of the velocity do, and the correction tensors of a particle on the wall are
+        lopsided.
+        """
+        ahead = x + displacement if dr is None else x + displacement + dr
+        distance = self.geometry.distance(ahead)
+        rows = np.flatnonzero(distance < nearest)
+        if len(rows) == 0:
+            return dr
+        if np.ndim(nearest):
+            nearest = nearest[rows]
+        least = np.minimum(np.maximum(self.geometry.distance(x[rows]), 0.0), nearest)
+        missing = np.maximum(least - distance[rows], 0.0)
+        dr = np.zeros_like(x) if dr is None else dr
+        dr[rows] += missing[:, None] * self._normals(ahead[rows])
+        return dr
+
+    def _normals(self, x: np.ndarray) -> np.ndarray:
+        return wall_normals(self.geometry, x, self.support)

@@ -1,0 +1,203 @@
+"""Walls: neighbours beyond a wall, the consistent form of paper eq. 11.
+
+Eq. 11 extends a Dirichlet field linearly into the wall, f_D = f_W + (d_D / d_I)(f_W - f_I). With t the
+fraction of the way from the fluid particle i to the dummy particle at which the pair crosses the wall,
+(f_D - f_I) / r = (f_W - f_I) / (t r): the slope of eq. 6 is that to the point where the pair meets the wall.
+We therefore put that point, and not the dummy, into the correction tensors G_i and L_i as well. Quadratic
+functions with their wall values are then exact at any wall distance (plane Poiseuille flow to round-off), and
+every particle keeps its full star of directions, in a throat one particle wide too.
+
+Pairs of fluid particles that see each other only through a wall are wall pairs as well.
+
+Pressure has no values at walls: its gradient is corrected over fluid neighbours only, its Laplacian is the
+uncorrected sum over them (homogeneous Neumann, conservative).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from .crossings import WallStencils, in_sight
+from .moments import (
+    CHUNKS,
+    SHARED,
+    correction,
+    gather_stencil,
+    invert_gradient,
+    new_correction,
+    new_stencil,
+    second_moments,
+    stencil_moments,
+    stencil_size,
+    stencil_weights,
+)
+from .pair_weights import Operators, WallSums
+
+
+class BoundarySums(NamedTuple):
+    """The sums over walls as kernels make them, see `WallSums`; slip: (0, dim, dim) where no wall slips."""
+
+    lap: np.ndarray
+    lap_velocity: np.ndarray
+    div: np.ndarray
+    div_velocity: np.ndarray
+    slip: np.ndarray
+
+
+def build_wall_operators(stencil: WallStencils, order: int = 1, narrow: np.ndarray | None = None,
+                         isolated: np.ndarray | None = None) -> Operators:
+    """Operators of a scene with walls.
+
+    order: of the velocity gradient, 1 (eq. 5) or 2; narrow, isolated: see `WallSums`.
+    """
+    everyone, walls = stencil.neighbours, stencil.walls
+    n = everyone.n
+    start = np.zeros(n + 1, dtype=np.int64)
+    np.cumsum(in_sight(everyone.start, stencil.fraction), out=start[1:])
+    deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, sums = _wall_rows(
+        everyone, stencil.fraction, stencil.volume, order, walls, start)
+    found = WallSums(*sums[:4], sums[4] if np.any(walls.slip_length > 0.0) else None, symmetric, near, narrow, isolated)
+    seen = everyone._replace(start=start, column=column, row=row)
+    return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[:n], int(deficient.sum()), found)
+
+
+def wall_laplacian(walls: WallSums, u: np.ndarray) -> np.ndarray:
+    """What walls add to the velocity Laplacian of u (n, dim)."""
+    result = walls.lap_velocity - walls.lap[:, None] * u
+    if walls.slip is not None:
+        result += np.einsum("nkm,nm->nk", walls.slip, u)
+    return result
+
+
+def wall_divergence(walls: WallSums, u: np.ndarray) -> np.ndarray:
+    """What walls add to the divergence of u (n, dim), (n,)."""
+    return walls.div_velocity - np.einsum("nk,nk->n", walls.div, u)
+
+
+@njit(cache=True)
+def meet_walls(stencil, fraction):
+    """Moves the far ends of the pairs of a star to where they meet a wall (eq. 11). fraction: (count,) their crossings.
+
+    Returns the sum of w s over the star with the dummies at their own places, and whether it meets a wall or has a
+    neighbour that it shares no pressure with.
+    """
+    s, w = stencil[3], stencil[4]
+    whole, near = 0.0, False
+    for k in range(len(fraction)):
+        whole += w[k] * s[k]
+    for k in range(len(fraction)):
+        near |= fraction[k] <= SHARED
+        if fraction[k] <= 1.0:
+            s[k] *= fraction[k]
+    return whole, near
+
+
+@njit(cache=True)
+def new_boundary_sums(n, dim, slip_length):
+    """Arrays of BoundarySums of n particles, still zero."""
+    slips = n if np.any(slip_length > 0.0) else 0
+    return np.zeros(n), np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(n), np.zeros((slips, dim, dim))
+
+
+@njit(cache=True)
+def new_wall_pair(dim):
+    """Scratch arrays for `add_wall_pair`: weights of the pair (4,), of the Laplacian and of the gradient; velocity of
+    the wall (dim,); slip tensor (dim, dim)."""
+    return np.empty(4), np.empty(dim), np.empty((dim, dim))
+
+
+@njit(cache=True)
+def add_wall_pair(neighbours, walls, i, k, stencil, pair, sums):
+    """Adds neighbour k of the star of particle i, which is met at a wall, to the sums of the walls: eq. 11.
+
+    pair: of `new_wall_pair`, with the weights of this one, 1/m2 and 1/m; sums: arrays of BoundarySums. With Navier
+    slip, u at the wall is u_W + B (u_i - u_W), B = length / (length + d) times the projection on the wall.
+    """
+    weight, wall_u, slide = pair
+    lap, lap_velocity, div, div_velocity, slip = sums
+    x, dim = neighbours.x, neighbours.x.shape[1]
+    j = neighbours.row[neighbours.start[i] + k]
+    met = walls.wall[j]
+    for m in range(dim):
+        wall_u[m] = walls.velocity[met, m]
+        if len(walls.spin) > 0:
+            for q in range(dim):
+                wall_u[m] += walls.spin[met, m, q] * (x[i, q] + stencil[q][k] * stencil[3][k] * neighbours.support)
+    a = weight[0]
+    lap[i] += a
+    for m in range(dim):
+        lap_velocity[i, m] += a * wall_u[m]
+        div[i, m] += weight[1 + m]
+        div_velocity[i] += weight[1 + m] * wall_u[m]
+    length = walls.slip_length[met]
+    if length > 0.0:
+        normal, factor = walls.normal, length / (length + max(walls.distance[i], 0.0))
+        for q in range(dim):
+            for m in range(dim):
+                slide[q, m] = factor * ((1.0 if q == m else 0.0) - normal[j, q] * normal[j, m])
+        for q in range(dim):
+            for m in range(dim):
+                slip[i, q, m] += a * slide[q, m]
+                lap_velocity[i, q] -= a * slide[q, m] * wall_u[m]
+                div[i, m] -= weight[1 + q] * slide[q, m]
+                div_velocity[i] -= weight[1 + q] * slide[q, m] * wall_u[m]
+
+
+@njit(cache=True, parallel=True)
+def _wall_rows(neighbours, fraction, volume, order, walls, seen_start):
+    """(deficient, (columns, rows), weights of the pairs in sight, near, arrays of BoundarySums).
+
+    All that it makes is returned: numba loses what a parallel loop writes to arrays that came in a tuple.
+    """
+    start, per_length = neighbours.start, 1.0 / neighbours.support
+    n, dim, size = len(start) - 1, neighbours.x.shape[1], stencil_size(start)
+    pairs = seen_start[n]
+    column, row, near = np.empty(pairs, np.int32), np.empty(pairs, np.int32), np.zeros(n, np.bool_)
+    lap, symmetric, lap_p = np.empty(pairs), np.empty(pairs), np.empty(pairs)
+    grad, grad_p = np.empty((pairs, dim)), np.empty((pairs, dim))
+    wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip = new_boundary_sums(n, dim, walls.slip_length)
+    deficient = np.zeros(CHUNKS, np.int64)
+    per_area = per_length * per_length
+    for chunk in prange(CHUNKS):
+        stencil, moments, out = new_stencil(size), np.empty(41), np.empty((4, size))
+        ex, ey, ez, s, w = stencil
+        tensors, g_p, pair = new_correction(), np.empty((3, 3)), new_wall_pair(dim)
+        for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
+            begin, count = start[i], start[i + 1] - start[i]
+            padded = gather_stencil(neighbours, i, volume, stencil)
+            whole, near[i] = meet_walls(stencil, fraction[begin : begin + count])
+            stencil_moments(stencil, padded, moments)
+            deficient[chunk] += correction(moments, dim, order, tensors)
+            stencil_weights(stencil, padded, tensors, order, out)
+            if near[i]:
+                second_moments(stencil, fraction[begin : begin + count], moments)
+                invert_gradient(moments, dim, g_p)
+            at = np.uint64(seen_start[i])
+            for k in range(count):
+                a = out[0, k] * per_area
+                if fraction[begin + k] > 1.0:
+                    column[at] = neighbours.column[begin + k]
+                    row[at] = neighbours.row[begin + k]
+                    lap[at] = a
+                    shared = fraction[begin + k] > SHARED
+                    symmetric[at] = 2.0 * dim * per_area * w[k] / (whole * s[k]) if w[k] > 0.0 and shared else 0.0
+                    lap_p[at] = symmetric[at] if near[i] else a
+                    for m in range(dim):
+                        grad[at, m] = out[1 + m, k] * per_length
+                        if near[i]:
+                            b = g_p[m, 0] * ex[k] + g_p[m, 1] * ey[k] + g_p[m, 2] * ez[k]
+                            grad_p[at, m] = b * w[k] * per_length if shared else 0.0
+                        else:
+                            grad_p[at, m] = grad[at, m]
+                    at += np.uint64(1)
+                else:
+                    pair[0][0] = a
+                    for m in range(dim):
+                        pair[0][1 + m] = out[1 + m, k] * per_length
+                    sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
+                    add_wall_pair(neighbours, walls, i, k, stencil, pair, sums)
+    sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
+    return deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, sums

@@ -1,0 +1,1 @@
+"""Files, pictures and what one sees while a run goes."""

@@ -1,0 +1,228 @@
+"""Restart files: all that a run needs to go on with the same bits, whole or not at all, with a checksum.
+
+A run keeps its multigrid hierarchies over many steps. A file does not hold them, they are ten times as large as the
+state; it holds where they came from: the state and the step in which each was built. A restart takes these steps again,
+and the hierarchies come out with the same bits.
+
+It holds too what the case said, the record of it: what places particles and walls (the scene), which a restart cannot
+change, and all else that the flow depends on (the values), which it can; what it changes is written down.
+"""
+
+import hashlib
+import json
+import re
+import zipfile
+import zlib
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+import numpy as np
+
+from ..case.blocks import plain
+from .files import replacing
+
+NAME = "restart.npz"
+VERSION = 3
+# Keys of the scene; all others are values, but for those that change no flow (IDLE). A wall may move or slip otherwise.
+SCENE = re.compile(r"geometry\b|initial\b|fluids$|particles\.(spacing|lattice|offset|jitter|seed)\b")
+AT_WALLS = re.compile(r"geometry\.(walls|slip_length|shapes\[\d+\]\.(velocity|angular_velocity|slip_length))\b")
+IDLE = re.compile(r"(title|flow|output|reference|refine)\b")
+
+
+class RestartError(ValueError):
+    """A restart file that cannot be used: the file, what is wrong, what to do."""
+
+
+@dataclass(frozen=True)
+class Saved:
+    """A run between two steps.
+
+    state: state.State; origins: {name of a hierarchy: (state before the step in which it was built, length of that
+    step, s, iterations of its first use)}; steady: [(time, integral)] of the test for a steady state
+    (steady.Steady.kept);
+    record: what the case said, see `record_of`.
+    """
+
+    state: object
+    origins: dict = field(default_factory=dict)
+    steady: tuple = ()
+    record: dict = field(default_factory=dict)
+
+
+def save(path, saved, record=None):
+    """A `Saved` with the record of its case as an npz, written whole or not at all."""
+    arrays, meta = {}, {"version": VERSION, "origins": {}, "record": record or saved.record}
+    states = [saved.state]
+    for name, (state, dt, first) in saved.origins.items():
+        if not any(state is s for s in states):
+            states.append(state)
+        meta["origins"][name] = [next(k for k, s in enumerate(states) if s is state), dt, first]
+    for k, state in enumerate(states):
+        for name, value in _fields(state).items():
+            if isinstance(value, np.ndarray) and value.dtype.kind == "f" and not np.isfinite(value).all():
+                raise RestartError(f"{path}: {name} is not finite; nothing was written")
+            arrays[f"state{k}.{name}"] = np.asarray(value)
+    arrays["steady"] = np.array(saved.steady, dtype=float).reshape(-1, 2)
+    arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8)
+    arrays["sha256"] = np.frombuffer(_digest(arrays), dtype=np.uint8)
+    # not numpy.savez, which in older numpy leaves its archive open on a full disk and complains at the end
+    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        for name, values in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+                np.lib.format.write_array(file, values, allow_pickle=False)
+
+
+def require(path):
+    """Raises RestartError where there is no file."""
+    if not Path(path).is_file():
+        raise RestartError(f"{path}: there is no restart file; run the case anew")
+
+
+def load(path, like, record=None):
+    """The `Saved` of a restart file, for the scene of the state `like`, and of the record if that is given. Raises
+    RestartError."""
+    path = Path(path)
+    require(path)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        whole = arrays.pop("sha256").tobytes() == _digest(arrays)
+        meta = json.loads(arrays["meta"].tobytes())
+        version = meta["version"]
+    # zipfile, zlib and numpy raise all of these for broken bytes
+    except (OSError, KeyError, ValueError, EOFError, TypeError, AttributeError, NotImplementedError, RuntimeError,
+            MemoryError, OverflowError, SyntaxError, zipfile.BadZipFile, zlib.error) as problem:
+        raise RestartError(f"{path}: is no restart file of ours, or damaged ({problem}); run the case anew") from None
+    if not whole:
+        raise RestartError(f"{path}: is damaged (its checksum is wrong); run the case anew")
+    if version != VERSION:
+        raise RestartError(f"{path}: was written by another version of isph (format {version!r}, here {VERSION}); go "
+                           "on with that version, or run the case anew")
+    if record is not None:
+        _check_scene(path, meta.get("record", {}), record)
+    states = {}
+    for k in {0, *(origin[0] for origin in meta["origins"].values())}:
+        found = {name.partition(".")[2]: v for name, v in arrays.items() if name.startswith(f"state{k}.")}
+        states[k] = type(like)(**{name: v.item() if v.ndim == 0 else v for name, v in found.items()})
+    _check_fits(path, states[0], like)
+    origins = {name: (states[k], dt, first) for name, (k, dt, first) in meta["origins"].items()}
+    return Saved(states[0], origins, tuple(map(tuple, arrays["steady"].tolist())), meta.get("record", {}))
+
+
+def _fields(state):
+    """{name: value} of a state, without what it does not have."""
+    return {f.name: getattr(state, f.name) for f in fields(state) if getattr(state, f.name) is not None}
+
+
+def _check_fits(path, state, like):
+    found, wanted = _fields(state), _fields(like)
+    for name in sorted(found.keys() | wanted.keys()):
+        here, there = (np.shape(f[name]) if name in f else None for f in (found, wanted))
+        if here != there:
+            what = f"{name} has the shape {here}, the case needs {there}"
+            if name in ("shifting_flux", "pressure_gradient"):
+                what = "one of the file and the case holds a superficial velocity, the other does not"
+            raise RestartError(f"{path}: {what}; restart with the case that wrote it")
+
+
+def _digest(arrays):
+    """SHA-256 over names, types, shapes and bytes."""
+    total = hashlib.sha256()
+    for name in sorted(arrays):
+        values = np.ascontiguousarray(arrays[name])
+        total.update(f"{name} {values.dtype.str} {values.shape}\n".encode())
+        total.update(values)
+    return total.digest()
+
+
+# --- what the case said ------------------------------------------------------------------------------------------
+
+
+def record_of(case):
+    """The record of a case, of what JSON knows: {"scene": {key: value}, "values": {key: value}, "changes": []}.
+
+    Keys are those of the case file. A file that the scene is read from stands there as the SHA-256 of its bytes, an
+    image as that of its voxels, whatever file holds them.
+    """
+    said = dict(_entries(plain(case.completed())))
+    said["fluids"] = list(case.fluid_names)
+    voxels = case.geometry.voxels
+    if voxels is not None:
+        from ..geometry.images.read import read_image
+
+        values = np.ascontiguousarray(read_image(voxels.file, voxels.array).values)
+        said["geometry.voxels.file"] = _digest({"image": values}).hex()
+        said.pop("geometry.voxels.array", None)
+    for k, shape in enumerate(case.geometry.shapes):
+        if shape.spheres is not None and shape.spheres.file is not None:
+            with open(shape.spheres.file, "rb") as file:
+                said[f"geometry.shapes[{k}].spheres.file"] = hashlib.file_digest(file, "sha256").hexdigest()
+    is_scene = {key: bool(SCENE.match(key)) and not AT_WALLS.match(key) for key in said}
+    return {
+        "scene": {key: value for key, value in said.items() if is_scene[key]},
+        "values": {key: value for key, value in said.items() if not is_scene[key] and not IDLE.match(key)},
+        "changes": [],
+    }
+
+
+def _entries(value, name=""):
+    """(key, value) of what nested dicts, and lists of them, hold."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _entries(inner, f"{name}.{key}" if name else key)
+    elif isinstance(value, list) and any(isinstance(inner, dict) for inner in value):
+        for k, inner in enumerate(value):
+            yield from _entries(inner, f"{name}[{k}]")
+    else:
+        yield name, value
+
+
+def _differences(before, now):
+    """{key: [value before, value now]} of two dicts, None where there is none."""
+    keys = dict.fromkeys([*before, *now])
+    return {key: [before.get(key), now.get(key)] for key in keys if before.get(key) != now.get(key)}
+
+
+def _check_scene(path, before, now):
+    changed = _differences(before.get("scene", {}), now["scene"])
+    if not changed:
+        return
+    said = [f"{key} holds something else" if key.endswith(".file") else f"{key} {shown(pair)}"
+            for key, pair in changed.items()]
+    raise RestartError(f"{path}: is of another scene: {', '.join(said)}; a restart goes on in the scene that it began "
+                       "with: run the case anew, with --out into another folder")
+
+
+def go_on(path, saved, record, time):
+    """The record of a run that goes on from a restart file: what it changes now stands behind what was changed before.
+
+    record: of the case as it is now; time: its block. Raises RestartError where the case ends before what was reached.
+    """
+    state = saved.state
+    for key, end, reached in (("end", time.end, state.time), ("max_steps", time.max_steps, state.step)):
+        if end is not None and reached > end * (1.0 + 1e-12):
+            raise RestartError(f"{path}: the run has come to step {state.step}, time {state.time:g}, and the case ends "
+                               f"before that: time.{key} is {end:g}; give a later end, --set time.{key}=..., or run "
+                               "the case anew, with --out into another folder")
+    changes = _differences(saved.record["values"], record["values"])
+    entry = [{"step": state.step, "time": state.time, "changes": changes}] if changes else []
+    return record | {"changes": saved.record["changes"] + entry}
+
+
+def sentences(record, of_flow=False):
+    """A line for every restart that changed a value: 'step 41, time 0.1: fluids.water.viscosity 0.1 -> 0.2'.
+
+    of_flow: only of values of the flow itself, not of how long and how exactly it is computed.
+    """
+    lines = []
+    for entry in record["changes"]:
+        what = [f"{key} {shown(pair)}" for key, pair in entry["changes"].items()
+                if not (of_flow and key.startswith(("time.", "solver.")))]
+        if what:
+            lines.append(" ".join(f"step {entry['step']}, time {entry['time']:.6g}: {', '.join(what)}".split()))
+    return lines
+
+
+def shown(pair):
+    """'0.1 -> 0.2' of [value before, value now]; 'none' where there is none."""
+    return " -> ".join("none" if value is None else json.dumps(value, ensure_ascii=False) for value in pair)

@@ -1,0 +1,1 @@
+"""What a careful colleague says about a case before it runs."""

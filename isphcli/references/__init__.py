@@ -1,0 +1,1 @@
+"""Published and analytic solutions, and errors against them."""

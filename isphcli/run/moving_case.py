@@ -1,0 +1,214 @@
+"""A case from its file to its results: the one place that chooses which terms a scene has."""
+
+import sys
+from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from ..case.forcing import walls_move
+from ..output import folder, progress, restart
+from ..output.files import History, read_history
+from ..preflight.look import _look
+from ..scene import memory
+from ..scene.build_geometry import build_geometry
+from .permeability import darcy
+from .results import (
+    _absent_fluids,
+    _added_viscosity,
+    _counts,
+    _finish,
+    _mean_max,
+    _series,
+    _snapshot,
+    _stopped_short,
+    _terms,
+    _terms_of_two,
+    _write_case,
+)
+
+
+def _run_navier_stokes(case, ns, clock, quiet, resume):
+    from ..flow.step_limits import RunError
+    from ..output.worst import NAME, write_worst
+
+    with clock("geometry"), progress.stage("geometry", quiet):
+        geometry = build_geometry(case)
+    memory.refuse_lattice(case, geometry, case.particles.spacing)
+    seen = _look(case, geometry, clock, quiet)
+    state, stepper, particles = ns.prepare(case, geometry, clock)
+    density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
+    box = float(np.prod(geometry.upper - geometry.lower))
+    march = ns.TimeLoop(case, stepper, particles.site_volume, density, box)
+    measures = None
+    if len(np.unique(particles.phase)) > 1:
+        from .results import of_case
+
+        march.measure = measures = of_case(case, geometry, particles, stepper.fluids)
+    since, last_step, record = None, None, restart.record_of(case)
+    if resume is not None:
+        saved = restart.load(Path(resume) / restart.NAME, state, record)
+        state = saved.state
+        march.take_up(saved)
+        record = _gone_on(case, Path(resume) / restart.NAME, saved, record, quiet)
+        if Path(resume).resolve() == case.output.directory.resolve():  # elsewhere its files begin anew
+            since, last_step = state.time, state.step
+    with progress.stage("neighbours and operators", quiet):
+        config = stepper.configure(state.x)
+        if resume is not None:
+            stepper.rebuild_hierarchies(saved.origins)
+    directory = folder.prepare(case.output.directory)
+    _write_case(directory, case, record["changes"])
+    series = _series(case, directory, since)
+    history, restart_file = [], directory / restart.NAME
+
+    def snapshot(state, config):
+        from ..operators.apply import total_divergence
+
+        if series is not None:
+            with clock("output"):
+                fields = _snapshot(case, geometry, particles, state.x, state.u, state.p * stepper.fluids.reference,
+                                   total_divergence(config.ops, state.u))
+                series.write(state.step, state.time, *fields)
+
+    if last_step is None:
+        snapshot(state, config)
+    try:
+        with History(directory / "history.csv", last_step) as file, progress.Progress(
+            case.time.end, case.time.max_steps if case.time.end is None else None, case.title, quiet
+        ) as bar:
+            if file.rows:
+                history = read_history(directory / "history.csv")
+                if measures is not None:
+                    measures.go_on(history[-1])
+
+            def row(values):
+                history.append(values)
+                file.append(values)
+
+            def save():
+                if march.last is not None:
+                    file.sync()  # a restart finds every row and every snapshot up to its step
+                    restart.save(restart_file, march.last, record)
+
+            def show(found, limit):
+                state = found.state
+                if case.output.restart_every and state.step % case.output.restart_every == 0:
+                    with clock("output"):
+                        save()
+                reports = found.reports
+                bar.update(state.step, state.time, found.dt, limit, {k: r.iterations for k, r in reports.items()},
+                           {k: r.residual for k, r in reports.items()} | {"divergence": found.max_divergence}
+                           | ({"change": march.steady.distance} if march.steady is not None else {}))
+
+            try:
+                state, config = march.run(state, config, snapshot, row, show)
+                if series is None or not series.entries or series.entries[-1][0] < state.time:
+                    snapshot(state, config)
+            finally:
+                with clock("output"):
+                    save()
+    except BaseException as stop:
+        stop.restart = restart_file if restart_file.exists() else None
+        if isinstance(stop, RunError):
+            with suppress(OSError):
+                last = march.last.state
+                stop.worst = write_worst(directory / NAME, last.x, stop.violation, velocity=last.u,
+                                                 pressure=last.p)
+        raise
+    try:
+        return _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history,
+                             measures, seen, record)
+    except KeyboardInterrupt as stop:
+        stop.restart = restart_file
+        raise
+
+
+def _gone_on(case, path, saved, record, quiet):
+    """The record of a case that goes on from a restart file; what it changes is said. Raises RestartError."""
+    state, before = saved.state, len(saved.record["changes"])
+    record = restart.go_on(path, saved, record, case.time)
+    said = [f"changed from {line}" for line in restart.sentences(record)[before:]]
+    if case.time.end is not None and state.time >= case.time.end * (1.0 - 1e-12):
+        said.append(f"the run has reached its end, time {state.time:g}: no step is left (--set time.end=... runs it "
+                    "longer)")
+    elif state.step >= case.time.max_steps:
+        said.append(f"the run has made time.max_steps = {case.time.max_steps} steps: no step is left")
+    for line in () if quiet else said:
+        print(f"restart: {line}", file=sys.stderr, flush=True)
+    return record
+
+
+def _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history, measures, seen,
+                  record):
+    force = stepper.fluids.force
+    two = measures is not None
+    gravity = np.linalg.norm(force)
+    axis = int(np.argmax(np.abs(force))) if gravity > 0.0 else None
+    if stepper.held_velocity is not None:
+        force = force[stepper.held_velocity.axis] + state.pressure_gradient * march.settled(state)
+        force = force * stepper.fluids.held
+        gravity = np.linalg.norm(force)
+        axis = stepper.held_velocity.axis if gravity > 0.0 else None
+    superficial, mean, along = darcy(geometry, state.x, state.u, particles.site_volume, axis, force,
+                                     stepper.fluids.nu_max)
+    resisted = geometry.has_solid and not two and not walls_move(case)
+    known = axis is not None and resisted and march.outcome == "steady"
+    permeability = error = None
+    if known:
+        permeability = float(along[axis]) * (march.settled(state) if stepper.held_velocity is None else 1.0)
+        error = abs(permeability) * march.steady.distance
+    result = SimpleNamespace(
+        x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * stepper.fluids.reference,
+        time=state.time, spacing=case.particles.spacing,
+        phase=particles.phase, permeability=permeability, geometry=geometry, history=history, flows={}, tensor=None,
+        density=stepper.fluids.reference,
+    )
+    free = axis is not None and not geometry.has_solid and not two
+    messages = [_stopped_short(case, march, state, directory), _absent_fluids(case, particles),
+                _added_viscosity(stepper.fluids), "no permeability: no wall resists the flow" if free else None,
+                *(f"changed by a restart from {line}" for line in restart.sentences(record, of_flow=True))]
+    summary = {
+        "status": march.outcome,
+        "message": "; ".join(filter(None, messages)) or None,
+        "restarts": record["changes"],
+        "warnings": seen.warnings,
+        "particles": _counts(particles, config.halo),
+        **seen.scene(geometry, particles),
+        "terms": _terms(case, geometry, gravity > 0.0) + (_terms_of_two(stepper.fluids) if two else []),
+        "steps": state.step,
+        "time": state.time,
+        "permeability": permeability,
+        "permeability_error": error,
+        "superficial_velocity": superficial,
+        "mean_velocity": mean,
+        "pressure_drop": stepper.held_velocity.drop(state) if stepper.held_velocity is not None else None,
+        "mass_error": 0.0,  # particles are neither made nor lost
+        "max_divergence": max((r["divergence"] for r in history), default=0.0),
+        "iterations": {
+            name: _mean_max([r[f"iterations_{name}"] for r in history]) for name in ("velocity", "pressure")
+        },
+    }
+    if two:
+        from ..two_phase.measures import broke_up
+        from ..two_phase.measures import summary as summary_of_two
+
+        moved = gravity > 0.0 or bool(np.any(geometry.wall_velocity)) or bool(case.initial and case.initial.velocity)
+        summary["two_fluids"] = summary_of_two(measures, state, config, history, moved)
+        broken = None if moved else broke_up(measures.names, history, summary["two_fluids"])
+        if broken:
+            summary.setdefault("warnings", []).append(broken)
+    if case.output.plots:
+        from ..output.plots import plot_histories, plot_phases, plot_slice
+
+        with clock("output"):
+            plot_slice(directory / "slice.png", state.x, state.u, None, geometry.dim, case.particles.spacing,
+                       case.title, lower=geometry.lower, upper=geometry.upper, permeability=permeability,
+                       phase=particles.phase if two else None, periodic=geometry.periodic)
+            if two:
+                plot_phases(directory / "phases.png", state.x, particles.phase, case.fluid_names, geometry.dim,
+                            case.particles.spacing, case.title, geometry.lower, geometry.upper, geometry.has_solid,
+                            periodic=geometry.periodic)
+            plot_histories(directory / "histories.png", history, case.title)
+    return _finish(case, directory, summary, result, clock)

@@ -1,0 +1,191 @@
+"""run.results"""
+
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from .. import COMPLETE
+from ..case.forcing import held_axis
+from ..case.load import dump_case
+from ..geometry.protocol import sample_box
+from ..output import restart
+from ..output.files import SNAPSHOTS, Series, write_summary, write_text
+from ..output.machine import peak_memory, versions
+from ..references import compare
+from ..two_phase.measures import Measures
+
+
+def of_case(case, geometry, particles, fluids):
+    """Measures of a case with two fluids; fluids: OneFluid or TwoFluids."""
+    named = [case.fluids[name] for name in case.fluid_names]
+    amplitude = None
+    if case.reference is not None and case.reference.kind in compare.AMPLITUDES:
+        def amplitude(x):
+            return compare.amplitude(case, x, particles.phase)
+    return Measures(case.fluid_names, particles.phase, [f.density for f in named], [f.mu for f in named], geometry,
+                    particles.site_volume, fluids.reference, fluids.tension, amplitude)
+
+
+def _files(case):
+    """Patterns of all files that a run of the case may write, relative to its directory."""
+    moving = case.flow != "stokes"
+    names = ["case.yaml", "history.csv", "summary.json", "worst.vtu", *[restart.NAME] * moving]
+    if case.output.snapshots:
+        names += ["particles.pvd", f"{SNAPSHOTS}/particles_[0-9]*.vtu"]
+    if case.output.plots:
+        names += ["slice.png", *["phases.png", "histories.png"] * moving]
+    return names
+
+
+def _write_case(directory, case, changes):
+    """case.yaml: the effective case, behind the values that restarts have changed."""
+    lines = restart.sentences({"changes": changes})
+    head = ["# Changed by restarts, from the step on that is named (docs/output.md):", *(f"# {line}" for line in lines)]
+    text = "".join(f"{line}\n" for line in head) if lines else ""
+    write_text(directory / "case.yaml", text + dump_case(case))
+
+
+def _stopped_short(case, march, state, directory):
+    """A sentence on a run that ended before it had what was asked for; None where it had."""
+    if march.outcome in COMPLETE:
+        return None
+    time = case.time
+    by_steps = state.step >= time.max_steps
+    cause = (f"time.max_steps, {time.max_steps}, came" if by_steps else f"time.end, {time.end:g} s, came") + " first"
+    what, key = march.outcome, "time.max_steps" if by_steps else "time.end"
+    if time.steady is not None:
+        what = f"the flow is not steady: {march.standing}"
+    return f"{what}; {cause}. Go on with: isph run --restart {shlex.quote(str(directory))} --set {key}=..."
+
+
+def _finish(case, directory, summary, result, clock):
+    """Errors against the reference, the effective case and summary.json, which is left too where there is nothing to
+    compare: CompareError comes after it."""
+    errors = incomparable = None
+    if case.reference is not None:
+        with clock("reference"):
+            from ..references.compare import CompareError, compare
+
+            try:
+                errors = compare(case, result)
+            except CompareError as error:
+                incomparable = error
+                summary["message"] = "; ".join(filter(None, [summary["message"], f"no errors: {error}"]))
+    import numba
+
+    effective = replace(case, output=replace(case.output, directory=directory))
+    _write_case(directory, effective, summary.get("restarts", ()))
+    summary = {
+        "title": case.title,
+        **{k: summary[k] for k in ("status", "message", "warnings")},
+        "dimension": result.geometry.dim,
+        **{k: v for k, v in summary.items() if k not in ("status", "message", "warnings")},
+        "errors": errors,
+        "cpu_seconds": clock.cpu(),
+        "wall_seconds": clock.wall(),
+        "peak_memory_bytes": peak_memory(),
+        "threads": numba.get_num_threads(),
+        "versions": versions(),
+    }
+    write_summary(directory / "summary.json", summary)
+    if incomparable is not None:
+        raise incomparable
+    summary["directory"] = str(directory)
+    summary["pictures"] = sorted(str(p) for p in Path(directory).glob("*.png"))
+    return summary
+
+
+def _series(case, directory, resume_time=None):
+    return Series(directory, resume_time=resume_time) if case.output.snapshots else None
+
+
+def _snapshot(case, geometry, particles, x, velocity, pressure, divergence=None):
+    """(positions, fields) of a snapshot, dummies behind the fluid where they are asked for."""
+    known = {"velocity": velocity, "pressure": pressure, "phase": particles.phase.astype(np.int32)}
+    if divergence is not None:
+        known["divergence"] = divergence
+    if "distance" in case.output.fields and geometry.has_solid:
+        known["distance"] = geometry.distance(x)
+    fields = {name: known[name] for name in case.output.fields if name in known}
+    if not case.output.dummies or particles.n_dummy == 0:
+        return x, fields
+    dummies = particles.x[particles.n_fluid:]
+    rest = {"phase": np.full(len(dummies), -1, np.int32)}
+    if "distance" in fields:
+        rest["distance"] = geometry.distance(dummies)
+    joined = {name: np.concatenate([v, rest.get(name, np.zeros((len(dummies), *v.shape[1:]), v.dtype))])
+              for name, v in fields.items()}
+    joined["kind"] = np.repeat(np.array([0, 1], np.int32), [len(x), len(dummies)])
+    return np.concatenate([x, dummies]), joined
+
+
+def _counts(particles, halo):
+    return {"fluid": particles.n_fluid, "dummy": particles.n_dummy, "halo": halo, "left_out": particles.left_out}
+
+
+def _porosity(geometry, particles):
+    """Fluid share of the sample (of an image without its clear layers), by lattice sites."""
+    lower, upper = sample_box(geometry)
+    x = particles.x[: particles.n_fluid]
+    inside = int(np.all((x >= lower) & (x <= upper), axis=1).sum())
+    return inside * particles.site_volume / float(np.prod(upper - lower))
+
+
+def _terms(case, geometry, driven):
+    terms = ["viscosity", "pressure"]
+    if held_axis(case) is not None:
+        terms.append("held velocity")
+    if driven and (held_axis(case) is None or case.drive.body_force):
+        terms.append("body force")
+    if geometry.has_solid:
+        terms.append("walls")
+        if np.any(geometry.wall_speed):
+            terms.append("moving walls")
+        if np.any(geometry.slip_length > 0.0):
+            terms.append("slip walls")
+    if any(geometry.periodic):
+        terms.append("periodic halo")
+    if case.flow == "navier_stokes" and case.particles.shifting > 0.0:
+        terms.append("shifting")
+    if case.flow == "navier_stokes" and case.particles.keep_volume > 0.0:
+        terms.append("kept volume")
+    return terms
+
+
+def _terms_of_two(fluids):
+    """Of a scene in which two fluids are present. fluids: TwoFluids, or OneFluid where only their names differ."""
+    terms = ["two fluids"]
+    if getattr(fluids, "phase", None) is None:
+        return terms
+    if fluids.density[0] != fluids.density[1]:
+        terms.append("density jump")
+    if fluids.mu[0] != fluids.mu[1]:
+        terms.append("viscosity jump")
+    if fluids.tension is not None:
+        terms.append(f"surface tension ({fluids.tension.method})")
+        if fluids.tension.contact is not None:
+            terms.append("contact angle")
+        if fluids.added_viscosity > 0.0:
+            terms.append("artificial viscosity at the interface")
+        if fluids.line is not None:
+            terms.append("slip at contact lines")
+    return terms
+
+
+def _added_viscosity(fluids):
+    """A sentence on what an interface that hardly damps gets; None where nothing is added."""
+    added = getattr(fluids, "artificial", 0.0)
+    return (f"{added:.2g} Pa s are added to the viscosity at the interface, whose roughness its own would not hold at "
+            "this spacing (docs/method.md 12)") if added else None
+
+
+def _absent_fluids(case, particles):
+    """A sentence on the fluids that the case names and the scene does not have; None where all are there."""
+    absent = [name for k, name in enumerate(case.fluid_names) if not np.any(particles.phase == k)]
+    return f"no particle is of the fluid {' or '.join(absent)}: run as a single fluid" if absent else None
+
+
+def _mean_max(counts):
+    return {"mean": float(np.mean(counts)), "max": int(max(counts))} if counts else {"mean": 0.0, "max": 0}

@@ -1,0 +1,80 @@
+"""A case from its file to its results: the one place that chooses which terms a scene has."""
+
+import importlib
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..case.yaml import CaseError, Problem
+from ..output import folder, progress, restart
+from ..output.clock import Clock
+from .moving_case import _run_navier_stokes
+from .results import _files
+from .steady_case import _run_stokes
+
+
+def run_case(case, quiet=False, resume=None, overwrite=False):
+    """Runs a case and leaves its files (docs/output.md) in case.output.directory. Returns the summary (dict).
+
+    resume: directory whose restart.npz a run of moving particles goes on from.
+    overwrite: replace results that the directory holds, those files that its manifest names.
+
+    What the check of a case warns of stands in the summary as `warnings`, and on stderr before anything is solved
+    unless `quiet`.
+
+    Raises ValueError (CaseError, VoxelError, ShapeError, ParticleError, NoFlowError, FolderError, RestartError) for a
+    case that cannot run, before anything is written; SolveError, StepError or RunError for one that had to stop.
+    """
+    directory = Path(case.output.directory)
+    if resume is not None:
+        if case.flow == "stokes":
+            raise CaseError((Problem(str(case.path), None, "flow", "a steady solve has nothing to go on from",
+                                     "run it without --restart"),))
+        restart.require(Path(resume) / restart.NAME)
+    goes_on = resume is not None and Path(resume).resolve() == directory.resolve()
+    with folder.Folder(directory, _files(case), str(case.path) if case.path else None, goes_on, overwrite):
+        return _run(case, quiet, resume)
+
+
+def _run(case, quiet, resume):
+    clock = Clock()
+    with clock("compile"), _compile_listener(clock):  # imports of what the flow needs, and nothing else
+        run = _run_stokes if case.flow == "stokes" else _run_navier_stokes
+        solver = importlib.import_module(f".run_{case.flow}", __package__)
+    with _compile_listener(clock):
+        return run(case, solver, clock, quiet, resume)
+
+
+@contextmanager
+def _compile_listener(clock):
+    """Counts the time of the compiler as `compile`, at the cost of the section in which a kernel is first used, and
+    tells the display of kernels that are not in the cache."""
+    from numba.core import event
+
+    class Compiling(event.Listener):
+        depth, section = 0, None
+
+        def on_start(self, _):
+            if self.depth == 0:
+                self.section = clock("compile")
+                self.section.__enter__()
+            self.depth += 1
+
+        def on_end(self, _):
+            self.depth -= 1
+            if self.depth == 0:
+                self.section.__exit__(None, None, None)
+
+    class NotInCache(event.Listener):
+        depth = 0
+
+        def on_start(self, _):
+            self.depth += 1
+            progress.compiling(True)
+
+        def on_end(self, _):
+            self.depth -= 1
+            progress.compiling(self.depth > 0)
+
+    with event.install_listener("numba:compiler_lock", Compiling()):
+        with event.install_listener("numba:compile", NotInCache()):
+            yield

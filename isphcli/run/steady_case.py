@@ -1,0 +1,209 @@
+"""A case from its file to its results: the one place that chooses which terms a scene has."""
+
+from contextlib import suppress
+from types import SimpleNamespace
+
+import numpy as np
+
+from ..case.forcing import drives, opens, why_closed
+from ..case.yaml import CaseError, Problem
+from ..output import folder, progress
+from ..output.files import History
+from ..preflight.look import _look
+from ..scene import memory
+from ..scene.build_geometry import build_geometry
+from ..scene.place import lattice_at
+from ..solvers.krylov import SolveError
+from .results import _counts, _finish, _mean_max, _series, _snapshot, _terms
+
+
+def _run_stokes(case, solver, clock, quiet, resume):
+    axes, flows, closed, history, seen = _solve_stokes(case, solver, clock, quiet)
+    summary, result = _sum_up_stokes(case, solver, axes, flows, closed, history, seen)
+    main = _main(flows)
+    directory = folder.prepare(case.output.directory)
+    with clock("output"), progress.stage("files and pictures", quiet):
+        series = _series(case, directory)
+        if series is not None:
+            series.write(0, 0.0, *_snapshot(case, main.geometry, main.particles, result.x, main.velocity,
+                                            main.pressure))
+        with History(directory / "history.csv") as file:
+            for row in history:
+                file.append(row)
+        if case.output.plots:
+            _pictures(case, directory, main, (result.permeability or {}).get("xyz"[main.axis or 0]))
+    return _finish(case, directory, summary, result, clock)
+
+
+def _solve_stokes(case, solver, clock, quiet):
+    """Every spacing and axis of a steady case: (axes, {(axis, spacing): StokesResult}, {(axis, spacing): why
+    nothing flows, None: no path}, rows of history, _Seen). The matrices, which leave no room for the files, are gone
+    when it returns.
+
+    Raises NoPathError where nothing flows along any axis.
+    """
+    flows, closed, history, scene = {}, {}, [], None
+    spacings = (case.particles.spacing, *case.refine)
+    with clock("geometry"), progress.stage("geometry", quiet):
+        first = build_geometry(case)
+    axes = drives(case, first)
+    sealed = getattr(first, "sample_lower", None) is not None and not all(_periodic_of(case, first.dim))
+    driven = [axis for axis, _ in axes if axis is not None]
+    if driven and not any(opens(case, axis) for axis in driven):
+        raise solver.NoPathError(why_closed(case, *driven))
+    for spacing in spacings:  # a finer one that does not fit is not found out after hours
+        lattice_at(case, first, spacing)
+        memory.refuse_lattice(case, first, spacing)
+    seen = _look(case, first, clock, quiet)
+    for spacing in spacings:
+        scene, built_for = None, None
+        for axis, force in axes:
+            if scene is None or (sealed and built_for != axis):
+                scene, built_for = None, axis  # frees the matrices of the axis before
+                with clock("geometry"), progress.stage(f"geometry at spacing {spacing:g}", quiet):
+                    geometry = first if axis == axes[0][0] else build_geometry(case, axis)
+                needs = driven if not sealed else [axis] * (axis is not None)
+                try:
+                    with progress.stage("particles, operators and hierarchies", quiet):
+                        scene = solver.build_scene(case, geometry, spacing, clock, needs)
+                except solver.NoPathError:
+                    closed |= {(a, spacing): None for a in needs}
+                    if sealed:
+                        continue
+                    break
+                refuse_second_fluid(case, scene.particles)
+            if axis is not None and not scene.percolates[:, axis].any():
+                closed[axis, spacing] = None
+                continue
+            label = f"flow along {'xyz'[axis]}" if axis is not None else "flow driven by walls"
+            with progress.stage(f"{label}, {scene.particles.n_fluid:,} particles", quiet) as stage:
+                try:
+                    flow = solver.solve_axis(case, scene, axis, force, clock, _watch(stage))
+                except SolveError as error:
+                    with suppress(OSError):
+                        error.worst = _worst_of(case, scene, error)
+                    raise
+            if axis is not None and flow.permeability[axis] <= 0.0:
+                closed[axis, spacing] = f"the flow along {'xyz'[axis]} is zero; check the drive and what is solid"
+                continue
+            flows[axis, spacing] = flow
+            history.append({"step": len(history) + 1, "spacing": spacing,
+                            "axis": "xyz"[axis] if axis is not None else "",
+                            "iterations_stokes": flow.report.iterations, "residual_stokes": flow.report.residual,
+                            **{f"superficial_velocity_{a}": float(v) for a, v in zip("xyz", flow.superficial)}})
+    if not flows:
+        raise solver.NoPathError("; ".join(dict.fromkeys(filter(None, closed.values()))) or why_closed(case, *driven))
+    return axes, flows, closed, history, seen
+
+
+def _main(flows):
+    """The flow that is written: at the finest spacing, along the first axis that has one."""
+    return flows[min(flows, key=lambda key: key[1])]
+
+
+def _worst_of(case, scene, error):
+    """Path of the particles with the largest residuals of a steady solve that failed."""
+    from ..output.worst import NAME, write_worst
+
+    directory = folder.prepare(case.output.directory)
+    return write_worst(directory / NAME, scene.particles.x[: scene.particles.n_fluid], error.violation)
+
+
+def _sum_up_stokes(case, solver, axes, flows, closed, history, seen):
+    """(summary, result) of the flows of a steady case; the finest spacing of the first axis is what is written.
+
+    Along an axis without a path the permeability is 0; of spacings, those count at which there is one.
+    """
+    base = case.particles.spacing
+    spacings = (base, *case.refine)
+    main = _main(flows)
+    permeability, messages, bars, ladders = {}, [], {}, {}
+    for axis, _ in axes:
+        if axis is None:
+            continue
+        name = "xyz"[axis]
+        known = {h: flows[axis, h].permeability[axis] if (axis, h) in flows else 0.0 for h in spacings}
+        open_at = [h for h in spacings if (axis, h) in flows]
+        ladders[name] = {f"{h:g}": float(k) for h, k in sorted(known.items())}
+        permeability[name] = float(known[open_at[0]]) if open_at else 0.0
+        if len(open_at) > 1:
+            limit, bar, _, sentence = solver.extrapolate(open_at, [known[h] for h in open_at])
+            messages.append(f"{name}: {sentence}")
+            permeability[name], bars[name] = float(limit), bar
+        if shut := [h for h in spacings if h not in open_at]:
+            where = f"at the spacing {', '.join(f'{h:g}' for h in shut)} " if open_at else ""
+            seen.warnings.append(where + (closed[axis, shut[0]] or why_closed(case, axis)))
+        if name not in seen.open_axes and open_at:  # by particles that see each other, not by faces of sites
+            seen.open_axes = [a for a in "xyz" if a == name or a in seen.open_axes]
+        elif not open_at:
+            seen.open_axes = [a for a in seen.open_axes if a != name]
+    tensor, dim = None, main.geometry.dim
+    # of sealed sides every axis is an experiment of its own: flow across it has nowhere to go
+    if len(permeability) == dim and not bars and all(_periodic_of(case, dim)):
+        columns = [flows.get((axis, base)) for axis in range(dim)]
+        tensor = np.array([np.zeros(dim) if flow is None else flow.permeability for flow in columns]).T
+    single = next(iter(permeability.values())) if len(permeability) == 1 else None
+    fluid = next(iter(case.fluids.values()))
+    result = SimpleNamespace(
+        x=main.particles.x[: main.particles.n_fluid], velocity=main.velocity, cell_velocity=main.cell_velocity,
+        pressure=main.pressure, time=None,
+        spacing=main.spacing,
+        phase=main.particles.phase, permeability=permeability or None, geometry=main.geometry, history=history,
+        flows={"xyz"[a]: f for (a, h), f in flows.items() if a is not None and h == base}, tensor=tensor,
+        density=fluid.density,
+    )
+    summary = {
+        "status": "finished",
+        "message": "; ".join(messages) or None,
+        "warnings": seen.warnings,
+        "particles": _counts(main.particles, main.halo),
+        **seen.scene(main.geometry, main.particles),
+        "terms": _terms(case, main.geometry, _drive_of(axes)) + (["flux-balanced divergence"] if main.balanced else []),
+        "steps": 0,
+        "time": None,
+        "permeability": single if single is not None else permeability or None,
+        "permeability_error": (next(iter(bars.values())) if len(bars) == 1 else bars) or None,
+        "permeability_by_spacing": ladders if len(spacings) > 1 else None,
+        "permeability_tensor": tensor,
+        "superficial_velocity": main.superficial,
+        "mean_velocity": main.mean,
+        "mass_error": max(flow.mass_error for flow in flows.values()),
+        "max_divergence": max(flow.divergence for flow in flows.values()),
+        "iterations": {"stokes": _mean_max([r["iterations_stokes"] for r in history])},
+        "components": main.components,
+        "isolated_pockets": main.isolated_pockets,
+    }
+    return summary, result
+
+
+def refuse_second_fluid(case, particles):
+    """A steady solve knows the first fluid only."""
+    first, *others = case.fluids.items()
+    for k, (name, fluid) in enumerate(others, 1):
+        if (fluid.density, fluid.mu) != (first[1].density, first[1].mu) and np.any(particles.phase == k):
+            what = f"a steady solve has one fluid, and {name} is another than {first[0]}"
+            raise CaseError((Problem(str(case.path), None, "flow", what, "use flow: navier_stokes"),))
+
+
+def _periodic_of(case, dim):
+    return [a in case.geometry.periodic for a in "xyz"[:dim]]
+
+
+def _watch(stage):
+    def watch(iteration, residual):
+        stage.update(f"iteration {iteration}, residual {residual:.1e}")
+
+    return watch
+
+
+def _drive_of(axes):
+    return any(force.any() for _, force in axes)
+
+
+def _pictures(case, directory, flow, permeability):
+    from ..output.plots import plot_slice
+
+    x = flow.particles.x[: flow.particles.n_fluid]
+    plot_slice(directory / "slice.png", x, flow.velocity, None, flow.geometry.dim, flow.spacing, case.title,
+               flow_axis=flow.axis, lower=flow.geometry.lower, upper=flow.geometry.upper, permeability=permeability,
+               periodic=flow.geometry.periodic)

@@ -1,0 +1,168 @@
+"""The time loop of moving particles: step sizes, snapshots, history, steady states, restart files."""
+
+import numpy as np
+
+from ..case.forcing import walls_move
+from ..flow.attempt import attempt
+from ..output.restart import Saved
+from .permeability import darcy
+from .steadiness import Steady
+
+VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
+# The first step, as a part of what the limits allow, and the growth of the steps after it (second order needs less
+# than 2.41). A wall that sets fluid in motion at once makes a layer that grows with the square root of time: only steps
+# that stay a fifth of the time since the start resolve it.
+FIRST, GROWTH = 1.0 / 16.0, 2.0
+FIRST_AT_WALLS, GROWTH_AT_WALLS = 1.0 / 64.0, 1.25
+
+
+def _free_direction(case, stepper):
+    """Unit vector (dim,) of the force along the axes that do not end at walls; None where there is no such force, or
+    walls move and drag the fluid along as well."""
+    force = stepper.fluids.force * np.array(stepper.geometry.periodic)
+    size = np.linalg.norm(force)
+    return force / size if size > 0.0 and not walls_move(case) else None
+
+
+class TimeLoop:
+    """Runs a state to its end; everything written on the way goes through the callbacks.
+
+    snapshot(state, config), row(dict) and progress(result, limit) are called as the run goes. `last` is the last
+    step of which all is told (restart.Saved): what a run that stops goes on from.
+    density: of the fluid or (n,) of the particles, kg/m3; measure(state, config): further entries of a row, dict.
+    steady: steady.Steady of what `observed` says, in a run to a steady state, else None.
+    """
+
+    def __init__(self, case, stepper, site_volume, density, box_volume, measure=lambda state, config: {}):
+        self.measure = measure
+        self.case, self.stepper = case, stepper
+        self.site_volume, self.density, self.box_volume = site_volume, density, box_volume
+        self.steady = Steady() if case.time.steady is not None else None
+        self.along, self.last = _free_direction(case, stepper), None
+        self.outcome = "finished"
+
+    def limits(self, state):
+        """{name: step} of everything that bounds the next step, s."""
+        time, stepper = self.case.time, self.stepper
+        found = {}
+        if time.step is not None:
+            found["step"] = time.step
+        else:
+            speed = np.sqrt((state.u * state.u).sum(axis=1).max())
+            if state.dt_old:
+                acceleration = np.sqrt(((state.u - state.u_old) ** 2).sum(axis=1).max()) / state.dt_old
+            else:
+                acceleration = np.linalg.norm(stepper.fluids.force)
+                speed = max(speed, stepper.held_velocity.speed if stepper.held_velocity is not None else 0.0)
+            # u dt + a dt^2 / 2 = cfl dx
+            reach = time.cfl * stepper.spacing
+            root = speed + np.sqrt(speed * speed + 2.0 * acceleration * reach)
+            if root > 0.0:
+                found["cfl"] = 2.0 * reach / root
+            if time.steady is None or not found:
+                found["viscous"] = VISCOUS * stepper.spacing**2 / stepper.fluids.nu_min
+            if stepper.fluids.tension is not None:
+                found["capillary"] = time.capillary * stepper.fluids.tension.largest_step
+        walls = stepper.geometry.has_solid
+        if state.dt_old:
+            found["start"] = (GROWTH_AT_WALLS if walls else GROWTH) * state.dt_old
+        else:
+            found = {"start": (FIRST_AT_WALLS if walls else FIRST) * min(found.values())}
+        return found
+
+    def run(self, state, config, snapshot, row, progress):
+        """(state, config) at the end. Raises failure.RunError."""
+        case = self.case
+        end = case.time.end if case.time.end is not None else np.inf
+        self.last = self._saved(state)
+        while not self._steady_by_now() and state.time < end * (1.0 - 1e-12) and state.step < case.time.max_steps:
+            due = self._next_snapshot(state.time)
+            limits = self.limits(state)
+            limit = min(limits, key=limits.get)
+            dt = limits[limit]
+            target = min(end, due) - state.time
+            if dt > target * (1.0 - 1e-9):
+                dt, limit = target, "end"
+            elif dt > 0.5 * target:
+                dt = 0.5 * target  # two like steps instead of a long one and a stump
+            found = attempt(self.stepper, state, config, dt)
+            state, config = found.state, found.config
+            if self.steady is not None:
+                self.steady.add(state.time, self.observed(state))
+            if state.time >= due * (1.0 - 1e-9):
+                snapshot(state, config)
+            row(self._row(found, limit) | self.measure(state, config))
+            self.last = self._saved(state)
+            progress(found, limit)
+        if case.time.steady is not None:
+            self.outcome = "steady" if self._steady_by_now() else "not steady at the end"
+        elif state.step >= case.time.max_steps and state.time < end * (1.0 - 1e-12):
+            self.outcome = "out of steps"
+        return state, config
+
+    def _saved(self, state):
+        kept = tuple(self.steady.kept) if self.steady is not None else ()
+        return Saved(state, self.stepper.solvers.origins(), kept)
+
+    def _next_snapshot(self, time):
+        """When the next snapshot after `time` is due, from the time alone: a restarted run finds the same number."""
+        every = self.case.output.every
+        return np.inf if every is None else (np.floor(time / every * (1.0 + 1e-9)) + 1.0) * every
+
+    def take_up(self, saved):
+        """Go on with the record of a restart.Saved; from its time on where it has none."""
+        if self.steady is not None:
+            self.steady = Steady(saved.steady or ((saved.state.time, 0.0),))
+
+    def observed(self, state):
+        """The number that tells whether the flow of a step.State is steady: the pressure drop, Pa, where a velocity is
+        held; the superficial velocity of the sample along the force, m/s, where it can follow it; else the root mean
+        square speed of the fluid, m/s, which walls that slide in opposite directions do not hide."""
+        stepper = self.stepper
+        if stepper.held_velocity is not None:
+            return stepper.held_velocity.drop(state)
+        if self.along is not None:
+            superficial, *_ = darcy(stepper.geometry, state.x, state.u, self.site_volume, None, None, None)
+            return float(superficial @ self.along)
+        return float(np.sqrt(np.einsum("ij,ij", state.u, state.u) / len(state.u)))
+
+    def settled(self, state):
+        """The steady value of `observed` over that of a state, which has the noise of its particles; 1 where the run
+        is not steady."""
+        return self.steady.mean / self.observed(state) if self._steady_by_now() else 1.0
+
+    @property
+    def standing(self):
+        """Words on how far from steady a flow is that was to become so; None of others."""
+        if self.outcome != "not steady at the end":
+            return None
+        distance, asked = self.steady.distance, f"time.steady asks for {self.case.time.steady:g}"
+        if distance is None:
+            return f"how far it is from its steady value cannot be told yet, {asked}"
+        return f"it may be {distance:.2g} off its steady value, relative, and {asked}"
+
+    def _steady_by_now(self):
+        distance = self.steady.distance if self.steady is not None else None
+        return distance is not None and distance < self.case.time.steady
+
+    def _row(self, found, limit):
+        state, stepper = found.state, self.stepper
+        # einsum: numpy's sums over an axis of two or three entries take five times as long
+        mean = np.einsum("ij->j", state.u) / len(state.u)
+        energy = 0.5 * self.site_volume * float((self.density * np.einsum("ij,ij->i", state.u, state.u)).sum())
+        fraction = len(state.u) * self.site_volume / self.box_volume
+        row = {"step": state.step, "time": state.time, "dt": found.dt, "limit": limit}
+        for name in ("velocity", "pressure"):
+            report = found.reports[name]
+            row[f"iterations_{name}"] = report.iterations
+            row[f"residual_{name}"] = report.residual
+        row |= {"rebuilt": int(found.rebuilt), "divergence": found.max_divergence, "kinetic_energy": energy}
+        if found.volume_drift is not None:
+            row["volume_drift"] = found.volume_drift
+        if stepper.held_velocity is not None:
+            row[f"pressure_drop_{'xyz'[stepper.held_velocity.axis]}"] = stepper.held_velocity.drop(state)
+        row |= {f"mean_velocity_{a}": float(m) for a, m in zip("xyz", mean)}
+        row |= {f"superficial_velocity_{a}": float(m * fraction) for a, m in zip("xyz", mean)}
+        if self.case.time.steady is not None:
+            row["change"] = self.steady.distance
+        return row

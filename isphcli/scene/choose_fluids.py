@@ -1,0 +1,47 @@
+"""The time loop of moving particles: step sizes, snapshots, history, steady states, restart files."""
+
+import numpy as np
+
+from ..case.forcing import held_axis
+from ..flow.one_fluid import OneFluid
+from ..operators.kernel import KERNELS
+
+
+def choose_fluids(case, geometry, particles, force):
+    """OneFluid or TwoFluids: the one place that chooses what an interface needs."""
+    present = [case.fluids[case.fluid_names[k]] for k in np.unique(particles.phase)]
+    differ = len({(f.density, f.mu) for f in present}) > 1
+    axis = held_axis(case)
+    held = None if axis is None else np.eye(geometry.dim)[axis]
+    if len(present) == 1 or (case.interface is None and not differ):
+        return OneFluid(present[0].density, present[0].nu, force, held)
+    from ..two_phase.two_fluids import TwoFluids
+
+    kind, spacing = KERNELS[case.particles.kernel], case.particles.spacing
+    support = case.support * spacing
+    tension = line = None
+    if case.interface is not None:
+        from ..two_phase.surface_tension import SurfaceTension
+
+        contact = _contact(case, geometry, particles, kind, support) if geometry.has_solid else None
+        tension = SurfaceTension(case.interface.tension, case.interface.method, [f.density for f in present], kind,
+                                 support, spacing, contact)
+        if contact is not None and case.interface.slip_length > 0.0:
+            from ..two_phase.contact_angle import SlipAtLine
+
+            line = SlipAtLine(particles.phase, case.interface.slip_length)
+    body = force
+    if case.drive is not None and case.drive.pressure_drop is not None:
+        body = np.array(case.drive.body_force or [0.0] * geometry.dim, float)
+    return TwoFluids(particles.phase, [f.density for f in present], [f.mu for f in present], body, force - body, kind,
+                     support, tension, line, held)
+
+
+def _contact(case, geometry, particles, kind, support):
+    from ..geometry.wall_normals import wall_normals
+    from ..two_phase.contact_angle import ContactAngle
+
+    dummies = particles.x[particles.n_fluid:]
+    return ContactAngle(case.interface.contact_angle, dummies, np.maximum(-geometry.distance(dummies), 0.0),
+                        wall_normals(geometry, dummies, support), kind, support, case.particles.spacing,
+                        particles.site_volume)

@@ -1,0 +1,141 @@
+"""What a scene needs of memory, what the machine has left, and a refusal before anything large is allocated."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..domain.lattice import MOST, ParticleError
+
+if TYPE_CHECKING:
+    from ..case.blocks import Case
+    from ..geometry.protocol import Geometry
+
+PAIRS = {2: 2.72, 3: 3.46}  # neighbours over support^dim at one site a spacing^dim: 32 in 3D at 2.1
+# Bytes of a pair by flow and walls. stokes: 10 of its row; navier_stokes, which holds two configurations at a time,
+# from the peak of runs of 2026-11-22: 6.0 and, with walls, 11.3 kB a particle in 3D
+BYTES_PAIR = {
+    ("stokes", True): 10,
+    ("stokes", False): 10,
+    ("navier_stokes", True): 310,
+    ("navier_stokes", False): 150,
+}
+# Of a pair, in matrices and hierarchies. stokes: with the rest 2.85 kB a particle of a full star; the peaks were
+# 2.5 to 2.9 (sphere array of 64 and 96 spacings) and 2.6 kB (Berea cube)
+BYTES_MATRIX = {"stokes": 40, "navier_stokes": 18}
+# Of a pair, what a second fluid adds to moving particles: weighted operators, the transposed stress, normals. The peaks
+# of 60,000 particles with a drop less those without, on 2026-11-22: 71 and 83 (2D, 3D), beside walls 131 and 109
+BYTES_SECOND_FLUID = 110
+BYTES_ROW = {"stokes": 250, "navier_stokes": 0}  # of a particle, beside its pairs
+VECTORS = 25  # Krylov vectors of a usual steady solve; those of a long restart are allocated but never touched
+BYTES_PARTICLE = 200  # positions, fields and work arrays of a particle of any kind
+BYTES_VOXEL = 40  # of an image while its wall distance is computed
+BYTES_PROGRAM = 2e8  # Python and its libraries
+SAMPLE = 10_000  # points at which the fluid of a lattice is counted before it is placed
+CROP = "take a part with geometry.voxels.crop, or a coarser image (isph convert-voxels --downsample)"
+
+
+def too_large(case: Case) -> str:
+    """What to do about a scene that does not fit."""
+    image = ", or a part of the image with geometry.voxels.crop" if case.geometry.voxels is not None else ""
+    return f"take a larger particles.spacing{' and refine' if case.refine else ''}{image}"
+
+
+def density(case: Case, dim: int) -> float:
+    """Sites of the lattice of a case in a volume of spacing^dim."""
+    return {"bcc": 2.0, "hexagonal": 2 / 3**0.5}.get(case.lattice_in(dim), 1.0)
+
+
+def neighbours(case: Case, dim: int) -> float:
+    """Neighbours of a particle on the lattice of a case."""
+    return PAIRS[dim] * density(case, dim) * case.support**dim
+
+
+def estimate(
+    case: Case, dim: int, walls: bool, fluid: float, dummies: float, voxels: float = 0, two: bool = False
+) -> dict[str, float]:
+    """Bytes by part at the peak of a run with so many fluid particles, dummies and voxels.
+
+    two: particles of two fluids that differ or have an interface.
+    """
+    pairs = fluid * neighbours(case, dim)
+    steady = case.flow == "stokes"
+    vectors = min(case.solver.restart, VECTORS) * (dim + 1) if steady else case.solver.restart
+    parts = {
+        "program": BYTES_PROGRAM,
+        "operators": pairs * BYTES_PAIR[case.flow, walls] + fluid * BYTES_ROW[case.flow],
+        "matrices": pairs * BYTES_MATRIX[case.flow],
+        "Krylov vectors": fluid * vectors * 8,
+        "particles": (fluid + dummies) * BYTES_PARTICLE,
+    }
+    more = {"second fluid": pairs * BYTES_SECOND_FLUID} if two and not steady else {}
+    return parts | more | ({"image": voxels * BYTES_VOXEL} if voxels else {})
+
+
+def refuse_lattice(case: Case, geometry: Geometry, spacing: float) -> None:
+    """Raises ParticleError where the particles of a lattice that is still to be placed will not fit.
+
+    The fluid is counted at SAMPLE points of the box: to place 1e9 sites takes minutes and all the memory.
+    """
+    size = geometry.upper - geometry.lower
+    sites = float(np.prod(size / spacing))
+    if not 100 * SAMPLE <= sites < 10.0**MOST:  # quickly placed, or refused in any case: box and spacing do not fit
+        return
+    points = geometry.lower + np.random.default_rng(0).random((SAMPLE, geometry.dim)) * size
+    phase = geometry.phase(points)
+    fluid = sites * float((phase >= 0).mean())
+    need = estimate(case, geometry.dim, geometry.has_solid, fluid, 0, two=len(np.unique(phase[phase >= 0])) > 1)
+    refuse(sum(need.values()), f"about {fluid:.3g} fluid particles", too_large(case))
+
+
+def refuse_image(case: Case) -> None:
+    """Raises ParticleError where the wall distances of an image will not fit, by its header: before it is read."""
+    from ..geometry.images.read import image_shape
+
+    spec = case.geometry.voxels
+    assert spec is not None
+    shape = image_shape(spec.file, spec.array)
+    if shape is None:  # what is wrong with the file is said by those who read it
+        return
+    voxels = math.prod(shape)
+    if spec.crop is not None:
+        voxels = min(voxels, math.prod(max(end - first, 0) for first, end in spec.crop))
+    refuse(voxels * BYTES_VOXEL, f"{spec.file}: the wall distances of {voxels:,} voxels", CROP)
+
+
+def refuse_pores(case: Case, labels: np.ndarray, voxel_size: np.ndarray, clear: int) -> None:
+    """Raises ParticleError where the particles in the pores of an image will not fit: before its wall distances.
+
+    labels: int, below 0 in solids, [z, y, x] or [y, x]; voxel_size: m, one or one an axis; clear: voxels of its clear
+    layers.
+    """
+    spacing = min((case.particles.spacing, *case.refine)) if case.flow == "stokes" else case.particles.spacing
+    sizes = np.broadcast_to(voxel_size[: labels.ndim] if len(voxel_size) > 1 else voxel_size, (labels.ndim,))
+    particles = float(np.prod(sizes / spacing)) * density(case, labels.ndim)  # of a voxel of pore
+    sites = (labels.size + clear) * particles
+    if not 100 * SAMPLE <= sites < 10.0**MOST:  # as in refuse_lattice
+        return
+    fluid = (int(np.count_nonzero(labels >= 0)) + clear) * particles
+    need = estimate(case, labels.ndim, True, fluid, 0, labels.size + clear, two=int(labels.max()) > 0)
+    refuse(sum(need.values()), f"about {fluid:.3g} fluid particles", too_large(case))
+
+
+def refuse(need: float, what: str, fix: str) -> None:
+    """Raises ParticleError where `need` bytes for `what` are more than the machine has left."""
+    left = available()
+    if left is not None and need > left:
+        raise ParticleError(f"{what} need about {need / 1e9:.3g} GB of memory, {left / 1e9:.3g} GB are free; {fix}")
+
+
+def available() -> float | None:
+    """Bytes that can be had without swapping; None where the system does not tell (not Linux)."""
+    try:
+        with open("/proc/meminfo") as lines:
+            for line in lines:
+                if line.startswith("MemAvailable:"):
+                    return float(line.split()[1]) * 1024
+    except (OSError, ValueError, IndexError):
+        pass
+    return None

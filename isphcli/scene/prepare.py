@@ -1,0 +1,95 @@
+"""scene.prepare"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..case import expressions
+from ..case.forcing import drives, held_axis
+from ..flow.held_velocity import HeldVelocity, _outside
+from ..flow.state import State
+from ..flow.step import Stepper
+from ..flow.step_limits import Bounds
+from ..geometry.protocol import sample_box
+from ..operators.kernel import KERNELS
+from ..solvers.kept_hierarchies import KeptHierarchies
+from . import memory
+from .choose_fluids import choose_fluids
+from .place import place_case
+
+
+def held_velocity(case, particles, reference, geometry):
+    """HeldVelocity of a case, or None. reference: density of the first fluid, kg/m3."""
+    axis = held_axis(case)
+    if axis is None:
+        return None
+    size = geometry.upper - geometry.lower
+    length, (lower, upper) = size[axis], (corner[axis] for corner in sample_box(geometry))
+    here = int(_outside(particles.x[: particles.n_fluid, axis], lower, upper).sum())
+    volumes = particles.site_volume * length / float(np.prod(size))  # of a particle, over the cross section
+    porosity = (particles.n_fluid - here) * volumes / (upper - lower)
+    fraction = 1.0  # clear layers are all fluid, whatever number of lattice layers falls into them
+    if not here:
+        lower, upper, fraction = np.inf, -np.inf, particles.n_fluid * volumes / length
+    (wanted,) = case.drive.superficial_velocity.values()
+    two = len(np.unique(particles.phase)) > 1
+    return HeldVelocity(axis, wanted, two, lower, upper, fraction, porosity, reference * float(length))
+
+
+SPREAD = 10.0  # root mean square speed over the mean of a held flow, at most; in rock it is 2 to 3
+
+
+def prepare(case, geometry, clock):
+    """(State, Stepper, Particles) of a case at rest or with its initial velocity.
+
+    Raises ParticleError where the scene has no fluid or needs more memory than is left.
+    """
+    spacing, support = case.particles.spacing, case.support * case.particles.spacing
+    with clock("geometry"):
+        memory.refuse_lattice(case, geometry, spacing)
+        particles = place_case(case, geometry, spacing)
+    n = particles.n_fluid
+    two = len(np.unique(particles.phase)) > 1
+    need = memory.estimate(case, geometry.dim, geometry.has_solid, n, particles.n_dummy, two=two)
+    memory.refuse(sum(need.values()), f"{n:,} fluid particles{' of two fluids' * two}", memory.too_large(case))
+    x = particles.x[:n].copy()
+    u = np.zeros_like(x)
+    if case.initial is not None and case.initial.velocity:
+        names = dict(zip("xyz", x.T))
+        for k, formula in enumerate(case.initial.velocity):
+            u[:, k] = expressions.evaluate(formula, **names)
+    force = sum((force for _, force in drives(case, geometry)), np.zeros(geometry.dim))
+    fluids = choose_fluids(case, geometry, particles, force)
+    held = held_velocity(case, particles, fluids.reference, geometry)
+    stepper = Stepper(
+        geometry=geometry, dummies=particles.x[n:], spacing=spacing, support=support,
+        kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,
+        fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
+        solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock),
+        bounds=bounds(case, geometry, particles, u, force, held), held_velocity=held,
+        volume=kept_volume(case, geometry, x),
+    )
+    none_yet = {} if held is None else {"pressure_gradient": 0.0, "shifting_flux": 0.0}
+    return State(x, u, u.copy(), np.zeros(n), **none_yet), stepper, particles
+
+
+def bounds(case, geometry, particles, u, force, rate):
+    """failure.Bounds of a case that starts with velocities u (n, dim) under the acceleration force (dim,). rate:
+    drive.HeldVelocity or None."""
+    density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
+    walls = np.linalg.norm(geometry.wall_velocity, axis=1)
+    walls = np.max(getattr(geometry, "wall_speed", walls), initial=0.0)  # wall_speed: where walls turn
+    tension = case.interface.tension if case.interface is not None else 0.0
+    capillary = np.sqrt(tension / (density.mean() * case.particles.spacing))
+    other = walls + capillary + (SPREAD * rate.speed if rate is not None else 0.0)
+    found = Bounds(geometry, particles.site_volume, density, 0.0, np.linalg.norm(force), other)
+    return replace(found, start=found.speed(u))
+
+
+def kept_volume(case, geometry, x):
+    """KeptVolume of a case, or None. x: (n, dim) fluid particles where they begin, m."""
+    if not case.particles.keep_volume:
+        return None
+    from ..flow.volume_control import KeptVolume
+
+    return KeptVolume(geometry, x, case.particles.spacing, case.particles.keep_volume)

@@ -1,0 +1,1 @@
+"""Linear solvers and preconditioners (paper eqs 25-26)."""

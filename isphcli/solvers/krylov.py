@@ -1,0 +1,120 @@
+"""Linear systems: GMRES with a smoothed-aggregation preconditioner, null spaces, reports (paper 2.4, eqs 25-26)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse.linalg as sla
+
+
+class SolveError(RuntimeError):
+    """A linear system that missed its tolerance. Attributes: system, report."""
+
+    def __init__(self, system, report):
+        self.system, self.report = system, report
+        # a steady solve has no time step, and what it fails on are pores that the lattice does not resolve
+        advice = "a smaller particles.spacing" if system == "Stokes" else "smaller time steps (time.step or time.cfl)"
+        super().__init__(
+            f"the {system} system did not converge: residual {report.residual:.2e} after {report.iterations} "
+            f"iterations (asked: {report.tolerance:.1e}; {report.reason}); try a larger solver.max_iterations, "
+            f"{advice} or a larger solver.tolerance"
+        )
+
+
+@dataclass(frozen=True)
+class Report:
+    """How a solve went: preconditioner calls, relative true residual, tolerance asked, and why it ended."""
+
+    iterations: int
+    residual: float
+    tolerance: float
+    reason: str
+
+    @property
+    def converged(self):
+        """Whether the solution is as good as was asked for."""
+        return self.reason in ("converged", "zero right-hand side")
+
+
+def gmres(apply, rhs, precondition, tolerance, restart, max_iterations, start=None, watch=None):
+    """GMRES preconditioned from the left; the tolerance is relative to the right-hand side.
+
+    apply, precondition: functions of an (m,) vector; rhs: (m,); start: first guess or None;
+    watch: called with (iteration, relative residual). Returns (solution, Report).
+    The singular pressure systems of moving particles are solved so: from the right, small ones break down at 1e-4.
+    """
+    norm = np.linalg.norm(rhs)
+    if norm == 0.0:
+        return np.zeros_like(rhs), Report(0, 0.0, tolerance, "zero right-hand side")
+    size = len(rhs)
+    count = 0
+
+    def each(residual):
+        nonlocal count
+        count += 1
+        if watch is not None:
+            watch(count, residual)
+
+    solution, _ = sla.gmres(
+        sla.LinearOperator((size, size), matvec=apply, dtype=float),
+        rhs,
+        x0=start,
+        rtol=tolerance,
+        atol=0.0,
+        restart=min(restart, size, max_iterations),
+        maxiter=max(1, max_iterations // restart),
+        M=sla.LinearOperator((size, size), matvec=precondition, dtype=float),
+        callback=each,
+        callback_type="pr_norm",
+    )
+    return solution, _report(count, float(np.linalg.norm(rhs - apply(solution)) / norm), tolerance)
+
+
+def gmres_from_the_right(apply, rhs, precondition, tolerance, restart, max_iterations, start=None, watch=None):
+    """GMRES preconditioned from the right, which makes the true residual small; the tolerance is relative to `rhs`.
+
+    Arguments and results as those of `gmres`.
+    """
+    norm = np.linalg.norm(rhs)
+    if norm == 0.0:
+        return np.zeros_like(rhs), Report(0, 0.0, tolerance, "zero right-hand side")
+    size, count = len(rhs), 0
+    solution = np.zeros_like(rhs) if start is None else start.copy()
+    rest = rhs - apply(solution) if start is not None else rhs
+    residual = np.linalg.norm(rest) / norm
+
+    def each(relative):
+        nonlocal count
+        count += 1
+        if watch is not None:
+            watch(count, relative * residual)
+
+    # scipy preconditions from the left: the residual that it watches is another one, and meeting it too early costs
+    # a restart
+    operator = sla.LinearOperator((size, size), matvec=lambda v: apply(precondition(v)), dtype=float)
+    while residual > tolerance and count < max_iterations:
+        y, _ = sla.gmres(
+            operator,
+            rest,
+            rtol=0.0,
+            atol=tolerance * norm,
+            restart=min(restart, size, max_iterations - count),
+            maxiter=1,
+            callback=each,
+            callback_type="pr_norm",
+        )
+        solution += precondition(y)
+        rest = rhs - apply(solution)
+        before, residual = residual, np.linalg.norm(rest) / norm
+        if not residual < before:  # also where it is not finite
+            break
+    return solution, _report(count, float(residual), tolerance)
+
+
+def _report(iterations, residual, tolerance):
+    if not np.isfinite(residual):
+        reason = "not finite"
+    elif residual <= tolerance:
+        reason = "converged"
+    else:
+        reason = "out of iterations"
+    return Report(iterations, residual, tolerance, reason)

@@ -1,0 +1,301 @@
+"""What two fluids put into the equations: weights of pairs across the interface, the transposed stress, tension.
+
+The pressure stays a pressure over the density of the first fluid, so that fluids of one density share every array
+with a scene of one fluid. With t the fraction of the way from i to j at which a pair crosses the interface
+(`interface.crossings`), r_ij and m_ij are what is left of a density and a viscosity between i and j when the normal
+acceleration and the stress are continuous:
+
+    grad p / rho  ->  sum_j (1 / r_ij) (p_j - p_i) grad_ij,      r_ij = t rho_i + (1 - t) rho_j
+    mu lap u      ->  sum_j m_ij lap_ij (u_j - u_i),         1 / m_ij = t / mu_i + (1 - t) / mu_j
+
+Both are paired: the Poisson matrix has lap_ij / r_ij (only one of the two blows up at density ratio 10).
+Where the viscosity jumps, the transposed stress div(mu (grad u)^T) does not vanish: see `TransposedStress`.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit, prange
+
+from ..flow.one_fluid import Terms, body_force
+from ..operators.apply import potential_gradient
+from .normals import crossings, near_interface
+
+SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like a second derivative of a plane of them
+
+
+class TwoFluids:
+    """phase: (n,) int8 fluid of each particle, 0 or 1; density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s;
+    body: (dim,) force on both, m/s2; push: (dim,) that of a pressure gradient on the first fluid, m/s2, which moves the
+    other as its density lets it; kind: kernel number; support: m; tension: SurfaceTension or None; line:
+    contact_angle.SlipAtLine or None; held: (dim,) unit vector along which a velocity is held, or None."""
+
+    first_passes = 5  # with 3, layers of density ratio 1000 moved at 1e-8 sqrt(g H)
+
+    def __init__(self, phase, density, viscosity, body, push, kind, support, tension=None,
+                 line=None, held=None):
+        self.phase = phase
+        self.colour = np.where(phase == 0, 1.0, 0.0)
+        self.density = np.array(density, float)
+        self.mu = np.array(viscosity, float)
+        self.body, self.push, self.force = body, push, body + push
+        self.kind, self.support, self.tension, self.line, self.held = kind, support, tension, line, held
+        self.added_viscosity, self.interface_underdamped = 0.0, False
+        if tension is not None:
+            self.added_viscosity, self.interface_underdamped = tension.damping(self.mu)
+
+    @property
+    def nu_max(self):
+        """Largest kinematic viscosity, m2/s."""
+        return float((self.mu / self.density).max())
+
+    @property
+    def nu_min(self):
+        """Smallest kinematic viscosity, m2/s."""
+        return float((self.mu / self.density).min())
+
+    @property
+    def reference(self):
+        """Density that pressures are divided by, kg/m3."""
+        return self.density[0]
+
+    def terms(self, ops, neighbours):
+        """Terms of one configuration. ops: Operators; neighbours: all of them, dummies included."""
+        reference = self.density[0]
+        heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
+        rho = self.density[self.phase] / reference
+        mu = self.mu[self.phase] / reference
+        near = near_interface(ops.start, ops.column, self.colour)
+        weighted, viscosity, transposed_stress, smooth = ops, mu[0], None, None
+        if heavy or thick:
+            t = crossings(ops, self.colour, near)
+            weighted = self._weigh(ops, t, rho, mu, heavy)
+            viscosity = 1.0
+        if self.added_viscosity > 0.0:
+            share = self.added_viscosity / reference / (viscosity * rho)
+            weighted = replace(weighted, lap=_thickened(ops.start, ops.column, ops.lap, weighted.lap, near, share))
+        if thick:
+            smooth = ~near
+            free = near if ops.walls is None else near & ~ops.walls.near
+            transposed_stress = TransposedStress.build(ops, weighted.lap, np.flatnonzero(free))
+        force, jump, laplacian_of_jump, along, band = body_force(ops, self.body), None, None, None, None
+        if self.push.any():
+            force = force + potential_gradient(weighted, self.push)
+        if self.held is not None:
+            along = potential_gradient(weighted, self.held)
+        if self.tension is not None:
+            push, laplacian_of_jump, band = self.tension.force(ops, weighted, neighbours, self.colour, near, reference)
+            if laplacian_of_jump is None:
+                force = force + push
+            else:
+                jump = push
+        # more feeds on itself: docs/method.md 12
+        bulk = self.density.min() * self.nu_min / reference
+        shifts_less = None if self.interface_underdamped else near
+        density, damps = rho if heavy else 1.0, heavy or thick or self.tension is None
+        return Terms(weighted, viscosity, force, jump, laplacian_of_jump, density, bulk, transposed_stress, smooth,
+                     shifts_less, damps, along, band)
+
+    @staticmethod
+    def _weigh(ops, t, rho, mu, heavy):
+        walls = ops.walls
+        symmetric = ops.lap_p if walls is None else walls.symmetric_laplacian
+        weights = ops.lap, ops.lap_p, ops.grad_p, symmetric
+        lap, lap_p, grad_p, symmetric = _weights(ops.neighbours, t, rho, mu, weights, heavy)
+        if walls is not None:
+            nu = mu / rho
+            walls = replace(walls, lap=nu * walls.lap, lap_velocity=nu[:, None] * walls.lap_velocity,
+                            symmetric_laplacian=symmetric,
+                            slip=None if walls.slip is None else nu[:, None, None] * walls.slip)
+        return replace(ops, lap=lap, lap_p=lap_p, grad_p=grad_p, walls=walls)
+
+
+@dataclass(frozen=True)
+class TransposedStress:
+    """The transposed stress of the particles at the interface that see no wall, over their density.
+
+    sum_j m_ij 2 H_ij (u_j - u_i) / rho_i with H_ij the weights of the second derivatives d_k d_l, exact for quadratic
+    functions. For a like viscosity it is 2 grad div u, with m_ij it makes of mu lap u the full stress. Two other forms,
+    (grad u)^T grad mu and the same without its part in div u, have growing modes at a viscosity ratio of 100 (smallest
+    eigenvalue of the velocity matrix -72 and -5000, against +36 and more of this one).
+
+    rows: (m,) particles; start: (m + 1,), column: neighbours; tensor: (n_pairs of those, dim (dim + 1) / 2), the
+    upper half, row by row.
+    """
+
+    rows: np.ndarray
+    start: np.ndarray
+    column: np.ndarray
+    tensor: np.ndarray
+
+    @classmethod
+    def build(cls, ops, weighted_lap, rows):
+        """ops: Operators; weighted_lap: (n_pairs,) its `lap` times m_ij / rho_i; rows: (m,)."""
+        count = np.diff(ops.start)[rows]
+        start = np.concatenate([[0], np.cumsum(count)])
+        column, tensor = _transposed_stress_tensors(ops.neighbours, ops.lap, weighted_lap, rows, start)
+        return cls(rows, start, column, tensor)
+
+    def add(self, u, out, factor):
+        """out += factor times the stress; u, out: (n, dim)."""
+        _add_transposed_stress(self.rows, self.start, self.column, self.tensor, u, out, factor)
+
+
+@njit(cache=True, parallel=True)
+def _weights(neighbours, t, rho, mu, weights, heavy):
+    start, column = neighbours.start, neighbours.column
+    lap, lap_p, grad_p, natural = weights
+    n, dim = len(start) - 1, grad_p.shape[1]
+    size = len(lap)
+    new_lap = np.empty(size)
+    new_lap_p, new_grad_p = (np.empty(size), np.empty((size, dim))) if heavy else (lap_p, grad_p)
+    new_natural = np.empty(size) if heavy else natural
+    for i in prange(n):
+        for p in range(start[i], start[i + 1]):
+            j = column[p]
+            between = 1.0 / (t[p] / mu[i] + (1.0 - t[p]) / mu[j]) if mu[i] != mu[j] else mu[i]
+            new_lap[p] = lap[p] * between / rho[i]
+            if heavy:
+                light = 1.0 / (t[p] * rho[i] + (1.0 - t[p]) * rho[j])
+                new_lap_p[p] = lap_p[p] * light
+                new_natural[p] = natural[p] * light
+                for k in range(dim):
+                    new_grad_p[p, k] = grad_p[p, k] * light
+    return new_lap, new_lap_p, new_grad_p, new_natural
+
+
+@njit(cache=True, parallel=True)
+def _thickened(start, column, lap, weighted_lap, near, share):
+    """weighted_lap (n_pairs,) plus share (n,) of `lap` between the particles of `near` (n,)."""
+    out = weighted_lap.copy()
+    for i in prange(len(start) - 1):
+        if near[i]:
+            for p in range(start[i], start[i + 1]):
+                if near[column[p]]:
+                    out[p] += share[i] * lap[p]
+    return out
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def _transposed_stress_tensors(neighbours, lap, weighted_lap, rows, new_start):
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    dim, support = x.shape[1], neighbours.support
+    new_column = np.empty(new_start[-1], np.int32)
+    size, entries = dim + dim * (dim + 1) // 2, dim * (dim + 1) // 2
+    tensor = np.empty((new_start[-1], entries))
+    for m in prange(len(rows)):
+        i, at = rows[m], new_start[m]
+        begin, count = start[i], start[i + 1] - start[i]
+        # one row a term, so that what is done to all neighbours runs along the memory
+        basis, moments, w, here = np.empty((size, count)), np.empty((size, size)), np.empty(count), np.empty(count)
+        _fill(basis, row, x, i, begin, count, support)
+        for k in range(count):
+            new_column[at + k] = column[begin + k]
+            w[k] = max(lap[begin + k], 0.0)
+        _moments(basis, w, here, moments)
+        # least squares: the coefficients of the quadratic terms are the second derivatives
+        inverse, least = np.empty((size, size)), SINGULAR * np.trace(moments)
+        if not _invert(moments, least, dim, inverse):
+            for a in range(size):
+                moments[a, a] += least  # as good as a pseudo-inverse, which takes numba 15 s to compile
+            _invert(moments, 0.0, dim, inverse)
+        for k in range(count):
+            w[k] = 2.0 * weighted_lap[begin + k] / (support * support) if lap[begin + k] > 0.0 else 0.0
+        for v in range(entries):
+            here[:] = 0.0
+            for c in range(size):
+                weight = inverse[c, dim + v]
+                for k in range(count):
+                    here[k] += weight * basis[c, k]
+            for k in range(count):
+                tensor[at + k, v] = w[k] * here[k]
+    return new_column, tensor
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def _moments(basis, w, work, moments):
+    """Lower half of sum_k w basis (x) basis into `moments`, what `_invert` reads; sums in any order, so that they are
+    vectors. work: (count,) scratch."""
+    size, count = basis.shape
+    for a in range(size):
+        for k in range(count):
+            work[k] = w[k] * basis[a, k]
+        for b in range(a + 1):
+            total = 0.0
+            for k in range(count):
+                total += work[k] * basis[b, k]
+            moments[a, b] = total
+
+
+@njit(cache=True, error_model="numpy")
+def _invert(matrix, least, first, inverse):
+    """Columns from `first` on of the inverse of a symmetric matrix, whose lower half is read, by Cholesky's factors;
+    False where a pivot is not above `least`."""
+    n = len(matrix)
+    lower, over = np.zeros((n, n)), np.empty(n)
+    for k in range(n):
+        for m in range(k + 1):
+            rest = matrix[k, m]
+            for c in range(m):
+                rest -= lower[k, c] * lower[m, c]
+            if m < k:
+                lower[k, m] = rest * over[m]
+            elif rest > least:
+                lower[k, k] = math.sqrt(rest)
+                over[k] = 1.0 / lower[k, k]
+            else:
+                return False
+    for k in range(first, n):  # a column of the unit matrix at a time
+        for m in range(k):
+            inverse[m, k] = 0.0
+        for m in range(k, n):
+            rest = 1.0 if m == k else 0.0
+            for c in range(k, m):
+                rest -= lower[m, c] * inverse[c, k]
+            inverse[m, k] = rest * over[m]
+        for m in range(n - 1, -1, -1):
+            rest = inverse[m, k]
+            for c in range(m + 1, n):
+                rest -= lower[c, m] * inverse[c, k]
+            inverse[m, k] = rest * over[m]
+    return True
+
+
+@njit(cache=True)
+def _fill(basis, row, x, i, begin, count, unit):
+    """The terms d_a, d_a d_a / 2 and d_a d_b of d = (x_j - x_i) / unit, one row (count,) each."""
+    dim = x.shape[1]
+    v = dim
+    for k in range(count):
+        for a in range(dim):
+            basis[a, k] = (x[row[begin + k], a] - x[i, a]) / unit
+    for a in range(dim):
+        for b in range(a, dim):
+            factor = 0.5 if a == b else 1.0
+            for k in range(count):
+                basis[v, k] = factor * basis[a, k] * basis[b, k]
+            v += 1
+
+
+@njit(cache=True, parallel=True)
+def _add_transposed_stress(rows, start, column, tensor, u, out, factor):
+    flat = u.shape[1] == 2
+    for m in prange(len(rows)):
+        i = rows[m]
+        a, b, c = 0.0, 0.0, 0.0
+        for p in range(start[m], start[m + 1]):
+            j = column[p]
+            du, dv = u[j, 0] - u[i, 0], u[j, 1] - u[i, 1]
+            if flat:
+                a += tensor[p, 0] * du + tensor[p, 1] * dv
+                b += tensor[p, 1] * du + tensor[p, 2] * dv
+            else:
+                dw = u[j, 2] - u[i, 2]
+                a += tensor[p, 0] * du + tensor[p, 1] * dv + tensor[p, 2] * dw
+                b += tensor[p, 1] * du + tensor[p, 3] * dv + tensor[p, 4] * dw
+                c += tensor[p, 2] * du + tensor[p, 4] * dv + tensor[p, 5] * dw
+        out[i, 0] += factor * a
+        out[i, 1] += factor * b
+        if not flat:
+            out[i, 2] += factor * c

@@ -1,0 +1,1 @@
+"""Error against run time: ladders of resolutions, stiff scenes, the figures of the paper."""
