@@ -431,13 +431,13 @@ def test_a_hostile_megabyte_is_refused_quickly():
 
 
 def test_importing_the_reader_does_not_import_numpy():
-    code = "import sys, isphcli.case; sys.exit('numpy' in sys.modules)"
+    code = "import sys, isphcli.case.load; sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 
 def test_every_key_is_documented_and_the_generated_files_are_fresh():
     for path, text in case_docs.generated().items():
-        assert path.read_text(encoding="utf-8") == text, f"{path}: run python -m isphcli.case_docs"
+        assert path.read_text(encoding="utf-8") == text, f"{path}: run python -m isphcli.case.docs"
 
 
 def test_schema_accepts_what_the_reader_accepts_and_refuses_typos():

@@ -62,9 +62,9 @@ def fake_run(monkeypatch, outcome):
             raise outcome
         return outcome
 
-    module = types.ModuleType("isphcli.run")
+    module = types.ModuleType("isphcli.run.run")
     module.run_case = run_case
-    monkeypatch.setitem(sys.modules, "isphcli.run", module)
+    monkeypatch.setitem(sys.modules, "isphcli.run.run", module)
     monkeypatch.setattr(isphcli, "run", module, raising=False)
     return calls
 
@@ -270,7 +270,7 @@ def test_bad_options(words, folder):
 
 
 def test_a_real_run(folder):
-    pytest.importorskip("isphcli.run")
+    pytest.importorskip("isphcli.run.run")
     done = isph("run", "case.yaml", "--quiet")
     assert done.exit_code == 0, done.output
     assert "permeability" in done.stdout and not done.stderr
@@ -320,7 +320,7 @@ BAD = {
 def test_bad_input(name, command, folder):
     text, image, words, message = BAD[name]
     if command == "run":
-        pytest.importorskip("isphcli.run")
+        pytest.importorskip("isphcli.run.run")
     (folder / "case.yaml").unlink()
     if text is not None:
         (folder / "case.yaml").write_text(text)
@@ -362,12 +362,12 @@ def test_validate_takes_the_folder_of_cases(folder, monkeypatch):
 @pytest.mark.parametrize("passed, code", [(True, 0), (False, OUTSIDE)])
 def test_validate_runs_the_cases_that_name_a_reference(monkeypatch, folder, passed, code):
     (folder / "slit.yaml").write_text(CASE + "reference: {kind: slit}\n")
-    module = types.ModuleType("isphcli.validate")
+    module = types.ModuleType("isphcli.validation.ladder")
     module.validate_cases = lambda cases, **options: (
         f"{[c.title for c in cases]} {options['levels']}",
         passed,
     )
-    monkeypatch.setitem(sys.modules, "isphcli.validate", module)
+    monkeypatch.setitem(sys.modules, "isphcli.validation.ladder", module)
     monkeypatch.setattr(cli, "has_module", lambda name: True)
     done = isph("validate", "slit.yaml", "case.yaml", "--levels", 3)
     assert done.exit_code == code and "['slit'] 3" in done.stdout

@@ -81,7 +81,7 @@ def test_values_that_are_not_finite_are_refused_with_their_place(formula):
 
 
 def test_check_needs_no_numpy():
-    code = "import sys, isphcli.expressions as e; e.check('sin(x)'); sys.exit('numpy' in sys.modules)"
+    code = "import sys, isphcli.case.expressions as e; e.check('sin(x)'); sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 

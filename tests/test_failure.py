@@ -18,12 +18,12 @@ from isphcli.output.clock import Clock
 from isphcli.output.files import read_history, read_vtu
 from isphcli.output.folder import TEMPORARY
 from isphcli.output.worst import NAME, WORST, write_worst
+from isphcli.run import steady
 from isphcli.run.run import run_case
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
-from isphcli.solvers import krylov
+from isphcli.solvers import kept_hierarchies
 from isphcli.solvers.krylov import SolveError
-from isphcli.solvers.multigrid import hierarchy
 
 VORTEX = """
 geometry: {box: [1, 1], periodic: [x, y]}
@@ -122,15 +122,15 @@ def test_particles_in_a_wall_are_found():
 
 def tries(monkeypatch, stepper, failing):
     """Lets the first `failing` solves miss their tolerance; a list of (restart, new hierarchies so far) a solve."""
-    real, build, seen, built = krylov.gmres, hierarchy, [], []
+    real, build, seen, built = kept_hierarchies.gmres, kept_hierarchies.hierarchy, [], []
 
     def gmres(apply, rhs, precondition, tolerance, restart, *rest, **more):
         seen.append((restart, len(built)))
         solution, report = real(apply, rhs, precondition, tolerance, restart, *rest, **more)
         return solution, replace(report, reason="out of iterations") if len(seen) <= failing else report
 
-    monkeypatch.setattr(linear, "gmres", gmres)
-    monkeypatch.setattr(linear, "hierarchy", lambda matrix: built.append(1) or build(matrix))
+    monkeypatch.setattr(kept_hierarchies, "gmres", gmres)
+    monkeypatch.setattr(kept_hierarchies, "hierarchy", lambda matrix: built.append(1) or build(matrix))
     return seen
 
 
@@ -246,8 +246,8 @@ def test_a_steady_solve_that_is_interrupted(tmp_path, monkeypatch, at, number):
     out = tmp_path / "out"
     out.mkdir()
     (out / restart.NAME).touch()
-    real = getattr(run_stokes, at)
-    monkeypatch.setattr(run_stokes, at, lambda *a, **b: (os.kill(os.getpid(), number), real(*a, **b))[1])
+    real = getattr(steady, at)
+    monkeypatch.setattr(steady, at, lambda *a, **b: (os.kill(os.getpid(), number), real(*a, **b))[1])
     before = {which: signal.getsignal(which) for which in (signal.SIGINT, signal.SIGTERM)}
     try:
         signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts jobs in the background without it
@@ -263,7 +263,7 @@ def test_a_steady_run_that_is_interrupted_as_it_writes(tmp_path, monkeypatch):
     """Files are whole or not there; the run counts as unfinished without its summary."""
     (tmp_path / "case.yaml").write_text(DISK + "output: {plots: false}\n")
     out = tmp_path / "out"
-    real, replace_ = output.os.replace, []
+    real, replace_ = os.replace, []
 
     def stop(*arguments):
         replace_.append(arguments)
@@ -271,7 +271,7 @@ def test_a_steady_run_that_is_interrupted_as_it_writes(tmp_path, monkeypatch):
             raise KeyboardInterrupt
         real(*arguments)
 
-    monkeypatch.setattr(output.os, "replace", stop)
+    monkeypatch.setattr(os, "replace", stop)
     done = CliRunner().invoke(main, ["run", str(tmp_path / "case.yaml"), "--out", str(out), "--quiet"])
     assert done.exit_code == 130 and done.stderr == "interrupted\n"
     assert not list(out.rglob(f"{TEMPORARY}*")) and not (out / "summary.json").exists()

@@ -114,7 +114,7 @@ def test_a_file_of_others_in_the_way(here, name, monkeypatch):
     path = here / "out/case" / name
     path.parent.mkdir(parents=True)
     path.write_text('{"files": ["../../case.yaml"]}')
-    monkeypatch.setattr("isphcli.run.build_geometry", None)  # it would be called first
+    monkeypatch.setattr("isphcli.run.steady_case.build_geometry", None)  # it would be called first
     for more in ([], ["--overwrite"]):
         refused(isph("run", "case.yaml", "--quiet", *more), path, "--out")
     assert contents(here) == {"case.yaml": STEADY.encode(), f"out/case/{name}": path.read_bytes()}

@@ -7,11 +7,14 @@ from click.testing import CliRunner
 from isphcli.case.load import read_case
 from isphcli.cli import main
 from isphcli.domain.lattice import ParticleError
+from isphcli.geometry import voxel_geometry
+from isphcli.geometry.images import read
 from isphcli.output.clock import Clock
 from isphcli.preflight.check import check
+from isphcli.run import steady
 from isphcli.run.run import run_case
 from isphcli.run.steady import build_scene
-from isphcli.scene import memory
+from isphcli.scene import memory, place
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
 
@@ -83,7 +86,7 @@ def test_a_second_fluid_costs_memory():
 def test_a_lattice_too_large_is_refused_before_it_is_placed(tmp_path, monkeypatch, flow):
     """Exit code 2 and numbers: 6e8 sites of which seven tenths are fluid."""
     monkeypatch.setattr(memory, "available", lambda: 2e10)
-    monkeypatch.setattr(particles, "place", lambda *_: pytest.fail("placed"))
+    monkeypatch.setattr(place, "place", lambda *_: pytest.fail("placed"))
     text = MOVING.decode().replace("is: oil", "is: solid")
     if flow == "stokes":
         text = text.replace("time: {end: 1}", "flow: stokes")
@@ -128,7 +131,7 @@ def rock(tmp_path, spacing):
 
 def test_an_image_that_does_not_fit_is_refused_by_its_header(tmp_path, monkeypatch):
     case = rock(tmp_path, 1e-6)
-    monkeypatch.setattr(voxels, "read_image", lambda *_: pytest.fail("read"))
+    monkeypatch.setattr(read, "read_image", lambda *_: pytest.fail("read"))
     monkeypatch.setattr(memory, "available", lambda: 1e5)
     with pytest.raises(ParticleError, match=r"the wall distances of 8,000 voxels .* geometry.voxels.crop"):
         build_geometry(case)
@@ -149,6 +152,6 @@ def test_pores_that_do_not_fit_are_refused_before_wall_distances(tmp_path, monke
 def test_a_finer_spacing_that_does_not_fit_is_refused_before_the_first_is_solved(tmp_path, monkeypatch):
     case = read_case(DISK, "case.yaml", ("refine=[0.002]", "drive={axes: [x]}", f"output.directory={tmp_path}/out"))
     monkeypatch.setattr(memory, "available", lambda: 2e10)
-    monkeypatch.setattr(run_stokes, "solve_axis", lambda *_: pytest.fail("solved"))
+    monkeypatch.setattr(steady, "solve_axis", lambda *_: pytest.fail("solved"))
     with pytest.raises(ParticleError, match=r"larger particles\.spacing and refine"):
         run_case(case, quiet=True)

@@ -382,7 +382,7 @@ def test_output_and_progress_import_nothing_heavy():
     import subprocess
 
     code = (
-        "import sys, isphcli.output, isphcli.progress; "
+        "import sys, isphcli.output.files, isphcli.output.progress; "
         "assert not {'meshio', 'rich', 'matplotlib', 'scipy', 'numba'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

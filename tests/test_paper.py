@@ -53,7 +53,7 @@ def test_radial_profile_of_flow_in_a_pipe():
 
 def test_porosity_of_the_beads_that_a_coarse_lattice_sees():
     """The table of porosities over the radius against the beads of the case, on a lattice of 4 sites a bead."""
-    centres = np.loadtxt(Path(paper.__file__).parents[1] / "cases/data/bead_centres.csv", delimiter=",", skiprows=1)
+    centres = np.loadtxt(Path(paper.__file__).parents[2] / "cases/data/bead_centres.csv", delimiter=",", skiprows=1)
     from scipy.spatial import cKDTree
 
     x = column(1.25e-4)

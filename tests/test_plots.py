@@ -115,7 +115,7 @@ def test_permeability_in_both_units():
 
 def test_pyplot_stays_out_and_matplotlib_comes_late():
     code = (
-        "import sys, numpy as np, isphcli.plots as p; assert 'matplotlib' not in sys.modules; "
+        "import sys, numpy as np, isphcli.output.plots as p; assert 'matplotlib' not in sys.modules; "
         "import os, tempfile; y = np.arange(3.0); f = os.path.join(tempfile.mkdtemp(), 'a.png'); "
         "p.plot_profile(f, y, y); assert 'matplotlib.pyplot' not in sys.modules"
     )

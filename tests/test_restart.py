@@ -16,7 +16,7 @@ import pytest
 
 from isphcli.case.load import load_case
 from isphcli.flow.state import State
-from isphcli.output import restart
+from isphcli.output import files, restart
 from isphcli.output.clock import Clock
 from isphcli.output.files import read_history, read_pvd, write_vtu
 from isphcli.output.restart import RestartError, Saved
@@ -382,7 +382,7 @@ def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
         real(path, *rest)
 
     with monkeypatch.context() as patch:
-        patch.setattr(output, "write_vtu", full)
+        patch.setattr(files, "write_vtu", full)
         with pytest.raises(OSError) as caught:
             run_case(load(tmp_path, VORTEX, "b"), quiet=True)
     assert caught.value.errno == errno.ENOSPC

@@ -9,7 +9,9 @@ import pytest
 
 from isphcli.case.load import load_case
 from isphcli.case.yaml import CaseError
+from isphcli.geometry.images import read as reader
 from isphcli.output.files import read_history, read_pvd, read_vtu
+from isphcli.run import steady
 from isphcli.run.run import run_case
 from isphcli.run.time_loop import TimeLoop
 
@@ -37,7 +39,7 @@ def write(tmp_path, text):
 
 def run(tmp_path, text, *sets):
     return run_case(load_case(write(tmp_path, text), [f"output.directory={tmp_path / 'out'}", *sets]), quiet=True,
-                    overwrite=True)
+                    overwrite=True, look=look)
 
 
 def test_a_steady_run_leaves_its_files(tmp_path):
@@ -94,10 +96,11 @@ def test_a_periodic_scene_imports_nothing_of_walls(tmp_path):
     """In a process of its own: neither the wall modules nor those of steady flow through solids are loaded."""
     path = write(tmp_path, VORTEX)
     code = (
-        "import sys; from isphcli.case import load_case; from isphcli.run import run_case;"
+        "import sys; from isphcli.case.load import load_case; from isphcli.run.run import run_case;"
         f"run_case(load_case({str(path)!r}, ['output.directory={tmp_path / 'o'}']), quiet=True);"
-        "bad = [m for m in ('walls', 'wall_scene', 'coupling', 'voxels', 'voxel_geometry', 'surface_tension')"
-        " if 'isphcli.' + m in sys.modules];"
+        "rooms = ('two_phase', 'geometry.images', 'geometry.voxel', 'operators.wall', 'operators.narrow',"
+        " 'operators.lattice', 'run.steady');"
+        "bad = [m for m in sys.modules if m.startswith(tuple('isphcli.' + room for room in rooms))];"
         "assert not bad, bad"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -186,7 +189,7 @@ def test_an_image_with_a_pressure_drop_is_read_once(tmp_path, monkeypatch):
 
     duct(tmp_path)
     read, real = [], read_image
-    monkeypatch.setattr(voxels, "read_image", lambda *words: read.append(words) or real(*words))
+    monkeypatch.setattr(reader, "read_image", lambda *words: read.append(words) or real(*words))
     by_drop = run(tmp_path, ROCK, "drive={pressure_drop: {z: 2.0}}", "refine=[0.5e-6]")
     assert len(read) == 1
     # the drop is over the sample and its clear layers, 20 voxels: k is that of any other drive
@@ -209,9 +212,9 @@ def test_warnings_come_before_the_solve_and_stay_in_the_summary(tmp_path, monkey
         assert all(f"warning: {text}" in err for text in warned)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(run_stokes, "build_scene", told)
+    monkeypatch.setattr(steady, "build_scene", told)
     with pytest.raises(KeyboardInterrupt):
-        run_case(load_case(write(tmp_path, ROCK), [f"output.directory={tmp_path / 'o'}", *coarse]))
+        run_case(load_case(write(tmp_path, ROCK), [f"output.directory={tmp_path / 'o'}", *coarse]), look=look)
 
 
 @pytest.mark.parametrize("time, status, key", [("{end: 1, max_steps: 2}", "out of steps", "time.max_steps"),

@@ -8,6 +8,7 @@ from scipy import ndimage
 
 from isphcli.geometry.bodies import Box, Cylinder, Disk, HalfSpace, Shape, ShapeError, Sphere, Spheres
 from isphcli.geometry.shape_geometry import ShapeGeometry
+from isphcli.scene import spheres as spheres_module
 from isphcli.scene.spheres import random_spheres, read_spheres, sphere_findings, spheres_of_file
 
 SCALES = [1.0, 1e-6, 1e3]
@@ -470,7 +471,7 @@ def test_random_spheres_keep_apart():
 
 
 def test_random_spheres_that_find_no_room(monkeypatch):
-    monkeypatch.setattr(shapes, "TRIES", 20)
+    monkeypatch.setattr(spheres_module, "TRIES", 20)
     scene = ShapeGeometry([0, 0], [1, 1], [True, True])
     with pytest.raises(ShapeError, match=r"only \d of 7 spheres of radius 0.2 found room"):
         random_spheres(scene, 7, 0.2)

@@ -1,6 +1,6 @@
 """Writes what is generated from the case language: `docs/keys.md` and `docs/case.schema.json`.
 
-Run `python -m isphcli.case_docs` after a change of the language; a test compares the files.
+Run `python -m isphcli.case.docs` after a change of the language; a test compares the files.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from typing import Any
 from .blocks import Case, plain
 from .reader import Declared, Key, Table, describe, is_block, keys_of, options
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 _JSON_TYPES = {bool: "boolean", int: "integer", float: "number", str: "string", Path: "string"}
 _INTRODUCTION = """\
 # Keys of a case
 
-Generated from `isphcli/case_blocks.py` by `python -m isphcli.case_docs`: do not edit.
+Generated from `isphcli/case/blocks.py` by `python -m isphcli.case.docs`: do not edit.
 
 A case is a YAML file of nested blocks. A block that is absent switches its physics off. Units are SI, or
 any consistent set. Every key can be set on the command line, `--set particles.spacing=1e-5`; items of

@@ -55,7 +55,7 @@ def stop_printing() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def find_kernel_cache(package: Path = Path(__file__).parent) -> str | None:
+def find_kernel_cache(package: Path = Path(__file__).parents[1]) -> str | None:
     """Sees to it that numba has a folder for what it compiles; a sentence where none of the usual ones will do.
 
     numba takes NUMBA_CACHE_DIR, the folder of the package or the cache of the user, whichever can be written first,

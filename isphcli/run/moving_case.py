@@ -1,4 +1,4 @@
-"""A case from its file to its results: the one place that chooses which terms a scene has."""
+"""Moving particles of a case: preparation, the time loop with its files, the summary."""
 
 import sys
 from contextlib import suppress
@@ -10,16 +10,18 @@ import numpy as np
 from ..case.forcing import walls_move
 from ..output import folder, progress, restart
 from ..output.files import History, read_history
-from ..preflight.look import _look
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
+from ..scene.prepare import prepare
 from .permeability import darcy
 from .results import (
+    Seen,
     _absent_fluids,
     _added_viscosity,
     _counts,
     _finish,
     _mean_max,
+    _scene_entries,
     _series,
     _snapshot,
     _stopped_short,
@@ -27,25 +29,26 @@ from .results import (
     _terms_of_two,
     _write_case,
 )
+from .time_loop import TimeLoop
 
 
-def _run_navier_stokes(case, ns, clock, quiet, resume):
+def run_moving(case, clock, quiet, resume, look):
     from ..flow.step_limits import RunError
     from ..output.worst import NAME, write_worst
 
     with clock("geometry"), progress.stage("geometry", quiet):
         geometry = build_geometry(case)
     memory.refuse_lattice(case, geometry, case.particles.spacing)
-    seen = _look(case, geometry, clock, quiet)
-    state, stepper, particles = ns.prepare(case, geometry, clock)
+    seen = look(case, geometry, clock, quiet) if look is not None else Seen()
+    state, stepper, particles = prepare(case, geometry, clock)
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     box = float(np.prod(geometry.upper - geometry.lower))
-    march = ns.TimeLoop(case, stepper, particles.site_volume, density, box)
+    march = TimeLoop(case, stepper, particles.site_volume, density, box)
     measures = None
     if len(np.unique(particles.phase)) > 1:
-        from .results import of_case
+        from ..scene.choose_measures import choose_measures
 
-        march.measure = measures = of_case(case, geometry, particles, stepper.fluids)
+        march.measure = measures = choose_measures(case, geometry, particles, stepper.fluids)
     since, last_step, record = None, None, restart.record_of(case)
     if resume is not None:
         saved = restart.load(Path(resume) / restart.NAME, state, record)
@@ -175,7 +178,7 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
         "restarts": record["changes"],
         "warnings": seen.warnings,
         "particles": _counts(particles, config.halo),
-        **seen.scene(geometry, particles),
+        **_scene_entries(case, geometry, particles, seen),
         "terms": _terms(case, geometry, gravity > 0.0) + (_terms_of_two(stepper.fluids) if two else []),
         "steps": state.step,
         "time": state.time,

@@ -1,7 +1,7 @@
-"""run.results"""
+"""What a run leaves: entries of the summary, snapshots, pictures of moving particles, the effective case."""
 
 import shlex
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,19 +13,6 @@ from ..geometry.protocol import sample_box
 from ..output import restart
 from ..output.files import SNAPSHOTS, Series, write_summary, write_text
 from ..output.machine import peak_memory, versions
-from ..references import compare
-from ..two_phase.measures import Measures
-
-
-def of_case(case, geometry, particles, fluids):
-    """Measures of a case with two fluids; fluids: OneFluid or TwoFluids."""
-    named = [case.fluids[name] for name in case.fluid_names]
-    amplitude = None
-    if case.reference is not None and case.reference.kind in compare.AMPLITUDES:
-        def amplitude(x):
-            return compare.amplitude(case, x, particles.phase)
-    return Measures(case.fluid_names, particles.phase, [f.density for f in named], [f.mu for f in named], geometry,
-                    particles.site_volume, fluids.reference, fluids.tension, amplitude)
 
 
 def _files(case):
@@ -45,6 +32,32 @@ def _write_case(directory, case, changes):
     head = ["# Changed by restarts, from the step on that is named (docs/output.md):", *(f"# {line}" for line in lines)]
     text = "".join(f"{line}\n" for line in head) if lines else ""
     write_text(directory / "case.yaml", text + dump_case(case))
+
+
+@dataclass
+class Seen:
+    """What a careful colleague said of a scene before it was run (preflight.look); nothing where nobody looked.
+
+    warnings: sentences; open_axes: names of the axes along which pores lead through the sample, of a scene with walls;
+    throats: {what: width in particles} or None.
+    """
+
+    warnings: list[str] = field(default_factory=list)
+    open_axes: list[str] = field(default_factory=list)
+    throats: dict[str, float] | None = None
+
+
+def _scene_entries(case, geometry, particles, seen):
+    """Entries of the summary on the scene that was run."""
+    image = None
+    if case.geometry.voxels is not None:
+        voxel = np.asarray(geometry.voxel_size)
+        lower, upper = sample_box(geometry)
+        image = {"size": np.rint((upper - lower) / voxel).astype(int), "voxel_size": voxel,
+                 "axes": case.geometry.voxels.axes}
+    return {"inputs": [f"{name}: {text}" for name, text in geometry.described], "image": image,
+            "porosity": _porosity(geometry, particles),
+            "open_axes": seen.open_axes if geometry.has_solid else None, "throats": seen.throats}
 
 
 def _stopped_short(case, march, state, directory):

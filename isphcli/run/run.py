@@ -1,25 +1,21 @@
-"""A case from its file to its results: the one place that chooses which terms a scene has."""
+"""A case from its file to its results: the folder that it writes into, and which flow runs."""
 
-import importlib
 from contextlib import contextmanager
 from pathlib import Path
 
 from ..case.yaml import CaseError, Problem
 from ..output import folder, progress, restart
 from ..output.clock import Clock
-from .moving_case import _run_navier_stokes
 from .results import _files
-from .steady_case import _run_stokes
 
 
-def run_case(case, quiet=False, resume=None, overwrite=False):
+def run_case(case, quiet=False, resume=None, overwrite=False, look=None):
     """Runs a case and leaves its files (docs/output.md) in case.output.directory. Returns the summary (dict).
 
     resume: directory whose restart.npz a run of moving particles goes on from.
     overwrite: replace results that the directory holds, those files that its manifest names.
-
-    What the check of a case warns of stands in the summary as `warnings`, and on stderr before anything is solved
-    unless `quiet`.
+    look: preflight.look.look, which says before anything is solved what the check of the case warns of (in the summary
+    as `warnings`); without it nobody looks.
 
     Raises ValueError (CaseError, VoxelError, ShapeError, ParticleError, NoFlowError, FolderError, RestartError) for a
     case that cannot run, before anything is written; SolveError, StepError or RunError for one that had to stop.
@@ -32,16 +28,20 @@ def run_case(case, quiet=False, resume=None, overwrite=False):
         restart.require(Path(resume) / restart.NAME)
     goes_on = resume is not None and Path(resume).resolve() == directory.resolve()
     with folder.Folder(directory, _files(case), str(case.path) if case.path else None, goes_on, overwrite):
-        return _run(case, quiet, resume)
+        return _run(case, quiet, resume, look)
 
 
-def _run(case, quiet, resume):
+def _run(case, quiet, resume, look):
     clock = Clock()
-    with clock("compile"), _compile_listener(clock):  # imports of what the flow needs, and nothing else
-        run = _run_stokes if case.flow == "stokes" else _run_navier_stokes
-        solver = importlib.import_module(f".run_{case.flow}", __package__)
+    if case.flow == "stokes":
+        with clock("compile"), _compile_listener(clock):  # imports of what the flow needs, and nothing else
+            from .steady_case import run_steady
+        with _compile_listener(clock):
+            return run_steady(case, clock, quiet, look)
+    with clock("compile"), _compile_listener(clock):
+        from .moving_case import run_moving
     with _compile_listener(clock):
-        return run(case, solver, clock, quiet, resume)
+        return run_moving(case, clock, quiet, resume, look)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""A case from its file to its results: the one place that chooses which terms a scene has."""
+"""Steady creeping flow of a case: every spacing and axis, summary and files."""
 
 from contextlib import suppress
 from types import SimpleNamespace
@@ -9,17 +9,17 @@ from ..case.forcing import drives, opens, why_closed
 from ..case.yaml import CaseError, Problem
 from ..output import folder, progress
 from ..output.files import History
-from ..preflight.look import _look
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at
 from ..solvers.krylov import SolveError
-from .results import _counts, _finish, _mean_max, _series, _snapshot, _terms
+from . import steady
+from .results import Seen, _counts, _finish, _mean_max, _scene_entries, _series, _snapshot, _terms
 
 
-def _run_stokes(case, solver, clock, quiet, resume):
-    axes, flows, closed, history, seen = _solve_stokes(case, solver, clock, quiet)
-    summary, result = _sum_up_stokes(case, solver, axes, flows, closed, history, seen)
+def run_steady(case, clock, quiet, look):
+    axes, flows, closed, history, seen = _solve(case, clock, quiet, look)
+    summary, result = _sum_up(case, axes, flows, closed, history, seen)
     main = _main(flows)
     directory = folder.prepare(case.output.directory)
     with clock("output"), progress.stage("files and pictures", quiet):
@@ -35,9 +35,9 @@ def _run_stokes(case, solver, clock, quiet, resume):
     return _finish(case, directory, summary, result, clock)
 
 
-def _solve_stokes(case, solver, clock, quiet):
+def _solve(case, clock, quiet, look):
     """Every spacing and axis of a steady case: (axes, {(axis, spacing): StokesResult}, {(axis, spacing): why
-    nothing flows, None: no path}, rows of history, _Seen). The matrices, which leave no room for the files, are gone
+    nothing flows, None: no path}, rows of history, Seen). The matrices, which leave no room for the files, are gone
     when it returns.
 
     Raises NoPathError where nothing flows along any axis.
@@ -50,11 +50,11 @@ def _solve_stokes(case, solver, clock, quiet):
     sealed = getattr(first, "sample_lower", None) is not None and not all(_periodic_of(case, first.dim))
     driven = [axis for axis, _ in axes if axis is not None]
     if driven and not any(opens(case, axis) for axis in driven):
-        raise solver.NoPathError(why_closed(case, *driven))
+        raise steady.NoPathError(why_closed(case, *driven))
     for spacing in spacings:  # a finer one that does not fit is not found out after hours
         lattice_at(case, first, spacing)
         memory.refuse_lattice(case, first, spacing)
-    seen = _look(case, first, clock, quiet)
+    seen = look(case, first, clock, quiet) if look is not None else Seen()
     for spacing in spacings:
         scene, built_for = None, None
         for axis, force in axes:
@@ -65,8 +65,8 @@ def _solve_stokes(case, solver, clock, quiet):
                 needs = driven if not sealed else [axis] * (axis is not None)
                 try:
                     with progress.stage("particles, operators and hierarchies", quiet):
-                        scene = solver.build_scene(case, geometry, spacing, clock, needs)
-                except solver.NoPathError:
+                        scene = steady.build_scene(case, geometry, spacing, clock, needs)
+                except steady.NoPathError:
                     closed |= {(a, spacing): None for a in needs}
                     if sealed:
                         continue
@@ -78,7 +78,7 @@ def _solve_stokes(case, solver, clock, quiet):
             label = f"flow along {'xyz'[axis]}" if axis is not None else "flow driven by walls"
             with progress.stage(f"{label}, {scene.particles.n_fluid:,} particles", quiet) as stage:
                 try:
-                    flow = solver.solve_axis(case, scene, axis, force, clock, _watch(stage))
+                    flow = steady.solve_axis(case, scene, axis, force, clock, _watch(stage))
                 except SolveError as error:
                     with suppress(OSError):
                         error.worst = _worst_of(case, scene, error)
@@ -92,7 +92,7 @@ def _solve_stokes(case, solver, clock, quiet):
                             "iterations_stokes": flow.report.iterations, "residual_stokes": flow.report.residual,
                             **{f"superficial_velocity_{a}": float(v) for a, v in zip("xyz", flow.superficial)}})
     if not flows:
-        raise solver.NoPathError("; ".join(dict.fromkeys(filter(None, closed.values()))) or why_closed(case, *driven))
+        raise steady.NoPathError("; ".join(dict.fromkeys(filter(None, closed.values()))) or why_closed(case, *driven))
     return axes, flows, closed, history, seen
 
 
@@ -109,7 +109,7 @@ def _worst_of(case, scene, error):
     return write_worst(directory / NAME, scene.particles.x[: scene.particles.n_fluid], error.violation)
 
 
-def _sum_up_stokes(case, solver, axes, flows, closed, history, seen):
+def _sum_up(case, axes, flows, closed, history, seen):
     """(summary, result) of the flows of a steady case; the finest spacing of the first axis is what is written.
 
     Along an axis without a path the permeability is 0; of spacings, those count at which there is one.
@@ -127,7 +127,7 @@ def _sum_up_stokes(case, solver, axes, flows, closed, history, seen):
         ladders[name] = {f"{h:g}": float(k) for h, k in sorted(known.items())}
         permeability[name] = float(known[open_at[0]]) if open_at else 0.0
         if len(open_at) > 1:
-            limit, bar, _, sentence = solver.extrapolate(open_at, [known[h] for h in open_at])
+            limit, bar, _, sentence = steady.extrapolate(open_at, [known[h] for h in open_at])
             messages.append(f"{name}: {sentence}")
             permeability[name], bars[name] = float(limit), bar
         if shut := [h for h in spacings if h not in open_at]:
@@ -157,7 +157,7 @@ def _sum_up_stokes(case, solver, axes, flows, closed, history, seen):
         "message": "; ".join(messages) or None,
         "warnings": seen.warnings,
         "particles": _counts(main.particles, main.halo),
-        **seen.scene(main.geometry, main.particles),
+        **_scene_entries(case, main.geometry, main.particles, seen),
         "terms": _terms(case, main.geometry, _drive_of(axes)) + (["flux-balanced divergence"] if main.balanced else []),
         "steps": 0,
         "time": None,

@@ -340,6 +340,7 @@ def run_level(case: Case, number: int, spacing: float, directory: Path, quiet: b
 
 def _run(case: Case, number: int, spacing: float, directory: Path, quiet: bool) -> Level:
     """Run a case at a spacing; a run that fails becomes a level with the message as its status."""
+    from ..preflight.look import look
     from ..run.run import run_case
 
     files = replace(case.output, directory=directory.absolute(), snapshots=False, plots=False)
@@ -349,7 +350,7 @@ def _run(case: Case, number: int, spacing: float, directory: Path, quiet: bool) 
     clock = time.process_time()
     try:
         asked = replace(case, particles=particles, refine=(), output=files)
-        summary = run_case(asked, quiet=quiet, overwrite=ours(directory))
+        summary = run_case(asked, quiet=quiet, overwrite=ours(directory), look=look)
     except FolderError:  # the whole command is told, as it would be of its own files
         raise
     except (ValueError, RuntimeError, ArithmeticError, MemoryError) as error:  # a full disk ends the command

@@ -75,7 +75,7 @@ class Figure:
 
 def cases_folder() -> Path:
     """The folder `cases` here or beside the package."""
-    for folder in (Path("cases"), Path(__file__).parents[1] / "cases"):
+    for folder in (Path("cases"), Path(__file__).parents[2] / "cases"):
         if folder.is_dir():
             return folder
     raise NotRun("no folder 'cases' here or beside the package: it is part of the source")
@@ -93,11 +93,12 @@ def run(name: str, folder: Path, *overrides: str) -> dict[str, Any]:
     """Run a case of the folder `cases` and return its summary; NotRun for what is not built or fails on the way.
 
     Raises CaseError for overrides that make no case."""
+    from ..preflight.look import look
     from ..run.run import run_case
 
     case = case_of(name, folder, *overrides)
     try:
-        return run_case(case, quiet=True, overwrite=ours(folder))
+        return run_case(case, quiet=True, overwrite=ours(folder), look=look)
     except FolderError:
         raise
     except (CaseError, RuntimeError, ValueError) as error:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ..case.blocks import Case
 
-TABLE = Path(__file__).parent / "data" / "peers.csv"
+TABLE = Path(__file__).parents[1] / "data" / "peers.csv"
 CLOSE = 0.01  # relative difference of parameters that count as equal
 
 
