@@ -11,6 +11,7 @@ from isphcli.case.load import load_case
 from isphcli.case.yaml import CaseError
 from isphcli.geometry.images import read as reader
 from isphcli.output.files import read_history, read_pvd, read_vtu
+from isphcli.preflight.look import look
 from isphcli.run import steady
 from isphcli.run.run import run_case
 from isphcli.run.time_loop import TimeLoop

@@ -1,0 +1,98 @@
+"""The rooms of the package: which may know which, no circles, and what compiled loops may not do.
+
+Imports are read from the source, those inside functions and those for annotations alone too.
+"""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "isphcli"
+FILES = {".".join(path.relative_to(PACKAGE).with_suffix("").parts): path for path in sorted(PACKAGE.rglob("*.py"))}
+PHYSICS = ("domain", "geometry", "operators", "solvers", "flow", "two_phase")
+WORDS = ("case", "scene", "output", "run")  # what physics is not to know, but for the stopwatch
+
+
+def imports(name):
+    """Files of the package that a file imports."""
+    folder, found = name.split(".")[:-1], set()
+    for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.ImportFrom) or not node.level:
+            continue
+        base = ".".join(folder[: len(folder) - node.level + 1] + ([node.module] if node.module else []))
+        for alias in node.names:
+            whole = f"{base}.{alias.name}".strip(".")
+            found |= {target for target in (whole, base) if target in FILES and target != name}
+    return found
+
+
+ARROWS = {name: imports(name) for name in FILES}
+
+
+def room(name):
+    return name.partition(".")[0]
+
+
+def forbidden(one, other):
+    """Why a file may not import another, or nothing."""
+    here, there = room(one), room(other)
+    if here in PHYSICS and there in WORDS and other != "output.clock":
+        return "physics knows nothing of cases, scenes, files and runs"
+    if here == "flow" and there == "two_phase":
+        return "the flow of one fluid knows nothing of two"
+    if there == "preflight" and here not in ("preflight", "validation", "cli", "api"):
+        return "only validation and the doors ask before a run"
+    return ""
+
+
+def test_the_reader_of_imports_sees_them():
+    assert "solvers.krylov" in ARROWS["flow.stokes"] and "operators.wall_operators" in ARROWS["flow.step"]
+    assert forbidden("flow.step", "output.files") and not forbidden("flow.step", "output.clock")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_forbidden_arrows(name):
+    assert {other: forbidden(name, other) for other in ARROWS[name] if forbidden(name, other)} == {}
+
+
+def test_no_circle_of_files():
+    """Files are taken away once they import none of those that are left: in a circle some stay."""
+    left = dict(ARROWS)
+    while free := [name for name, known in left.items() if not known & left.keys()]:
+        for name in free:
+            del left[name]
+    assert {name: known & left.keys() for name, known in left.items()} == {}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_no_import_by_a_name_that_is_computed(name):
+    """An arrow that no reader of imports can see."""
+    for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
+            assert isinstance(node.args[0], ast.Constant), f"{name}:{node.lineno}"
+
+
+def parallel_kernels(tree):
+    return [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)
+            and any("parallel=True" in ast.unparse(decorator) for decorator in node.decorator_list)]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_parallel_kernels_write_to_arrays_of_their_own(name):
+    """numba (0.68 at least) loses what a parallel loop writes to arrays that came in a tuple: such kernels return what
+    they make, or write to arrays that are arguments themselves."""
+    for kernel in parallel_kernels(ast.parse(FILES[name].read_text(encoding="utf-8"))):
+        arguments, unpacked = {a.arg for a in kernel.args.args}, set()
+        for node in ast.walk(kernel):
+            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Name) and node.value.id in arguments:
+                for target in node.targets:
+                    if isinstance(target, ast.Tuple):
+                        unpacked |= {element.id for element in target.elts if isinstance(element, ast.Name)}
+        for node in ast.walk(kernel):
+            targets = getattr(node, "targets", []) if isinstance(node, ast.Assign) else []
+            for target in targets + ([node.target] if isinstance(node, ast.AugAssign) else []):
+                for part in target.elts if isinstance(target, ast.Tuple) else [target]:
+                    if isinstance(part, ast.Subscript):
+                        assert not isinstance(part.value, ast.Attribute), f"{name}.{kernel.name}:{node.lineno}"
+                        assert ast.unparse(part.value) not in unpacked, f"{name}.{kernel.name}:{node.lineno}"
