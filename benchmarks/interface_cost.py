@@ -17,8 +17,8 @@ from isphcli.run.run import run_case
 from isphcli.two_phase import contact_angle, surface_tension, two_fluids
 
 TIMED = (
-    (two_fluids, ("crossings", "_weights", "_thickened", "_turn_tensors", "near_interface")),
-    (two_fluids.Turn, ("add",)),
+    (two_fluids, ("crossings", "_weights", "_thickened", "_transposed_stress_tensors", "near_interface")),
+    (two_fluids.TransposedStress, ("add",)),
     (surface_tension, ("find_band", "_curvature", "averages", "_jump")),
     (contact_angle.ContactAngle, ("ghosts",)),
 )

@@ -113,9 +113,10 @@ def main():
     asked = parser.parse_args()
     # before numba is imported: one thread, and no thread pool that a fork would inherit half of
     os.environ |= {"NUMBA_NUM_THREADS": "1", "NUMBA_THREADING_LAYER": "workqueue", "OPENBLAS_NUM_THREADS": "1"}
-    import isphcli.run_navier_stokes  # noqa: F401
     import meshio  # noqa: F401
     import pyamg  # noqa: F401
+
+    import isphcli.run.moving_case  # noqa: F401
 
     rng = random.Random(asked.seed)
     root = Path(tempfile.mkdtemp(prefix="isph-kill-"))

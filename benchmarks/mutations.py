@@ -9,9 +9,9 @@ About 20 s a mutation, of which most is the compiler.
 """
 
 import argparse
+import ast
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -45,39 +45,41 @@ class Mutation(NamedTuple):
 
 MUTATIONS = (
     Mutation("laplacian_factor", "factor", "the 2 of the Laplacian (eq. 6) forgotten",
-             "operators", "lap[k] = w[k] * (2.0 * tensor", "lap[k] = w[k] * (1.0 * tensor"),
+             "operators.moments", "lap[k] = w[k] * (2.0 * tensor", "lap[k] = w[k] * (1.0 * tensor"),
     Mutation("laplacian_gradient_sign", "sign", "e . grad f of eq. 6 added, not subtracted",
-             "operators", "tensor / s[k] - (d0 * g0", "tensor / s[k] + (d0 * g0"),
+             "operators.moments", "tensor / s[k] - (d0 * g0", "tensor / s[k] + (d0 * g0"),
     Mutation("gradient_uncorrected", "order", "correction tensor G_i of the gradient (eq. 5) dropped",
-             "operators", "g00, g01, g02, g11, g12, g22 = g[0, 0], g[0, 1], g[0, 2], g[1, 1], g[1, 2], g[2, 2]",
+             "operators.moments", "g00, g01, g02, g11, g12, g22 = g[0, 0], g[0, 1], g[0, 2], g[1, 1], g[1, 2], g[2, 2]",
              "g00, g01, g02, g11, g12, g22 = 1.0, 0.0, 0.0, 1.0, 0.0, 1.0"),
     Mutation("gradient_first_order", "order", "second-order part K_i of the gradient dropped",
-             "operators", "    if order == 1:\n        return\n", "    if order < 3:\n        return\n",
+             "operators.moments", "    if order == 1:\n        return\n", "    if order < 3:\n        return\n",
              unnoticed="it is the better one for vortices since the odd-even part of the pressure is taken out "
                        "(method.md 6)"),
     Mutation("wall_sign", "sign", "a wall's share of the diagonal subtracted (extrapolation, eq. 11)",
-             "walls", "    lap[i] += a\n", "    lap[i] -= a\n"),
+             "operators.wall_weights", "    lap[i] += a\n", "    lap[i] -= a\n"),
     Mutation("wall_at_the_dummy", "order", "walls taken at the dummy, not where the pair meets them",
-             "walls", "s[k] *= fraction[k]", "s[k] *= 1.0"),
+             "operators.wall_weights", "s[k] *= fraction[k]", "s[k] *= 1.0"),
     Mutation("rotational_sign", "sign", "rotational term of the pressure added, not subtracted",
-             "step", "p + q - terms.bulk * div", "p + q + terms.bulk * div"),
+             "flow.step", "p + q - terms.bulk * div", "p + q + terms.bulk * div"),
     Mutation("projection_factor", "factor", "half of the pressure gradient taken off the velocity (eq. 3)",
-             "step", "u = star - gradient_p(terms.ops, q) / rate", "u = star - 0.5 * gradient_p(terms.ops, q) / rate",
+             "flow.step", "u = star - gradient_p(terms.ops, q) / rate",
+             "u = star - 0.5 * gradient_p(terms.ops, q) / rate",
              unnoticed="the pressure is incremental: what divergence is left comes back in the next right-hand side",
              test="tests/test_step.py::test_a_step_takes_off_the_gradient_of_its_pressure"),
     Mutation("first_order_in_time", "order", "implicit Euler in place of the second-order scheme",
-             "step", "dt / state.dt_old if (state.dt_old and self.second_order) else 0.0", "0.0"),
+             "flow.step", "dt / state.dt_old if (state.dt_old and self.second_order) else 0.0", "0.0"),
     Mutation("shift_without_carry", "order", "shifted particles keep their velocity (eq. 9 dropped)",
-             "shifting", "return _carry(ops.start, ops.column, ops.grad_p, fields, slope, dr, second)",
+             "flow.shifting", "return _carry(ops.start, ops.column, ops.grad_p, fields, slope, dr, second)",
              "return fields.copy()"),
     Mutation("darcy_factor", "factor", "permeability of the mean velocity of the pores, not the superficial one",
-             "drive", "float(superficial @ force)", "float(mean @ force)"),
+             "run.permeability", "float(superficial @ force)", "float(mean @ force)"),
     Mutation("viscosity_mean", "order", "mean viscosity between unlike particles, not the one that keeps the stress",
-             "two_fluids", "1.0 / (t[p] / mu[i] + (1.0 - t[p]) / mu[j])", "(0.5 * mu[i] + 0.5 * mu[j])", TWO_FLUIDS),
+             "two_phase.two_fluids", "1.0 / (t[p] / mu[i] + (1.0 - t[p]) / mu[j])",
+             "(0.5 * mu[i] + 0.5 * mu[j])", TWO_FLUIDS),
     Mutation("tension_factor", "factor", "nine tenths of the pressure jump of the interface",
-             "surface_tension", "jump = tension * (", "jump = 0.9 * tension * (", TWO_FLUIDS),
+             "two_phase.surface_tension", "jump = tension * (", "jump = 0.9 * tension * (", TWO_FLUIDS),
     Mutation("curvature_sign", "sign", "normals turn the other way along the interface",
-             "surface_tension", "kappa[i] = -_divergence(", "kappa[i] = _divergence(", TWO_FLUIDS),
+             "two_phase.surface_tension", "kappa[i] = -_divergence(", "kappa[i] = _divergence(", TWO_FLUIDS),
 )  # fmt: skip
 
 
@@ -93,21 +95,38 @@ def copy_package(target, mutation):
     shutil.copytree(ROOT / "cases", target / "cases")
     if mutation is None:
         return
-    path = target / "isphcli" / f"{mutation.module}.py"
+    path = file_of(target / "isphcli", mutation.module)
     path.write_text(mutate(path.read_text(), mutation))
     for name in dependents(mutation.module):
-        for compiled in (target / "isphcli" / "__pycache__").glob(f"{name}.*"):
+        changed = file_of(target / "isphcli", name)
+        for compiled in (changed.parent / "__pycache__").glob(f"{changed.stem}.*"):
             compiled.unlink()
+
+
+def file_of(package, module):
+    """The file of a module such as operators.moments."""
+    return package.joinpath(*module.split(".")).with_suffix(".py")
+
+
+def imported(name, text):
+    """Modules of the package that a module imports, by the text of it."""
+    folder, found = name.split(".")[:-1], set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = ".".join(folder[: len(folder) - node.level + 1] + ([node.module] if node.module else []))
+            found |= {base, *(f"{base}.{alias.name}".strip(".") for alias in node.names)}
+    return found
 
 
 def dependents(module):
     """Modules that import a module of the package, directly or not, and itself: their kernels may hold its kernels."""
-    texts = {path.stem: path.read_text() for path in (ROOT / "isphcli").glob("*.py")}
+    package = ROOT / "isphcli"
+    names = {".".join(path.relative_to(package).with_suffix("").parts): path for path in package.rglob("*.py")}
+    known = {name: imported(name, path.read_text()) for name, path in names.items()}
     found, new = set(), {module}
     while new:
         found |= new
-        pattern = re.compile(rf"from \.({'|'.join(found)}) import|from \. import [^\n]*\b({'|'.join(found)})\b")
-        new = {name for name, text in texts.items() if name not in found and pattern.search(text)}
+        new = {name for name, others in known.items() if name not in found and others & found}
     return found
 
 

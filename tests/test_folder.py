@@ -256,7 +256,7 @@ def test_a_second_run_in_a_folder_is_refused(here, holder):
 
 def test_one_of_many_gets_the_lock(here):
     """Eight processes at once, again and again: never two in the folder at a time, and none is refused for good."""
-    code = ("import os, time\nfrom isphcli.folder import Folder, FolderError\nwon = 0\n"
+    code = ("import os, time\nfrom isphcli.output.folder import Folder, FolderError\nwon = 0\n"
             "while won < 5:\n"
             "    try:\n"
             "        with Folder('out'):\n"
@@ -276,9 +276,9 @@ def test_one_of_many_gets_the_lock(here):
 
 def test_what_a_kill_leaves_is_ours(here):
     """Killed between the name in the manifest and the file, and amid the file: both are the next run's to remove."""
-    code = ("import os, signal\nfrom isphcli import folder, output\nfolder.Folder('out').__enter__()\n"
-            "output.write_text('out/a.txt', 'a')\n"
-            "with output.replacing('out/b.txt') as temporary:\n"
+    code = ("import os, signal\nfrom isphcli.output import files, folder\nfolder.Folder('out').__enter__()\n"
+            "files.write_text('out/a.txt', 'a')\n"
+            "with files.replacing('out/b.txt') as temporary:\n"
             "    temporary.write_text('half')\n    os.kill(os.getpid(), signal.SIGKILL)\n")
     assert subprocess.run([sys.executable, "-c", code]).returncode == -signal.SIGKILL
     (here / "out/.isph-c.12345678.txt").write_text("of another")

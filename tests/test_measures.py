@@ -8,8 +8,8 @@ import pytest
 
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
-from isphcli.run.results import of_case
 from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.choose_measures import choose_measures
 from isphcli.scene.prepare import prepare
 from isphcli.two_phase.measures import SELDOM
 
@@ -42,7 +42,7 @@ class Scene:
         self.case = read_case(text.encode(), "case.yaml", overrides)
         self.geometry = build_geometry(self.case)
         self.state, self.stepper, self.particles = prepare(self.case, self.geometry, Clock())
-        self.measures = of_case(self.case, self.geometry, self.particles, self.stepper.fluids)
+        self.measures = choose_measures(self.case, self.geometry, self.particles, self.stepper.fluids)
         self.phase = self.particles.phase
 
     def row(self, everything=True, **fields):
