@@ -41,6 +41,17 @@ def test_solid_and_channel_are_where_they_are(dim):
     assert images["speed"][filled.shape[0] // 2].min() > 0.9 * speed.max() or dim == 3
 
 
+def test_solids_are_drawn_where_they_are():
+    """A disk of 5.3 spacings: no pixel of it off by more than two thirds of a pixel, where particles draw scallops."""
+    shape, box = (300, 240), (np.zeros(2), np.array([12.0, 15.0]))
+    distance = lambda x: np.linalg.norm(x[:, :2] - [6.2, 7.9], axis=1) - 5.3  # noqa: E731
+    filled = plots._fill_by_distance(shape, box, (3, (0, 1), 2, 0.7), distance, 1.0)
+    x, y = np.meshgrid((np.arange(240) + 0.5) / 20, (np.arange(300) + 0.5) / 20)
+    exact = np.hypot(x - 6.2, y - 7.9) - 5.3
+    assert np.abs(exact[(filled > plots._FILLED) != (exact > 0)]).max(initial=0.0) < 1 / 30
+    assert filled.shape == shape and filled.min() == 0.0 and filled.max() == 1.0
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_slice_is_drawn(tmp_path, dim):
     x, velocity, distance = tube(dim=dim)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ SPIKE = 5.0  # times the range of most values: what lies farther out is cut off 
 # a lattice is 1 within 3 %, at a plane wall 1/2; a solid begins where it falls under 0.42, so that tubes of
 # one voxel, which reach 0.47, are still drawn.
 _SIGMA, _CUTOFF, _FILLED = 0.5, 1.25, 0.42
+MOST_ASKED = 100_000  # points of a plane whose distance from walls is asked of the geometry: a second or two
 
 
 def plot_slice(
@@ -44,6 +45,7 @@ def plot_slice(
     phase: np.ndarray | None = None,
     periodic: Sequence[bool] | None = None,
     units: tuple[str, str] = ("m", "m/s"),
+    wall_distance: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> None:
     """Draw the velocity magnitude: of a 2D scene the whole, of a 3D one a plane that holds the flow axis.
 
@@ -53,7 +55,8 @@ def plot_slice(
     moved to the nearest particles. flow_axis: otherwise the largest mean component. lower, upper: (dim,)
     box; otherwise that of the particles. permeability: m2, for the second line. phase: (n,) draws the
     interfaces. units: of length and velocity; ("m", "m/s") are written with the prefix that fits, others,
-    such as ("", ""), as they are.
+    such as ("", ""), as they are. wall_distance: of points (m, dim), signed, m: solids are then drawn where they are,
+    without it where no particle is.
     Raises ValueError if there is nothing to draw or a value is not finite.
     """
     x, speed, flow, phase = _drawable(x, velocity, distance, phase)
@@ -71,6 +74,8 @@ def plot_slice(
     filled, images = _splat(x[near][:, list(shown)], offset[near], spacing, *box, values, wrap)
     if distance is not None and np.isposinf(distance).all():
         filled[:] = 1.0  # no walls: gaps between particles are not solids
+    elif wall_distance is not None:
+        filled = _fill_by_distance(filled.shape, box, (dim, shown, normal, position), wall_distance, spacing)
     if not (filled > _FILLED).any():
         raise ValueError(f"{path}: no fluid in the plane {'xyz'[normal or 0]} = {position:.4g}")
 
@@ -309,6 +314,28 @@ def _splat(points, offset, spacing, lower, upper, values, periodic=(False, False
     image = {name: (total / safe).reshape(shape[::-1]) for name, total in sums.items()}
     filled = weight.reshape(shape[::-1])
     return filled / (np.quantile(filled[filled > 0], 0.9) if filled.any() else 1.0), image
+
+
+def _fill_by_distance(shape, box, plane, wall_distance, spacing):
+    """Filled share (ny, nx) of a plane by the distance from walls: above `_FILLED` in fluid, and that on a wall.
+
+    plane: (dim, axes shown, normal axis or None, position along it). The distance is asked of at most MOST_ASKED points
+    and linear between them.
+    """
+    from scipy.ndimage import map_coordinates
+
+    dim, shown, normal, position = plane
+    coarse = max(1, math.ceil(math.sqrt(shape[0] * shape[1] / MOST_ASKED)))
+    counts = [max(2, math.ceil(n / coarse)) for n in shape[::-1]]
+    edges = [(low + (np.arange(n) + 0.5) * (high - low) / n) for low, high, n in zip(*box, counts)]
+    points = np.zeros((counts[0] * counts[1], dim))
+    points[:, shown[0]], points[:, shown[1]] = (a.ravel() for a in np.meshgrid(*edges))
+    if normal is not None:
+        points[:, normal] = position
+    depth = np.asarray(wall_distance(points)).reshape(counts[::-1])
+    rows, columns = ((np.arange(n) + 0.5) * m / n - 0.5 for n, m in zip(shape, counts[::-1]))
+    fine = map_coordinates(depth, np.meshgrid(rows, columns, indexing="ij"), order=1, mode="nearest")
+    return np.clip(_FILLED + fine / spacing, 0.0, 1.0)
 
 
 def _carried_on(points, offset, values, lower, upper, reach, periodic):

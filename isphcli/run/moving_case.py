@@ -208,7 +208,8 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
         with clock("output"):
             plot_slice(directory / "slice.png", state.x, state.u, None, geometry.dim, case.particles.spacing,
                        case.title, lower=geometry.lower, upper=geometry.upper, permeability=permeability,
-                       phase=particles.phase if two else None, periodic=geometry.periodic)
+                       phase=particles.phase if two else None, periodic=geometry.periodic,
+                       wall_distance=geometry.distance if geometry.has_solid else None)
             if two:
                 plot_phases(directory / "phases.png", state.x, particles.phase, case.fluid_names, geometry.dim,
                             case.particles.spacing, case.title, geometry.lower, geometry.upper, geometry.has_solid,

@@ -206,4 +206,4 @@ def _pictures(case, directory, flow, permeability):
     x = flow.particles.x[: flow.particles.n_fluid]
     plot_slice(directory / "slice.png", x, flow.velocity, None, flow.geometry.dim, flow.spacing, case.title,
                flow_axis=flow.axis, lower=flow.geometry.lower, upper=flow.geometry.upper, permeability=permeability,
-               periodic=flow.geometry.periodic)
+               periodic=flow.geometry.periodic, wall_distance=flow.geometry.distance)
