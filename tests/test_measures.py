@@ -11,7 +11,7 @@ from isphcli.output.clock import Clock
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.choose_measures import choose_measures
 from isphcli.scene.prepare import prepare
-from isphcli.two_phase.measures import SELDOM
+from isphcli.two_phase.measures import SELDOM, broke_up
 
 DISK = """\
 geometry:
@@ -188,3 +188,13 @@ def test_contact_angle_of_a_ball_on_a_wall():
 def test_no_contact_no_angle(shape):
     text = CAP.format(centre=0, radius=0.2, inside="oil", outside="water")
     assert Scene(text, f"geometry.shapes=[{shape}]").row()["contact_angle"] is None
+
+
+def test_more_parts_than_at_the_start_are_said():
+    def rows(*counts):
+        return [{"time": 0.1 * k, "ganglia_oil": n, "ganglia_water": 1} for k, n in enumerate(counts)]
+
+    said = broke_up(("oil", "water"), rows(1, None, 3), {"ganglia_oil": 13, "ganglia_water": 1})
+    assert "oil is in 13 parts at t = 0.2, was in 1 at t = 0" in said and "water is" not in said
+    for end in (1, 3):  # drops that stay apart or come together
+        assert broke_up(("oil", "water"), rows(3, None, 3), {"ganglia_oil": end, "ganglia_water": 1}) is None

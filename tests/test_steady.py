@@ -42,7 +42,7 @@ def test_an_exponential_ends_within_what_was_asked(scale, asked):
     step, record = steady_at(lambda t: 3.0 * (1.0 - np.exp(-t / scale)), asked, 12000)
     assert abs(record.mean / 3.0 - 1.0) < asked
     assert abs(record.mean - 3.0) < record.error
-    assert step < 110 + 8 * scale * np.log(1.0 / asked) / 4
+    assert step < 440 + 8 * scale * np.log(1.0 / asked) / 4
 
 
 @pytest.mark.parametrize("value", [2.0, -2.0, 2e-12])
@@ -128,7 +128,7 @@ output: {{directory: {out}, plots: false, snapshots: false}}
 def test_start_up_of_couette_flow_comes_to_its_linear_profile(tmp_path, asked, bound):
     case = read_case(START_UP.format(asked=asked, steps=2000, out=tmp_path / "out").encode(), "case.yaml")
     summary = run_case(case, quiet=True)
-    assert summary["status"] == "steady" and summary["steps"] < 300
+    assert summary["status"] == "steady" and summary["steps"] < 600
     assert summary["mean_velocity"][0] == pytest.approx(0.5, rel=bound)
 
 
@@ -159,7 +159,7 @@ def test_the_permeability_of_a_slit_is_that_of_a_window(tmp_path):
 
 
 def test_a_run_that_stops_short_says_how_far_off_it_may_be(tmp_path):
-    early, late = run_slit(tmp_path / "a", 1e-6, 10), run_slit(tmp_path / "b", 1e-6, 150)
+    early, late = run_slit(tmp_path / "a", 1e-6, 10), run_slit(tmp_path / "b", 1e-6, 600)
     assert early["status"] == late["status"] == "not steady at the end"
     assert early["permeability"] is None and early["permeability_error"] is None
     assert "cannot be told yet, time.steady asks for 1e-06" in early["message"]

@@ -221,9 +221,8 @@ def test_a_uniform_curvature_is_balanced_exactly():
 def test_curvature_of_a_disk(spacing, bound):
     """Mean curvature over the band of a disk on a lattice, from normals of both fluids."""
     _, _, state, stepper, _ = scene(drop(dx=spacing))
-    stepper.configure(state.x)
-    tension = stepper.fluids.tension
-    mean = np.average(tension.curvature, weights=tension.band.strength)
+    band = stepper.configure(state.x).terms.band
+    mean = np.average(band.curvature, weights=band.strength)
     inside = stepper.fluids.colour.sum() * spacing**2
     assert mean * np.sqrt(inside / np.pi) == pytest.approx(1.0, abs=bound)
 
@@ -237,9 +236,8 @@ interface: {tension: 1}
 time: {end: 1}
 """  # noqa: E501
     _, _, state, stepper, _ = scene(text)
-    stepper.configure(state.x)
-    tension = stepper.fluids.tension
-    mean = np.average(tension.curvature, weights=tension.band.strength)
+    band = stepper.configure(state.x).terms.band
+    mean = np.average(band.curvature, weights=band.strength)
     radius = (stepper.fluids.colour.sum() * 0.05**3 * 0.75 / np.pi) ** (1 / 3)
     assert mean * radius == pytest.approx(2.0, rel=0.05)
 

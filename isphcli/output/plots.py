@@ -110,6 +110,7 @@ def plot_phases(
     upper: Sequence[float] | None = None,
     walls: bool = True,
     periodic: Sequence[bool] | None = None,
+    wall_distance: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> None:
     """Draw where each of two fluids is and the interface: of a 3D scene the middle slice, normal to its shortest side.
 
@@ -133,6 +134,8 @@ def plot_phases(
     filled, images = _splat(x[near][:, [a, b]], offset[near], spacing, *box, values, wrap)
     if not walls:
         filled[:] = 1.0
+    elif wall_distance is not None:
+        filled = _fill_by_distance(filled.shape, box, (dim, (a, b), normal, middle), wall_distance, spacing)
     factor, unit = _prefix("m", float(np.max(box[1] - box[0])))
     extent = [factor * v for v in (box[0][0], box[1][0], box[0][1], box[1][1])]
     aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
@@ -174,7 +177,7 @@ def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], t
         ("mean velocity (m/s)", ("mean_velocity",), False),
         ("superficial velocity (m/s)", ("superficial_velocity",), False),
         ("pressure drop (Pa)", ("pressure_drop",), False),
-        ("kinetic energy (J)", ("kinetic_energy",), False),
+        ("kinetic energy (J, J/m in 2D)", ("kinetic_energy",), False),
         ("pressure jump (Pa)", ("pressure_jump",), False),
         ("saturation", ("saturation",), False),
         ("centre (m)", ("centre",), False),

@@ -197,7 +197,7 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
         from ..two_phase.measures import broke_up
         from ..two_phase.measures import summary as summary_of_two
 
-        moved = gravity > 0.0 or bool(np.any(geometry.wall_velocity)) or bool(case.initial and case.initial.velocity)
+        moved = gravity > 0.0 or walls_move(case) or bool(case.initial and case.initial.velocity)
         summary["two_fluids"] = summary_of_two(measures, state, config, history, moved)
         broken = None if moved else broke_up(measures.names, history, summary["two_fluids"])
         if broken:
@@ -213,6 +213,7 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
             if two:
                 plot_phases(directory / "phases.png", state.x, particles.phase, case.fluid_names, geometry.dim,
                             case.particles.spacing, case.title, geometry.lower, geometry.upper, geometry.has_solid,
-                            periodic=geometry.periodic)
+                            periodic=geometry.periodic,
+                            wall_distance=geometry.distance if geometry.has_solid else None)
             plot_histories(directory / "histories.png", history, case.title)
     return _finish(case, directory, summary, result, clock)

@@ -189,7 +189,7 @@ def _terms_of_two(fluids):
 
 def _added_viscosity(fluids):
     """A sentence on what an interface that hardly damps gets; None where nothing is added."""
-    added = getattr(fluids, "artificial", 0.0)
+    added = getattr(fluids, "added_viscosity", 0.0)
     return (f"{added:.2g} Pa s are added to the viscosity at the interface, whose roughness its own would not hold at "
             "this spacing (docs/method.md 12)") if added else None
 

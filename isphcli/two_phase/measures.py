@@ -259,4 +259,5 @@ def broke_up(names, rows, block):
         if known and block[f"ganglia_{name}"] > known[0][f"ganglia_{name}"]:
             grown.append(f"{name} is in {block[f'ganglia_{name}']:g} parts at t = {rows[-1]['time']:.4g}, was in "
                          f"{known[0][f'ganglia_{name}']:g} at t = {known[0]['time']:.4g}")
-    return f"the interface broke up though nothing drives the flow: {'; '.join(grown)}" if grown else None
+    return (f"the interface broke up though nothing drives the flow: {'; '.join(grown)}; more particles across it "
+            "(particles.spacing) tell whether it does") if grown else None

@@ -32,12 +32,13 @@ class Band:
     """The interface of one configuration.
 
     colour: (n,) averaged, 1 in the first fluid; normal: (n, dim) into the first fluid, zero outside the band;
-    strength: (n,) |grad C|, 1/m, zero outside the band.
+    strength: (n,) |grad C|, 1/m, zero outside the band; curvature: (n,) 1/m, where a force has asked for it.
     """
 
     colour: np.ndarray
     normal: np.ndarray
     strength: np.ndarray
+    curvature: np.ndarray | None = None
 
 
 def find_band(ops, colour, near, spacing, ghosts=None, wanted=None):

@@ -14,6 +14,7 @@ very weights b_ij grad_ij of its pressure gradient: a constant curvature is bala
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numba import njit, prange
@@ -49,7 +50,6 @@ class SurfaceTension:
         self.tension, self.method, self.density = tension, method, np.asarray(density, float)
         self.kind, self.support, self.spacing = kind, support, spacing
         self.contact = contact
-        self.band = self.curvature = None
 
     @property
     def largest_step(self):
@@ -74,7 +74,7 @@ class SurfaceTension:
         curvature = _curvature(ops.neighbours, ops.volume, band.normal, band.strength,
                                ghost_arrays(ghosts, len(colour), ops.dim))
         curvature = averages(ops.neighbours, band.strength * ops.volume, curvature, SMOOTHINGS)
-        self.band, self.curvature = band, curvature
+        band = replace(band, curvature=curvature)
         if self.method == "jump":
             across = weighted.lap_p if ops.walls is None else weighted.walls.symmetric_laplacian
             jump = _jump(weighted.neighbours, weighted.grad_p, across, colour, curvature, band.strength,
