@@ -1,4 +1,4 @@
-"""What good runs and runs that blow up reach of the limits in isphcli/failure.py, with several amounts of shifting.
+"""What good runs and runs that blow up reach of the limits in isphcli/flow/step_limits.py, at several shiftings.
 
     PYTHONPATH=. python benchmarks/limits.py [--shifting 0.1 0.3] [--free]
 

@@ -564,7 +564,7 @@ def has_module(name: str) -> bool:
 
 
 def run_references(cases: list[Case], **options: Any) -> int:
-    """Run the cases against their references where `validate.py` is there; its exit code."""
+    """Run the cases against their references where `validation.ladder` is there; its exit code."""
     from .validation.ladder import validate_cases
 
     text, passed = validate_cases(cases, **options)
@@ -653,7 +653,7 @@ def convert_voxels(
 
 
 def image_lines(report: Mapping[str, Any]) -> str:
-    """The report of `voxels.convert` as text."""
+    """The report of `convert_images.convert` as text."""
     size, solid = report["voxel_size"], report["solid"]
     total = sum(report["labels"].values())
     axes = report["percolates"]

@@ -1,5 +1,5 @@
 # ruff: noqa: RUF009  (a dataclass default that is a call is what `key` is for; it makes a `field`)
-"""case.blocks"""
+"""The case language: one frozen dataclass a block, the one place of its keys, defaults, bounds and their texts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""case.forcing"""
+"""What drives the flow: the one reading of `drive` and moving walls, and why nothing flows where pores are closed."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
+"""Reads, completes and writes a case.
 
-"""A case: everything that a user can ask for, its reader and its writer.
-
-The blocks are declared in `case_blocks`. A `None` that the case itself can decide (`support`, `lattice`,
+The blocks are declared in `blocks`. A `None` that the case itself can decide (`support`, `lattice`,
 `output.directory`, ...) is filled in by `load_case`; the properties of `Case` decide it for cases that were
 made in Python.
 """

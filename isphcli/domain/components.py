@@ -1,4 +1,4 @@
-"""Linear systems: GMRES with a smoothed-aggregation preconditioner, null spaces, reports (paper 2.4, eqs 25-26)."""
+"""Connected components of the fluid, and the projection that takes the mean of each out of a vector (eqs 25-26)."""
 
 import numpy as np
 import scipy.sparse as sp

@@ -1,4 +1,4 @@
-"""Particles on a lattice: fluid particles from a geometry, and dummy particles within a support of them."""
+"""Lattices of sites over a box, and the particles of a scene: fluid particles, then dummies."""
 
 from dataclasses import dataclass
 

@@ -1,10 +1,10 @@
-"""When a step goes wrong: the limits that it must keep, what is tried again, and how a run ends. All of it is here.
+"""What is tried again when a step fails, and how a run ends.
 
 1. A linear solve that misses its tolerance is repeated with a new hierarchy (the kept one may be stale), then with
-   two cycles of it a call and twice the Krylov vectors and iterations (`kept_hierarchies.RETRY_FACTOR`). A system
-   solved with its diagonal alone gets a hierarchy.
-2. A step of which a solve has failed, or that breaks one of the `Bounds`, is repeated with half its length and new
-   hierarchies, up to HALVINGS times.
+   two cycles of it a call and twice the Krylov vectors and iterations (`solvers.kept_hierarchies.RETRY_FACTOR`). A
+   system solved with its diagonal alone gets a hierarchy.
+2. A step of which a solve has failed, or that breaks one of the `step_limits.Bounds`, is repeated with half its length
+   and new hierarchies, up to HALVINGS times.
 3. RunError, exit code 3: the step, the system and its true residual or the limit and its value, and what to try. The
    run leaves the worst particles (worst.vtu) and a restart file of the last good state.
 

@@ -1,4 +1,4 @@
-"""What makes the fluid move: accelerations of a case, a pressure drop among them, or a velocity that is held."""
+"""A superficial velocity that is held, and the pressure gradient that each step needs for it."""
 
 from dataclasses import dataclass
 
@@ -40,7 +40,7 @@ class HeldVelocity:
         return abs(self.wanted) / (self.porosity or self.fraction)
 
     def averaged_shifting_flux(self, state, shifts, dt):
-        """Mean velocity of the shifts where U is taken, averaged over the last steps, m/s. state: state.State; shifts:
+        """Mean velocity of the shifts where U is taken, averaged over the last steps, m/s. state: `State`; shifts:
         (n, dim) m of this step, or None."""
         now, before = 0.0, state.shifting_flux
         if self.shifts and shifts is not None:
@@ -58,7 +58,7 @@ class HeldVelocity:
         return (self.wanted / self.fraction - shifting_flux - u[here, self.axis].mean()) / gain
 
     def drop(self, state):
-        """Pressure drop over the box in the step to `state` (state.State), Pa."""
+        """Pressure drop over the box in the step to `state` (`State`), Pa."""
         return state.pressure_gradient * self.areal
 
 

@@ -22,7 +22,7 @@ class State:
     x, u, u_old: (n, dim) m and m/s; p: (n,) pressure over the density of the first fluid, m2/s2; time: s; dt_old:
     length of the step before, s, 0 before the first. Of a scene that holds a superficial velocity, otherwise None:
     pressure_gradient: over the density of the first fluid, m/s2, that held it; shifting_flux: mean velocity of the
-    shifts that it makes up for (drive.HeldVelocity), m/s.
+    shifts that it makes up for (`HeldVelocity`), m/s.
     """
 
     x: np.ndarray

@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from .volume_control import KeptVolume
 
 NEAR_WALL = 0.25  # of the spacing: no particle comes nearer to a wall than this; at 0.015 a cavity blew up
-# The same for particles that see few others (coupling.NARROW). Where beads touch, half of the fluid lies within 0.25:
-# kept off that far, particles crowd into the middle of the pores, and the flux of a pack is 40 % too large.
+# The same for particles that see few others (`narrow_pores.NARROW`). Where beads touch, half of the fluid lies within
+# 0.25: kept off that far, particles crowd into the middle of the pores, and the flux of a pack is 40 % too large.
 NEAR_WALL_NARROW = 0.1
 # Of the shift, near an interface, which it blurs. A bubble that rises (1/24) lost 1.4 % of its height to a whole one; a
 # drop without any comes apart.
@@ -217,7 +217,7 @@ class Stepper:
     def _hold(self, config: Configuration, system: PressureSystem, u: np.ndarray, p: np.ndarray, rate: float,
               shifting_flux: float | None) -> tuple[np.ndarray, np.ndarray, float]:
         """(velocity, pressure, increment of the pressure gradient) that have the superficial velocity that is held:
-        what a gradient of one makes in this step is added so many times (drive.HeldVelocity).
+        what a gradient of one makes in this step is added so many times (`HeldVelocity`).
 
         shifting_flux: m/s, of the shifts; other arguments as those of `_project`.
         """

@@ -3,7 +3,7 @@
     -nu lap u + grad p / rho = f,        div u + S p = 0
 
 in the scaled unknowns u and P = p dx / (rho nu), each equation multiplied by dx^2 / nu and dx, so that all entries
-are of order one whatever the units. S damps the odd-even pressure mode: see `coupling`.
+are of order one whatever the units. S damps the odd-even pressure mode: see `operators.div_grad`.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ TAU = 0.05  # strength of S (trials before 2026-11-22)
 # where little but S is left. Its inverse is 1 - ROUGH dx^2 lap to within 30 % on a lattice.
 ROUGH = 0.4
 # Aggregates of the velocity hierarchy and W-cycles an iteration, from 16 to 64 spacings a cell of the sphere array:
-# 14 to 16 iterations; one cycle 16 to 19; with the strength of `linear` 15 to 18 and 18 to 21
+# 14 to 16 iterations; one cycle 16 to 19; with `multigrid.STRENGTH` 15 to 18 and 18 to 21
 STRENGTH, CYCLES = 0.05, 2
 # Iterations a decade of the tolerance after which the consistent divergence is given up: where pores are resolved it
 # takes two or three; the bead pack at 4.5 spacings a bead stood at a residual of 0.1 after 60, and so it did at 6
@@ -39,7 +39,7 @@ PATIENCE = 7
 
 @dataclass(frozen=True)
 class StokesFlow:
-    """velocity: (n, dim) m/s; pressure: (n,) Pa over density, i.e. m2/s2; report: linear.Report."""
+    """velocity: (n, dim) m/s; pressure: (n,) Pa over density, i.e. m2/s2; report: krylov.Report."""
 
     velocity: np.ndarray
     pressure: np.ndarray
@@ -51,7 +51,7 @@ class StokesSystem:
 
     ops: LatticeWeights (without walls no steady flow exists);
     spacing: m; viscosity: kinematic, m2/s;
-    conservative: take the divergence as a balance of fluxes, on lattices only (see `rows`).
+    conservative: take the divergence as a balance of fluxes, on lattices only (see `divergence_and_rhie_chow`).
     """
 
     def __init__(self, ops, spacing, viscosity, tau=TAU, conservative=True):

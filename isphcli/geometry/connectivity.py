@@ -1,8 +1,4 @@
-"""What every geometry answers, and which parts of its fluid are connected.
-
-`VoxelGeometry` (voxel_geometry.py) and `ShapeGeometry` (shapes.py) implement `Geometry`; `report` counts
-the connected fluid of a lattice of labels.
-"""
+"""Which parts of a labelled lattice of fluid are connected, and along which axes they lead through."""
 
 from __future__ import annotations
 

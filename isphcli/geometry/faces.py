@@ -1,8 +1,4 @@
-"""What every geometry answers, and which parts of its fluid are connected.
-
-`VoxelGeometry` (voxel_geometry.py) and `ShapeGeometry` (shapes.py) implement `Geometry`; `report` counts
-the connected fluid of a lattice of labels.
-"""
+"""Distances to the faces of the box, and the walls that faces of non-periodic axes are."""
 
 from __future__ import annotations
 

@@ -1,9 +1,7 @@
-"""Scenes of spheres, boxes, cylinders and half-spaces with exact signed distances.
+"""The nearest point of a wall among the surfaces of shapes, where the min and max of their distances is only a bound.
 
-A `ShapeGeometry` is a box filled with one fluid and an ordered list of `Shape`, later ones on top of earlier
-ones. Solids join by min and fluid shapes carve by max of the signed distances. That is exact in
-the fluid round unions of solids; elsewhere it is a lower bound that is 0 on every surface, also where two shapes of
-a kind touch and there is no wall. There `_walls_near` looks for the nearest point of a wall.
+A wall is where there is solid beside fluid. Candidates are the surfaces near by, the lines where two of them meet and
+the points of three; those beside which there is both fluid and solid count.
 """
 
 from __future__ import annotations

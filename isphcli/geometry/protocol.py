@@ -1,4 +1,4 @@
-"""geometry.protocol"""
+"""What every geometry answers; `ShapeGeometry` and `VoxelGeometry` implement it."""
 
 from __future__ import annotations
 

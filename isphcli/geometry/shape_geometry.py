@@ -1,10 +1,4 @@
-"""Scenes of spheres, boxes, cylinders and half-spaces with exact signed distances.
-
-A `ShapeGeometry` is a box filled with one fluid and an ordered list of `Shape`, later ones on top of earlier
-ones. Solids join by min and fluid shapes carve by max of the signed distances. That is exact in
-the fluid round unions of solids; elsewhere it is a lower bound that is 0 on every surface, also where two shapes of
-a kind touch and there is no wall. There `_walls_near` looks for the nearest point of a wall.
-"""
+"""`ShapeGeometry`: a box filled with one fluid, and an ordered list of `bodies.Shape`, later ones on top."""
 
 from __future__ import annotations
 

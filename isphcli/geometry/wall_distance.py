@@ -1,7 +1,6 @@
-"""Geometry of a labelled voxel image: phases, wall distance and first wall along a segment.
+"""Signed wall distance of a labelled voxel image: of its stairs, or of the smooth walls that they stand for.
 
-In voxel coordinates u = (x - lower) / voxel_size, voxel i covers [i, i + 1] and its centre is i + 1/2. Images
-are indexed [z, y, x]; a 2D image [y, x] is one layer, periodic along z.
+Voxel coordinates: see `voxel_geometry`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Operators of scenes with walls: dummies, wall data of every row, crossings. Imported only where there are solids."""
+"""Unit normals of walls, from the wall distance."""
 
 from __future__ import annotations
 

@@ -1,17 +1,7 @@
-"""Consistent gradient and Laplacian of one particle configuration (paper eqs 5-7).
+"""Operators in pair weights, applied to fields: gradient, Laplacian, divergence (eqs 5-6).
 
-With e the unit vector from particle i to neighbour j, s the distance between them, F = -W'(r) >= 0 and V the
-particle volumes, the sums of eqs 5 and 6 read
-
-    grad f_i = sum_j (f_j - f_i) G_i e F V_j
-    lap f_i  = 2 sum_j (L_i : e (x) e) F V_j ((f_j - f_i) / s - e . grad f_i)
-
-G_i makes linear functions exact. L_i (3 unknowns in 2D, 6 in 3D) makes every quadratic function exact,
-the error of the corrected gradient included (Fatehi and Manzari 2011; Trask et al. 2015). The same small
-system gives the term K_i that makes the gradient exact for quadratics too: `order=2`.
-
-Lengths inside the kernels are divided by the support radius, so that nothing depends on the unit of length.
-Scenes in 2D carry a third component of zero: one code path serves both.
+The weights are made in `pair_weights`, beside walls in `wall_weights`; `lattice_weights` has the same functions for
+the operators of a steady solve.
 """
 
 from __future__ import annotations

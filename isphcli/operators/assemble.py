@@ -1,4 +1,4 @@
-"""Linear systems: GMRES with a smoothed-aggregation preconditioner, null spaces, reports (paper 2.4, eqs 25-26)."""
+"""Sparse matrices of pair weights."""
 
 import numpy as np
 import scipy.sparse as sp

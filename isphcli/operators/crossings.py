@@ -1,16 +1,7 @@
-"""Walls: neighbours beyond a wall, the consistent form of paper eq. 11.
+"""Where the pairs of a configuration meet a wall: the fraction of the way from a fluid particle to its neighbour.
 
-Eq. 11 extends a Dirichlet field linearly into the wall, f_D = f_W + (d_D / d_I)(f_W - f_I). With t the
-fraction of the way from the fluid particle i to the dummy particle at which the pair crosses the wall,
-(f_D - f_I) / r = (f_W - f_I) / (t r): the slope of eq. 6 is that to the point where the pair meets the wall.
-We therefore put that point, and not the dummy, into the correction tensors G_i and L_i as well. Quadratic
-functions with their wall values are then exact at any wall distance (plane Poiseuille flow to round-off), and
-every particle keeps its full star of directions, in a throat one particle wide too.
-
-Pairs of fluid particles that see each other only through a wall are wall pairs as well.
-
-Pressure has no values at walls: its gradient is corrected over fluid neighbours only, its Laplacian is the
-uncorrected sum over them (homogeneous Neumann, conservative).
+Pairs of fluid particles that see each other only through a wall are wall pairs as well. `wall_weights` says what the
+fraction is for (eq. 11).
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""The operators of a steady solve in factors: a few tensors a particle in place of ten numbers a pair.
+"""The operators of a steady solve in factors (eqs 5-6, 11): a few tensors per particle, not ten numbers per pair.
 
 With e the unit vector from particle i to its neighbour j, s their distance over the support, w = F V support and
 
     a = w e,        T = w e (x) e / s        (xx yy zz yz xz xy)
 
-the weights of eqs 5-6 (see `operators` and `walls`) are
+the weights of eqs 5-6 (see `moments` and `wall_weights`) are
 
     lap_ij = L_i : T - b_i . a,   grad_ij = M_i a - K_i : T,   grad_p_ij = Q_i a,   symmetric_ij = c_i w / s .
 
@@ -79,8 +79,8 @@ class Factors(NamedTuple):
 class LatticeWeights:
     """The operators of the fluid particles of a steady solve.
 
-    pairs, tensors: see there; walls: sums over the neighbours beyond walls (`walls.WallSums`), slips: whether a wall
-    slips; deficient: particles that fell back on a simpler correction.
+    pairs, tensors: see there; walls: sums over the neighbours beyond walls (`pair_weights.WallSums`), slips: whether a
+    wall slips; deficient: particles that fell back on a simpler correction.
     """
 
     pairs: LatticePairs
@@ -159,7 +159,7 @@ def total_divergence(ops: LatticeWeights, u: np.ndarray) -> np.ndarray:
 
 def divergence_and_rhie_chow(ops: LatticeWeights, u: np.ndarray, pressure: tuple[np.ndarray, np.ndarray],
                         factors: tuple[float, float], conservative: bool) -> np.ndarray:
-    """a div u + b S p without the velocity of the walls, (n,); see `coupling`.
+    """a div u + b S p without the velocity of the walls, (n,); see `div_grad`.
 
     pressure: p (n,) and its gradient (n, dim); factors: a, b.
     conservative: on a lattice the divergence may be the balance of the fluxes w_ij x_ji . (u_i + u_j) / 2 between
@@ -267,7 +267,7 @@ def _offset_weights(step, volume, kind, support):
 
 @njit(cache=True, parallel=True)
 def _factors(neighbours, fraction, volume, order, walls, off_lattice):
-    """As `walls._wall_rows`, but the tensors are kept and the weights of the wall pairs only summed up.
+    """As `wall_weights._wall_rows`, but the tensors are kept and the weights of the wall pairs only summed up.
 
     Returns (deficient, arrays of Factors, arrays of BoundarySums)."""
     start, per_length = neighbours.start, 1.0 / neighbours.support

@@ -1,10 +1,10 @@
-"""Consistent gradient and Laplacian of one particle configuration (paper eqs 5-7).
+"""Moments of a neighbourhood and the correction tensors that make operators consistent (eqs 5-7).
 
 With e the unit vector from particle i to neighbour j, s the distance between them, F = -W'(r) >= 0 and V the
 particle volumes, the sums of eqs 5 and 6 read
 
-    grad f_i = sum_j (f_j - f_i) G_i e F V_j
-    lap f_i  = 2 sum_j (L_i : e (x) e) F V_j ((f_j - f_i) / s - e . grad f_i)
+    grad f_i = sum_j (f_j - f_i) G_i e F V_j                                            (eq. 5)
+    lap f_i  = 2 sum_j (L_i : e (x) e) F V_j ((f_j - f_i) / s - e . grad f_i)           (eq. 6)
 
 G_i makes linear functions exact. L_i (3 unknowns in 2D, 6 in 3D) makes every quadratic function exact,
 the error of the corrected gradient included (Fatehi and Manzari 2011; Trask et al. 2015). The same small
@@ -35,7 +35,7 @@ LOPSIDED = 2.0
 # the lattice were inverted when they had moved a little, and one neighbour at the rim of the support was enough.
 THIN = 0.05
 ROUND = 0.2  # determinant over the cube of the mean moment above which no direction is thin
-SHARED = 1.75  # crossing of a pair (walls.crossings) above which nothing is between the two, for the pressure either
+SHARED = 1.75  # fraction of a pair (`crossings`) above which nothing is between the two, for the pressure either
 SINGULAR = 1e-7  # scaled pivot below which a correction system counts as rank-deficient
 
 

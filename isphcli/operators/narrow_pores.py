@@ -1,11 +1,5 @@
-"""The pressure matrix beside walls: the divergence of a gradient with the odd-even mode damped, in one pass over pairs.
-
-The central gradient does not see a pressure that alternates from particle to particle. What it misses is
-
-    S_i p = sum_j w_ij [ (p_j - p_i) - (grad p_i + grad p_j) . x_ji / 2 ]
-
-with w the symmetric-form weights of the Laplacian: a difference of fourth order in dx that vanishes for quadratic
-p, beside walls too (Rhie and Chow 1983 in the particles' words).
+"""Neighbourhoods that see few of their neighbours: which particles lie in narrow pores, and which in dead ends that
+share no pressure with the rest (docs/method.md 7).
 """
 
 from __future__ import annotations

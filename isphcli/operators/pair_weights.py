@@ -1,4 +1,7 @@
-"""operators.pair_weights"""
+"""The operators of one configuration as weights of each pair (eqs 5-6), without walls; what walls add is `WallSums`.
+
+Sums are taken once a configuration: one weight of the Laplacian and `dim` of the gradient for each pair.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ class Operators:
     lap: (n_pairs,) weights of the velocity Laplacian, 1/m2; grad: (n_pairs, dim) of its gradient, 1/m;
     lap_p, grad_p: the same for the pressure (the very same arrays where a scene has no walls);
     volume: (n,) m^dim; deficient: particles that fell back on a simpler correction;
-    walls: sums over the neighbours beyond a wall, or None (see `walls.WallSums`).
+    walls: sums over the neighbours beyond a wall, or None (see `WallSums`).
     """
 
     neighbours: Neighbourhood
@@ -108,7 +111,7 @@ class WallSums:
     slip: (n, dim, dim) what a slip wall takes off the diagonal, or None where no wall slips;
     symmetric_laplacian: (n_pairs,) symmetric-form weights of the pressure Laplacian;
     near: (n,) bool, particle sees a wall, or fluid that it shares no pressure with;
-    narrow, isolated: (n,) bool, see `coupling.classify_neighbourhoods`, or None where there are none.
+    narrow, isolated: (n,) bool, see `narrow_pores.classify_neighbourhoods`, or None where there are none.
     """
 
     lap: np.ndarray

@@ -1,4 +1,4 @@
-"""Operators of scenes with walls: dummies, wall data of every row, crossings. Imported only where there are solids."""
+"""Dummies and their wall data, and from positions to operators with walls. Imported only where there are solids."""
 
 from __future__ import annotations
 

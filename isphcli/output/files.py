@@ -1,4 +1,4 @@
-"""Files that a run leaves: snapshots and their time series, the history, the summary; and the stopwatch.
+"""Files that a run leaves: snapshots and their time series, the history, the summary.
 
 Plain arrays and dictionaries in, files out. Two rules hold for every writer here: a file appears whole
 or not at all (it is written beside itself and renamed), and NaN or infinity never reaches a file.

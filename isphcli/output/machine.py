@@ -1,9 +1,4 @@
-"""Files that a run leaves: snapshots and their time series, the history, the summary; and the stopwatch.
-
-Plain arrays and dictionaries in, files out. Two rules hold for every writer here: a file appears whole
-or not at all (it is written beside itself and renamed), and NaN or infinity never reaches a file.
-`docs/output.md` describes every file, column and key.
-"""
+"""Peak memory of the process, and versions of the libraries."""
 
 from __future__ import annotations
 

@@ -1,16 +1,4 @@
-"""When a step goes wrong: the limits that it must keep, what is tried again, and how a run ends. All of it is here.
-
-1. A linear solve that misses its tolerance is repeated with a new hierarchy (the kept one may be stale), then with
-   two cycles of it a call and twice the Krylov vectors and iterations (`kept_hierarchies.RETRY_FACTOR`). A system
-   solved with its diagonal alone gets a hierarchy.
-2. A step of which a solve has failed, or that breaks one of the `Bounds`, is repeated with half its length and new
-   hierarchies, up to HALVINGS times.
-3. RunError, exit code 3: the step, the system and its true residual or the limit and its value, and what to try. The
-   run leaves the worst particles (worst.vtu) and a restart file of the last good state.
-
-A steady solve (`flow: stokes`) that misses its tolerance is tried again as `StokesSystem.solve` tells, and ends with a
-SolveError, exit code 3, and the particles of the largest residuals.
-"""
+"""The worst particles of a step or solve that failed, as a file."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a careful colleague says about a case before it runs."""
+"""What a case uses, needs, costs and risks, before it is run."""

@@ -1,4 +1,4 @@
-"""What a careful colleague would say about a case before it is run: what it uses, needs, costs and risks.
+"""What a case uses, needs, costs and risks, before it is run.
 
 `check` looks at the lattice only: nothing is solved and no neighbours are searched. Estimates are meant to be
 right within a factor of two; the numbers behind them stand below with the date on which they were measured.

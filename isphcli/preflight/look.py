@@ -1,4 +1,4 @@
-"""What the check of a case knew, for a run that is about to begin: it is said before anything is solved."""
+"""The check of a case that is about to run: what it warns of is said before anything is solved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""run.permeability"""
+"""Permeability of a flow by Darcy's law (eq. 28), and its limit over several spacings."""
 
 import numpy as np
 

@@ -31,7 +31,7 @@ class StokesResult:
 
     axis: 0, 1, 2 or None where the walls drive the flow; velocity (n, dim) m/s of the particles; cell_velocity
     (n, dim) m/s, its mean over their cells of the lattice; pressure (n,) Pa; superficial, mean, permeability: see
-    `drive.darcy`; divergence, mass_error: see `_mass`; halo, balanced (the divergence is a balance of fluxes),
+    `permeability.darcy`; divergence, mass_error: see `_mass`; halo, balanced (the divergence is a balance of fluxes),
     components, isolated_pockets: of the scene that it was solved in.
     """
 

@@ -71,7 +71,7 @@ class TimeLoop:
         return found
 
     def run(self, state, config, snapshot, row, progress):
-        """(state, config) at the end. Raises failure.RunError."""
+        """(state, config) at the end. Raises RunError."""
         case = self.case
         end = case.time.end if case.time.end is not None else np.inf
         self.last = self._saved(state)

@@ -1,8 +1,4 @@
-"""What every geometry answers, and which parts of its fluid are connected.
-
-`VoxelGeometry` (voxel_geometry.py) and `ShapeGeometry` (shapes.py) implement `Geometry`; `report` counts
-the connected fluid of a lattice of labels.
-"""
+"""The geometry of a case: `ShapeGeometry` of its shapes or `VoxelGeometry` of its image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The time loop of moving particles: step sizes, snapshots, history, steady states, restart files."""
+"""The fluids of a case as the equations see them: one, or two with what their interface needs."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Particles on a lattice: fluid particles from a geometry, and dummy particles within a support of them."""
+"""The particles of a case: fluid particles on a lattice, and dummies within a support of them."""
 
 from dataclasses import replace
 

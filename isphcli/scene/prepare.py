@@ -1,4 +1,4 @@
-"""scene.prepare"""
+"""From a case to the state and the stepper of moving particles."""
 
 from dataclasses import replace
 
@@ -74,8 +74,8 @@ def prepare(case, geometry, clock):
 
 
 def bounds(case, geometry, particles, u, force, rate):
-    """failure.Bounds of a case that starts with velocities u (n, dim) under the acceleration force (dim,). rate:
-    drive.HeldVelocity or None."""
+    """Bounds of a case that starts with velocities u (n, dim) under the acceleration force (dim,). rate:
+    HeldVelocity or None."""
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     walls = np.linalg.norm(geometry.wall_velocity, axis=1)
     walls = np.max(getattr(geometry, "wall_speed", walls), initial=0.0)  # wall_speed: where walls turn

@@ -1,7 +1,7 @@
 """Linear systems of moving particles: GMRES, preconditioned by hierarchies that are kept over many steps (eqs 25-26).
 
 A hierarchy is kept until its iterations have grown; a solve that misses its tolerance is repeated with a new one, and
-then with more of it (see `step_limits`). A restart file does not hold hierarchies, which are ten times as large as the
+then with more of it (see `flow.attempt`). A restart file does not hold hierarchies, which are ten times as large as the
 state: it holds the steps in which they were built (`origins`), and these are taken again.
 """
 
@@ -79,7 +79,7 @@ class KeptHierarchies:
 
     def krylov(self, apply: Apply, right: np.ndarray, precondition: Apply, guess: np.ndarray | None, factor: int = 1,
                tolerance: float | None = None) -> tuple[np.ndarray, Report]:
-        """GMRES with `factor` times the Krylov vectors and iterations of the case; see `linear.gmres`."""
+        """GMRES with `factor` times the Krylov vectors and iterations of the case; see `krylov.gmres`."""
         return gmres(apply, right, precondition, tolerance or self.tolerance, factor * self.restart,
                             factor * self.max_iterations, start=guess)
 

@@ -1,4 +1,4 @@
-"""Linear systems: GMRES with a smoothed-aggregation preconditioner, null spaces, reports (paper 2.4, eqs 25-26)."""
+"""GMRES from either side, and what a solve reports."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Linear systems: GMRES with a smoothed-aggregation preconditioner, null spaces, reports (paper 2.4, eqs 25-26)."""
+"""Smoothed aggregation as a preconditioner: hierarchies, and cycles of our own (the paper's section 2.4)."""
 
 from contextlib import contextmanager
 

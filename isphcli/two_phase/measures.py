@@ -1,7 +1,7 @@
 """What is measured of two fluids as a run goes. Imported only by scenes with two fluids.
 
 Volumes are those of the particles, 1 / sum W (eq. 7), scaled so that together they fill the pores; masses are those of
-the lattice sites and never change. With tension, the interface is that of its band (`interface.Band`).
+the lattice sites and never change. With tension, the interface is that of its band (`normals.Band`).
 """
 
 import math

@@ -2,7 +2,7 @@
 
 The pressure stays a pressure over the density of the first fluid, so that fluids of one density share every array
 with a scene of one fluid. With t the fraction of the way from i to j at which a pair crosses the interface
-(`interface.crossings`), r_ij and m_ij are what is left of a density and a viscosity between i and j when the normal
+(`normals.crossings`), r_ij and m_ij are what is left of a density and a viscosity between i and j when the normal
 acceleration and the stress are continuous:
 
     grad p / rho  ->  sum_j (1 / r_ij) (p_j - p_i) grad_ij,      r_ij = t rho_i + (1 - t) rho_j

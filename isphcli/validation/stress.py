@@ -119,7 +119,7 @@ def marched(text, *sets, change=None):
 
 
 def creeping(text, *sets, axis=0):
-    """The steady creeping flow of a case: run_stokes.StokesResult with `scene`."""
+    """The steady creeping flow of a case: run.steady.StokesResult with `scene`."""
     case = read_case(text.encode(), "stress.yaml", ("flow=stokes", "time=null", *sets))
     geometry = build_geometry(case)
     built = build_scene(case, geometry, case.particles.spacing, Clock(), (axis,))
@@ -779,7 +779,8 @@ def long_run(large):
 PAGE = """# Stability
 
 Stiff and extreme scenes and the invariant that each must keep. This page is what `isph validate --stress` prints;
-`tests/test_stress.py` runs the same scenes smaller. The scenes stand in `isphcli/stress.py`, one function each.
+`tests/test_stress.py` runs the same scenes smaller. The scenes stand in
+`isphcli/validation/stress.py`, one function each.
 
 {table}
 

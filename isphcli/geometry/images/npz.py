@@ -1,8 +1,4 @@
-"""Images of rock: reading, writing, labelling and converting npy, npz and MetaImage (mhd + raw, mha) files.
-
-Arrays are indexed [z, y, x] or [y, x]. Nothing in a file is believed before it is checked: sizes are compared
-with the header before memory is taken, and pickled objects are never loaded.
-"""
+"""Reads npz files: one array of an archive, unpacked only as far as its header allows."""
 
 from __future__ import annotations
 
