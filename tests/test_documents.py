@@ -1,4 +1,5 @@
-"""What the texts of the repository name is there: links and their sections, paths and names of files."""
+"""What the texts of the repository name is there: links and their sections, paths and names of files, functions that
+compute equations of the paper."""
 
 import ast
 import io
@@ -16,6 +17,10 @@ MADE = {"validation.md", "report.md", "cases/validation.md"}  # by runs, of whic
 PATH = re.compile(r"(?<![\w/.-])(?:docs|benchmarks|cases|tests|isphcli|\.ci)/[\w./-]*\w")
 NAME = re.compile(r"(?<![\w/.*-])[\w-]+\.(?:md|py)\b")
 LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)\s]*))?\)")
+IN_PACKAGE = re.compile(r"`([a-z_]+(?:/[a-z_]+)*\.py)`")
+SECTION = re.compile(r"method\.md\)?,? (?:section )?(\d+)")
+EQUATIONS = 26  # numbered ones of the method of the paper; 27 and 28 are of its results
+LISTS = re.compile(r"\beqs?\.? (\d+(?:(?:-|, | and | to )\d+)*)")
 
 
 def committed():
@@ -96,3 +101,87 @@ def test_what_is_not_there_is_found():
     assert NAME.findall(text) == ["design.md", "keys.md"] and LINK.findall(text) == [("keys.md", "here")]
     assert PATH.findall(text) == ["benchmarks/none.py", "cases/none.yaml"]
     assert for_people('"""Doc."""\nx = "a string"  # said\n') == "# said\nDoc."
+
+
+def numbers(text):
+    """Equations that a text names: 'eq. 6', 'eqs 2-4, 8-10', 'eqs 4 and 10'."""
+    found = set()
+    for run in LISTS.findall(text):
+        for part in re.split(", | and ", run):
+            first, _, last = part.replace(" to ", "-").partition("-")
+            found |= set(range(int(first), int(last or first) + 1))
+    return found
+
+
+def equations():
+    """(number, [(file, function)], status) of the rows of the table of equations in docs/method.md."""
+    text = (ROOT / "docs/method.md").read_text(encoding="utf-8")
+    rows = []
+    for number, where, status in re.findall(r"^\| (\d+) \| [^|]+ \| ([^|]+) \| ([^|]+) \|", text, re.MULTILINE):
+        places = []
+        for part in where.split(";"):
+            file, names = part.split(":")
+            places += [(file.strip().strip("`"), name) for name in re.findall(r"`([\w.]+)`", names)]
+        rows.append((int(number), places, status.strip()))
+    return rows
+
+
+def defined(file):
+    """{name: its lines} of the functions, classes and methods of a file of the package, methods as Class.method."""
+    source = (ROOT / "isphcli" / file).read_text(encoding="utf-8")
+    lines = source.splitlines()
+    found = {}
+
+    def enter(body, prefix):
+        for node in body:
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+                found[prefix + node.name] = "\n".join(lines[node.lineno - 1 : node.end_lineno])
+                enter(node.body, f"{prefix}{node.name}.")
+
+    enter(ast.parse(source).body, "")
+    return found
+
+
+def test_every_equation_of_the_paper_has_one_row():
+    rows = [number for number, _, _ in equations()]
+    assert rows == sorted(set(rows)) and set(range(1, EQUATIONS + 1)) <= set(rows)
+
+
+@pytest.mark.parametrize(("number", "places", "status"), equations(), ids=[f"eq{row[0]}" for row in equations()])
+def test_the_table_of_equations_names_what_computes_them(number, places, status):
+    """The text of each function bears the number of its equation, whole or in a range."""
+    assert places and status in ("same", "changed", "not used")
+    for file, name in places:
+        assert name in defined(file), f"eq. {number}: {file} has no {name}"
+        if status != "not used":
+            assert number in numbers(defined(file)[name]), f"eq. {number}: {name} of {file} does not bear its number"
+
+
+def test_numbers_of_equations_are_read():
+    assert numbers("(eq. 6) eqs 2-4, 8-10; eqs 4 and 10, eqs 5 to 7; eq 12") == {2, 3, 4, 5, 6, 7, 8, 9, 10, 12}
+    assert numbers("frequency 3, eq. 3-48") >= {3} and numbers("6 eqs") == set()
+
+
+def test_files_of_the_package_are_named_with_their_rooms():
+    """Paths from the folder of the package, `flow/step.py`, which the patterns above do not see."""
+    files = [f"/{path}" for path in committed()]
+    named = {(path, found) for path, text in texts() if path.endswith(".md") for found in IN_PACKAGE.findall(text)}
+    missing = [f"{path}: {found}" for path, found in named if not any(file.endswith(f"/{found}") for file in files)]
+    assert named and not missing, "\n".join(missing)
+
+
+def test_the_table_of_rooms_has_every_file_once():
+    room, listed = "", []
+    table = (ROOT / "docs/architecture.md").read_text(encoding="utf-8").split("## Rooms")[1].split("\n## ")[0]
+    for cell in re.findall(r"^\| (.+?) \|", table, re.MULTILINE):
+        if cell.startswith("**"):
+            room = cell.strip("*/") + "/" if cell.endswith("/**") else ""
+        listed += [f"isphcli/{room}{name}" for name in IN_PACKAGE.findall(cell)]
+    files = [path for path in committed() if path.startswith("isphcli/") and path.endswith(".py")]
+    assert sorted(listed) == sorted(path for path in files if "/__" not in path)
+
+
+def test_sections_of_the_method_are_there():
+    heads = set(re.findall(r"^## (\d+) ", (ROOT / "docs/method.md").read_text(encoding="utf-8"), re.MULTILINE))
+    named = {(path, number) for path, text in texts() for number in SECTION.findall(text)}
+    assert named and {(path, number) for path, number in named if number not in heads} == set()

@@ -17,7 +17,8 @@ class ComponentMeans:
     def remove(self, v):
         """v without its mean over each component, (n,)."""
         if len(self.count) == 1:
-            return v - v.mean()
+            return v - v.mean()  # eq. 26
+        # eq. 26, with one constant vector a component
         return v - (np.bincount(self.labels, weights=v, minlength=len(self.count)) / self.count)[self.labels]
 
 

@@ -48,7 +48,7 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
     ops, terms = config.ops, config.terms
     with solvers.clock("assembly"):
         matrix = assemble(ops.start, ops.column, terms.ops.lap_p, 0.0, 1.0)
-    if ops.walls is None:
+    if ops.walls is None:  # eq. 3 by the Laplacian of eq. 6
         return PressureSystem(matrix, lambda p, gradient: matrix @ p, None)
     from ..operators.div_grad import diagonal, div_grad_rhie_chow
 
@@ -69,6 +69,7 @@ def pressure_increment(config: Configuration, system: PressureSystem, div: np.nd
     """
     with solvers.clock("krylov"):
         old = system.apply(p, gradient)
+        # eq. 3 for the increment, and the odd-even part of the old pressure taken out
         right = config.means.remove(_odd_even(config, gradient, old, rate, nu_min) - rate * div)
         # a small increment is the difference of large pressures: no solve is more exact than their round-off
         size, floor = np.linalg.norm(right), ROUND_OFF * np.linalg.norm(old)
@@ -84,7 +85,7 @@ def solve_pressure(config: Configuration, system: PressureSystem, right: np.ndar
     means, weighted, scale = config.means, config.terms.ops, system.scale
 
     def apply(q: np.ndarray) -> np.ndarray:
-        return means.remove(system.apply(q, gradient_p(weighted, q)))
+        return means.remove(system.apply(q, gradient_p(weighted, q)))  # eq. 25: P A q
 
     def settle(once: Apply) -> Apply:
         return lambda v: means.remove(once(v if scale is None else means.remove(v / scale)))
@@ -92,7 +93,7 @@ def solve_pressure(config: Configuration, system: PressureSystem, right: np.ndar
     with solvers.clock("krylov"):
         q, report = solvers.multigrid("pressure", system.laplacian, apply, right, None, settle, tolerance)
     solvers.record("pressure", report, lambda: right - apply(q))
-    return means.remove(q)
+    return means.remove(q)  # eq. 26
 
 
 def settled(config: Configuration, p: np.ndarray) -> np.ndarray:

@@ -57,7 +57,7 @@ def _shift(neighbours, amount, longest):
             for k in range(dim):
                 r2 += (x[i, k] - x[j, k]) ** 2
             if r2 > 0.0:
-                weight = mean * mean / (r2 * math.sqrt(r2))
+                weight = mean * mean / (r2 * math.sqrt(r2))  # eq. 8: (rbar / r)^2 e
                 for k in range(dim):
                     out[i, k] += weight * (x[i, k] - x[j, k])
             else:  # coincident particles part along x, one to each side
@@ -81,7 +81,7 @@ def _carry(start, column, grad, f, slope, dr, second):
     for i in prange(n):
         for c in range(width):
             for k in range(dim):
-                out[i, c] += slope[i, c, k] * dr[i, k]
+                out[i, c] += slope[i, c, k] * dr[i, k]  # eq. 9
         if second[i]:
             for p in range(start[i], start[i + 1]):
                 j = column[p]
@@ -92,5 +92,5 @@ def _carry(start, column, grad, f, slope, dr, second):
                     bend = 0.0
                     for k in range(dim):
                         bend += (slope[j, c, k] - slope[i, c, k]) * dr[i, k]
-                    out[i, c] += 0.5 * along * bend
+                    out[i, c] += 0.5 * along * bend  # beyond eq. 9: the second derivative
     return out

@@ -131,7 +131,7 @@ class Stepper:
         u, u_old, p = state.u, state.u_old, state.p
         # without walls nothing tells a wind from a motion of the box: shifting and the carried pressure must not either
         wind = 0.0 if self.walls is not None else u.mean(axis=0)
-        displacement = dt * (u + 0.5 * ratio * (u - u_old))
+        displacement = dt * (u + 0.5 * ratio * (u - u_old))  # eq. 4: the mean of the old and the new velocity
         dr = self._shift(state, config, dt, wind, displacement)
         if self.held_velocity is not None:
             state = replace(state, shifting_flux=self.held_velocity.averaged_shifting_flux(state, dr, dt))
@@ -141,10 +141,11 @@ class Stepper:
                 second = ~walls.near if walls is not None else np.ones(len(u), dtype=np.bool_)
                 if config.terms.smooth is not None:
                     second = second & config.terms.smooth
-                fields = carry(config.ops, np.concatenate([u, u_old], axis=1), dr, second)
+                fields = carry(config.ops, np.concatenate([u, u_old], axis=1), dr, second)  # eq. 9
                 u, u_old = np.ascontiguousarray(fields[:, : u.shape[1]]), np.ascontiguousarray(fields[:, u.shape[1] :])
-                displacement += dr
+                displacement += dr  # eq. 8
         terms, stopped = config.terms, 0
+        # eqs 4 and 10: the pressure is carried over the whole displacement, with the flow and by the shift
         p = p + terms.density * (terms.pressure_gradient(p) * (displacement - dt * wind)).sum(axis=1)
         x = wrap(state.x + displacement, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
         if self.walls is not None:
@@ -162,7 +163,7 @@ class Stepper:
         with self.clock("terms"):
             speed = np.sqrt(((u - wind) ** 2).sum(axis=1).max())
             if self.shifting > 0.0 and speed > 0.0:
-                dr = shift(config.neighbours, speed, dt, self.shifting, self.spacing)
+                dr = shift(config.neighbours, speed, dt, self.shifting, self.spacing)  # eq. 8
                 if config.terms.shifts_less is not None:
                     dr[config.terms.shifts_less] *= INTERFACE_SHIFTING
             if self.walls is not None:
@@ -179,6 +180,7 @@ class Stepper:
         config = self.configure(moved.x)
         ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0
         g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
+        # eq. 2 in time: backward differences along the paths
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
         p, held, known = moved.p, state.pressure_gradient, history + config.terms.force
         system = pressure_system(config, self.solvers)
@@ -190,6 +192,7 @@ class Stepper:
             self._nothing_flows()
         # the first step finds the pressure of the start: it is taken again with what it found
         for _ in range(self.fluids.first_passes if first else 1):
+            # eq. 1: what drives the fluid, then pressure and viscosity
             driven = known if held is None else known + held * config.terms.along
             u, p = self._project(config, system, moved.u, driven, p, g0 / dt, expansion)
             if held is not None:

@@ -84,11 +84,11 @@ class StokesSystem:
         forces, mass = self.split(out)
         dx = self.spacing
         grad_p = np.empty_like(u)
-        momentum(self.ops, u, p, dx, forces, grad_p)
+        momentum(self.ops, u, p, dx, forces, grad_p)  # eq. 1 without inertia
         if self.ops.slips:
             forces -= dx**2 * np.einsum("nkm,nm->nk", self.ops.walls.slip, u)
         both = divergence_and_rhie_chow(self.ops, u, (p, grad_p), (dx, -self.tau * dx * dx), self.conservative)
-        mass[:] = self.means.remove(both)
+        mass[:] = self.means.remove(both)  # eq. 25
         return out
 
     def precondition(self, v):

@@ -31,6 +31,7 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, righ
     """
     ops, walls = terms.ops, terms.ops.walls
     with solvers.clock("assembly"):
+        # eq. 2: g0 / dt - nu lap, walls included
         matrix = assemble(ops.start, ops.column, ops.lap, rate, terms.viscosity,
                                  walls.lap if walls is not None else None)
         slip = walls.slip if walls is not None else None

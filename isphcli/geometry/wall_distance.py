@@ -1,5 +1,7 @@
 """Signed wall distance of a labelled voxel image: of its stairs, or of the smooth walls that they stand for.
 
+The distance that the paper takes from smoothed colours (eqs 12-13) is not used: docs/method.md 5.
+
 Voxel coordinates: see `voxel_geometry`.
 """
 

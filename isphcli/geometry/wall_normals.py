@@ -1,4 +1,4 @@
-"""Unit normals of walls, from the wall distance."""
+"""Unit normals of walls, from the wall distance (in place of eq. 19)."""
 
 from __future__ import annotations
 

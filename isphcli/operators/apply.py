@@ -64,7 +64,7 @@ def _laplacian(start, column, lap, f):
         for p in range(start[i], start[i + 1]):
             j = column[p]
             for c in range(width):
-                result[i, c] += lap[p] * (f[j, c] - f[i, c])
+                result[i, c] += lap[p] * (f[j, c] - f[i, c])  # eq. 6
     return result
 
 
@@ -79,7 +79,7 @@ def _gradient(start, column, grad, f):
             for c in range(width):
                 d = f[j, c] - f[i, c]
                 for k in range(dim):
-                    result[i, c, k] += grad[p, k] * d
+                    result[i, c, k] += grad[p, k] * d  # eq. 5
     return result
 
 
@@ -91,7 +91,7 @@ def _gradient_scalar(start, column, grad, f):
         for p in range(start[i], start[i + 1]):
             d = f[column[p]] - f[i]
             for k in range(dim):
-                result[i, k] += grad[p, k] * d
+                result[i, k] += grad[p, k] * d  # eq. 5
     return result
 
 
@@ -104,7 +104,7 @@ def _divergence(start, column, grad, u):
         for p in range(start[i], start[i + 1]):
             j = column[p]
             for k in range(dim):
-                s += grad[p, k] * (u[j, k] - u[i, k])
+                s += grad[p, k] * (u[j, k] - u[i, k])  # the trace of eq. 5
         result[i] = s
     return result
 

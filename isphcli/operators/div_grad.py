@@ -48,7 +48,7 @@ def _div_grad_rhie_chow(neighbours, weights, wall_div, p, grad_p):
                 expected += 0.5 * (grad_p[i, k] + grad_p[j, k]) * (x[r, k] - x[i, k])
                 divergence += grad[q, k] * (grad_p[j, k] - grad_p[i, k])
             jump += natural_p[q] * (p[j] - p[i]) - natural[q] * expected
-        out[i] = -divergence - jump
+        out[i] = -divergence - jump  # eq. 3 beside walls: -(div grad p + S p)
     return out
 
 

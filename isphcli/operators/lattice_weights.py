@@ -336,13 +336,14 @@ def _factors(neighbours, fraction, volume, order, walls, off_lattice):
                         for v in range(6):
                             weight[1 + m] -= k_tensor[i, m, v] * t_q[v]
                 sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
-                add_wall_pair(neighbours, walls, i, q, stencil, pair, sums)
+                add_wall_pair(neighbours, walls, i, q, stencil, pair, sums)  # eq. 11
     sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
     return deficient, (laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p), sums
 
 
 @njit(cache=True, inline="always")
 def _lap_weight(laplace, i, second, first, t):
+    # eq. 6 in factors
     return (laplace[i, 0] * second[t, 0] + laplace[i, 1] * second[t, 1] + laplace[i, 2] * second[t, 2]
             + laplace[i, 3] * second[t, 3] + laplace[i, 4] * second[t, 4] + laplace[i, 5] * second[t, 5]
             - laplace[i, 6] * first[t, 0] - laplace[i, 7] * first[t, 1] - laplace[i, 8] * first[t, 2])

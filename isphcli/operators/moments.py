@@ -58,7 +58,7 @@ def _volumes(neighbours):
             for k in range(dim):
                 r2 += (x[index[p], k] - x[i, k]) ** 2
             total += shape(kind, math.sqrt(r2) / support)
-        volume[i] = 1.0 / (scale * total)
+        volume[i] = 1.0 / (scale * total)  # eq. 7
     return volume
 
 
@@ -237,6 +237,7 @@ def invert_gradient(moments, dim, g, whole=1.0):
     gives the gradient in the directions that the neighbours span and zero in the others: what a pore one particle wide
     needs.
     """
+    # eq. 5: the tensor that makes it exact for linear functions
     a, b, c = moments[0], moments[1], moments[2] if dim == 3 else moments[0] + moments[1]
     yz, xz, xy = moments[3], moments[4], moments[5]
     g[0, 0], g[1, 1], g[2, 2] = b * c - yz * yz, a * c - xz * xz, a * b - xy * xy
@@ -290,7 +291,7 @@ def correction(moments, dim, order, tensors):
     K_i zero.
     """
     g, system, right, drift, spread = tensors
-    thin = invert_gradient(moments, dim, g)
+    thin = invert_gradient(moments, dim, g)  # G_i of eq. 5
     # P_uk: the gradient of eq. 5 of the quadratic function u, which ought to vanish at the particle
     p = right  # columns 1-3 first hold P
     for v in range(6):
@@ -315,7 +316,7 @@ def correction(moments, dim, order, tensors):
                 system[u, v] = 0.0
                 system[v, u] = 0.0
             system[v, v] = system[0, 0]
-    deficient = not _solve(system, right, 1 if order == 1 else 4)
+    deficient = not _solve(system, right, 1 if order == 1 else 4)  # L_i of eq. 6, and K_i
     if not deficient:
         # a system that is only nearly singular shows in an L_i far from a multiple of the identity
         largest = 0.0
@@ -396,8 +397,8 @@ def stencil_weights(stencil, padded, tensors, order, out):
         x, y, z = ex[k], ey[k], ez[k]
         g0, g1, g2 = g00 * x + g01 * y + g02 * z, g01 * x + g11 * y + g12 * z, g02 * x + g12 * y + g22 * z
         tensor = x * (l0 * x + l4 * z + l5 * y) + y * (l1 * y + l3 * z) + z * (l2 * z)
-        lap[k] = w[k] * (2.0 * tensor / s[k] - (d0 * g0 + d1 * g1 + d2 * g2))
-        gx[k], gy[k], gz[k] = w[k] * g0, w[k] * g1, w[k] * g2
+        lap[k] = w[k] * (2.0 * tensor / s[k] - (d0 * g0 + d1 * g1 + d2 * g2))  # eq. 6
+        gx[k], gy[k], gz[k] = w[k] * g0, w[k] * g1, w[k] * g2  # eq. 5
     if order == 1:
         return
     s00, s01, s02 = spread[0, 0], spread[0, 1], spread[0, 2]
@@ -410,6 +411,7 @@ def stencil_weights(stencil, padded, tensors, order, out):
         x, y, z, near = ex[k], ey[k], ez[k], w[k] / s[k]
         xx, yy, zz, yz, xz, xy = x * x, y * y, z * z, y * z, x * z, x * y
         g0, g1, g2 = gx[k], gy[k], gz[k]
+        # beyond eq. 5: what it misses of quadratic functions
         gx[k] = s00 * g0 + s01 * g1 + s02 * g2 - near * (
             a0 * xx + a1 * yy + a2 * zz + a3 * yz + a4 * xz + a5 * xy)
         gy[k] = s10 * g0 + s11 * g1 + s12 * g2 - near * (

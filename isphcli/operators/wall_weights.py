@@ -89,7 +89,7 @@ def meet_walls(stencil, fraction):
     for k in range(len(fraction)):
         near |= fraction[k] <= SHARED
         if fraction[k] <= 1.0:
-            s[k] *= fraction[k]
+            s[k] *= fraction[k]  # eq. 11: the slope to the wall, at the distance of the wall
     return whole, near
 
 
@@ -125,6 +125,7 @@ def add_wall_pair(neighbours, walls, i, k, stencil, pair, sums):
             for q in range(dim):
                 wall_u[m] += walls.spin[met, m, q] * (x[i, q] + stencil[q][k] * stencil[3][k] * neighbours.support)
     a = weight[0]
+    # eq. 11: a neighbour at the crossing point that has the velocity of the wall
     lap[i] += a
     for m in range(dim):
         lap_velocity[i, m] += a * wall_u[m]
@@ -181,6 +182,7 @@ def _wall_rows(neighbours, fraction, volume, order, walls, seen_start):
                     row[at] = neighbours.row[begin + k]
                     lap[at] = a
                     shared = fraction[begin + k] > SHARED
+                    # eq. 3 beside walls: no flux through them, so that only fluid neighbours count
                     symmetric[at] = 2.0 * dim * per_area * w[k] / (whole * s[k]) if w[k] > 0.0 and shared else 0.0
                     lap_p[at] = symmetric[at] if near[i] else a
                     for m in range(dim):

@@ -433,7 +433,7 @@ def cavity(reynolds: int) -> dict[str, Array]:
 
 def laplace_jump(tension: float, radius: float, dim: int) -> float:
     """Pressure inside minus outside of a drop: sigma / R in 2D, 2 sigma / R in 3D (Young and Laplace)."""
-    return (dim - 1) * tension / radius
+    return (dim - 1) * tension / radius  # eq. 27 of the paper
 
 
 def drop_radius(size: float, dim: int) -> float:

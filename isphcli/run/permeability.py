@@ -22,7 +22,7 @@ def darcy(geometry, x, velocity, site_volume, axis, force, viscosity):
     size = np.linalg.norm(force)
     gravity = size * (geometry.upper - geometry.lower)[axis] / (upper - lower)[axis]
     permeability = viscosity / gravity * superficial * np.sign(force[axis])
-    permeability[axis] = viscosity / gravity * float(superficial @ force) / size
+    permeability[axis] = viscosity / gravity * float(superficial @ force) / size  # eq. 28
     return superficial, mean, permeability
 
 

@@ -86,11 +86,12 @@ class ContactAngle:
         seen[dummy] = True
         used, where = np.flatnonzero(seen), (np.cumsum(seen) - 1)[dummy]
         along = _sum_normals(particle, offset, where, len(used), band.normal, band.strength, self.kind, self.support)
-        p = self.normals[used]
-        along -= (along * p).sum(axis=1, keepdims=True) * p
+        p = self.normals[used]  # in place of eq. 19: of the wall distance
+        along -= (along * p).sum(axis=1, keepdims=True) * p  # eq. 20, of the normals around the dummy
         size = np.linalg.norm(along, axis=1)
         meets = size > SIDEWAYS
         t = np.where(meets[:, None], along / np.where(size > 0.0, size, 1.0)[:, None], 0.0)
+        # eq. 18, on the dummies; the fluid sees them, and no normal is blended (eqs 21-22)
         normal = np.where(meets[:, None], math.sin(self.angle) * t - math.cos(self.angle) * p, 0.0)
         steep = min(max(self.angle, STEEPEST), math.pi - STEEPEST)
         rise = (self.depth[used] + self.spacing)[:, None]

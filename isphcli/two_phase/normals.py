@@ -1,8 +1,9 @@
 """Where two fluids meet: the smoothed colour, the normals, and where a pair of unlike particles crosses the interface.
 
-The colour of a particle is one in the first fluid and zero in the second. Its kernel average, taken twice, varies
-smoothly over a band of some spacings; normals come from the corrected gradient of that. Measured on a disk of radius
-10 dx of disordered particles: mean curvature -0.1 % with two averages, -3 % with none, and half of the scatter.
+The colour of a particle is one in the first fluid and zero in the second (eq. 15 for all particles alike). Its kernel
+average, taken once (AVERAGES), varies smoothly over a band of some spacings; normals come from the corrected gradient
+of that, in place of eqs 16-17. Measured on a disk of radius 10 dx of disordered particles: mean curvature -0.1 % with
+two averages, -0.9 % with one, -3 % with none, and half of the scatter; docs/design_notes.md says why it is one.
 
 A pair of unlike particles is parted at the fraction t of the way from the one to the other. In a layered fluid at rest
 or in shear, pairs weighted with  1 / (t rho_i + (1 - t) rho_j)  and  1 / (t / mu_i + (1 - t) / mu_j)  give a pressure
@@ -57,6 +58,7 @@ def find_band(ops, colour, near, spacing, ghosts=None, wanted=None):
         reach = dilate(ops.start, ops.column, reach)
         smooth = average(ops.neighbours, ops.volume, smooth, reach & known, beyond)
     reach = reach & wanted
+    # in place of eqs 16-17: the gradient of eq. 5 of the averaged colour
     normal, strength = _normals(ops.start, ops.column, ops.grad_p, smooth, reach, FAINT / spacing)
     if ghosts is not None:
         beside, at_the_wall, strong = _normals_with_ghosts(ops.neighbours, ops.volume, smooth, reach, FAINT / spacing,

@@ -80,7 +80,7 @@ class SurfaceTension:
             jump = _jump(weighted.neighbours, weighted.grad_p, across, colour, curvature, band.strength,
                          self.tension / reference)
             return *jump, band
-        push = self.tension * curvature * band.strength / self.density.mean()
+        push = self.tension * curvature * band.strength / self.density.mean()  # eq. 24
         return push[:, None] * band.normal, None, band
 
 
@@ -110,7 +110,7 @@ def _curvature(neighbours, volume, normal, strength, ghosts):
                         dz, turn_z = ghost_offset[p, 2], ghost_normal[p, 2] - normal[i, 2]
                     offset = ghost_offset[p, 0], ghost_offset[p, 1], dz
                     sums = _add_turn(sums, offset, (turn_x, turn_y, turn_z), ghost_volume, kernel)
-            kappa[i] = -_divergence(sums, normal[i])
+            kappa[i] = -_divergence(sums, normal[i])  # eq. 23, by least squares along the interface
     return kappa
 
 
@@ -178,6 +178,7 @@ def _jump(neighbours, grad, lap, colour, kappa, strength, tension):
             if colour[j] != colour[i]:
                 both = strength[i] + strength[j]
                 if both > 0.0:
+                    # eqs 14 and 24 as the jump of the pressure that balances the force
                     jump = tension * (strength[i] * kappa[i] + strength[j] * kappa[j]) / both * (colour[j] - colour[i])
                     laplacian_of_jump[i] += lap[p] * jump
                     for k in range(dim):

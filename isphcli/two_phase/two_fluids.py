@@ -36,7 +36,7 @@ class TwoFluids:
     def __init__(self, phase, density, viscosity, body, push, kind, support, tension=None,
                  line=None, held=None):
         self.phase = phase
-        self.colour = np.where(phase == 0, 1.0, 0.0)
+        self.colour = np.where(phase == 0, 1.0, 0.0)  # eq. 15, the same for all particles
         self.density = np.array(density, float)
         self.mu = np.array(viscosity, float)
         self.body, self.push, self.force = body, push, body + push
@@ -155,10 +155,10 @@ def _weights(neighbours, t, rho, mu, weights, heavy):
         for p in range(start[i], start[i + 1]):
             j = column[p]
             between = 1.0 / (t[p] / mu[i] + (1.0 - t[p]) / mu[j]) if mu[i] != mu[j] else mu[i]
-            new_lap[p] = lap[p] * between / rho[i]
+            new_lap[p] = lap[p] * between / rho[i]  # eq. 2: div(mu grad u) / rho
             if heavy:
                 light = 1.0 / (t[p] * rho[i] + (1.0 - t[p]) * rho[j])
-                new_lap_p[p] = lap_p[p] * light
+                new_lap_p[p] = lap_p[p] * light  # eq. 3: div(grad q / rho)
                 new_natural[p] = natural[p] * light
                 for k in range(dim):
                     new_grad_p[p, k] = grad_p[p, k] * light
