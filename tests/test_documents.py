@@ -185,3 +185,22 @@ def test_sections_of_the_method_are_there():
     heads = set(re.findall(r"^## (\d+) ", (ROOT / "docs/method.md").read_text(encoding="utf-8"), re.MULTILINE))
     named = {(path, number) for path, text in texts() for number in SECTION.findall(text)}
     assert named and {(path, number) for path, number in named if number not in heads} == set()
+
+
+def test_names_in_comments_are_there():
+    """`file.name` and file.Class, wherever a comment or docstring of the package says so."""
+    known, rooms = {}, {path.split("/")[1] for path in committed() if path.startswith("isphcli/")}
+    for path in committed():
+        if path.startswith("isphcli/") and path.endswith(".py"):
+            tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
+            names = known.setdefault(Path(path).stem, set())
+            names |= {node.name for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
+            names |= {target.id for node in ast.walk(tree) if isinstance(node, (ast.Assign, ast.AnnAssign))
+                      for target in ast.walk(node) if isinstance(target, ast.Name)}
+    missing = []
+    for path, text in texts():
+        if path.startswith("isphcli/") and path.endswith(".py"):
+            found = re.findall(r"`(?:\w+\.)?(\w+)\.(\w+)`", text) + re.findall(r"\b(\w+)\.([A-Z]\w+)", text)
+            missing += [f"{path}: {file}.{name}" for file, name in found if name not in known.get(file, {name})
+                        or (file not in known and file in rooms and name[0].isupper())]
+    assert not missing, "\n".join(missing)

@@ -15,11 +15,11 @@ from .segment_walls import CELLS_A_PIECE, _crossings, _extent, _fill_cells, _ima
 
 
 class ShapeGeometry:
-    """Box of fluid with shapes in it; implements `geometry.Geometry`.
+    """Box of fluid with shapes in it; implements `protocol.Geometry`.
 
     lower, upper: (dim,) corners, m; periodic: per axis, the faces of the other axes are walls;
     fluid: index of the fluid that fills the box; shapes: later ones lie on top of earlier ones.
-    slip_length: m, of walls that do not state their own; face_velocity, face_slip: see `geometry.face_walls`.
+    slip_length: m, of walls that do not state their own; face_velocity, face_slip: see `faces.face_walls`.
     Walls are numbered 0 (at rest), 1 + 2 axis + side (faces), 1 + 2 dim + k (shape k).
     Raises ShapeError where a shape or the box cannot be used.
     """

@@ -19,14 +19,14 @@ from .wall_distance import _distances, wall_field
 
 
 class VoxelGeometry:
-    """Geometry (see `geometry.Geometry`) of a voxel image.
+    """Geometry (see `protocol.Geometry`) of a voxel image.
 
     labels: int8 [z, y, x] or [y, x], -1 solid, otherwise the index of a fluid; voxel_size: m, one number or
     (dim,) in the order x, y(, z); periodic: (dim,) in that order, the faces of the other axes are walls;
     wall_distance: 'smooth' (oblique staircases stand for smooth walls) or 'stairs' (walls are voxel faces).
     flow_axis, clear: the image gets `clear` > 0 voxels of fluid 0 at both ends of the axis, which becomes
     periodic; sample_lower, sample_upper (dim,) is the box of the image itself.
-    face_velocity, face_slip, slip_length: of the faces and of all other walls, see `geometry.face_walls`.
+    face_velocity, face_slip, slip_length: of the faces and of all other walls, see `faces.face_walls`.
     The wall distances are computed when they are first asked for. Raises ValueError where these do not fit each other.
     """
 

@@ -2,8 +2,8 @@
 
 No command deletes or overwrites a file that it did not write. What it wrote is known from `manifest.json` in the
 folder, never from how a file is called: a file is named there before it is written, so that a kill between the two
-leaves a name without a file, never a file without a name. All writers call `name` (`output.replacing` and
-`output.History`); outside of a folder that is held it does nothing.
+leaves a name without a file, never a file without a name. All writers call `name` (`files.replacing` and
+`files.History`); outside of a folder that is held it does nothing.
 """
 
 from __future__ import annotations

@@ -161,7 +161,7 @@ def plot_phases(
 def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
     """Draw time step, iterations, residuals, velocity and the measures of two fluids over time (or over the step).
 
-    rows: of history.csv, as `output.read_history` returns them. Columns are found by their first word: `dt`,
+    rows: of history.csv, as `files.read_history` returns them. Columns are found by their first word: `dt`,
     `iterations_*`, `residual_*` with `divergence`, `max_divergence` and `change`, `mean_velocity*`,
     `superficial_velocity*`, `pressure_drop*`, `kinetic_energy*`, and those of two fluids: `pressure_jump`,
     `saturation_*`, ... A panel without data is left out. Raises ValueError if nothing is left.

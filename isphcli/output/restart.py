@@ -37,9 +37,9 @@ class RestartError(ValueError):
 class Saved:
     """A run between two steps.
 
-    state: state.State; origins: {name of a hierarchy: (state before the step in which it was built, length of that
+    state: flow.state.State; origins: {name of a hierarchy: (state before the step in which it was built, length of that
     step, s, iterations of its first use)}; steady: [(time, integral)] of the test for a steady state
-    (steady.Steady.kept);
+    (`steadiness.Steady`);
     record: what the case said, see `record_of`.
     """
 

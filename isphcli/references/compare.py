@@ -1,7 +1,7 @@
 """Errors of a result against the reference that its case names.
 
 `compare(case, result)` reads of the result: x (n, dim) m, velocity (n, dim) m/s, pressure (n,) Pa, time s,
-spacing m, geometry (a `geometry.Geometry`), permeability (None, m2, {axis: m2} or (dim, dim) m2) and tensor
+spacing m, geometry (a `geometry.protocol.Geometry`), permeability (None, m2, {axis: m2} or (dim, dim) m2) and tensor
 ((dim, dim) m2 or None), if it has one. Two fluids: phase (n,), index of the fluid in case order, and history, a dict
 a step (docs/output.md). What a reference needs and the case itself does not say stands in `reference.parameters`,
 see `PARAMETERS`.

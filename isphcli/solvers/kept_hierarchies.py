@@ -32,7 +32,7 @@ class KeptHierarchies:
     """The solver of a run; the hierarchies are its only changing state.
 
     tolerance: of a residual over its right-hand side; restart: Krylov vectors; max_iterations: of a solve;
-    clock: output.Clock. reports, rebuilt: of the solves since `begin`.
+    clock: clock.Clock. reports, rebuilt: of the solves since `begin`.
     """
 
     tolerance: float
