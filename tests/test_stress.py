@@ -19,8 +19,8 @@ def test_the_page_tells_what_fails(monkeypatch):
         raise ValueError("no more")
 
     quarter = lambda large: 0.25  # noqa: E731
-    scenes = [stress.Scene("a", "b", "c", 0.5, quarter), stress.Scene("d", "e", "f", 0.1, quarter),
-              stress.Scene("g", "h", "i", 1, ends)]
+    scenes = [stress.StressScene("a", "b", "c", 0.5, quarter), stress.StressScene("d", "e", "f", 0.1, quarter),
+              stress.StressScene("g", "h", "i", 1, ends)]
     monkeypatch.setattr(stress, "SCENES", scenes[:1])
     assert CliRunner().invoke(main, ["validate", "--stress", "--quiet"]).exit_code == 0
     monkeypatch.setattr(stress, "SCENES", scenes)

@@ -145,8 +145,8 @@ def test_twice_the_same_errors():
 
 MEASURED = """
 import json, resource, sys
-from isphcli.case import load_case
-from isphcli.run import run_case
+from isphcli.case.load import load_case
+from isphcli.run.run import run_case
 
 def used():
     spent = resource.getrusage(resource.RUSAGE_SELF)
@@ -215,7 +215,7 @@ def test_without_a_budget_the_own_spacing_is_run(monkeypatch):
 
 
 def test_a_run_that_fails_is_a_row(monkeypatch):
-    def run_case(case, quiet, overwrite):
+    def run_case(case, quiet, overwrite, look):
         raise RuntimeError("did not converge")
 
     monkeypatch.setattr("isphcli.run.run.run_case", run_case)

@@ -14,6 +14,7 @@ from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at
 from ..solvers.krylov import SolveError
 from . import steady
+from .permeability import extrapolate
 from .results import Seen, _counts, _finish, _mean_max, _scene_entries, _series, _snapshot, _terms
 
 
@@ -127,7 +128,7 @@ def _sum_up(case, axes, flows, closed, history, seen):
         ladders[name] = {f"{h:g}": float(k) for h, k in sorted(known.items())}
         permeability[name] = float(known[open_at[0]]) if open_at else 0.0
         if len(open_at) > 1:
-            limit, bar, _, sentence = steady.extrapolate(open_at, [known[h] for h in open_at])
+            limit, bar, _, sentence = extrapolate(open_at, [known[h] for h in open_at])
             messages.append(f"{name}: {sentence}")
             permeability[name], bars[name] = float(limit), bar
         if shut := [h for h in spacings if h not in open_at]:

@@ -30,7 +30,7 @@ class TimeLoop:
     snapshot(state, config), row(dict) and progress(result, limit) are called as the run goes. `last` is the last
     step of which all is told (restart.Saved): what a run that stops goes on from.
     density: of the fluid or (n,) of the particles, kg/m3; measure(state, config): further entries of a row, dict.
-    steady: steady.Steady of what `observed` says, in a run to a steady state, else None.
+    steady: steadiness.Steady of what `observed` says, in a run to a steady state, else None.
     """
 
     def __init__(self, case, stepper, site_volume, density, box_volume, measure=lambda state, config: {}):

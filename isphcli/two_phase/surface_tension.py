@@ -61,8 +61,8 @@ class SurfaceTension:
         return damping(self.tension, self.density, viscosity, self.spacing)
 
     def force(self, ops, weighted, neighbours, colour, near, reference):
-        """Acceleration (n, dim), m/s2; what the Laplacian of the pressure makes of the jump (`Terms.laplacian_of_jump`), or
-        None; the Band of this configuration.
+        """Acceleration (n, dim), m/s2; what the Laplacian of the pressure makes of the jump
+        (`Terms.laplacian_of_jump`), or None; the Band of this configuration.
 
         ops: Operators; weighted: the same with its pressure weights divided by the density of each pair over
         `reference`; neighbours: all of them, dummies included; colour: (n,); near: (n,) of `near_interface`.
