@@ -84,7 +84,7 @@ def run_moving(case, clock, quiet, resume, look):
             if file.rows:
                 history = read_history(directory / "history.csv")
                 if measures is not None:
-                    measures.go_on(history[-1])
+                    measures.resume(history[-1])
 
             def row(values):
                 history.append(values)
