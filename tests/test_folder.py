@@ -218,7 +218,7 @@ def test_a_run_that_is_refused_leaves_no_folder(here):
 
 HOLD = """
 import sys, time
-from isphcli.folder import Folder
+from isphcli.output.folder import Folder
 with Folder("out/case"):
     print("held", flush=True)
     time.sleep(60)
