@@ -65,7 +65,7 @@ MUTATIONS = (
              "flow.step", "u = star - gradient_p(terms.ops, q) / rate",
              "u = star - 0.5 * gradient_p(terms.ops, q) / rate",
              unnoticed="the pressure is incremental: what divergence is left comes back in the next right-hand side",
-             test="tests/test_step.py::test_a_step_takes_off_the_gradient_of_its_pressure"),
+             test="tests/flow/test_projection.py::test_a_step_takes_off_the_gradient_of_its_pressure"),
     Mutation("first_order_in_time", "order", "implicit Euler in place of the second-order scheme",
              "flow.step", "dt / state.dt_old if (state.dt_old and self.second_order) else 0.0", "0.0"),
     Mutation("shift_without_carry", "order", "shifted particles keep their velocity (eq. 9 dropped)",

@@ -116,6 +116,7 @@ def test_a_bad_image_is_named_and_refused(tmp_path, name):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_the_good_image_runs(tmp_path):
     """What the bad ones differ from."""
     for name, data in (("good.npy", npy(IMAGE)), ("good.npz", archive(image=npy(IMAGE))), ("good.mha", meta())):
@@ -275,6 +276,7 @@ def test_any_words_are_a_case_or_a_case_error(text, changes):
         assert read_case(dump_case(case).encode(), "case.yaml") == case
 
 
+@pytest.mark.slow
 def test_a_sample_of_the_ten_thousand():
     """benchmarks/bad_inputs.py in a process of its own with limited memory: no traceback, no hang."""
     done = subprocess.run([sys.executable, str(BENCHMARK), "--count", "200", "--seed", "7"], capture_output=True,

@@ -86,6 +86,7 @@ def test_no_case_is_left_out():
     assert {p.stem for p in FILES} == set(SMALL) | OTHERS | TWO_FLUIDS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SMALL)
 def test_runs_and_agrees_with_its_reference(name, tmp_path):
     overrides, bound, _ = SMALL[name]
@@ -124,6 +125,7 @@ def test_two_tubes_carry_what_square_ducts_carry(tmp_path):
     assert (k if isinstance(k, float) else k["z"]) == pytest.approx(expected, rel=0.015)
 
 
+@pytest.mark.slow
 def test_a_piece_of_berea(tmp_path):
     """40^3 voxels of 128^3. The porosity is a count of voxels. Half the spacing gives 4.62e-13 m2, 10 % less:
     one particle a voxel is good to 15 % where throats are one to three voxels wide."""
@@ -135,6 +137,7 @@ def test_a_piece_of_berea(tmp_path):
     assert summary["mass_error"] < 0.05
 
 
+@pytest.mark.slow
 def test_a_piece_of_berea_along_three_axes(tmp_path):
     """Along x it is what the run along x alone gives: the axes do not see each other."""
     three = run("berea_three_axes", tmp_path / "three", PIECE)["permeability"]
@@ -143,6 +146,7 @@ def test_a_piece_of_berea_along_three_axes(tmp_path):
     assert three["x"] == pytest.approx(one, rel=1e-4)  # both to a residual of 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name, spacing", [("bead_pack", 3e-4), ("bead_pack_table1", 4e-4)])
 def test_bead_packs(name, spacing, tmp_path):
     """Far too coarse for the permeability, under two particles a bead: a factor of 2 about Kozeny and Carman.

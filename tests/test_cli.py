@@ -4,10 +4,8 @@ import functools
 import json
 import os
 import signal
-import stat
 import subprocess
 import sys
-import tempfile
 import types
 from pathlib import Path
 
@@ -18,7 +16,6 @@ from click.testing import CliRunner
 import isphcli
 from isphcli import cli
 from isphcli.cli import BAD_INPUT, FAILED, INTERNAL, INTERRUPTED, OUTSIDE, STOPPED_SHORT, main
-from isphcli.output import environment
 from isphcli.output.files import NotFiniteError
 from isphcli.solvers.krylov import SolveError
 
@@ -288,6 +285,8 @@ def rock(shape=(6, 6, 6)):
 
 BLOCKED = rock()
 BLOCKED[:, :, 2:4] = 1
+
+
 BAD = {
     "missing case": (None, None, [], "cannot be read"),
     "not yaml": ("a: [1", None, [], "not YAML"),
@@ -485,6 +484,7 @@ def test_output_of_any_encoding(encoding, folder):
     assert f"{sign} 0" in done.stdout.decode("utf-8" if encoding == "ascii" else encoding)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["岩石.yaml", os.fsdecode(b"caf\xe9.yaml")])
 @pytest.mark.parametrize(
     "env",
@@ -503,6 +503,7 @@ def test_names_of_files_in_any_alphabet(name, env, folder):
     assert (folder / "out" / name.removesuffix(".yaml") / "summary.json").exists()
 
 
+@pytest.mark.slow
 def test_a_reader_that_left_is_no_error_and_closed_streams_take_no_file_of_the_run(folder):
     shell = f"{sys.executable} -m isphcli %s"
     env = {**os.environ, "PYTHONPATH": str(Path(isphcli.__file__).parents[1])}
@@ -518,6 +519,7 @@ def test_a_reader_that_left_is_no_error_and_closed_streams_take_no_file_of_the_r
         (folder / "out").rename(folder / f"out{len(os.listdir(folder))}")
 
 
+@pytest.mark.slow
 def test_progress_that_nobody_reads_ends_no_run(folder):
     """stderr is a pipe whose reader has left, or full."""
     command = f"{sys.executable} -m isphcli run case.yaml 2> >(true); sleep 0.1; exec true"
@@ -528,58 +530,6 @@ def test_progress_that_nobody_reads_ends_no_run(folder):
     assert done.returncode == 0 and b"permeability" in done.stdout
     command = f"{sys.executable} -m isphcli run nosuch.yaml 2> /dev/full"
     assert subprocess.run(["bash", "-c", command], env=env).returncode == BAD_INPUT
-
-
-@pytest.fixture
-def no_places(monkeypatch, tmp_path):
-    """A machine without a folder for kernels but the temporary one. Below a file even root makes no folder."""
-    (tmp_path / "file").touch()
-    monkeypatch.setattr(environment, "_user_cache", lambda: tmp_path / "file")
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
-    monkeypatch.setenv("MPLCONFIGDIR", "")  # and so put back afterwards
-    monkeypatch.delenv("MPLCONFIGDIR")
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
-    (tmp_path / "tmp").mkdir()
-    return tmp_path / "file"
-
-
-def test_kernels_go_to_a_private_temporary_folder_where_no_other_will_do(no_places):
-    said = environment.find_kernel_cache(no_places)
-    (place,) = (no_places.parent / "tmp").iterdir()
-    assert str(place) in said and str(no_places / "__pycache__") in said and str(no_places / "numba") in said
-    assert os.environ["NUMBA_CACHE_DIR"] == str(place / "numba")
-    assert stat.S_IMODE(place.stat().st_mode) == 0o700
-    os.environ["NUMBA_CACHE_DIR"] = ""
-    environment.find_kernel_cache(no_places)  # the same one again: what is compiled stays
-    assert os.environ["NUMBA_CACHE_DIR"] == str(place / "numba")
-
-
-@pytest.mark.parametrize("prepared", ["open to others", "a link", "of another user"])
-def test_a_folder_that_others_may_write_to_is_not_taken(no_places, monkeypatch, prepared):
-    """Who writes there has his code run."""
-    place = no_places.parent / "tmp" / f"isph-{os.getuid()}"
-    if prepared == "a link":
-        (no_places.parent / "elsewhere").mkdir(mode=0o700)
-        place.symlink_to(no_places.parent / "elsewhere")
-    else:
-        place.mkdir(mode=0o700)
-    if prepared == "open to others":
-        place.chmod(0o770)
-    if prepared == "of another user":
-        other = os.getuid() + 1
-        monkeypatch.setattr(os, "getuid", lambda: other)
-        place = place.rename(place.with_name(f"isph-{other}"))
-    environment.find_kernel_cache(no_places)
-    used = Path(os.environ["NUMBA_CACHE_DIR"]).parent
-    assert used != place and used.parent == place.parent and not used.is_symlink()
-    assert stat.S_IMODE(used.stat().st_mode) == 0o700 and not list(place.iterdir() if place.exists() else ())
-
-
-def test_nothing_is_changed_where_numba_finds_a_folder(no_places, monkeypatch):
-    good = no_places.parent / "good"
-    assert environment.find_kernel_cache(good) is None and os.environ["NUMBA_CACHE_DIR"] == ""
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(good))
-    assert environment.find_kernel_cache(no_places) is None and os.environ["NUMBA_CACHE_DIR"] == str(good)
 
 
 def test_an_interrupted_run_is_one_line(folder):

@@ -2,6 +2,7 @@
 compute equations of the paper."""
 
 import ast
+import functools
 import io
 import re
 import subprocess
@@ -39,6 +40,7 @@ def texts():
             yield path, for_people((ROOT / path).read_text(encoding="utf-8"))
 
 
+@functools.cache
 def for_people(source):
     """Comments and docstrings of a program."""
     tokens = tokenize.generate_tokens(io.StringIO(source).readline)

@@ -1,21 +1,16 @@
-"""The cases with two fluids, small and short: each finds a physical number. And what scenes may start from."""
+"""The cases with two fluids, small and short: each finds a physical number."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from isphcli.case.load import load_case, read_case
-from isphcli.case.yaml import CaseError
+from isphcli.case.load import load_case
 from isphcli.output.files import read_history
 from isphcli.references.solutions import laplace_jump
 from isphcli.run.run import run_case
-from isphcli.scene.build_geometry import build_geometry
-from isphcli.scene.place import place_case
-
-CASES = Path(__file__).parent.parent / "cases"
+from tests.paths import CASES
 
 
 def run(name, directory, *overrides):
@@ -24,58 +19,7 @@ def run(name, directory, *overrides):
     return summary, read_history(directory / "history.csv")
 
 
-# -- initial states --------------------------------------------------------------------------------------
-
-FLOOD = """
-geometry: {box: [1, 0.5], periodic: [y]}
-particles: {spacing: 0.05}
-fluids: {brine: {density: 1000, viscosity: 1}, co2: {density: 500, viscosity: 1}}
-time: {end: 1}
-"""
-
-
-def particles_of(text, *overrides):
-    case = read_case(text.encode(), "case.yaml", overrides)
-    return case, place_case(case, build_geometry(case), case.particles.spacing)
-
-
-@pytest.mark.parametrize("face, along", [("x_min", 1.0), ("x_max", -1.0), ("y_min", 1.0)])
-def test_flooding_turns_the_layers_next_to_a_face(face, along):
-    _, particles = particles_of(FLOOD, f"initial.flood={{fluid: co2, from: {face}, saturation: 0.3}}")
-    depth = along * particles.x[: particles.n_fluid, "xyz".index(face[0])]
-    flooded = particles.phase == 1
-    assert flooded.mean() == pytest.approx(0.3, abs=1e-9)  # 6 of 20 layers, 3 of 10
-    assert depth[flooded].max() < depth[~flooded].min()
-
-
-def test_flooding_of_an_image_counts_the_sample():
-    """The clear layer in front of the sample is flooded too, and is not counted."""
-    case = load_case(CASES / "berea_drainage.yaml", ["geometry.voxels.crop=[[40, 60], [40, 60], [40, 60]]",
-                                                     "initial.flood.saturation=0.25"])  # fmt: skip
-    geometry = build_geometry(case)
-    particles = place_case(case, geometry, case.particles.spacing)
-    x = particles.x[: particles.n_fluid]
-    sample = np.all((x >= geometry.sample_lower) & (x <= geometry.sample_upper), axis=1)
-    assert (particles.phase[sample] == 1).mean() == pytest.approx(0.25, abs=0.05)  # whole layers of 1/20
-    assert (particles.phase[x[:, 0] < geometry.sample_lower[0]] == 1).all()
-    assert (particles.phase[x[:, 0] > geometry.sample_upper[0]] == 0).all()
-
-
-@pytest.mark.parametrize("override, message", [
-    ("initial.flood={fluid: oil, from: x_min, saturation: 0.3}", "'oil' is not a fluid of this case"),
-    ("initial.flood={fluid: co2, from: z_min, saturation: 0.3}", "a 2D scene has no axis z"),
-    ("initial.flood={fluid: co2, from: x_min, saturation: 30}", "initial.flood.saturation"),
-    ("geometry.shapes=[{spheres: {random: 3}, is: co2}]", "spheres placed at random need one"),
-    ("fluids.oil={density: 1, viscosity: 1}", "a scene has one or two"),
-])  # fmt: skip
-def test_what_cannot_be_is_refused(override, message):
-    with pytest.raises(CaseError, match=message):
-        particles_of(FLOOD, override)
-
-
-# -- cases -----------------------------------------------------------------------------------------------
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("name, side", [("square_drop_1", 0.1), ("square_drop_4", 0.4)])
 def test_a_square_drop_relaxes_to_its_pressure(name, side, tmp_path):
     """24 x 24 in place of 36 x 36, not yet at rest: the jump is known to 5 %, the centre cannot have moved."""
@@ -130,6 +74,7 @@ def test_a_bubble_rises_and_the_liquid_sinks(tmp_path):
     assert found["spurious_capillary_number"] is None and "slip walls" in summary["terms"]
 
 
+@pytest.mark.slow
 def test_drops_on_a_wall_feel_their_angle(tmp_path):
     """11 particles across and on the way: the centre of the one that wets the wall sinks, the other is higher."""
     low, high = (run(f"drop_wall_{angle}", tmp_path / str(angle), "particles.spacing=0.018181818", "time.end=0.05")[0]
@@ -139,6 +84,7 @@ def test_drops_on_a_wall_feel_their_angle(tmp_path):
     assert low["two_fluids"]["circularity"] is None and "contact angle" in low["terms"]
 
 
+@pytest.mark.slow
 def test_a_drop_on_a_tilted_wall_meets_its_angle(tmp_path):
     """11 particles across, from half a disk: at 0.2 s within 10 degrees of 60, and no heavier nor lighter."""
     summary, _ = run("drop_tilted_wall_60", tmp_path, "particles.spacing=0.018181818", "time.end=0.2")
@@ -152,12 +98,14 @@ def test_a_capillary_wave_swings(tmp_path):
     assert abs(summary["errors"]["first_zero_relative"]) < 0.1
 
 
+@pytest.mark.slow
 def test_a_drop_oscillates(tmp_path):
     """6.4 spacings in its radius; frequency and damping to 20 % of the frequency."""
     summary, _ = run("oscillating_drop", tmp_path, "particles.spacing=0.0625", "time.end=1.2")
     assert summary["errors"]["rate_relative"] < 0.2
 
 
+@pytest.mark.slow
 def test_co2_bubbles_start_to_fall_with_the_body_force(tmp_path):
     """In 0.1 ms the wall has slowed down a layer of 10 um of 2.2 mm: 1 % of the momentum g t."""
     summary, _ = run("co2_bubbles", tmp_path, "particles.spacing=2.8e-4", "time.end=1e-4")
@@ -171,6 +119,7 @@ def test_co2_bubbles_start_to_fall_with_the_body_force(tmp_path):
     assert {"density jump", "viscosity jump", "body force", "walls"} <= set(summary["terms"])
 
 
+@pytest.mark.slow
 def test_co2_goes_into_the_rock(tmp_path):
     """A piece of 16^3 voxels at a flux held in its clear layers: what comes in is CO2, as much as the flux says, and
     both fluids fill the pores. In so few pores velocities are some 6 % faster than particles get on."""

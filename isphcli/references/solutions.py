@@ -2,7 +2,7 @@
 
 Any consistent units. `nu` is the kinematic viscosity, `mu` the dynamic one, `acceleration` a body force per
 mass, `gradient` a driving pressure gradient (force per volume) G = -dp/dx. Each function names its source;
-tests/test_references.py checks each a second way.
+tests/references/test_solutions.py checks each a second way.
 """
 
 from __future__ import annotations

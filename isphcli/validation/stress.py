@@ -5,7 +5,8 @@ A scene is one function with a number as its result, the smaller the better, and
     @scene("what", "setting", "invariant", bound)
     def name(large): ...
 
-large: False in tests/test_stress.py, which runs all of them in seconds; True for the table in docs/stability.md.
+large: False in tests/validation/test_stress.py, which runs all of them in half a minute; True for the table in
+docs/stability.md.
 """
 
 import tempfile
@@ -779,7 +780,7 @@ def long_run(large):
 PAGE = """# Stability
 
 Stiff and extreme scenes and the invariant that each must keep. This page is what `isph validate --stress` prints;
-`tests/test_stress.py` runs the same scenes smaller. The scenes stand in
+`tests/validation/test_stress.py` runs the same scenes smaller. The scenes stand in
 `isphcli/validation/stress.py`, one function each.
 
 {table}

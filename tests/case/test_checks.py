@@ -1,0 +1,124 @@
+"""What must hold between keys of a case, and how it is said."""
+
+import re
+
+import numpy as np
+import pytest
+
+from isphcli.case.load import load_case
+from isphcli.case.yaml import CaseError
+from isphcli.scene.build_geometry import build_geometry
+from tests.case.texts import BEADS, MINIMAL, SHAPES, problems
+
+
+@pytest.mark.parametrize(
+    ("base", "overrides", "message"),
+    [
+        (MINIMAL, ["fluids.water.density=true"], "expected a number, found 'true'"),
+        (MINIMAL, ["fluids.water.density=1e999"], "'1e999' is not finite"),
+        (MINIMAL, ["fluids.water.density=[1]"], "expected number, found a list"),
+        (
+            MINIMAL,
+            ["fluids.water.viscosity=null"],
+            "fluids.water: needs one of viscosity, kinematic_viscosity",
+        ),
+        (MINIMAL, ["fluids={}"], "fluids: no fluid is declared"),
+        (MINIMAL, ["fluids.solid={density: 1, viscosity: 1}"], "fluids.solid: not a name for a fluid"),
+        (MINIMAL, ["particles.seed=1.5"], "expected a whole number"),
+        (MINIMAL, ["particles.seed=1e400"], "not finite"),
+        (MINIMAL, ["output.plots=1"], "expected true or false, found '1'"),
+        (MINIMAL, ["particles.support=1.4"], "must be at least 1.5"),
+        (MINIMAL, ["particles.support=7"], "must be at most 6"),
+        (MINIMAL, ["particles.lattice=square"], "square is not a lattice in 3D; use cubic or bcc"),
+        (MINIMAL, ["particles.spacing=1"], "particles.spacing: 1 is not smaller than the box, 1"),
+        (MINIMAL, ["particles.spacing=1e-4"], "about 1e12 sites; are box and spacing in the same unit?"),
+        (MINIMAL, ["refine=[0.1]"], "repeats particles.spacing"),
+        (MINIMAL, ["refine=[3]"], "refine.0: 3 is not smaller than the box"),
+        (MINIMAL, ["time.end=1"], "time: has no meaning in flow: stokes"),
+        (MINIMAL, ["time.cfl=1.1"], "must be at most 1"),
+        (MINIMAL, ["flow=navier_stokes"], "time: the run would not end; give time.end or time.steady"),
+        (MINIMAL, ["flow=navier_stokes"], "drive.axes: needs flow: stokes"),
+        (MINIMAL, ["flow=navier_stokes"], "refine: needs flow: stokes"),
+        (MINIMAL, ["drive.body_force=[1, 0, 0]"], "drive.axes: makes its own flow"),
+        (MINIMAL, ["drive={}"], "drive: drives nothing"),
+        (
+            MINIMAL,
+            ["drive={body_force: [1, 0]}"],
+            "drive.body_force: has 2 entries; the scene has 3 dimensions",
+        ),
+        (MINIMAL, ["geometry.periodic=[x, y]"], "drive.axes: z ends at walls; add z to geometry.periodic"),
+        (MINIMAL, ["geometry.periodic=[x, x]"], "an entry is given twice"),
+        (MINIMAL, ["geometry.box=[1]"], "expected 2 or 3 entries, found 1"),
+        (MINIMAL, ["geometry.wall_distance=stairs"], "only voxels have stairs"),
+        (MINIMAL, ["geometry.walls.x_min.velocity=[0, 0, 1]"], "x is periodic and has no walls"),
+        (MINIMAL, ["geometry.walls.w_min={}"], "geometry.walls.w_min: unknown name"),
+        (MINIMAL, ["reference.kind=permeability"], "kind permeability needs a value"),
+        (MINIMAL, ["reference.kind=sphere_array"], "kind sphere_array needs fraction"),
+        (MINIMAL, ["reference.kind=taylor_green"], "kind taylor_green needs speed"),
+        (SHAPES, ["geometry.periodic=[z]"], "geometry.periodic: a 2D scene has no axis z"),
+        (SHAPES, ["drive.pressure_drop={z: 1}"], "drive.pressure_drop: a 2D scene has no axis z"),
+        (SHAPES, ["geometry.walls.y_max.velocity=[0, 1]"], "moves the wall along y"),
+        (SHAPES, ["geometry.shapes.1.is=oill"], "'oill' is not a fluid of this case; did you mean 'oil'?"),
+        (SHAPES, ["geometry.shapes.1.velocity=[1, 0]"], "shapes.1.velocity: only solids have one"),
+        (SHAPES, ["geometry.shapes.3.angular_velocity=1"], "shapes.3.angular_velocity: only cylinders turn"),
+        (SHAPES, ["geometry.shapes.0.sphere=null"], "shapes.0: needs one of sphere, spheres, box"),
+        (SHAPES, ["geometry.shapes.0.sphere.centre=[1]"], "shapes.0.sphere.centre: has 1 entries"),
+        (SHAPES, ["geometry.shapes.2.half_space.normal=[0, 0]"], "has no direction"),
+        (SHAPES, ["geometry.shapes.3.box.upper=[0, 0]"], "lower must be below upper"),
+        (SHAPES, ["geometry.shapes.4.spheres.file=no.csv"], "no such file"),
+        (SHAPES, ["geometry.shapes.0={cylinder: {axis: z, radius: 1}, is: solid}"], "a cylinder is 3D"),
+        (SHAPES, ["geometry.fluid=mud"], "geometry.fluid: 'mud' is not a fluid"),
+        (SHAPES, ["initial.velocity=[z, 0]"], "initial.velocity.0: unknown name 'z'"),
+        (SHAPES, ["initial.velocity=[x^2, 0]"], "a power is written **"),
+        (BEADS, ["geometry.box=[1, 1]"], "geometry: voxels and box exclude each other"),
+        (BEADS, ["geometry.origin=[0, 0, 0]"], "geometry.origin: belongs to a box, not to voxels"),
+        (BEADS, ["geometry.wall_distance=exact"], "voxels have no exact walls"),
+        (BEADS, ["geometry.voxels.labels.oil=7"], "geometry.voxels.labels.oil: 'oil' is not a fluid"),
+        (BEADS, ["geometry.voxels.labels.co2=3"], "labels.co2: value 3 already stands for solid"),
+        (BEADS, ["geometry.voxels.labels.co2=-3"], "must be at least 0"),
+        (BEADS, ["geometry.voxels.labels={solid: 0}"], "no voxel is fluid"),
+        (BEADS, ["geometry.voxels.crop=[[0, 4], [5, 5]]"], "keeps nothing along y"),
+        (BEADS, ["geometry.voxels.crop=[[0, 4, 5], [5, 5]]"], "crop.0: expected 2 entries, found 3"),
+        (BEADS, ["geometry.voxels.file=nul"], "no such file"),
+        (BEADS, ["drive.body_force=[1]"], "has 1 entries; the scene has 2 or 3 dimensions"),
+        (BEADS, ["fluids.oil={density: 1, viscosity: 1}"], "interface: needs two fluids, found 3"),
+        (BEADS, ["flow=stokes"], "interface: has no meaning in flow: stokes"),
+    ],
+)
+def test_cross_checks(base, overrides, message):
+    assert any(message in problem for problem in problems(base, *overrides))
+
+
+IMAGE = """\
+geometry:
+  voxels: {file: i.npy, labels: {solid: 1, water: 0}, voxel_size: 1}
+particles: {spacing: 1}
+fluids: {water: {density: 1, viscosity: 1}}
+flow: stokes
+drive: {axes: [x]}
+"""
+
+
+@pytest.mark.parametrize(
+    "old, new, message",
+    [
+        ("axes: [x]", "axes: [z]", "drive.axes: a 2D scene has no axis z"),
+        ("axes: [x]", "pressure_drop: {z: 1}", "drive.pressure_drop: a 2D scene has no axis z"),
+        ("axes: [x]", "body_force: [0, 0, 1]", "drive.body_force: has 3 entries"),
+        ("voxel_size: 1}", "voxel_size: [1, 1, 1]}", "voxel_size: has 3 entries; the image has 2 dimensions"),
+        ("voxel_size: 1}", "voxel_size: 1}\n  periodic: [z]", "geometry.periodic: a 2D scene has no axis z"),
+        ("spacing: 1", "spacing: 1, lattice: bcc", "particles.lattice: bcc is not a lattice in 2D"),
+        ("spacing: 1", "spacing: 1, offset: [0, 0, 0]", "particles.offset: has 3 entries"),
+        ("flow: stokes\ndrive: {axes: [x]}", "time: {end: 1}\ninitial: {velocity: ['z', '0']}", "unknown name 'z'"),
+    ],
+)
+def test_a_case_must_fit_the_dimensions_of_its_image(old, new, message, tmp_path):
+    image = np.zeros((6, 6), np.uint8)
+    image[2:4, 2:4] = 1
+    np.save(tmp_path / "i.npy", image)
+    (tmp_path / "case.yaml").write_text(IMAGE)
+    assert build_geometry(load_case(tmp_path / "case.yaml")).dim == 2
+    assert old in IMAGE
+    (tmp_path / "case.yaml").write_text(IMAGE.replace(old, new))
+    with pytest.raises(CaseError, match=re.escape(message)):
+        build_geometry(load_case(tmp_path / "case.yaml"))

@@ -1,0 +1,21 @@
+"""A case from its text to its end."""
+
+import numpy as np
+
+from isphcli.case.load import read_case
+from isphcli.output.clock import Clock
+from isphcli.run.time_loop import TimeLoop
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.prepare import prepare
+
+
+def run(text):
+    """(state, configuration, stepper, rows) at the end of a case."""
+    case = read_case(text.encode(), "case.yaml")
+    geometry = build_geometry(case)
+    state, stepper, particles = prepare(case, geometry, Clock())
+    march = TimeLoop(case, stepper, particles.site_volume, 1.0, float(np.prod(geometry.upper - geometry.lower)))
+    rows = []
+    nothing = lambda *_: None  # noqa: E731
+    state, config = march.run(state, stepper.configure(state.x), nothing, rows.append, nothing)
+    return state, config, stepper, rows

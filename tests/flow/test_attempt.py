@@ -1,0 +1,74 @@
+"""Solves that miss their tolerance: the order of the tries, and what ends a run."""
+
+from dataclasses import replace
+
+import pytest
+
+from isphcli.flow import step as step_module
+from isphcli.flow.attempt import attempt
+from isphcli.flow.step_limits import RunError
+from isphcli.solvers import kept_hierarchies
+from isphcli.solvers.krylov import SolveError
+from tests.flow.steps import VORTEX, scene
+
+
+def tries(monkeypatch, stepper, failing):
+    """Lets the first `failing` solves miss their tolerance; a list of (restart, new hierarchies so far) a solve."""
+    real, build, seen, built = kept_hierarchies.gmres, kept_hierarchies.hierarchy, [], []
+
+    def gmres(apply, rhs, precondition, tolerance, restart, *rest, **more):
+        seen.append((restart, len(built)))
+        solution, report = real(apply, rhs, precondition, tolerance, restart, *rest, **more)
+        return solution, replace(report, reason="out of iterations") if len(seen) <= failing else report
+
+    monkeypatch.setattr(kept_hierarchies, "gmres", gmres)
+    monkeypatch.setattr(kept_hierarchies, "hierarchy", lambda matrix: built.append(1) or build(matrix))
+    return seen
+
+
+def guessed(terms, nu_max, spacing, rate, right, guess, solvers):
+    """In place of `viscous_solve`: the velocity of the step before."""
+    return guess
+
+
+def test_the_order_of_tries(monkeypatch):
+    """A pressure solve that misses its tolerance: the kept hierarchy, a new one, more of a new one, half the step."""
+    stepper, state, config = scene(VORTEX + "solver: {restart: 40}\n")
+    found = attempt(stepper, state, config, 1e-3)
+    state, config = found.state, found.config
+    assert set(stepper.solvers._levels) == {"pressure"}
+    monkeypatch.setattr(step_module, "viscous_solve", guessed)  # leave only the pressure solves
+    seen = tries(monkeypatch, stepper, 0)
+    attempt(stepper, state, config, 1e-3)
+    assert seen == [(40, 0)]
+    for failing, expected, length in ((1, [(40, 0), (40, 1)], 1e-3),
+                                      (2, [(40, 0), (40, 1), (80, 2)], 1e-3),
+                                      (3, [(40, 0), (40, 1), (80, 2), (40, 3)], 0.5e-3)):
+        monkeypatch.undo()
+        stepper.solvers.drop()
+        stepper.advance(state, config, 1e-3)
+        monkeypatch.setattr(step_module, "viscous_solve", guessed)
+        seen = tries(monkeypatch, stepper, failing)
+        assert attempt(stepper, state, config, 1e-3).dt == length
+        assert seen == expected
+
+
+def test_a_system_solved_with_its_diagonal_gets_a_hierarchy(monkeypatch):
+    stepper, state, config = scene(VORTEX)
+    seen = tries(monkeypatch, stepper, 1)
+    stepper.advance(state, config, 1e-4)
+    assert seen[:2] == [(100, 0), (100, 1)] and "velocity" in stepper.solvers
+
+
+def test_a_solve_that_cannot_be_cured_names_its_system(monkeypatch):
+    stepper, state, config = scene(VORTEX)
+    tries(monkeypatch, stepper, 10**9)
+    with pytest.raises(RunError, match=r"step 1 at time 0: the velocity system.*residual.*4 halvings.*") as caught:
+        attempt(stepper, state, config, 1e-3)
+    assert isinstance(caught.value.__cause__, SolveError) and caught.value.violation.shape == (100,)
+
+
+def test_a_step_without_length_ends_the_run():
+    stepper, state, config = scene(VORTEX)
+    with pytest.raises(RunError, match="lost in the digits of the time"):
+        attempt(stepper, replace(state, time=1.0), config, 1e-17)

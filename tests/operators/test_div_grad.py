@@ -1,0 +1,54 @@
+"""The pressure matrix beside walls: its diagonal, its spectrum after scaling."""
+
+import numpy as np
+import pytest
+
+from isphcli.case.load import read_case
+from isphcli.operators.apply import gradient_p
+from isphcli.operators.assemble import assemble
+from isphcli.operators.div_grad import diagonal, div_grad_rhie_chow
+from isphcli.output.clock import Clock
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.scene.prepare import prepare
+
+TOUCH = """
+geometry: {box: [1, 1, 1], periodic: [x, y, z], shapes: [{sphere: {centre: [0.5, 0.5, 0.5], radius: 0.5}, is: solid}]}
+particles: {spacing: 0.125, jitter: 0.1}
+fluids: {water: {density: 1, viscosity: 1}}
+drive: {body_force: [1, 0, 0]}
+time: {end: 1}
+"""
+
+
+def pressure_matrix(case):
+    """(matrix (n, n) by probing, configuration) of the start of a case."""
+    state, stepper, _ = prepare(case, build_geometry(case), Clock())
+    config = stepper.configure(state.x)
+    ops, one = config.ops, np.eye(len(state.x))
+    columns = [div_grad_rhie_chow(ops, ops.walls.symmetric_laplacian, e, gradient_p(ops, e)) for e in one]
+    return np.array(columns).T, config
+
+
+@pytest.fixture(scope="module")
+def touching():
+    return pressure_matrix(read_case(TOUCH.encode(), "case.yaml"))
+
+
+def test_the_diagonal_is_that_of_the_matrix(touching):
+    matrix, config = touching
+    ops, near = config.ops, config.ops.walls.near
+    found = diagonal(ops, ops.walls.symmetric_laplacian, ops.grad_p)
+    assert near.any() and np.abs(found - np.diag(matrix))[near].max() < 1e-12 * found.max()
+
+
+def test_rows_divided_by_their_diagonal_suit_the_laplacian(touching):
+    """Spheres that touch, jittered: with thin stars that know a gradient and no division the eigenvalues reached 47."""
+    matrix, config = touching
+    ops, n = config.ops, len(touching[0])
+    laplacian = assemble(ops.start, ops.column, ops.lap_p, 0.0, 1.0).toarray()
+    scale = np.maximum(diagonal(ops, ops.walls.symmetric_laplacian, ops.grad_p) / np.diag(laplacian), 1.0)
+    rows = matrix / scale[:, None]
+    values = np.linalg.eigvals(np.linalg.pinv(laplacian, rcond=1e-9) @ (rows - rows.mean(axis=0)))
+    values = np.sort(values.real)[1:]  # of the constant: zero
+    assert scale.max() > 2 and len(values) == n - 1
+    assert values[0] > 0.4 and values[-1] < 2

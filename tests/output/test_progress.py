@@ -1,0 +1,186 @@
+"""What a run shows as it goes: bars on a terminal, a few lines elsewhere."""
+
+import io
+import re
+
+import pytest
+
+from isphcli.output.progress import Progress, compiling, duration, stage
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def march(stream, **options):
+    with Progress(total_time=1.0, stream=stream, **options) as progress:
+        for step in range(1, 5):
+            progress.update(
+                step,
+                time=step / 4,
+                dt=0.25,
+                limit="cfl",
+                iterations={"poisson": 13},
+                residuals={"divergence": 1e-7},
+            )
+            with stage("AMG set-up") as s:
+                s.update("level 2")
+
+
+def test_plain_lines_are_few():
+    stream = io.StringIO()
+    march(stream)
+    (line,) = stream.getvalue().splitlines()
+    assert line.startswith("100 %  step 4  t 1  dt 0.25 (cfl)  iterations poisson 13  divergence 1.0e-07")
+    march(stream := io.StringIO(), interval=0.0)
+    assert len(stream.getvalue().splitlines()) == 4
+    march(stream := io.StringIO(), quiet=True)
+    assert stream.getvalue() == ""
+
+
+def test_terminal_shows_bar_and_detail(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "120")
+    march(stream := Terminal())
+    assert "step 4" in stream.getvalue() and "poisson 13" in stream.getvalue()
+
+
+def test_stage_tells_how_it_ended():
+    with stage("building operators", stream=(stream := io.StringIO())) as s:
+        s.update("iteration 12")
+    assert stream.getvalue().startswith("building operators: iteration 12; done in 0.0 s")
+    with pytest.raises(RuntimeError), stage("solving", stream=(stream := io.StringIO())):
+        raise RuntimeError
+    assert "stopped after" in stream.getvalue()
+    with stage("solving", quiet=True, stream=(stream := io.StringIO())):
+        pass
+    assert stream.getvalue() == ""
+
+
+def test_stage_on_a_terminal(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    with stage("solving", stream=(stream := Terminal())) as s:
+        s.update("iteration 12")
+    assert "solving: iteration 12; done in" in stream.getvalue()
+
+
+class Screen:
+    """What a terminal of some columns shows after what was written to it: carriage return, line feed, up, erase."""
+
+    def __init__(self, columns):
+        self.columns, self.rows, self.row, self.column = columns, [""], 0, 0
+
+    def feed(self, text):
+        for code, character in re.findall(r"\x1b\[([?0-9;]*[A-Za-z])|([^\x1b])", text):
+            if code.endswith("A"):
+                self.row -= int(code[:-1] or 1)
+            elif code.endswith("K"):
+                assert code == "2K"
+                self.rows[self.row] = ""
+            elif character == "\r":
+                self.column = 0
+            elif character == "\n":
+                self.down()
+            elif character:
+                if self.column == self.columns:  # the line breaks
+                    self.down()
+                line = self.rows[self.row].ljust(self.column)
+                self.rows[self.row] = line[: self.column] + character + line[self.column + 1 :]
+                self.column += 1
+
+    def down(self):
+        self.row, self.column = self.row + 1, 0
+        self.rows += [""] * (self.row == len(self.rows))
+
+    def shown(self):
+        return [row.rstrip() for row in self.rows if row.strip()]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
+@pytest.mark.parametrize("columns", [120, 80, 60, 40])
+def test_bars_do_not_pile_up(monkeypatch, columns, encoding):
+    """However often it is drawn, in a terminal of any width: three lines, and the notes above."""
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", str(columns))
+    raw = io.BytesIO()
+    stream = io.TextIOWrapper(raw, encoding=encoding, write_through=True)
+    stream.isatty = lambda: True
+    title = "Berea sandstone, drainage of brine by CO2 at a held capillary number of 1e-3"
+    with Progress(total_time=1.0, stream=stream, title=title) as shown:
+        for step in range(1, 9):
+            iterations = {"velocity": 12, "pressure": 31}
+            residuals = {"velocity": 1e-9, "pressure": 3e-8, "divergence": 2e-7}
+            shown.update(step, step / 8, 1.5e-5, "capillary", iterations, residuals)
+            if step == 4:
+                shown.note("snapshot 4")
+            with stage("pressure hierarchy") as inner:
+                inner.update("level 2")
+            shown._display.live.refresh()
+    screen = Screen(columns)
+    screen.feed(raw.getvalue().decode(encoding))
+    note, head, bar, detail = screen.shown()
+    assert note == "snapshot 4" and "Berea sandstone" in head and " 100 %  step 8  t 1" in bar
+    assert detail.startswith("  dt 1.5e-05 (capillary)  iterations") and max(map(len, screen.shown())) < columns
+
+
+def test_a_terminal_that_is_made_narrower_keeps_no_broken_lines(monkeypatch):
+    """The rows that breaking adds are taken back before the next drawing."""
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "80")
+    with Progress(total_time=1.0, stream=(stream := Terminal()), title="x" * 100) as shown:
+        shown.update(1, 0.5, 1.5e-5, "capillary", {"velocity": 12}, {"divergence": 2e-7})
+        shown._display.live.refresh()
+        shown._display.live.stop()
+        lengths = shown._display._drawn[1]
+        assert max(lengths) == 79
+        added = sum(-(-length // 30) - 1 for length in lengths)
+        shown._display.console.width = 30
+        before = len(stream.getvalue())
+        shown._display._lines()
+        assert stream.getvalue()[before:].count("\x1b[1A\x1b[2K") == added > 0
+        shown._display._lines()  # only once
+        assert stream.getvalue()[before:].count("\x1b[1A") == added
+
+
+def test_the_display_says_when_the_compiler_works(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "80")
+    with stage("particles and operators", stream=Terminal()) as s:
+        s.update("level 2")
+        for going_on in (True, False):
+            compiling(going_on)
+            head = s._display._lines().plain
+            assert head[2:].startswith("compiling (once): " * going_on + "particles and operators  level 2  0.")
+    # elsewhere one line, and none where nothing is to be said
+    for options, lines in (({}, 1), ({"quiet": True}, 0)):
+        with stage("operators", stream=(stream := io.StringIO()), **options):
+            compiling(True)
+            compiling(False)
+            compiling(True)
+            assert stream.getvalue().count("compiling (once)") == lines == len(stream.getvalue().splitlines())
+
+
+def test_a_kernel_that_is_not_in_the_cache_is_told(monkeypatch):
+    """What numba compiles, not what it loads: seen by the display that is open."""
+    import numba
+
+    from isphcli.output import progress
+    from isphcli.output.clock import Clock
+    from isphcli.run import run
+
+    told = []
+    monkeypatch.setattr(progress, "compiling", told.append)
+    kernel = numba.njit(lambda a: a + 1)
+    with run._compile_listener(Clock()):
+        assert kernel(1) == 2
+        assert told[0] is True and told[-1] is False
+        told.clear()
+        assert kernel(2) == 3 and not told
+
+
+@pytest.mark.parametrize(
+    "seconds, text", [(0.34, "0.3 s"), (42, "42 s"), (185, "3 min 05 s"), (7800, "2 h 10 min")]
+)
+def test_duration(seconds, text):
+    assert duration(seconds) == text
