@@ -23,6 +23,7 @@ from isphcli.references.compare import (
     connected_parts,
     fit_oscillation,
 )
+from isphcli.references.result import Result
 from isphcli.scene.build_geometry import build_geometry
 
 CASES = Path(__file__).parent.parent / "cases"
@@ -43,9 +44,9 @@ def lattice(case):
 def result_of(case, x=None, velocity=None, **more):
     x = lattice(case)[0] if x is None else x
     velocity = np.zeros_like(x) if velocity is None else velocity
-    known = dict(x=x, velocity=velocity, pressure=np.zeros(len(x)), time=None, permeability=None)
-    known |= dict(spacing=case.particles.spacing, geometry=build_geometry(case), history=[])
-    return SimpleNamespace(**(known | more))
+    known = dict(x=x, velocity=velocity, cell_velocity=velocity, pressure=np.zeros(len(x)), time=None)
+    known |= dict(phase=np.zeros(len(x), np.int8), spacing=case.particles.spacing, geometry=build_geometry(case))
+    return Result(**({**known, "history": []} | more))
 
 
 @pytest.mark.parametrize(
@@ -184,11 +185,12 @@ def test_published_permeabilities():
     case = the_case("berea_three_axes")
     assert case.reference.value == pytest.approx([references.berea_permeability(a, 3e-6) for a in range(3)])
     measured = dict(zip("xyz", np.array(case.reference.value) * [1.0, WRONG, 1 / WRONG]))
-    errors = compare(case, SimpleNamespace(permeability=measured))
+    errors = compare(case, SimpleNamespace(permeability=measured, tensor=None))
     assert errors["permeability_relative_x"] == 0.0
     assert errors["permeability_relative"] == errors["permeability_relative_y"] == pytest.approx(WRONG - 1)
     case = the_case("berea", "reference.value=1e-12")
-    assert compare(case, SimpleNamespace(permeability=1.1e-12))["permeability_relative"] == pytest.approx(0.1)
+    result = SimpleNamespace(permeability=1.1e-12, tensor=None)
+    assert compare(case, result)["permeability_relative"] == pytest.approx(0.1)
 
 
 def tubes(case, periods=16, h=1.0):
