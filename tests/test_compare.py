@@ -268,6 +268,9 @@ def test_what_is_missing_is_named():
         compare_snapshot(case, np.zeros((1, 2)), np.zeros((1, 2)), 0.0)
     with pytest.raises(CompareError, match="not finite"):
         compare(case, result_of(case, permeability=float("nan")))
+    case = the_case("startup_couette", "flow=stokes", "time=null")
+    with pytest.raises(CompareError, match="a steady solve has none"):
+        compare(case, result_of(case))
 
 
 def test_kinds():
