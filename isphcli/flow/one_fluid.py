@@ -39,7 +39,15 @@ class InterfaceBand(Protocol):
 
 
 class Tension(Protocol):
-    """What a step needs to know of surface tension."""
+    """What a step, and what measures it, need to know of surface tension."""
+
+    @property
+    def tension(self) -> float:
+        """N/m."""
+
+    @property
+    def support(self) -> float:
+        """Of the kernel that the colour is averaged with, m."""
 
     @property
     def largest_step(self) -> float:

@@ -8,7 +8,6 @@ import numpy as np
 
 from ..references import compare
 from ..two_phase.measures import Measures
-from ..two_phase.two_fluids import TwoFluids
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -25,5 +24,4 @@ def choose_measures(case: Case, geometry: Geometry, particles: Particles, fluids
         def amplitude(x: np.ndarray) -> float:
             return compare.amplitude(case, x, particles.phase)
     return Measures(case.fluid_names, particles.phase, [f.density for f in named], [f.mu for f in named], geometry,
-                    particles.site_volume, fluids.reference,
-                    fluids.tension if isinstance(fluids, TwoFluids) else None, amplitude)
+                    particles.site_volume, fluids.reference, fluids.tension, amplitude)

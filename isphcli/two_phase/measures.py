@@ -21,9 +21,8 @@ from ..operators.apply import gradient_p
 from .normals import ADJACENT
 
 if TYPE_CHECKING:
-    from ..flow.one_fluid import InterfaceBand
+    from ..flow.one_fluid import InterfaceBand, Tension
     from ..flow.state import Configuration, State
-    from .surface_tension import SurfaceTension
 
 Centre = list[float | None]  # (dim,) m, None along a periodic axis that a fluid lies all round
 
@@ -44,7 +43,7 @@ class Measures:
     amplitude: function of the positions (n, dim), m, or None."""
 
     def __init__(self, names: Sequence[str], phase: np.ndarray, density: Sequence[float], viscosity: Sequence[float],
-                 geometry: Geometry, site_volume: float, pressure: float = 1.0, tension: SurfaceTension | None = None,
+                 geometry: Geometry, site_volume: float, pressure: float = 1.0, tension: Tension | None = None,
                  amplitude: Callable[[np.ndarray], float] | None = None):
         self.names, self.phase, self.geometry, self.tension = names, phase, geometry, tension
         self.density, self.viscosity, self.pressure = density, viscosity, pressure
