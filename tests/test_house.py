@@ -96,3 +96,38 @@ def test_parallel_kernels_write_to_arrays_of_their_own(name):
                     if isinstance(part, ast.Subscript):
                         assert not isinstance(part.value, ast.Attribute), f"{name}.{kernel.name}:{node.lineno}"
                         assert ast.unparse(part.value) not in unpacked, f"{name}.{kernel.name}:{node.lineno}"
+
+
+def is_kernel(node):
+    return any("njit" in ast.unparse(decorator) for decorator in node.decorator_list)
+
+
+@pytest.mark.parametrize("name", sorted(set(FILES) - {"validation.stress"}))
+def test_functions_have_annotations(name):
+    """mypy asks for them but in files that hold kernels, whose types numba finds."""
+    missing = []
+    for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.FunctionDef) or is_kernel(node):
+            continue
+        given = node.args
+        every = [*given.posonlyargs, *given.args, *given.kwonlyargs, *filter(None, (given.vararg, given.kwarg))]
+        bare = [a.arg for a in every if a.annotation is None and a.arg not in ("self", "cls")]
+        if bare or (node.returns is None and node.name != "__init__"):
+            missing.append((node.lineno, node.name, *bare))
+    assert missing == []
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_no_field_is_of_any_type_whatever(name):
+    """`object` says nothing of a field, a SimpleNamespace nothing of a result."""
+    for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
+        assert not (isinstance(node, ast.AnnAssign) and ast.unparse(node.annotation) == "object"), node.lineno
+        assert not (isinstance(node, ast.Name) and node.id == "SimpleNamespace"), node.lineno
+
+
+@pytest.mark.parametrize("name", [name for name in FILES if room(name) != "case"])
+def test_no_geometry_is_asked_what_it_has(name):
+    """What some geometries do not have is None in the protocol. In a case, `geometry` is a block and no geometry."""
+    for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in ("getattr", "hasattr"):
+            assert ast.unparse(node.args[0]).rpartition(".")[2] != "geometry", node.lineno

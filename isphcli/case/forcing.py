@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from .blocks import Case
+    from ..geometry.protocol import Geometry
+    from .blocks import Case, Shape, Wall
 
 
-def drives(case, geometry):
+def drives(case: Case, geometry: Geometry) -> list[tuple[int | None, np.ndarray]]:
     """[(axis, acceleration (dim,) of the first fluid, m/s2)] that a case asks for. The axis is None where walls move:
     what they drag along is not a response to the drive, and gives no permeability. A pressure drop is over the whole
     length of the geometry, its clear layers included."""
@@ -33,14 +34,14 @@ def drives(case, geometry):
     return [(int(np.argmax(np.abs(force))), force)]
 
 
-def walls_move(case):
+def walls_move(case: Case) -> bool:
     """Whether walls of a case move."""
-    walls = [*case.geometry.walls.values(), *case.geometry.shapes]
+    walls: list[Wall | Shape] = [*case.geometry.walls.values(), *case.geometry.shapes]
     turns = any(shape.angular_velocity for shape in case.geometry.shapes)
     return turns or any(wall.velocity is not None and any(wall.velocity) for wall in walls)
 
 
-def held_axis(case):
+def held_axis(case: Case) -> int | None:
     """Axis along which a case holds a velocity, or None."""
     held = case.drive.superficial_velocity if case.drive is not None else None
     return "xyz".index(next(iter(held))) if held else None

@@ -1,5 +1,8 @@
 """Lattices of sites over a box, and the particles of a scene: fluid particles, then dummies."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,16 +26,16 @@ class Lattice:
     corner: np.ndarray
 
     @property
-    def sites(self):
+    def sites(self) -> int:
         """Number of sites."""
         return int(self.counts.prod()) * len(self.basis)
 
     @property
-    def site_volume(self):
+    def site_volume(self) -> float:
         """m^dim of one site."""
         return float(self.cell.prod()) / len(self.basis)
 
-    def slabs(self):
+    def slabs(self) -> Iterator[np.ndarray]:
         """Positions of the sites, (k, dim) at a time, in slabs along the first axis."""
         rest = [np.arange(c) for c in self.counts[1:]]
         per_layer = int(self.counts[1:].prod()) * len(self.basis)
@@ -51,7 +54,9 @@ BASES = {
 }
 
 
-def make_lattice(kind, lower, upper, periodic, spacing, margin, offset=None):
+def make_lattice(kind: str, lower: Sequence[float] | np.ndarray, upper: Sequence[float] | np.ndarray,
+                 periodic: Sequence[bool], spacing: float, margin: float,
+                 offset: Sequence[float] | None = None) -> Lattice:
     """Lattice over a box, continued by `margin` beyond its non-periodic faces.
 
     spacing: m, edge of the cell (hexagonal: nearest-neighbour distance, cell spacing x sqrt(3) spacing). Along
@@ -101,9 +106,9 @@ class Particles:
     left_out: int
 
     @property
-    def n_fluid(self):
+    def n_fluid(self) -> int:
         return len(self.phase)
 
     @property
-    def n_dummy(self):
+    def n_dummy(self) -> int:
         return len(self.x) - len(self.phase)

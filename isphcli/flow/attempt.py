@@ -30,6 +30,7 @@ HALVINGS = 4
 
 def attempt(stepper: Stepper, state: State, config: Configuration, dt: float) -> StepResult:
     """The StepResult of a step of dt or, if that fails, of a shorter one. Raises RunError."""
+    problem: SolveError | StepError
     for halving in range(HALVINGS + 1):
         length = dt * 0.5**halving
         try:
@@ -39,8 +40,8 @@ def attempt(stepper: Stepper, state: State, config: Configuration, dt: float) ->
                 found = stepper.advance(state, config, length)
                 stepper.bounds.check(state, found)
             return found
-        except (SolveError, StepError) as error:
-            problem = error
+        except (SolveError, StepError) as failure:
+            problem = failure
             stepper.solvers.drop()
     message = f"step {state.step + 1} at time {state.time:g}: {problem} (the last of {HALVINGS} halvings, {length:.3g})"
     if isinstance(problem, StepError):
@@ -51,5 +52,5 @@ def attempt(stepper: Stepper, state: State, config: Configuration, dt: float) ->
         if tension is not None:  # twice the limit holds for a while at Laplace number 1e6, and then blows up
             message += f", or time steps below the capillary limit of {tension.largest_step:.3g}"
     error = RunError(message)
-    error.violation = getattr(problem, "violation", None)
+    error.violation = problem.violation
     raise error from problem

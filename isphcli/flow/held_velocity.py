@@ -1,10 +1,18 @@
 """A superficial velocity that is held, and the pressure gradient that each step needs for it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..domain import reduce
 from ..domain.components import pair_components
+
+if TYPE_CHECKING:
+    from ..operators.pair_weights import Operators
+    from .state import State
 
 STUCK = 1e-6  # of what free fluid would gain from a pressure gradient: less is no flow
 AVERAGED = 100.0  # steps over which the flux of the shifts is averaged: from step to step it is noise
@@ -35,34 +43,37 @@ class HeldVelocity:
     areal: float
 
     @property
-    def speed(self):
+    def speed(self) -> float:
         """Mean speed of the fluid in the sample, m/s; of that beside a sample without any."""
         return abs(self.wanted) / (self.porosity or self.fraction)
 
-    def averaged_shifting_flux(self, state, shifts, dt):
+    def averaged_shifting_flux(self, state: State, shifts: np.ndarray | None, dt: float) -> float:
         """Mean velocity of the shifts where U is taken, averaged over the last steps, m/s. state: `State`; shifts:
         (n, dim) m of this step, or None."""
+        assert state.shifting_flux is not None  # of a scene that holds a velocity
         now, before = 0.0, state.shifting_flux
         if self.shifts and shifts is not None:
-            now = shifts[_outside(state.x[:, self.axis], self.lower, self.upper), self.axis].mean() / dt
+            now = reduce.mean(shifts[_outside(state.x[:, self.axis], self.lower, self.upper), self.axis]) / dt
         return float(before + (now - before) / AVERAGED)
 
-    def gradient_for_flux(self, x, u, v, rate, shifting_flux):
+    def gradient_for_flux(self, x: np.ndarray, u: np.ndarray, v: np.ndarray, rate: float,
+                          shifting_flux: float) -> float | None:
         """G by which the velocities u (n, dim) at x (n, dim) miss what is wanted, m/s2. v: (n, dim) of a unit
         gradient, s; rate: 1/s, of the step; shifting_flux: m/s, of `averaged_shifting_flux`. None where no gradient
         moves the fluid along the axis."""
         here = _outside(x[:, self.axis], self.lower, self.upper)
-        gain = v[here, self.axis].mean()
+        gain = reduce.mean(v[here, self.axis])
         if not gain * rate > STUCK:
             return None
-        return (self.wanted / self.fraction - shifting_flux - u[here, self.axis].mean()) / gain
+        return (self.wanted / self.fraction - shifting_flux - reduce.mean(u[here, self.axis])) / gain
 
-    def drop(self, state):
+    def drop(self, state: State) -> float:
         """Pressure drop over the box in the step to `state` (`State`), Pa."""
+        assert state.pressure_gradient is not None
         return state.pressure_gradient * self.areal
 
 
-def leads_through(ops, axis):
+def leads_through(ops: Operators, axis: int) -> bool:
     """Whether particles that see each other lead all the way round a periodic axis. ops: Operators.
 
     How far a gradient moves the fluid does not tell: before a wall across it, viscous layers leave a tenth of it.
@@ -72,9 +83,9 @@ def leads_through(ops, axis):
     over = np.where(x[row, axis] != x[ops.column, axis], n, 0).astype(ops.column.dtype)
     start = np.concatenate([ops.start, ops.start[-1] + ops.start[1:]])
     labels = pair_components(start, np.concatenate([ops.column + over, ops.column + n - over]))[1]
-    return bool((labels[:n] == labels[n:]).any())
+    return reduce.any_true(labels[:n] == labels[n:])
 
 
-def _outside(along, lower, upper):
+def _outside(along: np.ndarray, lower: float, upper: float) -> np.ndarray:
     """Which coordinates (n,) lie outside of the sample."""
     return (along < lower) | (along > upper)

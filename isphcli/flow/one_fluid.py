@@ -23,15 +23,31 @@ class StressCoupling(Protocol):
 
 
 class InterfaceBand(Protocol):
-    """The interface of one configuration (interface.Band)."""
+    """The interface of one configuration (normals.Band)."""
 
-    colour: np.ndarray
-    normal: np.ndarray
-    strength: np.ndarray
+    @property
+    def colour(self) -> np.ndarray:
+        """(n,) averaged, 1 in the first fluid."""
+
+    @property
+    def normal(self) -> np.ndarray:
+        """(n, dim) into the first fluid, zero outside the band."""
+
+    @property
+    def strength(self) -> np.ndarray:
+        """(n,) |grad C|, 1/m, zero outside the band."""
 
 
 class Tension(Protocol):
-    """What a step needs to know of surface tension."""
+    """What a step, and what measures it, need to know of surface tension."""
+
+    @property
+    def tension(self) -> float:
+        """N/m."""
+
+    @property
+    def support(self) -> float:
+        """Of the kernel that the colour is averaged with, m."""
 
     @property
     def largest_step(self) -> float:
@@ -41,16 +57,20 @@ class Tension(Protocol):
 class Fluids(Protocol):
     """What fluids put into the equations; `OneFluid` and `two_fluids.TwoFluids` implement it.
 
-    force: (dim,) m/s2, on the first fluid; held: (dim,) unit vector along which a velocity is held, or None; tension,
-    line: surface tension, and what walls do near a contact line, or None; first_passes: through the equations in the
-    first step, which has no pressure to go on from.
+    force: (dim,) m/s2, on the first fluid; held: (dim,) unit vector along which a velocity is held, or None; line: what
+    walls do near a contact line, or None; first_passes: through the equations in the first step, which has no pressure
+    to go on from; added_viscosity: dynamic, Pa s, of an interface that would hardly damp with its own, else 0.
     """
 
     force: np.ndarray
     held: np.ndarray | None
-    tension: Tension | None
     line: WallChange | None
     first_passes: int
+    added_viscosity: float
+
+    @property
+    def tension(self) -> Tension | None:
+        """Of the interface, or None."""
 
     @property
     def reference(self) -> float:
@@ -119,6 +139,7 @@ class OneFluid:
     tension: Tension | None = None
     line: WallChange | None = None
     first_passes = 3
+    added_viscosity = 0.0
 
     def __init__(self, reference: float, viscosity: float, force: np.ndarray, held: np.ndarray | None = None):
         self.reference, self.viscosity, self.force, self.held = reference, viscosity, force, held

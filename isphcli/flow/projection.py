@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from ..domain import reduce
 from ..operators.apply import gradient_p, total_divergence
 from ..operators.assemble import assemble, row_sums
-from ..solvers.kept_hierarchies import Apply, KeptHierarchies
+from ..solvers.kept_hierarchies import KeptHierarchies
+from ..solvers.krylov import Apply
 
 if TYPE_CHECKING:
     from .state import Configuration
@@ -52,6 +54,7 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
         return PressureSystem(matrix, lambda p, gradient: matrix @ p, None)
     from ..operators.div_grad import diagonal, div_grad_rhie_chow
 
+    assert terms.ops.walls is not None
     symmetric = terms.ops.walls.symmetric_laplacian
     with solvers.clock("assembly"):
         exact, own = diagonal(ops, symmetric, terms.ops.grad_p), matrix.diagonal()
@@ -72,11 +75,11 @@ def pressure_increment(config: Configuration, system: PressureSystem, div: np.nd
         # eq. 3 for the increment, and the odd-even part of the old pressure taken out
         right = config.means.remove(_odd_even(config, gradient, old, rate, nu_min) - rate * div)
         # a small increment is the difference of large pressures: no solve is more exact than their round-off
-        size, floor = np.linalg.norm(right), ROUND_OFF * np.linalg.norm(old)
+        size, floor = reduce.norm(right), ROUND_OFF * reduce.norm(old)
         if size <= floor:
             right[:] = 0.0
         tolerance = max(solvers.tolerance, floor / size) if size > 0.0 else solvers.tolerance
-    return solve_pressure(config, system, right, float(tolerance), solvers)
+    return solve_pressure(config, system, right, tolerance, solvers)
 
 
 def solve_pressure(config: Configuration, system: PressureSystem, right: np.ndarray, tolerance: float,

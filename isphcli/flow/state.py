@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..domain import reduce
+
 if TYPE_CHECKING:
     from ..domain.components import ComponentMeans
     from ..domain.neighbours import Neighbourhood
@@ -78,4 +80,4 @@ class StepResult:
     @property
     def max_divergence(self) -> float:
         """Largest divergence times the step: the part of its volume that a particle gains, at most."""
-        return float(np.abs(self.divergence).max()) * self.dt
+        return float(reduce.largest(np.abs(self.divergence))) * self.dt

@@ -17,10 +17,11 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
+from ..domain import reduce
 from ..domain.components import ComponentMeans, pair_components
 from ..domain.halo import build_halo, wrap
 from ..domain.neighbours import neighbourhood
@@ -119,7 +120,7 @@ class Stepper:
         with self.clock("assembly"):
             # a periodic box full of fluid is one component; pores can be many
             labels = np.zeros(n, np.int32)
-            if self.walls is not None:
+            if ops.walls is not None:
                 joined = None if ops.walls.isolated is None else ops.walls.symmetric_laplacian > 0.0
                 labels = pair_components(ops.start, ops.column, joined)[1]
         return Configuration(ops, neighbours, ComponentMeans(labels), len(images.owner), terms)
@@ -130,7 +131,7 @@ class Stepper:
         ratio = dt / state.dt_old if state.dt_old else 0.0
         u, u_old, p = state.u, state.u_old, state.p
         # without walls nothing tells a wind from a motion of the box: shifting and the carried pressure must not either
-        wind = 0.0 if self.walls is not None else u.mean(axis=0)
+        wind = 0.0 if self.walls is not None else reduce.mean(u)
         displacement = dt * (u + 0.5 * ratio * (u - u_old))  # eq. 4: the mean of the old and the new velocity
         dr = self._shift(state, config, dt, wind, displacement)
         if self.held_velocity is not None:
@@ -152,7 +153,7 @@ class Stepper:
             # a particle never enters a wall: one that would stays where it is
             inside = self.geometry.phase(x) < 0
             x[inside] = state.x[inside]
-            stopped = int(inside.sum())
+            stopped = reduce.count(inside)
         return replace(state, x=x, u=u, u_old=u_old, p=p), stopped
 
     def _shift(self, state: State, config: Configuration, dt: float, wind: np.ndarray | float,
@@ -161,13 +162,15 @@ class Stepper:
         displacement: (n, dim) with the flow, m."""
         dr, u = None, state.u
         with self.clock("terms"):
-            speed = np.sqrt(((u - wind) ** 2).sum(axis=1).max())
+            speed = np.sqrt(reduce.largest(((u - wind) ** 2).sum(axis=1)))
             if self.shifting > 0.0 and speed > 0.0:
                 dr = shift(config.neighbours, speed, dt, self.shifting, self.spacing)  # eq. 8
                 if config.terms.shifts_less is not None:
                     dr[config.terms.shifts_less] *= INTERFACE_SHIFTING
             if self.walls is not None:
-                narrow, nearest = config.ops.walls.narrow, NEAR_WALL * self.spacing
+                assert config.ops.walls is not None
+                narrow = config.ops.walls.narrow
+                nearest: float | np.ndarray = NEAR_WALL * self.spacing
                 if narrow is not None:
                     nearest = np.where(narrow, NEAR_WALL_NARROW * self.spacing, nearest)
                 dr = self.walls.clamp_wall_distance(state.x, displacement, dr, nearest)
@@ -184,7 +187,8 @@ class Stepper:
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
         p, held, known = moved.p, state.pressure_gradient, history + config.terms.force
         system = pressure_system(config, self.solvers)
-        expansion, volume_drift = 0.0, None
+        expansion: float | np.ndarray = 0.0
+        volume_drift: float | None = None
         if self.volume is not None:  # a step that is tried again with half its length is not to expand twice as hard
             expansion, volume_drift = self.volume.expansion(moved.x, max(dt, state.dt_old))
         first = not state.dt_old
@@ -193,7 +197,10 @@ class Stepper:
         # the first step finds the pressure of the start: it is taken again with what it found
         for _ in range(self.fluids.first_passes if first else 1):
             # eq. 1: what drives the fluid, then pressure and viscosity
-            driven = known if held is None else known + held * config.terms.along
+            driven = known
+            if held is not None:
+                assert config.terms.along is not None
+                driven = known + held * config.terms.along
             u, p = self._project(config, system, moved.u, driven, p, g0 / dt, expansion)
             if held is not None:
                 u, p, increment = self._hold(config, system, u, p, g0 / dt, moved.shifting_flux)
@@ -209,7 +216,7 @@ class Stepper:
         ops, terms = config.ops, config.terms
         gradient = terms.pressure_gradient(p)
         right = known - gradient
-        if ops.walls is not None:
+        if terms.ops.walls is not None:
             right += terms.viscosity * terms.ops.walls.lap_velocity
         star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, right, guess, self.solvers)  # eq. 2
         div = total_divergence(ops, star) - expansion
@@ -230,6 +237,7 @@ class Stepper:
         if "pressure" in solvers:  # a new hierarchy is judged by its first solve, which has to be a whole one
             solvers.tolerance = max(tolerance, UNIT_RESPONSE_TOLERANCE)
         try:
+            assert terms.along is not None
             along = np.broadcast_to(terms.along, u.shape)
             star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), solvers)
             div = total_divergence(ops, star)
@@ -244,7 +252,7 @@ class Stepper:
             self._nothing_flows()
         return u + increment * v, settled(config, p + increment * (q - terms.bulk * div)), increment
 
-    def _nothing_flows(self) -> None:
+    def _nothing_flows(self) -> NoReturn:
         assert self.held_velocity is not None
         axis = "xyz"[self.held_velocity.axis]
         raise RunError(f"no pressure drop moves the fluid along {axis}: no pore leads through the scene, or its "

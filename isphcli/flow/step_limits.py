@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..domain import reduce
+
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
     from .state import State, StepResult
@@ -48,7 +50,7 @@ class Bounds:
     start: m/s; force: m/s2; other: speed of walls and of surface tension, m/s; density: (n,) or 1.
     """
 
-    geometry: Geometry | None
+    geometry: Geometry
     site_volume: float
     density: np.ndarray | float
     start: float
@@ -57,19 +59,19 @@ class Bounds:
 
     def speed(self, u: np.ndarray) -> float:
         """Root mean square speed of velocities (n, dim), weighted with the density."""
-        largest = np.abs(u).max()
+        largest = reduce.largest(np.abs(u))
         if not 0.0 < largest < np.inf:  # squares of very small and very large speeds leave the range of numbers
             return largest
         square = ((u / largest) ** 2).sum(axis=1)
-        return largest * np.sqrt(np.average(square, weights=np.broadcast_to(self.density, square.shape)))
+        return largest * np.sqrt(reduce.mean(square, np.broadcast_to(self.density, square.shape)))
 
     def check(self, old: State, found: StepResult) -> None:
         """Raises StepError where the step from the State `old` to the StepResult `found` broke a limit."""
         new, dt = found.state, found.dt
         for name, values in (("position", new.x), ("velocity", new.u), ("pressure", new.p)):
             bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
-            if bad.any():
-                raise StepError(f"the {name} of {bad.sum()} particles is no longer a number", bad.astype(float))
+            if reduce.any_true(bad):
+                raise StepError(f"the {name} of {reduce.count(bad)} particles is no longer a number", bad.astype(float))
         speed, size = self.speed(new.u), np.sqrt((new.u**2).sum(axis=1))
         before = (("of the step before", self.speed(old.u), dt), ("of the start", self.start, new.time))
         for since, begin, time in before:
@@ -78,15 +80,16 @@ class Bounds:
                 raise StepError(f"the mean speed is {speed:.3g}, but that {since}, the force and the walls allow "
                                 f"{bound:.3g}", size)
         change = np.abs(found.divergence) * dt
-        if change.max() > DIVERGENCE:
-            raise StepError(f"a particle would change its volume by {change.max():.2g} of it (limit {DIVERGENCE})",
-                            change)
+        most = reduce.largest(change)
+        if most > DIVERGENCE:
+            raise StepError(f"a particle would change its volume by {most:.2g} of it (limit {DIVERGENCE})", change)
         volume = found.config.ops.volume[: len(new.x)] / self.site_volume
-        if volume.min() < VOLUME[0] or volume.max() > VOLUME[1]:
-            raise StepError(f"the volumes of particles range from {volume.min():.2g} to {volume.max():.2g} of that at "
+        least, most = reduce.smallest(volume), reduce.largest(volume)
+        if least < VOLUME[0] or most > VOLUME[1]:
+            raise StepError(f"the volumes of particles range from {least:.2g} to {most:.2g} of that at "
                             f"the start (limits {VOLUME[0]} and {VOLUME[1]}): they clump or part",
                             np.maximum(VOLUME[0] / volume, volume / VOLUME[1]))
         if self.geometry.has_solid:
             inside = self.geometry.phase(new.x) < 0
-            if inside.any():
-                raise StepError(f"{inside.sum()} particles are in a wall", inside.astype(float))
+            if reduce.any_true(inside):
+                raise StepError(f"{reduce.count(inside)} particles are in a wall", inside.astype(float))

@@ -6,14 +6,20 @@ in the scaled unknowns u and P = p dx / (rho nu), each equation multiplied by dx
 are of order one whatever the units. S damps the odd-even pressure mode: see `operators.div_grad`.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import ceil, log10
 
 import numpy as np
+import scipy.sparse as sp
 
+from ..domain import reduce
 from ..domain.components import ComponentMeans, pair_components
 from ..operators.lattice_weights import (
+    LatticeWeights,
     conductance_matrix,
     divergence_and_rhie_chow,
     gradient_p,
@@ -22,7 +28,7 @@ from ..operators.lattice_weights import (
     symmetric_laplacian,
     velocity_matrix,
 )
-from ..solvers.krylov import SolveError, gmres_from_the_right
+from ..solvers.krylov import Report, SolveError, Watch, gmres_from_the_right
 from ..solvers.multigrid import BlockCycle, cycle, hierarchy
 
 TAU = 0.05  # strength of S (trials before 2026-11-22)
@@ -39,11 +45,11 @@ PATIENCE = 7
 
 @dataclass(frozen=True)
 class StokesFlow:
-    """velocity: (n, dim) m/s; pressure: (n,) Pa over density, i.e. m2/s2; report: krylov.Report."""
+    """velocity: (n, dim) m/s; pressure: (n,) Pa over density, i.e. m2/s2; report: of the solve."""
 
     velocity: np.ndarray
     pressure: np.ndarray
-    report: object
+    report: Report
 
 
 class StokesSystem:
@@ -54,7 +60,8 @@ class StokesSystem:
     conservative: take the divergence as a balance of fluxes, on lattices only (see `divergence_and_rhie_chow`).
     """
 
-    def __init__(self, ops, spacing, viscosity, tau=TAU, conservative=True):
+    def __init__(self, ops: LatticeWeights, spacing: float, viscosity: float, tau: float = TAU,
+                 conservative: bool = True):
         self.ops, self.spacing, self.viscosity, self.tau = ops, spacing, viscosity, tau
         self.dim = ops.dim
         self.conservative = conservative
@@ -63,7 +70,7 @@ class StokesSystem:
         self._velocity = BlockCycle(hierarchy(velocity_matrix(ops, spacing), STRENGTH), CYCLES)
         self._darcy = cycle(hierarchy(self._conductance()))
 
-    def _conductance(self):
+    def _conductance(self) -> sp.csr_matrix:
         """-div(w grad) of the pressure, w the response of the velocity to a unit force without pressure.
 
         In a pore of width h, w is about h^2 / 12: pressure modes much longer than the pore is wide obey Darcy's law,
@@ -72,12 +79,12 @@ class StokesSystem:
         w = np.maximum(self._velocity(np.ones((self.ops.n, 3)))[:, 0], 1e-3)
         return conductance_matrix(self.ops, w, self.spacing)
 
-    def split(self, v):
+    def split(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(velocity (n, dim), scaled pressure (n,)) of a vector of unknowns."""
         n = self.ops.n
         return v[: n * self.dim].reshape(n, self.dim), v[n * self.dim :]
 
-    def apply(self, v):
+    def apply(self, v: np.ndarray) -> np.ndarray:
         """The coupled matrix times v, pressures without their means (eq. 25)."""
         u, p = self.split(v)
         out = np.empty_like(v)
@@ -91,7 +98,7 @@ class StokesSystem:
         mass[:] = self.means.remove(both)  # eq. 25
         return out
 
-    def precondition(self, v):
+    def precondition(self, v: np.ndarray) -> np.ndarray:
         """Block-triangular: the inverse Schur complement as the sum of its limits (Cahouet and Chabard), for short
         modes 1 - ROUGH dx^2 lap and for long ones Darcy's law; then W-cycles for all velocity components at once."""
         forces, mass = self.split(v)
@@ -105,7 +112,7 @@ class StokesSystem:
         u[:] = self._velocity(rest)[:, : self.dim]
         return out
 
-    def drive(self, force):
+    def drive(self, force: Sequence[float] | np.ndarray) -> np.ndarray:
         """The acceleration `force` (dim,) as the gradient of its potential in the pressure's own operator, (n, dim).
 
         It is `force` itself where fluid neighbours lie in all directions. In a pore one particle wide no pressure can
@@ -114,7 +121,8 @@ class StokesSystem:
         """
         return potential_gradient(self.ops, np.asarray(force, float))
 
-    def solve(self, force, tolerance, restart=60, max_iterations=400, watch=None):
+    def solve(self, force: Sequence[float] | np.ndarray, tolerance: float, restart: int = 60, max_iterations: int = 400,
+              watch: Watch | None = None) -> StokesFlow:
         """Flow under the acceleration `force` ((dim,), m/s2) and the motion of the walls.
 
         Where the tolerance is missed, the divergence becomes a balance of fluxes (if it was not), then the restart
@@ -140,7 +148,7 @@ class StokesSystem:
             solution, report = solve(2 * restart, 2 * max_iterations, start=solution)
         if not report.converged:
             error = SolveError("Stokes", report)
-            forces, mass = self.split(np.abs(rhs - self.apply(solution)) / np.abs(rhs).max())
+            forces, mass = self.split(np.abs(rhs - self.apply(solution)) / reduce.largest(np.abs(rhs)))
             error.violation = np.maximum(forces.max(axis=1), mass)
             raise error
         u, p = self.split(solution)

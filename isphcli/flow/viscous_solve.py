@@ -13,8 +13,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..operators.assemble import assemble
-from ..solvers.kept_hierarchies import RETRY_FACTOR, Apply, KeptHierarchies
-from ..solvers.krylov import Report
+from ..solvers.kept_hierarchies import RETRY_FACTOR, KeptHierarchies
+from ..solvers.krylov import Apply, Report
 
 if TYPE_CHECKING:
     from .one_fluid import Terms

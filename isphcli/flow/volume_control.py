@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..domain import reduce
+
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
@@ -47,7 +49,8 @@ class KeptVolume:
         return sum(share * surplus[node] for share, node in shares) / (self.steps * dt), drift
 
     def _numbers(self, shares: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        return sum(np.bincount(node, share, minlength=int(np.prod(self.nodes))) for share, node in shares)
+        count = int(np.prod(self.nodes))
+        return sum((reduce.total_by(node, share, count) for share, node in shares), np.zeros(count))
 
     def _shares(self, x: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """[(share (n,), node (n,))] of the 2^dim nodes round each particle."""

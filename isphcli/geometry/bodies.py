@@ -180,7 +180,8 @@ class Shape:
         return -d if self.outside else d
 
 
-def _pieces(kind: int, centres, sizes, axis: int = 0) -> np.ndarray:
+def _pieces(kind: int, centres: Sequence[Sequence[float] | np.ndarray] | np.ndarray,
+            sizes: Sequence[Sequence[float] | np.ndarray] | np.ndarray, axis: int = 0) -> np.ndarray:
     """Rows of `Body.pieces`; what is missing of centres and sizes is 0."""
     centres, sizes = np.asarray(centres, float), np.asarray(sizes, float)
     rows = np.zeros((len(centres), 8))

@@ -17,6 +17,8 @@ class Geometry(Protocol):
     dim: int
     lower: np.ndarray  # (dim,) corner of the box
     upper: np.ndarray  # (dim,)
+    sample_lower: np.ndarray  # (dim,) corner of the rock itself: of an image without its clear layers, else of the box
+    sample_upper: np.ndarray  # (dim,)
     periodic: tuple[bool, ...]  # per axis
     wall_velocity: np.ndarray  # (n_walls, dim), m/s; wall 0 is at rest
     wall_spin: np.ndarray | None  # (n_walls, dim, dim), 1/s: a wall moves at wall_velocity + wall_spin @ x; None: 0
@@ -25,6 +27,16 @@ class Geometry(Protocol):
     has_solid: bool  # False: no solid anywhere
     warnings: tuple[str, ...]  # what is odd about the input, sentences; () where nothing is
     described: tuple[tuple[str, str], ...]  # what was read and how it was understood: (name, text); () without a file
+
+    @property
+    def labels(self) -> np.ndarray | None:
+        """Of an image, int8 [z, y, x] or [y, x], its clear layers included; None of shapes."""
+        ...
+
+    @property
+    def voxel_size(self) -> np.ndarray | None:
+        """Of an image, (dim,) m; None of shapes."""
+        ...
 
     def phase(self, x: np.ndarray) -> np.ndarray:
         """(n,) int8: -1 in a solid, otherwise the index of the fluid."""
@@ -44,6 +56,6 @@ class Geometry(Protocol):
         ...
 
 
-def sample_box(geometry):
+def sample_box(geometry: Geometry) -> tuple[np.ndarray, np.ndarray]:
     """(lower, upper) corners of the rock itself: of an image without its clear layers, else of the box."""
-    return getattr(geometry, "sample_lower", geometry.lower), getattr(geometry, "sample_upper", geometry.upper)
+    return geometry.sample_lower, geometry.sample_upper

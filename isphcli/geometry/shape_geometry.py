@@ -26,6 +26,8 @@ class ShapeGeometry:
 
     warnings: tuple[str, ...] = ()
     described: tuple[tuple[str, str], ...] = ()
+    labels: np.ndarray | None = None
+    voxel_size: np.ndarray | None = None
 
     def __init__(
         self,
@@ -40,6 +42,7 @@ class ShapeGeometry:
     ):
         self.lower = np.array(lower, dtype=float)
         self.upper = np.array(upper, dtype=float)
+        self.sample_lower, self.sample_upper = self.lower, self.upper
         self.dim = len(self.lower)
         self.periodic = tuple(bool(p) for p in periodic)
         self.fluid = int(fluid)

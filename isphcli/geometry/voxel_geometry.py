@@ -32,6 +32,7 @@ class VoxelGeometry:
 
     warnings: tuple[str, ...] = ()
     described: tuple[tuple[str, str], ...] = ()
+    wall_spin: np.ndarray | None = None
 
     def __init__(
         self,
@@ -81,7 +82,7 @@ class VoxelGeometry:
         self.sample_lower = start * self.voxel_size
         self.sample_upper = (start + sample) * self.voxel_size
         self.wall_velocity, self.slip_length = face_walls(self.dim, slip_length, face_velocity, face_slip)
-        self.wall_spin, self.wall_speed = None, np.linalg.norm(self.wall_velocity, axis=1)
+        self.wall_speed = np.linalg.norm(self.wall_velocity, axis=1)
         self._unit = float(self.voxel_size.min())
         self._grid = self.labels if self.dim == 3 else self.labels[None]
         self._around = np.array([*around, True][:3])

@@ -4,7 +4,8 @@ import numpy as np
 import scipy.sparse as sp
 
 
-def assemble(start, column, weights, shift, scale, diagonal=None):
+def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: float, scale: float,
+             diagonal: np.ndarray | None = None) -> sp.csr_matrix:
     """The matrix  shift - scale * L  in canonical CSR form, L f_i = sum_j w_ij (f_j - f_i) - diagonal_i f_i.
 
     weights: (n_pairs,); shift, scale: numbers; diagonal: (n,) wall sums or None.
@@ -22,7 +23,7 @@ def assemble(start, column, weights, shift, scale, diagonal=None):
     return matrix
 
 
-def row_sums(start, values):
+def row_sums(start: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Sums of the entries of each row, (n,); empty rows give zero."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     return total[start[1:]] - total[start[:-1]]

@@ -28,6 +28,7 @@ def div_grad_rhie_chow(ops: Operators, symmetric_p: np.ndarray, p: np.ndarray, g
     (n, dim) then being the gradient over the density.
     """
     walls = ops.walls
+    assert walls is not None
     return _div_grad_rhie_chow(ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p), walls.div, p, grad_p)
 
 
@@ -56,6 +57,7 @@ def diagonal(ops: Operators, symmetric_p: np.ndarray, grad_p: np.ndarray) -> np.
     """Diagonal (n,) of the matrix that `div_grad_rhie_chow` applies with the gradients grad_p (n_pairs, dim), of rows
     that see a wall; of the others that of the Laplacian symmetric_p."""
     walls = ops.walls
+    assert walls is not None
     return _diagonal(ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p, grad_p), walls.div, walls.near)
 
 
@@ -70,6 +72,7 @@ def flux_form(ops: Operators, count: np.ndarray) -> None:
     thirds of the neighbours in sight.
     """
     walls = ops.walls
+    assert walls is not None
     bad = np.flatnonzero(np.diff(ops.start) < FEW * count)
     _flux_form(ops.neighbours, walls.symmetric_laplacian, bad, ops.grad, walls.div, walls.div_velocity)
 
@@ -99,6 +102,7 @@ def adjoint_divergence(ops: Operators) -> None:
     zero, and so is the sum of the divergence). Flat walls leave two thirds of the neighbours in sight.
     """
     walls = ops.walls
+    assert walls is not None and walls.narrow is not None
     rows = np.flatnonzero(walls.narrow)
     _adjoint_divergence(ops.neighbours, ops.volume, ops.grad_p, rows, ops.grad, walls.div, walls.div_velocity)
 

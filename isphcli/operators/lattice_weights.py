@@ -22,6 +22,7 @@ import numpy as np
 import scipy.sparse as sp
 from numba import njit, prange
 
+from ..domain import reduce
 from .crossings import WallStencils
 from .kernel import normalisation, slope
 from .moments import (
@@ -115,7 +116,7 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1) -> tuple[Latti
     slips = bool(np.any(walls.slip_length > 0.0))
     deficient, tensors, sums = _factors(everyone, fraction, volume, order, walls, count > MOST_OFFSETS)
     pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
-    return LatticeWeights(pairs, Factors(*tensors), BoundarySums(*sums), slips, int(deficient.sum())), row
+    return LatticeWeights(pairs, Factors(*tensors), BoundarySums(*sums), slips, int(reduce.total(deficient))), row
 
 
 def velocity_matrix(ops: LatticeWeights, dx: float, dtype: type = float) -> sp.csr_matrix:

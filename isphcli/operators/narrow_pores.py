@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from ..domain import reduce
 from ..domain.components import pair_components
 from .crossings import in_sight
 from .moments import SHARED
@@ -42,15 +43,15 @@ def classify_neighbourhoods(neighbours: Neighbourhood,
     start, column = neighbours.start, neighbours.column
     seen, count = in_sight(start, fraction), np.diff(start)
     narrow, isolated = seen < NARROW * count, seen < ISOLATED * count
-    if not isolated.any():
+    if not reduce.any_true(isolated):
         return None, None
     _share_no_pressure(start, column, fraction, isolated)
     sight, begin = fraction > 1.0, np.concatenate([[0], np.cumsum(seen)])
     fluid, shared = column[sight], fraction[sight] > SHARED
     whole, part = (pair_components(begin, fluid, joined)[1] for joined in (None, shared))
-    size, all_in_sight = np.bincount(part)[part], np.bincount(whole)[whole]
+    size, all_in_sight = reduce.total_by(part)[part], reduce.total_by(whole)[whole]
     behind = (size < all_in_sight) & (size < count) & ~isolated
-    if behind.any():
+    if reduce.any_true(behind):
         isolated |= behind
         _share_no_pressure(start, column, fraction, isolated)
     return narrow, isolated
@@ -67,6 +68,7 @@ def _share_no_pressure(start, column, fraction, isolated):
 def extrapolate_pressure(ops: Operators, p: np.ndarray) -> None:
     """Gives p (n,) of particles that share it with nobody the mean of what they see, in place, deep in a dead end step
     by step: what they start from when they see more, and what is written."""
+    assert ops.walls is not None
     _extrapolate_pressure(ops.start, ops.column, ops.walls.isolated, p)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
+from ..domain import reduce
 from ..domain.neighbours import Neighbourhood
 from .moments import (
     CHUNKS,
@@ -67,7 +68,7 @@ class Operators:
 def build_operators(neighbours: Neighbourhood, volume: np.ndarray, order: int = 2) -> Operators:
     """Operators of a scene without walls. volume: (n,) m^dim; order: 1 (eq. 5) or 2 (gradient exact for quadratics)."""
     lap, grad, deficient = _rows(neighbours, volume, order)
-    return Operators(neighbours, lap, grad, lap, grad, volume, int(deficient.sum()))
+    return Operators(neighbours, lap, grad, lap, grad, volume, int(reduce.total(deficient)))
 
 
 @njit(cache=True, parallel=True)

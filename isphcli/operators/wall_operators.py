@@ -100,7 +100,7 @@ class WallScene:
         rows = np.flatnonzero(distance < nearest)
         if len(rows) == 0:
             return dr
-        if np.ndim(nearest):
+        if isinstance(nearest, np.ndarray):
             nearest = nearest[rows]
         least = np.minimum(np.maximum(self.geometry.distance(x[rows]), 0.0), nearest)
         missing = np.maximum(least - distance[rows], 0.0)

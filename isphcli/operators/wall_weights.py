@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
+from ..domain import reduce
 from .crossings import WallStencils, in_sight
 from .moments import (
     CHUNKS,
@@ -57,9 +58,11 @@ def build_wall_operators(stencil: WallStencils, order: int = 1, narrow: np.ndarr
     np.cumsum(in_sight(everyone.start, stencil.fraction), out=start[1:])
     deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, sums = _wall_rows(
         everyone, stencil.fraction, stencil.volume, order, walls, start)
-    found = WallSums(*sums[:4], sums[4] if np.any(walls.slip_length > 0.0) else None, symmetric, near, narrow, isolated)
+    lap_wall, lap_velocity, div_wall, div_velocity, slip = sums
+    found = WallSums(lap_wall, lap_velocity, div_wall, div_velocity,
+                     slip if np.any(walls.slip_length > 0.0) else None, symmetric, near, narrow, isolated)
     seen = everyone._replace(start=start, column=column, row=row)
-    return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[:n], int(deficient.sum()), found)
+    return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[:n], int(reduce.total(deficient)), found)
 
 
 def wall_laplacian(walls: WallSums, u: np.ndarray) -> np.ndarray:

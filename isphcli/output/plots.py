@@ -9,11 +9,16 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .files import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
+    from matplotlib.figure import Figure
 
 DARCY = 9.869233e-13  # m2
 SOLID = "#dcdad5"
@@ -39,8 +44,8 @@ def plot_slice(
     plane: tuple[int, float] | None = None,
     *,
     flow_axis: int | None = None,
-    lower: Sequence[float] | None = None,
-    upper: Sequence[float] | None = None,
+    lower: Sequence[float] | np.ndarray | None = None,
+    upper: Sequence[float] | np.ndarray | None = None,
     permeability: float | None = None,
     phase: np.ndarray | None = None,
     periodic: Sequence[bool] | None = None,
@@ -106,8 +111,8 @@ def plot_phases(
     dim: int,
     spacing: float,
     title: str = "",
-    lower: Sequence[float] | None = None,
-    upper: Sequence[float] | None = None,
+    lower: Sequence[float] | np.ndarray | None = None,
+    upper: Sequence[float] | np.ndarray | None = None,
     walls: bool = True,
     periodic: Sequence[bool] | None = None,
     wall_distance: Callable[[np.ndarray], np.ndarray] | None = None,
@@ -256,7 +261,8 @@ def plot_profile(
 # -- the slice -------------------------------------------------------------------------------------------
 
 
-def _drawable(x, velocity, distance, phase):
+def _drawable(x: np.ndarray, velocity: np.ndarray, distance: np.ndarray | None,
+              phase: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
     """Points, speeds, mean velocity and phases of the particles that are not in a solid."""
     x, velocity = np.asarray(x, dtype=float), np.asarray(velocity, dtype=float)
     keep = np.ones(len(x), dtype=bool) if distance is None else np.asarray(distance) > 0
@@ -269,7 +275,8 @@ def _drawable(x, velocity, distance, phase):
     return x, speed, velocity.mean(axis=0), None if phase is None else np.asarray(phase)[keep]
 
 
-def _choose_plane(x, dim, axis, lower, upper, spacing, plane):
+def _choose_plane(x: np.ndarray, dim: int, axis: int, lower: np.ndarray, upper: np.ndarray, spacing: float,
+                  plane: tuple[int, float] | None) -> tuple[int, int | None, float]:
     """The axis shown beside the flow axis, the normal axis and the position of the plane (2D: 1, None, 0)."""
     if dim == 2:
         return 1 - axis, None, 0.0
@@ -282,11 +289,13 @@ def _choose_plane(x, dim, axis, lower, upper, spacing, plane):
     return across, normal, float(x[np.argmin(np.abs(x[:, normal] - middle[normal])), normal])
 
 
-def _pair(periodic, shown):
+def _pair(periodic: Sequence[bool] | None, shown: Sequence[int]) -> tuple[bool, ...]:
     return (False, False) if periodic is None else tuple(bool(periodic[a]) for a in shown)
 
 
-def _splat(points, offset, spacing, lower, upper, values, periodic=(False, False)):
+def _splat(points: np.ndarray, offset: np.ndarray, spacing: float, lower: np.ndarray, upper: np.ndarray,
+           values: Mapping[str, np.ndarray],
+           periodic: Sequence[bool] = (False, False)) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Spread particles over pixels: the filled share (ny, nx), near 1 in fluid, and each value's mean.
 
     points: (n, 2); offset: (n,) distance from the plane; values: name -> (n,).
@@ -319,7 +328,9 @@ def _splat(points, offset, spacing, lower, upper, values, periodic=(False, False
     return filled / (np.quantile(filled[filled > 0], 0.9) if filled.any() else 1.0), image
 
 
-def _fill_by_distance(shape, box, plane, wall_distance, spacing):
+def _fill_by_distance(shape: tuple[int, ...], box: tuple[np.ndarray, np.ndarray],
+                      plane: tuple[int, tuple[int, int], int | None, float],
+                      wall_distance: Callable[[np.ndarray], np.ndarray], spacing: float) -> np.ndarray:
     """Filled share (ny, nx) of a plane by the distance from walls: above `_FILLED` in fluid, and that on a wall.
 
     plane: (dim, axes shown, normal axis or None, position along it). The distance is asked of at most MOST_ASKED points
@@ -341,7 +352,9 @@ def _fill_by_distance(shape, box, plane, wall_distance, spacing):
     return np.clip(_FILLED + fine / spacing, 0.0, 1.0)
 
 
-def _carried_on(points, offset, values, lower, upper, reach, periodic):
+def _carried_on(points: np.ndarray, offset: np.ndarray, values: Mapping[str, np.ndarray], lower: np.ndarray,
+                upper: np.ndarray, reach: float,
+                periodic: Sequence[bool]) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Points within `reach` of the box's faces once more, behind the other face where the box
     is periodic, else reflected: no edge is left half filled."""
     index = np.arange(len(points))
@@ -354,7 +367,8 @@ def _carried_on(points, offset, values, lower, upper, reach, periodic):
     return points, offset[index], {name: value[index] for name, value in values.items()}
 
 
-def _draw_speed(axes, speed, filled, extent, unit):
+def _draw_speed(axes: Axes, speed: np.ndarray, filled: np.ndarray, extent: Any,
+                unit: str) -> tuple[Any, str]:
     """The picture itself: solids grey with an edge, fluid from dark (slow) to bright (fast)."""
     from matplotlib.colors import Normalize, PowerNorm
 
@@ -372,7 +386,7 @@ def _draw_speed(axes, speed, filled, extent, unit):
     return picture, unit
 
 
-def _smooth(phase, filled, periodic):
+def _smooth(phase: np.ndarray, filled: np.ndarray, periodic: Sequence[bool]) -> np.ma.MaskedArray:
     """The phase over a spacing or so, as particles are no finer: every picture draws the interface of this."""
     from scipy.ndimage import gaussian_filter
 
@@ -383,14 +397,14 @@ def _smooth(phase, filled, periodic):
     return np.ma.array(gaussian_filter(share * phase, width, mode=mode) / weight, mask=share == 0)
 
 
-def _draw_interfaces(axes, smooth, extent, colour):
+def _draw_interfaces(axes: Axes, smooth: np.ma.MaskedArray, extent: Any, colour: str) -> None:
     """Lines where the phase changes."""
     levels = np.arange(0.5, smooth.max())
     if len(levels) and np.ptp(smooth) > 0.5:
         axes.contour(smooth, levels, extent=extent, colors=colour, linewidths=1.6, zorder=4)
 
 
-def _map():
+def _map() -> Colormap:
     """Perceptually uniform; without the near-white end that the grey solids are close to."""
     from matplotlib import colormaps
     from matplotlib.colors import LinearSegmentedColormap
@@ -398,7 +412,7 @@ def _map():
     return LinearSegmentedColormap.from_list("flow", colormaps["inferno"](np.linspace(0.03, 0.95, 256)))
 
 
-def _colour_bar(figure, axes, picture, unit):
+def _colour_bar(figure: Figure, axes: Axes, picture: Any, unit: str) -> None:
     clipped = float(picture.get_array().max()) > picture.norm.vmax * 1.001
     bar = figure.colorbar(picture, ax=axes, fraction=0.05, pad=0.025, extend="max" if clipped else "neither")
     bar.set_label("speed" + (f"  ({unit})" if unit else ""))
@@ -409,7 +423,7 @@ def _colour_bar(figure, axes, picture, unit):
     bar.ax.minorticks_off()
 
 
-def _round_down(value):
+def _round_down(value: float) -> float:
     """The nearest smaller number with one digit (two from 10 to 15, 100 to 150, ...)."""
     if value <= 0:
         return 0.0
@@ -441,7 +455,7 @@ def _permeability(k: float | None) -> str:
     return f"permeability {number} m²  ({text})"
 
 
-def _figure(width, height, rows=1, columns=1):
+def _figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, np.ndarray]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -455,7 +469,7 @@ def _figure(width, height, rows=1, columns=1):
     return figure, grid
 
 
-def _headline(axes, title, second):
+def _headline(axes: Axes, title: str, second: str) -> None:
     """Title in bold, a second line in grey under it; a long title loses its end."""
     title = title if len(title) <= 64 else title[:63] + "…"
     if title:
@@ -465,7 +479,7 @@ def _headline(axes, title, second):
         axes.annotate(second, (0, 1.015), xycoords="axes fraction", va="bottom", fontsize=9, color="#6b6b6b")
 
 
-def _line(axes, x, y, colour, label):
+def _line(axes: Axes, x: np.ndarray, y: np.ndarray, colour: str, label: str) -> None:
     known = np.isfinite(y)  # what is measured every few steps is joined over the rows between
     x, y = x[known], y[known]
     if len(x) > 2000:
@@ -475,7 +489,7 @@ def _line(axes, x, y, colour, label):
     axes.grid(color="#e6e6e6", lw=0.6)
 
 
-def _limits(axes, values) -> None:
+def _limits(axes: Axes, values: np.ndarray) -> None:
     """From zero where nothing is negative; the spike of a start does not hide the rest."""
     low, high = np.nanpercentile(values, [2, 98])
     reach = 0.1 * (high - low)
@@ -485,24 +499,24 @@ def _limits(axes, values) -> None:
         axes.set_ylim(bottom=0)
 
 
-def _columns(rows, words) -> list[str]:
+def _columns(rows: Sequence[Mapping[str, Any]], words: Sequence[str]) -> list[str]:
     """Columns whose name is one of `words`, or starts with one and an underscore."""
     names = dict.fromkeys(name for row in rows for name in row)
     return [name for name in names if any(name == word or name.startswith(word + "_") for word in words)]
 
 
-def _series(rows, name):
+def _series(rows: Sequence[Mapping[str, Any]], name: str) -> np.ndarray | None:
     """A column as floats, NaN where a cell is empty; None if it holds no number."""
-    values = [row.get(name) for row in rows]
-    values = [float(v) if isinstance(v, (int, float)) and math.isfinite(v) else math.nan for v in values]
+    found = [row.get(name) for row in rows]
+    values = [float(v) if isinstance(v, (int, float)) and math.isfinite(v) else math.nan for v in found]
     return None if all(math.isnan(v) for v in values) else np.array(values)
 
 
-def _short(name, words):
+def _short(name: str, words: Sequence[str]) -> str:
     word = next(word for word in sorted(words, key=len, reverse=True) if name.startswith(word))
     return name[len(word) :].strip("_").replace("_", " ") or name.replace("_", " ")
 
 
-def _save(figure, path):
+def _save(figure: Figure, path: str | os.PathLike) -> None:
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png")

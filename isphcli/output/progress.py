@@ -74,7 +74,7 @@ class Progress:
         dt: float | None = None,
         limit: str | None = None,
         iterations: Mapping[str, float] | None = None,
-        residuals: Mapping[str, float] | None = None,
+        residuals: Mapping[str, float | None] | None = None,
     ) -> None:
         """A step is done.
 

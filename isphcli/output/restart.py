@@ -8,18 +8,25 @@ It holds too what the case said, the record of it: what places particles and wal
 change, and all else that the flow depends on (the values), which it can; what it changes is written down.
 """
 
+from __future__ import annotations
+
 import hashlib
 import json
 import re
 import zipfile
 import zlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..case.blocks import plain
+from ..case.blocks import Case, Time, plain
 from .files import replacing
+
+if TYPE_CHECKING:
+    from ..flow.state import State
 
 NAME = "restart.npz"
 VERSION = 3
@@ -43,26 +50,28 @@ class Saved:
     record: what the case said, see `record_of`.
     """
 
-    state: object
-    origins: dict = field(default_factory=dict)
-    steady: tuple = ()
-    record: dict = field(default_factory=dict)
+    state: State
+    origins: dict[str, tuple[State, float, int]] = field(default_factory=dict)
+    steady: tuple[tuple[float, float], ...] = ()
+    record: dict[str, Any] = field(default_factory=dict)
 
 
-def save(path, saved, record=None):
+def save(path: str | Path, saved: Saved, record: Mapping[str, Any] | None = None) -> None:
     """A `Saved` with the record of its case as an npz, written whole or not at all."""
-    arrays, meta = {}, {"version": VERSION, "origins": {}, "record": record or saved.record}
+    arrays: dict[str, np.ndarray] = {}
+    origins: dict[str, list[Any]] = {}
     states = [saved.state]
     for name, (state, dt, first) in saved.origins.items():
         if not any(state is s for s in states):
             states.append(state)
-        meta["origins"][name] = [next(k for k, s in enumerate(states) if s is state), dt, first]
+        origins[name] = [next(k for k, s in enumerate(states) if s is state), dt, first]
     for k, state in enumerate(states):
         for name, value in _fields(state).items():
             if isinstance(value, np.ndarray) and value.dtype.kind == "f" and not np.isfinite(value).all():
                 raise RestartError(f"{path}: {name} is not finite; nothing was written")
             arrays[f"state{k}.{name}"] = np.asarray(value)
     arrays["steady"] = np.array(saved.steady, dtype=float).reshape(-1, 2)
+    meta = {"version": VERSION, "origins": origins, "record": record or saved.record}
     arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8)
     arrays["sha256"] = np.frombuffer(_digest(arrays), dtype=np.uint8)
     # not numpy.savez, which in older numpy leaves its archive open on a full disk and complains at the end
@@ -72,13 +81,13 @@ def save(path, saved, record=None):
                 np.lib.format.write_array(file, values, allow_pickle=False)
 
 
-def require(path):
+def require(path: str | Path) -> None:
     """Raises RestartError where there is no file."""
     if not Path(path).is_file():
         raise RestartError(f"{path}: there is no restart file; run the case anew")
 
 
-def load(path, like, record=None):
+def load(path: str | Path, like: State, record: Mapping[str, Any] | None = None) -> Saved:
     """The `Saved` of a restart file, for the scene of the state `like`, and of the record if that is given. Raises
     RestartError."""
     path = Path(path)
@@ -109,12 +118,12 @@ def load(path, like, record=None):
     return Saved(states[0], origins, tuple(map(tuple, arrays["steady"].tolist())), meta.get("record", {}))
 
 
-def _fields(state):
+def _fields(state: State) -> dict[str, Any]:
     """{name: value} of a state, without what it does not have."""
     return {f.name: getattr(state, f.name) for f in fields(state) if getattr(state, f.name) is not None}
 
 
-def _check_fits(path, state, like):
+def _check_fits(path: Path, state: State, like: State) -> None:
     found, wanted = _fields(state), _fields(like)
     for name in sorted(found.keys() | wanted.keys()):
         here, there = (np.shape(f[name]) if name in f else None for f in (found, wanted))
@@ -125,20 +134,20 @@ def _check_fits(path, state, like):
             raise RestartError(f"{path}: {what}; restart with the case that wrote it")
 
 
-def _digest(arrays):
+def _digest(arrays: Mapping[str, np.ndarray]) -> bytes:
     """SHA-256 over names, types, shapes and bytes."""
     total = hashlib.sha256()
     for name in sorted(arrays):
         values = np.ascontiguousarray(arrays[name])
         total.update(f"{name} {values.dtype.str} {values.shape}\n".encode())
-        total.update(values)
+        total.update(values.data)
     return total.digest()
 
 
 # --- what the case said ------------------------------------------------------------------------------------------
 
 
-def record_of(case):
+def record_of(case: Case) -> dict[str, Any]:
     """The record of a case, of what JSON knows: {"scene": {key: value}, "values": {key: value}, "changes": []}.
 
     Keys are those of the case file. A file that the scene is read from stands there as the SHA-256 of its bytes, an
@@ -165,7 +174,7 @@ def record_of(case):
     }
 
 
-def _entries(value, name=""):
+def _entries(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     """(key, value) of what nested dicts, and lists of them, hold."""
     if isinstance(value, dict):
         for key, inner in value.items():
@@ -177,13 +186,13 @@ def _entries(value, name=""):
         yield name, value
 
 
-def _differences(before, now):
+def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> dict[str, list[Any]]:
     """{key: [value before, value now]} of two dicts, None where there is none."""
     keys = dict.fromkeys([*before, *now])
     return {key: [before.get(key), now.get(key)] for key in keys if before.get(key) != now.get(key)}
 
 
-def _check_scene(path, before, now):
+def _check_scene(path: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
     changed = _differences(before.get("scene", {}), now["scene"])
     if not changed:
         return
@@ -193,7 +202,7 @@ def _check_scene(path, before, now):
                        "with: run the case anew, with --out into another folder")
 
 
-def go_on(path, saved, record, time):
+def go_on(path: Path, saved: Saved, record: dict[str, Any], time: Time) -> dict[str, Any]:
     """The record of a run that goes on from a restart file: what it changes now stands behind what was changed before.
 
     record: of the case as it is now; time: its block. Raises RestartError where the case ends before what was reached.
@@ -209,7 +218,7 @@ def go_on(path, saved, record, time):
     return record | {"changes": saved.record["changes"] + entry}
 
 
-def sentences(record, of_flow=False):
+def sentences(record: Mapping[str, Any], of_flow: bool = False) -> list[str]:
     """A line for every restart that changed a value: 'step 41, time 0.1: fluids.water.viscosity 0.1 -> 0.2'.
 
     of_flow: only of values of the flow itself, not of how long and how exactly it is computed.
@@ -223,6 +232,6 @@ def sentences(record, of_flow=False):
     return lines
 
 
-def shown(pair):
+def shown(pair: Sequence[Any]) -> str:
     """'0.1 -> 0.2' of [value before, value now]; 'none' where there is none."""
     return " -> ".join("none" if value is None else json.dumps(value, ensure_ascii=False) for value in pair)

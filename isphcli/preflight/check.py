@@ -227,7 +227,7 @@ class Sites:
         shape = (*(int(n) for n in lattice.counts), len(lattice.basis))
         phase = np.empty(shape, dtype=np.int8)
         distance = np.full(shape, np.inf, dtype=np.float32)
-        by_distance = geometry.has_solid and one_fluid and not hasattr(geometry, "labels")
+        by_distance = geometry.has_solid and one_fluid and geometry.labels is None
         flat_phase, flat_distance, first = phase.reshape(-1), distance.reshape(-1), 0
         for x in lattice.slabs():
             part = slice(first, first + len(x))
@@ -237,8 +237,7 @@ class Sites:
             flat_phase[part] = np.where(d > ON_WALL * support, 0, -1) if by_distance else geometry.phase(x)
             first += len(x)
         self.lattice, self.phase, self.distance = lattice, phase, distance
-        lower = getattr(geometry, "sample_lower", geometry.lower)
-        upper = getattr(geometry, "sample_upper", geometry.upper)
+        lower, upper = geometry.sample_lower, geometry.sample_upper
         self.sample = _cells_between(lattice, lower, upper)
         whole = (np.asarray(lower) <= geometry.lower) & (np.asarray(upper) >= geometry.upper)
         self.around = tuple(bool(p and w) for p, w in zip(geometry.periodic, whole))
@@ -286,7 +285,6 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
     wall = geometry.has_solid
     moves = wall and bool(np.any(geometry.wall_speed))
     slips = wall and bool(np.any(geometry.slip_length > 0))
-    line = wall and case.interface is not None and case.interface.slip_length > 0
     around = "".join(a for a, p in zip(AXES, geometry.periodic) if p)
     fluids = list(case.fluids.values())
     jumps = len({f.mu for f in fluids}) > 1 or len({f.density for f in fluids}) > 1
@@ -295,6 +293,7 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
     layered = around and any(a not in case.geometry.periodic for a in around)
     halo = f"along {around}" + (", closed by clear layers" if layered else "")
     tension = case.interface
+    line_slip = tension.slip_length if wall and tension is not None else 0.0
     added = 0.0
     if tension is not None:
         from ..two_phase.surface_tension import damping
@@ -306,8 +305,8 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
     return [
         Term("walls", wall, f"distance {case.wall_distance}" if wall else "no solid and no closed face"),
         Term("moving walls", moves, "a wall has a velocity" if moves else "all walls are at rest"),
-        Term("slip", slips or line, "a wall has a slip length" if slips else
-             f"{case.interface.slip_length:g} m at contact lines" if line else "no slip length"),
+        Term("slip", slips or line_slip > 0, "a wall has a slip length" if slips else
+             f"{line_slip:g} m at contact lines" if line_slip > 0 else "no slip length"),
         Term("periodic halo", bool(around), halo if around else "no periodic axis"),
         Term("inertia", moving, "particles move, in time" if moving else "flow: stokes"),
         Term("viscosity", True, "implicit: no stability limit"),
@@ -504,7 +503,7 @@ def _costs(result: CheckReport, geometry: Geometry) -> None:
     result.neighbours = memory.neighbours(case, dim)
     spacing = case.particles.spacing
     finest = (spacing / min((spacing, *case.refine))) ** dim
-    fluid, labels = result.particles["fluid"] * finest, getattr(geometry, "labels", None)
+    fluid, labels = result.particles["fluid"] * finest, geometry.labels
     result.memory = memory.estimate(case, dim, geometry.has_solid, fluid, result.particles.get("dummy", 0) * finest,
                                     0 if labels is None else labels.size, two=len(case.fluids) > 1)
     runs: float | None = 1.0
@@ -558,9 +557,9 @@ def _drive_findings(
 
 def _open_when_finer(case: Case, geometry: Geometry, axis: int) -> bool:
     """Whether what the lattice finds closed along an axis is open by the voxels, or at half the spacing."""
-    lower = getattr(geometry, "sample_lower", geometry.lower)
-    upper = getattr(geometry, "sample_upper", geometry.upper)
-    edges = getattr(geometry, "voxel_size", np.full(geometry.dim, case.particles.spacing / 2))
+    lower, upper, edges = geometry.sample_lower, geometry.sample_upper, geometry.voxel_size
+    if edges is None:
+        edges = np.full(geometry.dim, case.particles.spacing / 2)
     cells = np.maximum(np.rint((upper - lower) / edges), 1).astype(int)
     around = tuple(AXES[a] in case.geometry.periodic for a in range(geometry.dim))
     lattice = Lattice(np.full((1, geometry.dim), 0.5), (upper - lower) / cells, cells, lower)
@@ -585,7 +584,8 @@ def _resolution_findings(result: CheckReport, geometry: Geometry, lattice: Latti
             )
     voxels = case.geometry.voxels
     if voxels is not None:
-        sizes = np.unique(geometry.voxel_size)  # type: ignore[attr-defined]
+        assert geometry.voxel_size is not None
+        sizes = np.unique(geometry.voxel_size)
         for size in sizes:
             ratio = max(size / spacing, spacing / size)
             if abs(ratio - round(ratio)) > 1e-3:

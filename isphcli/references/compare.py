@@ -1,10 +1,7 @@
 """Errors of a result against the reference that its case names.
 
-`compare(case, result)` reads of the result: x (n, dim) m, velocity (n, dim) m/s, pressure (n,) Pa, time s,
-spacing m, geometry (a `geometry.protocol.Geometry`), permeability (None, m2, {axis: m2} or (dim, dim) m2) and tensor
-((dim, dim) m2 or None), if it has one. Two fluids: phase (n,), index of the fluid in case order, and history, a dict
-a step (docs/output.md). What a reference needs and the case itself does not say stands in `reference.parameters`,
-see `PARAMETERS`.
+`compare(case, result)` takes the `Result` of a run. What a reference needs and the case itself does not say stands in
+`reference.parameters`, see `PARAMETERS`.
 
 All errors are relative and plain floats; those of permeabilities carry a sign. `velocity_relative_l2` is
 |u - u_ref| / |u_ref| over the particles, `velocity_max` the largest deviation over the largest |u_ref|.
@@ -13,7 +10,7 @@ All errors are relative and plain floats; those of permeabilities carry a sign. 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -54,6 +51,7 @@ from .solutions import (
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
+    from .result import Result
 
 Array = np.ndarray
 Errors = dict[str, Any]
@@ -66,7 +64,7 @@ class CompareError(ValueError):
     """A reference that lacks what its comparison needs, or a result that does not have it."""
 
 
-def compare(case: Case, result: Any) -> Errors:
+def compare(case: Case, result: Result) -> Errors:
     """Errors by name; `main` is the name of the one that `reference.tolerance` bounds.
 
     Raises CompareError.
@@ -86,8 +84,9 @@ def compare(case: Case, result: Any) -> Errors:
     return errors
 
 
-def compare_snapshot(case: Case, x: Array, velocity: Array, time: float) -> Errors:
-    """Velocity errors of one moment of a start-up flow or a Taylor-Green vortex; raises CompareError."""
+def compare_snapshot(case: Case, x: Array, velocity: Array, time: float | None) -> Errors:
+    """Velocity errors of one moment of a start-up flow or a Taylor-Green vortex, or of a steady flow, which may have no
+    time; raises CompareError."""
     kind = case.reference.kind if case.reference else ""
     field = FIELDS.get(kind)
     if field is None:
@@ -132,7 +131,7 @@ def _force(case: Case, lengths: Array) -> Array | None:
     return force
 
 
-def _box(case: Case, result: Any = None) -> tuple[Array, Array]:
+def _box(case: Case, result: Result | None = None) -> tuple[Array, Array]:
     """Lower and upper corner of the scene."""
     if case.geometry.box is None:
         if result is None:
@@ -164,7 +163,7 @@ def _pressure_error(p: Array, expected: Array) -> Errors:
     return {"pressure_relative_l2": float(np.linalg.norm(deviation) / np.linalg.norm(expected))}
 
 
-def _permeability_errors(case: Case, result: Any, expected: dict[str, float]) -> Errors:
+def _permeability_errors(case: Case, result: Result, expected: dict[str, float]) -> Errors:
     """Signed errors of each axis that was measured; permeability_relative is the worst of them."""
     measured = _by_axis(case, result.permeability)
     errors = {
@@ -176,8 +175,8 @@ def _permeability_errors(case: Case, result: Any, expected: dict[str, float]) ->
         raise CompareError("the run gave no permeability along an axis of the reference; is there a drive, and was the "
                            "flow steady?")
     worst = max(errors.values(), key=abs)
-    tensor = getattr(result, "tensor", None)
-    if tensor is None and np.ndim(result.permeability) == 2:
+    tensor = result.tensor
+    if tensor is None and isinstance(result.permeability, np.ndarray) and result.permeability.ndim == 2:
         tensor = result.permeability
     if tensor is not None:
         diagonal = np.diag(tensor)
@@ -190,7 +189,7 @@ def _by_axis(case: Case, permeability: Any) -> dict[str, float]:
     """{axis: m2} of the axes that were measured."""
     if permeability is None:
         return {}
-    if isinstance(permeability, dict):
+    if isinstance(permeability, Mapping):
         return {axis: float(k) for axis, k in permeability.items() if k is not None}
     if np.ndim(permeability) == 2:
         return dict(zip(AXES, map(float, np.diag(permeability))))
@@ -233,37 +232,44 @@ def _along_x(x: Array, u: Array) -> Array:
     return np.stack([u, *[np.zeros_like(u)] * (x.shape[1] - 1)], axis=1)
 
 
-def _couette_field(case: Case, x: Array, time: float) -> Array:
+def _moment(time: float | None) -> float:
+    """The time of a result that a field depends on."""
+    if time is None:
+        raise CompareError("the reference depends on the time, and a steady solve has none; use flow: navier_stokes")
+    return time
+
+
+def _couette_field(case: Case, x: Array, time: float | None) -> Array:
     y, height = _plates(case, x)
     return _along_x(x, plane_couette(y, height, _lid_speed(case)))
 
 
-def _poiseuille_field(case: Case, x: Array, time: float) -> Array:
+def _poiseuille_field(case: Case, x: Array, time: float | None) -> Array:
     y, height = _plates(case, x)
     nu = _number(case, "nu", _fluid(case).nu)
     return _along_x(x, slit_poiseuille(y, height, _push(case), nu))
 
 
-def _startup_couette_field(case: Case, x: Array, time: float) -> Array:
+def _startup_couette_field(case: Case, x: Array, time: float | None) -> Array:
     y, height = _plates(case, x)
     nu = _number(case, "nu", _fluid(case).nu)
-    return _along_x(x, startup_couette(y, time, height, nu, _lid_speed(case)))
+    return _along_x(x, startup_couette(y, _moment(time), height, nu, _lid_speed(case)))
 
 
-def _startup_poiseuille_field(case: Case, x: Array, time: float) -> Array:
+def _startup_poiseuille_field(case: Case, x: Array, time: float | None) -> Array:
     y, height = _plates(case, x)
     nu = _number(case, "nu", _fluid(case).nu)
-    return _along_x(x, startup_poiseuille(y, time, height, nu, _push(case)))
+    return _along_x(x, startup_poiseuille(y, _moment(time), height, nu, _push(case)))
 
 
-def _decaying_channel_field(case: Case, x: Array, time: float) -> Array:
+def _decaying_channel_field(case: Case, x: Array, time: float | None) -> Array:
     y, height = _plates(case, x)
     nu = _number(case, "nu", _fluid(case).nu)
     mode = int(_number(case, "mode", 1))
-    return _along_x(x, decaying_channel(y, time, height, nu, _number(case, "speed"), mode))
+    return _along_x(x, decaying_channel(y, _moment(time), height, nu, _number(case, "speed"), mode))
 
 
-def _slit(case: Case, result: Any) -> Errors:
+def _slit(case: Case, result: Result) -> Errors:
     """Permeability of a slit in its box, and the profile where the force is known."""
     lower, upper = _box(case)
     height = _plates(case, result.x)[1]
@@ -274,7 +280,7 @@ def _slit(case: Case, result: Any) -> Errors:
     return errors
 
 
-def _field(case: Case, result: Any) -> Errors:
+def _field(case: Case, result: Result) -> Errors:
     """The velocity of every particle, for the kinds in FIELDS."""
     return compare_snapshot(case, result.x, result.velocity, result.time)
 
@@ -292,6 +298,7 @@ def _cylinders(case: Case) -> tuple[Any, Any, list[int], Array]:
         raise CompareError("an annulus needs a solid disk or cylinder and one whose outside is solid")
     lower, upper = _box(case)
     body = inner.cylinder or inner.sphere
+    assert body is not None
     centre = (lower + upper) / 2 if body.centre is None else np.array(body.centre, dtype=float)
     across = [a for a in range(len(lower)) if not inner.cylinder or a != AXES.index(inner.cylinder.axis)]
     return inner, outer, across, centre
@@ -301,7 +308,7 @@ def _radius(shape: Any) -> float:
     return (shape.cylinder or shape.sphere).radius
 
 
-def _taylor_couette_field(case: Case, x: Array, time: float) -> Array:
+def _taylor_couette_field(case: Case, x: Array, time: float | None) -> Array:
     """Azimuthal flow between cylinders that turn."""
     inner, outer, across, centre = _cylinders(case)
     omega = [shape.angular_velocity or 0.0 for shape in (inner, outer)]
@@ -314,7 +321,7 @@ def _taylor_couette_field(case: Case, x: Array, time: float) -> Array:
     return u
 
 
-def _annulus(case: Case, result: Any) -> Errors:
+def _annulus(case: Case, result: Result) -> Errors:
     """Permeability of an annulus along its axis, of the area of the box, and the profile where the force is known."""
     inner, outer, across, centre = _cylinders(case)
     lower, upper = _box(case)
@@ -334,7 +341,7 @@ def _annulus(case: Case, result: Any) -> Errors:
 # -- ducts and arrays ------------------------------------------------------------------------------------
 
 
-def _square_duct(case: Case, result: Any) -> Errors:
+def _square_duct(case: Case, result: Result) -> Errors:
     """Permeability of a duct along x in its box, the profile where the force is known, and centre over mean.
 
     Parameters: side (m), and y, z (m) of the lower corner of the duct if it is not that of the box.
@@ -358,10 +365,10 @@ def _square_duct(case: Case, result: Any) -> Errors:
     return errors
 
 
-def _array(permeability: Callable[[float, float], float]) -> Callable[[Case, Any], Errors]:
+def _array(permeability: Callable[[float, float], float]) -> Callable[[Case, Result], Errors]:
     """Comparison with an array of one obstacle a cell. Parameters: fraction, and cell (m) if not the box."""
 
-    def comparison(case: Case, result: Any) -> Errors:
+    def comparison(case: Case, result: Result) -> Errors:
         lower, upper = _box(case, result)
         cell = _number(case, "cell", float(upper[0] - lower[0]))
         k = permeability(_number(case, "fraction"), cell)
@@ -370,7 +377,7 @@ def _array(permeability: Callable[[float, float], float]) -> Callable[[Case, Any
     return comparison
 
 
-def _permeability(case: Case, result: Any) -> Errors:
+def _permeability(case: Case, result: Result) -> Errors:
     """A published permeability: one number for every axis, or one an axis."""
     value = case.reference.value  # type: ignore[union-attr]
     if value is None:
@@ -379,12 +386,12 @@ def _permeability(case: Case, result: Any) -> Errors:
     return _permeability_errors(case, result, expected)
 
 
-def _flow_split(case: Case, result: Any) -> Errors:
+def _flow_split(case: Case, result: Result) -> Errors:
     """Shares of the flow of the connected parts of the fluid, the smallest first, against reference.value."""
     value = case.reference.value  # type: ignore[union-attr]
     if not isinstance(value, tuple) or min(value) <= 0:
         raise CompareError("reference.kind flow_split needs reference.value, the flow of each part: [16, 81]")
-    along = getattr(result, "cell_velocity", result.velocity)[:, AXES.index(_flow_axis(case))]
+    along = result.cell_velocity[:, AXES.index(_flow_axis(case))]
     flows = np.sort(np.bincount(connected_parts(result), weights=along))[::-1][: len(value)][::-1]
     if len(flows) < len(value):
         raise CompareError(f"the fluid has {len(flows)} parts; reference.value names {len(value)}")
@@ -394,7 +401,7 @@ def _flow_split(case: Case, result: Any) -> Errors:
     return {"flow_split": max(errors.values(), key=abs), **errors, "main": "flow_split"}
 
 
-def connected_parts(result: Any) -> Array:
+def connected_parts(result: Result) -> Array:
     """Number (n,) of the connected part of the fluid that each particle is in; walls separate."""
     geometry = result.geometry
     lower, period = np.asarray(geometry.lower), np.asarray(geometry.upper) - geometry.lower
@@ -426,12 +433,12 @@ def _vortex(case: Case, dim: int) -> dict[str, float]:
     }
 
 
-def _taylor_green_field(case: Case, x: Array, time: float) -> Array:
-    return taylor_green_2d(x, time, **_vortex(case, 2))[0]
+def _taylor_green_field(case: Case, x: Array, time: float | None) -> Array:
+    return taylor_green_2d(x, _moment(time), **_vortex(case, 2))[0]
 
 
-def _taylor_green(case: Case, result: Any) -> Errors:
-    u, p = taylor_green_2d(result.x, result.time, density=_fluid(case).density, **_vortex(case, 2))
+def _taylor_green(case: Case, result: Result) -> Errors:
+    u, p = taylor_green_2d(result.x, _moment(result.time), density=_fluid(case).density, **_vortex(case, 2))
     return {
         **_velocity_errors(result.velocity, u),
         **_pressure_error(result.pressure, p),
@@ -440,13 +447,13 @@ def _taylor_green(case: Case, result: Any) -> Errors:
     }
 
 
-def _taylor_green_3d_field(case: Case, x: Array, time: float) -> Array:
+def _taylor_green_3d_field(case: Case, x: Array, time: float | None) -> Array:
     vortex = _vortex(case, 3)
-    _, fields = taylor_green_3d([time], n=32, **vortex)
+    _, fields = taylor_green_3d([_moment(time)], n=32, **vortex)
     return spectral_velocity(fields[0], x, vortex["k"])
 
 
-def _taylor_green_3d(case: Case, result: Any) -> Errors:
+def _taylor_green_3d(case: Case, result: Result) -> Errors:
     u = _taylor_green_3d_field(case, result.x, result.time)
     errors = _velocity_errors(result.velocity, u)
     energy = _energy_error(result.velocity, u)
@@ -457,7 +464,7 @@ def _energy_error(u: Array, expected: Array) -> float:
     return float((u**2).sum() / (expected**2).sum() - 1)
 
 
-def _lid_driven_cavity(case: Case, result: Any) -> Errors:
+def _lid_driven_cavity(case: Case, result: Result) -> Errors:
     """u on the vertical and v on the horizontal middle line, against the tables of Ghia et al.
 
     Over the points of both tables that are not on walls; `velocity_max` is over the speed of the lid.
@@ -485,7 +492,7 @@ def _lid_driven_cavity(case: Case, result: Any) -> Errors:
     }
 
 
-def _at_points(result: Any, points: Array, values: Array) -> Array:
+def _at_points(result: Result, points: Array, values: Array) -> Array:
     """Values (n,) of the particles at points (m, dim): a local least squares fit, weights exp(-r^2).
 
     Of a quadratic where there are neighbours enough, else linear: a linear fit cuts the peak of a profile by
@@ -512,7 +519,7 @@ def _at_points(result: Any, points: Array, values: Array) -> Array:
 # -- two fluids ------------------------------------------------------------------------------------------
 
 
-def _column(result: Any, name: str) -> Array:
+def _column(result: Result, name: str) -> Array:
     """A column of the history, (steps,)."""
     values = [row[name] for row in result.history if row.get(name) is not None]
     if not values:
@@ -520,7 +527,7 @@ def _column(result: Any, name: str) -> Array:
     return np.array(values, dtype=float)
 
 
-def _times(result: Any, count: int) -> Array:
+def _times(result: Result, count: int) -> Array:
     return _column(result, "time")[-count:]
 
 
@@ -529,7 +536,7 @@ def _two_fluids(case: Case) -> None:
         raise CompareError(f"reference.kind {case.reference.kind} needs two fluids")  # type: ignore[union-attr]
 
 
-def _layers(case: Case, result: Any) -> tuple[Array, float, float, list[Any]]:
+def _layers(case: Case, result: Result) -> tuple[Array, float, float, list[Any]]:
     """Height (n,) of the particles over the lower plate, that of the channel and the interface; the fluids, lower
     one first."""
     _two_fluids(case)
@@ -543,24 +550,24 @@ def _layers(case: Case, result: Any) -> tuple[Array, float, float, list[Any]]:
     return y, height, _number(case, "interface", height * below), fluids[:: -1 if upside_down else 1]
 
 
-def _two_layer_couette(case: Case, result: Any) -> Errors:
+def _two_layer_couette(case: Case, result: Result) -> Errors:
     y, height, interface, fluids = _layers(case, result)
     u = two_layer_couette(y, height, interface, [f.mu for f in fluids], _lid_speed(case))
     return {**_velocity_errors(result.velocity, _along_x(result.x, u)), "main": "velocity_relative_l2"}
 
 
-def _two_layer_poiseuille(case: Case, result: Any) -> Errors:
+def _two_layer_poiseuille(case: Case, result: Result) -> Errors:
     """Driven by one force per volume (pressure_drop) or by one per mass (body_force)."""
     y, height, interface, fluids = _layers(case, result)
     lengths = np.subtract(*_box(case)[::-1])
-    drop = (case.drive.pressure_drop or {}).get("x", 0.0) if case.drive else 0.0
+    drop = case.drive.pressure_drop.get("x", 0.0) if case.drive and case.drive.pressure_drop else 0.0
     body = case.drive.body_force[0] if case.drive and case.drive.body_force else 0.0
     gradient = [drop / lengths[0] + body * f.density for f in fluids]
     u = two_layer_poiseuille(y, height, interface, [f.mu for f in fluids], gradient)
     return {**_velocity_errors(result.velocity, _along_x(result.x, u)), "main": "velocity_relative_l2"}
 
 
-def _two_layer_hydrostatics(case: Case, result: Any) -> Errors:
+def _two_layer_hydrostatics(case: Case, result: Result) -> Errors:
     """Pressure of layers at rest; the speed that is left over the square root of gravity times height."""
     y, height, interface, fluids = _layers(case, result)
     gravity = -_gravity(case)
@@ -578,7 +585,7 @@ def _gravity(case: Case) -> float:
     return float(force[1]) if force else 0.0
 
 
-def _drop(case: Case, result: Any) -> int:
+def _drop(case: Case, result: Result) -> int:
     """Index of the fluid of the drop: reference.parameters.drop, or that of which there is less."""
     _two_fluids(case)
     volumes = [_column(result, f"volume_{name}")[-1] for name in case.fluid_names]
@@ -592,13 +599,13 @@ def _tension(case: Case) -> float:
     return _number(case, "tension", case.interface.tension if case.interface else None)
 
 
-def _size(case: Case, result: Any, drop: int) -> tuple[float, Errors]:
+def _size(case: Case, result: Result, drop: int) -> tuple[float, Errors]:
     """Area or volume of the drop, and how far it went in the run from what it was."""
     volume = _column(result, f"volume_{case.fluid_names[drop]}")
     return float(volume[-1]), {"volume_relative": float(volume[-1] / volume[0] - 1)}
 
 
-def _static_drop(case: Case, result: Any) -> Errors:
+def _static_drop(case: Case, result: Result) -> Errors:
     """Pressure jump of a drop at rest (Young and Laplace); capillary number and circularity of what is left."""
     drop = _drop(case, result)
     dim = result.x.shape[1]
@@ -613,7 +620,7 @@ def _static_drop(case: Case, result: Any) -> Errors:
     return {**errors, "main": "laplace_relative"}
 
 
-def _contact_angle(case: Case, result: Any) -> Errors:
+def _contact_angle(case: Case, result: Result) -> Errors:
     """Contact angle of a drop on a wall: as the run measured it, and of the cap whose centre of mass is as high."""
     drop = _drop(case, result)
     dim = result.x.shape[1]
@@ -690,7 +697,7 @@ def _mode(case: Case) -> int:
     return int(_number(case, "mode", 2))
 
 
-def _capillary_wave(case: Case, result: Any) -> Errors:
+def _capillary_wave(case: Case, result: Result) -> Errors:
     """Height of the crest over time against the initial-value solution for two deep fluids.
 
     Starts from rest with reference.parameters.amplitude, or flat with a velocity, reference.parameters.speed.
@@ -724,12 +731,13 @@ def _zero(t: Array, f: Array, i: int) -> float:
     return float(t[i] - f[i] * (t[i + 1] - t[i]) / (f[i + 1] - f[i]))
 
 
-def _oscillating_drop(case: Case, result: Any) -> Errors:
+def _oscillating_drop(case: Case, result: Result) -> Errors:
     """Frequency and damping of a drop, fitted to its amplitude, against the eigenvalue of the viscous problem.
 
     From reference.parameters.from on (s; without it: half a period), when what the start has excited besides
     has decayed.
     """
+    assert case.reference is not None
     drop = _drop(case, result)
     size, errors = _size(case, result, drop)
     order = [case.fluids[case.fluid_names[k]] for k in (drop, 1 - drop)]
@@ -769,7 +777,7 @@ def fit_oscillation(t: Array, a: Array, guess: complex) -> complex:
     return complex(*found.x) * abs(guess)
 
 
-def _rising_bubble(case: Case, result: Any) -> Errors:
+def _rising_bubble(case: Case, result: Result) -> Errors:
     """The numbers of the benchmark that the run got to; `benchmark_relative` is the worst of the three bold ones."""
     name = case.fluid_names[_drop(case, result)]
     bubble = RISING_BUBBLE
@@ -793,8 +801,8 @@ def _rising_bubble(case: Case, result: Any) -> Errors:
     return {"benchmark_relative": max(judged, key=abs), **errors, "main": "benchmark_relative"}
 
 
-# Velocity fields (n, dim) at a time, and the error that is judged
-FIELDS: dict[str, Callable[[Case, Array, float], Array]] = {
+# Velocity fields (n, dim) at a time, None of a steady solve, and the error that is judged
+FIELDS: dict[str, Callable[[Case, Array, float | None], Array]] = {
     "couette": _couette_field,
     "poiseuille": _poiseuille_field,
     "startup_couette": _startup_couette_field,
@@ -808,7 +816,7 @@ MAIN_OF_FIELD = dict.fromkeys(FIELDS, "velocity_relative_l2") | {
     "startup_couette": "velocity_max",  # relative to the largest velocity, as Morris, Fox and Zhu have it
     "startup_poiseuille": "velocity_max",
 }
-COMPARISONS: dict[str, Callable[[Case, Any], Errors]] = {
+COMPARISONS: dict[str, Callable[[Case, Result], Errors]] = {
     "slit": _slit,
     "couette": _field,
     "poiseuille": _field,

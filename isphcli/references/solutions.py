@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -106,7 +107,7 @@ def oscillating_wall(
     return wall_velocity * (wave * np.exp(1j * omega * t)).real
 
 
-def _cosh_ratio(a, b):
+def _cosh_ratio(a: complex | np.ndarray, b: complex | np.ndarray) -> np.ndarray:
     """cosh a / cosh b for |Re a| <= Re b, without overflow."""
     return (np.exp(a - b) + np.exp(-a - b)) / (1 + np.exp(-2 * b))
 
@@ -571,7 +572,7 @@ def _stream_parts(
     from scipy.special import ive, kve
 
     z = np.sqrt(density * s / mu)
-    parts = []
+    parts: list[tuple[complex, complex, complex, complex]] = []
     for kind in kinds:
         if kind == "r^n":
             parts.append((r**n, n * r ** (n - 1), n * (n - 1) * r ** (n - 2), -density * s * r**n))
@@ -599,7 +600,7 @@ def _pressure(g: Sequence[complex], n: int, mu: float) -> complex:
 
 # Rising bubble, case 1 of Hysing et al. (2009), Int. J. Numer. Meth. Fluids 60, 1259: densities 1000 and 100,
 # viscosities 10 and 1, tension 24.5, gravity 0.98, diameter 0.5 in a box of 1 x 2 from y = 0.5.
-RISING_BUBBLE = {
+RISING_BUBBLE: dict[str, Any] = {
     "rise_velocity_max": 0.2417,
     "time_of_rise_velocity_max": (0.921, 0.924),
     "circularity_min": 0.9013,

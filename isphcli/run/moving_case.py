@@ -1,20 +1,24 @@
 """Moving particles of a case: preparation, the time loop with its files, the summary."""
 
+from __future__ import annotations
+
 import sys
 from contextlib import suppress
 from pathlib import Path
-from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..case.forcing import walls_move
 from ..output import folder, progress, restart
 from ..output.files import History, read_history
+from ..references.result import Result
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.prepare import prepare
 from .permeability import darcy
 from .results import (
+    Look,
     Seen,
     _absent_fluids,
     _added_viscosity,
@@ -31,11 +35,22 @@ from .results import (
 )
 from .time_loop import TimeLoop
 
+if TYPE_CHECKING:
+    from ..case.blocks import Case
+    from ..domain.lattice import Particles
+    from ..flow.state import Configuration, State, StepResult
+    from ..flow.step import Stepper
+    from ..geometry.protocol import Geometry
+    from ..output.clock import Clock
+    from ..two_phase.measures import Measures
 
-def run_moving(case, clock, quiet, resume, look):
+
+def run_moving(case: Case, clock: Clock, quiet: bool, resume: str | Path | None, look: Look | None) -> dict[str, Any]:
+    """Runs a case of moving particles, leaves its files and returns the summary; see `run.run_case`."""
     from ..flow.step_limits import RunError
     from ..output.worst import NAME, write_worst
 
+    assert case.time is not None and case.output.directory is not None
     with clock("geometry"), progress.stage("geometry", quiet):
         geometry = build_geometry(case)
     memory.refuse_lattice(case, geometry, case.particles.spacing)
@@ -64,9 +79,10 @@ def run_moving(case, clock, quiet, resume, look):
     directory = folder.prepare(case.output.directory)
     _write_case(directory, case, record["changes"])
     series = _series(case, directory, since)
-    history, restart_file = [], directory / restart.NAME
+    history: list[dict[str, Any]] = []
+    restart_file = directory / restart.NAME
 
-    def snapshot(state, config):
+    def snapshot(state: State, config: Configuration) -> None:
         from ..operators.apply import total_divergence
 
         if series is not None:
@@ -86,16 +102,16 @@ def run_moving(case, clock, quiet, resume, look):
                 if measures is not None:
                     measures.resume(history[-1])
 
-            def row(values):
+            def row(values: dict[str, Any]) -> None:
                 history.append(values)
                 file.append(values)
 
-            def save():
+            def save() -> None:
                 if march.last is not None:
                     file.sync()  # a restart finds every row and every snapshot up to its step
                     restart.save(restart_file, march.last, record)
 
-            def show(found, limit):
+            def show(found: StepResult, limit: str) -> None:
                 state = found.state
                 if case.output.restart_every and state.step % case.output.restart_every == 0:
                     with clock("output"):
@@ -113,9 +129,10 @@ def run_moving(case, clock, quiet, resume, look):
                 with clock("output"):
                     save()
     except BaseException as stop:
-        stop.restart = restart_file if restart_file.exists() else None
+        stop.restart = restart_file if restart_file.exists() else None  # type: ignore[attr-defined]  # for `cli`
         if isinstance(stop, RunError):
             with suppress(OSError):
+                assert march.last is not None
                 last = march.last.state
                 stop.worst = write_worst(directory / NAME, last.x, stop.violation, velocity=last.u,
                                                  pressure=last.p)
@@ -124,12 +141,13 @@ def run_moving(case, clock, quiet, resume, look):
         return _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history,
                              measures, seen, record)
     except KeyboardInterrupt as stop:
-        stop.restart = restart_file
+        stop.restart = restart_file  # type: ignore[attr-defined]  # for `cli`
         raise
 
 
-def _gone_on(case, path, saved, record, quiet):
+def _gone_on(case: Case, path: Path, saved: restart.Saved, record: dict[str, Any], quiet: bool) -> dict[str, Any]:
     """The record of a case that goes on from a restart file; what it changes is said. Raises RestartError."""
+    assert case.time is not None
     state, before = saved.state, len(saved.record["changes"])
     record = restart.go_on(path, saved, record, case.time)
     said = [f"changed from {line}" for line in restart.sentences(record)[before:]]
@@ -143,30 +161,31 @@ def _gone_on(case, path, saved, record, quiet):
     return record
 
 
-def _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history, measures, seen,
-                  record):
+def _finish_march(case: Case, directory: Path, clock: Clock, geometry: Geometry, particles: Particles, march: TimeLoop,
+                  stepper: Stepper, state: State, config: Configuration, history: list[dict[str, Any]],
+                  measures: Measures | None, seen: Seen, record: dict[str, Any]) -> dict[str, Any]:
     force = stepper.fluids.force
     two = measures is not None
-    gravity = np.linalg.norm(force)
+    gravity = float(np.linalg.norm(force))
     axis = int(np.argmax(np.abs(force))) if gravity > 0.0 else None
     if stepper.held_velocity is not None:
+        assert state.pressure_gradient is not None
         force = force[stepper.held_velocity.axis] + state.pressure_gradient * march.settled(state)
         force = force * stepper.fluids.held
-        gravity = np.linalg.norm(force)
+        gravity = float(np.linalg.norm(force))
         axis = stepper.held_velocity.axis if gravity > 0.0 else None
     superficial, mean, along = darcy(geometry, state.x, state.u, particles.site_volume, axis, force,
                                      stepper.fluids.nu_max)
     resisted = geometry.has_solid and not two and not walls_move(case)
-    known = axis is not None and resisted and march.outcome == "steady"
     permeability = error = None
-    if known:
+    if axis is not None and resisted and march.outcome == "steady":
+        assert along is not None and march.steady is not None and march.steady.distance is not None
         permeability = float(along[axis]) * (march.settled(state) if stepper.held_velocity is None else 1.0)
         error = abs(permeability) * march.steady.distance
-    result = SimpleNamespace(
+    result = Result(
         x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * stepper.fluids.reference,
         time=state.time, spacing=case.particles.spacing,
-        phase=particles.phase, permeability=permeability, geometry=geometry, history=history, flows={}, tensor=None,
-        density=stepper.fluids.reference,
+        phase=particles.phase, permeability=permeability, geometry=geometry, history=history,
     )
     free = axis is not None and not geometry.has_solid and not two
     messages = [_stopped_short(case, march, state, directory), _absent_fluids(case, particles),
@@ -193,7 +212,7 @@ def _finish_march(case, directory, clock, geometry, particles, march, stepper, s
             name: _mean_max([r[f"iterations_{name}"] for r in history]) for name in ("velocity", "pressure")
         },
     }
-    if two:
+    if measures is not None:
         from ..two_phase.measures import broke_up
         from ..two_phase.measures import summary as summary_of_two
 

@@ -1,14 +1,21 @@
 """Permeability of a flow by Darcy's law (eq. 28), and its limit over several spacings."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import numpy as np
 
-from ..geometry.protocol import sample_box
+from ..geometry.protocol import Geometry, sample_box
 
 
-def darcy(geometry, x, velocity, site_volume, axis, force, viscosity):
+def darcy(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, site_volume: float, axis: int | None = None,
+          force: np.ndarray | None = None,
+          viscosity: float | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Superficial and mean velocity (dim,) of the sample, and its permeability.
 
-    x, velocity: (n, dim) of the fluid particles; axis: of the drive or None; force: (dim,) m/s2; viscosity: kinematic.
+    x, velocity: (n, dim) of the fluid particles; axis: of the drive or None; force: (dim,) m/s2, and
+    viscosity: kinematic, m2/s, of a drive.
     permeability: (dim,) m2, entry `axis` along the drive, the others across it; None without a drive. The force acts on
     the whole length of the box, the sample resists on its own length: k = nu U L_sample / (g L_box).
     """
@@ -19,6 +26,7 @@ def darcy(geometry, x, velocity, site_volume, axis, force, viscosity):
     mean = total / max(int(inside.sum()), 1)
     if axis is None:
         return superficial, mean, None
+    assert force is not None and viscosity is not None
     size = np.linalg.norm(force)
     gravity = size * (geometry.upper - geometry.lower)[axis] / (upper - lower)[axis]
     permeability = viscosity / gravity * superficial * np.sign(force[axis])
@@ -26,7 +34,8 @@ def darcy(geometry, x, velocity, site_volume, axis, force, viscosity):
     return superficial, mean, permeability
 
 
-def extrapolate(spacings, values):
+def extrapolate(spacings: Sequence[float] | np.ndarray,
+                values: Sequence[float] | np.ndarray) -> tuple[float, float, float | None, str]:
     """Richardson extrapolation of values (m,) at spacings (m,): (value, error bar, order or None, sentence).
 
     Two spacings assume order 1.5, what walls on a lattice showed; three or more measure it on the finest three.
@@ -43,7 +52,7 @@ def extrapolate(spacings, values):
             return k[0], spread, None, early
         from scipy.optimize import brentq
 
-        def mismatch(p):
+        def mismatch(p: float) -> float:
             return d1 * (h[2] ** p - h[1] ** p) - d2 * (h[1] ** p - h[0] ** p)
 
         if mismatch(0.3) * mismatch(4.0) > 0.0:

@@ -1,21 +1,34 @@
 """What a run leaves: entries of the summary, snapshots, pictures of moving particles, the effective case."""
 
+from __future__ import annotations
+
 import shlex
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import COMPLETE
+from ..case.blocks import Case
 from ..case.forcing import held_axis
 from ..case.load import dump_case
-from ..geometry.protocol import sample_box
+from ..geometry.protocol import Geometry, sample_box
 from ..output import restart
+from ..output.clock import Clock
 from ..output.files import SNAPSHOTS, Series, write_summary, write_text
 from ..output.machine import peak_memory, versions
 
+if TYPE_CHECKING:
+    from ..domain.lattice import Particles
+    from ..flow.one_fluid import Fluids
+    from ..flow.state import State
+    from ..references.result import Result
+    from .time_loop import TimeLoop
 
-def _files(case):
+
+def _files(case: Case) -> list[str]:
     """Patterns of all files that a run of the case may write, relative to its directory."""
     moving = case.flow != "stokes"
     names = ["case.yaml", "history.csv", "summary.json", "worst.vtu", *[restart.NAME] * moving]
@@ -26,7 +39,7 @@ def _files(case):
     return names
 
 
-def _write_case(directory, case, changes):
+def _write_case(directory: Path, case: Case, changes: Sequence[Mapping[str, Any]]) -> None:
     """case.yaml: the effective case, behind the values that restarts have changed."""
     lines = restart.sentences({"changes": changes})
     head = ["# Changed by restarts, from the step on that is named (docs/output.md):", *(f"# {line}" for line in lines)]
@@ -47,7 +60,10 @@ class Seen:
     throats: dict[str, float] | None = None
 
 
-def _scene_entries(case, geometry, particles, seen):
+Look = Callable[[Case, Geometry, Clock, bool], Seen]  # preflight.look.look; the last is whether it is quiet
+
+
+def _scene_entries(case: Case, geometry: Geometry, particles: Particles, seen: Seen) -> dict[str, Any]:
     """Entries of the summary on the scene that was run."""
     image = None
     if case.geometry.voxels is not None:
@@ -60,11 +76,12 @@ def _scene_entries(case, geometry, particles, seen):
             "open_axes": seen.open_axes if geometry.has_solid else None, "throats": seen.throats}
 
 
-def _stopped_short(case, march, state, directory):
+def _stopped_short(case: Case, march: TimeLoop, state: State, directory: Path) -> str | None:
     """A sentence on a run that ended before it had what was asked for; None where it had."""
     if march.outcome in COMPLETE:
         return None
     time = case.time
+    assert time is not None  # of moving particles
     by_steps = state.step >= time.max_steps
     cause = (f"time.max_steps, {time.max_steps}, came" if by_steps else f"time.end, {time.end:g} s, came") + " first"
     what, key = march.outcome, "time.max_steps" if by_steps else "time.end"
@@ -73,7 +90,7 @@ def _stopped_short(case, march, state, directory):
     return f"{what}; {cause}. Go on with: isph run --restart {shlex.quote(str(directory))} --set {key}=..."
 
 
-def _finish(case, directory, summary, result, clock):
+def _finish(case: Case, directory: Path, summary: dict[str, Any], result: Result, clock: Clock) -> dict[str, Any]:
     """Errors against the reference, the effective case and summary.json, which is left too where there is nothing to
     compare: CompareError comes after it."""
     errors = incomparable = None
@@ -110,11 +127,12 @@ def _finish(case, directory, summary, result, clock):
     return summary
 
 
-def _series(case, directory, resume_time=None):
+def _series(case: Case, directory: Path, resume_time: float | None = None) -> Series | None:
     return Series(directory, resume_time=resume_time) if case.output.snapshots else None
 
 
-def _snapshot(case, geometry, particles, x, velocity, pressure, divergence=None):
+def _snapshot(case: Case, geometry: Geometry, particles: Particles, x: np.ndarray, velocity: np.ndarray,
+              pressure: np.ndarray, divergence: np.ndarray | None = None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """(positions, fields) of a snapshot, dummies behind the fluid where they are asked for."""
     known = {"velocity": velocity, "pressure": pressure, "phase": particles.phase.astype(np.int32)}
     if divergence is not None:
@@ -134,11 +152,11 @@ def _snapshot(case, geometry, particles, x, velocity, pressure, divergence=None)
     return np.concatenate([x, dummies]), joined
 
 
-def _counts(particles, halo):
+def _counts(particles: Particles, halo: int) -> dict[str, int]:
     return {"fluid": particles.n_fluid, "dummy": particles.n_dummy, "halo": halo, "left_out": particles.left_out}
 
 
-def _porosity(geometry, particles):
+def _porosity(geometry: Geometry, particles: Particles) -> float:
     """Fluid share of the sample (of an image without its clear layers), by lattice sites."""
     lower, upper = sample_box(geometry)
     x = particles.x[: particles.n_fluid]
@@ -146,11 +164,11 @@ def _porosity(geometry, particles):
     return inside * particles.site_volume / float(np.prod(upper - lower))
 
 
-def _terms(case, geometry, driven):
+def _terms(case: Case, geometry: Geometry, driven: bool) -> list[str]:
     terms = ["viscosity", "pressure"]
     if held_axis(case) is not None:
         terms.append("held velocity")
-    if driven and (held_axis(case) is None or case.drive.body_force):
+    if driven and (held_axis(case) is None or (case.drive is not None and case.drive.body_force)):
         terms.append("body force")
     if geometry.has_solid:
         terms.append("walls")
@@ -167,10 +185,12 @@ def _terms(case, geometry, driven):
     return terms
 
 
-def _terms_of_two(fluids):
+def _terms_of_two(fluids: Fluids) -> list[str]:
     """Of a scene in which two fluids are present. fluids: TwoFluids, or OneFluid where only their names differ."""
+    from ..two_phase.two_fluids import TwoFluids
+
     terms = ["two fluids"]
-    if getattr(fluids, "phase", None) is None:
+    if not isinstance(fluids, TwoFluids):
         return terms
     if fluids.density[0] != fluids.density[1]:
         terms.append("density jump")
@@ -187,18 +207,18 @@ def _terms_of_two(fluids):
     return terms
 
 
-def _added_viscosity(fluids):
+def _added_viscosity(fluids: Fluids) -> str | None:
     """A sentence on what an interface that hardly damps gets; None where nothing is added."""
-    added = getattr(fluids, "added_viscosity", 0.0)
+    added = fluids.added_viscosity
     return (f"{added:.2g} Pa s are added to the viscosity at the interface, whose roughness its own would not hold at "
             "this spacing (docs/method.md 12)") if added else None
 
 
-def _absent_fluids(case, particles):
+def _absent_fluids(case: Case, particles: Particles) -> str | None:
     """A sentence on the fluids that the case names and the scene does not have; None where all are there."""
     absent = [name for k, name in enumerate(case.fluid_names) if not np.any(particles.phase == k)]
     return f"no particle is of the fluid {' or '.join(absent)}: run as a single fluid" if absent else None
 
 
-def _mean_max(counts):
+def _mean_max(counts: Sequence[int]) -> dict[str, float]:
     return {"mean": float(np.mean(counts)), "max": int(max(counts))} if counts else {"mean": 0.0, "max": 0}

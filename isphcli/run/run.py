@@ -1,15 +1,23 @@
 """A case from its file to its results: the folder that it writes into, and which flow runs."""
 
-from contextlib import contextmanager
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ..case.yaml import CaseError, Problem
 from ..output import folder, progress, restart
 from ..output.clock import Clock
-from .results import _files
+from .results import Look, _files
+
+if TYPE_CHECKING:
+    from ..case.blocks import Case
 
 
-def run_case(case, quiet=False, resume=None, overwrite=False, look=None):
+def run_case(case: Case, quiet: bool = False, resume: str | Path | None = None, overwrite: bool = False,
+             look: Look | None = None) -> dict[str, Any]:
     """Runs a case and leaves its files (docs/output.md) in case.output.directory. Returns the summary (dict).
 
     resume: directory whose restart.npz a run of moving particles goes on from.
@@ -20,6 +28,7 @@ def run_case(case, quiet=False, resume=None, overwrite=False, look=None):
     Raises ValueError (CaseError, VoxelError, ShapeError, ParticleError, NoFlowError, FolderError, RestartError) for a
     case that cannot run, before anything is written; SolveError, StepError or RunError for one that had to stop.
     """
+    assert case.output.directory is not None
     directory = Path(case.output.directory)
     if resume is not None:
         if case.flow == "stokes":
@@ -31,7 +40,7 @@ def run_case(case, quiet=False, resume=None, overwrite=False, look=None):
         return _run(case, quiet, resume, look)
 
 
-def _run(case, quiet, resume, look):
+def _run(case: Case, quiet: bool, resume: str | Path | None, look: Look | None) -> dict[str, Any]:
     clock = Clock()
     if case.flow == "stokes":
         with clock("compile"), _compile_listener(clock):  # imports of what the flow needs, and nothing else
@@ -45,21 +54,22 @@ def _run(case, quiet, resume, look):
 
 
 @contextmanager
-def _compile_listener(clock):
+def _compile_listener(clock: Clock) -> Iterator[None]:
     """Counts the time of the compiler as `compile`, at the cost of the section in which a kernel is first used, and
     tells the display of kernels that are not in the cache."""
     from numba.core import event
 
     class Compiling(event.Listener):
-        depth, section = 0, None
+        depth = 0
+        section: AbstractContextManager[None]
 
-        def on_start(self, _):
+        def on_start(self, _: event.Event) -> None:
             if self.depth == 0:
                 self.section = clock("compile")
                 self.section.__enter__()
             self.depth += 1
 
-        def on_end(self, _):
+        def on_end(self, _: event.Event) -> None:
             self.depth -= 1
             if self.depth == 0:
                 self.section.__exit__(None, None, None)
@@ -67,11 +77,11 @@ def _compile_listener(clock):
     class NotInCache(event.Listener):
         depth = 0
 
-        def on_start(self, _):
+        def on_start(self, _: event.Event) -> None:
             self.depth += 1
             progress.compiling(True)
 
-        def on_end(self, _):
+        def on_end(self, _: event.Event) -> None:
             self.depth -= 1
             progress.compiling(self.depth > 0)
 

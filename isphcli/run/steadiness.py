@@ -74,16 +74,17 @@ class Steady:
         scatter = late - (late @ line / (line @ line))[:, None] * line
         noise = CONFIDENCE * np.sqrt((scatter * scatter).sum() / (len(late) * (PARTS - 2)) / PARTS)
         left = max(
-            _left(*windows, noise),
-            _left(*halves[-3:], np.sqrt(2.0) * noise) + 0.5 * abs(halves[-1] - halves[-2]),
+            _left(windows, noise),
+            _left(halves[-3:], np.sqrt(2.0) * noise) + 0.5 * abs(halves[-1] - halves[-2]),
         )
         self.mean = float(windows[-1])
         self.error = float(left + noise) if np.isfinite(left) else None
 
 
-def _left(first: float, middle: float, last: float, noise: float) -> float:
-    """How far the last of three means, each with such a noise, may be from what they approach; inf where they do not
-    tell."""
+def _left(means: np.ndarray, noise: float) -> float:
+    """How far the last of three means, (3,), each with such a noise, may be from what they approach; inf where they do
+    not tell."""
+    first, middle, last = means
     before, now = middle - first, last - middle
     if before * now <= 0.0 or abs(last - first) <= np.sqrt(2.0) * noise:
         return abs(now)

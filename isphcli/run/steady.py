@@ -1,20 +1,32 @@
 """Steady creeping flow and permeability: one coupled solve an axis, on one or several spacings."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..case.forcing import why_closed
 from ..domain.components import pair_components
 from ..domain.lattice import ParticleError
-from ..flow.stokes import StokesSystem
+from ..flow.stokes import StokesFlow, StokesSystem
 from ..geometry.connectivity import merge_periodic
 from ..operators.kernel import KERNELS
-from ..operators.lattice_weights import build_lattice_weights, gradient_p, total_divergence
+from ..operators.lattice_weights import LatticeWeights, build_lattice_weights, gradient_p, total_divergence
 from ..operators.wall_operators import WallScene
 from ..scene import memory
 from ..scene.place import place_case
 from .permeability import darcy
+
+if TYPE_CHECKING:
+    from ..case.blocks import Case
+    from ..domain.halo import Halo
+    from ..domain.lattice import Particles
+    from ..geometry.protocol import Geometry
+    from ..output.clock import Clock
+    from ..solvers.krylov import Report, Watch
 
 
 class NoFlowError(ParticleError):
@@ -36,8 +48,8 @@ class StokesResult:
     """
 
     axis: int | None
-    particles: object
-    geometry: object
+    particles: Particles
+    geometry: Geometry
     spacing: float
     velocity: np.ndarray
     cell_velocity: np.ndarray
@@ -47,7 +59,7 @@ class StokesResult:
     permeability: np.ndarray | None
     divergence: float
     mass_error: float
-    report: object
+    report: Report
     halo: int
     balanced: bool
     components: int
@@ -58,14 +70,14 @@ class StokesResult:
 class SteadyScene:
     """One geometry at one spacing with its matrices; every axis that it serves shares them."""
 
-    geometry: object
-    particles: object
+    geometry: Geometry
+    particles: Particles
     system: StokesSystem
     halo: int
     percolates: np.ndarray
 
 
-def build_scene(case, geometry, spacing, clock, needs=()):
+def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, needs: Sequence[int] = ()) -> SteadyScene:
     """Particles, operators and matrices of a geometry at a spacing.
 
     needs: axes of which the fluid has to percolate along one; NoPathError where it percolates along none.
@@ -96,7 +108,7 @@ def build_scene(case, geometry, spacing, clock, needs=()):
     return SteadyScene(geometry, particles, system, len(images.owner), percolates)
 
 
-def _operators(walls, x, fixed, order):
+def _operators(walls: WallScene, x: np.ndarray, fixed: bool, order: int) -> tuple[LatticeWeights, np.ndarray, Halo]:
     """(LatticeWeights, row of each pair in the table of positions, Halo): pairs and crossings are gone when it returns.
 
     order: of the gradient in the consistent divergence. On the sphere array of solid fraction 0.216 with 16 spacings a
@@ -106,13 +118,13 @@ def _operators(walls, x, fixed, order):
     return *build_lattice_weights(stencils, order), images
 
 
-def _balances_fluxes(case, geometry):
+def _balances_fluxes(case: Case, geometry: Geometry) -> bool:
     """Images: throats of a few voxels need exact mass. Shapes: the consistent divergence, far more accurate (see
     `_operators`); the solve falls back on the balance where they do not resolve the pores."""
-    return hasattr(geometry, "voxel_size") and case.particles.jitter == 0.0
+    return geometry.voxel_size is not None and case.particles.jitter == 0.0
 
 
-def _percolation(ops, row, owned, images, dim):
+def _percolation(ops: LatticeWeights, row: np.ndarray, owned: int, images: Halo, dim: int) -> np.ndarray:
     """(components, dim) bool: the component winds round the box along the axis."""
     n = ops.n
     shift = np.zeros((owned + len(images.owner), dim), np.int8)
@@ -131,7 +143,8 @@ def _percolation(ops, row, owned, images, dim):
     return winding
 
 
-def solve_axis(case, scene, axis, force, clock, watch=None):
+def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarray, clock: Clock,
+               watch: Watch | None = None) -> StokesResult:
     """The flow of a scene under an acceleration; see `StokesResult`."""
     geometry, particles, system = scene.geometry, scene.particles, scene.system
     fluid = next(iter(case.fluids.values()))
@@ -146,22 +159,20 @@ def solve_axis(case, scene, axis, force, clock, watch=None):
                  int((~scene.percolates.any(axis=1)).sum()))
 
 
-def _quadrature(scene, flow, force, nu):
+def _quadrature(scene: SteadyScene, flow: StokesFlow, force: np.ndarray, nu: float) -> np.ndarray:
     """Difference between the mean of the velocity over a cell of the lattice and its value in the middle.
 
     It is dx^2 / 24 lap u, and lap u follows from the momentum balance. Taken only where cells end at walls, that is
     for images whose voxels are made up of whole cells: a slit n cells wide then has its exact flux for every n,
     without it 1 / (2 n^2) too much.
     """
-    geometry = scene.geometry
-    voxel = getattr(geometry, "voxel_size", None)
-    dx = scene.system.spacing
+    voxel, dx = scene.geometry.voxel_size, scene.system.spacing
     if voxel is None or not np.allclose(voxel / dx, np.maximum(np.round(voxel / dx), 1.0), rtol=1e-6):
         return np.zeros_like(flow.velocity)
     return (gradient_p(scene.system.ops, flow.pressure) - scene.system.drive(force)) * (dx * dx / (24.0 * nu))
 
 
-def _mass(scene, flow, cell_velocity, axis):
+def _mass(scene: SteadyScene, flow: StokesFlow, cell_velocity: np.ndarray, axis: int | None) -> tuple[float, float]:
     """(largest |div u| over the largest speed per spacing, spread of the flux between planes across the axis).
 
     The flux is that of which the permeability is the mean: of velocities averaged over cells.

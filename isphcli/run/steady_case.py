@@ -1,7 +1,10 @@
 """Steady creeping flow of a case: every spacing and axis, summary and files."""
 
+from __future__ import annotations
+
 from contextlib import suppress
-from types import SimpleNamespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -9,19 +12,33 @@ from ..case.forcing import drives, opens, why_closed
 from ..case.yaml import CaseError, Problem
 from ..output import folder, progress
 from ..output.files import History
+from ..references.result import Result
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at
 from ..solvers.krylov import SolveError
 from . import steady
 from .permeability import extrapolate
-from .results import Seen, _counts, _finish, _mean_max, _scene_entries, _series, _snapshot, _terms
+from .results import Look, Seen, _counts, _finish, _mean_max, _scene_entries, _series, _snapshot, _terms
+
+if TYPE_CHECKING:
+    from ..case.blocks import Case
+    from ..domain.lattice import Particles
+    from ..output.clock import Clock
+    from ..solvers.krylov import Watch
+
+Drives = list[tuple[int | None, np.ndarray]]  # (axis or None, acceleration (dim,), m/s2), see `drives`
+Flows = dict[tuple[int | None, float], steady.StokesResult]  # by axis and spacing, m
+Closed = dict[tuple[int | None, float], str | None]  # why nothing flows, None: no path
+Rows = list[dict[str, Any]]  # of the history
 
 
-def run_steady(case, clock, quiet, look):
+def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> dict[str, Any]:
+    """Solves a steady case, leaves its files and returns the summary; see `run.run_case`."""
     axes, flows, closed, history, seen = _solve(case, clock, quiet, look)
     summary, result = _sum_up(case, axes, flows, closed, history, seen)
     main = _main(flows)
+    assert case.output.directory is not None
     directory = folder.prepare(case.output.directory)
     with clock("output"), progress.stage("files and pictures", quiet):
         series = _series(case, directory)
@@ -32,23 +49,27 @@ def run_steady(case, clock, quiet, look):
             for row in history:
                 file.append(row)
         if case.output.plots:
-            _pictures(case, directory, main, (result.permeability or {}).get("xyz"[main.axis or 0]))
+            known = result.permeability if isinstance(result.permeability, dict) else {}
+            _pictures(case, directory, main, known.get("xyz"[main.axis or 0]))
     return _finish(case, directory, summary, result, clock)
 
 
-def _solve(case, clock, quiet, look):
+def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Drives, Flows, Closed, Rows, Seen]:
     """Every spacing and axis of a steady case: (axes, {(axis, spacing): StokesResult}, {(axis, spacing): why
     nothing flows, None: no path}, rows of history, Seen). The matrices, which leave no room for the files, are gone
     when it returns.
 
     Raises NoPathError where nothing flows along any axis.
     """
-    flows, closed, history, scene = {}, {}, [], None
+    flows: Flows = {}
+    closed: Closed = {}
+    history: Rows = []
+    scene: steady.SteadyScene | None
     spacings = (case.particles.spacing, *case.refine)
     with clock("geometry"), progress.stage("geometry", quiet):
         first = build_geometry(case)
     axes = drives(case, first)
-    sealed = getattr(first, "sample_lower", None) is not None and not all(_periodic_of(case, first.dim))
+    sealed = first.voxel_size is not None and not all(_periodic_of(case, first.dim))
     driven = [axis for axis, _ in axes if axis is not None]
     if driven and not any(opens(case, axis) for axis in driven):
         raise steady.NoPathError(why_closed(case, *driven))
@@ -57,13 +78,13 @@ def _solve(case, clock, quiet, look):
         memory.refuse_lattice(case, first, spacing)
     seen = look(case, first, clock, quiet) if look is not None else Seen()
     for spacing in spacings:
-        scene, built_for = None, None
+        scene = built_for = None
         for axis, force in axes:
             if scene is None or (sealed and built_for != axis):
                 scene, built_for = None, axis  # frees the matrices of the axis before
                 with clock("geometry"), progress.stage(f"geometry at spacing {spacing:g}", quiet):
                     geometry = first if axis == axes[0][0] else build_geometry(case, axis)
-                needs = driven if not sealed else [axis] * (axis is not None)
+                needs = driven if not sealed else [] if axis is None else [axis]
                 try:
                     with progress.stage("particles, operators and hierarchies", quiet):
                         scene = steady.build_scene(case, geometry, spacing, clock, needs)
@@ -84,7 +105,7 @@ def _solve(case, clock, quiet, look):
                     with suppress(OSError):
                         error.worst = _worst_of(case, scene, error)
                     raise
-            if axis is not None and flow.permeability[axis] <= 0.0:
+            if axis is not None and _along(flow, axis) <= 0.0:
                 closed[axis, spacing] = f"the flow along {'xyz'[axis]} is zero; check the drive and what is solid"
                 continue
             flows[axis, spacing] = flow
@@ -97,20 +118,22 @@ def _solve(case, clock, quiet, look):
     return axes, flows, closed, history, seen
 
 
-def _main(flows):
+def _main(flows: Flows) -> steady.StokesResult:
     """The flow that is written: at the finest spacing, along the first axis that has one."""
     return flows[min(flows, key=lambda key: key[1])]
 
 
-def _worst_of(case, scene, error):
+def _worst_of(case: Case, scene: steady.SteadyScene, error: SolveError) -> Path | None:
     """Path of the particles with the largest residuals of a steady solve that failed."""
     from ..output.worst import NAME, write_worst
 
+    assert case.output.directory is not None
     directory = folder.prepare(case.output.directory)
     return write_worst(directory / NAME, scene.particles.x[: scene.particles.n_fluid], error.violation)
 
 
-def _sum_up(case, axes, flows, closed, history, seen):
+def _sum_up(case: Case, axes: Drives, flows: Flows, closed: Closed, history: Rows,
+            seen: Seen) -> tuple[dict[str, Any], Result]:
     """(summary, result) of the flows of a steady case; the finest spacing of the first axis is what is written.
 
     Along an axis without a path the permeability is 0; of spacings, those count at which there is one.
@@ -118,12 +141,15 @@ def _sum_up(case, axes, flows, closed, history, seen):
     base = case.particles.spacing
     spacings = (base, *case.refine)
     main = _main(flows)
-    permeability, messages, bars, ladders = {}, [], {}, {}
+    permeability: dict[str, float] = {}
+    messages: list[str] = []
+    bars: dict[str, float] = {}
+    ladders: dict[str, dict[str, float]] = {}
     for axis, _ in axes:
         if axis is None:
             continue
         name = "xyz"[axis]
-        known = {h: flows[axis, h].permeability[axis] if (axis, h) in flows else 0.0 for h in spacings}
+        known = {h: _along(flows[axis, h], axis) if (axis, h) in flows else 0.0 for h in spacings}
         open_at = [h for h in spacings if (axis, h) in flows]
         ladders[name] = {f"{h:g}": float(k) for h, k in sorted(known.items())}
         permeability[name] = float(known[open_at[0]]) if open_at else 0.0
@@ -144,14 +170,12 @@ def _sum_up(case, axes, flows, closed, history, seen):
         columns = [flows.get((axis, base)) for axis in range(dim)]
         tensor = np.array([np.zeros(dim) if flow is None else flow.permeability for flow in columns]).T
     single = next(iter(permeability.values())) if len(permeability) == 1 else None
-    fluid = next(iter(case.fluids.values()))
-    result = SimpleNamespace(
+    result = Result(
         x=main.particles.x[: main.particles.n_fluid], velocity=main.velocity, cell_velocity=main.cell_velocity,
         pressure=main.pressure, time=None,
         spacing=main.spacing,
         phase=main.particles.phase, permeability=permeability or None, geometry=main.geometry, history=history,
-        flows={"xyz"[a]: f for (a, h), f in flows.items() if a is not None and h == base}, tensor=tensor,
-        density=fluid.density,
+        tensor=tensor,
     )
     summary = {
         "status": "finished",
@@ -177,7 +201,13 @@ def _sum_up(case, axes, flows, closed, history, seen):
     return summary, result
 
 
-def refuse_second_fluid(case, particles):
+def _along(flow: steady.StokesResult, axis: int) -> float:
+    """Permeability along the axis of a flow, m2."""
+    assert flow.permeability is not None
+    return flow.permeability[axis]
+
+
+def refuse_second_fluid(case: Case, particles: Particles) -> None:
     """A steady solve knows the first fluid only."""
     first, *others = case.fluids.items()
     for k, (name, fluid) in enumerate(others, 1):
@@ -186,22 +216,22 @@ def refuse_second_fluid(case, particles):
             raise CaseError((Problem(str(case.path), None, "flow", what, "use flow: navier_stokes"),))
 
 
-def _periodic_of(case, dim):
+def _periodic_of(case: Case, dim: int) -> list[bool]:
     return [a in case.geometry.periodic for a in "xyz"[:dim]]
 
 
-def _watch(stage):
-    def watch(iteration, residual):
+def _watch(stage: progress.stage) -> Watch:
+    def watch(iteration: int, residual: float) -> None:
         stage.update(f"iteration {iteration}, residual {residual:.1e}")
 
     return watch
 
 
-def _drive_of(axes):
+def _drive_of(axes: Drives) -> bool:
     return any(force.any() for _, force in axes)
 
 
-def _pictures(case, directory, flow, permeability):
+def _pictures(case: Case, directory: Path, flow: steady.StokesResult, permeability: float | None) -> None:
     from ..output.plots import plot_slice
 
     x = flow.particles.x[: flow.particles.n_fluid]

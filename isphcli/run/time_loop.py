@@ -1,5 +1,10 @@
 """The time loop of moving particles: step sizes, snapshots, history, steady states, restart files."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from ..case.forcing import walls_move
@@ -7,6 +12,11 @@ from ..flow.attempt import attempt
 from ..output.restart import Saved
 from .permeability import darcy
 from .steadiness import Steady
+
+if TYPE_CHECKING:
+    from ..case.blocks import Case
+    from ..flow.state import Configuration, State, StepResult
+    from ..flow.step import Stepper
 
 VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
 # The first step, as a part of what the limits allow, and the growth of the steps after it (second order needs less
@@ -16,7 +26,7 @@ FIRST, GROWTH = 1.0 / 16.0, 2.0
 FIRST_AT_WALLS, GROWTH_AT_WALLS = 1.0 / 64.0, 1.25
 
 
-def _free_direction(case, stepper):
+def _free_direction(case: Case, stepper: Stepper) -> np.ndarray | None:
     """Unit vector (dim,) of the force along the axes that do not end at walls; None where there is no such force, or
     walls move and drag the fluid along as well."""
     force = stepper.fluids.force * np.array(stepper.geometry.periodic)
@@ -33,17 +43,20 @@ class TimeLoop:
     steady: steadiness.Steady of what `observed` says, in a run to a steady state, else None.
     """
 
-    def __init__(self, case, stepper, site_volume, density, box_volume, measure=lambda state, config: {}):
+    def __init__(self, case: Case, stepper: Stepper, site_volume: float, density: float | np.ndarray, box_volume: float,
+                 measure: Callable[[State, Configuration], dict[str, Any]] = lambda state, config: {}):
+        assert case.time is not None  # of moving particles
         self.measure = measure
-        self.case, self.stepper = case, stepper
+        self.case, self.time, self.stepper = case, case.time, stepper
         self.site_volume, self.density, self.box_volume = site_volume, density, box_volume
         self.steady = Steady() if case.time.steady is not None else None
-        self.along, self.last = _free_direction(case, stepper), None
+        self.along = _free_direction(case, stepper)
+        self.last: Saved | None = None
         self.outcome = "finished"
 
-    def limits(self, state):
+    def limits(self, state: State) -> dict[str, float]:
         """{name: step} of everything that bounds the next step, s."""
-        time, stepper = self.case.time, self.stepper
+        time, stepper = self.time, self.stepper
         found = {}
         if time.step is not None:
             found["step"] = time.step
@@ -70,15 +83,17 @@ class TimeLoop:
             found = {"start": (FIRST_AT_WALLS if walls else FIRST) * min(found.values())}
         return found
 
-    def run(self, state, config, snapshot, row, progress):
+    def run(self, state: State, config: Configuration, snapshot: Callable[[State, Configuration], None],
+            row: Callable[[dict[str, Any]], None],
+            progress: Callable[[StepResult, str], None]) -> tuple[State, Configuration]:
         """(state, config) at the end. Raises RunError."""
-        case = self.case
-        end = case.time.end if case.time.end is not None else np.inf
+        time = self.time
+        end = time.end if time.end is not None else np.inf
         self.last = self._saved(state)
-        while not self._steady_by_now() and state.time < end * (1.0 - 1e-12) and state.step < case.time.max_steps:
+        while not self._steady_by_now() and state.time < end * (1.0 - 1e-12) and state.step < time.max_steps:
             due = self._next_snapshot(state.time)
             limits = self.limits(state)
-            limit = min(limits, key=limits.get)
+            limit = min(limits, key=limits.__getitem__)
             dt = limits[limit]
             target = min(end, due) - state.time
             if dt > target * (1.0 - 1e-9):
@@ -94,27 +109,27 @@ class TimeLoop:
             row(self._row(found, limit) | self.measure(state, config))
             self.last = self._saved(state)
             progress(found, limit)
-        if case.time.steady is not None:
+        if time.steady is not None:
             self.outcome = "steady" if self._steady_by_now() else "not steady at the end"
-        elif state.step >= case.time.max_steps and state.time < end * (1.0 - 1e-12):
+        elif state.step >= time.max_steps and state.time < end * (1.0 - 1e-12):
             self.outcome = "out of steps"
         return state, config
 
-    def _saved(self, state):
+    def _saved(self, state: State) -> Saved:
         kept = tuple(self.steady.kept) if self.steady is not None else ()
         return Saved(state, self.stepper.solvers.origins(), kept)
 
-    def _next_snapshot(self, time):
+    def _next_snapshot(self, time: float) -> float:
         """When the next snapshot after `time` is due, from the time alone: a restarted run finds the same number."""
         every = self.case.output.every
         return np.inf if every is None else (np.floor(time / every * (1.0 + 1e-9)) + 1.0) * every
 
-    def take_up(self, saved):
+    def take_up(self, saved: Saved) -> None:
         """Go on with the record of a restart.Saved; from its time on where it has none."""
         if self.steady is not None:
             self.steady = Steady(saved.steady or ((saved.state.time, 0.0),))
 
-    def observed(self, state):
+    def observed(self, state: State) -> float:
         """The number that tells whether the flow of a step.State is steady: the pressure drop, Pa, where a velocity is
         held; the superficial velocity of the sample along the force, m/s, where it can follow it; else the root mean
         square speed of the fluid, m/s, which walls that slide in opposite directions do not hide."""
@@ -122,30 +137,32 @@ class TimeLoop:
         if stepper.held_velocity is not None:
             return stepper.held_velocity.drop(state)
         if self.along is not None:
-            superficial, *_ = darcy(stepper.geometry, state.x, state.u, self.site_volume, None, None, None)
+            superficial, *_ = darcy(stepper.geometry, state.x, state.u, self.site_volume)
             return float(superficial @ self.along)
         return float(np.sqrt(np.einsum("ij,ij", state.u, state.u) / len(state.u)))
 
-    def settled(self, state):
+    def settled(self, state: State) -> float:
         """The steady value of `observed` over that of a state, which has the noise of its particles; 1 where the run
         is not steady."""
-        return self.steady.mean / self.observed(state) if self._steady_by_now() else 1.0
+        if self.steady is None or self.steady.mean is None or not self._steady_by_now():
+            return 1.0
+        return self.steady.mean / self.observed(state)
 
     @property
-    def standing(self):
+    def standing(self) -> str | None:
         """Words on how far from steady a flow is that was to become so; None of others."""
-        if self.outcome != "not steady at the end":
+        if self.steady is None or self.outcome != "not steady at the end":
             return None
-        distance, asked = self.steady.distance, f"time.steady asks for {self.case.time.steady:g}"
+        distance, asked = self.steady.distance, f"time.steady asks for {self.time.steady:g}"
         if distance is None:
             return f"how far it is from its steady value cannot be told yet, {asked}"
         return f"it may be {distance:.2g} off its steady value, relative, and {asked}"
 
-    def _steady_by_now(self):
+    def _steady_by_now(self) -> bool:
         distance = self.steady.distance if self.steady is not None else None
-        return distance is not None and distance < self.case.time.steady
+        return distance is not None and self.time.steady is not None and distance < self.time.steady
 
-    def _row(self, found, limit):
+    def _row(self, found: StepResult, limit: str) -> dict[str, Any]:
         state, stepper = found.state, self.stepper
         # einsum: numpy's sums over an axis of two or three entries take five times as long
         mean = np.einsum("ij->j", state.u) / len(state.u)
@@ -163,6 +180,6 @@ class TimeLoop:
             row[f"pressure_drop_{'xyz'[stepper.held_velocity.axis]}"] = stepper.held_velocity.drop(state)
         row |= {f"mean_velocity_{a}": float(m) for a, m in zip("xyz", mean)}
         row |= {f"superficial_velocity_{a}": float(m * fraction) for a, m in zip("xyz", mean)}
-        if self.case.time.steady is not None:
+        if self.steady is not None:
             row["change"] = self.steady.distance
         return row

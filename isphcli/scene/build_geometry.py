@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from ..geometry.protocol import Geometry
 
 if TYPE_CHECKING:
     from ..case.blocks import Case, Voxels
+    from ..case.blocks import Shape as ShapeOfCase
+    from ..geometry.bodies import Body, Spheres
 
 
 def build_geometry(case: Case, axis: int | None = None) -> Geometry:
@@ -30,7 +33,7 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
     )
     if scene.voxels is not None:
         return _image_geometry(case, _flow_axis(case) if axis is None else axis, walls)
-    from ..geometry.bodies import Shape
+    from ..geometry.bodies import Shape, Spheres
     from ..geometry.shape_geometry import ShapeGeometry
     from .spheres import random_spheres
 
@@ -47,10 +50,12 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
         if s.spheres is not None and s.spheres.random:
             before = ShapeGeometry(lower, upper, periodic, fluid, shapes)
             asked = s.spheres
-            body = random_spheres(before, asked.random, asked.radius, asked.clearance, asked.seed)
+            assert asked.random is not None and asked.radius is not None
+            body: Body = random_spheres(before, asked.random, asked.radius, asked.clearance, asked.seed)
         else:
             body = _body(s, lower, upper)
-            if s.spheres is not None:
+            if s.spheres is not None and s.spheres.file is not None:
+                assert isinstance(body, Spheres)
                 _describe_spheres(s.spheres.file, body, lower, upper, period, described, warnings)
         phase = -1 if s.what == "solid" else names.index(s.what)
         shapes.append(Shape(body, phase, s.outside, s.velocity, s.slip_length, s.angular_velocity))
@@ -60,7 +65,8 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
     return geometry
 
 
-def _describe_spheres(file, body, lower, upper, period, described, warnings) -> None:
+def _describe_spheres(file: Path, body: Spheres, lower: np.ndarray, upper: np.ndarray, period: np.ndarray,
+                      described: list[tuple[str, str]], warnings: list[str]) -> None:
     """Put what a file of spheres holds and what is odd about it on the two lists."""
     from .spheres import sphere_findings
 
@@ -180,7 +186,7 @@ def _product(numbers: Any) -> str:
     return words[0] if isinstance(numbers, np.ndarray) and len(set(words)) == 1 else " x ".join(words)
 
 
-def _body(spec, lower: np.ndarray, upper: np.ndarray):
+def _body(spec: ShapeOfCase, lower: np.ndarray, upper: np.ndarray) -> Body:
     """The body of a shape of the case language."""
     from ..geometry.bodies import Box, Cylinder, HalfSpace, Sphere
     from .spheres import spheres_of_file
@@ -188,12 +194,14 @@ def _body(spec, lower: np.ndarray, upper: np.ndarray):
     if spec.sphere is not None:
         return Sphere(spec.sphere.centre, spec.sphere.radius)
     if spec.spheres is not None:
+        assert spec.spheres.file is not None
         return spheres_of_file(spec.spheres.file, len(lower), spec.spheres.radius)
     if spec.box is not None:
         return Box(spec.box.lower, spec.box.upper)
     if spec.half_space is not None:
         return HalfSpace(spec.half_space.point, spec.half_space.normal)
     cylinder = spec.cylinder
+    assert cylinder is not None  # one of them is there
     axis = "xyz".index(cylinder.axis)
     ends = None
     if cylinder.lower is not None or cylinder.upper is not None:

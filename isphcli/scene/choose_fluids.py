@@ -1,13 +1,24 @@
 """The fluids of a case as the equations see them: one, or two with what their interface needs."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..case.forcing import held_axis
 from ..flow.one_fluid import OneFluid
 from ..operators.kernel import KERNELS
 
+if TYPE_CHECKING:
+    from ..case.blocks import Case
+    from ..domain.lattice import Particles
+    from ..geometry.protocol import Geometry
+    from ..two_phase.contact_angle import ContactAngle
+    from ..two_phase.two_fluids import TwoFluids
 
-def choose_fluids(case, geometry, particles, force):
+
+def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: np.ndarray) -> OneFluid | TwoFluids:
     """OneFluid or TwoFluids: the one place that chooses what an interface needs."""
     present = [case.fluids[case.fluid_names[k]] for k in np.unique(particles.phase)]
     differ = len({(f.density, f.mu) for f in present}) > 1
@@ -37,10 +48,11 @@ def choose_fluids(case, geometry, particles, force):
                      support, tension, line, held)
 
 
-def _contact(case, geometry, particles, kind, support):
+def _contact(case: Case, geometry: Geometry, particles: Particles, kind: int, support: float) -> ContactAngle:
     from ..geometry.wall_normals import wall_normals
     from ..two_phase.contact_angle import ContactAngle
 
+    assert case.interface is not None
     dummies = particles.x[particles.n_fluid:]
     return ContactAngle(case.interface.contact_angle, dummies, np.maximum(-geometry.distance(dummies), 0.0),
                         wall_normals(geometry, dummies, support), kind, support, case.particles.spacing,

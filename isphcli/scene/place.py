@@ -1,21 +1,27 @@
 """The particles of a case: fluid particles on a lattice, and dummies within a support of them."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..domain.halo import wrap
-from ..domain.lattice import ParticleError, Particles, make_lattice
-from ..geometry.protocol import sample_box
+from ..domain.lattice import Lattice, ParticleError, Particles, make_lattice
+from ..geometry.protocol import Geometry, sample_box
+
+if TYPE_CHECKING:
+    from ..case.blocks import Case
 
 
-def lattice_at(case, geometry, spacing):
+def lattice_at(case: Case, geometry: Geometry, spacing: float) -> Lattice:
     """The Lattice of a case at a spacing. Raises ParticleError where the spacing does not fit the box."""
     return make_lattice(case.lattice_in(geometry.dim), geometry.lower, geometry.upper, geometry.periodic, spacing,
                         case.support * spacing, case.particles.offset)
 
 
-def place_case(case, geometry, spacing):
+def place_case(case: Case, geometry: Geometry, spacing: float) -> Particles:
     """The particles of a case at a spacing, which may be another than its own. Raises ParticleError."""
     asked = case.particles
     particles = place(geometry, lattice_at(case, geometry, spacing), case.support * spacing, asked.jitter, spacing,
@@ -26,7 +32,7 @@ def place_case(case, geometry, spacing):
     return flooded(particles, geometry, case.fluid_names.index(flood.fluid), flood.face, flood.saturation)
 
 
-def flooded(particles, geometry, fluid, face, saturation):
+def flooded(particles: Particles, geometry: Geometry, fluid: int, face: str, saturation: float) -> Particles:
     """The particles, those nearest to a face of fluid `fluid`, up to a share `saturation` of those in the sample.
 
     Raises ParticleError where the sample holds no fluid.
@@ -45,12 +51,13 @@ def flooded(particles, geometry, fluid, face, saturation):
     return replace(particles, phase=phase)
 
 
-def what_is_solid(geometry):
+def what_is_solid(geometry: Geometry) -> str:
     """Key that says what is solid in a scene."""
-    return "geometry.voxels.labels" if hasattr(geometry, "labels") else "geometry.shapes and geometry.fluid"
+    return "geometry.voxels.labels" if geometry.labels is not None else "geometry.shapes and geometry.fluid"
 
 
-def place(geometry, lattice, support, jitter=0.0, spacing=0.0, seed=0):
+def place(geometry: Geometry, lattice: Lattice, support: float, jitter: float = 0.0, spacing: float = 0.0,
+          seed: int = 0) -> Particles:
     """Fluid particles and dummies of a lattice.
 
     jitter: random displacement of the fluid particles, as a fraction of `spacing`; one that would end in a solid

@@ -1,6 +1,9 @@
 """From a case to the state and the stepper of moving particles."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,8 +20,15 @@ from . import memory
 from .choose_fluids import choose_fluids
 from .place import place_case
 
+if TYPE_CHECKING:
+    from ..case.blocks import Case
+    from ..domain.lattice import Particles
+    from ..flow.volume_control import KeptVolume
+    from ..geometry.protocol import Geometry
+    from ..output.clock import Clock
 
-def held_velocity(case, particles, reference, geometry):
+
+def held_velocity(case: Case, particles: Particles, reference: float, geometry: Geometry) -> HeldVelocity | None:
     """HeldVelocity of a case, or None. reference: density of the first fluid, kg/m3."""
     axis = held_axis(case)
     if axis is None:
@@ -31,6 +41,7 @@ def held_velocity(case, particles, reference, geometry):
     fraction = 1.0  # clear layers are all fluid, whatever number of lattice layers falls into them
     if not here:
         lower, upper, fraction = np.inf, -np.inf, particles.n_fluid * volumes / length
+    assert case.drive is not None and case.drive.superficial_velocity is not None  # the axis is of them
     (wanted,) = case.drive.superficial_velocity.values()
     two = len(np.unique(particles.phase)) > 1
     return HeldVelocity(axis, wanted, two, lower, upper, fraction, porosity, reference * float(length))
@@ -39,11 +50,12 @@ def held_velocity(case, particles, reference, geometry):
 SPREAD = 10.0  # root mean square speed over the mean of a held flow, at most; in rock it is 2 to 3
 
 
-def prepare(case, geometry, clock):
+def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Stepper, Particles]:
     """(State, Stepper, Particles) of a case at rest or with its initial velocity.
 
     Raises ParticleError where the scene has no fluid or needs more memory than is left.
     """
+    assert case.time is not None  # of moving particles
     spacing, support = case.particles.spacing, case.support * case.particles.spacing
     with clock("geometry"):
         memory.refuse_lattice(case, geometry, spacing)
@@ -69,24 +81,24 @@ def prepare(case, geometry, clock):
         bounds=bounds(case, geometry, particles, u, force, held), held_velocity=held,
         volume=kept_volume(case, geometry, x),
     )
-    none_yet = {} if held is None else {"pressure_gradient": 0.0, "shifting_flux": 0.0}
-    return State(x, u, u.copy(), np.zeros(n), **none_yet), stepper, particles
+    none_yet = None if held is None else 0.0
+    return State(x, u, u.copy(), np.zeros(n), pressure_gradient=none_yet, shifting_flux=none_yet), stepper, particles
 
 
-def bounds(case, geometry, particles, u, force, rate):
+def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, force: np.ndarray,
+           rate: HeldVelocity | None) -> Bounds:
     """Bounds of a case that starts with velocities u (n, dim) under the acceleration force (dim,). rate:
     HeldVelocity or None."""
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
-    walls = np.linalg.norm(geometry.wall_velocity, axis=1)
-    walls = np.max(getattr(geometry, "wall_speed", walls), initial=0.0)  # wall_speed: where walls turn
+    walls = np.max(geometry.wall_speed, initial=0.0)
     tension = case.interface.tension if case.interface is not None else 0.0
     capillary = np.sqrt(tension / (density.mean() * case.particles.spacing))
     other = walls + capillary + (SPREAD * rate.speed if rate is not None else 0.0)
-    found = Bounds(geometry, particles.site_volume, density, 0.0, np.linalg.norm(force), other)
+    found = Bounds(geometry, particles.site_volume, density, 0.0, float(np.linalg.norm(force)), other)
     return replace(found, start=found.speed(u))
 
 
-def kept_volume(case, geometry, x):
+def kept_volume(case: Case, geometry: Geometry, x: np.ndarray) -> KeptVolume | None:
     """KeptVolume of a case, or None. x: (n, dim) fluid particles where they begin, m."""
     if not case.particles.keep_volume:
         return None

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from .krylov import Report, SolveError, gmres
+from .krylov import Apply, Report, SolveError, gmres
 from .multigrid import cycle, hierarchy
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 # Iterations over those of the first use of a hierarchy, and by how many, beyond which it is built anew
 REBUILD_RATIO, REBUILD_MARGIN = 1.5, 4
 RETRY_FACTOR = 2  # cycles a call of the preconditioner, Krylov vectors and iterations, of the last try of a solve
-Apply = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass
@@ -64,7 +63,7 @@ class KeptHierarchies:
         use)}."""
         return {name: (*self._origin[name], self._first[name]) for name in self._levels}
 
-    def rebuild(self, origins: dict[str, tuple[State, float, int]], take: Callable[[State, float], object]) -> None:
+    def rebuild(self, origins: dict[str, tuple[State, float, int]], take: Callable[[State, float], None]) -> None:
         """Build the hierarchies of `origins` again, with the same bits. take(state, dt): the step that builds them;
         what it cannot build is built when it is needed."""
         found: dict[str, Any] = {}

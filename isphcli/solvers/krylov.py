@@ -1,15 +1,28 @@
 """GMRES from either side, and what a solve reports."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import scipy.sparse.linalg as sla
 
+from ..domain import reduce
+
+Apply = Callable[[np.ndarray], np.ndarray]  # a linear map of vectors (m,)
+Watch = Callable[[int, float], None]  # told of each iteration and its relative residual
+
 
 class SolveError(RuntimeError):
-    """A linear system that missed its tolerance. Attributes: system, report."""
+    """A linear system that missed its tolerance. Attributes: system, report; violation: (n,) residual of each particle,
+    or None; worst: the file of the particles of the largest ones, or None."""
 
-    def __init__(self, system, report):
+    violation: np.ndarray | None = None
+    worst: Path | None = None
+
+    def __init__(self, system: str, report: Report):
         self.system, self.report = system, report
         # a steady solve has no time step, and what it fails on are pores that the lattice does not resolve
         advice = "a smaller particles.spacing" if system == "Stokes" else "smaller time steps (time.step or time.cfl)"
@@ -30,25 +43,26 @@ class Report:
     reason: str
 
     @property
-    def converged(self):
+    def converged(self) -> bool:
         """Whether the solution is as good as was asked for."""
         return self.reason in ("converged", "zero right-hand side")
 
 
-def gmres(apply, rhs, precondition, tolerance, restart, max_iterations, start=None, watch=None):
+def gmres(apply: Apply, rhs: np.ndarray, precondition: Apply, tolerance: float, restart: int, max_iterations: int,
+          start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Report]:
     """GMRES preconditioned from the left; the tolerance is relative to the right-hand side.
 
     apply, precondition: functions of an (m,) vector; rhs: (m,); start: first guess or None;
     watch: called with (iteration, relative residual). Returns (solution, Report).
     The singular pressure systems of moving particles are solved so: from the right, small ones break down at 1e-4.
     """
-    norm = np.linalg.norm(rhs)
+    norm = reduce.norm(rhs)
     if norm == 0.0:
         return np.zeros_like(rhs), Report(0, 0.0, tolerance, "zero right-hand side")
     size = len(rhs)
     count = 0
 
-    def each(residual):
+    def each(residual: float) -> None:
         nonlocal count
         count += 1
         if watch is not None:
@@ -66,23 +80,25 @@ def gmres(apply, rhs, precondition, tolerance, restart, max_iterations, start=No
         callback=each,
         callback_type="pr_norm",
     )
-    return solution, _report(count, float(np.linalg.norm(rhs - apply(solution)) / norm), tolerance)
+    return solution, _report(count, reduce.norm(rhs - apply(solution)) / norm, tolerance)
 
 
-def gmres_from_the_right(apply, rhs, precondition, tolerance, restart, max_iterations, start=None, watch=None):
+def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, tolerance: float, restart: int,
+                         max_iterations: int, start: np.ndarray | None = None,
+                         watch: Watch | None = None) -> tuple[np.ndarray, Report]:
     """GMRES preconditioned from the right, which makes the true residual small; the tolerance is relative to `rhs`.
 
     Arguments and results as those of `gmres`.
     """
-    norm = np.linalg.norm(rhs)
+    norm = reduce.norm(rhs)
     if norm == 0.0:
         return np.zeros_like(rhs), Report(0, 0.0, tolerance, "zero right-hand side")
     size, count = len(rhs), 0
     solution = np.zeros_like(rhs) if start is None else start.copy()
     rest = rhs - apply(solution) if start is not None else rhs
-    residual = np.linalg.norm(rest) / norm
+    residual = reduce.norm(rest) / norm
 
-    def each(relative):
+    def each(relative: float) -> None:
         nonlocal count
         count += 1
         if watch is not None:
@@ -104,13 +120,13 @@ def gmres_from_the_right(apply, rhs, precondition, tolerance, restart, max_itera
         )
         solution += precondition(y)
         rest = rhs - apply(solution)
-        before, residual = residual, np.linalg.norm(rest) / norm
+        before, residual = residual, reduce.norm(rest) / norm
         if not residual < before:  # also where it is not finite
             break
-    return solution, _report(count, float(residual), tolerance)
+    return solution, _report(count, residual, tolerance)
 
 
-def _report(iterations, residual, tolerance):
+def _report(iterations: int, residual: float, tolerance: float) -> Report:
     if not np.isfinite(residual):
         reason = "not finite"
     elif residual <= tolerance:

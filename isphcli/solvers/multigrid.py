@@ -1,9 +1,19 @@
 """Smoothed aggregation as a preconditioner: hierarchies, and cycles of our own (the paper's section 2.4)."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse as sp
 from numba import njit
+
+if TYPE_CHECKING:
+    from pyamg.multilevel import MultilevelSolver
+
+    from .krylov import Apply
 
 # strength-of-connection threshold; at 0.08 the Poisson solve of 32^3 jittered particles (`benchmarks/iterations.py`)
 # takes 1.4 times as long, and its set-up 0.7 times (2026-11-29)
@@ -11,7 +21,7 @@ STRENGTH = 0.02
 
 
 @contextmanager
-def _same_random_numbers():
+def _same_random_numbers() -> Iterator[None]:
     """pyamg estimates spectral radii from numpy's global random numbers: without this no two runs agree bit for bit."""
     before = np.random.get_state()  # noqa: NPY002 - pyamg draws from it
     np.random.seed(26)  # noqa: NPY002
@@ -21,7 +31,7 @@ def _same_random_numbers():
         np.random.set_state(before)  # noqa: NPY002
 
 
-def hierarchy(matrix, strength=STRENGTH):
+def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH) -> MultilevelSolver:
     """Smoothed aggregation on `matrix`; the coarse solve is a pseudo-inverse that leaves the null space out.
 
     strength: threshold of the connections that are aggregated; a larger one makes smaller aggregates.
@@ -47,13 +57,13 @@ def hierarchy(matrix, strength=STRENGTH):
     return levels
 
 
-def cycle(levels):
+def cycle(levels: MultilevelSolver) -> Apply:
     """One W-cycle of a hierarchy from a zero guess, as a function of the right-hand side.
 
     pyamg's own cycle measures the residual before and after: two of the five products with the finest matrix.
     """
 
-    def descend(k, b):
+    def descend(k: int, b: np.ndarray) -> np.ndarray:
         level = levels.levels[k]
         if k == len(levels.levels) - 1:
             return levels.coarse_solver(level.A, b)
@@ -78,24 +88,24 @@ class BlockCycle:
     residuals of 1e-5 on long pores.
     """
 
-    def __init__(self, levels, count):
+    def __init__(self, levels: MultilevelSolver, count: int):
         self.count = count if len(levels.levels) > 1 else 1  # the coarsest is solved exactly
         self.levels = [(single(level.A), level.P, level.R) for level in levels.levels[:-1]]
         self.coarse = _pseudo_inverse(levels.levels[-1].A)
 
-    def __call__(self, b):
+    def __call__(self, b: np.ndarray) -> np.ndarray:
         x = self._descend(0, b)
         for _ in range(self.count - 1):
             x += self._descend(0, self._residual(0, b, x))
         return x
 
-    def _residual(self, k, b, x):
+    def _residual(self, k: int, b: np.ndarray, x: np.ndarray) -> np.ndarray:
         out = np.empty_like(b)
         a = self.levels[k][0]
         _residual3(a.indptr, a.indices, a.data, b, x, out)
         return out
 
-    def _descend(self, k, b):
+    def _descend(self, k: int, b: np.ndarray) -> np.ndarray:
         if k == len(self.levels):
             return self.coarse @ b
         a, p, r = self.levels[k]
@@ -110,14 +120,14 @@ class BlockCycle:
         return x
 
 
-def single(matrix):
+def single(matrix: sp.csr_matrix) -> sp.csr_matrix:
     """A CSR matrix with its entries in single precision and sorted rows."""
     matrix = matrix.tocsr().astype(np.float32)
     matrix.sort_indices()
     return matrix
 
 
-def _pseudo_inverse(matrix):
+def _pseudo_inverse(matrix: sp.csr_matrix) -> np.ndarray:
     """Of the coarsest matrix, without its null space."""
     from scipy.linalg import pinv
 

@@ -10,44 +10,37 @@ settles at 84. Here the dummies carry the interface on: each one near a contact 
 and the colour gradient and the curvature of the fluid particles see them. theta is measured through the first fluid.
 """
 
+from __future__ import annotations
+
 import math
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
 from ..operators.kernel import shape
-from .normals import dilate, find_band
+from .normals import Ghosts, dilate, find_band
+
+if TYPE_CHECKING:
+    from ..domain.neighbours import Neighbourhood
+    from ..geometry.protocol import Geometry
+    from ..operators.pair_weights import Operators
 
 STEEPEST = math.radians(20.0)  # the line is not carried on flatter than this: the colour would come from afar
 SIDEWAYS = 0.3  # of a normal that lies along the wall: below this part the interface runs along the wall, not into it
 SAMPLES = 6  # fluid particles from which the colour of a dummy is averaged
 
 
-@dataclass(frozen=True)
-class Ghosts:
-    """Dummies that the fluid particles near a contact line see.
-
-    start: (n + 1,) row pointers; offset: (n_pairs, dim) from the particle, m; colour: (n_pairs,); normal: (n_pairs,
-    dim), zero where a dummy carries no interface; volume: of a dummy, m^dim.
-    """
-
-    start: np.ndarray
-    offset: np.ndarray
-    colour: np.ndarray
-    normal: np.ndarray
-    volume: float
-
-
 class SlipAtLine:
     """Walls near a contact line slip, so that the line can move as particles become many. phase: (n,) of the fluid
     particles; length: Navier slip length, m."""
 
-    def __init__(self, phase, length):
+    def __init__(self, phase: np.ndarray, length: float):
         self.phase, self.length = phase, length
 
-    def wall_table(self, geometry, wall, neighbours):
+    def wall_table(self, geometry: Geometry, wall: np.ndarray,
+                   neighbours: Neighbourhood) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
         """(wall (n_rows,), velocity, slip length, spin) of the walls, each there twice: as it is, and near a line.
 
         wall: (n_rows,) nearest wall of each row; neighbours: of the fluid particles, dummies included.
@@ -64,17 +57,19 @@ class ContactAngle:
     """angle: degrees through the first fluid; dummies: (n_dummy, dim) m; depth: (n_dummy,) of them below the wall, m;
     normals: (n_dummy, dim) of the wall, into the fluid; kind: kernel number; support, spacing: m; volume: m^dim."""
 
-    def __init__(self, angle, dummies, depth, normals, kind, support, spacing, volume):
+    def __init__(self, angle: float, dummies: np.ndarray, depth: np.ndarray, normals: np.ndarray, kind: int,
+                 support: float, spacing: float, volume: float):
         self.angle = math.radians(angle)
         self.dummies, self.depth, self.normals = dummies, depth, normals
         self.kind, self.support, self.spacing, self.volume = kind, support, spacing, volume
 
-    def ghosts(self, ops, neighbours, colour, near):
+    def ghosts(self, ops: Operators, neighbours: Neighbourhood, colour: np.ndarray, near: np.ndarray) -> Ghosts | None:
         """Ghosts of one configuration, or None where the interface meets no wall. Arguments as those of
         `SurfaceTension.force`."""
         n, x, reach = len(colour), neighbours.x, near
         for _ in range(2):
             reach = dilate(ops.start, ops.column, reach)
+        assert ops.walls is not None
         reach &= ops.walls.near
         start, at, dummy = _seen(neighbours, reach, n)
         if len(at) == 0:
@@ -98,7 +93,7 @@ class ContactAngle:
         carried = self._colour_at(self.dummies[used] + rise * (p + t / math.tan(steep)), x, neighbours.owner, colour)
         return Ghosts(start, offset, carried[where], normal[where], self.volume)
 
-    def _colour_at(self, points, x, owner, colour):
+    def _colour_at(self, points: np.ndarray, x: np.ndarray, owner: np.ndarray, colour: np.ndarray) -> np.ndarray:
         """Kernel average of the colour of the fluid nearest to points (m, dim)."""
         rows = np.flatnonzero(owner < len(colour))
         count = min(SAMPLES, len(rows))

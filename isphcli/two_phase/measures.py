@@ -4,16 +4,27 @@ Volumes are those of the particles, 1 / sum W (eq. 7), scaled so that together t
 the lattice sites and never change. With tension, the interface is that of its band (`normals.Band`).
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ..geometry.protocol import sample_box
+from ..domain import reduce
+from ..geometry.protocol import Geometry, sample_box
 from ..operators.apply import gradient_p
 from .normals import ADJACENT
+
+if TYPE_CHECKING:
+    from ..flow.one_fluid import InterfaceBand, Tension
+    from ..flow.state import Configuration, State
+
+Centre = list[float | None]  # (dim,) m, None along a periodic axis that a fluid lies all round
 
 SELDOM = 20  # steps between ganglia and contact angles
 LINKED = 1.5  # mean distances of particles V^(1/dim) that like particles of one ganglion are apart at most
@@ -31,20 +42,21 @@ class Measures:
     site_volume: m^dim; pressure: kg/m3, density that `State.p` is over; tension: SurfaceTension or None;
     amplitude: function of the positions (n, dim), m, or None."""
 
-    def __init__(self, names, phase, density, viscosity, geometry, site_volume, pressure=1.0, tension=None,
-                 amplitude=None):
+    def __init__(self, names: Sequence[str], phase: np.ndarray, density: Sequence[float], viscosity: Sequence[float],
+                 geometry: Geometry, site_volume: float, pressure: float = 1.0, tension: Tension | None = None,
+                 amplitude: Callable[[np.ndarray], float] | None = None):
         self.names, self.phase, self.geometry, self.tension = names, phase, geometry, tension
         self.density, self.viscosity, self.pressure = density, viscosity, pressure
         self.site_volume, self.amplitude = site_volume, amplitude
         self.distance = site_volume ** (1.0 / geometry.dim)
-        self.centres = [None, None]
+        self.centres: list[Centre | None] = [None, None]
         self.lower, self.upper = sample_box(geometry)
 
-    def __call__(self, state, config, everything=False):
+    def __call__(self, state: State, config: Configuration, everything: bool = False) -> dict[str, Any]:
         """Entries of a row of the history; what takes longer (ganglia, contact angle) only every `SELDOM` steps, unless
         everything is asked for, and otherwise None."""
         volume = config.ops.volume[: len(state.x)]
-        volume = volume * (self.site_volume * len(volume) / volume.sum())
+        volume = volume * (self.site_volume * reduce.number(volume) / reduce.total(volume))
         row = self._fluids(state, volume)
         if self.amplitude is not None:
             row["amplitude"] = self.amplitude(state.x)
@@ -57,64 +69,71 @@ class Measures:
             row[f"ganglia_{name}"] = self.ganglia(config, k) if everything else None
         return row
 
-    def resume(self, row):
+    def resume(self, row: Mapping[str, Any]) -> None:
         """Takes up the centres of a row of the history, so that those of a restarted run do not jump by a period."""
         self.centres = [[row.get(f"centre_{a}_{name}") for a in "xyz"[: self.geometry.dim]] for name in self.names]
 
-    def _fluids(self, state, volume):
-        row, masks = {}, [self.phase == k for k in (0, 1)]
+    def _fluids(self, state: State, volume: np.ndarray) -> dict[str, Any]:
+        row: dict[str, Any] = {}
+        masks = [self.phase == k for k in (0, 1)]
         inside = np.all((state.x >= self.lower) & (state.x <= self.upper), axis=1)
-        sample = volume[inside].sum()
+        sample = reduce.total(volume[inside])
         for name, mask, k in zip(self.names, masks, (0, 1)):
             u = state.u[mask]
-            row[f"volume_{name}"] = float(volume[mask].sum())
-            row[f"saturation_{name}"] = float(volume[mask & inside].sum() / sample)
-            self.centres[k] = self._centre(state.x[mask], volume[mask], self.centres[k])
-            row |= {f"centre_{a}_{name}": c for a, c in zip("xyz", self.centres[k])}
-            row |= {f"velocity_{a}_{name}": float(v) for a, v in zip("xyz", u.mean(axis=0))}
-            row[f"kinetic_energy_{name}"] = float(0.5 * self.density[k] * self.site_volume * (u * u).sum())
+            row[f"volume_{name}"] = float(reduce.total(volume[mask]))
+            row[f"saturation_{name}"] = float(reduce.total(volume[mask & inside]) / sample)
+            self.centres[k] = centre = self._centre(state.x[mask], volume[mask], self.centres[k])
+            row |= {f"centre_{a}_{name}": c for a, c in zip("xyz", centre)}
+            row |= {f"velocity_{a}_{name}": float(v) for a, v in zip("xyz", reduce.mean(u))}
+            square = reduce.total((u * u).ravel())
+            row[f"kinetic_energy_{name}"] = float(0.5 * self.density[k] * self.site_volume * square)
         return row
 
-    def _centre(self, x, volume, before):
+    def _centre(self, x: np.ndarray, volume: np.ndarray, before: Centre | None) -> Centre:
         """Centre of volume, list of dim, m; None along a periodic axis that the fluid lies all round."""
         return [
             self._mean_round(x[:, a], volume, a, None if before is None else before[a])
-            if self.geometry.periodic[a] else float(volume @ x[:, a] / volume.sum())
+            if self.geometry.periodic[a] else float(reduce.dot(volume, x[:, a]) / reduce.total(volume))
             for a in range(x.shape[1])
         ]
 
-    def _mean_round(self, x, weight, axis, before):
+    def _mean_round(self, x: np.ndarray, weight: np.ndarray, axis: int, before: float | None) -> float | None:
         """Mean of coordinates (n,) along a periodic axis, in the period nearest to the mean `before` (or None)."""
         length = self.geometry.upper[axis] - self.geometry.lower[axis]
-        direction = weight @ np.exp(2j * math.pi * (x - self.geometry.lower[axis]) / length) / weight.sum()
+        phase = np.exp(2j * math.pi * (x - self.geometry.lower[axis]) / length)
+        direction = reduce.dot(weight, phase) / reduce.total(weight)
         if abs(direction) < ROUND:
             return None
         middle = self.geometry.lower[axis] + length * (np.angle(direction) / (2 * math.pi) % 1.0)
         offset = (x - middle + length / 2) % length - length / 2
-        mean = middle + float(weight @ offset / weight.sum())
+        mean = middle + float(reduce.dot(weight, offset) / reduce.total(weight))
         return mean if before is None else mean + length * round((before - mean) / length)
 
-    def _interface(self, state, config, volume):
-        sigma, strength = self.tension.tension, config.terms.band.strength
+    def _interface(self, state: State, config: Configuration, volume: np.ndarray) -> dict[str, Any]:
+        assert self.tension is not None
+        sigma, strength = self.tension.tension, _band(config).strength
         area = self._area(config, volume)
-        row = {"interface_area": area, "surface_energy": sigma * area,
-               "pressure_jump": self._jump(state.p, strength == 0.0) * self.pressure,
-               "capillary_number": float(np.sqrt((state.u * state.u).sum(axis=1).max()) * max(self.viscosity) / sigma)}
+        speed = np.sqrt(reduce.largest((state.u * state.u).sum(axis=1)))
+        row: dict[str, Any] = {
+            "interface_area": area, "surface_energy": sigma * area,
+            "pressure_jump": self._jump(state.p, strength == 0.0) * self.pressure,
+            "capillary_number": float(speed * max(self.viscosity) / sigma),
+        }
         if self.geometry.dim == 2:
             row["circularity"] = self._circularity(state.x, volume, area)
         return row
 
-    def _circularity(self, x, volume, length):
+    def _circularity(self, x: np.ndarray, volume: np.ndarray, length: float) -> float | None:
         """Of the fluid that the other one encloses; None where neither is: not all its outline is interface."""
         for k in (0, 1):
             mine = self.phase == k
             if self._enclosed(x[mine]):
-                return 2.0 * math.sqrt(math.pi * volume[mine].sum()) / length
+                return 2.0 * math.sqrt(math.pi * reduce.total(volume[mine])) / length
         return None
 
-    def _enclosed(self, x):
+    def _enclosed(self, x: np.ndarray) -> bool:
         """Whether particles (m, dim) keep off the walls and leave a gap along every periodic axis."""
-        if self.geometry.distance(x).min() < self.distance:
+        if reduce.smallest(self.geometry.distance(x)) < self.distance:
             return False
         for axis in np.flatnonzero(self.geometry.periodic):
             along = np.sort(x[:, axis])
@@ -123,23 +142,23 @@ class Measures:
                 return False
         return True
 
-    def _area(self, config, volume):
+    def _area(self, config: Configuration, volume: np.ndarray) -> float:
         """sum V |grad C|, m^(dim - 1). The band leaves out where the gradient is faint, which is 2 % of the sum: with
         it, disks and ellipses of 36 to 64 particles have their length within 0.7 %."""
-        band = config.terms.band
+        band = _band(config)
         slope = gradient_p(config.ops, band.colour)
         size = np.sqrt((slope * slope).sum(axis=1))
-        return float(volume @ np.where(band.strength > 0.0, band.strength, size))
+        return float(reduce.dot(volume, np.where(band.strength > 0.0, band.strength, size)))
 
-    def _jump(self, p, outside):
+    def _jump(self, p: np.ndarray, outside: np.ndarray) -> float:
         means = []
         for k in (0, 1):
             mine = self.phase == k
             far = mine & outside
-            means.append(p[far if far.any() else mine].mean())
+            means.append(reduce.mean(p[far if reduce.any_true(far) else mine]))
         return float(means[0] - means[1])
 
-    def ganglia(self, config, k):
+    def ganglia(self, config: Configuration, k: int) -> int:
         """Number of the separate parts of fluid k."""
         start, column = config.ops.start, config.ops.column
         x, owner = config.ops.neighbours.x, np.repeat(np.arange(len(start) - 1), np.diff(start))
@@ -152,11 +171,12 @@ class Measures:
         links = csr_matrix((np.ones(near.sum(), np.int8), (number[owner[near]], number[column[near]])), shape=(n, n))
         return int(connected_components(links, directed=False)[0])
 
-    def contact_angle(self, config):
+    def contact_angle(self, config: Configuration) -> float | None:
         """Degrees through the first fluid between a flat wall and the circle or sphere through the interface near it;
         None where there is no such wall or circle, or the circle does not reach the wall."""
         from ..geometry.wall_normals import wall_normals
 
+        assert self.tension is not None
         points = self._crossings(config)
         depth = self.geometry.distance(points) if len(points) else np.zeros(0)
         kept = (depth > self.tension.support) & (depth < FARTHEST * self.distance)
@@ -183,18 +203,18 @@ class Measures:
             return None
         return through if inside else 180.0 - through
 
-    def _on_one_wall(self, x, k, normal):
+    def _on_one_wall(self, x: np.ndarray, k: int, normal: np.ndarray) -> bool:
         """Whether all that fluid k touches is a wall of this normal (dim,): a slug between plates is no drop."""
         from ..geometry.wall_normals import wall_normals
 
         mine = x[self.phase == k]
         at_wall = mine[self.geometry.distance(mine) < self.distance]
-        return bool((wall_normals(self.geometry, at_wall, self.distance) @ normal > 0.99).all())
+        return not reduce.any_true(~(wall_normals(self.geometry, at_wall, self.distance) @ normal > 0.99))
 
-    def _crossings(self, config):
+    def _crossings(self, config: Configuration) -> np.ndarray:
         """Points (m, dim) between particles side by side where the averaged colour is one half. Without the average the
         angle of a drop of 24 spacings on a lattice comes out wrong by up to 33 degrees."""
-        start, column, colour = config.ops.start, config.ops.column, config.terms.band.colour
+        start, column, colour = config.ops.start, config.ops.column, _band(config).colour
         owner = np.repeat(np.arange(len(start) - 1), np.diff(start))
         unlike = (colour[owner] >= 0.5) & (colour[column] < 0.5)
         inner, outer = colour[owner[unlike]], colour[column[unlike]]
@@ -202,22 +222,22 @@ class Measures:
         near = ((b - a) ** 2).sum(axis=1) < (ADJACENT * self.distance) ** 2
         return (a + ((inner - 0.5) / (inner - outer))[:, None] * (b - a))[near]
 
-    def _centre_of_drop(self, x):
+    def _centre_of_drop(self, x: np.ndarray) -> Centre:
         """Centre of the fluid of which there is less, list of dim, None along axes where it has none."""
-        mine = x[self.phase == (0 if 2 * (self.phase == 0).sum() <= len(self.phase) else 1)]
+        mine = x[self.phase == (0 if reduce.count(self.phase == 0) <= reduce.count(self.phase == 1) else 1)]
         return self._centre(mine, np.ones(len(mine)), None)
 
-    def _round(self, points, centre):
+    def _round(self, points: np.ndarray, centre: Sequence[float | None]) -> np.ndarray:
         """The points with those brought over periodic faces that are then nearer to a centre (entries may be None)."""
         points = points.copy()
         for axis in np.flatnonzero(self.geometry.periodic):
-            if centre[axis] is not None:
+            if (middle := centre[int(axis)]) is not None:
                 length = self.geometry.upper[axis] - self.geometry.lower[axis]
-                points[:, axis] = centre[axis] + (points[:, axis] - centre[axis] + length / 2) % length - length / 2
+                points[:, axis] = middle + (points[:, axis] - middle + length / 2) % length - length / 2
         return points
 
     @staticmethod
-    def _fit(points):
+    def _fit(points: np.ndarray) -> tuple[float, np.ndarray, float]:
         """(root mean square distance, centre (dim,), radius) of the circle or sphere through points, m."""
         # |x|^2 = 2 c . x + (r^2 - |c|^2), about the middle of the points and in their size
         middle = points.mean(axis=0)
@@ -230,16 +250,23 @@ class Measures:
         off = np.linalg.norm(local - centre, axis=1) - radius
         return size * math.sqrt((off * off).mean()), middle + size * centre, size * radius
 
-    def _first_inside(self, centre, radius, points, x):
+    def _first_inside(self, centre: np.ndarray, radius: float, points: np.ndarray, x: np.ndarray) -> bool:
         """Whether the first fluid is on the inner side of the circle, by the particles that lie next to the points."""
         x = self._round(x[: len(self.phase)], list(points.mean(axis=0)))
         near = cKDTree(points).query(x, distance_upper_bound=2.0 * self.distance)[0] < np.inf
         inner = np.linalg.norm(x[near] - centre, axis=1) < radius
         first = self.phase[near] == 0
-        return 2 * int((inner == first).sum()) > len(first)
+        return reduce.count(inner == first) > reduce.count(inner != first)
 
 
-def summary(measures, state, config, rows, driven):
+def _band(config: Configuration) -> InterfaceBand:
+    """The interface of a configuration of fluids with tension."""
+    assert config.terms.band is not None
+    return config.terms.band
+
+
+def summary(measures: Measures, state: State, config: Configuration, rows: Sequence[Mapping[str, Any]],
+            driven: bool) -> dict[str, Any]:
     """The block `two_fluids` of summary.json. rows: of the history; driven: whether more than tension moves fluid."""
     block = measures(state, config, everything=True)
     if measures.tension is not None:
@@ -250,7 +277,7 @@ def summary(measures, state, config, rows, driven):
     return block
 
 
-def broke_up(names, rows, block):
+def broke_up(names: Sequence[str], rows: Sequence[Mapping[str, Any]], block: Mapping[str, Any]) -> str | None:
     """A sentence on fluids that end in more parts than they began in, or None. rows: of the history, whose first count
     is the start; block: of `summary`."""
     grown = []

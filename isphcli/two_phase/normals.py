@@ -10,14 +10,20 @@ or in shear, pairs weighted with  1 / (t rho_i + (1 - t) rho_j)  and  1 / (t / m
 and a stress that are exact to round-off, whatever the ratio: that is the form which eqs 2 and 3 need at a jump.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit, prange
 
 from ..operators.kernel import shape, slope
 from ..operators.moments import invert_gradient
+
+if TYPE_CHECKING:
+    from ..operators.pair_weights import Operators
 
 AVERAGES = 1  # kernel averages of the colour
 FAINT = 0.02  # |grad C| dx below which a particle is not of the band
@@ -42,11 +48,27 @@ class Band:
     curvature: np.ndarray | None = None
 
 
-def find_band(ops, colour, near, spacing, ghosts=None, wanted=None):
+@dataclass(frozen=True)
+class Ghosts:
+    """Dummies that the fluid particles near a contact line see.
+
+    start: (n + 1,) row pointers; offset: (n_pairs, dim) from the particle, m; colour: (n_pairs,); normal: (n_pairs,
+    dim), zero where a dummy carries no interface; volume: of a dummy, m^dim.
+    """
+
+    start: np.ndarray
+    offset: np.ndarray
+    colour: np.ndarray
+    normal: np.ndarray
+    volume: float
+
+
+def find_band(ops: Operators, colour: np.ndarray, near: np.ndarray, spacing: float,
+              ghosts: Ghosts | None = None, wanted: np.ndarray | None = None) -> Band:
     """The Band of a configuration.
 
     ops: Operators; near: (n,) of `near_interface`; spacing: m; ghosts: what walls carry on of the interface
-    (contact_angle.Ghosts), or None; wanted: (n,) bool, particles whose normals are asked for, or None for all.
+    (see `contact_angle`), or None; wanted: (n,) bool, particles whose normals are asked for, or None for all.
     """
     beyond = ghost_arrays(ghosts, len(colour), ops.dim)
     if wanted is None:
@@ -67,14 +89,15 @@ def find_band(ops, colour, near, spacing, ghosts=None, wanted=None):
     return Band(smooth, normal, strength)
 
 
-def ghost_arrays(ghosts, n, dim):
-    """(start, offset, colour, normal, volume) of contact_angle.Ghosts; of none for n particles where they are None."""
+def ghost_arrays(ghosts: Ghosts | None, n: int,
+                 dim: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
+    """(start, offset, colour, normal, volume) of `Ghosts`; of none for n particles where they are None."""
     if ghosts is None:
         return np.zeros(n + 1, np.int64), np.zeros((0, dim)), np.zeros(0), np.zeros((0, dim)), 0.0
     return ghosts.start, ghosts.offset, ghosts.colour, ghosts.normal, ghosts.volume
 
 
-def crossings(ops, colour, near):
+def crossings(ops: Operators, colour: np.ndarray, near: np.ndarray) -> np.ndarray:
     """Fraction t of the way from i to j at which a pair crosses the interface, (n_pairs,); 0.5 for like pairs.
     Arguments as those of `find_band`."""
     point, weight = _adjacent(ops.neighbours, ops.volume, colour, ADJACENT)

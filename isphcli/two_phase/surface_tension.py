@@ -13,15 +13,24 @@ very weights b_ij grad_ij of its pressure gradient: a constant curvature is bala
 `csf` (eq. 24): the force sigma kappa grad C in the band, per mean density.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit, prange
 
 from ..operators.kernel import slope
 from ..operators.moments import THIN
-from .normals import averages, find_band, ghost_arrays
+from .normals import Band, averages, find_band, ghost_arrays
+
+if TYPE_CHECKING:
+    from ..domain.neighbours import Neighbourhood
+    from ..operators.pair_weights import Operators
+    from .contact_angle import ContactAngle
 
 SMOOTHINGS = 3  # kernel averages of the curvature over the band
 # Mean viscosity over sqrt(rho sigma dx) below which an interface gets viscosity (docs/method.md 12), and how much
@@ -32,7 +41,8 @@ SMOOTHINGS = 3  # kernel averages of the curvature over the band
 OHNESORGE_MIN, ADDED_VISCOSITY, OHNESORGE_FULL_SHIFTING = 0.04, 2.5, 0.044
 
 
-def damping(tension, density, viscosity, spacing):
+def damping(tension: float, density: Sequence[float] | np.ndarray, viscosity: Sequence[float] | np.ndarray,
+            spacing: float) -> tuple[float, bool]:
     """Dynamic viscosity that pairs at an interface get on top of their own, Pa s (0 where it damps enough by itself),
     and whether particles are shifted there in full.
 
@@ -46,21 +56,23 @@ class SurfaceTension:
     """tension: N/m; method: jump or csf; density: (2,) kg/m3; kind: kernel number; support, spacing: m;
     contact: contact_angle.ContactAngle or None."""
 
-    def __init__(self, tension, method, density, kind, support, spacing, contact=None):
+    def __init__(self, tension: float, method: str, density: Sequence[float] | np.ndarray, kind: int, support: float,
+                 spacing: float, contact: ContactAngle | None = None):
         self.tension, self.method, self.density = tension, method, np.asarray(density, float)
         self.kind, self.support, self.spacing = kind, support, spacing
         self.contact = contact
 
     @property
-    def largest_step(self):
+    def largest_step(self) -> float:
         """sqrt(rho dx^3 / (2 pi sigma)), rho the mean density, s: the limit of Brackbill, Kothe and Zemach (1992)."""
         return math.sqrt(self.density.mean() * self.spacing**3 / (2.0 * math.pi * self.tension))
 
-    def damping(self, viscosity):
+    def damping(self, viscosity: Sequence[float] | np.ndarray) -> tuple[float, bool]:
         """`damping` of this interface between fluids of dynamic viscosities (2,), Pa s."""
         return damping(self.tension, self.density, viscosity, self.spacing)
 
-    def force(self, ops, weighted, neighbours, colour, near, reference):
+    def force(self, ops: Operators, weighted: Operators, neighbours: Neighbourhood, colour: np.ndarray,
+              near: np.ndarray, reference: float) -> tuple[np.ndarray, np.ndarray | None, Band]:
         """Acceleration (n, dim), m/s2; what the Laplacian of the pressure makes of the jump
         (`Terms.laplacian_of_jump`), or None; the Band of this configuration.
 
@@ -76,7 +88,7 @@ class SurfaceTension:
         curvature = averages(ops.neighbours, band.strength * ops.volume, curvature, SMOOTHINGS)
         band = replace(band, curvature=curvature)
         if self.method == "jump":
-            across = weighted.lap_p if ops.walls is None else weighted.walls.symmetric_laplacian
+            across = weighted.lap_p if weighted.walls is None else weighted.walls.symmetric_laplacian
             jump = _jump(weighted.neighbours, weighted.grad_p, across, colour, curvature, band.strength,
                          self.tension / reference)
             return *jump, band

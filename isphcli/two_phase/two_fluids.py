@@ -12,8 +12,12 @@ Both are paired: the Poisson matrix has lap_ij / r_ij (only one of the two blows
 Where the viscosity jumps, the transposed stress div(mu (grad u)^T) does not vanish: see `TransposedStress`.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit, prange
@@ -21,6 +25,12 @@ from numba import njit, prange
 from ..flow.one_fluid import Terms, body_force
 from ..operators.apply import potential_gradient
 from .normals import crossings, near_interface
+
+if TYPE_CHECKING:
+    from ..domain.neighbours import Neighbourhood
+    from ..operators.pair_weights import Operators
+    from ..operators.wall_operators import WallChange
+    from .surface_tension import SurfaceTension
 
 SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like a second derivative of a plane of them
 
@@ -33,8 +43,10 @@ class TwoFluids:
 
     first_passes = 5  # with 3, layers of density ratio 1000 moved at 1e-8 sqrt(g H)
 
-    def __init__(self, phase, density, viscosity, body, push, kind, support, tension=None,
-                 line=None, held=None):
+    def __init__(self, phase: np.ndarray, density: Sequence[float] | np.ndarray,
+                 viscosity: Sequence[float] | np.ndarray, body: np.ndarray, push: np.ndarray, kind: int, support: float,
+                 tension: SurfaceTension | None = None, line: WallChange | None = None,
+                 held: np.ndarray | None = None):
         self.phase = phase
         self.colour = np.where(phase == 0, 1.0, 0.0)  # eq. 15, the same for all particles
         self.density = np.array(density, float)
@@ -46,21 +58,21 @@ class TwoFluids:
             self.added_viscosity, self.interface_underdamped = tension.damping(self.mu)
 
     @property
-    def nu_max(self):
+    def nu_max(self) -> float:
         """Largest kinematic viscosity, m2/s."""
         return float((self.mu / self.density).max())
 
     @property
-    def nu_min(self):
+    def nu_min(self) -> float:
         """Smallest kinematic viscosity, m2/s."""
         return float((self.mu / self.density).min())
 
     @property
-    def reference(self):
+    def reference(self) -> float:
         """Density that pressures are divided by, kg/m3."""
         return self.density[0]
 
-    def terms(self, ops, neighbours):
+    def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
         """Terms of one configuration. ops: Operators; neighbours: all of them, dummies included."""
         reference = self.density[0]
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
@@ -98,7 +110,7 @@ class TwoFluids:
                      shifts_less, damps, along, band)
 
     @staticmethod
-    def _weigh(ops, t, rho, mu, heavy):
+    def _weigh(ops: Operators, t: np.ndarray, rho: np.ndarray, mu: np.ndarray, heavy: bool) -> Operators:
         walls = ops.walls
         symmetric = ops.lap_p if walls is None else walls.symmetric_laplacian
         weights = ops.lap, ops.lap_p, ops.grad_p, symmetric
@@ -130,14 +142,14 @@ class TransposedStress:
     tensor: np.ndarray
 
     @classmethod
-    def build(cls, ops, weighted_lap, rows):
+    def build(cls, ops: Operators, weighted_lap: np.ndarray, rows: np.ndarray) -> TransposedStress:
         """ops: Operators; weighted_lap: (n_pairs,) its `lap` times m_ij / rho_i; rows: (m,)."""
         count = np.diff(ops.start)[rows]
         start = np.concatenate([[0], np.cumsum(count)])
         column, tensor = _transposed_stress_tensors(ops.neighbours, ops.lap, weighted_lap, rows, start)
         return cls(rows, start, column, tensor)
 
-    def add(self, u, out, factor):
+    def add(self, u: np.ndarray, out: np.ndarray, factor: float) -> None:
         """out += factor times the stress; u, out: (n, dim)."""
         _add_transposed_stress(self.rows, self.start, self.column, self.tensor, u, out, factor)
 

@@ -53,7 +53,7 @@ class Finding:
     """What was measured: rows of a table under their heads, sentences, pictures and whether the claim holds."""
 
     heads: Sequence[str] = ()
-    rows: list[Sequence[Any]] = field(default_factory=list)
+    rows: Sequence[Sequence[Any]] = ()
     notes: list[str] = field(default_factory=list)
     pictures: list[Path] = field(default_factory=list)
     passed: bool | None = None  # None: nothing in the paper to judge by

@@ -9,12 +9,14 @@ large: False in tests/validation/test_stress.py, which runs all of them in half 
 docs/stability.md.
 """
 
+from __future__ import annotations
+
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -27,6 +29,12 @@ from ..run.steady import NoFlowError, build_scene, solve_axis
 from ..run.time_loop import TimeLoop
 from ..scene.build_geometry import build_geometry
 from ..scene.prepare import prepare
+
+if TYPE_CHECKING:
+    from ..case.blocks import Case
+    from ..flow.state import Configuration, State
+    from ..flow.step import Stepper
+    from ..geometry.protocol import Geometry
 
 EXPLICIT = 0.125  # nu dt / dx^2 of an explicit method (Morris, Fox and Zhu 1997)
 DISK = """
@@ -88,7 +96,7 @@ class StressScene:
     measure: Callable
 
 
-SCENES = []
+SCENES: list[StressScene] = []
 
 
 def scene(name, setting, invariant, bound):
@@ -101,8 +109,27 @@ def scene(name, setting, invariant, bound):
     return enter
 
 
-def marched(text, *sets, change=None):
-    """A run of moving particles in memory: state, start, rows, config, stepper, march and case at its end.
+@dataclass(frozen=True)
+class Marched:
+    """A run of moving particles in memory at its end.
+
+    start: its first state; rows: of the history; march: with the outcome; site_volume: m^dim; density: (n,) kg/m3.
+    """
+
+    case: Case
+    geometry: Geometry
+    start: State
+    state: State
+    rows: list[dict[str, Any]]
+    config: Configuration
+    stepper: Stepper
+    march: TimeLoop
+    site_volume: float
+    density: np.ndarray
+
+
+def marched(text: str, *sets: str, change: Callable[[State], State] | None = None) -> Marched:
+    """A run of moving particles in memory.
 
     sets: key=value overrides. change: function of the first state, for what a case cannot say.
     """
@@ -113,10 +140,9 @@ def marched(text, *sets, change=None):
         start = change(start)
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     march = TimeLoop(case, stepper, particles.site_volume, density, float(np.prod(geometry.upper - geometry.lower)))
-    rows = []
+    rows: list[dict[str, Any]] = []
     state, config = march.run(start, stepper.configure(start.x), lambda *_: None, rows.append, lambda *_: None)
-    return SimpleNamespace(case=case, geometry=geometry, start=start, state=state, rows=rows, config=config,
-                           stepper=stepper, march=march, site_volume=particles.site_volume, density=density)
+    return Marched(case, geometry, start, state, rows, config, stepper, march, particles.site_volume, density)
 
 
 def creeping(text, *sets, axis=0):

@@ -22,6 +22,7 @@ from isphcli.references.compare import (
     connected_parts,
     fit_oscillation,
 )
+from isphcli.references.result import Result
 from isphcli.scene.build_geometry import build_geometry
 from tests.paths import CASES
 
@@ -42,9 +43,9 @@ def lattice(case):
 def result_of(case, x=None, velocity=None, **more):
     x = lattice(case)[0] if x is None else x
     velocity = np.zeros_like(x) if velocity is None else velocity
-    known = dict(x=x, velocity=velocity, pressure=np.zeros(len(x)), time=None, permeability=None)
-    known |= dict(spacing=case.particles.spacing, geometry=build_geometry(case), history=[])
-    return SimpleNamespace(**(known | more))
+    known = dict(x=x, velocity=velocity, cell_velocity=velocity, pressure=np.zeros(len(x)), time=None)
+    known |= dict(phase=np.zeros(len(x), np.int8), spacing=case.particles.spacing, geometry=build_geometry(case))
+    return Result(**({**known, "history": []} | more))
 
 
 @pytest.mark.parametrize(
@@ -183,11 +184,12 @@ def test_published_permeabilities():
     case = the_case("berea_three_axes")
     assert case.reference.value == pytest.approx([references.berea_permeability(a, 3e-6) for a in range(3)])
     measured = dict(zip("xyz", np.array(case.reference.value) * [1.0, WRONG, 1 / WRONG]))
-    errors = compare(case, SimpleNamespace(permeability=measured))
+    errors = compare(case, SimpleNamespace(permeability=measured, tensor=None))
     assert errors["permeability_relative_x"] == 0.0
     assert errors["permeability_relative"] == errors["permeability_relative_y"] == pytest.approx(WRONG - 1)
     case = the_case("berea", "reference.value=1e-12")
-    assert compare(case, SimpleNamespace(permeability=1.1e-12))["permeability_relative"] == pytest.approx(0.1)
+    result = SimpleNamespace(permeability=1.1e-12, tensor=None)
+    assert compare(case, result)["permeability_relative"] == pytest.approx(0.1)
 
 
 def tubes(case, periods=16, h=1.0):
@@ -265,6 +267,9 @@ def test_what_is_missing_is_named():
         compare_snapshot(case, np.zeros((1, 2)), np.zeros((1, 2)), 0.0)
     with pytest.raises(CompareError, match="not finite"):
         compare(case, result_of(case, permeability=float("nan")))
+    case = the_case("startup_couette", "flow=stokes", "time=null")
+    with pytest.raises(CompareError, match="a steady solve has none"):
+        compare(case, result_of(case))
 
 
 def test_kinds():

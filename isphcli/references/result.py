@@ -1,0 +1,37 @@
+"""What a run found, as its reference is compared with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ..geometry.protocol import Geometry
+
+
+@dataclass(kw_only=True)
+class Result:
+    """The flow at the end of a run, in SI units or those of the case; of a steady solve at its finest spacing.
+
+    x: (n, dim) positions of the fluid particles, m; velocity: (n, dim) m/s; cell_velocity: (n, dim) its mean over their
+    cells of the lattice, m/s, that of the particles where they move; pressure: (n,) Pa; phase: (n,) int8 index of the
+    fluid in case order; spacing: m; time: s, None of a steady solve; geometry: where fluid and walls are; history: a
+    dict a step, or a solve (docs/output.md).
+    permeability: m2 along the drive, {axis: m2} of several, (dim, dim) m2 or None where there is none; tensor:
+    (dim, dim) m2, or None.
+    """
+
+    x: np.ndarray
+    velocity: np.ndarray
+    cell_velocity: np.ndarray
+    pressure: np.ndarray
+    phase: np.ndarray
+    spacing: float
+    time: float | None
+    geometry: Geometry
+    history: Sequence[Mapping[str, Any]]
+    permeability: float | Mapping[str, float] | np.ndarray | None = None
+    tensor: np.ndarray | None = None

@@ -1,0 +1,166 @@
+"""Sums over particles go through domain/reduce: it is the only place that has to know of other processes.
+
+What else combines the entries of an array in the physics rooms is read from the source and stands in a list here, with
+its reason: it runs over components or axes of one particle, or over something that is not spread over processes.
+Compiled loops are left out: they take a particle and its neighbours.
+"""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from isphcli.domain import reduce
+
+PACKAGE = Path(__file__).parents[1] / "isphcli"
+ROOMS = ("domain", "operators", "solvers", "flow", "two_phase")
+NAMES = {"sum", "mean", "max", "min", "any", "all", "prod", "std", "var", "ptp", "dot", "vdot", "norm", "average",
+         "median", "bincount", "count_nonzero", "einsum", "argmin", "argmax"}  # fmt: skip
+
+AXES = "over the axes of the box or the components of a vector"
+OWN = "over the components of each particle"
+BLOCKS = "over blocks of the scene, of which every process has all"
+FLUIDS = "over the two fluids"
+MATRIX = "a row of a matrix takes a particle and its neighbours"
+WALLS = "over the walls, of which every process has all"
+GATHERED = "over points, particles or links that one process will have to gather: there are few, or it is seldom done"
+VECTOR = "of one vector (dim,) with each of many, or with itself"
+ALLOWED = {
+    ("domain.lattice", "self.counts.prod()"): AXES,
+    ("domain.lattice", "self.counts[1:].prod()"): AXES,
+    ("domain.lattice", "self.cell.prod()"): AXES,
+    ("domain.lattice", "np.log10((length + 2.0 * margin) / cell).sum()"): AXES,
+    ("domain.neighbours", "cells.prod()"): AXES,
+    ("flow.one_fluid", "force.any()"): AXES,
+    ("flow.projection", "matrix @ p"): MATRIX,
+    ("flow.step", "(terms.pressure_gradient(p) * (displacement - dt * wind)).sum(axis=1)"): OWN,
+    ("flow.step", "((u - wind) ** 2).sum(axis=1)"): OWN,
+    ("flow.step_limits", "((u / largest) ** 2).sum(axis=1)"): OWN,
+    ("flow.step_limits", "np.isfinite(values.reshape(len(values), -1)).all(axis=1)"): OWN,
+    ("flow.step_limits", "(new.u ** 2).sum(axis=1)"): OWN,
+    ("flow.stokes", "np.einsum('nkm,nm->nk', self.ops.walls.slip, u)"): OWN,
+    ("flow.stokes", "forces.max(axis=1)"): OWN,
+    ("flow.viscous_solve", "matrix @ out[:, k]"): MATRIX,
+    ("flow.viscous_solve", "matrix @ u"): MATRIX,
+    ("flow.viscous_solve", "np.einsum('nkm,nm->nk', slip, u)"): OWN,
+    ("flow.viscous_solve", "np.abs(scaled - apply(solution)).reshape(n, dim).max(axis=1)"): OWN,
+    ("flow.volume_control", "self.wanted.max()"): BLOCKS,
+    ("flow.volume_control", "self.wanted.sum()"): BLOCKS,
+    ("flow.volume_control", "surplus ** 2 @ self.wanted"): BLOCKS,
+    ("flow.volume_control", "np.prod(self.nodes)"): AXES,
+    ("flow.volume_control", "np.prod(np.where(corner, beyond, 1.0 - beyond), axis=1)"): OWN,
+    ("operators.lattice_weights", "np.any(walls.slip_length > 0.0)"): WALLS,
+    ("operators.wall_operators", "np.any(geometry.slip_length > 0.0)"): WALLS,
+    ("operators.wall_weights", "np.any(walls.slip_length > 0.0)"): WALLS,
+    ("operators.wall_weights", "np.einsum('nkm,nm->nk', walls.slip, u)"): OWN,
+    ("operators.wall_weights", "np.einsum('nk,nk->n', walls.div, u)"): OWN,
+    ("solvers.kept_hierarchies", "matrix @ x"): MATRIX,
+    ("solvers.multigrid", "level.R @ (b - level.A @ x)"): MATRIX,
+    ("solvers.multigrid", "level.A @ x"): MATRIX,
+    ("solvers.multigrid", "levels.levels[k + 1].A @ y"): MATRIX,
+    ("solvers.multigrid", "level.P @ y"): MATRIX,
+    ("solvers.multigrid", "self.coarse @ b"): "the coarsest system, of which every process will have all",
+    ("solvers.multigrid", "r @ rest"): MATRIX,
+    ("solvers.multigrid", "p @ y"): MATRIX,
+    ("two_phase.contact_angle", "owner.max()"): "the number of rows of the table of positions of this process",
+    ("two_phase.contact_angle", "sees[owner].all(axis=1)"): FLUIDS,
+    ("two_phase.contact_angle", "(along * p).sum(axis=1, keepdims=True)"): OWN,
+    ("two_phase.contact_angle", "np.linalg.norm(along, axis=1)"): OWN,
+    ("two_phase.contact_angle", "(weight * colour[owner[rows[index]]]).sum(axis=1)"): "over what is near a point",
+    ("two_phase.contact_angle", "weight.sum(axis=1)"): "over what is near a point",
+    ("two_phase.measures", "np.all((state.x >= self.lower) & (state.x <= self.upper), axis=1)"): OWN,
+    ("two_phase.measures", "(state.u * state.u).sum(axis=1)"): OWN,
+    ("two_phase.measures", "(slope * slope).sum(axis=1)"): OWN,
+    ("two_phase.measures", "(offset * offset).sum(axis=1)"): OWN,
+    ("two_phase.measures", "((b - a) ** 2).sum(axis=1)"): OWN,
+    ("two_phase.measures", "((points - middle) ** 2).sum(axis=1)"): OWN,
+    ("two_phase.measures", "(local * local).sum(axis=1)"): OWN,
+    ("two_phase.measures", "np.linalg.norm(local - centre, axis=1)"): OWN,
+    ("two_phase.measures", "np.linalg.norm(x[near] - centre, axis=1)"): OWN,
+    ("two_phase.measures", "normals @ normals[np.argmin(depth)]"): VECTOR,
+    ("two_phase.measures", "wall_normals(self.geometry, at_wall, self.distance) @ normal"): VECTOR,
+    ("two_phase.measures", "points @ normal"): VECTOR,
+    ("two_phase.measures", "middle @ normal"): VECTOR,
+    ("two_phase.measures", "centre @ centre"): VECTOR,
+    ("two_phase.measures", "np.diff(along, append=along[0] + length).max()"): GATHERED,
+    ("two_phase.measures", "(self.phase == k).sum()"): GATHERED,
+    ("two_phase.measures", "near.sum()"): GATHERED,
+    ("two_phase.measures", "np.argmin(depth)"): GATHERED,
+    ("two_phase.measures", "np.ptp(foot)"): GATHERED,
+    ("two_phase.measures", "foot.mean()"): GATHERED,
+    ("two_phase.measures", "points.mean(axis=0)"): GATHERED,
+    ("two_phase.measures", "((points - middle) ** 2).sum(axis=1).mean()"): GATHERED,
+    ("two_phase.measures", "(off * off).mean()"): GATHERED,
+    ("two_phase.surface_tension", "np.mean(density)"): FLUIDS,
+    ("two_phase.surface_tension", "np.mean(viscosity)"): FLUIDS,
+    ("two_phase.surface_tension", "self.density.mean()"): FLUIDS,
+    ("two_phase.two_fluids", "(self.mu / self.density).max()"): FLUIDS,
+    ("two_phase.two_fluids", "(self.mu / self.density).min()"): FLUIDS,
+    ("two_phase.two_fluids", "self.density.min()"): FLUIDS,
+    ("two_phase.two_fluids", "self.push.any()"): AXES,
+}
+
+
+def is_kernel(node):
+    return isinstance(node, ast.FunctionDef) and any("njit" in ast.unparse(d) for d in node.decorator_list)
+
+
+def combined(node):
+    """Source of what combines entries of arrays below a node, compiled loops left out."""
+    if is_kernel(node):
+        return
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult):
+        yield ast.unparse(node)
+    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in NAMES:
+        if ast.unparse(node.func.value) != "reduce":
+            yield ast.unparse(node)
+    for child in ast.iter_child_nodes(node):
+        yield from combined(child)
+
+
+def of_file(path):
+    return set(combined(ast.parse(path.read_text(encoding="utf-8"))))
+
+
+FILES = {f"{path.parent.name}.{path.stem}": path for room in ROOMS for path in sorted((PACKAGE / room).rglob("*.py"))
+         if (room, path.stem) != ("domain", "reduce")}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_sums_over_particles_go_through_reduce(name):
+    assert of_file(FILES[name]) == {source for file, source in ALLOWED if file == name}
+
+
+def test_every_exception_has_its_file():
+    assert {name for name, _ in ALLOWED} <= FILES.keys()
+
+
+def test_the_reader_of_sums():
+    """It sees methods, numpy's functions and products of vectors, and neither compiled loops nor `reduce`."""
+    text = """
+@njit(cache=True)
+def kernel(u):
+    return u.sum()
+
+def speed(u):
+    return np.linalg.norm(u), u.T @ u, reduce.mean(u.max(axis=0)), max(1, 2)
+"""
+    assert set(combined(ast.parse(text))) == {"np.linalg.norm(u)", "u.T @ u", "u.max(axis=0)"}
+
+
+def test_values():
+    """Of four particles, by hand."""
+    u = np.array([[1.0, -2.0], [3.0, 0.0], [0.0, 4.0], [-8.0, 2.0]])
+    weight = np.array([1.0, 3.0, 2.0, 0.0])
+    assert reduce.total(u).tolist() == [-4.0, 4.0] and reduce.total(weight) == 6.0
+    assert reduce.mean(u).tolist() == [-1.0, 1.0] and reduce.mean(weight) == 1.5
+    assert reduce.mean(u[:, 1], weight) == 1.0
+    assert reduce.largest(u) == 4.0 and reduce.smallest(u) == -8.0
+    assert reduce.norm(np.array([3.0, 0.0, 4.0])) == 5.0
+    assert reduce.dot(weight, u).tolist() == [10.0, 6.0] and reduce.dot(weight, weight) == 14.0
+    assert reduce.count(u[:, 0] > 0.0) == 2 and reduce.number(u) == 4
+    assert reduce.any_true(u[:, 0] > 2.0) and not reduce.any_true(u[:, 0] > 3.0)
+    label = np.array([2, 0, 2, 0])
+    assert reduce.total_by(label).tolist() == [2, 0, 2]
+    assert reduce.total_by(label, weight, 4).tolist() == [3.0, 0.0, 3.0, 0.0]
