@@ -2,7 +2,7 @@
 
 Each function takes an array whose first axis is the particles of this process, and returns what holds for the particles
 of all processes; today there is one. Elsewhere in the physics rooms arrays are reduced over components and axes only;
-tests/test_reduce.py holds that, with the exceptions. Compiled loops over neighbours are no reductions: they need the
+tests/domain/test_reduce.py holds that, with the exceptions. Compiled loops over neighbours are no reductions: they need the
 particle and its halo.
 """
 

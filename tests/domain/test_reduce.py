@@ -6,14 +6,14 @@ Compiled loops are left out: they take a particle and its neighbours.
 """
 
 import ast
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from isphcli.domain import reduce
+from tests.paths import ROOT
 
-PACKAGE = Path(__file__).parents[1] / "isphcli"
+PACKAGE = ROOT / "isphcli"
 ROOMS = ("domain", "operators", "solvers", "flow", "two_phase")
 NAMES = {"sum", "mean", "max", "min", "any", "all", "prod", "std", "var", "ptp", "dot", "vdot", "norm", "average",
          "median", "bincount", "count_nonzero", "einsum", "argmin", "argmax"}  # fmt: skip
