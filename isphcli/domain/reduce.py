@@ -2,8 +2,8 @@
 
 Each function takes an array whose first axis is the particles of this process, and returns what holds for the particles
 of all processes; today there is one. Elsewhere in the physics rooms arrays are reduced over components and axes only;
-tests/domain/test_reduce.py holds that, with the exceptions. Compiled loops over neighbours are no reductions: they need the
-particle and its halo.
+tests/domain/test_reduce.py holds that, with the exceptions. Compiled loops over neighbours are no reductions: they need
+the particle and its halo.
 """
 
 from __future__ import annotations

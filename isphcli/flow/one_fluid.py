@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ..operators.apply import gradient_p, potential_gradient
-
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..operators.pair_weights import Operators
+    from ..operators.protocol import DiscreteOperators
     from ..operators.wall_operators import WallChange
 
 
@@ -120,16 +119,16 @@ class Terms:
 
     def pressure_gradient(self, p: np.ndarray) -> np.ndarray:
         """Gradient of the pressure p (n,) over the density without its jump, (n, dim) m/s2."""
-        gradient = gradient_p(self.ops, p)
+        gradient = self.ops.gradient_p(p)
         return gradient if self.jump_acceleration is None else gradient - self.jump_acceleration
 
 
-def body_force(ops: Operators, force: np.ndarray) -> np.ndarray:
+def body_force(ops: DiscreteOperators, force: np.ndarray) -> np.ndarray:
     """The body force (dim,), m/s2; beside walls as the gradient of its potential, (n, dim), as in `StokesSystem.drive`:
     fluid in a pocket or a dead end one particle wide rests."""
     if ops.walls is None or not force.any():
         return force
-    return potential_gradient(ops, force)
+    return ops.potential_gradient(force)
 
 
 class OneFluid:

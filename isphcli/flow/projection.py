@@ -16,7 +16,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..domain import reduce
-from ..operators.apply import gradient_p, total_divergence
 from ..operators.assemble import assemble, row_sums
 from ..solvers.kept_hierarchies import KeptHierarchies
 from ..solvers.krylov import Apply
@@ -88,7 +87,7 @@ def solve_pressure(config: Configuration, system: PressureSystem, right: np.ndar
     means, weighted, scale = config.means, config.terms.ops, system.scale
 
     def apply(q: np.ndarray) -> np.ndarray:
-        return means.remove(system.apply(q, gradient_p(weighted, q)))  # eq. 25: P A q
+        return means.remove(system.apply(q, weighted.gradient_p(q)))  # eq. 25: P A q
 
     def settle(once: Apply) -> Apply:
         return lambda v: means.remove(once(v if scale is None else means.remove(v / scale)))
@@ -124,7 +123,7 @@ def _odd_even(config: Configuration, gradient: np.ndarray, old: np.ndarray, rate
     ops, terms = config.ops, config.terms
     if not terms.damp_odd_even_pressure:
         return 0.0
-    odd_even, drag = -total_divergence(ops, gradient) - old, row_sums(ops.start, ops.lap)
+    odd_even, drag = -ops.total_divergence(gradient) - old, row_sums(ops.start, ops.lap)
     if ops.walls is not None:
         odd_even += ops.walls.div_velocity
         drag += ops.walls.lap

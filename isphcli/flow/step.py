@@ -25,7 +25,6 @@ from ..domain import reduce
 from ..domain.components import ComponentMeans, pair_components
 from ..domain.halo import build_halo, wrap
 from ..domain.neighbours import neighbourhood
-from ..operators.apply import gradient_p, total_divergence
 from ..operators.moments import particle_volumes
 from ..operators.pair_weights import build_operators
 from ..solvers.kept_hierarchies import KeptHierarchies
@@ -206,7 +205,7 @@ class Stepper:
                 u, p, increment = self._hold(config, system, u, p, g0 / dt, moved.shifting_flux)
                 held += increment
         new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.shifting_flux)
-        return StepResult(new, config, dt, total_divergence(config.ops, u), stopped, self.solvers.reports,
+        return StepResult(new, config, dt, config.ops.total_divergence(u), stopped, self.solvers.reports,
                           self.solvers.rebuilt, volume_drift)
 
     def _project(self, config: Configuration, system: PressureSystem, guess: np.ndarray, known: np.ndarray,
@@ -219,9 +218,9 @@ class Stepper:
         if terms.ops.walls is not None:
             right += terms.viscosity * terms.ops.walls.lap_velocity
         star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, right, guess, self.solvers)  # eq. 2
-        div = total_divergence(ops, star) - expansion
+        div = ops.total_divergence(star) - expansion
         q = pressure_increment(config, system, div, p, gradient, rate, self.fluids.nu_min, self.solvers)
-        u = star - gradient_p(terms.ops, q) / rate  # eq. 3
+        u = star - terms.ops.gradient_p(q) / rate  # eq. 3
         return u, settled(config, p + q - terms.bulk * div)  # eq. 4
 
     def _hold(self, config: Configuration, system: PressureSystem, u: np.ndarray, p: np.ndarray, rate: float,
@@ -240,13 +239,13 @@ class Stepper:
             assert terms.along is not None
             along = np.broadcast_to(terms.along, u.shape)
             star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), solvers)
-            div = total_divergence(ops, star)
+            div = ops.total_divergence(star)
             if ops.walls is not None:
                 div -= ops.walls.div_velocity
             q = solve_pressure(config, system, config.means.remove(-rate * div), solvers.tolerance, solvers)
         finally:
             solvers.tolerance = tolerance
-        v = star - gradient_p(terms.ops, q) / rate
+        v = star - terms.ops.gradient_p(q) / rate
         increment = held.gradient_for_flux(config.x, u, v, rate, shifting_flux)
         if increment is None:
             self._nothing_flows()

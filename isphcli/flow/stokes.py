@@ -22,9 +22,7 @@ from ..operators.lattice_weights import (
     LatticeWeights,
     conductance_matrix,
     divergence_and_rhie_chow,
-    gradient_p,
     momentum,
-    potential_gradient,
     symmetric_laplacian,
     velocity_matrix,
 )
@@ -65,7 +63,7 @@ class StokesSystem:
         self.ops, self.spacing, self.viscosity, self.tau = ops, spacing, viscosity, tau
         self.dim = ops.dim
         self.conservative = conservative
-        self.count, labels = pair_components(ops.pairs.start, ops.pairs.column)
+        self.count, labels = pair_components(ops.start, ops.column)
         self.means = ComponentMeans(labels)
         self._velocity = BlockCycle(hierarchy(velocity_matrix(ops, spacing), STRENGTH), CYCLES)
         self._darcy = cycle(hierarchy(self._conductance()))
@@ -92,7 +90,7 @@ class StokesSystem:
         dx = self.spacing
         grad_p = np.empty_like(u)
         momentum(self.ops, u, p, dx, forces, grad_p)  # eq. 1 without inertia
-        if self.ops.slips:
+        if self.ops.walls.slip is not None:
             forces -= dx**2 * np.einsum("nkm,nm->nk", self.ops.walls.slip, u)
         both = divergence_and_rhie_chow(self.ops, u, (p, grad_p), (dx, -self.tau * dx * dx), self.conservative)
         mass[:] = self.means.remove(both)  # eq. 25
@@ -108,7 +106,7 @@ class StokesSystem:
         mass = self.means.remove(mass)
         p[:] = mass + self.means.remove(self._darcy(mass) - ROUGH * dx * dx * symmetric_laplacian(self.ops, mass))
         rest = np.zeros((self.ops.n, 3))
-        rest[:, : self.dim] = forces - dx * gradient_p(self.ops, p)
+        rest[:, : self.dim] = forces - dx * self.ops.gradient_p(p)
         u[:] = self._velocity(rest)[:, : self.dim]
         return out
 
@@ -119,7 +117,7 @@ class StokesSystem:
         balance the part across it, and in a pocket of one particle none at all: there that part is left out, and fluid
         at rest stays at rest.
         """
-        return potential_gradient(self.ops, np.asarray(force, float))
+        return self.ops.potential_gradient(np.asarray(force, float))
 
     def solve(self, force: Sequence[float] | np.ndarray, tolerance: float, restart: int = 60, max_iterations: int = 400,
               watch: Watch | None = None) -> StokesFlow:

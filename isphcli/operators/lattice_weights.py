@@ -36,7 +36,8 @@ from .moments import (
     stencil_moments,
     stencil_size,
 )
-from .wall_weights import BoundarySums, add_wall_pair, meet_walls, new_boundary_sums, new_wall_pair
+from .protocol import WallSums
+from .wall_weights import add_wall_pair, boundary_sums, meet_walls, new_boundary_sums, new_wall_pair
 
 # Share by which diagonals of the conductances are raised. Pressure is known up to a constant in each component; in a
 # pocket smaller than an aggregate the coarse matrices hold nothing but that constant and divide by round-off.
@@ -78,16 +79,15 @@ class Factors(NamedTuple):
 
 @dataclass(frozen=True)
 class LatticeWeights:
-    """The operators of the fluid particles of a steady solve.
+    """The operators of the fluid particles of a steady solve, of the protocol `DiscreteOperators`.
 
-    pairs, tensors: see there; walls: sums over the neighbours beyond walls (`pair_weights.WallSums`), slips: whether a
-    wall slips; deficient: particles that fell back on a simpler correction.
+    pairs, tensors: see there; walls: sums over the neighbours beyond walls; deficient: particles that fell back on a
+    simpler correction.
     """
 
     pairs: LatticePairs
     tensors: Factors
-    walls: BoundarySums
-    slips: bool
+    walls: WallSums
     deficient: int
 
     @property
@@ -99,6 +99,32 @@ class LatticeWeights:
     def dim(self) -> int:
         """2 or 3."""
         return self.pairs.step.shape[1]
+
+    @property
+    def start(self) -> np.ndarray:
+        """(n + 1,) row pointers of the pairs."""
+        return self.pairs.start
+
+    @property
+    def column(self) -> np.ndarray:
+        """(n_pairs,) int32 particles that the neighbours are or image."""
+        return self.pairs.column
+
+    def gradient_p(self, p: np.ndarray) -> np.ndarray:
+        """Pressure gradient (n, dim) of p (n,)."""
+        gradient = _gradient_p(self.pairs, self.tensors.gradient_p, p)
+        if len(self.tensors.k_tensor_p):
+            gradient -= _second_order(self.pairs, self.tensors.k_tensor_p, p)
+        return gradient
+
+    def potential_gradient(self, force: np.ndarray) -> np.ndarray:
+        """The acceleration force (dim,) as the gradient of its potential, (n, dim): see `DiscreteOperators`."""
+        return _potential_gradient(self.pairs, self.tensors.gradient_p, self.tensors.k_tensor_p, force)
+
+    def total_divergence(self, u: np.ndarray) -> np.ndarray:
+        """Consistent divergence (n,) of u (n, dim), walls and their velocities included."""
+        zero = np.zeros(self.n)
+        return divergence_and_rhie_chow(self, u, (zero, u), (1.0, 0.0), False) + self.walls.div_velocity
 
 
 def build_lattice_weights(stencils: WallStencils, order: int = 1) -> tuple[LatticeWeights, np.ndarray]:
@@ -113,10 +139,9 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1) -> tuple[Latti
         offset_id = np.arange(len(row), dtype=np.int32)
         step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[everyone.owner[row]]
     first_moment, second_moment, pair_laplacian = _offset_weights(step, weight, everyone.kind, everyone.support)
-    slips = bool(np.any(walls.slip_length > 0.0))
     deficient, tensors, sums = _factors(everyone, fraction, volume, order, walls, count > MOST_OFFSETS)
     pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
-    return LatticeWeights(pairs, Factors(*tensors), BoundarySums(*sums), slips, int(reduce.total(deficient))), row
+    return LatticeWeights(pairs, Factors(*tensors), WallSums(*boundary_sums(sums)), int(reduce.total(deficient))), row
 
 
 def velocity_matrix(ops: LatticeWeights, dx: float, dtype: type = float) -> sp.csr_matrix:
@@ -137,25 +162,6 @@ def _canonical(n: int, start: np.ndarray, column: np.ndarray, entries: np.ndarra
     matrix = sp.csr_matrix((entries, column, start), shape=(n, n))
     matrix.sum_duplicates()
     return matrix
-
-
-def gradient_p(ops: LatticeWeights, p: np.ndarray) -> np.ndarray:
-    """Pressure gradient (n, dim) of p (n,)."""
-    gradient = _gradient_p(ops.pairs, ops.tensors.gradient_p, p)
-    if len(ops.tensors.k_tensor_p):
-        gradient -= _second_order(ops.pairs, ops.tensors.k_tensor_p, p)
-    return gradient
-
-
-def potential_gradient(ops: LatticeWeights, force: np.ndarray) -> np.ndarray:
-    """The force (dim,) as the gradient of its potential in the pressure's own operator, (n, dim)."""
-    return _potential_gradient(ops.pairs, ops.tensors.gradient_p, ops.tensors.k_tensor_p, force)
-
-
-def total_divergence(ops: LatticeWeights, u: np.ndarray) -> np.ndarray:
-    """Consistent divergence (n,) of u (n, dim), walls included."""
-    zero = np.zeros(ops.n)
-    return divergence_and_rhie_chow(ops, u, (zero, u), (1.0, 0.0), False) + ops.walls.div_velocity
 
 
 def divergence_and_rhie_chow(ops: LatticeWeights, u: np.ndarray, pressure: tuple[np.ndarray, np.ndarray],
@@ -270,7 +276,7 @@ def _offset_weights(step, volume, kind, support):
 def _factors(neighbours, fraction, volume, order, walls, off_lattice):
     """As `wall_weights._wall_rows`, but the tensors are kept and the weights of the wall pairs only summed up.
 
-    Returns (deficient, arrays of Factors, arrays of BoundarySums)."""
+    Returns (deficient, arrays of Factors, arrays of WallSums)."""
     start, per_length = neighbours.start, 1.0 / neighbours.support
     n, dim, size = len(start) - 1, neighbours.x.shape[1], stencil_size(start)
     deficient = np.zeros(CHUNKS, np.int64)
@@ -286,7 +292,7 @@ def _factors(neighbours, fraction, volume, order, walls, off_lattice):
         corrected, gp, pair = new_correction(), np.empty((3, 3)), new_wall_pair(dim)
         g, _, right, drift, spread = corrected
         weight = pair[0]
-        a_q, t_q = np.empty(3), np.empty(6)
+        a_q, t_q = np.empty((1, 3)), np.empty((1, 6))  # of the one pair at hand
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             begin, count = start[i], start[i + 1] - start[i]
             padded = gather_stencil(neighbours, i, volume, stencil)
@@ -320,22 +326,13 @@ def _factors(neighbours, fraction, volume, order, walls, off_lattice):
             for q in range(count):
                 if fraction[begin + q] > 1.0:
                     continue
-                a_q[0], a_q[1], a_q[2] = w[q] * ex[q], w[q] * ey[q], w[q] * ez[q]
+                a_q[0, 0], a_q[0, 1], a_q[0, 2] = w[q] * ex[q], w[q] * ey[q], w[q] * ez[q]
                 b = w[q] / s[q]
-                t_q[0], t_q[1], t_q[2] = b * ex[q] * ex[q], b * ey[q] * ey[q], b * ez[q] * ez[q]
-                t_q[3], t_q[4], t_q[5] = b * ey[q] * ez[q], b * ex[q] * ez[q], b * ex[q] * ey[q]
-                weight[0] = 0.0
-                for v in range(6):
-                    weight[0] += laplace[i, v] * t_q[v]
-                for k in range(3):
-                    weight[0] -= laplace[i, 6 + k] * a_q[k]
+                t_q[0, 0], t_q[0, 1], t_q[0, 2] = b * ex[q] * ex[q], b * ey[q] * ey[q], b * ez[q] * ez[q]
+                t_q[0, 3], t_q[0, 4], t_q[0, 5] = b * ey[q] * ez[q], b * ex[q] * ez[q], b * ex[q] * ey[q]
+                weight[0] = _lap_weight(laplace, i, t_q, a_q, 0)
                 for m in range(dim):
-                    weight[1 + m] = 0.0
-                    for k in range(dim):
-                        weight[1 + m] += gradient[i, m, k] * a_q[k]
-                    if order == 2:
-                        for v in range(6):
-                            weight[1 + m] -= k_tensor[i, m, v] * t_q[v]
+                    weight[1 + m] = _grad_weight(gradient, k_tensor, i, m, t_q, a_q, 0)
                 sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
                 add_wall_pair(neighbours, walls, i, q, stencil, pair, sums)  # eq. 11
     sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
@@ -344,10 +341,23 @@ def _factors(neighbours, fraction, volume, order, walls, off_lattice):
 
 @njit(cache=True, inline="always")
 def _lap_weight(laplace, i, second, first, t):
-    # eq. 6 in factors
+    """Weight of the Laplacian of particle i for a pair of first and second moments in row t: eq. 6 in factors."""
     return (laplace[i, 0] * second[t, 0] + laplace[i, 1] * second[t, 1] + laplace[i, 2] * second[t, 2]
             + laplace[i, 3] * second[t, 3] + laplace[i, 4] * second[t, 4] + laplace[i, 5] * second[t, 5]
             - laplace[i, 6] * first[t, 0] - laplace[i, 7] * first[t, 1] - laplace[i, 8] * first[t, 2])
+
+
+@njit(cache=True, inline="always")
+def _grad_weight(gradient, k_tensor, i, k, second, first, t):
+    """Component k of the weight of the gradient for such a pair: eq. 5 in factors, with the part that makes it exact
+    for quadratics."""
+    g = 0.0
+    for m in range(gradient.shape[1]):
+        g += gradient[i, k, m] * first[t, m]
+    if len(k_tensor) > 0:
+        for v in range(6):
+            g -= k_tensor[i, k, v] * second[t, v]
+    return g
 
 
 @njit(cache=True, parallel=True)
@@ -446,12 +456,7 @@ def _divergence_and_rhie_chow(pairs, tensors, wall_div, u, pressure, factors, co
                 if conservative:
                     along += 0.5 * (u[i, k] + u[j, k]) * step[t, k]
                 else:
-                    g = 0.0
-                    for m in range(dim):
-                        g += gradient[i, k, m] * first_moment[t, m]
-                    if len(k_tensor) > 0:
-                        for v in range(6):
-                            g -= k_tensor[i, k, v] * second_moment[t, v]
+                    g = _grad_weight(gradient, k_tensor, i, k, second_moment, first_moment, t)
                     divergence += g * (u[j, k] - u[i, k])
             flux += pair_laplacian[t] * along
             jump += pair_laplacian[t] * missed

@@ -1,4 +1,4 @@
-"""The operators of one configuration as weights of each pair (eqs 5-6), without walls; what walls add is `WallSums`.
+"""The operators of one configuration as weights of each pair (eqs 5-6); `wall_weights` builds those beside walls.
 
 Sums are taken once a configuration: one weight of the Laplacian and `dim` of the gradient for each pair.
 """
@@ -12,6 +12,7 @@ from numba import njit, prange
 
 from ..domain import reduce
 from ..domain.neighbours import Neighbourhood
+from . import pair_sums
 from .moments import (
     CHUNKS,
     correction,
@@ -22,17 +23,18 @@ from .moments import (
     stencil_size,
     stencil_weights,
 )
+from .protocol import WallSums
 
 
 @dataclass(frozen=True)
 class Operators:
-    """Weights of one configuration; the first `n` rows are the fluid particles.
+    """Weights of one configuration, of the protocol `DiscreteOperators`; the first `n` rows are the fluid particles.
 
     neighbours: fluid neighbours in sight;
     lap: (n_pairs,) weights of the velocity Laplacian, 1/m2; grad: (n_pairs, dim) of its gradient, 1/m;
     lap_p, grad_p: the same for the pressure (the very same arrays where a scene has no walls);
     volume: (n,) m^dim; deficient: particles that fell back on a simpler correction;
-    walls: sums over the neighbours beyond a wall, or None (see `WallSums`).
+    walls: sums over the neighbours beyond a wall, and what pairs and particles are beside walls, or None.
     """
 
     neighbours: Neighbourhood
@@ -42,7 +44,7 @@ class Operators:
     grad_p: np.ndarray
     volume: np.ndarray
     deficient: int = 0
-    walls: WallSums | None = None
+    walls: WallRows | None = None
 
     @property
     def n(self) -> int:
@@ -63,6 +65,21 @@ class Operators:
     def column(self) -> np.ndarray:
         """(n_pairs,) int32 particles that the neighbours are or image."""
         return self.neighbours.column
+
+    def gradient_p(self, p: np.ndarray) -> np.ndarray:
+        """Pressure gradient (n, dim) of p (n,)."""
+        return pair_sums.gradient_of_scalar(self.start, self.column, self.grad_p, p)
+
+    def potential_gradient(self, force: np.ndarray) -> np.ndarray:
+        """The acceleration force (dim,) as the gradient of its potential, (n, dim): see `DiscreteOperators`."""
+        return pair_sums.gradient_of_potential(self.neighbours, self.grad_p, force)
+
+    def total_divergence(self, u: np.ndarray) -> np.ndarray:
+        """Divergence (n,) of u (n, dim), walls and their velocities included."""
+        div = pair_sums.divergence(self.start, self.column, self.grad, u)
+        if self.walls is not None:
+            div += self.walls.divergence(u)
+        return div
 
 
 def build_operators(neighbours: Neighbourhood, volume: np.ndarray, order: int = 2) -> Operators:
@@ -104,22 +121,14 @@ def _store(out, begin, end, support, lap, grad):
 
 
 @dataclass(frozen=True)
-class WallSums:
-    """What the wall contributes to the rows of the fluid particles, walls moving with velocity u_W.
+class WallRows(WallSums):
+    """Sums over walls, and what else the rows of particles beside them need.
 
-    lap: (n,) sum of the Laplacian weights a_iW; lap_velocity: (n, dim) sum a_iW u_W;
-    div: (n, dim) sum of the gradient weights g_iW; div_velocity: (n,) sum g_iW . u_W;
-    slip: (n, dim, dim) what a slip wall takes off the diagonal, or None where no wall slips;
     symmetric_laplacian: (n_pairs,) symmetric-form weights of the pressure Laplacian;
     near: (n,) bool, particle sees a wall, or fluid that it shares no pressure with;
     narrow, isolated: (n,) bool, see `narrow_pores.classify_neighbourhoods`, or None where there are none.
     """
 
-    lap: np.ndarray
-    lap_velocity: np.ndarray
-    div: np.ndarray
-    div_velocity: np.ndarray
-    slip: np.ndarray | None
     symmetric_laplacian: np.ndarray
     near: np.ndarray
     narrow: np.ndarray | None = None

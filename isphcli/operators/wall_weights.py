@@ -13,8 +13,6 @@ uncorrected sum over them (homogeneous Neumann, conservative).
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit, prange
 
@@ -33,24 +31,14 @@ from .moments import (
     stencil_size,
     stencil_weights,
 )
-from .pair_weights import Operators, WallSums
-
-
-class BoundarySums(NamedTuple):
-    """The sums over walls as kernels make them, see `WallSums`; slip: (0, dim, dim) where no wall slips."""
-
-    lap: np.ndarray
-    lap_velocity: np.ndarray
-    div: np.ndarray
-    div_velocity: np.ndarray
-    slip: np.ndarray
+from .pair_weights import Operators, WallRows
 
 
 def build_wall_operators(stencil: WallStencils, order: int = 1, narrow: np.ndarray | None = None,
                          isolated: np.ndarray | None = None) -> Operators:
     """Operators of a scene with walls.
 
-    order: of the velocity gradient, 1 (eq. 5) or 2; narrow, isolated: see `WallSums`.
+    order: of the velocity gradient, 1 (eq. 5) or 2; narrow, isolated: see `WallRows`.
     """
     everyone, walls = stencil.neighbours, stencil.walls
     n = everyone.n
@@ -58,24 +46,9 @@ def build_wall_operators(stencil: WallStencils, order: int = 1, narrow: np.ndarr
     np.cumsum(in_sight(everyone.start, stencil.fraction), out=start[1:])
     deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, sums = _wall_rows(
         everyone, stencil.fraction, stencil.volume, order, walls, start)
-    lap_wall, lap_velocity, div_wall, div_velocity, slip = sums
-    found = WallSums(lap_wall, lap_velocity, div_wall, div_velocity,
-                     slip if np.any(walls.slip_length > 0.0) else None, symmetric, near, narrow, isolated)
+    found = WallRows(*boundary_sums(sums), symmetric, near, narrow, isolated)
     seen = everyone._replace(start=start, column=column, row=row)
     return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[:n], int(reduce.total(deficient)), found)
-
-
-def wall_laplacian(walls: WallSums, u: np.ndarray) -> np.ndarray:
-    """What walls add to the velocity Laplacian of u (n, dim)."""
-    result = walls.lap_velocity - walls.lap[:, None] * u
-    if walls.slip is not None:
-        result += np.einsum("nkm,nm->nk", walls.slip, u)
-    return result
-
-
-def wall_divergence(walls: WallSums, u: np.ndarray) -> np.ndarray:
-    """What walls add to the divergence of u (n, dim), (n,)."""
-    return walls.div_velocity - np.einsum("nk,nk->n", walls.div, u)
 
 
 @njit(cache=True)
@@ -96,9 +69,16 @@ def meet_walls(stencil, fraction):
     return whole, near
 
 
+def boundary_sums(sums: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray,
+                                                         np.ndarray | None]:
+    """The arrays that kernels make, of `new_boundary_sums`, as fields of `WallSums`."""
+    lap, lap_velocity, div, div_velocity, slip = sums
+    return lap, lap_velocity, div, div_velocity, slip if len(slip) else None
+
+
 @njit(cache=True)
 def new_boundary_sums(n, dim, slip_length):
-    """Arrays of BoundarySums of n particles, still zero."""
+    """Arrays of WallSums of n particles, still zero; slip: (0, dim, dim) where no wall slips."""
     slips = n if np.any(slip_length > 0.0) else 0
     return np.zeros(n), np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(n), np.zeros((slips, dim, dim))
 
@@ -114,7 +94,7 @@ def new_wall_pair(dim):
 def add_wall_pair(neighbours, walls, i, k, stencil, pair, sums):
     """Adds neighbour k of the star of particle i, which is met at a wall, to the sums of the walls: eq. 11.
 
-    pair: of `new_wall_pair`, with the weights of this one, 1/m2 and 1/m; sums: arrays of BoundarySums. With Navier
+    pair: of `new_wall_pair`, with the weights of this one, 1/m2 and 1/m; sums: arrays of WallSums. With Navier
     slip, u at the wall is u_W + B (u_i - u_W), B = length / (length + d) times the projection on the wall.
     """
     weight, wall_u, slide = pair
@@ -150,7 +130,7 @@ def add_wall_pair(neighbours, walls, i, k, stencil, pair, sums):
 
 @njit(cache=True, parallel=True)
 def _wall_rows(neighbours, fraction, volume, order, walls, seen_start):
-    """(deficient, (columns, rows), weights of the pairs in sight, near, arrays of BoundarySums).
+    """(deficient, (columns, rows), weights of the pairs in sight, near, arrays of WallSums).
 
     All that it makes is returned: numba loses what a parallel loop writes to arrays that came in a tuple.
     """

@@ -83,12 +83,10 @@ def run_moving(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     restart_file = directory / restart.NAME
 
     def snapshot(state: State, config: Configuration) -> None:
-        from ..operators.apply import total_divergence
-
         if series is not None:
             with clock("output"):
                 fields = _snapshot(case, geometry, particles, state.x, state.u, state.p * stepper.fluids.reference,
-                                   total_divergence(config.ops, state.u))
+                                   config.ops.total_divergence(state.u))
                 series.write(state.step, state.time, *fields)
 
     if last_step is None:

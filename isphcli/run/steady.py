@@ -14,7 +14,7 @@ from ..domain.lattice import ParticleError
 from ..flow.stokes import StokesFlow, StokesSystem
 from ..geometry.connectivity import merge_periodic
 from ..operators.kernel import KERNELS
-from ..operators.lattice_weights import LatticeWeights, build_lattice_weights, gradient_p, total_divergence
+from ..operators.lattice_weights import LatticeWeights, build_lattice_weights
 from ..operators.wall_operators import WallScene
 from ..scene import memory
 from ..scene.place import place_case
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ..domain.halo import Halo
     from ..domain.lattice import Particles
     from ..geometry.protocol import Geometry
+    from ..operators.protocol import DiscreteOperators
     from ..output.clock import Clock
     from ..solvers.krylov import Report, Watch
 
@@ -124,20 +125,20 @@ def _balances_fluxes(case: Case, geometry: Geometry) -> bool:
     return geometry.voxel_size is not None and case.particles.jitter == 0.0
 
 
-def _percolation(ops: LatticeWeights, row: np.ndarray, owned: int, images: Halo, dim: int) -> np.ndarray:
+def _percolation(ops: DiscreteOperators, row: np.ndarray, owned: int, images: Halo, dim: int) -> np.ndarray:
     """(components, dim) bool: the component winds round the box along the axis."""
     n = ops.n
     shift = np.zeros((owned + len(images.owner), dim), np.int8)
     shift[owned:] = np.sign(images.shift)
     crossing = shift[row].any(axis=1)
-    start = np.concatenate([[0], np.cumsum(np.bincount(np.repeat(np.arange(n), np.diff(ops.pairs.start))[~crossing],
+    start = np.concatenate([[0], np.cumsum(np.bincount(np.repeat(np.arange(n), np.diff(ops.start))[~crossing],
                                                        minlength=n))])
-    count, raw = pair_components(start, ops.pairs.column[~crossing])
+    count, raw = pair_components(start, ops.column[~crossing])
     edges = [np.empty((0, 3), np.int64)]
-    first = np.repeat(np.arange(n), np.diff(ops.pairs.start))[crossing]
+    first = np.repeat(np.arange(n), np.diff(ops.start))[crossing]
     for axis in range(dim):
         up = (shift[row[crossing], axis] > 0) & (np.abs(shift[row[crossing]]).sum(axis=1) == 1)
-        pairs = np.unique(np.stack([raw[first[up]], raw[ops.pairs.column[crossing][up]]], axis=1), axis=0)
+        pairs = np.unique(np.stack([raw[first[up]], raw[ops.column[crossing][up]]], axis=1), axis=0)
         edges.append(np.column_stack([pairs, np.full(len(pairs), axis)]))
     _, _, winding = merge_periodic(count, np.concatenate(edges).astype(np.int64), dim)
     return winding
@@ -169,7 +170,7 @@ def _quadrature(scene: SteadyScene, flow: StokesFlow, force: np.ndarray, nu: flo
     voxel, dx = scene.geometry.voxel_size, scene.system.spacing
     if voxel is None or not np.allclose(voxel / dx, np.maximum(np.round(voxel / dx), 1.0), rtol=1e-6):
         return np.zeros_like(flow.velocity)
-    return (gradient_p(scene.system.ops, flow.pressure) - scene.system.drive(force)) * (dx * dx / (24.0 * nu))
+    return (scene.system.ops.gradient_p(flow.pressure) - scene.system.drive(force)) * (dx * dx / (24.0 * nu))
 
 
 def _mass(scene: SteadyScene, flow: StokesFlow, cell_velocity: np.ndarray, axis: int | None) -> tuple[float, float]:
@@ -178,7 +179,7 @@ def _mass(scene: SteadyScene, flow: StokesFlow, cell_velocity: np.ndarray, axis:
     The flux is that of which the permeability is the mean: of velocities averaged over cells.
     """
     dx = scene.system.spacing
-    div = total_divergence(scene.system.ops, flow.velocity)
+    div = scene.system.ops.total_divergence(flow.velocity)
     speed = np.abs(flow.velocity).max()
     worst = float(np.abs(div).max() * dx / speed) if speed > 0.0 else 0.0
     if axis is None:

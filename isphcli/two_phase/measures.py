@@ -17,7 +17,6 @@ from scipy.spatial import cKDTree
 
 from ..domain import reduce
 from ..geometry.protocol import Geometry, sample_box
-from ..operators.apply import gradient_p
 from .normals import ADJACENT
 
 if TYPE_CHECKING:
@@ -146,7 +145,7 @@ class Measures:
         """sum V |grad C|, m^(dim - 1). The band leaves out where the gradient is faint, which is 2 % of the sum: with
         it, disks and ellipses of 36 to 64 particles have their length within 0.7 %."""
         band = _band(config)
-        slope = gradient_p(config.ops, band.colour)
+        slope = config.ops.gradient_p(band.colour)
         size = np.sqrt((slope * slope).sum(axis=1))
         return float(reduce.dot(volume, np.where(band.strength > 0.0, band.strength, size)))
 

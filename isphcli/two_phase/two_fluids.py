@@ -23,7 +23,6 @@ import numpy as np
 from numba import njit, prange
 
 from ..flow.one_fluid import Terms, body_force
-from ..operators.apply import potential_gradient
 from .normals import crossings, near_interface
 
 if TYPE_CHECKING:
@@ -93,9 +92,9 @@ class TwoFluids:
             transposed_stress = TransposedStress.build(ops, weighted.lap, np.flatnonzero(free))
         force, jump, laplacian_of_jump, along, band = body_force(ops, self.body), None, None, None, None
         if self.push.any():
-            force = force + potential_gradient(weighted, self.push)
+            force = force + weighted.potential_gradient(self.push)
         if self.held is not None:
-            along = potential_gradient(weighted, self.held)
+            along = weighted.potential_gradient(self.held)
         if self.tension is not None:
             push, laplacian_of_jump, band = self.tension.force(ops, weighted, neighbours, self.colour, near, reference)
             if laplacian_of_jump is None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from isphcli.case.load import read_case
-from isphcli.operators.apply import gradient_p, total_divergence
 from isphcli.output.clock import Clock
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
@@ -75,7 +74,7 @@ def test_a_step_takes_off_the_gradient_of_its_pressure(text, jitter):
     """Eq. 3, all of it: u* - dt grad q / g0 is left, with the discrete gradient of what the step adds to the
     pressure."""
     before, after, q, ops = one_step(text.format(dx=0.0625, jitter=jitter), swirl_and_source)
-    taken = gradient_p(ops, q)
+    taken = ops.gradient_p(q)
     assert np.linalg.norm(taken) > 0.1 * np.linalg.norm(before)
     assert after == pytest.approx(before - taken, abs=1e-6)  # viscosity and motion are 1e-7 and less
 
@@ -87,7 +86,7 @@ def test_a_pure_gradient_between_walls_vanishes(jitter):
     flow = [1.0, -0.5]
     _, after, q, ops = one_step(ROUND_WALLS.format(dx=0.0625, jitter=jitter), lambda x: np.tile(flow, (len(x), 1)))
     assert np.abs(after).max() < 1e-6
-    assert gradient_p(ops, q) == pytest.approx(np.tile(flow, (len(after), 1)), abs=1e-6)
+    assert ops.gradient_p(q) == pytest.approx(np.tile(flow, (len(after), 1)), abs=1e-6)
 
 
 def test_a_wave_of_a_gradient_vanishes_in_second_order():
@@ -105,12 +104,12 @@ def test_the_divergence_after_a_step(text):
     than a tenth, and of a flow that begins so less than half of that after two more steps, which see what is left."""
     text = text.format(dx=0.0625, jitter=0.1)
     before, after, _, ops = one_step(text, swirl_and_source)
-    size, left = (np.linalg.norm(total_divergence(ops, u)) for u in (before, after))
+    size, left = (np.linalg.norm(ops.total_divergence(u)) for u in (before, after))
     state, stepper = start(text, swirl_and_source)
     config = stepper.configure(state.x)
     for _ in range(3):
         state, config = advance(stepper, state, config, INSTANT)
-    later = np.linalg.norm(total_divergence(config.ops, state.u))
+    later = np.linalg.norm(config.ops.total_divergence(state.u))
     assert left < 0.1 * size and later < 0.5 * left
 
 
@@ -130,5 +129,5 @@ def test_a_step_leaves_fluid_that_turns_with_its_walls():
     disorder some particles beside walls have too few neighbours for that and balance fluxes, docs/method.md 7.)"""
     before, after, _, ops = one_step(TURNING.format(dx=0.1, jitter=0),
                                      lambda x: np.stack([1.2 - x[:, 1], x[:, 0] - 1.2], axis=1))
-    assert np.abs(total_divergence(ops, before)).max() < 1e-5  # 1e-7 measured
+    assert np.abs(ops.total_divergence(before)).max() < 1e-5  # 1e-7 measured
     assert after == pytest.approx(before, abs=1e-6)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from isphcli.case.load import read_case
-from isphcli.operators.apply import gradient_p
 from isphcli.operators.assemble import assemble
 from isphcli.operators.div_grad import diagonal, div_grad_rhie_chow
 from isphcli.output.clock import Clock
@@ -25,7 +24,7 @@ def pressure_matrix(case):
     state, stepper, _ = prepare(case, build_geometry(case), Clock())
     config = stepper.configure(state.x)
     ops, one = config.ops, np.eye(len(state.x))
-    columns = [div_grad_rhie_chow(ops, ops.walls.symmetric_laplacian, e, gradient_p(ops, e)) for e in one]
+    columns = [div_grad_rhie_chow(ops, ops.walls.symmetric_laplacian, e, ops.gradient_p(e)) for e in one]
     return np.array(columns).T, config
 
 

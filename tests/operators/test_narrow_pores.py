@@ -5,7 +5,6 @@ import pytest
 
 from isphcli.case.load import load_case, read_case
 from isphcli.domain.components import pair_components
-from isphcli.operators.apply import gradient_p, total_divergence
 from isphcli.operators.narrow_pores import extrapolate_pressure
 from isphcli.operators.wall_operators import WallScene
 from isphcli.output.clock import Clock
@@ -88,8 +87,8 @@ def test_few_neighbours_divergence_is_the_adjoint_of_the_gradient(pack):
     ops, random = stepper.configure(state.x).ops, np.random.default_rng(3)
     narrow = ops.walls.narrow
     u, p = random.normal(size=state.u.shape), random.normal(size=len(narrow)) * narrow
-    left = ops.volume * p * total_divergence(ops, u)
-    right = (ops.volume[:, None] * u * gradient_p(ops, p)).sum(axis=1)
+    left = ops.volume * p * ops.total_divergence(u)
+    right = (ops.volume[:, None] * u * ops.gradient_p(p)).sum(axis=1)
     assert narrow.sum() > 100 and not narrow.all()
     assert abs(left.sum() + right.sum()) < 1e-12 * np.abs(left).sum()
 
@@ -103,8 +102,8 @@ def test_dead_ends_share_no_pressure(pack):
     p = np.random.default_rng(4).normal(size=len(isolated))
     u = np.random.default_rng(5).normal(size=state.u.shape)
     assert 5 < isolated.sum() < 0.1 * len(isolated)
-    assert not gradient_p(ops, p * isolated).any() and not gradient_p(ops, p)[isolated].any()
-    assert not config.terms.force[isolated].any() and not total_divergence(ops, u)[isolated].any()
+    assert not ops.gradient_p(p * isolated).any() and not ops.gradient_p(p)[isolated].any()
+    assert not config.terms.force[isolated].any() and not ops.total_divergence(u)[isolated].any()
     assert (config.means.count[config.means.labels[isolated]] == 1).all()
     seen = np.diff(ops.start) > 0
     level = np.where(isolated, 0.0, 7.0)

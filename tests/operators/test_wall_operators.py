@@ -6,9 +6,8 @@ import pytest
 from isphcli.domain.lattice import make_lattice
 from isphcli.geometry.bodies import Disk, Shape
 from isphcli.geometry.shape_geometry import ShapeGeometry
-from isphcli.operators.apply import laplacian, total_divergence
+from isphcli.operators.apply import laplacian
 from isphcli.operators.wall_operators import WallScene
-from isphcli.operators.wall_weights import wall_laplacian
 from isphcli.scene.place import place
 
 SPACING = 1 / 8
@@ -35,18 +34,18 @@ def test_a_parabola_between_walls_is_exact(dim):
     ops, *_ = scene.configure(x)
     u = np.zeros_like(x)
     u[:, 0] = x[:, 1] * (1 - x[:, 1])
-    lap = laplacian(ops, u) + wall_laplacian(ops.walls, u)
+    lap = laplacian(ops, u) + ops.walls.laplacian(u)
     # round-off of weights of about 1 / (d dx), d the distance of a wall
     size = 1e-10 * (1 + ops.walls.lap.max() * SPACING**2)
     assert np.abs(lap[:, 0] + 2).max() < size and np.abs(lap[:, 1:]).max() < size
-    assert np.abs(total_divergence(ops, u)).max() < size
+    assert np.abs(ops.total_divergence(u)).max() < size
 
 
 def test_a_wall_that_moves_hands_its_velocity_on():
     scene, x = scene_of(channel(2, face_velocity={(1, 1): [0.7, 0.0]}), jitter=0.1)
     ops, *_ = scene.configure(x)
     u = np.stack([0.7 * x[:, 1], 0.0 * x[:, 1]], axis=1)
-    lap = laplacian(ops, u) + wall_laplacian(ops.walls, u)
+    lap = laplacian(ops, u) + ops.walls.laplacian(u)
     assert np.abs(lap).max() < 1e-10 * (1 + ops.walls.lap.max() * SPACING**2)
     # and to nobody who sees only the other wall
     far = x[:, 1] < 1 - SUPPORT

@@ -8,7 +8,7 @@ from isphcli.domain.neighbours import neighbourhood
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.operators.apply import divergence, laplacian
 from isphcli.operators.crossings import WallStencils, WallTable, crossings
-from isphcli.operators.wall_weights import build_wall_operators, wall_divergence, wall_laplacian
+from isphcli.operators.wall_weights import build_wall_operators
 from isphcli.scene.place import place
 
 SUPPORTS = [2.1, 2.5, 3.0]
@@ -60,10 +60,10 @@ class Scene:
         return self.particles.x[: self.n]
 
     def lap(self, u):
-        return laplacian(self.ops, u) + wall_laplacian(self.ops.walls, u)
+        return laplacian(self.ops, u) + self.ops.walls.laplacian(u)
 
     def div(self, u):
-        return divergence(self.ops, u) + wall_divergence(self.ops.walls, u)
+        return divergence(self.ops, u) + self.ops.walls.divergence(u)
 
 
 def channel(dim, width, length=1.0, **kw):

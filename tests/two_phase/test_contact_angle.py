@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from isphcli.operators.wall_weights import wall_laplacian
 from isphcli.two_phase.normals import near_interface
 from tests.two_phase.scenes import run, scene
 
@@ -29,7 +28,7 @@ def test_walls_slip_where_an_interface_meets_them():
     ops = stepper.configure(state.x).ops
     u = np.zeros_like(state.x)
     u[:, 0] = 1.0
-    drag = wall_laplacian(ops.walls, u)[:, 0]
+    drag = ops.walls.laplacian(u)[:, 0]
     off = np.minimum(np.abs(state.x[:, 0] - 0.5), np.minimum(state.x[:, 0], 1.0 - state.x[:, 0]))
     support, depth = stepper.support, np.minimum(state.x[:, 1], 0.5 - state.x[:, 1])
     next_to = depth < stepper.spacing
@@ -40,7 +39,7 @@ def test_walls_slip_where_an_interface_meets_them():
     _, _, state, stepper, _ = scene(SIDE_BY_SIDE.replace("LENGTH", "0"))
     plain = stepper.configure(state.x).ops
     assert plain.walls.slip is None and stepper.fluids.line is None
-    assert np.array_equal(wall_laplacian(plain.walls, u)[far, 0], drag[far])
+    assert np.array_equal(plain.walls.laplacian(u)[far, 0], drag[far])
 
 
 @pytest.mark.slow
