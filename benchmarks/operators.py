@@ -16,7 +16,7 @@ from isphcli.domain.neighbours import neighbourhood
 from isphcli.geometry.bodies import Shape, Sphere
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.operators.apply import divergence, gradient, laplacian
-from isphcli.operators.crossings import WallStencils, WallTable, crossings
+from isphcli.operators.crossings import MEETS_WALL, WallStencils, WallTable, crossings
 from isphcli.operators.moments import particle_volumes
 from isphcli.operators.pair_weights import build_operators
 from isphcli.operators.wall_weights import build_wall_operators
@@ -85,14 +85,14 @@ def ball(dim, n, ratio, repeats):
         np.zeros((0, dim)),
         np.zeros((0, dim, dim)),
     )
-    fraction, t_cross = timed(lambda: crossings(geometry, pairs, table), repeats)
+    links, t_cross = timed(lambda: crossings(geometry, pairs, table), repeats)
     volume, size = np.full(len(p.x), p.site_volume), len(pairs.row)
-    crossed = (fraction <= 1).mean()
+    crossed = (links.link == MEETS_WALL).mean()
     print(f"walls {dim}D, {p.n_fluid} fluid particles, {p.n_dummy} dummies, {crossed:.0%} wall pairs")
     report("crossings", t_cross, p.n_fluid, size)
     for order in (1, 2):
         _, t = timed(
-            lambda: build_wall_operators(WallStencils(pairs, table, fraction, volume), order),  # noqa: B023
+            lambda: build_wall_operators(WallStencils(pairs, table, links, volume), order),  # noqa: B023
             repeats,
         )
         report(f"build_wall_operators order {order}", t, p.n_fluid, size)

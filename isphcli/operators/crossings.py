@@ -1,7 +1,7 @@
-"""Where the pairs of a configuration meet a wall: the fraction of the way from a fluid particle to its neighbour.
+"""What links a fluid particle with each neighbour: whether a wall is between the two, and where the pair meets it.
 
 Pairs of fluid particles that see each other only through a wall are wall pairs as well. `wall_weights` says what the
-fraction is for (eq. 11).
+fraction of the way is for (eq. 11).
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 AT_ONCE = 4_000_000  # pairs asked of the geometry in one go: bounds the memory of large scenes
 NEAREST = 0.02  # of a pair: nearest a wall may be; nearer ones triple the iterations and change k by 1e-5
+# What links a pair: a wall is met on the way; the two see each other but share no pressure (`narrow_pores`); they do
+MEETS_WALL, IN_SIGHT, SHARES_PRESSURE = 0, 1, 2
 
 
 class WallTable(NamedTuple):
@@ -39,34 +41,46 @@ class WallTable(NamedTuple):
     spin: np.ndarray
 
 
+class Links(NamedTuple):
+    """How each pair is linked, as kernels take it.
+
+    t: (n_pairs,) in (0, 1], fraction of the way from the fluid particle at which the pair meets a wall, 1 where it
+    meets none; link: (n_pairs,) int8, MEETS_WALL, IN_SIGHT or SHARES_PRESSURE.
+    """
+
+    t: np.ndarray
+    link: np.ndarray
+
+
 @dataclass(frozen=True)
 class WallStencils:
     """What operators beside walls are built from.
 
-    neighbours: all of them, dummies included; walls: wall data of their rows; fraction: (n_pairs,) their crossings, see
-    `crossings`; volume: (n_owned,) of fluid particles and dummies, m^dim.
+    neighbours: all of them, dummies included; walls: wall data of their rows; links: how they are linked; volume:
+    (n_owned,) of fluid particles and dummies, m^dim.
     """
 
     neighbours: Neighbourhood
     walls: WallTable
-    fraction: np.ndarray
+    links: Links
     volume: np.ndarray
 
 
-def crossings(geometry: Geometry, neighbours: Neighbourhood, walls: WallTable) -> np.ndarray:
-    """Fraction t of each pair at which it meets a wall, (n_pairs,) in (0, 1]; 2.0 for fluid pairs in sight."""
+def crossings(geometry: Geometry, neighbours: Neighbourhood, walls: WallTable) -> Links:
+    """Where each pair meets a wall: its t and MEETS_WALL, or SHARES_PRESSURE for fluid pairs in sight."""
     x = neighbours.x
-    fraction = np.full(len(neighbours.row), 2.0)
+    t, link = np.ones(len(neighbours.row)), np.full(len(neighbours.row), SHARES_PRESSURE, np.int8)
     ask = _suspects(neighbours, walls.fluid, walls.distance)
     for begin in range(0, len(ask), AT_ONCE):
         some = ask[begin : begin + AT_ONCE]
         i = np.searchsorted(neighbours.start, some, side="right") - 1
         j = neighbours.row[some]
-        t = geometry.crossing(x[i], x[j])
+        met = geometry.crossing(x[i], x[j])
         # a fluid neighbour in sight stays one; a dummy that the geometry calls free is met at its own place
-        sees = walls.fluid[j] & (t >= 1.0)
-        fraction[some] = np.where(sees, 2.0, np.clip(t, NEAREST, 1.0))
-    return fraction
+        sees = walls.fluid[j] & (met >= 1.0)
+        t[some] = np.where(sees, 1.0, np.clip(met, NEAREST, 1.0))
+        link[some] = np.where(sees, SHARES_PRESSURE, MEETS_WALL)
+    return Links(t, link)
 
 
 @njit(cache=True)
@@ -96,10 +110,10 @@ def _suspects(neighbours, fluid, distance):
 
 
 @njit(cache=True)
-def in_sight(start, fraction):
-    """Neighbours (n,) of each particle that no wall hides."""
+def in_sight(start, link):
+    """Neighbours (n,) of each particle that no wall hides. link: (n_pairs,), see `Links`."""
     counts = np.zeros(len(start) - 1, np.int64)
     for i in range(len(counts)):
         for p in range(start[i], start[i + 1]):
-            counts[i] += fraction[p] > 1.0
+            counts[i] += link[p] != MEETS_WALL
     return counts

@@ -23,7 +23,7 @@ import scipy.sparse as sp
 from numba import njit, prange
 
 from ..domain import reduce
-from .crossings import WallStencils
+from .crossings import MEETS_WALL, WallStencils
 from .kernel import normalisation, slope
 from .moments import (
     CHUNKS,
@@ -32,12 +32,11 @@ from .moments import (
     invert_gradient,
     new_correction,
     new_stencil,
-    second_moments,
     stencil_moments,
     stencil_size,
 )
 from .protocol import WallSums
-from .wall_weights import add_wall_pair, boundary_sums, meet_walls, new_boundary_sums, new_wall_pair
+from .wall_weights import add_wall_pair, boundary_sums, meet_walls, new_boundary_sums, new_wall_pair, second_moments
 
 # Share by which diagonals of the conductances are raised. Pressure is known up to a constant in each component; in a
 # pocket smaller than an aggregate the coarse matrices hold nothing but that constant and divide by round-off.
@@ -129,9 +128,9 @@ class LatticeWeights:
 
 def build_lattice_weights(stencils: WallStencils, order: int = 1) -> tuple[LatticeWeights, np.ndarray]:
     """(LatticeWeights, row of each pair in the table of positions). order: of the velocity gradient, 1 (eq. 5) or 2."""
-    everyone, walls, fraction, volume = stencils.neighbours, stencils.walls, stencils.fraction, stencils.volume
+    everyone, walls, links, volume = stencils.neighbours, stencils.walls, stencils.links, stencils.volume
     x, n = everyone.x, everyone.n
-    start, row = _in_sight(everyone.start, everyone.row, fraction)
+    start, row = _in_sight(everyone.start, everyone.row, links.link)
     offset_id, step, count = _offsets(x, start, row, 1e-6 * everyone.support)
     if count <= MOST_OFFSETS:
         step, weight = step[:count].copy(), np.full(count, volume[0])
@@ -139,7 +138,7 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1) -> tuple[Latti
         offset_id = np.arange(len(row), dtype=np.int32)
         step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[everyone.owner[row]]
     first_moment, second_moment, pair_laplacian = _offset_weights(step, weight, everyone.kind, everyone.support)
-    deficient, tensors, sums = _factors(everyone, fraction, volume, order, walls, count > MOST_OFFSETS)
+    deficient, tensors, sums = _factors(everyone, links, volume, order, walls, count > MOST_OFFSETS)
     pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
     return LatticeWeights(pairs, Factors(*tensors), WallSums(*boundary_sums(sums)), int(reduce.total(deficient))), row
 
@@ -196,18 +195,18 @@ def symmetric_laplacian(ops: LatticeWeights, f: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def _in_sight(start, index, fraction):
+def _in_sight(start, index, link):
     """Row pointers and rows in the table of the neighbours that no wall hides."""
     n = len(start) - 1
     first = np.zeros(n + 1, np.int64)
     for i in range(n):
         first[i + 1] = first[i]
         for q in range(start[i], start[i + 1]):
-            first[i + 1] += fraction[q] > 1.0
+            first[i + 1] += link[q] != MEETS_WALL
     row = np.empty(first[n], np.int32)
     at = 0
     for q in range(len(index)):
-        if fraction[q] > 1.0:
+        if link[q] != MEETS_WALL:
             row[at] = index[q]
             at += 1
     return first, row
@@ -273,11 +272,11 @@ def _offset_weights(step, volume, kind, support):
 
 
 @njit(cache=True, parallel=True)
-def _factors(neighbours, fraction, volume, order, walls, off_lattice):
+def _factors(neighbours, links, volume, order, walls, off_lattice):
     """As `wall_weights._wall_rows`, but the tensors are kept and the weights of the wall pairs only summed up.
 
     Returns (deficient, arrays of Factors, arrays of WallSums)."""
-    start, per_length = neighbours.start, 1.0 / neighbours.support
+    start, per_length, t, link = neighbours.start, 1.0 / neighbours.support, links.t, links.link
     n, dim, size = len(start) - 1, neighbours.x.shape[1], stencil_size(start)
     deficient = np.zeros(CHUNKS, np.int64)
     laplace, scale = np.empty((n, 9)), np.empty(n)
@@ -296,7 +295,7 @@ def _factors(neighbours, fraction, volume, order, walls, off_lattice):
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             begin, count = start[i], start[i + 1] - start[i]
             padded = gather_stencil(neighbours, i, volume, stencil)
-            whole, near = meet_walls(stencil, fraction[begin : begin + count])
+            whole, near = meet_walls(stencil, t[begin : begin + count], link[begin : begin + count])
             stencil_moments(stencil, padded, moments)
             deficient[chunk] += correction(moments, dim, order, corrected)
             scale[i] = 2.0 * dim * per_area / whole if whole > 0.0 else 0.0
@@ -318,13 +317,13 @@ def _factors(neighbours, fraction, volume, order, walls, off_lattice):
                 if len(k_tensor_p) > 0:
                     gradient_p[i], k_tensor_p[i] = gradient[i], k_tensor[i]
                 continue
-            second_moments(stencil, fraction[begin : begin + count], moments)
+            second_moments(stencil, link[begin : begin + count], moments)
             invert_gradient(moments, dim, gp)
             for m in range(dim):
                 for k in range(dim):
                     gradient_p[i, m, k] = per_length * gp[m, k]
             for q in range(count):
-                if fraction[begin + q] > 1.0:
+                if link[begin + q] != MEETS_WALL:
                     continue
                 a_q[0, 0], a_q[0, 1], a_q[0, 2] = w[q] * ex[q], w[q] * ey[q], w[q] * ez[q]
                 b = w[q] / s[q]

@@ -35,7 +35,6 @@ LOPSIDED = 2.0
 # the lattice were inverted when they had moved a little, and one neighbour at the rim of the support was enough.
 THIN = 0.05
 ROUND = 0.2  # determinant over the cube of the mean moment above which no direction is thin
-SHARED = 1.75  # fraction of a pair (`crossings`) above which nothing is between the two, for the pressure either
 SINGULAR = 1e-7  # scaled pivot below which a correction system counts as rank-deficient
 
 
@@ -195,22 +194,6 @@ def stencil_moments(stencil, padded, moments):
     moments[26], moments[27], moments[28], moments[29], moments[30] = f0, f1, f2, f3, f4
     moments[31], moments[32], moments[33], moments[34], moments[35] = f5, f6, f7, f8, f9
     moments[36], moments[37], moments[38], moments[39], moments[40] = f10, f11, f12, f13, f14
-
-
-@njit(cache=True)
-def second_moments(stencil, fraction, moments):
-    """moments[0:6] of `stencil_moments` over the neighbours that share the pressure, fraction > SHARED."""
-    ex, ey, ez, s, w = stencil
-    moments[:6] = 0.0
-    for k in range(len(fraction)):
-        if fraction[k] > SHARED:
-            x, y, z, a = ex[k], ey[k], ez[k], w[k] * s[k]
-            moments[0] += a * x * x
-            moments[1] += a * y * y
-            moments[2] += a * z * z
-            moments[3] += a * y * z
-            moments[4] += a * x * z
-            moments[5] += a * x * y
 
 
 # Where the third moments (v, k) stand among the ten distinct ones, v a pair of axes: xx yy zz yz xz xy

@@ -11,8 +11,7 @@ from numba import njit
 
 from ..domain import reduce
 from ..domain.components import pair_components
-from .crossings import in_sight
-from .moments import SHARED
+from .crossings import IN_SIGHT, MEETS_WALL, SHARES_PRESSURE, in_sight
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
@@ -21,15 +20,13 @@ if TYPE_CHECKING:
 FEW = 0.5  # of the neighbours
 NARROW = 0.65  # the same in scenes with dead ends: with 0.5 a pack held 110 steps. Flat walls leave two thirds
 ISOLATED = 0.1  # of the neighbours: three of 32; with two, three particles in a dead end still blew up
-APART = 1.5  # crossing of a pair in sight that shares no pressure
 
 
 def classify_neighbourhoods(neighbours: Neighbourhood,
-                            fraction: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
+                            link: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Particles that see few of their neighbours: (narrow, isolated), (n,) bool each; None where none is isolated.
 
-    neighbours: all of them; fraction: (n_pairs,) their crossings, where those that share no pressure are marked in
-    place.
+    neighbours: all of them; link: (n_pairs,), see `Links`, where pairs that share no pressure are marked in place.
 
     narrow: less than NARROW of them, in pores as narrow as a particle. Their divergence is that of
     `adjoint_divergence`. The corners of a wide scene see no more: without dead ends `flux_form` stays.
@@ -41,28 +38,28 @@ def classify_neighbourhoods(neighbours: Neighbourhood,
     stronger it threw them out.
     """
     start, column = neighbours.start, neighbours.column
-    seen, count = in_sight(start, fraction), np.diff(start)
+    seen, count = in_sight(start, link), np.diff(start)
     narrow, isolated = seen < NARROW * count, seen < ISOLATED * count
     if not reduce.any_true(isolated):
         return None, None
-    _share_no_pressure(start, column, fraction, isolated)
-    sight, begin = fraction > 1.0, np.concatenate([[0], np.cumsum(seen)])
-    fluid, shared = column[sight], fraction[sight] > SHARED
+    _share_no_pressure(start, column, link, isolated)
+    sight, begin = link != MEETS_WALL, np.concatenate([[0], np.cumsum(seen)])
+    fluid, shared = column[sight], link[sight] == SHARES_PRESSURE
     whole, part = (pair_components(begin, fluid, joined)[1] for joined in (None, shared))
     size, all_in_sight = reduce.total_by(part)[part], reduce.total_by(whole)[whole]
     behind = (size < all_in_sight) & (size < count) & ~isolated
     if reduce.any_true(behind):
         isolated |= behind
-        _share_no_pressure(start, column, fraction, isolated)
+        _share_no_pressure(start, column, link, isolated)
     return narrow, isolated
 
 
 @njit(cache=True)
-def _share_no_pressure(start, column, fraction, isolated):
+def _share_no_pressure(start, column, link, isolated):
     for i in range(len(isolated)):
         for p in range(start[i], start[i + 1]):
-            if fraction[p] > 1.0 and (isolated[i] or isolated[column[p]]):
-                fraction[p] = APART
+            if link[p] != MEETS_WALL and (isolated[i] or isolated[column[p]]):
+                link[p] = IN_SIGHT
 
 
 def extrapolate_pressure(ops: Operators, p: np.ndarray) -> None:

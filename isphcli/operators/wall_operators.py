@@ -49,7 +49,7 @@ class WallScene:
         """Operators, all neighbours and periodic images of fluid positions x (n, dim)."""
         stencils, images = self.stencils(x)
         neighbours = stencils.neighbours
-        narrow, isolated = classify_neighbourhoods(neighbours, stencils.fraction)
+        narrow, isolated = classify_neighbourhoods(neighbours, stencils.links.link)
         ops = build_wall_operators(stencils, 2, narrow, isolated)
         if narrow is None:
             flux_form(ops, np.diff(neighbours.start))
@@ -80,11 +80,11 @@ class WallScene:
             np.concatenate([self._normals(x), self.dummy_normal])[owner] if self.slips else np.zeros((0, x.shape[1])),
             np.zeros((0, x.shape[1], x.shape[1])) if spin is None else spin,
         )
-        fraction = crossings(geometry, neighbours, walls)
+        links = crossings(geometry, neighbours, walls)
         volume = np.full(len(owned), self.site_volume)
         if not fixed:
             volume[:n] = particle_volumes(neighbours)
-        return WallStencils(neighbours, walls, fraction, volume), images
+        return WallStencils(neighbours, walls, links, volume), images
 
     def clamp_wall_distance(self, x: np.ndarray, displacement: np.ndarray, dr: np.ndarray | None,
                             nearest: float | np.ndarray) -> np.ndarray | None:

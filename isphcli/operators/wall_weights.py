@@ -17,16 +17,14 @@ import numpy as np
 from numba import njit, prange
 
 from ..domain import reduce
-from .crossings import WallStencils, in_sight
+from .crossings import MEETS_WALL, SHARES_PRESSURE, WallStencils, in_sight
 from .moments import (
     CHUNKS,
-    SHARED,
     correction,
     gather_stencil,
     invert_gradient,
     new_correction,
     new_stencil,
-    second_moments,
     stencil_moments,
     stencil_size,
     stencil_weights,
@@ -43,30 +41,46 @@ def build_wall_operators(stencil: WallStencils, order: int = 1, narrow: np.ndarr
     everyone, walls = stencil.neighbours, stencil.walls
     n = everyone.n
     start = np.zeros(n + 1, dtype=np.int64)
-    np.cumsum(in_sight(everyone.start, stencil.fraction), out=start[1:])
+    np.cumsum(in_sight(everyone.start, stencil.links.link), out=start[1:])
     deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, sums = _wall_rows(
-        everyone, stencil.fraction, stencil.volume, order, walls, start)
+        everyone, stencil.links, stencil.volume, order, walls, start)
     found = WallRows(*boundary_sums(sums), symmetric, near, narrow, isolated)
     seen = everyone._replace(start=start, column=column, row=row)
     return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[:n], int(reduce.total(deficient)), found)
 
 
 @njit(cache=True)
-def meet_walls(stencil, fraction):
-    """Moves the far ends of the pairs of a star to where they meet a wall (eq. 11). fraction: (count,) their crossings.
+def meet_walls(stencil, t, link):
+    """Moves the far ends of the pairs of a star to where they meet a wall (eq. 11). t, link: (count,), see `Links`.
 
     Returns the sum of w s over the star with the dummies at their own places, and whether it meets a wall or has a
     neighbour that it shares no pressure with.
     """
     s, w = stencil[3], stencil[4]
     whole, near = 0.0, False
-    for k in range(len(fraction)):
+    for k in range(len(link)):
         whole += w[k] * s[k]
-    for k in range(len(fraction)):
-        near |= fraction[k] <= SHARED
-        if fraction[k] <= 1.0:
-            s[k] *= fraction[k]  # eq. 11: the slope to the wall, at the distance of the wall
+    for k in range(len(link)):
+        near |= link[k] != SHARES_PRESSURE
+        if link[k] == MEETS_WALL:
+            s[k] *= t[k]  # eq. 11: the slope to the wall, at the distance of the wall
     return whole, near
+
+
+@njit(cache=True)
+def second_moments(stencil, link, moments):
+    """moments[0:6] of `stencil_moments` over the neighbours that share the pressure. link: (count,), see `Links`."""
+    ex, ey, ez, s, w = stencil
+    moments[:6] = 0.0
+    for k in range(len(link)):
+        if link[k] == SHARES_PRESSURE:
+            x, y, z, a = ex[k], ey[k], ez[k], w[k] * s[k]
+            moments[0] += a * x * x
+            moments[1] += a * y * y
+            moments[2] += a * z * z
+            moments[3] += a * y * z
+            moments[4] += a * x * z
+            moments[5] += a * x * y
 
 
 def boundary_sums(sums: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray,
@@ -129,12 +143,12 @@ def add_wall_pair(neighbours, walls, i, k, stencil, pair, sums):
 
 
 @njit(cache=True, parallel=True)
-def _wall_rows(neighbours, fraction, volume, order, walls, seen_start):
+def _wall_rows(neighbours, links, volume, order, walls, seen_start):
     """(deficient, (columns, rows), weights of the pairs in sight, near, arrays of WallSums).
 
     All that it makes is returned: numba loses what a parallel loop writes to arrays that came in a tuple.
     """
-    start, per_length = neighbours.start, 1.0 / neighbours.support
+    start, per_length, t, link = neighbours.start, 1.0 / neighbours.support, links.t, links.link
     n, dim, size = len(start) - 1, neighbours.x.shape[1], stencil_size(start)
     pairs = seen_start[n]
     column, row, near = np.empty(pairs, np.int32), np.empty(pairs, np.int32), np.zeros(n, np.bool_)
@@ -150,21 +164,21 @@ def _wall_rows(neighbours, fraction, volume, order, walls, seen_start):
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             begin, count = start[i], start[i + 1] - start[i]
             padded = gather_stencil(neighbours, i, volume, stencil)
-            whole, near[i] = meet_walls(stencil, fraction[begin : begin + count])
+            whole, near[i] = meet_walls(stencil, t[begin : begin + count], link[begin : begin + count])
             stencil_moments(stencil, padded, moments)
             deficient[chunk] += correction(moments, dim, order, tensors)
             stencil_weights(stencil, padded, tensors, order, out)
             if near[i]:
-                second_moments(stencil, fraction[begin : begin + count], moments)
+                second_moments(stencil, link[begin : begin + count], moments)
                 invert_gradient(moments, dim, g_p)
             at = np.uint64(seen_start[i])
             for k in range(count):
                 a = out[0, k] * per_area
-                if fraction[begin + k] > 1.0:
+                if link[begin + k] != MEETS_WALL:
                     column[at] = neighbours.column[begin + k]
                     row[at] = neighbours.row[begin + k]
                     lap[at] = a
-                    shared = fraction[begin + k] > SHARED
+                    shared = link[begin + k] == SHARES_PRESSURE
                     # eq. 3 beside walls: no flux through them, so that only fluid neighbours count
                     symmetric[at] = 2.0 * dim * per_area * w[k] / (whole * s[k]) if w[k] > 0.0 and shared else 0.0
                     lap_p[at] = symmetric[at] if near[i] else a

@@ -89,11 +89,11 @@ def test_any_quadratic_with_its_wall_values(dim, ratio):
             np.zeros((0, dim)),
             np.zeros((0, dim, dim)),
         )
-        t = crossings(geometry, neighbours, table)
+        links = crossings(geometry, neighbours, table)
         j = neighbours.row
-        met = x[0] + np.minimum(t, 1.0)[:, None] * (x[j] - x[0])
+        met = x[0] + links.t[:, None] * (x[j] - x[0])
         table.velocity[j] = f(met)[:, None]
-        ops = build_wall_operators(WallStencils(neighbours, table, t, s.volume), 2)
+        ops = build_wall_operators(WallStencils(neighbours, table, links, s.volume), 2)
         values = f(x)
         lap = (
             ops.lap @ (values[ops.column] - values[0])

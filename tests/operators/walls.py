@@ -51,9 +51,9 @@ class Scene:
             geometry.wall_spin if geometry.wall_spin is not None else np.zeros((0, dim, dim)),
         )
         self.table, self.owner = table, owner
-        self.fraction = crossings(geometry, self.neighbours, table)
+        self.links = crossings(geometry, self.neighbours, table)
         self.volume = np.full(len(p.x), p.site_volume)
-        self.ops = build_wall_operators(WallStencils(self.neighbours, table, self.fraction, self.volume), order)
+        self.ops = build_wall_operators(WallStencils(self.neighbours, table, self.links, self.volume), order)
 
     @property
     def x(self):
