@@ -53,6 +53,21 @@ class Neighbourhood(NamedTuple):
         return len(self.start) - 1
 
 
+class CellList(NamedTuple):
+    """The rows of a table of positions sorted by cell, as kernels take them.
+
+    order: (n_rows,) int32 rows in the order of their cells; first: first place of each cell in it; cell: (n_rows, 3)
+    int32 of each row; x: (3, n_rows) coordinates in that order, m: neighbours in space are neighbours in memory; cells:
+    (3,) number of them along each axis.
+    """
+
+    order: np.ndarray
+    first: np.ndarray
+    cell: np.ndarray
+    x: np.ndarray
+    cells: np.ndarray
+
+
 def neighbourhood(x: np.ndarray, owner: np.ndarray, n: int, kind: int, support: float) -> Neighbourhood:
     """All neighbours of the first n rows of the table x (n_rows, dim), m. owner: (n_rows,) int32; support: m."""
     pairs = find_pairs(x, n, support)
@@ -74,11 +89,12 @@ def find_pairs(x: np.ndarray, n: int, support: float) -> Pairs:
         cells = np.maximum(1, cells // 2)
     width = np.maximum((upper - lower) / cells, narrowest) * (1.0 + 1e-12)
     order, first, cell, sorted_x = _bin(x, lower, 1.0 / width, cells)
-    counts = _count(x, first, cell, sorted_x, cells, n, support * support)
+    grid = CellList(order, first, cell, sorted_x, cells)
+    counts = _count(x, grid, n, support * support)
     start = np.zeros(n + 1, dtype=np.int64)
     np.cumsum(counts, out=start[1:])
     index = np.empty(start[-1], dtype=np.int32)
-    _fill(x, order, first, cell, sorted_x, cells, n, support * support, start, index)
+    _fill(x, grid, n, support * support, start, index)
     return Pairs(start, index)
 
 
@@ -143,8 +159,9 @@ def _runs(cx, cy, cz, first, cells, runs):
 
 
 @njit(cache=True)
-def _count_run(begin, end, x0, x1, x2, xs, ys, zs, reach2):
-    """How many of the sorted rows from begin to end are within reach of (x0, x1, x2)."""
+def _count_run(begin, end, point, sorted_x, reach2):
+    """How many of the sorted rows from begin to end are within reach of a point (x, y, z)."""
+    (x0, x1, x2), (xs, ys, zs) = point, sorted_x
     found = 0
     for k in range(np.uint64(begin), np.uint64(end)):
         d0, d1, d2 = xs[k] - x0, ys[k] - x1, zs[k] - x2
@@ -153,8 +170,9 @@ def _count_run(begin, end, x0, x1, x2, xs, ys, zs, reach2):
 
 
 @njit(cache=True)
-def _fill_run(begin, end, x0, x1, x2, xs, ys, zs, reach2, order, inside, row, found):
-    """Appends those rows to row[0:found]; returns the new number. inside: scratch."""
+def _fill_run(run, point, sorted_x, order, reach2, scratch, found):
+    """Appends those rows to row[0:found]; returns the new number. run: begin, end; scratch: row, inside."""
+    (begin, end), (x0, x1, x2), (xs, ys, zs), (row, inside) = run, point, sorted_x, scratch
     begin, end, found = np.uint64(begin), np.uint64(end), np.uint64(found)
     for k in range(begin, end):
         d0, d1, d2 = xs[k] - x0, ys[k] - x1, zs[k] - x2
@@ -166,23 +184,26 @@ def _fill_run(begin, end, x0, x1, x2, xs, ys, zs, reach2, order, inside, row, fo
 
 
 @njit(cache=True, parallel=True)
-def _count(x, first, cell, sorted_x, cells, n, reach2):
+def _count(x, grid, n, reach2):
     """Neighbours of each of the first n rows, (n,)."""
     counts = np.empty(n, np.int64)
-    xs, ys, zs = sorted_x[0], sorted_x[1], sorted_x[2]
+    first, cell, cells = grid.first, grid.cell, grid.cells
+    sorted_x = grid.x[0], grid.x[1], grid.x[2]
     for chunk in prange(CHUNKS):
         runs = np.empty((9, 2), np.int64)
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             found = -1  # the particle itself is not its neighbour
             x2 = x[i, 2] if x.shape[1] == 3 else 0.0
             for r in range(_runs(cell[i, 0], cell[i, 1], cell[i, 2], first, cells, runs)):
-                found += _count_run(runs[r, 0], runs[r, 1], x[i, 0], x[i, 1], x2, xs, ys, zs, reach2)
+                found += _count_run(runs[r, 0], runs[r, 1], (x[i, 0], x[i, 1], x2), sorted_x, reach2)
             counts[i] = found
     return counts
 
 
 @njit(cache=True, parallel=True)
-def _fill(x, order, first, cell, sorted_x, cells, n, reach2, start, index):
+def _fill(x, grid, n, reach2, start, index):
+    order, first, cell, cells = grid.order, grid.first, grid.cell, grid.cells
+    sorted_x = grid.x[0], grid.x[1], grid.x[2]
     longest = 0
     for i in range(n):
         longest = max(longest, start[i + 1] - start[i])
@@ -190,7 +211,6 @@ def _fill(x, order, first, cell, sorted_x, cells, n, reach2, start, index):
     reach = min(2 * FINE + 1, cells[0])
     for c in range(len(first) - reach):
         widest = max(widest, first[c + reach] - first[c])
-    xs, ys, zs = sorted_x[0], sorted_x[1], sorted_x[2]
     for chunk in prange(CHUNKS):
         runs = np.empty((9, 2), np.int64)
         row = np.empty(longest + 2, np.int32)  # with the particle itself, and a place to write to in vain
@@ -199,8 +219,8 @@ def _fill(x, order, first, cell, sorted_x, cells, n, reach2, start, index):
             found = 0
             x2 = x[i, 2] if x.shape[1] == 3 else 0.0
             for r in range(_runs(cell[i, 0], cell[i, 1], cell[i, 2], first, cells, runs)):
-                found = _fill_run(runs[r, 0], runs[r, 1], x[i, 0], x[i, 1], x2, xs, ys, zs, reach2,
-                                  order, inside, row, found)
+                found = _fill_run((runs[r, 0], runs[r, 1]), (x[i, 0], x[i, 1], x2), sorted_x, order, reach2,
+                                  (row, inside), found)
             at = start[i]
             for k in range(found):
                 if row[k] != i:

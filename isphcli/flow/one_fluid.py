@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..operators.pair_weights import Operators
-    from ..operators.protocol import DiscreteOperators
+    from ..operators.protocol import DiscreteOperators, WallSums
     from ..operators.wall_operators import WallChange
 
 
@@ -88,23 +88,36 @@ class Fluids(Protocol):
 
 
 @dataclass(frozen=True)
+class ViscousWeights:
+    """The viscous term of eq. 2 in weights per pair: factor (sum_j weight_ij (u_j - u_i) + what walls add), m/s2.
+
+    factor: a number: the viscosity, m2/s, where the weights are those of the Laplacian, 1 where they hold a viscosity
+    that varies; weight: (n_pairs,); walls: the sums over walls, of which lap, lap_velocity and slip are of this term,
+    or None.
+    """
+
+    factor: float
+    weight: np.ndarray
+    walls: WallSums | None
+
+
+@dataclass(frozen=True)
 class Terms:
     """The fluids of one configuration, as the equations see them.
 
-    ops: Operators, the weights of the pressure over the density, those of the velocity times the viscosity;
-    viscosity: number that still multiplies the latter, m2/s; force: (dim,) or (n, dim) m/s2; jump_acceleration:
-    (n, dim) m/s2 what a jump of the pressure at the interface accelerates by, or None; laplacian_of_jump: (n,) 1/s2,
-    what the Laplacian of the pressure makes of that jump; density: over that of the first fluid, (n,) or 1;
-    bulk: number, dynamic viscosity over the density of the first fluid of the rotational term (eq. 4), m2/s;
-    transposed_stress: of two fluids, or None where the viscosity does not jump; smooth: (n,) bool, where the velocity
-    has no kink, or None; shifts_less: (n,) bool, near an interface, or None;
+    ops: Operators, the weights of the pressure over the density; viscous: the weights of the viscous term; force:
+    (dim,) or (n, dim) m/s2; jump_acceleration: (n, dim) m/s2 what a jump of the pressure at the interface accelerates
+    by, or None; laplacian_of_jump: (n,) 1/s2, what the Laplacian of the pressure makes of that jump; density: over that
+    of the first fluid, (n,) or 1; bulk: number, dynamic viscosity over the density of the first fluid of the rotational
+    term (eq. 4), m2/s; transposed_stress: of two fluids, or None where the viscosity does not jump; smooth: (n,) bool,
+    where the velocity has no kink, or None; shifts_less: (n,) bool, near an interface, or None;
     along: (dim,) or (n, dim), what a unit pressure gradient along the axis of a held velocity accelerates by, or None;
     band: of the interface, or None;
     damp_odd_even_pressure: whether the odd-even part of the pressure is taken out (see `projection`).
     """
 
     ops: Operators
-    viscosity: float
+    viscous: ViscousWeights
     force: np.ndarray
     jump_acceleration: np.ndarray | None = None
     laplacian_of_jump: np.ndarray | None = None
@@ -156,4 +169,5 @@ class OneFluid:
     def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
         """Terms of one configuration; see `Fluids.terms`."""
         along = body_force(ops, self.held) if self.held is not None else None
-        return Terms(ops, self.viscosity, body_force(ops, self.force), bulk=self.viscosity, along=along)
+        viscous = ViscousWeights(self.viscosity, ops.lap, ops.walls)
+        return Terms(ops, viscous, body_force(ops, self.force), bulk=self.viscosity, along=along)

@@ -61,16 +61,17 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
     return PressureSystem(matrix, lambda p, gradient: div_grad_rhie_chow(ops, symmetric, p, gradient), scale)
 
 
-def pressure_increment(config: Configuration, system: PressureSystem, div: np.ndarray, p: np.ndarray,
-                       gradient: np.ndarray, rate: float, nu_min: float, solvers: KeptHierarchies) -> np.ndarray:
+def pressure_increment(config: Configuration, system: PressureSystem, div: np.ndarray,
+                       pressure: tuple[np.ndarray, np.ndarray], rate: float, nu_min: float,
+                       solvers: KeptHierarchies) -> np.ndarray:
     """The increment q (n,) of  A q = -w (A + div grad) p - rate div u*  (eq. 3), with the constant of each component
     projected out (eqs 25-26). Raises SolveError.
 
-    div: (n,) of u*, 1/s; p: (n,) and its gradient (n, dim); rate: g0 / dt, 1/s; nu_min: smallest kinematic viscosity,
-    m2/s.
+    div: (n,) of u*, 1/s; pressure: p (n,) and its gradient (n, dim); rate: g0 / dt, 1/s; nu_min: smallest kinematic
+    viscosity, m2/s.
     """
     with solvers.clock("krylov"):
-        old = system.apply(p, gradient)
+        old, gradient = system.apply(*pressure), pressure[1]
         # eq. 3 for the increment, and the odd-even part of the old pressure taken out
         right = config.means.remove(_odd_even(config, gradient, old, rate, nu_min) - rate * div)
         # a small increment is the difference of large pressures: no solve is more exact than their round-off

@@ -215,11 +215,11 @@ class Stepper:
         ops, terms = config.ops, config.terms
         gradient = terms.pressure_gradient(p)
         right = known - gradient
-        if terms.ops.walls is not None:
-            right += terms.viscosity * terms.ops.walls.lap_velocity
+        if terms.viscous.walls is not None:
+            right += terms.viscous.factor * terms.viscous.walls.lap_velocity
         star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, right, guess, self.solvers)  # eq. 2
         div = ops.total_divergence(star) - expansion
-        q = pressure_increment(config, system, div, p, gradient, rate, self.fluids.nu_min, self.solvers)
+        q = pressure_increment(config, system, div, (p, gradient), rate, self.fluids.nu_min, self.solvers)
         u = star - terms.ops.gradient_p(q) / rate  # eq. 3
         return u, settled(config, p + q - terms.bulk * div)  # eq. 4
 

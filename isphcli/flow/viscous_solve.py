@@ -29,11 +29,11 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, righ
     terms: of the configuration; nu_max: largest kinematic viscosity, m2/s; spacing: m; rate: g0 / dt, 1/s; right:
     (n, dim) m/s2; guess: (n, dim) m/s.
     """
-    ops, walls = terms.ops, terms.ops.walls
+    ops, viscous, walls = terms.ops, terms.viscous, terms.viscous.walls
     with solvers.clock("assembly"):
         # eq. 2: g0 / dt - nu lap, walls included
-        matrix = assemble(ops.start, ops.column, ops.lap, rate, terms.viscosity,
-                                 walls.lap if walls is not None else None)
+        matrix = assemble(ops.start, ops.column, viscous.weight, rate, viscous.factor,
+                          walls.lap if walls is not None else None)
         slip = walls.slip if walls is not None else None
     stiff = nu_max > JACOBI_LIMIT * rate * spacing**2
     if not stiff:
@@ -65,14 +65,14 @@ def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right
     residual of the thick one.
     """
     n, dim = right.shape
-    transposed_stress, viscosity = terms.transposed_stress, terms.viscosity
+    transposed_stress, factor = terms.transposed_stress, terms.viscous.factor
     diagonal = matrix.diagonal()[:, None]
 
     def apply(v: np.ndarray) -> np.ndarray:
         u = v.reshape(n, dim)
         out = matrix @ u
         if slip is not None:
-            out -= viscosity * np.einsum("nkm,nm->nk", slip, u)
+            out -= factor * np.einsum("nkm,nm->nk", slip, u)
         if transposed_stress is not None:
             transposed_stress.add(u, out, -1.0)
         return (out / diagonal).ravel()
@@ -89,8 +89,8 @@ def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right
         if stiff:
             solution, report = solvers.multigrid("velocity", matrix, apply, scaled, guess.ravel(), by_component)
         else:
-            for factor in (1, RETRY_FACTOR):
-                solution, report = solvers.krylov(apply, scaled, np.copy, guess.ravel(), factor)
+            for more in (1, RETRY_FACTOR):
+                solution, report = solvers.krylov(apply, scaled, np.copy, guess.ravel(), more)
                 if report.converged:
                     break
     solvers.record("velocity", report, lambda: np.abs(scaled - apply(solution)).reshape(n, dim).max(axis=1))

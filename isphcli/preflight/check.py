@@ -296,10 +296,10 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
     line_slip = tension.slip_length if wall and tension is not None else 0.0
     added = 0.0
     if tension is not None:
-        from ..two_phase.surface_tension import damping
+        from ..two_phase.interface_rules import interface_rules
 
-        added, _ = damping(tension.tension, [f.density for f in fluids], [f.mu for f in fluids],
-                           case.particles.spacing)
+        added = interface_rules([f.density for f in fluids], [f.mu for f in fluids], tension.tension,
+                                case.particles.spacing).added_viscosity
     starts = case.initial is not None and bool(case.initial.velocity)
     flood = case.initial.flood if case.initial else None
     return [

@@ -26,7 +26,7 @@ def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: n
     held = None if axis is None else np.eye(geometry.dim)[axis]
     if len(present) == 1 or (case.interface is None and not differ):
         return OneFluid(present[0].density, present[0].nu, force, held)
-    from ..two_phase.two_fluids import TwoFluids
+    from ..two_phase.two_fluids import Drive, TwoFluids
 
     kind, spacing = KERNELS[case.particles.kernel], case.particles.spacing
     support = case.support * spacing
@@ -44,16 +44,16 @@ def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: n
     body = force
     if case.drive is not None and case.drive.pressure_drop is not None:
         body = np.array(case.drive.body_force or [0.0] * geometry.dim, float)
-    return TwoFluids(particles.phase, [f.density for f in present], [f.mu for f in present], body, force - body, kind,
-                     support, tension, line, held)
+    return TwoFluids(particles.phase, [f.density for f in present], [f.mu for f in present],
+                     Drive(body, force - body, held), tension, line)
 
 
 def _contact(case: Case, geometry: Geometry, particles: Particles, kind: int, support: float) -> ContactAngle:
     from ..geometry.wall_normals import wall_normals
-    from ..two_phase.contact_angle import ContactAngle
+    from ..two_phase.contact_angle import ContactAngle, WallDummies
 
     assert case.interface is not None
     dummies = particles.x[particles.n_fluid:]
-    return ContactAngle(case.interface.contact_angle, dummies, np.maximum(-geometry.distance(dummies), 0.0),
-                        wall_normals(geometry, dummies, support), kind, support, case.particles.spacing,
+    walls = WallDummies(dummies, np.maximum(-geometry.distance(dummies), 0.0), wall_normals(geometry, dummies, support),
                         particles.site_volume)
+    return ContactAngle(case.interface.contact_angle, walls, kind, support, case.particles.spacing)

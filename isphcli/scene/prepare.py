@@ -9,7 +9,7 @@ import numpy as np
 
 from ..case import expressions
 from ..case.forcing import drives, held_axis
-from ..flow.held_velocity import HeldVelocity, _outside
+from ..flow.held_velocity import HeldVelocity, outside_sample
 from ..flow.state import State
 from ..flow.step import Stepper
 from ..flow.step_limits import Bounds
@@ -35,7 +35,7 @@ def held_velocity(case: Case, particles: Particles, reference: float, geometry: 
         return None
     size = geometry.upper - geometry.lower
     length, (lower, upper) = size[axis], (corner[axis] for corner in sample_box(geometry))
-    here = int(_outside(particles.x[: particles.n_fluid, axis], lower, upper).sum())
+    here = int(outside_sample(particles.x[: particles.n_fluid, axis], lower, upper).sum())
     volumes = particles.site_volume * length / float(np.prod(size))  # of a particle, over the cross section
     porosity = (particles.n_fluid - here) * volumes / (upper - lower)
     fraction = 1.0  # clear layers are all fluid, whatever number of lattice layers falls into them

@@ -13,7 +13,7 @@ and the colour gradient and the curvature of the fluid particles see them. theta
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -53,15 +53,22 @@ class SlipAtLine:
         return wall, np.concatenate([geometry.wall_velocity] * 2), slip, spin
 
 
-class ContactAngle:
-    """angle: degrees through the first fluid; dummies: (n_dummy, dim) m; depth: (n_dummy,) of them below the wall, m;
-    normals: (n_dummy, dim) of the wall, into the fluid; kind: kernel number; support, spacing: m; volume: m^dim."""
+class WallDummies(NamedTuple):
+    """x: (n_dummy, dim) m; depth: (n_dummy,) below the wall, m; normal: (n_dummy, dim) of the wall, into the fluid;
+    volume: of each, m^dim."""
 
-    def __init__(self, angle: float, dummies: np.ndarray, depth: np.ndarray, normals: np.ndarray, kind: int,
-                 support: float, spacing: float, volume: float):
-        self.angle = math.radians(angle)
-        self.dummies, self.depth, self.normals = dummies, depth, normals
-        self.kind, self.support, self.spacing, self.volume = kind, support, spacing, volume
+    x: np.ndarray
+    depth: np.ndarray
+    normal: np.ndarray
+    volume: float
+
+
+class ContactAngle:
+    """angle: degrees through the first fluid; dummies: those of the walls; kind: kernel number; support, spacing: m."""
+
+    def __init__(self, angle: float, dummies: WallDummies, kind: int, support: float, spacing: float):
+        self.angle, self.dummies = math.radians(angle), dummies
+        self.kind, self.support, self.spacing = kind, support, spacing
 
     def ghosts(self, ops: Operators, neighbours: Neighbourhood, colour: np.ndarray, near: np.ndarray) -> Ghosts | None:
         """Ghosts of one configuration, or None where the interface meets no wall. Arguments as those of
@@ -77,11 +84,11 @@ class ContactAngle:
         band = find_band(ops, colour, near, self.spacing, wanted=reach)
         particle = np.repeat(np.arange(n), np.diff(start))
         offset = x[at] - x[particle]
-        seen = np.zeros(len(self.dummies), np.bool_)
+        seen = np.zeros(len(self.dummies.x), np.bool_)
         seen[dummy] = True
         used, where = np.flatnonzero(seen), (np.cumsum(seen) - 1)[dummy]
-        along = _sum_normals(particle, offset, where, len(used), band.normal, band.strength, self.kind, self.support)
-        p = self.normals[used]  # in place of eq. 19: of the wall distance
+        along = _sum_normals(particle, offset, where, len(used), band.normal, band.strength, (self.kind, self.support))
+        p = self.dummies.normal[used]  # in place of eq. 19: of the wall distance
         along -= (along * p).sum(axis=1, keepdims=True) * p  # eq. 20, of the normals around the dummy
         size = np.linalg.norm(along, axis=1)
         meets = size > SIDEWAYS
@@ -89,9 +96,9 @@ class ContactAngle:
         # eq. 18, on the dummies; the fluid sees them, and no normal is blended (eqs 21-22)
         normal = np.where(meets[:, None], math.sin(self.angle) * t - math.cos(self.angle) * p, 0.0)
         steep = min(max(self.angle, STEEPEST), math.pi - STEEPEST)
-        rise = (self.depth[used] + self.spacing)[:, None]
-        carried = self._colour_at(self.dummies[used] + rise * (p + t / math.tan(steep)), x, neighbours.owner, colour)
-        return Ghosts(start, offset, carried[where], normal[where], self.volume)
+        rise = (self.dummies.depth[used] + self.spacing)[:, None]
+        carried = self._colour_at(self.dummies.x[used] + rise * (p + t / math.tan(steep)), x, neighbours.owner, colour)
+        return Ghosts(start, offset, carried[where], normal[where], self.dummies.volume)
 
     def _colour_at(self, points: np.ndarray, x: np.ndarray, owner: np.ndarray, colour: np.ndarray) -> np.ndarray:
         """Kernel average of the colour of the fluid nearest to points (m, dim)."""
@@ -136,7 +143,7 @@ def _seen(neighbours, mark, n):
 
 
 @njit(cache=True)
-def _sum_normals(particle, offset, where, count, normal, strength, kind, support):
+def _sum_normals(particle, offset, where, count, normal, strength, kernel):
     """Kernel average of the fluid's normals round each dummy, (count, dim)."""
     dim = offset.shape[1]
     total, out = np.zeros(count), np.zeros((count, dim))
@@ -146,7 +153,7 @@ def _sum_normals(particle, offset, where, count, normal, strength, kind, support
             r2 = 0.0
             for k in range(dim):
                 r2 += offset[p, k] ** 2
-            w = strength[i] * shape(kind, math.sqrt(r2) / support)
+            w = strength[i] * shape(kernel[0], math.sqrt(r2) / kernel[1])
             total[d] += w
             for k in range(dim):
                 out[d, k] += w * normal[i, k]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -36,16 +36,23 @@ FLAT = 0.1  # mean distances by which the wall under those points may differ fro
 ON_ARC = 0.5  # mean distances by which the points may differ from their circle (root mean square)
 
 
-class Measures:
-    """names: of both fluids; phase: (n,) int8; density: (2,) kg/m3; viscosity: (2,) Pa s; geometry: Geometry;
-    site_volume: m^dim; pressure: kg/m3, density that `State.p` is over; tension: SurfaceTension or None;
-    amplitude: function of the positions (n, dim), m, or None."""
+class MeasuredFluid(NamedTuple):
+    """name: in the case; density: kg/m3; viscosity: dynamic, Pa s."""
 
-    def __init__(self, names: Sequence[str], phase: np.ndarray, density: Sequence[float], viscosity: Sequence[float],
-                 geometry: Geometry, site_volume: float, pressure: float = 1.0, tension: Tension | None = None,
+    name: str
+    density: float
+    viscosity: float
+
+
+class Measures:
+    """fluids: both; phase: (n,) int8; geometry: Geometry; site_volume: m^dim; pressure: kg/m3, density that `State.p`
+    is over; tension: SurfaceTension or None; amplitude: function of the positions (n, dim), m, or None."""
+
+    def __init__(self, fluids: Sequence[MeasuredFluid], phase: np.ndarray, geometry: Geometry, site_volume: float,
+                 pressure: float = 1.0, tension: Tension | None = None,
                  amplitude: Callable[[np.ndarray], float] | None = None):
-        self.names, self.phase, self.geometry, self.tension = names, phase, geometry, tension
-        self.density, self.viscosity, self.pressure = density, viscosity, pressure
+        self.names, self.density, self.viscosity = zip(*fluids)
+        self.phase, self.geometry, self.tension, self.pressure = phase, geometry, tension, pressure
         self.site_volume, self.amplitude = site_volume, amplitude
         self.distance = site_volume ** (1.0 / geometry.dim)
         self.centres: list[Centre | None] = [None, None]

@@ -33,23 +33,6 @@ if TYPE_CHECKING:
     from .contact_angle import ContactAngle
 
 SMOOTHINGS = 3  # kernel averages of the curvature over the band
-# Mean viscosity over sqrt(rho sigma dx) below which an interface gets viscosity (docs/method.md 12), and how much
-# it then gets for what it lacks. With 1 a drop of Laplace number 1e6 lost particles after 1000 steps, with 2.5 not
-# after 1500 (support 2.3). Particles are shifted there in full already below OHNESORGE_FULL_SHIFTING: with a third of
-# the shift a drop at 0.041 blew up after 500 steps (support 2.8), with all of it it holds 2500; at 0.043 it holds
-# either way.
-OHNESORGE_MIN, ADDED_VISCOSITY, OHNESORGE_FULL_SHIFTING = 0.04, 2.5, 0.044
-
-
-def damping(tension: float, density: Sequence[float] | np.ndarray, viscosity: Sequence[float] | np.ndarray,
-            spacing: float) -> tuple[float, bool]:
-    """Dynamic viscosity that pairs at an interface get on top of their own, Pa s (0 where it damps enough by itself),
-    and whether particles are shifted there in full.
-
-    tension: N/m; density, viscosity: (2,) kg/m3 and dynamic, Pa s; spacing: m."""
-    unit = math.sqrt(np.mean(density) * tension * spacing)
-    own = float(np.mean(viscosity)) / unit
-    return ADDED_VISCOSITY * max(OHNESORGE_MIN - own, 0.0) * unit, own < OHNESORGE_FULL_SHIFTING
 
 
 class SurfaceTension:
@@ -66,10 +49,6 @@ class SurfaceTension:
     def largest_step(self) -> float:
         """sqrt(rho dx^3 / (2 pi sigma)), rho the mean density, s: the limit of Brackbill, Kothe and Zemach (1992)."""
         return math.sqrt(self.density.mean() * self.spacing**3 / (2.0 * math.pi * self.tension))
-
-    def damping(self, viscosity: Sequence[float] | np.ndarray) -> tuple[float, bool]:
-        """`damping` of this interface between fluids of dynamic viscosities (2,), Pa s."""
-        return damping(self.tension, self.density, viscosity, self.spacing)
 
     def force(self, ops: Operators, weighted: Operators, neighbours: Neighbourhood, colour: np.ndarray,
               near: np.ndarray, reference: float) -> tuple[np.ndarray, np.ndarray | None, Band]:

@@ -17,12 +17,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit, prange
 
-from ..flow.one_fluid import Terms, body_force
+from ..flow.one_fluid import Terms, ViscousWeights, body_force
+from ..operators.protocol import WallSums
+from .interface_rules import FIRST_PASSES, interface_rules
 from .normals import crossings, near_interface
 
 if TYPE_CHECKING:
@@ -34,27 +36,37 @@ if TYPE_CHECKING:
 SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like a second derivative of a plane of them
 
 
-class TwoFluids:
-    """phase: (n,) int8 fluid of each particle, 0 or 1; density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s;
-    body: (dim,) force on both, m/s2; push: (dim,) that of a pressure gradient on the first fluid, m/s2, which moves the
-    other as its density lets it; kind: kernel number; support: m; tension: SurfaceTension or None; line:
-    contact_angle.SlipAtLine or None; held: (dim,) unit vector along which a velocity is held, or None."""
+class Drive(NamedTuple):
+    """What moves two fluids.
 
-    first_passes = 5  # with 3, layers of density ratio 1000 moved at 1e-8 sqrt(g H)
+    body: (dim,) force on both, m/s2; push: (dim,) that of a pressure gradient on the first fluid, m/s2, which moves the
+    other as its density lets it; held: (dim,) unit vector along which a velocity is held, or None.
+    """
+
+    body: np.ndarray
+    push: np.ndarray
+    held: np.ndarray | None = None
+
+
+class TwoFluids:
+    """phase: (n,) int8 fluid of each particle, 0 or 1; density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s; drive: what
+    moves them; tension: SurfaceTension or None; line: contact_angle.SlipAtLine or None."""
+
+    first_passes = FIRST_PASSES
 
     def __init__(self, phase: np.ndarray, density: Sequence[float] | np.ndarray,
-                 viscosity: Sequence[float] | np.ndarray, body: np.ndarray, push: np.ndarray, kind: int, support: float,
-                 tension: SurfaceTension | None = None, line: WallChange | None = None,
-                 held: np.ndarray | None = None):
+                 viscosity: Sequence[float] | np.ndarray, drive: Drive, tension: SurfaceTension | None = None,
+                 line: WallChange | None = None):
         self.phase = phase
         self.colour = np.where(phase == 0, 1.0, 0.0)  # eq. 15, the same for all particles
         self.density = np.array(density, float)
         self.mu = np.array(viscosity, float)
-        self.body, self.push, self.force = body, push, body + push
-        self.kind, self.support, self.tension, self.line, self.held = kind, support, tension, line, held
-        self.added_viscosity, self.interface_underdamped = 0.0, False
-        if tension is not None:
-            self.added_viscosity, self.interface_underdamped = tension.damping(self.mu)
+        self.body, self.push, self.held = drive
+        self.force = self.body + self.push
+        self.tension, self.line = tension, line
+        interface = (0.0, 0.0) if tension is None else (tension.tension, tension.spacing)
+        self.rules = interface_rules(self.density, self.mu, *interface)
+        self.added_viscosity = self.rules.added_viscosity
 
     @property
     def nu_max(self) -> float:
@@ -78,18 +90,17 @@ class TwoFluids:
         rho = self.density[self.phase] / reference
         mu = self.mu[self.phase] / reference
         near = near_interface(ops.start, ops.column, self.colour)
-        weighted, viscosity, transposed_stress, smooth = ops, mu[0], None, None
+        weighted, viscous, transposed_stress, smooth = ops, ViscousWeights(mu[0], ops.lap, ops.walls), None, None
         if heavy or thick:
             t = crossings(ops, self.colour, near)
-            weighted = self._weigh(ops, t, rho, mu, heavy)
-            viscosity = 1.0
+            weighted, viscous = self._weigh(ops, t, rho, mu, heavy)
         if self.added_viscosity > 0.0:
-            share = self.added_viscosity / reference / (viscosity * rho)
-            weighted = replace(weighted, lap=_thickened(ops.start, ops.column, ops.lap, weighted.lap, near, share))
+            share = self.added_viscosity / reference / (viscous.factor * rho)
+            viscous = replace(viscous, weight=_thickened(ops.start, ops.column, ops.lap, viscous.weight, near, share))
         if thick:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near
-            transposed_stress = TransposedStress.build(ops, weighted.lap, np.flatnonzero(free))
+            transposed_stress = TransposedStress.build(ops, viscous.weight, np.flatnonzero(free))
         force, jump, laplacian_of_jump, along, band = body_force(ops, self.body), None, None, None, None
         if self.push.any():
             force = force + weighted.potential_gradient(self.push)
@@ -101,25 +112,26 @@ class TwoFluids:
                 force = force + push
             else:
                 jump = push
-        # more feeds on itself: docs/method.md 12
-        bulk = self.density.min() * self.nu_min / reference
-        shifts_less = None if self.interface_underdamped else near
-        density, damps = rho if heavy else 1.0, heavy or thick or self.tension is None
-        return Terms(weighted, viscosity, force, jump, laplacian_of_jump, density, bulk, transposed_stress, smooth,
-                     shifts_less, damps, along, band)
+        rules = self.rules
+        shifts_less = None if rules.full_shifting else near
+        return Terms(weighted, viscous, force, jump, laplacian_of_jump, rho if heavy else 1.0,
+                     rules.rotational_viscosity / reference, transposed_stress, smooth, shifts_less,
+                     rules.damps_odd_even, along, band)
 
     @staticmethod
-    def _weigh(ops: Operators, t: np.ndarray, rho: np.ndarray, mu: np.ndarray, heavy: bool) -> Operators:
-        walls = ops.walls
+    def _weigh(ops: Operators, t: np.ndarray, rho: np.ndarray, mu: np.ndarray,
+               heavy: bool) -> tuple[Operators, ViscousWeights]:
+        """The operators with the density in the weights of the pressure, and the weights of the viscous term."""
+        walls, viscous_walls = ops.walls, None
         symmetric = ops.lap_p if walls is None else walls.symmetric_laplacian
         weights = ops.lap, ops.lap_p, ops.grad_p, symmetric
         lap, lap_p, grad_p, symmetric = _weights(ops.neighbours, t, rho, mu, weights, heavy)
         if walls is not None:
             nu = mu / rho
-            walls = replace(walls, lap=nu * walls.lap, lap_velocity=nu[:, None] * walls.lap_velocity,
-                            symmetric_laplacian=symmetric,
-                            slip=None if walls.slip is None else nu[:, None, None] * walls.slip)
-        return replace(ops, lap=lap, lap_p=lap_p, grad_p=grad_p, walls=walls)
+            viscous_walls = WallSums(nu * walls.lap, nu[:, None] * walls.lap_velocity, walls.div, walls.div_velocity,
+                                     None if walls.slip is None else nu[:, None, None] * walls.slip)
+            walls = replace(walls, symmetric_laplacian=symmetric)
+        return replace(ops, lap_p=lap_p, grad_p=grad_p, walls=walls), ViscousWeights(1.0, lap, viscous_walls)
 
 
 @dataclass(frozen=True)

@@ -24,10 +24,10 @@ def test_shear_between_layers(ratio):
 def test_the_layered_profile_is_exact_to_round_off():
     _, _, state, stepper, _ = scene(layers(1 / 16, lid=1, mu=50))
     config = stepper.configure(state.x)
-    ops = config.terms.ops
+    ops, viscous = config.terms.ops, config.terms.viscous
     u = two_layer_couette(state.x[:, 1], 1.0, 0.5, (1.0, 50.0), 1.0)
-    matrix = assemble(ops.start, ops.column, ops.lap, 0.0, 1.0, ops.walls.lap)
-    residual = matrix @ u - ops.walls.lap_velocity[:, 0]
+    matrix = assemble(ops.start, ops.column, viscous.weight, 0.0, 1.0, viscous.walls.lap)
+    residual = matrix @ u - viscous.walls.lap_velocity[:, 0]
     assert np.abs(residual).max() < 1e-11 * np.abs(matrix).max()
 
 
@@ -66,9 +66,9 @@ def test_an_interface_that_hardly_damps_gets_viscosity():
         ops, terms = config.ops, config.terms
         assert (stepper.fluids.added_viscosity > 0.0) == lacks
         if not lacks:
-            assert terms.ops is ops
+            assert terms.ops is ops and terms.viscous.weight is ops.lap
             continue
-        more = terms.ops.lap * terms.viscosity - ops.lap * mu
+        more = terms.viscous.weight * terms.viscous.factor - ops.lap * mu
         near = near_interface(ops.start, ops.column, stepper.fluids.colour)
         owner = np.repeat(np.arange(len(state.x)), np.diff(ops.start))
         both = near[owner] & near[ops.column]
@@ -86,7 +86,7 @@ def test_the_velocity_matrix_has_no_growing_mode(ratio):
     _, _, state, stepper, _ = scene(layers(1 / 12, mu=ratio).replace("spacing: ", "jitter: 0.2, spacing: "))
     config = stepper.configure(state.x)
     terms, n = config.terms, len(state.x)
-    matrix = assemble(terms.ops.start, terms.ops.column, terms.ops.lap, 0.0, 1.0, terms.ops.walls.lap)
+    matrix = assemble(terms.ops.start, terms.ops.column, terms.viscous.weight, 0.0, 1.0, terms.viscous.walls.lap)
     full = np.kron(matrix.toarray(), np.eye(2))
     for k in range(2 * n):
         one, out = np.zeros(2 * n), np.zeros((n, 2))
