@@ -1,7 +1,7 @@
 """Error against run time of the support radius, for moving particles.
 
 How the default of 2.3 spacings was chosen: 2.1 is more accurate, but lost 1 of 27 runs from coarse
-jittered starts in a trial with LOPSIDED = 1.5 (`operators.moments`), before it became 2.0; that trial is no script.
+jittered starts in a trial with LOPSIDED = 1.5 (`neighbourhood_class.py`), before it became 2.0: no script.
 
 usage: python benchmarks/support.py [POINTS]        (50 across)
 

@@ -102,7 +102,7 @@ def solve_pressure(config: Configuration, system: PressureSystem, right: np.ndar
 def settled(config: Configuration, p: np.ndarray) -> np.ndarray:
     """A pressure p (n,) without the constant of each component; in dead ends that of the fluid next to them."""
     p, walls = config.means.remove(p), config.ops.walls
-    if walls is not None and walls.isolated is not None:
+    if walls is not None and walls.dead_ends:
         from ..operators.narrow_pores import extrapolate_pressure
 
         extrapolate_pressure(config.ops, p)

@@ -44,8 +44,9 @@ if TYPE_CHECKING:
     from .volume_control import KeptVolume
 
 NEAR_WALL = 0.25  # of the spacing: no particle comes nearer to a wall than this; at 0.015 a cavity blew up
-# The same for particles that see few others (`narrow_pores.NARROW`). Where beads touch, half of the fluid lies within
-# 0.25: kept off that far, particles crowd into the middle of the pores, and the flux of a pack is 40 % too large.
+# The same for particles in narrow pores (`neighbourhood_class`) of scenes with dead ends. Where beads touch, half of
+# the fluid lies within 0.25: kept off that far, particles crowd into the middle of the pores, and the flux of a pack is
+# 40 % too large.
 NEAR_WALL_NARROW = 0.1
 # Of the shift, near an interface, which it blurs. A bubble that rises (1/24) lost 1.4 % of its height to a whole one; a
 # drop without any comes apart.
@@ -120,7 +121,7 @@ class Stepper:
             # a periodic box full of fluid is one component; pores can be many
             labels = np.zeros(n, np.int32)
             if ops.walls is not None:
-                joined = None if ops.walls.isolated is None else ops.walls.symmetric_laplacian > 0.0
+                joined = ops.walls.symmetric_laplacian > 0.0 if ops.walls.dead_ends else None
                 labels = pair_components(ops.start, ops.column, joined)[1]
         return Configuration(ops, neighbours, ComponentMeans(labels), len(images.owner), terms)
 
@@ -168,10 +169,9 @@ class Stepper:
                     dr[config.terms.shifts_less] *= INTERFACE_SHIFTING
             if self.walls is not None:
                 assert config.ops.walls is not None
-                narrow = config.ops.walls.narrow
                 nearest: float | np.ndarray = NEAR_WALL * self.spacing
-                if narrow is not None:
-                    nearest = np.where(narrow, NEAR_WALL_NARROW * self.spacing, nearest)
+                if config.ops.walls.dead_ends:
+                    nearest = np.where(config.ops.walls.narrow, NEAR_WALL_NARROW * self.spacing, nearest)
                 dr = self.walls.clamp_wall_distance(state.x, displacement, dr, nearest)
         return dr
 

@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit, prange
 
-from .narrow_pores import FEW
-
 if TYPE_CHECKING:
     from .pair_weights import Operators
 
@@ -61,49 +59,21 @@ def diagonal(ops: Operators, symmetric_p: np.ndarray, grad_p: np.ndarray) -> np.
     return _diagonal(ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p, grad_p), walls.div, walls.near)
 
 
-def flux_form(ops: Operators, count: np.ndarray) -> None:
-    """Makes sense of rows that see less than FEW of their neighbours, in place. count: (n,) those beyond walls too.
-
-    Divergence: the balance of fluxes. sum_j w_ij x_ji . (u_i + u_j) / 2 is exact where the neighbourhood
-    is whole and never senseless. Where beads touch, particles see few others, perhaps all in a plane: the gradients of
-    pressure and velocity then fall back on different directions, and one's divergence of the other has the wrong sign.
-    Of a pack of beads at 2.5 spacings a bead the pressure matrix had 20 eigenvalues with the wrong sign; without the
-    rows that see less than FEW of their neighbours it has none, and GMRES takes 22 iterations. Flat walls leave two
-    thirds of the neighbours in sight.
-    """
-    walls = ops.walls
-    assert walls is not None
-    bad = np.flatnonzero(np.diff(ops.start) < FEW * count)
-    _flux_form(ops.neighbours, walls.symmetric_laplacian, bad, ops.grad, walls.div, walls.div_velocity)
-
-
-@njit(cache=True)
-def _flux_form(neighbours, natural, rows, grad, wall_div, wall_div_velocity):
-    start, row, x = neighbours.start, neighbours.row, neighbours.x
-    dim = x.shape[1]
-    for i in rows:
-        wall_div[i] = 0.0
-        wall_div_velocity[i] = 0.0
-        for q in range(start[i], start[i + 1]):
-            for k in range(dim):
-                flux = natural[q] * (x[row[q], k] - x[i, k])
-                grad[q, k] = 0.5 * flux
-                wall_div[i, k] -= flux
-
-
 def adjoint_divergence(ops: Operators) -> None:
-    """Gives rows that see few of their neighbours the divergence that is minus the adjoint of the pressure gradient, in
-    place: sum_i V_i p_i div u_i = - sum_i V_i u_i . grad p_i over these rows.
+    """Gives rows of narrow pores the divergence that is minus the adjoint of the pressure gradient, in place:
+    sum_i V_i p_i div u_i = - sum_i V_i u_i . grad p_i over these rows.
 
     Where beads touch, particles see few others, perhaps all in a plane, and one gradient of the pressure and another
     of the velocity fall back on different directions. One's divergence of the other then has the wrong sign:
     a correction makes the divergence worse, step by step, and the particle is thrown out. With the adjoint, a
     projection cannot add energy, and what it takes out of a pore it puts in elsewhere (the gradient of a constant is
-    zero, and so is the sum of the divergence). Flat walls leave two thirds of the neighbours in sight.
+    zero, and so is the sum of the divergence).
     """
     walls = ops.walls
-    assert walls is not None and walls.narrow is not None
+    assert walls is not None
     rows = np.flatnonzero(walls.narrow)
+    if len(rows) == 0:
+        return
     _adjoint_divergence(ops.neighbours, ops.volume, ops.grad_p, rows, ops.grad, walls.div, walls.div_velocity)
 
 

@@ -23,19 +23,12 @@ from numba import njit, prange
 
 from ..domain.neighbours import Neighbourhood
 from .kernel import QUINTIC_SPLINE, WENDLAND_C2, WENDLAND_C4, normalisation, shape, slope
+from .neighbourhood_class import LOPSIDED, ROUND, SINGULAR, THIN
 
 CHUNKS = 64  # rows are handed to threads in this many pieces, each with its own scratch arrays
 LANES = 8  # rows are padded to a multiple of this many neighbours: whole vectors
 # LLVM vectorises a sum only if it may reorder it. NaN and infinity keep their meaning (no nnan, no ninf).
 REDUCE = {"reassoc", "contract", "nsz"}
-# L_i may differ from a multiple of the identity by this much of it; at 20 % jitter none does (Wendland C2)
-LOPSIDED = 2.0
-# Neighbours that spread less than this in one direction, of what they do in the widest one and in a whole one (there
-# it is one), know no gradient in it. At 1e-4 of the former, beads that touch threw particles out: stars in a plane on
-# the lattice were inverted when they had moved a little, and one neighbour at the rim of the support was enough.
-THIN = 0.05
-ROUND = 0.2  # determinant over the cube of the mean moment above which no direction is thin
-SINGULAR = 1e-7  # scaled pivot below which a correction system counts as rank-deficient
 
 
 def particle_volumes(neighbours: Neighbourhood) -> np.ndarray:

@@ -1,57 +1,103 @@
-"""Neighbourhoods that see few of their neighbours: which particles lie in narrow pores, and which in dead ends that
-share no pressure with the rest (docs/method.md 7).
-"""
+"""The class of each neighbourhood beside walls (`neighbourhood_class`), and the pressure of those that share none."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 from ..domain import reduce
 from ..domain.components import pair_components
 from .crossings import IN_SIGHT, MEETS_WALL, SHARES_PRESSURE, in_sight
+from .kernel import slope
+from .neighbourhood_class import FULL, ISOLATED, NARROW, NARROW_SHARE, THIN, WALL
 
 if TYPE_CHECKING:
-    from ..domain.neighbours import Neighbourhood
+    from .crossings import WallStencils
     from .pair_weights import Operators
 
-FEW = 0.5  # of the neighbours
-NARROW = 0.65  # the same in scenes with dead ends: with 0.5 a pack held 110 steps. Flat walls leave two thirds
-ISOLATED = 0.1  # of the neighbours: three of 32; with two, three particles in a dead end still blew up
 
+def classify_neighbourhoods(stencils: WallStencils) -> np.ndarray:
+    """Class of each particle, (n,) int8; pairs that share no pressure are marked in `stencils.links` in place.
 
-def classify_neighbourhoods(neighbours: Neighbourhood,
-                            link: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Particles that see few of their neighbours: (narrow, isolated), (n,) bool each; None where none is isolated.
-
-    neighbours: all of them; link: (n_pairs,), see `Links`, where pairs that share no pressure are marked in place.
-
-    narrow: less than NARROW of them, in pores as narrow as a particle. Their divergence is that of
-    `adjoint_divergence`. The corners of a wide scene see no more: without dead ends `flux_form` stays.
-    isolated: less than ISOLATED, in dead ends beside points of contact, and what only such particles join with the rest
-    if it is less than a neighbourhood. Nobody shares the pressure with them: they have no
-    gradient, no force (the body force is taken with the same weights) and no divergence, and move as the fluid
-    around them drags them. Else the pressure of one or two particles hangs on a thread, of which shape and length
-    change as they move: it reached 1e4 times that of the fluid around them, and where the thread grew a little
-    stronger it threw them out.
+    Nobody shares the pressure with isolated particles: they have no gradient, no force (the body force is taken with
+    the same weights) and no divergence, and move as the fluid around them drags them. Else the pressure of one or two
+    particles hangs on a thread, of which shape and length change as they move: it reached 1e4 times that of the fluid
+    around them, and where the thread grew a little stronger it threw them out.
     """
+    neighbours, link = stencils.neighbours, stencils.links.link
     start, column = neighbours.start, neighbours.column
-    seen, count = in_sight(start, link), np.diff(start)
-    narrow, isolated = seen < NARROW * count, seen < ISOLATED * count
-    if not reduce.any_true(isolated):
-        return None, None
-    _share_no_pressure(start, column, link, isolated)
-    sight, begin = link != MEETS_WALL, np.concatenate([[0], np.cumsum(seen)])
-    fluid, shared = column[sight], link[sight] == SHARES_PRESSURE
+    smallest, largest, walled = _shares(neighbours, link, stencils.volume)
+    found = np.where(walled, WALL, FULL).astype(np.int8)
+    found[smallest < NARROW_SHARE] = NARROW
+    isolated = largest < THIN
+    if reduce.any_true(isolated):
+        _share_no_pressure(start, column, link, isolated)
+        isolated |= _behind(start, column, link) & ~isolated
+        _share_no_pressure(start, column, link, isolated)
+        found[isolated] = ISOLATED
+    return found
+
+
+def _behind(start: np.ndarray, column: np.ndarray, link: np.ndarray) -> np.ndarray:
+    """Particles (n,) in clusters smaller than a neighbourhood that only isolated particles join with the rest."""
+    seen, sight = in_sight(start, link), link != MEETS_WALL
+    begin, fluid, shared = np.concatenate([[0], np.cumsum(seen)]), column[sight], link[sight] == SHARES_PRESSURE
     whole, part = (pair_components(begin, fluid, joined)[1] for joined in (None, shared))
     size, all_in_sight = reduce.total_by(part)[part], reduce.total_by(whole)[whole]
-    behind = (size < all_in_sight) & (size < count) & ~isolated
-    if reduce.any_true(behind):
-        isolated |= behind
-        _share_no_pressure(start, column, link, isolated)
-    return narrow, isolated
+    return (size < all_in_sight) & (size < np.diff(start))
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def _shares(neighbours, link, volume):
+    """Smallest and largest eigenvalue of the moments of the neighbours in sight, over the mean one of all neighbours,
+    and whether some are not in sight, (n,) each; 1 where all are."""
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    kind, support = neighbours.kind, neighbours.support
+    n, dim = len(start) - 1, x.shape[1]
+    smallest, largest, walled = np.ones(n), np.ones(n), np.zeros(n, np.bool_)
+    for i in prange(n):
+        for p in range(start[i], start[i + 1]):
+            if link[p] == MEETS_WALL:
+                walled[i] = True
+        if walled[i]:
+            whole, xx, yy, zz, yz, xz, xy, dz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for p in range(start[i], start[i + 1]):
+                j = row[p]
+                dx, dy = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1]
+                if dim == 3:
+                    dz = x[j, 2] - x[i, 2]
+                r = math.sqrt(dx * dx + dy * dy + dz * dz)
+                w = volume[column[p]] * slope(kind, r / support) / r if r > 0.0 else 0.0
+                whole += w * r * r / dim
+                if link[p] != MEETS_WALL:
+                    xx, yy, zz = xx + w * dx * dx, yy + w * dy * dy, zz + w * dz * dz
+                    yz, xz, xy = yz + w * dy * dz, xz + w * dx * dz, xy + w * dx * dy
+            low, high = _extremes_2d(xx, yy, xy) if dim == 2 else _extremes(xx, yy, zz, yz, xz, xy)
+            smallest[i], largest[i] = low / whole, high / whole
+    return smallest, largest, walled
+
+
+@njit(cache=True)
+def _extremes_2d(xx, yy, xy):
+    """Smallest and largest eigenvalue of a symmetric tensor."""
+    middle, radius = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+    return middle - radius, middle + radius
+
+
+@njit(cache=True)
+def _extremes(xx, yy, zz, yz, xz, xy):
+    """As `_extremes_2d`, in closed form, several times faster than numpy's eigvalsh."""
+    mean = (xx + yy + zz) / 3.0
+    a, b, c = xx - mean, yy - mean, zz - mean
+    size = math.sqrt((a * a + b * b + c * c + 2.0 * (yz * yz + xz * xz + xy * xy)) / 6.0)
+    if size == 0.0:
+        return mean, mean
+    cosine = (a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)) / (2.0 * size**3)
+    angle = math.acos(min(max(cosine, -1.0), 1.0)) / 3.0
+    return mean + 2.0 * size * math.cos(angle + 2.0 * math.pi / 3.0), mean + 2.0 * size * math.cos(angle)
 
 
 @njit(cache=True)

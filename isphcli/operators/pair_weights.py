@@ -23,6 +23,7 @@ from .moments import (
     stencil_size,
     stencil_weights,
 )
+from .neighbourhood_class import ISOLATED, NARROW
 from .protocol import WallSums
 
 
@@ -125,11 +126,25 @@ class WallRows(WallSums):
     """Sums over walls, and what else the rows of particles beside them need.
 
     symmetric_laplacian: (n_pairs,) symmetric-form weights of the pressure Laplacian;
-    near: (n,) bool, particle sees a wall, or fluid that it shares no pressure with;
-    narrow, isolated: (n,) bool, see `narrow_pores.classify_neighbourhoods`, or None where there are none.
+    classes: (n,) int8, see `neighbourhood_class`; near: (n,) bool, particle sees a wall, or fluid that it shares no
+    pressure with.
     """
 
     symmetric_laplacian: np.ndarray
     near: np.ndarray
-    narrow: np.ndarray | None = None
-    isolated: np.ndarray | None = None
+    classes: np.ndarray
+
+    @property
+    def narrow(self) -> np.ndarray:
+        """(n,) bool, in a pore narrower than a corner, or isolated."""
+        return self.classes >= NARROW
+
+    @property
+    def isolated(self) -> np.ndarray:
+        """(n,) bool, in a dead end that shares no pressure with the rest."""
+        return self.classes == ISOLATED
+
+    @property
+    def dead_ends(self) -> bool:
+        """Whether a particle is isolated."""
+        return reduce.any_true(self.isolated)

@@ -10,7 +10,7 @@ from ..domain.halo import Halo, build_halo
 from ..domain.neighbours import Neighbourhood, neighbourhood
 from ..geometry.wall_normals import wall_normals
 from .crossings import WallStencils, WallTable, crossings
-from .div_grad import adjoint_divergence, flux_form
+from .div_grad import adjoint_divergence
 from .moments import particle_volumes
 from .narrow_pores import classify_neighbourhoods
 from .pair_weights import Operators
@@ -49,12 +49,8 @@ class WallScene:
         """Operators, all neighbours and periodic images of fluid positions x (n, dim)."""
         stencils, images = self.stencils(x)
         neighbours = stencils.neighbours
-        narrow, isolated = classify_neighbourhoods(neighbours, stencils.links.link)
-        ops = build_wall_operators(stencils, 2, narrow, isolated)
-        if narrow is None:
-            flux_form(ops, np.diff(neighbours.start))
-        else:
-            adjoint_divergence(ops)
+        ops = build_wall_operators(stencils, 2, classify_neighbourhoods(stencils))
+        adjoint_divergence(ops)
         return ops, neighbours, images
 
     def stencils(self, x: np.ndarray, fixed: bool = False) -> tuple[WallStencils, Halo]:

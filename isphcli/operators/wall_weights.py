@@ -32,11 +32,11 @@ from .moments import (
 from .pair_weights import Operators, WallRows
 
 
-def build_wall_operators(stencil: WallStencils, order: int = 1, narrow: np.ndarray | None = None,
-                         isolated: np.ndarray | None = None) -> Operators:
+def build_wall_operators(stencil: WallStencils, order: int = 1, classes: np.ndarray | None = None) -> Operators:
     """Operators of a scene with walls.
 
-    order: of the velocity gradient, 1 (eq. 5) or 2; narrow, isolated: see `WallRows`.
+    order: of the velocity gradient, 1 (eq. 5) or 2; classes: (n,) of `narrow_pores.classify_neighbourhoods`, or None
+    where none are asked for: then none is narrow.
     """
     everyone, walls = stencil.neighbours, stencil.walls
     n = everyone.n
@@ -44,7 +44,7 @@ def build_wall_operators(stencil: WallStencils, order: int = 1, narrow: np.ndarr
     np.cumsum(in_sight(everyone.start, stencil.links.link), out=start[1:])
     deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, sums = _wall_rows(
         everyone, stencil.links, stencil.volume, order, walls, start)
-    found = WallRows(*boundary_sums(sums), symmetric, near, narrow, isolated)
+    found = WallRows(*boundary_sums(sums), symmetric, near, near.astype(np.int8) if classes is None else classes)
     seen = everyone._replace(start=start, column=column, row=row)
     return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[:n], int(reduce.total(deficient)), found)
 

@@ -24,7 +24,7 @@ import numpy as np
 from numba import njit, prange
 
 from ..operators.kernel import slope
-from ..operators.moments import THIN
+from ..operators.neighbourhood_class import THIN
 from .normals import Band, averages, find_band, ghost_arrays
 
 if TYPE_CHECKING:

@@ -1,0 +1,38 @@
+"""How good the neighbourhood of a particle is, and what follows from it.
+
+One tensor tells: the second moments of the neighbours in sight, sum w s e (x) e (`moments`), over the mean eigenvalue
+that they have with those beyond walls. Its eigenvalues are shares: 1 where all neighbours are in sight, one half across
+a flat wall, 0 in a direction that no neighbour in sight lies in. Beside a corner of a wide scene on its lattice the
+smallest is 0.31 in 2D and 0.35 in 3D.
+
+| class | of a particle | what it does |
+|---|---|---|
+| FULL | that sees all neighbours | nothing |
+| WALL | that does not, smallest share NARROW_SHARE and more | pressure gradient and symmetric Laplacian over the fluid in sight (`wall_weights`); shifts are carried without second derivative |
+| NARROW | smallest share below NARROW_SHARE: a corner, a pore about as narrow as a particle | as WALL; the divergence is minus the adjoint of the pressure gradient (`div_grad.adjoint_divergence`) |
+| ISOLATED | largest share below THIN: a dead end beside points of contact; and what only such particles join with the rest | as NARROW; it shares its pressure with nobody (`narrow_pores`) |
+
+In scenes with isolated particles, narrow ones may come nearer to walls (NEAR_WALL_NARROW of `flow/step.py`). In any
+class, directions with a share below THIN are left out of the gradient: a pseudo-inverse (`moments.invert_gradient`).
+
+Two rules do not go by this tensor, for second moments do not know what these ask, whether quadratic functions can be
+told apart: in a lattice of two rows all shares are large, and no third point tells a parabola from a line.
+
+| rule | number | what it does |
+|---|---|---|
+| SINGULAR | smallest over largest pivot of the system of L (fourth moments) | L becomes a multiple of the identity, K zero |
+| LOPSIDED | largest part of L beside a multiple of the identity, over that | the same |
+
+What was measured with other rules: docs/design_notes.md, pores that hardly hold particles.
+"""  # noqa: E501
+
+# Classes, the worse the larger
+FULL, WALL, NARROW, ISOLATED = 0, 1, 2, 3
+NARROW_SHARE = 0.4  # smallest share below which a pore is narrow: a corner, 0.31 in 2D and 0.35 in 3D, or narrower
+# Share below which a direction is not known. At 1e-4 beads that touch threw particles out: neighbourhoods in a plane on
+# the lattice were inverted when they had moved a little, and one neighbour at the rim of the support was enough.
+THIN = 0.05
+ROUND = 0.2  # determinant over the cube of the mean share above which no share is below THIN, and none is computed
+SINGULAR = 1e-7  # scaled pivot below which the system of L counts as rank-deficient
+# L may differ from a multiple of the identity by this much of it; at 20 % jitter none does (Wendland C2)
+LOPSIDED = 2.0
