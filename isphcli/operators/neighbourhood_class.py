@@ -15,8 +15,10 @@ smallest is 0.31 in 2D and 0.35 in 3D.
 In scenes with isolated particles, narrow ones may come nearer to walls (NEAR_WALL_NARROW of `flow/step.py`). In any
 class, directions with a share below THIN are left out of the gradient: a pseudo-inverse (`moments.invert_gradient`).
 
-Two rules do not go by this tensor, for second moments do not know what these ask, whether quadratic functions can be
-told apart: in a lattice of two rows all shares are large, and no third point tells a parabola from a line.
+Two rules do not go by this tensor: whether the tensor L of the velocity can be found. Velocities have values at walls,
+so that its system (fourth moments over neighbours and crossing points) is whole where no fluid lies in a direction. Of
+766 particles between beads that touch 386 are narrow, and only 29 of those have no L (the pack of
+tests/operators/test_narrow_pores.py).
 
 | rule | number | what it does |
 |---|---|---|
