@@ -25,6 +25,10 @@ tests/operators/test_narrow_pores.py).
 | SINGULAR | smallest over largest pivot of the system of L (fourth moments) | L becomes a multiple of the identity, K zero |
 | LOPSIDED | largest part of L beside a multiple of the identity, over that | the same |
 
+Interfaces ask the same of other points: `two_phase/normals.py` of fluid and dummies that carry an interface, and
+`two_phase/surface_tension.py` of the band alone, by THIN of their own widest direction; `two_phase/two_fluids.py`, of
+second derivatives, by a pivot.
+
 What was measured with other rules: docs/design_notes.md, pores that hardly hold particles.
 """  # noqa: E501
 
