@@ -16,22 +16,107 @@ def drives(case: Case, geometry: Geometry) -> list[tuple[int | None, np.ndarray]
     """[(axis, acceleration (dim,) of the first fluid, m/s2)] that a case asks for. The axis is None where walls move:
     what they drag along is not a response to the drive, and gives no permeability. A pressure drop is over the whole
     length of the geometry, its clear layers included."""
-    drive, dim = case.drive, geometry.dim
-    if drive is not None and drive.axes and not walls_move(case):
-        return [("xyz".index(a), np.eye(dim)["xyz".index(a)]) for a in drive.axes]
-    force = np.zeros(dim)
-    if drive is not None and drive.pressure_drop is not None:
-        density = next(iter(case.fluids.values())).density
-        for name, drop in drive.pressure_drop.items():
-            axis = "xyz".index(name)
-            force[axis] += drop / (density * float(geometry.upper[axis] - geometry.lower[axis]))
-    if drive is not None and drive.axes:
-        force["xyz".index(drive.axes[0])] = 1.0
-    if drive is not None and drive.body_force is not None:
-        force += drive.body_force
+    dim, axes = geometry.dim, steady_axes(case)
+    if axes and not walls_move(case):
+        return [(axis, np.eye(dim)[axis]) for axis in axes]
+    force = acceleration(case, geometry.upper - geometry.lower)
+    if axes:
+        force[axes[0]] = 1.0
     if not force.any() or walls_move(case):
         return [(None, force)]
     return [(int(np.argmax(np.abs(force))), force)]
+
+
+def is_driven(case: Case) -> bool:
+    """Whether a case has a drive at all, be it of zeros."""
+    return case.drive is not None
+
+
+def force_is_given(case: Case) -> bool:
+    """Whether a case says what force drives it; not where it names axes or a velocity, whose force is up to the run."""
+    return case.drive is None or not case.drive.named_axes
+
+
+def body_force(case: Case, dim: int) -> np.ndarray:
+    """Acceleration (dim,) of every fluid, m/s2, without what a pressure drop adds; zero where there is none."""
+    force = np.zeros(dim)
+    if case.drive is not None and case.drive.body_force is not None:
+        force += case.drive.body_force
+    return force
+
+
+def pressure_gradient(case: Case, lengths: np.ndarray) -> np.ndarray:
+    """Force per volume (dim,), Pa/m, of the pressure drops over a box of edges lengths (dim,), m."""
+    gradient = np.zeros(len(lengths))
+    if case.drive is not None:
+        for name, drop in (case.drive.pressure_drop or {}).items():
+            gradient["xyz".index(name)] = drop / lengths["xyz".index(name)]
+    return gradient
+
+
+def acceleration(case: Case, lengths: np.ndarray) -> np.ndarray:
+    """Acceleration (dim,) of the first fluid, m/s2, that body force and pressure drops give over a box of edges
+    lengths (dim,), m; zero where the force is up to the run."""
+    force = body_force(case, len(lengths))
+    density = next(iter(case.fluids.values())).density
+    if case.drive is not None:
+        for name, drop in (case.drive.pressure_drop or {}).items():
+            axis = "xyz".index(name)
+            force[axis] += drop / (density * float(lengths[axis]))
+    return force
+
+
+def steady_axes(case: Case) -> list[int]:
+    """Axes along which a steady case asks for a flow of its own each."""
+    return ["xyz".index(name) for name in (case.drive.axes or ())] if case.drive is not None else []
+
+
+def driven_axes(case: Case, lengths: np.ndarray) -> list[int]:
+    """Axes along which the drive pushes, the strongest first; lengths: (dim,) edges of the box, m."""
+    if case.drive is not None and case.drive.named_axes:
+        return ["xyz".index(name) for name in case.drive.named_axes]
+    push = np.abs(acceleration(case, lengths))
+    return [int(axis) for axis in np.argsort(-push, kind="stable") if push[axis] > 0]
+
+
+def flow_axis(case: Case) -> int | None:
+    """Axis of the drive: of its only or its largest component, by what the case says without lengths; None without a
+    drive."""
+    drive = case.drive
+    if drive is None:
+        return None
+    if drive.named_axes:
+        return "xyz".index(drive.named_axes[0])
+    force = np.zeros(3)
+    if drive.body_force is not None:
+        force[: len(drive.body_force)] = np.abs(drive.body_force)
+    elif drive.pressure_drop is not None:
+        for name, drop in drive.pressure_drop.items():
+            force["xyz".index(name)] = abs(drop)
+    return int(np.argmax(force)) if force.any() else None
+
+
+def held_flux(case: Case) -> tuple[int, float] | None:
+    """(axis, superficial velocity that is held along it, m/s), or None."""
+    held = case.drive.superficial_velocity if case.drive is not None else None
+    if not held:
+        return None
+    ((name, wanted),) = held.items()
+    return "xyz".index(name), wanted
+
+
+def held_axis(case: Case) -> int | None:
+    """Axis along which a case holds a velocity, or None."""
+    held = held_flux(case)
+    return None if held is None else held[0]
+
+
+def in_words(case: Case) -> str:
+    """What moves the fluid."""
+    if case.drive is None:
+        return "no drive"
+    held = ["a velocity is held by a pressure drop"] if case.drive.superficial_velocity else []
+    return " and ".join(held + (["body force"] if case.drive.body_force or not held else []))
 
 
 def walls_move(case: Case) -> bool:
@@ -39,12 +124,6 @@ def walls_move(case: Case) -> bool:
     walls: list[Wall | Shape] = [*case.geometry.walls.values(), *case.geometry.shapes]
     turns = any(shape.angular_velocity for shape in case.geometry.shapes)
     return turns or any(wall.velocity is not None and any(wall.velocity) for wall in walls)
-
-
-def held_axis(case: Case) -> int | None:
-    """Axis along which a case holds a velocity, or None."""
-    held = case.drive.superficial_velocity if case.drive is not None else None
-    return "xyz".index(next(iter(held))) if held else None
 
 
 def opens(case: Case, axis: int) -> bool:
@@ -74,19 +153,3 @@ def _listed(axes: Sequence[int]) -> str:
     """'x', 'x and y' or 'x, y and z'."""
     *names, last = ("xyz"[axis] for axis in axes)
     return f"{', '.join(names)} and {last}" if names else last
-
-
-def _flow_axis(case: Case) -> int | None:
-    """Axis of the drive: of its only or its largest component; None without a drive."""
-    drive = case.drive
-    if drive is None:
-        return None
-    if drive.named_axes:
-        return "xyz".index(drive.named_axes[0])
-    force = np.zeros(3)
-    if drive.body_force is not None:
-        force[: len(drive.body_force)] = np.abs(drive.body_force)
-    elif drive.pressure_drop is not None:
-        for name, drop in drive.pressure_drop.items():
-            force["xyz".index(name)] = abs(drop)
-    return int(np.argmax(force)) if force.any() else None

@@ -53,7 +53,7 @@ class HeldVelocity:
         assert state.shifting_flux is not None  # of a scene that holds a velocity
         now, before = 0.0, state.shifting_flux
         if self.shifts and shifts is not None:
-            now = reduce.mean(shifts[_outside(state.x[:, self.axis], self.lower, self.upper), self.axis]) / dt
+            now = reduce.mean(shifts[outside(state.x[:, self.axis], self.lower, self.upper), self.axis]) / dt
         return float(before + (now - before) / AVERAGED)
 
     def gradient_for_flux(self, x: np.ndarray, u: np.ndarray, v: np.ndarray, rate: float,
@@ -61,7 +61,7 @@ class HeldVelocity:
         """G by which the velocities u (n, dim) at x (n, dim) miss what is wanted, m/s2. v: (n, dim) of a unit
         gradient, s; rate: 1/s, of the step; shifting_flux: m/s, of `averaged_shifting_flux`. None where no gradient
         moves the fluid along the axis."""
-        here = _outside(x[:, self.axis], self.lower, self.upper)
+        here = outside(x[:, self.axis], self.lower, self.upper)
         gain = reduce.mean(v[here, self.axis])
         if not gain * rate > STUCK:
             return None
@@ -86,6 +86,6 @@ def leads_through(ops: Operators, axis: int) -> bool:
     return reduce.any_true(labels[:n] == labels[n:])
 
 
-def _outside(along: np.ndarray, lower: float, upper: float) -> np.ndarray:
+def outside(along: np.ndarray, lower: float, upper: float) -> np.ndarray:
     """Which coordinates (n,) lie outside of the sample."""
     return (along < lower) | (along > upper)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..case.forcing import _flow_axis
+from ..case.forcing import flow_axis
 from ..geometry.protocol import Geometry
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
         face_slip={f: w.slip_length for f, w in faces.items() if w.slip_length is not None},
     )
     if scene.voxels is not None:
-        return _image_geometry(case, _flow_axis(case) if axis is None else axis, walls)
+        return _image_geometry(case, flow_axis(case) if axis is None else axis, walls)
     from ..geometry.bodies import Shape, Spheres
     from ..geometry.shape_geometry import ShapeGeometry
     from .spheres import random_spheres

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..references import compare
+from ..references.two_phase import AMPLITUDES, amplitude
 from ..two_phase.measures import Measures
 
 if TYPE_CHECKING:
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 def choose_measures(case: Case, geometry: Geometry, particles: Particles, fluids: Fluids) -> Measures:
     """Measures of a case with two fluids; fluids: OneFluid or TwoFluids."""
     named = [case.fluids[name] for name in case.fluid_names]
-    amplitude = None
-    if case.reference is not None and case.reference.kind in compare.AMPLITUDES:
-        def amplitude(x: np.ndarray) -> float:
-            return compare.amplitude(case, x, particles.phase)
+    amplitude_of = None
+    if case.reference is not None and case.reference.kind in AMPLITUDES:
+        def amplitude_of(x: np.ndarray) -> float:
+            return amplitude(case, x, particles.phase)
     return Measures(case.fluid_names, particles.phase, [f.density for f in named], [f.mu for f in named], geometry,
-                    particles.site_volume, fluids.reference, fluids.tension, amplitude)
+                    particles.site_volume, fluids.reference, fluids.tension, amplitude_of)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..case import expressions
-from ..case.forcing import drives, held_axis
-from ..flow.held_velocity import HeldVelocity, _outside
+from ..case.forcing import drives, held_flux
+from ..flow.held_velocity import HeldVelocity, outside
 from ..flow.state import State
 from ..flow.step import Stepper
 from ..flow.step_limits import Bounds
@@ -30,19 +30,18 @@ if TYPE_CHECKING:
 
 def held_velocity(case: Case, particles: Particles, reference: float, geometry: Geometry) -> HeldVelocity | None:
     """HeldVelocity of a case, or None. reference: density of the first fluid, kg/m3."""
-    axis = held_axis(case)
-    if axis is None:
+    held = held_flux(case)
+    if held is None:
         return None
+    axis, wanted = held
     size = geometry.upper - geometry.lower
     length, (lower, upper) = size[axis], (corner[axis] for corner in sample_box(geometry))
-    here = int(_outside(particles.x[: particles.n_fluid, axis], lower, upper).sum())
+    here = int(outside(particles.x[: particles.n_fluid, axis], lower, upper).sum())
     volumes = particles.site_volume * length / float(np.prod(size))  # of a particle, over the cross section
     porosity = (particles.n_fluid - here) * volumes / (upper - lower)
     fraction = 1.0  # clear layers are all fluid, whatever number of lattice layers falls into them
     if not here:
         lower, upper, fraction = np.inf, -np.inf, particles.n_fluid * volumes / length
-    assert case.drive is not None and case.drive.superficial_velocity is not None  # the axis is of them
-    (wanted,) = case.drive.superficial_velocity.values()
     two = len(np.unique(particles.phase)) > 1
     return HeldVelocity(axis, wanted, two, lower, upper, fraction, porosity, reference * float(length))
 
