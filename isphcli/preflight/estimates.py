@@ -49,7 +49,7 @@ def flow_estimate(
         variables = dict(zip(AXES, sites.points(LINE_POINTS).T))
         start = np.stack([expressions.evaluate(f, **variables) for f in case.initial.velocity], axis=1)
         found.append((float(np.linalg.norm(start, axis=1).max()), "initial velocity"))
-    g = float(np.linalg.norm(forcing.acceleration(case, length)))
+    g = float(np.linalg.norm(forcing.largest_acceleration(case, length)))
     if g > 0 and driven:
         creeping = (g * width**2 / (8 * nu), "creeping flow in the throats, g w2 / 8 nu")
         end = case.time.end if case.time else None

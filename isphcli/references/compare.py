@@ -46,6 +46,8 @@ COMPARISONS: dict[str, Callable[[Case, Result], Errors]] = {
     "poiseuille": single_phase.field_errors,
     "startup_couette": single_phase.field_errors,
     "startup_poiseuille": single_phase.field_errors,
+    "oscillating_slit": single_phase.oscillating_slit_errors,
+    "oscillating_pipe": single_phase.oscillating_pipe_errors,
     "decaying_channel": single_phase.field_errors,
     "taylor_couette": single_phase.field_errors,
     "annulus": single_phase.annulus_errors,
@@ -73,6 +75,12 @@ _PLATES = {
 _LID = {"wall_velocity": "speed of the upper plate, m/s; without it that of the face y_max"}
 _NU = {"nu": "kinematic viscosity, m2/s; without it that of the first fluid"}
 _PUSH = {"acceleration": "along x, m/s2; without it that of the drive"}
+_OSCILLATION = {
+    **_NU,
+    "acceleration": "amplitude a of the force over its density, a cos(omega t), m/s2, needed",
+    "omega": "its angular frequency, rad/s, needed",
+    "start": "rest, or periodic where the flow begins as it goes on; without it rest",
+}
 _CELL = {
     "fraction": "solid fraction, needed",
     "cell": "edge of a cell, m; without it that of the box along x",
@@ -89,6 +97,8 @@ PARAMETERS: dict[str, dict[str, str]] = {
     "poiseuille": {**_PLATES, **_NU, **_PUSH},
     "startup_couette": {**_PLATES, **_LID, **_NU},
     "startup_poiseuille": {**_PLATES, **_NU, **_PUSH},
+    "oscillating_slit": {**_PLATES, **_OSCILLATION},
+    "oscillating_pipe": _OSCILLATION,
     "decaying_channel": {
         **_PLATES, **_NU,
         "speed": "largest speed at the start, m/s, needed",

@@ -55,6 +55,51 @@ def pipe_flux(radius: float, gradient: float, mu: float) -> float:
     return math.pi * gradient * radius**4 / (8 * mu)
 
 
+def oscillating_pipe(
+    r: Array, t: float, radius: float, nu: float, acceleration: float, omega: float, from_rest: bool = False
+) -> Array:
+    """Axial velocity (n,) of the flow that acceleration * cos(omega t) drives in a pipe: periodic, or from rest.
+
+    Womersley (1955), J. Physiol. 127, 553, eq. 8; from rest the modes J0(lambda r / radius), which decay, are taken off
+    with what the periodic flow has of each at t = 0.
+    """
+    from scipy.special import jv, jve
+
+    r = np.asarray(r, dtype=float)
+    k = 1j**1.5 * np.sqrt(omega / nu)
+    # jve = J exp(-|Im z|): nothing overflows
+    ratio = jve(0, k * r) / jve(0, k * radius) * np.exp(abs(k.imag) * (r - radius))
+    u = (acceleration / (1j * omega) * (1 - ratio) * np.exp(1j * omega * t)).real
+    if from_rest:
+        root, amount = _pipe_modes(radius, nu, acceleration, omega)
+        u -= jv(0, np.multiply.outer(r / radius, root)) @ (amount * np.exp(-nu * (root / radius) ** 2 * t))
+    return u
+
+
+def oscillating_pipe_mean(
+    t: Array, radius: float, nu: float, acceleration: float, omega: float, from_rest: bool = False
+) -> Array:
+    """Mean over the pipe of `oscillating_pipe` at times t (m,)."""
+    from scipy.special import jv, jve
+
+    t = np.asarray(t, dtype=float)
+    z = 1j**1.5 * np.sqrt(omega / nu) * radius
+    mean = acceleration / (1j * omega) * (1 - 2 * jve(1, z) / (z * jve(0, z)))
+    u = (mean * np.exp(1j * omega * t)).real
+    if from_rest:
+        root, amount = _pipe_modes(radius, nu, acceleration, omega)
+        u -= np.exp(-nu * np.multiply.outer(t, (root / radius) ** 2)) @ (amount * 2 * jv(1, root) / root)
+    return u
+
+
+def _pipe_modes(radius: float, nu: float, acceleration: float, omega: float, terms: int = 200) -> tuple[Array, Array]:
+    """Zeros of J0, and what acceleration * cos(omega t) makes at t = 0 of the mode of each."""
+    from scipy.special import jn_zeros, jv
+
+    root = jn_zeros(0, terms)
+    return root, (2 / (root * jv(1, root)) * acceleration / (1j * omega + nu * (root / radius) ** 2)).real
+
+
 def taylor_couette(r: Array, inner: float, outer: float, omega_inner: float, omega_outer: float) -> Array:
     """Azimuthal velocity (n,) between cylinders that turn at omega (rad/s). White, section 3-2.3."""
     r = np.asarray(r)

@@ -85,8 +85,9 @@ def plates(case: Case, x: Array) -> tuple[Array, float]:
 
 
 def lid_speed(case: Case) -> float:
-    wall = case.geometry.walls.get("y_max")
-    return number(case, "wall_velocity", wall.velocity[0] if wall and wall.velocity else None)
+    """Speed of the face y_max along x; of one that changes it has to be given."""
+    lid = None if forcing.walls_change(case) else forcing.wall_velocities(case, len(AXES)).get(4)
+    return number(case, "wall_velocity", None if lid is None else float(lid[0]))
 
 
 def acceleration_along_x(case: Case) -> float:
@@ -187,3 +188,16 @@ def at_points(result: Result, points: Array, values: Array) -> Array:
         basis = np.concatenate(columns, axis=1) * weight[:, None]
         out[k] = np.linalg.lstsq(basis, values[near] * weight, rcond=None)[0][0]
     return out
+
+
+def column(result: Result, name: str) -> Array:
+    """A column of the history, (steps,)."""
+    values = [row[name] for row in result.history if row.get(name) is not None]
+    if not values:
+        raise CompareError(f"the run left no {name} in its history; the reference needs it")
+    return np.array(values, dtype=float)
+
+
+def times(result: Result, count: int) -> Array:
+    """Times of the last steps of the history, (count,) s."""
+    return column(result, "time")[-count:]

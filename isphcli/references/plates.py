@@ -76,16 +76,41 @@ def decaying_channel(y: Array, t: float, height: float, nu: float, speed: float,
 
 
 def oscillating_slit(
-    y: Array, t: float, height: float, nu: float, acceleration: float, omega: float
+    y: Array, t: float, height: float, nu: float, acceleration: float, omega: float, from_rest: bool = False
 ) -> Array:
-    """Velocity (n,) of the periodic flow that acceleration * cos(omega t) drives in a slit.
+    """Velocity (n,) of the flow that acceleration * cos(omega t) drives in a slit: the periodic one, or from rest.
 
-    Womersley's flow between plates: Landau and Lifshitz, Fluid Mechanics, section 24, problem 6.
+    Womersley's flow between plates: Landau and Lifshitz, Fluid Mechanics, section 24, problem 6. From rest the modes of
+    the decaying channel are taken off with what the periodic flow has of each at t = 0.
     """
     k = np.sqrt(1j * omega / nu)
     middle = np.asarray(y) - height / 2
     wave = acceleration / (1j * omega) * (1 - cosh_ratio(k * middle, k * height / 2))
-    return (wave * np.exp(1j * omega * t)).real
+    u = (wave * np.exp(1j * omega * t)).real
+    if from_rest:
+        wave_number, amount = _odd_modes(height, nu, acceleration, omega)
+        u -= _sine_sum(np.asarray(y, dtype=float), wave_number, amount * np.exp(-nu * wave_number**2 * t))
+    return u
+
+
+def oscillating_slit_mean(
+    t: Array, height: float, nu: float, acceleration: float, omega: float, from_rest: bool = False
+) -> Array:
+    """Mean over the slit of `oscillating_slit` at times t (m,)."""
+    t = np.asarray(t, dtype=float)
+    half = np.sqrt(1j * omega / nu) * height / 2
+    mean = (acceleration / (1j * omega) * (1 - np.tanh(half) / half) * np.exp(1j * omega * t)).real
+    if from_rest:
+        wave_number, amount = _odd_modes(height, nu, acceleration, omega)
+        mean -= np.exp(-nu * np.multiply.outer(t, wave_number**2)) @ (amount * 2 / (wave_number * height))
+    return mean
+
+
+def _odd_modes(height: float, nu: float, acceleration: float, omega: float, terms: int = 400) -> tuple[Array, Array]:
+    """Wave numbers k of the modes sin(k y) of a slit, and what acceleration * cos(omega t) makes of each at t = 0."""
+    n = 2 * np.arange(terms) + 1
+    k = n * math.pi / height
+    return k, (4 / (n * math.pi) * acceleration / (1j * omega + nu * k**2)).real
 
 
 def oscillating_wall(

@@ -11,7 +11,15 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from .ducts import annulus, annulus_flux, square_duct, square_duct_flux, taylor_couette
+from .ducts import (
+    annulus,
+    annulus_flux,
+    oscillating_pipe,
+    oscillating_pipe_mean,
+    square_duct,
+    square_duct_flux,
+    taylor_couette,
+)
 from .errors import (
     AXES,
     Array,
@@ -21,6 +29,7 @@ from .errors import (
     along_x,
     at_points,
     box_of,
+    column,
     energy_error,
     first_fluid,
     flow_axis,
@@ -28,13 +37,17 @@ from .errors import (
     lid_speed,
     moment,
     number,
+    parameter,
     permeability_errors,
     plates,
     pressure_error,
+    times,
     velocity_errors,
 )
 from .plates import (
     decaying_channel,
+    oscillating_slit,
+    oscillating_slit_mean,
     plane_couette,
     slit_permeability,
     slit_poiseuille,
@@ -83,6 +96,40 @@ def decaying_channel_field(case: Case, x: Array, time: float | None) -> Array:
     nu = number(case, "nu", first_fluid(case).nu)
     mode = int(number(case, "mode", 1))
     return along_x(x, decaying_channel(y, moment(time), height, nu, number(case, "speed"), mode))
+
+
+def _oscillation(case: Case) -> dict[str, Any]:
+    """Viscosity, amplitude and frequency of a force acceleration * cos(omega t), and how the flow began."""
+    start = parameter(case, "start", "rest")
+    if start not in ("rest", "periodic"):
+        raise CompareError(f"reference.parameters.start is {start!r}; give rest or periodic")
+    return {"nu": number(case, "nu", first_fluid(case).nu), "acceleration": number(case, "acceleration"),
+            "omega": number(case, "omega"), "from_rest": start == "rest"}
+
+
+def oscillating_slit_field(case: Case, x: Array, time: float | None) -> Array:
+    y, height = plates(case, x)
+    return along_x(x, oscillating_slit(y, moment(time), height, **_oscillation(case)))
+
+
+def _pipe(case: Case) -> tuple[int, list[int], Array, float]:
+    """Axis of a pipe, the axes across it, its centre (dim,) and its radius, by the first cylinder whose outside is
+    solid."""
+    shape = next((s for s in case.geometry.shapes if s.what == "solid" and s.cylinder and s.outside), None)
+    if shape is None or shape.cylinder is None:
+        raise CompareError("a pipe needs a cylinder whose outside is solid")
+    lower, upper = box_of(case)
+    axis, centre = AXES.index(shape.cylinder.axis), shape.cylinder.centre
+    middle = (lower + upper) / 2 if centre is None else np.array(centre, dtype=float)
+    return axis, [a for a in range(3) if a != axis], middle, shape.cylinder.radius
+
+
+def oscillating_pipe_field(case: Case, x: Array, time: float | None) -> Array:
+    axis, across, centre, radius = _pipe(case)
+    u = np.zeros_like(x)
+    r = np.hypot(*(x - centre)[:, across].T)
+    u[:, axis] = oscillating_pipe(r, moment(time), radius, **_oscillation(case))
+    return u
 
 
 def _cylinders(case: Case) -> tuple[Any, Any, list[int], Array]:
@@ -145,6 +192,8 @@ FIELDS: dict[str, Callable[[Case, Array, float | None], Array]] = {
     "poiseuille": poiseuille_field,
     "startup_couette": startup_couette_field,
     "startup_poiseuille": startup_poiseuille_field,
+    "oscillating_slit": oscillating_slit_field,
+    "oscillating_pipe": oscillating_pipe_field,
     "decaying_channel": decaying_channel_field,
     "taylor_couette": taylor_couette_field,
     "taylor_green": taylor_green_field,
@@ -169,6 +218,58 @@ def compare_snapshot(case: Case, x: Array, velocity: Array, time: float | None) 
 def field_errors(case: Case, result: Result) -> Errors:
     """The velocity of every particle, for the kinds in FIELDS."""
     return compare_snapshot(case, result.x, result.velocity, result.time)
+
+
+def oscillating_slit_errors(case: Case, result: Result) -> Errors:
+    """Amplitude and phase of the flux through a slit along x over the last period, and the velocity at the end."""
+    lower, upper = box_of(case)
+    _, height = plates(case, result.x)
+    t, mean = _through(result, "x", float(upper[1] - lower[1]) / height)
+    expected = oscillating_slit_mean(t, height, **_oscillation(case))
+    return _response(case, result, oscillating_slit_field, t, mean, expected)
+
+
+def oscillating_pipe_errors(case: Case, result: Result) -> Errors:
+    """The same of a pipe, along its axis."""
+    lower, upper = box_of(case)
+    axis, across, _, radius = _pipe(case)
+    area = float(np.prod((upper - lower)[across]))
+    t, mean = _through(result, AXES[axis], area / (math.pi * radius**2))
+    expected = oscillating_pipe_mean(t, radius, **_oscillation(case))
+    return _response(case, result, oscillating_pipe_field, t, mean, expected)
+
+
+def _through(result: Result, axis: str, share: float) -> tuple[Array, Array]:
+    """Times and mean velocities of the history by the flux; share: of the box over the fluid's cross section."""
+    flux = column(result, f"superficial_velocity_{axis}")
+    return times(result, len(flux)), flux * share
+
+
+def _response(case: Case, result: Result, field: Callable[[Case, Array, float | None], Array], t: Array, mean: Array,
+              expected: Array) -> Errors:
+    """Errors of a mean velocity (steps,) that oscillates: cosine and sine that fit it over the last period, against
+    those that fit what is expected at the same times. The phase is in radians, late where it is negative; the velocity
+    at the end is over its largest value in a period."""
+    oscillation = _oscillation(case)
+    period = 2 * math.pi / oscillation["omega"]
+    last = t > t[-1] - period * (1 + 1e-9)
+    if t[-1] - t[0] < period or last.sum() < 8:
+        raise CompareError("the run is too short to tell amplitude and phase: give it a period, in 8 steps or more")
+    weight = np.sqrt(np.gradient(t)[last])
+    waves = np.exp(-1j * oscillation["omega"] * t[last])
+    basis = np.stack([waves.real, waves.imag], axis=1) * weight[:, None]
+    fits = [np.linalg.lstsq(basis, f[last] * weight, rcond=None)[0] @ [1, 1j] for f in (mean, expected)]
+    ratio = complex(fits[0] / fits[1])
+    end = moment(result.time)
+    fields = [field(case, result.x, end - part * period) for part in np.arange(0, 1, 0.05)]
+    largest = max(float(np.abs(u).max()) for u in fields)
+    return {
+        "response_relative": abs(ratio - 1),
+        "amplitude_relative": abs(ratio) - 1,
+        "phase": math.atan2(ratio.imag, ratio.real),
+        "velocity_over_largest": float(np.abs(result.velocity - fields[0]).max() / largest),
+        "main": "response_relative",
+    }
 
 
 # -- slits, ducts and arrays -----------------------------------------------------------------------------

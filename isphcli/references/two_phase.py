@@ -18,11 +18,13 @@ from .errors import (
     Errors,
     along_x,
     box_of,
+    column,
     lid_speed,
     number,
     parameter,
     plates,
     pressure_error,
+    times,
     velocity_errors,
 )
 from .plates import two_layer_couette, two_layer_hydrostatics, two_layer_poiseuille
@@ -31,18 +33,6 @@ from .published import RISING_BUBBLE
 if TYPE_CHECKING:
     from ..case.blocks import Case
     from .result import Result
-
-
-def _column(result: Result, name: str) -> Array:
-    """A column of the history, (steps,)."""
-    values = [row[name] for row in result.history if row.get(name) is not None]
-    if not values:
-        raise CompareError(f"the run left no {name} in its history; the reference needs it")
-    return np.array(values, dtype=float)
-
-
-def _times(result: Result, count: int) -> Array:
-    return _column(result, "time")[-count:]
 
 
 def _two_fluids(case: Case) -> None:
@@ -100,7 +90,7 @@ def _gravity(case: Case, dim: int) -> float:
 def _drop(case: Case, result: Result) -> int:
     """Index of the fluid of the drop: reference.parameters.drop, or that of which there is less."""
     _two_fluids(case)
-    volumes = [_column(result, f"volume_{name}")[-1] for name in case.fluid_names]
+    volumes = [column(result, f"volume_{name}")[-1] for name in case.fluid_names]
     name = parameter(case, "drop", case.fluid_names[int(np.argmin(volumes))])
     if name not in case.fluid_names:
         raise CompareError(f"reference.parameters.drop is {name!r}; the fluids are {', '.join(case.fluid_names)}")
@@ -113,7 +103,7 @@ def _tension(case: Case) -> float:
 
 def _size(case: Case, result: Result, drop: int) -> tuple[float, Errors]:
     """Area or volume of the drop, and how far it went in the run from what it was."""
-    volume = _column(result, f"volume_{case.fluid_names[drop]}")
+    volume = column(result, f"volume_{case.fluid_names[drop]}")
     return float(volume[-1]), {"volume_relative": float(volume[-1] / volume[0] - 1)}
 
 
@@ -124,11 +114,11 @@ def static_drop_errors(case: Case, result: Result) -> Errors:
     size, errors = _size(case, result, drop)
     radius = number(case, "radius", drop_radius(size, dim))
     expected = laplace_jump(_tension(case), radius, dim)
-    measured = (1 - 2 * drop) * _column(result, "pressure_jump")[-1]  # of the inside over the outside
+    measured = (1 - 2 * drop) * column(result, "pressure_jump")[-1]  # of the inside over the outside
     errors = {"laplace_relative": float(measured / expected - 1), **errors}
-    errors["capillary_number"] = float(_column(result, "capillary_number")[-1])
+    errors["capillary_number"] = float(column(result, "capillary_number")[-1])
     if dim == 2:
-        errors["circularity"] = float(_column(result, "circularity")[-1] - 1)
+        errors["circularity"] = float(column(result, "circularity")[-1] - 1)
     return {**errors, "main": "laplace_relative"}
 
 
@@ -148,10 +138,10 @@ def contact_angle_errors(case: Case, result: Result) -> Errors:
         raise CompareError("reference.parameters.tilt turns the wall y_min of a scene of two axes")
     up = np.eye(dim)[axis] if tilt == 0.0 else np.array([-math.sin(tilt), math.cos(tilt)])
     foot = number(case, "at", float(box_of(case, result)[0 if lowest else 1][axis]) if tilt == 0.0 else None)
-    place = [_column(result, f"centre_{a}_{case.fluid_names[drop]}")[-1] for a, n in zip(AXES, up) if n]
+    place = [column(result, f"centre_{a}_{case.fluid_names[drop]}")[-1] for a, n in zip(AXES, up) if n]
     centre = abs(up[up != 0.0] @ place - foot)
     cap = _angle_of_cap(centre, size, dim)
-    measured = _column(result, "contact_angle")[-1]
+    measured = column(result, "contact_angle")[-1]
     measured = measured if drop == 0 else 180.0 - measured
     expected = drop_on_wall(size, asked, dim)
     mine = result.x[result.phase == drop] @ up - foot
@@ -161,7 +151,7 @@ def contact_angle_errors(case: Case, result: Result) -> Errors:
         "angle_of_cap_relative": float(cap / asked - 1),
         "height_relative": height / expected["height"] - 1,
         **errors,
-        "capillary_number": float(_column(result, "capillary_number")[-1]),
+        "capillary_number": float(column(result, "capillary_number")[-1]),
         "main": "angle_relative",
     }
 
@@ -221,8 +211,8 @@ def capillary_wave_errors(case: Case, result: Result) -> Errors:
         fluids.reverse()
     if abs(fluids[0].nu - fluids[1].nu) > 1e-6 * fluids[0].nu:
         raise CompareError("the solution for capillary waves is for fluids of the same kinematic viscosity")
-    height = _column(result, "amplitude")
-    t = _times(result, len(height))
+    height = column(result, "amplitude")
+    t = times(result, len(height))
     expected = capillary_wave(
         t, number(case, "wavelength", float(upper[0] - lower[0])), _tension(case), [f.density for f in fluids],
         fluids[0].nu, -_gravity(case, result.x.shape[1]), number(case, "amplitude", 0.0), number(case, "speed", 0.0),
@@ -233,8 +223,8 @@ def capillary_wave_errors(case: Case, result: Result) -> Errors:
     errors = {"amplitude_relative_l2": deviation / size, "main": "amplitude_relative_l2"}
     crossings = [np.flatnonzero(np.diff(np.sign(f))) for f in (height, expected)]
     if all(len(found) for found in crossings):
-        times = [_zero(t, f, found[0]) for f, found in zip((height, expected), crossings)]
-        errors["first_zero_relative"] = times[0] / times[1] - 1
+        zeros = [_zero(t, f, found[0]) for f, found in zip((height, expected), crossings)]
+        errors["first_zero_relative"] = zeros[0] / zeros[1] - 1
     return errors
 
 
@@ -258,8 +248,8 @@ def oscillating_drop_errors(case: Case, result: Result) -> Errors:
         number(case, "radius", drop_radius(size, 2)), _tension(case), [f.density for f in order],
         [f.mu for f in order], _mode(case), wall,
     )  # fmt: skip
-    a = _column(result, "amplitude")
-    t = _times(result, len(a))
+    a = column(result, "amplitude")
+    t = times(result, len(a))
     kept = t >= number(case, "from", math.pi / s.imag)
     if kept.sum() < 10 or np.ptp(t[kept]) < math.pi / s.imag:
         raise CompareError("the run is too short to tell the frequency of the drop: less than half a period is left")
@@ -293,9 +283,9 @@ def rising_bubble_errors(case: Case, result: Result) -> Errors:
     """The numbers of the benchmark that the run got to; `benchmark_relative` is the worst of the three bold ones."""
     name = case.fluid_names[_drop(case, result)]
     bubble = RISING_BUBBLE
-    rise, roundness = _column(result, f"velocity_y_{name}"), _column(result, "circularity")
-    height = _column(result, f"centre_y_{name}")
-    t = _times(result, len(rise))
+    rise, roundness = column(result, f"velocity_y_{name}"), column(result, "circularity")
+    height = column(result, f"centre_y_{name}")
+    t = times(result, len(rise))
     errors = {}
     if t[-1] > bubble["time_of_rise_velocity_max"][1]:
         peak = int(np.argmax(rise))

@@ -146,7 +146,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         if Path(resume).resolve() == case.output.directory.resolve():  # elsewhere its files begin anew
             run.since, run.last_step = state.time, state.step
     with progress.stage("neighbours and operators", quiet):
-        config = stepper.configure(state.x)
+        config = stepper.configure(state.x, state.time)
         if saved is not None:
             stepper.rebuild_hierarchies(saved.origins)
     run.directory = folder.prepare(case.output.directory)
@@ -223,7 +223,7 @@ def _gone_on(case: Case, path: Path, saved: restart.Saved, record: dict[str, Any
 def _drive_at_the_end(run: MovingRun, state: State) -> tuple[int | None, np.ndarray]:
     """(axis or None, acceleration (dim,), m/s2) of what drives a flow; of a velocity that is held, its steady value."""
     stepper = run.stepper
-    force = stepper.fluids.force
+    force = stepper.fluids_at(state.time).force
     axis = int(np.argmax(np.abs(force)))
     if stepper.held_velocity is not None:
         assert state.pressure_gradient is not None

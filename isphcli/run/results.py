@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import COMPLETE
 from ..case.blocks import Case
-from ..case.forcing import body_force, held_axis
+from ..case.forcing import body_force, changes, held_axis
 from ..case.load import dump_case
 from ..geometry.protocol import Geometry, sample_box
 from ..output import restart
@@ -170,6 +170,8 @@ def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:
         terms.append("held velocity")
     if driven and (held_axis(case) is None or body_force(case, geometry.dim).any()):
         terms.append("body force")
+    if changes(case):
+        terms.append("drive that changes with time")
     if geometry.has_solid:
         terms.append("walls")
         if np.any(geometry.wall_speed):

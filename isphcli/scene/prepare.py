@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..case import expressions
+from ..case import expressions, forcing
 from ..case.forcing import drives, held_flux
 from ..flow.held_velocity import HeldVelocity, outside
 from ..flow.state import State
@@ -23,6 +23,7 @@ from .place import place_case
 if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..domain.lattice import Particles
+    from ..flow.timed_drive import TimedDrive
     from ..flow.volume_control import KeptVolume
     from ..geometry.protocol import Geometry
     from ..output.clock import Clock
@@ -72,14 +73,17 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     force = sum((force for _, force in drives(case, geometry)), np.zeros(geometry.dim))
     fluids = choose_fluids(case, geometry, particles, force)
     held = held_velocity(case, particles, fluids.reference, geometry)
+    drive = timed_drive(case, geometry) if forcing.changes(case) else None
     stepper = Stepper(
         geometry=geometry, dummies=particles.x[n:], spacing=spacing, support=support,
         kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,
         fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
         solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock),
         bounds=bounds(case, geometry, particles, u, force, held), held_velocity=held,
-        volume=kept_volume(case, geometry, x),
+        volume=kept_volume(case, geometry, x), drive=drive,
     )
+    if drive is not None:
+        stepper.bounds = replace(stepper.bounds, largest_force=drive.largest_force)
     none_yet = None if held is None else 0.0
     return State(x, u, u.copy(), np.zeros(n), pressure_gradient=none_yet, shifting_flux=none_yet), stepper, particles
 
@@ -95,6 +99,26 @@ def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, 
     other = walls + capillary + (SPREAD * rate.speed if rate is not None else 0.0)
     found = Bounds(geometry, particles.site_volume, density, 0.0, float(np.linalg.norm(force)), other)
     return replace(found, start=found.speed(u))
+
+
+def timed_drive(case: Case, geometry: Geometry) -> TimedDrive:
+    """TimedDrive of a case of which a formula of the time drives the flow."""
+    from ..flow.timed_drive import TimedDrive
+
+    lengths, dim = geometry.upper - geometry.lower, geometry.dim
+    start = forcing.wall_velocities(case, dim)
+
+    def forces(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        body = forcing.body_force(case, dim, times)
+        return body, forcing.acceleration(case, lengths, times) - body
+
+    def walls(times: np.ndarray) -> np.ndarray:
+        found = np.repeat(geometry.wall_velocity[None], len(times), axis=0)  # of the start, with what turns
+        for wall, velocity in forcing.wall_velocities(case, dim, times).items():
+            found[:, wall] += velocity - start[wall]
+        return found
+
+    return TimedDrive(forces, walls if forcing.walls_change(case) else None, forcing.sample_times(case))
 
 
 def kept_volume(case: Case, geometry: Geometry, x: np.ndarray) -> KeptVolume | None:
