@@ -64,7 +64,7 @@ class Stepper:
     site_volume: m^dim; fluids: what they put into the equations; shifting: coefficient of eq. 8, 0 for none;
     second_order: BDF2 or implicit Euler; solvers: with the hierarchies that are kept, the only changing state;
     bounds: what no step may exceed; held_velocity: the superficial velocity that is held, or None; volume: what keeps
-    the number of particles in blocks, or None; drive: forces and walls that change with time, or None.
+    the number of particles in blocks, or None; timed_drive: forces and walls that change with time, or None.
     """
 
     geometry: Geometry
@@ -80,7 +80,7 @@ class Stepper:
     bounds: Bounds
     held_velocity: HeldVelocity | None = None
     volume: KeptVolume | None = None
-    drive: TimedDrive | None = None
+    timed_drive: TimedDrive | None = None
 
     def __post_init__(self) -> None:
         self.walls: WallScene | None = None
@@ -106,14 +106,14 @@ class Stepper:
 
     def fluids_at(self, time: float) -> Fluids:
         """The fluids under the forces of a time, s."""
-        return self.fluids if self.drive is None else self.fluids.driven_by(*self.drive.forces_at(time))
+        return self.fluids if self.timed_drive is None else self.fluids.driven_by(*self.timed_drive.forces_at(time))
 
     def configure(self, x: np.ndarray, time: float = 0.0) -> Configuration:
         """Neighbours and operators of fluid positions x (n, dim); time: s, of forces and walls that change."""
         n = len(x)
         geometry = self.geometry
         if self.walls is not None:
-            velocity = None if self.drive is None else self.drive.walls_at(time)
+            velocity = None if self.timed_drive is None else self.timed_drive.walls_at(time)
             walls = self.walls if velocity is None else self.walls.moving_at(velocity)
             with self.clock("operators"):
                 ops, neighbours, images = walls.configure(x)

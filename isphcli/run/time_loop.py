@@ -31,7 +31,7 @@ def _free_direction(case: Case, stepper: Stepper) -> np.ndarray | None:
     walls move and drag the fluid along as well, or it changes with time."""
     force = stepper.fluids.force * np.array(stepper.geometry.periodic)
     size = np.linalg.norm(force)
-    return force / size if size > 0.0 and not walls_move(case) and stepper.drive is None else None
+    return force / size if size > 0.0 and not walls_move(case) and stepper.timed_drive is None else None
 
 
 class TimeLoop:
@@ -74,8 +74,9 @@ class TimeLoop:
                 found["cfl"] = 2.0 * reach / root
             if time.steady is None or not found:
                 found["viscous"] = VISCOUS * stepper.spacing**2 / stepper.fluids.nu_min
-            if stepper.drive is not None:
-                found["drive"] = stepper.drive.limit(state.time, min(found.values()))
+            if stepper.timed_drive is not None:
+                left = np.inf if time.end is None else time.end - state.time
+                found["drive"] = stepper.timed_drive.limit(state.time, min(found.values()), left)
             if stepper.fluids.tension is not None:
                 found["capillary"] = time.capillary * stepper.fluids.tension.largest_step
         walls = stepper.geometry.has_solid

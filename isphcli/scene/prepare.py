@@ -80,7 +80,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
         solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock),
         bounds=bounds(case, geometry, particles, u, force, held), held_velocity=held,
-        volume=kept_volume(case, geometry, x), drive=drive,
+        volume=kept_volume(case, geometry, x), timed_drive=drive,
     )
     if drive is not None:
         stepper.bounds = replace(stepper.bounds, largest_force=drive.largest_force)
@@ -118,7 +118,7 @@ def timed_drive(case: Case, geometry: Geometry) -> TimedDrive:
             found[:, wall] += velocity - start[wall]
         return found
 
-    return TimedDrive(forces, walls if forcing.walls_change(case) else None, forcing.sample_times(case))
+    return TimedDrive(forces, walls if forcing.walls_change(case) else None)
 
 
 def kept_volume(case: Case, geometry: Geometry, x: np.ndarray) -> KeptVolume | None:

@@ -64,6 +64,53 @@ def test_axes_are_a_flow_each_unless_walls_move():
     assert axis is None and force.tolist() == [0, 0, 1]
 
 
+TIMED = "drive: {pressure_drop: {x: \"16*cos(t)\"}, body_force: [0, \"t - 2\", -3]}"
+
+
+def test_formulas_have_the_values_of_a_time():
+    """One time or many; 16 Pa over 2 m of density 8 are 1 m/s2."""
+    case, lengths = the_case(TIMED), np.array([2.0, 1.0, 4.0])
+    assert forcing.changes(case) and not forcing.walls_change(case) and not forcing.force_is_given(case)
+    assert forcing.acceleration(case, lengths).tolist() == [1, -2, -3]
+    assert forcing.acceleration(case, lengths, np.pi) == pytest.approx([-1, np.pi - 2, -3])
+    many = np.array([[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]])
+    found = forcing.acceleration(case, lengths, many)
+    assert found.shape == (2, 3, 3) and np.array_equal(found[1, 2], forcing.acceleration(case, lengths, 5.0))
+    assert forcing.pressure_gradient(case, lengths, many)[..., 0] == pytest.approx(8 * np.cos(many))
+    assert forcing.in_words(case) == "body force that changes with time"
+
+
+def test_the_largest_force_of_a_run_is_looked_for_up_to_its_end():
+    """At t = 0 the formula is zero; the axis of the drive is that of its largest component."""
+    case = the_case("drive: {body_force: [\"5*sin(pi*t)\", 2, 0]}", "time.end=0.5")
+    assert forcing.largest_acceleration(case, np.ones(3)) == pytest.approx([5, 2, 0], rel=1e-5)
+    assert forcing.flow_axis(case) == 0 and forcing.driven_axes(case, np.ones(3)) == [0, 1]
+    early = the_case("drive: {body_force: [\"5*sin(pi*t)\", 2, 0]}", "time.end=0.1")
+    assert forcing.flow_axis(early) == 1  # 5 sin(0.1 pi) is 1.5
+
+
+def test_what_repeats_is_not_looked_at_in_one_phase():
+    """A period of a run over the number of looks: equal intervals would see zeros alone."""
+    case = the_case("", "time.end=7")
+    times = forcing.sample_times(case)
+    assert times[0] == 0 and times[-1] == 7 and (np.diff(times) > 0).all()
+    assert np.abs(np.sin(np.pi * times / 7 * forcing.SAMPLES)).max() > 0.99
+
+
+def test_walls_have_the_velocities_of_a_time():
+    """Numbered as in a geometry: face y_max is 4, the first shape in 3D is 7."""
+    body = "box: {lower: [0, 0, 0], upper: [1, 1, 1]}"
+    case = the_case("", "geometry.periodic=[x, z]", 'geometry.walls={y_max: {velocity: ["3*sin(t)", 0, 1]}}',
+                    f"geometry.shapes=[{{{body}, is: solid, velocity: [0, 0, 5]}}]")
+    assert forcing.walls_change(case) and forcing.changes(case) and forcing.walls_move(case)
+    found = forcing.wall_velocities(case, 3, np.pi / 2)
+    assert found.keys() == {4, 7} and found[4] == pytest.approx([3, 0, 1]) and found[7].tolist() == [0, 0, 5]
+    geometry = build_geometry(case)
+    assert geometry.wall_velocity[4].tolist() == [0, 0, 1]  # of the start
+    assert geometry.wall_speed[4] == pytest.approx(np.hypot(3 * np.sin(1), 1), rel=1e-6)  # up to the end, 1 s
+    assert geometry.wall_speed[7] == 5
+
+
 @pytest.mark.parametrize(("shape", "moves"), [("velocity: [0, 0, 0]", False), ("velocity: [1, 0, 0]", True),
                                               ("angular_velocity: -2", True), ("angular_velocity: 0", False)])
 def test_walls_move_where_one_has_a_velocity_or_turns(shape, moves):

@@ -106,3 +106,24 @@ def test_two_layers_at_rest():
     y = np.array([0.0, 0.39, 0.4, 0.41, 1.0])
     p = plates.two_layer_hydrostatics(y, 0.4, (3.0, 2.0), 10.0)
     assert np.allclose(np.diff(p) / np.diff(y), [-30, -30, -20, -20]) and p[2] == 0
+
+
+def test_oscillation_from_rest():
+    """At rest at t = 0 within the 400 terms of the series; the difference to the periodic flow solves the equation of
+    a decay; the mean is that of the profile by Simpson's rule."""
+    args = (1.0, 1.0, 2.0, 25.0)
+    assert np.abs(plates.oscillating_slit(Y, 0.0, *args, True)).max() < 1e-5 * 2 / 25
+    for t in (0.01, 0.1):
+        u = plates.oscillating_slit(Y, t, *args, True)
+        assert math.isclose(simpson(u, dx=DY), plates.oscillating_slit_mean(t, *args, True), rel_tol=1e-5)
+    dt, left = 1e-4, lambda t: plates.oscillating_slit(Y, t, *args) - plates.oscillating_slit(Y, t, *args, True)
+    rate = (left(0.05 + dt) - left(0.05 - dt))[1:-1] / (2 * dt)
+    assert np.abs(rate - second_derivative(left(0.05), DY)).max() < 1e-4 * np.abs(rate).max()
+    assert np.allclose(plates.oscillating_slit(Y, 9.0, *args, True), plates.oscillating_slit(Y, 9.0, *args), atol=1e-12)
+
+
+def test_means_of_a_slow_and_of_a_fast_oscillation():
+    """Slow: that of the parabola, h^2 / 12 nu; fast: the force's own, whatever the walls."""
+    assert plates.oscillating_slit_mean(0.0, 2.0, 0.5, 3.0, 1e-6) == pytest.approx(3 * 4 / 12 / 0.5, rel=1e-6)
+    quarter = math.pi / 2 / 1e8
+    assert plates.oscillating_slit_mean(quarter, 2.0, 0.5, 3.0, 1e8) == pytest.approx(3 / 1e8, rel=1e-3)

@@ -11,7 +11,8 @@ from isphcli.references import ducts, plates, published, vortices
 from isphcli.references.compare import compare
 from isphcli.references.errors import CompareError
 from isphcli.references.single_phase import FIELDS, compare_snapshot, connected_parts
-from tests.references.results import WRONG, lattice, result_of, the_case
+from isphcli.scene.build_geometry import build_geometry
+from tests.references.results import WRONG, lattice, result_of, rows, the_case
 
 
 @pytest.mark.parametrize(
@@ -209,3 +210,45 @@ def test_cavity_from_its_own_tables():
     assert errors["velocity_relative_l2"] < 0.005
     scaled = compare(case, result_of(case, x, WRONG * np.stack([u, v], axis=1), time=15.0))
     assert scaled["velocity_relative_l2"] == pytest.approx(WRONG - 1, abs=0.005)
+
+
+@pytest.mark.parametrize("name", ["oscillating_slit", "oscillating_pipe"])
+def test_amplitude_and_phase_of_an_oscillation(name):
+    """Histories of the reference itself, then 3 % too strong and 0.05 radians late, with what is left of the start."""
+    case = the_case(name)
+    geometry = build_geometry(case)
+    x, _ = lattice(case)
+    x = x[geometry.phase(x) >= 0]
+    period = 2 * np.pi / 100
+    t = np.linspace(0, 3 * period, 400)[1:]
+    slit = name == "oscillating_slit"
+    share, axis = (1.0, "x") if slit else (np.pi / 4, "z")
+    mean = (lambda t: plates.oscillating_slit_mean(t, 1e-3, 1e-6, 0.5, 100.0, True)) if slit else (
+        lambda t: ducts.oscillating_pipe_mean(t, 5e-4, 1e-6, 0.5, 100.0, True))
+    u = FIELDS[name](case, x, t[-1])
+
+    def errors(flux, u=u, t=t):
+        history = rows(time=t, **{f"superficial_velocity_{axis}": share * flux})
+        return compare(case, result_of(case, x, u, time=t[-1], history=history))
+
+    exact = errors(mean(t))
+    assert exact["response_relative"] < 1e-12 and exact["velocity_over_largest"] == 0 and exact["main"] in exact
+    # a wave that is late: its periodic part, which is what is left after the second period within exp(-pi^2 t / 4)
+    late = errors(WRONG * mean(t - 0.05 / 100), WRONG * u)
+    assert late["amplitude_relative"] == pytest.approx(WRONG - 1, abs=0.01)
+    assert late["phase"] == pytest.approx(-0.05, abs=0.01)
+    assert late["response_relative"] == pytest.approx(np.hypot(0.03, 0.05), abs=0.01)
+    assert 0.005 < late["velocity_over_largest"] <= 0.03 + 1e-12
+    with pytest.raises(CompareError, match="too short"):
+        errors(mean(t[:100]), t=t[:100])
+
+
+def test_an_oscillation_that_begins_as_it_goes_on():
+    case = the_case("oscillating_slit", "reference.parameters.start=periodic")
+    x, _ = lattice(case)
+    expected = plates.oscillating_slit(x[:, 1], 0.0, 1e-3, 1e-6, 0.5, 100.0)
+    assert np.array_equal(FIELDS["oscillating_slit"](case, x, 0.0)[:, 0], expected)
+    at_rest = FIELDS["oscillating_slit"](the_case("oscillating_slit"), x, 0.0)
+    assert np.abs(at_rest).max() < 1e-4 * np.abs(expected).max()
+    with pytest.raises(CompareError, match="give rest or periodic"):
+        FIELDS["oscillating_slit"](the_case("oscillating_slit", "reference.parameters.start=later"), x, 0.0)

@@ -1,10 +1,12 @@
 """A case of moving particles from its text to its files: what it leaves, and that it goes on where it was."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
 
+from isphcli.case import expressions
 from isphcli.case.load import read_case
 from isphcli.output.files import read_history, read_pvd, read_vtu
 from isphcli.run.run import run_case
@@ -47,6 +49,30 @@ def test_a_run_goes_on_in_its_own_folder_as_if_it_had_not_stopped(tmp_path):
     one, other = ((tmp_path / name / "history.csv").read_bytes() for name in ("whole", "parts"))
     assert one == other
     assert [t for t, _ in read_pvd(tmp_path / "parts" / "particles.pvd")] == pytest.approx([0, 0.05, 0.1])
+
+
+@pytest.mark.parametrize("drive", [
+    'drive.body_force=["2*cos(30*t)", 0]',
+    'geometry.walls={y_max: {velocity: ["sin(30*t)", 0]}}',
+])
+def test_a_drive_that_changes_with_time_goes_on_with_the_same_bits(tmp_path, drive):
+    """Steps chosen by the drive itself, and another end in the first part: nothing depends on when the run will end."""
+    sets = ("time={end: 0.1}", "time.cfl=1", drive)
+    run(CHANNEL, tmp_path / "whole", *sets)
+    run(CHANNEL, tmp_path / "parts", *sets, "time.end=0.05")
+    run(CHANNEL, tmp_path / "parts", *sets, resume=tmp_path / "parts")
+    whole, parts = (read_history(tmp_path / name / "history.csv") for name in ("whole", "parts"))
+    assert whole == parts and "drive" in {row["limit"] for row in whole}
+    summary = json.loads((tmp_path / "parts" / "summary.json").read_text())
+    assert "drive that changes with time" in summary["terms"]
+
+
+def test_without_formulas_nothing_of_a_drive_in_time_is_there(tmp_path, monkeypatch):
+    """No formula is evaluated and its file is not imported."""
+    monkeypatch.setattr(expressions, "evaluate", None)  # it could not be called
+    monkeypatch.delitem(sys.modules, "isphcli.flow.timed_drive", raising=False)
+    run(CHANNEL, tmp_path / "out", "time.end=0.02", "geometry.walls={y_max: {velocity: [1, 0]}}")
+    assert "isphcli.flow.timed_drive" not in sys.modules
 
 
 def test_a_run_that_goes_on_elsewhere_begins_its_files_anew(tmp_path):
