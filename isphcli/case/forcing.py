@@ -92,6 +92,14 @@ def acceleration(case: Case, lengths: np.ndarray, time: float | np.ndarray = 0.0
     return force
 
 
+def strongest_acceleration(case: Case, lengths: np.ndarray, time: float | np.ndarray = 0.0) -> np.ndarray:
+    """Size (...) of the acceleration of the fluid that is accelerated most, m/s2: a pressure drop moves the light one
+    more."""
+    body, gradient = body_force(case, len(lengths), time), pressure_gradient(case, lengths, time)
+    densities = {fluid.density for fluid in case.fluids.values()}
+    return np.max([np.linalg.norm(body + gradient / density, axis=-1) for density in densities], axis=0)
+
+
 def largest_acceleration(case: Case, lengths: np.ndarray) -> np.ndarray:
     """Acceleration (dim,) of a run by body force and pressure drops, m/s2, at the time when it is largest."""
     if not _of_time(_drive_items(case)):

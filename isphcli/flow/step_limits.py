@@ -48,8 +48,8 @@ class Bounds:
     start, plus force times time, plus the speed of the walls, plus the speed that surface tension gives fluid of the
     size of a spacing. The mean is weighted with the density.
 
-    start: m/s; force: m/s2; other: speed of walls and of surface tension, m/s; density: (n,) or 1; largest_force(time):
-    of a force that changes, its largest value so far, m/s2, or None.
+    start: m/s; force: m/s2, of the fluid that is accelerated most; other: speed of walls and of surface tension, m/s;
+    density: (n,) or 1; largest_force(time): of a force that changes, its largest value so far, m/s2, or None.
     """
 
     geometry: Geometry

@@ -29,10 +29,13 @@ class TimedDrive:
     """What drives a flow, as functions of times (m,), s.
 
     forces(times): body force on every fluid and that of a pressure gradient on the first fluid, (m, dim) m/s2 each;
+    strongest(times): size of the acceleration of the fluid that they accelerate most, (m,) m/s2;
     walls(times): velocities of all walls, (m, n_walls, dim) m/s, or None where they do not change.
+    All raise ValueError where they have no value.
     """
 
     forces: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    strongest: Callable[[np.ndarray], np.ndarray]
     walls: Callable[[np.ndarray], np.ndarray] | None
 
     def forces_at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
@@ -45,13 +48,13 @@ class TimedDrive:
         return None if self.walls is None else self.walls(np.array([time]))[0]
 
     def largest_force(self, time: float) -> float:
-        """Largest force from the start to a time, m/s2."""
-        return float(self._sizes(time * PASSED)["force"].max())
+        """Largest acceleration of any of the fluids from the start to a time, m/s2."""
+        return float(self.strongest(time * PASSED).max())
 
     def limit(self, time: float, dt: float, left: float = np.inf) -> float:
         """The step of at most dt, s, over which forces and velocities of walls stay linear within BEND. left: time to
         the end of the run, s, which bounds the shortest step alone: the others are the same whenever it ends."""
-        largest = {name: float(sizes.max()) for name, sizes in self._sizes(time * PASSED).items()}
+        largest = {name: _largest(values) for name, values in self._values(time * PASSED).items()}
         shortest = SHORTEST * min(dt, left)
         while (bend := self._bend(time, dt, largest) / BEND) > 1.0 and dt > shortest:
             # what bends does so with the square of the step
@@ -60,12 +63,15 @@ class TimedDrive:
 
     def _bend(self, time: float, dt: float, largest: dict[str, float]) -> float:
         """Largest deviation from linear over a step, of the largest value up to its end. largest: up to its begin."""
-        worst = 0.0
-        for name, values in self._values(time + dt * INSIDE).items():
+        try:
+            found, worst = self._values(time + dt * INSIDE), 0.0
+        except ValueError:  # a formula that has no value there, maybe beyond the end of the run
+            return np.inf
+        for name, values in found.items():
             chord = values[0] + INSIDE.reshape(-1, *[1] * (values.ndim - 1)) * (values[-1] - values[0])
-            off = np.linalg.norm(values - chord, axis=-1).max()
+            off = _largest(values - chord)
             if off > 0.0:
-                worst = max(worst, off / max(largest[name], np.linalg.norm(values, axis=-1).max()))
+                worst = max(worst, off / max(largest[name], _largest(values)))
         return worst
 
     def _values(self, times: np.ndarray) -> dict[str, np.ndarray]:
@@ -74,7 +80,7 @@ class TimedDrive:
         found = {"force": body + push}
         return found if self.walls is None else found | {"walls": self.walls(times)}
 
-    def _sizes(self, times: np.ndarray) -> dict[str, np.ndarray]:
-        """{name: (m,) largest size of a vector at each time}."""
-        sizes = {name: np.linalg.norm(values, axis=-1) for name, values in self._values(times).items()}
-        return {name: size.reshape(len(times), -1).max(axis=1) for name, size in sizes.items()}
+
+def _largest(vectors: np.ndarray) -> float:
+    """Size of the largest of vectors (..., dim)."""
+    return float(np.linalg.norm(vectors, axis=-1).max())

@@ -79,7 +79,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,
         fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
         solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock),
-        bounds=bounds(case, geometry, particles, u, force, held), held_velocity=held,
+        bounds=bounds(case, geometry, particles, u, held), held_velocity=held,
         volume=kept_volume(case, geometry, x), timed_drive=drive,
     )
     if drive is not None:
@@ -88,16 +88,15 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     return State(x, u, u.copy(), np.zeros(n), pressure_gradient=none_yet, shifting_flux=none_yet), stepper, particles
 
 
-def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, force: np.ndarray,
-           rate: HeldVelocity | None) -> Bounds:
-    """Bounds of a case that starts with velocities u (n, dim) under the acceleration force (dim,). rate:
-    HeldVelocity or None."""
+def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, rate: HeldVelocity | None) -> Bounds:
+    """Bounds of a case that starts with velocities u (n, dim). rate: HeldVelocity or None."""
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     walls = np.max(geometry.wall_speed, initial=0.0)
     tension = case.interface.tension if case.interface is not None else 0.0
     capillary = np.sqrt(tension / (density.mean() * case.particles.spacing))
     other = walls + capillary + (SPREAD * rate.speed if rate is not None else 0.0)
-    found = Bounds(geometry, particles.site_volume, density, 0.0, float(np.linalg.norm(force)), other)
+    force = float(forcing.strongest_acceleration(case, geometry.upper - geometry.lower))
+    found = Bounds(geometry, particles.site_volume, density, 0.0, force, other)
     return replace(found, start=found.speed(u))
 
 
@@ -118,7 +117,10 @@ def timed_drive(case: Case, geometry: Geometry) -> TimedDrive:
             found[:, wall] += velocity - start[wall]
         return found
 
-    return TimedDrive(forces, walls if forcing.walls_change(case) else None)
+    def strongest(times: np.ndarray) -> np.ndarray:
+        return forcing.strongest_acceleration(case, lengths, times)
+
+    return TimedDrive(forces, strongest, walls if forcing.walls_change(case) else None)
 
 
 def kept_volume(case: Case, geometry: Geometry, x: np.ndarray) -> KeptVolume | None:

@@ -32,6 +32,15 @@ def test_a_pressure_drop_is_a_force_over_density_and_length():
     assert forcing.driven_axes(case, lengths) == [2, 0]
 
 
+def test_the_strongest_acceleration_is_that_of_the_light_fluid():
+    """8 Pa/m are 1 m/s2 of density 8 and 4 of density 2; beside a body force of 3 against it 2 and 1."""
+    lengths = np.array([2.0, 1.0, 4.0])
+    case = the_case("drive: {pressure_drop: {x: 16}}")
+    assert forcing.strongest_acceleration(case, lengths) == 4
+    case = the_case('drive: {pressure_drop: {x: "16*t"}, body_force: [-3, 0, 0]}')
+    assert forcing.strongest_acceleration(case, lengths, np.array([0.0, 1.0, 2.0])).tolist() == [3, 2, 5]
+
+
 def test_without_a_drive_nothing_pushes():
     case = the_case("")
     assert not forcing.is_driven(case) and forcing.force_is_given(case)
