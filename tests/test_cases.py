@@ -12,7 +12,7 @@ import pytest
 from isphcli.case.load import load_case
 from isphcli.domain.lattice import make_lattice
 from isphcli.output.files import read_pvd, read_vtu
-from isphcli.references.solutions import square_duct_flux
+from isphcli.references.ducts import square_duct_flux
 from isphcli.run.run import run_case
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.validation.paper import disk_sites
@@ -33,6 +33,8 @@ SMALL = {
         0.15,
         "16 across; 0.042 at t = 15, and at t = 4 the core is not yet steady",
     ),
+    "oscillating_pipe": ((), 0.01, "that of the case: 16 across the diameter, 2.6e-3"),
+    "oscillating_slit": ((), 0.01, "that of the case: 16 across, 7.4e-3"),
     "slit": ((), 0.001, "1.6e-4 is the sum over 16 particles: sum of squares instead of their integral"),
     "sphere_array": (("particles.spacing=6.25e-5", "drive.axes=[x]"), 0.002, "16 a cell: 5e-4"),
     "square_duct": ((), 0.01, "that of the case: 16 across, 0.2 %"),

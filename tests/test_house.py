@@ -1,4 +1,5 @@
-"""The rooms of the package: which may know which, no circles, and what compiled loops may not do.
+"""The rooms of the package: which may know which, no circles, one reading of the drive, tests that stand where their
+modules do, and what compiled loops may not do.
 
 Imports are read from the source, those inside functions and those for annotations alone too.
 """
@@ -73,6 +74,54 @@ def test_no_import_by_a_name_that_is_computed(name):
             assert isinstance(node.args[0], ast.Constant), f"{name}:{node.lineno}"
 
 
+READ_DRIVE = ("case.forcing", "case.checks")  # what it means, and whether it may be
+
+
+@pytest.mark.parametrize("name", [name for name in FILES if name not in READ_DRIVE])
+def test_what_drives_a_flow_is_read_in_one_place(name):
+    """`case.drive` is touched by `case/forcing.py` alone; a method of that name is called, not read."""
+    tree = ast.parse(FILES[name].read_text(encoding="utf-8"))
+    called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    read = [node.lineno for node in ast.walk(tree)
+            if isinstance(node, ast.Attribute) and node.attr == "drive" and id(node) not in called]
+    assert read == []
+
+
+TESTS = Path(__file__).parent
+WITHOUT_TESTS = {  # modules without a file of tests of their own, and what tests them
+    "case.blocks": "declarations: test_reader.py, test_docs.py and test_checks.py beside it read them",
+    "flow.state": "data without a function",
+    "geometry.protocol": "a protocol: test_shape_geometry.py and test_voxel_geometry.py test its two classes",
+    "geometry.images.image": "test_read.py reads every format",
+    "geometry.images.metaimage": "test_read.py reads every format",
+    "geometry.images.npy": "test_read.py reads every format",
+    "geometry.images.npz": "test_read.py reads every format",
+    "geometry.nearest_wall": "compiled part of shape_geometry: its test compares with brute force and labels",
+    "geometry.voxel_crossings": "compiled part of voxel_geometry",
+    "geometry.voxel_lookup": "compiled part of voxel_geometry",
+    "references.result": "data without a function",
+    "run.results": "test_run.py and test_moving_case.py read what runs leave",
+    "run.steady": "test_run.py runs steady cases whole",
+    "run.steady_case": "test_run.py runs steady cases whole",
+    "scene.choose_measures": "test_two_fluid_cases.py runs cases with every measure",
+}
+OF_SEVERAL = {"run.test_failing_runs"}  # tests of what several modules of a room do together
+
+
+def with_rooms(paths, folder):
+    names = (path.relative_to(folder).with_suffix("").parts for path in paths)
+    return {".".join(parts) for parts in names if len(parts) > 1 and not parts[-1].startswith("__")}
+
+
+def test_tests_stand_where_their_modules_do():
+    """isphcli/<room>/<module>.py has tests/<room>/test_<module>.py, and the other way round."""
+    modules = with_rooms(FILES.values(), PACKAGE)
+    tests = with_rooms(TESTS.rglob("test_*.py"), TESTS) - OF_SEVERAL
+    tested = {name.replace(".test_", ".") for name in tests}
+    assert modules - tested == set(WITHOUT_TESTS), "modules without tests, or with tests in spite of the list"
+    assert tested - modules == set(), "tests of modules that are not there"
+
+
 def parallel_kernels(tree):
     return [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)
             and any("parallel=True" in ast.unparse(decorator) for decorator in node.decorator_list)]
@@ -102,7 +151,7 @@ def is_kernel(node):
     return any("njit" in ast.unparse(decorator) for decorator in node.decorator_list)
 
 
-@pytest.mark.parametrize("name", sorted(set(FILES) - {"validation.stress"}))
+@pytest.mark.parametrize("name", FILES)
 def test_functions_have_annotations(name):
     """mypy asks for them but in files that hold kernels, whose types numba finds."""
     missing = []

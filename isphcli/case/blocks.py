@@ -10,6 +10,8 @@ from typing import Any, ClassVar
 from .reader import Table, key, keys_of
 
 Vector = tuple[float, ...]
+Timed = float | str  # a number, or a formula of the time t, s
+TimedVector = tuple[Timed, ...]
 AXES = ("x", "y", "z")
 FACES = tuple(f"{axis}_{end}" for axis in AXES for end in ("min", "max"))
 SOLID = "solid"
@@ -26,6 +28,8 @@ REFERENCE_KINDS = (
     "poiseuille",
     "startup_couette",
     "startup_poiseuille",
+    "oscillating_slit",
+    "oscillating_pipe",
     "decaying_channel",
     "taylor_couette",
     "annulus",
@@ -162,8 +166,12 @@ class Shape:
     half_space: HalfSpace | None = key("one side of a plane", default=None)
     outside: bool = key("the region is the outside of the shape", default=False)
     what: str = key("what fills the region: `solid` or the name of a fluid", name="is")
-    velocity: Vector | None = key(
-        "velocity of the wall, if solid. Without it: at rest", default=None, unit="m/s", per_axis=True
+    velocity: TimedVector | None = key(
+        "velocity of the wall, if solid; an entry may be a formula of t, as in drive. Without it: at rest",
+        default=None,
+        unit="m/s",
+        per_axis=True,
+        formula=("t",),
     )
     angular_velocity: float | None = key(
         "turning of the wall, if solid: of a cylinder about its axis, of a disk (2D) about its centre, "
@@ -183,8 +191,12 @@ class Shape:
 class Wall:
     """A face of the box."""
 
-    velocity: Vector | None = key(
-        "velocity of the wall, along itself. Without it: at rest", default=None, unit="m/s", per_axis=True
+    velocity: TimedVector | None = key(
+        "velocity of the wall, along itself; an entry may be a formula of t, as in drive. Without it: at rest",
+        default=None,
+        unit="m/s",
+        per_axis=True,
+        formula=("t",),
     )
     slip_length: float | None = key(
         "Navier slip length. Without it: that of the geometry", default=None, unit="m", at_least=0
@@ -323,14 +335,21 @@ class Interface:
 class Drive:
     """What makes the fluid move."""
 
-    body_force: Vector | None = key(
-        "acceleration of the fluid, such as gravity: [0, 0, -9.81]", default=None, unit="m/s2", per_axis=True
+    body_force: TimedVector | None = key(
+        "acceleration of the fluid, such as gravity: [0, 0, -9.81]. An entry may be a formula of the time t in s "
+        '(navier_stokes), such as "0.5*cos(2*pi*50*t)"; angles are in radians, constants pi and e; it needs time.end',
+        default=None,
+        unit="m/s2",
+        per_axis=True,
+        formula=("t",),
     )
-    pressure_drop: Table[float] | None = key(
-        "axis: drop over the box along it; the same as a body force of drop / (density length)",
+    pressure_drop: Table[Timed] | None = key(
+        "axis: drop over the box along it; the same as a body force of drop / (density length). It may be a formula of "
+        "t, as in body_force",
         default=None,
         unit="Pa",
         names=AXES,
+        formula=("t",),
     )
     superficial_velocity: Table[float] | None = key(
         "axis: flux through a cross section of the box, solids included, that is held by a pressure drop that follows "
@@ -376,7 +395,7 @@ class Initial:
         default=None,
         unit="m/s",
         per_axis=True,
-        formula=True,
+        formula=("x", "y", "z"),
     )
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import is_dataclass
 from typing import TYPE_CHECKING, Any
 
-from . import expressions
+from . import expressions, forcing
 from .blocks import AXES, LATTICES, SOLID, Shape
 from .reader import Key, Table, keys_of, suggest
 from .yaml import Report, Where, as_key, shown
@@ -25,6 +25,8 @@ PARAMETERS = {
     "cylinder_array": ("fraction",),
     "taylor_green": ("speed",),
     "taylor_green_3d": ("speed",),
+    "oscillating_slit": ("acceleration", "omega"),
+    "oscillating_pipe": ("acceleration", "omega"),
 }
 OF_A_FORCE = ("poiseuille", "startup_poiseuille", "two_layer_poiseuille")  # solutions that a given force makes
 FEWEST_STEPS = 10  # in which blocks may return to their volume: each brings back a tenth of what they are off
@@ -166,6 +168,7 @@ class _Checks:
             normal = AXES.index(axis)
             if wall.velocity and normal < len(wall.velocity) and wall.velocity[normal] != 0:
                 self.bad(f"{path}.velocity", f"moves the wall along {axis}", "a wall slides along itself")
+            self.of_time(wall.velocity or (), f"{path}.velocity")
 
     def shapes(self) -> None:
         shapes = self.case.geometry.shapes if self.case.geometry else None
@@ -174,6 +177,7 @@ class _Checks:
             if self.clear(path):
                 self._filling(shape, path)
                 self._form(shape, path)
+                self.of_time(shape.velocity or (), f"{path}.velocity")
 
     def _filling(self, shape: Shape, path: str) -> None:
         if shape.what == SOLID:
@@ -262,6 +266,25 @@ class _Checks:
         if drive.superficial_velocity is not None:
             self.held_rate(drive)
         self.driven_axes()
+        self.of_time(drive.body_force or (), "drive.body_force")
+        for name, drop in (drive.pressure_drop or {}).items():
+            self.of_time((drop,), f"drive.pressure_drop.{name}", listed=False)
+
+    def of_time(self, items: Any, path: str, listed: bool = True) -> None:
+        """Formulas of the time need a flow in time with an end, up to which they have finite values."""
+        for i, formula in enumerate(items):
+            if not isinstance(formula, str) or not self.clear("flow", "time"):
+                continue
+            place, case = f"{path}.{i}" if listed else path, self.case
+            if case.flow == "stokes":
+                self.bad(place, "changes with time, and flow: stokes is steady", "give a number, or use navier_stokes")
+            elif case.time is None or case.time.end is None:
+                self.bad(place, "changes with time, up to an end that is not given", "give time.end")
+            else:
+                try:
+                    expressions.evaluate(formula, t=forcing.sample_times(case))
+                except expressions.ExpressionError as error:
+                    self.bad(place, str(error))
 
     def held_rate(self, drive: Any) -> None:
         path = "drive.superficial_velocity"
@@ -333,6 +356,8 @@ class _Checks:
             self.bad("reference", "kind permeability needs a value", "give value, in m2")
         if reference.kind in OF_A_FORCE and self.case.drive and self.case.drive.superficial_velocity:
             self.bad("reference.kind", f"{reference.kind} is the flow under a given force", "give drive.pressure_drop")
+        elif reference.kind in OF_A_FORCE and self.clear("drive") and not forcing.force_is_given(self.case):
+            self.bad("reference.kind", f"{reference.kind} is the flow under a constant force", "give numbers in drive")
         for name in PARAMETERS.get(reference.kind, ()):
             if name not in reference.parameters:
                 fix = f"add parameters: {{{name}: ...}}"

@@ -1,4 +1,4 @@
-"""Formulas of x, y and z for initial fields, such as ``sin(2*pi*x)*cos(2*pi*y)``.
+"""Formulas: of x, y and z for initial fields, such as ``sin(2*pi*x)*cos(2*pi*y)``, of t for forces and walls.
 
 A formula is parsed by Python's own parser and then every node of the tree must be on a short list, so
 a case file cannot run code. Numbers become float64 before anything is computed with them: a tower of

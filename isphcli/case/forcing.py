@@ -1,4 +1,8 @@
-"""What drives the flow: the one reading of `drive` and moving walls, and why nothing flows where pores are closed."""
+"""What drives the flow: the one reading of `drive` and moving walls, and why nothing flows where pores are closed.
+
+Where a case gives formulas of the time t, functions take it as an argument, s, one number or an array of any shape;
+without it that of the start, 0.
+"""
 
 from __future__ import annotations
 
@@ -7,31 +11,194 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from . import expressions
+
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
-    from .blocks import Case, Shape, Wall
+    from .blocks import Case, Shape, Timed, Wall
+
+SAMPLES = 4000  # times of a run at which formulas are looked at for their largest values
 
 
 def drives(case: Case, geometry: Geometry) -> list[tuple[int | None, np.ndarray]]:
-    """[(axis, acceleration (dim,) of the first fluid, m/s2)] that a case asks for. The axis is None where walls move:
-    what they drag along is not a response to the drive, and gives no permeability. A pressure drop is over the whole
-    length of the geometry, its clear layers included."""
-    drive, dim = case.drive, geometry.dim
-    if drive is not None and drive.axes and not walls_move(case):
-        return [("xyz".index(a), np.eye(dim)["xyz".index(a)]) for a in drive.axes]
-    force = np.zeros(dim)
-    if drive is not None and drive.pressure_drop is not None:
-        density = next(iter(case.fluids.values())).density
-        for name, drop in drive.pressure_drop.items():
-            axis = "xyz".index(name)
-            force[axis] += drop / (density * float(geometry.upper[axis] - geometry.lower[axis]))
-    if drive is not None and drive.axes:
-        force["xyz".index(drive.axes[0])] = 1.0
-    if drive is not None and drive.body_force is not None:
-        force += drive.body_force
+    """[(axis, acceleration (dim,) of the first fluid, m/s2)] that a case asks for, at the start. The axis is None where
+    walls move: what they drag along is not a response to the drive, and gives no permeability. A pressure drop is over
+    the whole length of the geometry, its clear layers included."""
+    dim, axes = geometry.dim, steady_axes(case)
+    if axes and not walls_move(case):
+        return [(axis, np.eye(dim)[axis]) for axis in axes]
+    force = acceleration(case, geometry.upper - geometry.lower)
+    if axes:
+        force[axes[0]] = 1.0
     if not force.any() or walls_move(case):
         return [(None, force)]
     return [(int(np.argmax(np.abs(force))), force)]
+
+
+def is_driven(case: Case) -> bool:
+    """Whether a case has a drive at all, be it of zeros."""
+    return case.drive is not None
+
+
+def force_is_given(case: Case) -> bool:
+    """Whether a case says what constant force drives it; not where it names axes or a velocity, whose force is up to
+    the run, nor where the force changes with time."""
+    return case.drive is None or not (case.drive.named_axes or _of_time(_drive_items(case)))
+
+
+def changes(case: Case) -> bool:
+    """Whether a formula of the time drives a case."""
+    return _of_time(_drive_items(case)) or walls_change(case)
+
+
+def walls_change(case: Case) -> bool:
+    """Whether a wall of a case has a velocity that is a formula of the time."""
+    return any(_of_time(velocity) for velocity in _wall_velocities(case).values())
+
+
+def sample_times(case: Case) -> np.ndarray:
+    """Times (SAMPLES,) from the start to the end of a run, s, in order. They are unequal, so that a formula that
+    repeats is not looked at in the same phase every time; only the start where a case has no end."""
+    end = case.time.end if case.time is not None else None
+    if end is None:
+        return np.zeros(1)
+    k = np.arange(SAMPLES)
+    return end * np.append((k + np.mod(k * (np.sqrt(5.0) - 1.0) / 2.0, 1.0)) / SAMPLES, 1.0)
+
+
+def body_force(case: Case, dim: int, time: float | np.ndarray = 0.0) -> np.ndarray:
+    """Acceleration (..., dim) of every fluid, m/s2, without what a pressure drop adds; zero where there is none."""
+    force = np.zeros((*np.shape(time), dim))
+    if case.drive is not None and case.drive.body_force is not None:
+        force += _values(case.drive.body_force, time)
+    return force
+
+
+def pressure_gradient(case: Case, lengths: np.ndarray, time: float | np.ndarray = 0.0) -> np.ndarray:
+    """Force per volume (..., dim), Pa/m, of the pressure drops over a box of edges lengths (dim,), m."""
+    gradient = np.zeros((*np.shape(time), len(lengths)))
+    for axis, drop in _pressure_drops(case, time).items():
+        gradient[..., axis] = drop / lengths[axis]
+    return gradient
+
+
+def acceleration(case: Case, lengths: np.ndarray, time: float | np.ndarray = 0.0) -> np.ndarray:
+    """Acceleration (..., dim) of the first fluid, m/s2, that body force and pressure drops give over a box of edges
+    lengths (dim,), m; zero where the force is up to the run."""
+    force = body_force(case, len(lengths), time)
+    density = next(iter(case.fluids.values())).density
+    for axis, drop in _pressure_drops(case, time).items():
+        force[..., axis] += drop / (density * float(lengths[axis]))
+    return force
+
+
+def strongest_acceleration(case: Case, lengths: np.ndarray, time: float | np.ndarray = 0.0) -> np.ndarray:
+    """Size (...) of the acceleration of the fluid that is accelerated most, m/s2: a pressure drop moves the light one
+    more."""
+    body, gradient = body_force(case, len(lengths), time), pressure_gradient(case, lengths, time)
+    densities = {fluid.density for fluid in case.fluids.values()}
+    return np.max([np.linalg.norm(body + gradient / density, axis=-1) for density in densities], axis=0)
+
+
+def largest_acceleration(case: Case, lengths: np.ndarray) -> np.ndarray:
+    """Acceleration (dim,) of a run by body force and pressure drops, m/s2, at the time when it is largest."""
+    if not _of_time(_drive_items(case)):
+        return acceleration(case, lengths)
+    forces = acceleration(case, lengths, sample_times(case))
+    return forces[np.argmax(np.linalg.norm(forces, axis=1))]
+
+
+def wall_velocities(case: Case, dim: int, time: float | np.ndarray = 0.0) -> dict[int, np.ndarray]:
+    """{number of a wall (`geometry.protocol`): its velocity (..., dim), m/s} of those that have one."""
+    return {wall: _values(velocity, time) for wall, velocity in _wall_velocities(case, dim).items()}
+
+
+def _wall_velocities(case: Case, dim: int = 3) -> dict[int, Sequence[Timed]]:
+    faces = {1 + 2 * "xyz".index(name[0]) + int(name.endswith("max")): wall.velocity
+             for name, wall in case.geometry.walls.items()}
+    shapes = {1 + 2 * dim + k: shape.velocity for k, shape in enumerate(case.geometry.shapes)}
+    return {wall: velocity for wall, velocity in (faces | shapes).items() if velocity is not None}
+
+
+def _drive_items(case: Case) -> list[Timed]:
+    """Numbers and formulas of body force and pressure drops."""
+    if case.drive is None:
+        return []
+    return [*(case.drive.body_force or ()), *(case.drive.pressure_drop or {}).values()]
+
+
+def _pressure_drops(case: Case, time: float | np.ndarray) -> dict[int, float | np.ndarray]:
+    """{axis: drop (...), Pa}."""
+    if case.drive is None:
+        return {}
+    return {"xyz".index(name): _value(drop, time) for name, drop in (case.drive.pressure_drop or {}).items()}
+
+
+def _of_time(items: Sequence[Timed]) -> bool:
+    return any(isinstance(item, str) for item in items)
+
+
+def _value(item: Timed, time: float | np.ndarray) -> float | np.ndarray:
+    return expressions.evaluate(item, t=time) if isinstance(item, str) else item
+
+
+def _values(items: Sequence[Timed], time: float | np.ndarray) -> np.ndarray:
+    """(..., len(items))."""
+    return np.stack([np.broadcast_to(_value(item, time), np.shape(time)) for item in items], axis=-1)
+
+
+def steady_axes(case: Case) -> list[int]:
+    """Axes along which a steady case asks for a flow of its own each."""
+    return ["xyz".index(name) for name in (case.drive.axes or ())] if case.drive is not None else []
+
+
+def driven_axes(case: Case, lengths: np.ndarray) -> list[int]:
+    """Axes along which the drive pushes, the strongest first; lengths: (dim,) edges of the box, m."""
+    if case.drive is not None and case.drive.named_axes:
+        return ["xyz".index(name) for name in case.drive.named_axes]
+    push = np.abs(largest_acceleration(case, lengths))
+    return [int(axis) for axis in np.argsort(-push, kind="stable") if push[axis] > 0]
+
+
+def flow_axis(case: Case) -> int | None:
+    """Axis of the drive: of its only or its largest component, by what the case says without lengths; None without a
+    drive."""
+    drive = case.drive
+    if drive is None:
+        return None
+    if drive.named_axes:
+        return "xyz".index(drive.named_axes[0])
+    force = np.zeros(3)
+    times = sample_times(case)
+    if drive.body_force is not None:
+        force[: len(drive.body_force)] = np.abs(_values(drive.body_force, times)).max(axis=0)
+    for axis, drop in _pressure_drops(case, times).items() if drive.body_force is None else ():
+        force[axis] = np.abs(drop).max()
+    return int(np.argmax(force)) if force.any() else None
+
+
+def held_flux(case: Case) -> tuple[int, float] | None:
+    """(axis, superficial velocity that is held along it, m/s), or None."""
+    held = case.drive.superficial_velocity if case.drive is not None else None
+    if not held:
+        return None
+    ((name, wanted),) = held.items()
+    return "xyz".index(name), wanted
+
+
+def held_axis(case: Case) -> int | None:
+    """Axis along which a case holds a velocity, or None."""
+    held = held_flux(case)
+    return None if held is None else held[0]
+
+
+def in_words(case: Case) -> str:
+    """What moves the fluid."""
+    if case.drive is None:
+        return "no drive"
+    held = ["a velocity is held by a pressure drop"] if case.drive.superficial_velocity else []
+    force = "body force that changes with time" if _of_time(_drive_items(case)) else "body force"
+    return " and ".join(held + ([force] if case.drive.body_force or not held else []))
 
 
 def walls_move(case: Case) -> bool:
@@ -39,12 +206,6 @@ def walls_move(case: Case) -> bool:
     walls: list[Wall | Shape] = [*case.geometry.walls.values(), *case.geometry.shapes]
     turns = any(shape.angular_velocity for shape in case.geometry.shapes)
     return turns or any(wall.velocity is not None and any(wall.velocity) for wall in walls)
-
-
-def held_axis(case: Case) -> int | None:
-    """Axis along which a case holds a velocity, or None."""
-    held = case.drive.superficial_velocity if case.drive is not None else None
-    return "xyz".index(next(iter(held))) if held else None
 
 
 def opens(case: Case, axis: int) -> bool:
@@ -74,19 +235,3 @@ def _listed(axes: Sequence[int]) -> str:
     """'x', 'x and y' or 'x, y and z'."""
     *names, last = ("xyz"[axis] for axis in axes)
     return f"{', '.join(names)} and {last}" if names else last
-
-
-def _flow_axis(case: Case) -> int | None:
-    """Axis of the drive: of its only or its largest component; None without a drive."""
-    drive = case.drive
-    if drive is None:
-        return None
-    if drive.named_axes:
-        return "xyz".index(drive.named_axes[0])
-    force = np.zeros(3)
-    if drive.body_force is not None:
-        force[: len(drive.body_force)] = np.abs(drive.body_force)
-    elif drive.pressure_drop is not None:
-        for name, drop in drive.pressure_drop.items():
-            force["xyz".index(name)] = abs(drop)
-    return int(np.argmax(force)) if force.any() else None

@@ -46,7 +46,7 @@ class Key:
     per_axis: bool = False  # a list with one entry an axis
     single: bool = False  # one value stands for a list of one
     unique: bool = False
-    formula: bool = False  # text for `expressions`
+    formula: tuple[str, ...] = ()  # text is one for `expressions`, of these variables
     input: bool = False  # a file that must exist
 
 
@@ -133,7 +133,7 @@ def _describe(hint: Any, spec: Key) -> str:
     if origin is tuple:
         if args[-1] is not Ellipsis:
             return f"list of {len(args)} {_plural(_describe(args[0], spec))}"
-        item = _describe(args[0], spec)
+        item = describe(args[0], spec)
         return f"{item} or list of {_plural(item)}" if spec.single else f"list of {_plural(item)}"
     if origin is Table:
         return f"block of name: {describe(args[0], spec)}"
@@ -144,7 +144,8 @@ def _describe(hint: Any, spec: Key) -> str:
 
 
 def _plural(noun: str) -> str:
-    return re.sub(r"^(list|block|whole number|number|formula|text)\b", r"\1s", noun)
+    words = (re.sub(r"^(list|block|whole number|number|formula|text)\b", r"\1s", word) for word in noun.split(" or "))
+    return " or ".join(words)
 
 
 class _Bad(Exception):
@@ -308,7 +309,7 @@ class Reader:
             raise self._bad(node, path, f"{_found(node)} is not a choice", suggest(text, spec.choices))
         if spec.formula:
             try:
-                expressions.check(text)
+                expressions.check(text, spec.formula)
             except expressions.ExpressionError as error:
                 raise self._bad(node, path, str(error)) from None
         return text

@@ -86,6 +86,9 @@ class Fluids(Protocol):
     def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
         """Terms of one configuration. neighbours: all of them, dummies included."""
 
+    def driven_by(self, body: np.ndarray, push: np.ndarray) -> Fluids:
+        """The same fluids under a body force and that of a pressure gradient on the first fluid, (dim,) m/s2 each."""
+
 
 @dataclass(frozen=True)
 class ViscousWeights:
@@ -165,6 +168,10 @@ class OneFluid:
     def nu_min(self) -> float:
         """Smallest kinematic viscosity, m2/s."""
         return self.viscosity
+
+    def driven_by(self, body: np.ndarray, push: np.ndarray) -> OneFluid:
+        """The same fluid under other forces; see `Fluids.driven_by`."""
+        return OneFluid(self.reference, self.viscosity, body + push, self.held)
 
     def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
         """Terms of one configuration; see `Fluids.terms`."""

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from ..operators.wall_operators import WallScene
     from ..output.clock import Clock
     from .one_fluid import Fluids
+    from .timed_drive import TimedDrive
     from .volume_control import KeptVolume
 
 NEAR_WALL = 0.25  # of the spacing: no particle comes nearer to a wall than this; at 0.015 a cavity blew up
@@ -63,7 +64,7 @@ class Stepper:
     site_volume: m^dim; fluids: what they put into the equations; shifting: coefficient of eq. 8, 0 for none;
     second_order: BDF2 or implicit Euler; solvers: with the hierarchies that are kept, the only changing state;
     bounds: what no step may exceed; held_velocity: the superficial velocity that is held, or None; volume: what keeps
-    the number of particles in blocks, or None.
+    the number of particles in blocks, or None; timed_drive: forces and walls that change with time, or None.
     """
 
     geometry: Geometry
@@ -79,6 +80,7 @@ class Stepper:
     bounds: Bounds
     held_velocity: HeldVelocity | None = None
     volume: KeptVolume | None = None
+    timed_drive: TimedDrive | None = None
 
     def __post_init__(self) -> None:
         self.walls: WallScene | None = None
@@ -98,17 +100,23 @@ class Stepper:
 
         def take(state: State, dt: float) -> None:
             with suppress(SolveError, StepError):
-                self.advance(state, self.configure(state.x), dt)
+                self.advance(state, self.configure(state.x, state.time), dt)
 
         self.solvers.rebuild(origins, take)
 
-    def configure(self, x: np.ndarray) -> Configuration:
-        """Neighbours and operators of fluid positions x (n, dim)."""
+    def fluids_at(self, time: float) -> Fluids:
+        """The fluids under the forces of a time, s."""
+        return self.fluids if self.timed_drive is None else self.fluids.driven_by(*self.timed_drive.forces_at(time))
+
+    def configure(self, x: np.ndarray, time: float = 0.0) -> Configuration:
+        """Neighbours and operators of fluid positions x (n, dim); time: s, of forces and walls that change."""
         n = len(x)
         geometry = self.geometry
         if self.walls is not None:
+            velocity = None if self.timed_drive is None else self.timed_drive.walls_at(time)
+            walls = self.walls if velocity is None else self.walls.moving_at(velocity)
             with self.clock("operators"):
-                ops, neighbours, images = self.walls.configure(x)
+                ops, neighbours, images = walls.configure(x)
         else:
             with self.clock("neighbours"):
                 images = build_halo(x, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support)
@@ -116,7 +124,7 @@ class Stepper:
             with self.clock("operators"):
                 ops = build_operators(neighbours, particle_volumes(neighbours))
         with self.clock("terms"):
-            terms = self.fluids.terms(ops, neighbours)
+            terms = self.fluids_at(time).terms(ops, neighbours)
         with self.clock("assembly"):
             # a periodic box full of fluid is one component; pores can be many
             labels = np.zeros(n, np.int32)
@@ -179,7 +187,7 @@ class Stepper:
         """One step of length dt. Raises SolveError, StepError or RunError."""
         self.solvers.begin(state, dt)
         moved, stopped = self.move(state, config, dt)
-        config = self.configure(moved.x)
+        config = self.configure(moved.x, state.time + dt)
         ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0
         g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
         # eq. 2 in time: backward differences along the paths

@@ -5,6 +5,7 @@ benchmarks/limits.py measures what good runs reach of each limit, and what runs 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -47,7 +48,8 @@ class Bounds:
     start, plus force times time, plus the speed of the walls, plus the speed that surface tension gives fluid of the
     size of a spacing. The mean is weighted with the density.
 
-    start: m/s; force: m/s2; other: speed of walls and of surface tension, m/s; density: (n,) or 1.
+    start: m/s; force: m/s2, of the fluid that is accelerated most; other: speed of walls and of surface tension, m/s;
+    density: (n,) or 1; largest_force(time): of a force that changes, its largest value so far, m/s2, or None.
     """
 
     geometry: Geometry
@@ -56,6 +58,7 @@ class Bounds:
     start: float
     force: float
     other: float
+    largest_force: Callable[[float], float] | None = None
 
     def speed(self, u: np.ndarray) -> float:
         """Root mean square speed of velocities (n, dim), weighted with the density."""
@@ -73,9 +76,10 @@ class Bounds:
             if reduce.any_true(bad):
                 raise StepError(f"the {name} of {reduce.count(bad)} particles is no longer a number", bad.astype(float))
         speed, size = self.speed(new.u), np.sqrt((new.u**2).sum(axis=1))
+        force = self.force if self.largest_force is None else self.largest_force(new.time)
         before = (("of the step before", self.speed(old.u), dt), ("of the start", self.start, new.time))
         for since, begin, time in before:
-            bound = GROWTH * (begin + self.force * time + self.other)
+            bound = GROWTH * (begin + force * time + self.other)
             if speed > bound:
                 raise StepError(f"the mean speed is {speed:.3g}, but that {since}, the force and the walls allow "
                                 f"{bound:.3g}", size)

@@ -171,7 +171,7 @@ class Shape:
     body: Body
     phase: int = -1
     outside: bool = False
-    velocity: Sequence[float] | None = None  # of the wall, m/s; None: at rest
+    velocity: Sequence[float] | np.ndarray | None = None  # of the wall, m/s; None: at rest
     slip_length: float | None = None  # m; None: that of the geometry
     angular_velocity: float | None = None  # rad/s of a cylinder about its axis, of a disk about its centre
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -44,6 +45,13 @@ class WallScene:
         self.line = line
         self.slips = line is not None or bool(np.any(geometry.slip_length > 0.0))
         self.dummy_normal = self._normals(dummies) if self.slips else None
+
+    def moving_at(self, wall_velocity: np.ndarray) -> WallScene:
+        """The same scene with its walls at other velocities, (n_walls, dim) m/s."""
+        other = copy.copy(self)
+        other.geometry = copy.copy(self.geometry)
+        other.geometry.wall_velocity = wall_velocity
+        return other
 
     def configure(self, x: np.ndarray) -> tuple[Operators, Neighbourhood, Halo]:
         """Operators, all neighbours and periodic images of fluid positions x (n, dim)."""

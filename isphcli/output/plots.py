@@ -1,4 +1,4 @@
-"""Pictures of a run: a slice of the flow, the histories, a profile beside its reference.
+"""Pictures of a run: a slice of the flow, where two fluids are, the histories.
 
 matplotlib is imported when the first picture is drawn, and only its Agg canvas: no display, no pyplot, no
 global state.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,90 +34,84 @@ _SIGMA, _CUTOFF, _FILLED = 0.5, 1.25, 0.42
 MOST_ASKED = 100_000  # points of a plane whose distance from walls is asked of the geometry: a second or two
 
 
-def plot_slice(
-    path: str | os.PathLike,
-    x: np.ndarray,
-    velocity: np.ndarray,
-    distance: np.ndarray | None,
-    dim: int,
-    spacing: float,
-    title: str = "",
-    plane: tuple[int, float] | None = None,
-    *,
-    flow_axis: int | None = None,
-    lower: Sequence[float] | np.ndarray | None = None,
-    upper: Sequence[float] | np.ndarray | None = None,
-    permeability: float | None = None,
-    phase: np.ndarray | None = None,
-    periodic: Sequence[bool] | None = None,
-    units: tuple[str, str] = ("m", "m/s"),
-    wall_distance: Callable[[np.ndarray], np.ndarray] | None = None,
-) -> None:
+@dataclass(frozen=True)
+class Frame:
+    """The scene that a picture is of.
+
+    dim: 2 or 3; spacing: of the particles; lower, upper: (dim,) box; without them that of the particles; periodic: of
+    each axis; wall_distance: of points (m, dim), signed, m: solids are drawn where they are, without it where no
+    particle is; flow_axis: without it that of the largest mean component; plane: (normal axis, position), without it
+    the mid-plane with more fluid in it of the two, moved to the nearest particles; units: of length and velocity;
+    ("m", "m/s") are written with the prefix that fits, others, such as ("", ""), as they are.
+    """
+
+    dim: int
+    spacing: float
+    title: str = ""
+    lower: Sequence[float] | np.ndarray | None = None
+    upper: Sequence[float] | np.ndarray | None = None
+    periodic: Sequence[bool] | None = None
+    wall_distance: Callable[[np.ndarray], np.ndarray] | None = None
+    flow_axis: int | None = None
+    plane: tuple[int, float] | None = None
+    units: tuple[str, str] = ("m", "m/s")
+
+    def box(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper corner (dim,); x: (n, dim) particles."""
+        return (x.min(axis=0) - self.spacing / 2 if self.lower is None else np.asarray(self.lower, dtype=float),
+                x.max(axis=0) + self.spacing / 2 if self.upper is None else np.asarray(self.upper, dtype=float))
+
+
+def plot_slice(path: str | os.PathLike, x: np.ndarray, velocity: np.ndarray, frame: Frame, *,
+               distance: np.ndarray | None = None, permeability: float | None = None,
+               phase: np.ndarray | None = None) -> None:
     """Draw the velocity magnitude: of a 2D scene the whole, of a 3D one a plane that holds the flow axis.
 
     x: (n, dim); velocity: (n, dim). distance: (n,) signed wall distance or None; particles with a negative
-    one, in solids, are not drawn, and +inf everywhere says that there are no solids. spacing: of the
-    particles. plane: (normal axis, position), otherwise the mid-plane with more fluid in it of the two,
-    moved to the nearest particles. flow_axis: otherwise the largest mean component. lower, upper: (dim,)
-    box; otherwise that of the particles. permeability: m2, for the second line. phase: (n,) draws the
-    interfaces. units: of length and velocity; ("m", "m/s") are written with the prefix that fits, others,
-    such as ("", ""), as they are. wall_distance: of points (m, dim), signed, m: solids are then drawn where they are,
-    without it where no particle is.
+    one, in solids, are not drawn, and +inf everywhere says that there are no solids. permeability: m2, for the second
+    line. phase: (n,) draws the interfaces.
     Raises ValueError if there is nothing to draw or a value is not finite.
     """
     x, speed, flow, phase = _drawable(x, velocity, distance, phase)
-    low = x.min(axis=0) - spacing / 2 if lower is None else np.asarray(lower, dtype=float)
-    high = x.max(axis=0) + spacing / 2 if upper is None else np.asarray(upper, dtype=float)
-    axis = int(np.argmax(np.abs(flow))) if flow_axis is None else flow_axis
-    across, normal, position = _choose_plane(x, dim, axis, low, high, spacing, plane)
+    dim, spacing, (low, high) = frame.dim, frame.spacing, frame.box(x)
+    axis = int(np.argmax(np.abs(flow))) if frame.flow_axis is None else frame.flow_axis
+    across, normal, position = _choose_plane(x, dim, axis, low, high, spacing, frame.plane)
     shown = (axis, across) if normal is not None or axis == 0 else (0, 1)
 
     offset = np.zeros(len(x)) if normal is None else x[:, normal] - position
     near = np.abs(offset) < _CUTOFF * spacing
     box = low[list(shown)], high[list(shown)]
-    wrap = _pair(periodic, shown)
+    wrap = _pair(frame.periodic, shown)
     values = {"speed": speed[near]} | ({} if phase is None else {"phase": phase[near].astype(float)})
     filled, images = _splat(x[near][:, list(shown)], offset[near], spacing, *box, values, wrap)
     if distance is not None and np.isposinf(distance).all():
         filled[:] = 1.0  # no walls: gaps between particles are not solids
-    elif wall_distance is not None:
-        filled = _fill_by_distance(filled.shape, box, (dim, shown, normal, position), wall_distance, spacing)
+    elif frame.wall_distance is not None:
+        filled = _fill_by_distance(filled.shape, box, (dim, shown, normal, position), frame.wall_distance, spacing)
     if not (filled > _FILLED).any():
         raise ValueError(f"{path}: no fluid in the plane {'xyz'[normal or 0]} = {position:.4g}")
 
-    factor, unit = _prefix(units[0], float(np.max(box[1] - box[0])))
+    factor, unit = _prefix(frame.units[0], float(np.max(box[1] - box[0])))
     extent = [factor * v for v in (box[0][0], box[1][0], box[0][1], box[1][1])]
     aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
     width, height = (6.4, 6.4 * aspect) if aspect <= 1.3 else (8.0 / aspect, 8.0)
     figure, ((axes,),) = _figure(width + 1.7, height + 1.15)
     if "phase" in images:
         _draw_interfaces(axes, _smooth(images["phase"], filled, wrap), extent, "white")
-    picture, unit_speed = _draw_speed(axes, images["speed"], filled, extent, units[1])
+    picture, unit_speed = _draw_speed(axes, images["speed"], filled, extent, frame.units[1])
     _colour_bar(figure, axes, picture, unit_speed)
     axes.set_xlabel("xyz"[shown[0]] + (f"  ({unit})" if unit else ""))
     axes.set_ylabel("xyz"[shown[1]] + (f"  ({unit})" if unit else ""))
     where = "" if normal is None else f"plane {'xyz'[normal]} = {factor * position:.4g} {unit}".rstrip()
-    _headline(axes, title, "    ".join(part for part in (_permeability(permeability), where) if part))
+    _headline(axes, frame.title, "    ".join(part for part in (_permeability(permeability), where) if part))
     if shown[0] == axis and abs(flow[axis]) > 0.05 * speed.mean() and speed.max() > 0:
         arrow = "flow →" if flow[axis] > 0 else "← flow"
         axes.annotate(arrow, (1, 1.015), xycoords="axes fraction", ha="right", va="bottom", color="#6b6b6b")
     _save(figure, path)
 
 
-def plot_phases(
-    path: str | os.PathLike,
-    x: np.ndarray,
-    phase: np.ndarray,
-    names: Sequence[str],
-    dim: int,
-    spacing: float,
-    title: str = "",
-    lower: Sequence[float] | np.ndarray | None = None,
-    upper: Sequence[float] | np.ndarray | None = None,
-    walls: bool = True,
-    periodic: Sequence[bool] | None = None,
-    wall_distance: Callable[[np.ndarray], np.ndarray] | None = None,
-) -> None:
+def plot_phases(path: str | os.PathLike, x: np.ndarray, phase: np.ndarray, names: Sequence[str], frame: Frame,
+                walls: bool = True) -> None:
     """Draw where each of two fluids is and the interface: of a 3D scene the middle slice, normal to its shortest side.
 
     x: (n, dim); phase: (n,) 0 and 1; names: of the fluids; walls: whether what has no particles is solid.
@@ -124,8 +119,7 @@ def plot_phases(
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 
-    low = x.min(axis=0) - spacing / 2 if lower is None else np.asarray(lower, dtype=float)
-    high = x.max(axis=0) + spacing / 2 if upper is None else np.asarray(upper, dtype=float)
+    dim, spacing, (low, high) = frame.dim, frame.spacing, frame.box(x)
     normal = None if dim == 2 else int(np.argmin(high - low))
     a, b = (axis for axis in range(dim) if axis != normal)
     middle = 0.0 if normal is None else (low[normal] + high[normal]) / 2
@@ -134,13 +128,13 @@ def plot_phases(
     if not near.any():
         raise ValueError(f"{path}: no fluid in the plane {'xyz'[normal or 0]} = {middle:.4g}")
     box = low[[a, b]], high[[a, b]]
-    wrap = _pair(periodic, (a, b))
+    wrap = _pair(frame.periodic, (a, b))
     values = {"phase": phase[near].astype(float)}
     filled, images = _splat(x[near][:, [a, b]], offset[near], spacing, *box, values, wrap)
     if not walls:
         filled[:] = 1.0
-    elif wall_distance is not None:
-        filled = _fill_by_distance(filled.shape, box, (dim, (a, b), normal, middle), wall_distance, spacing)
+    elif frame.wall_distance is not None:
+        filled = _fill_by_distance(filled.shape, box, (dim, (a, b), normal, middle), frame.wall_distance, spacing)
     factor, unit = _prefix("m", float(np.max(box[1] - box[0])))
     extent = [factor * v for v in (box[0][0], box[1][0], box[0][1], box[1][1])]
     aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
@@ -155,7 +149,7 @@ def plot_phases(
     axes.set_xlabel("xyz"[a] + f"  ({unit})")
     axes.set_ylabel("xyz"[b] + f"  ({unit})")
     where = "" if normal is None else f"plane {'xyz'[normal]} = {factor * middle:.4g} {unit}"
-    _headline(axes, title, where)
+    _headline(axes, frame.title, where)
     patches = [Patch(color=colour, label=name) for colour, name in zip(PHASES, names)]
     axes.legend(handles=patches, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     for text in axes.get_legend().get_texts():
@@ -219,42 +213,6 @@ def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], t
         axes.set_visible(False)
     if title:
         figure.suptitle(title, fontweight="bold", color=INK).set_parse_math(False)
-    _save(figure, path)
-
-
-def plot_profile(
-    path: str | os.PathLike,
-    coordinate: np.ndarray,
-    values: np.ndarray,
-    reference_coordinate: np.ndarray | None = None,
-    reference: np.ndarray | None = None,
-    *,
-    coordinate_label: str = "position (m)",
-    value_label: str = "velocity (m/s)",
-    title: str = "",
-    note: str = "",
-    reference_label: str = "reference",
-) -> None:
-    """Draw a profile as points and its reference as a line (as crosses if it has fewer than 30 points).
-
-    coordinate, values: (n,); reference_coordinate, reference: (m,) or None. note: a second line under the
-    title, such as "relative L2 error 1.2e-3".
-    """
-    if not (np.isfinite(coordinate).all() and np.isfinite(values).all()):
-        raise ValueError(f"{path}: the profile has values that are not finite")
-    figure, ((axes,),) = _figure(6.4, 4.4)
-    many = len(coordinate) > 400
-    axes.plot(coordinate, values, ".", ms=2 if many else 6, color=COLOURS[0], label="isphcli", alpha=0.8)
-    if reference_coordinate is not None and reference is not None:
-        order = np.argsort(reference_coordinate)
-        style = "-" if len(order) >= 30 else "x"
-        line = np.asarray(reference_coordinate)[order], np.asarray(reference)[order]
-        axes.plot(*line, style, color=COLOURS[1], lw=1.6, ms=7, mew=1.6, label=reference_label, zorder=3)
-        axes.legend(frameon=False)
-    axes.set_xlabel(coordinate_label)
-    axes.set_ylabel(value_label)
-    axes.grid(color="#e6e6e6", lw=0.6)
-    _headline(axes, title, note)
     _save(figure, path)
 
 

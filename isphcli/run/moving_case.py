@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from ..case.forcing import walls_move
 from ..output import folder, progress, restart
-from ..output.files import History, read_history
+from ..output.files import History, Series, read_history
 from ..references.result import Result
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
@@ -20,18 +21,18 @@ from .permeability import darcy
 from .results import (
     Look,
     Seen,
-    _absent_fluids,
-    _added_viscosity,
-    _counts,
-    _finish,
-    _mean_max,
-    _scene_entries,
-    _series,
-    _snapshot,
-    _stopped_short,
-    _terms,
-    _terms_of_two,
-    _write_case,
+    absent_fluids,
+    added_viscosity,
+    counts_of,
+    finish,
+    mean_max,
+    scene_entries,
+    series_of,
+    snapshot_of,
+    stopped_short,
+    terms_of,
+    terms_of_two,
+    write_case,
 )
 from .time_loop import TimeLoop
 
@@ -44,12 +45,80 @@ if TYPE_CHECKING:
     from ..output.clock import Clock
     from ..two_phase.measures import Measures
 
+Summary = dict[str, Any]
 
-def run_moving(case: Case, clock: Clock, quiet: bool, resume: str | Path | None, look: Look | None) -> dict[str, Any]:
+
+@dataclass
+class MovingRun:
+    """A run of moving particles: its scene, its loop, and where its files go.
+
+    measures: of two fluids, else None; seen: what was said of the scene before; record: of the case, with what restarts
+    have changed (output.restart); since, last_step: time and step that a run goes on from whose files are in the same
+    directory, else None; history: a dict a step.
+    """
+
+    case: Case
+    directory: Path
+    clock: Clock
+    quiet: bool
+    geometry: Geometry
+    particles: Particles
+    stepper: Stepper
+    march: TimeLoop
+    measures: Measures | None
+    seen: Seen
+    record: dict[str, Any]
+    since: float | None = None
+    last_step: int | None = None
+    series: Series | None = None
+    history: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def restart_file(self) -> Path:
+        """What a run that stops goes on from."""
+        return self.directory / restart.NAME
+
+    @property
+    def pressure_unit(self) -> float:
+        """What the pressures of a state are multiplied with, kg/m3."""
+        return self.stepper.fluids.reference
+
+    def snapshot(self, state: State, config: Configuration) -> None:
+        """Writes a snapshot, if there are any."""
+        if self.series is not None:
+            with self.clock("output"):
+                fields = snapshot_of(self.case, self.geometry, self.particles, state.x, state.u,
+                                     state.p * self.pressure_unit, config.ops.total_divergence(state.u))
+                self.series.write(state.step, state.time, *fields)
+
+    def save(self, file: History) -> None:
+        """Writes the restart file of the last step of which all is told."""
+        if self.march.last is not None:
+            file.sync()  # a restart finds every row and every snapshot up to its step
+            restart.save(self.restart_file, self.march.last, self.record)
+
+
+def run_moving(case: Case, clock: Clock, quiet: bool, resume: str | Path | None, look: Look | None) -> Summary:
     """Runs a case of moving particles, leaves its files and returns the summary; see `run.run_case`."""
-    from ..flow.step_limits import RunError
-    from ..output.worst import NAME, write_worst
+    run, state, config = _prepared(case, clock, quiet, resume, look)
+    if run.last_step is None:
+        run.snapshot(state, config)
+    try:
+        state, config = _march(run, state, config)
+    except BaseException as stop:
+        stop.restart = run.restart_file if run.restart_file.exists() else None  # type: ignore[attr-defined]  # for `cli`
+        _leave_worst(run, stop)
+        raise
+    try:
+        return _finish_march(run, state, config)
+    except KeyboardInterrupt as stop:
+        stop.restart = run.restart_file  # type: ignore[attr-defined]  # for `cli`
+        raise
 
+
+def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
+              look: Look | None) -> tuple[MovingRun, State, Configuration]:
+    """The run, its first state, that of a restart file where it goes on, and the configuration of that."""
     assert case.time is not None and case.output.directory is not None
     with clock("geometry"), progress.stage("geometry", quiet):
         geometry = build_geometry(case)
@@ -64,83 +133,73 @@ def run_moving(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         from ..scene.choose_measures import choose_measures
 
         march.measure = measures = choose_measures(case, geometry, particles, stepper.fluids)
-    since, last_step, record = None, None, restart.record_of(case)
+    run = MovingRun(case, case.output.directory, clock, quiet, geometry, particles, stepper, march, measures, seen,
+                    restart.record_of(case))
+    saved = None
     if resume is not None:
-        saved = restart.load(Path(resume) / restart.NAME, state, record)
+        saved = restart.load(Path(resume) / restart.NAME, state, run.record)
         state = saved.state
         march.take_up(saved)
-        record = _gone_on(case, Path(resume) / restart.NAME, saved, record, quiet)
+        run.record = _gone_on(case, Path(resume) / restart.NAME, saved, run.record, quiet)
         if Path(resume).resolve() == case.output.directory.resolve():  # elsewhere its files begin anew
-            since, last_step = state.time, state.step
+            run.since, run.last_step = state.time, state.step
     with progress.stage("neighbours and operators", quiet):
-        config = stepper.configure(state.x)
-        if resume is not None:
+        config = stepper.configure(state.x, state.time)
+        if saved is not None:
             stepper.rebuild_hierarchies(saved.origins)
-    directory = folder.prepare(case.output.directory)
-    _write_case(directory, case, record["changes"])
-    series = _series(case, directory, since)
-    history: list[dict[str, Any]] = []
-    restart_file = directory / restart.NAME
+    run.directory = folder.prepare(case.output.directory)
+    write_case(run.directory, case, run.record["changes"])
+    run.series = series_of(case, run.directory, run.since)
+    return run, state, config
 
-    def snapshot(state: State, config: Configuration) -> None:
-        if series is not None:
-            with clock("output"):
-                fields = _snapshot(case, geometry, particles, state.x, state.u, state.p * stepper.fluids.reference,
-                                   config.ops.total_divergence(state.u))
-                series.write(state.step, state.time, *fields)
 
-    if last_step is None:
-        snapshot(state, config)
-    try:
-        with History(directory / "history.csv", last_step) as file, progress.Progress(
-            case.time.end, case.time.max_steps if case.time.end is None else None, case.title, quiet
-        ) as bar:
-            if file.rows:
-                history = read_history(directory / "history.csv")
-                if measures is not None:
-                    measures.resume(history[-1])
+def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, Configuration]:
+    """The time loop with its files; (state, config) at the end."""
+    case, march = run.case, run.march
+    assert case.time is not None
+    with History(run.directory / "history.csv", run.last_step) as file, progress.Progress(
+        case.time.end, case.time.max_steps if case.time.end is None else None, case.title, run.quiet
+    ) as bar:
+        if file.rows:
+            run.history = read_history(run.directory / "history.csv")
+            if run.measures is not None:
+                run.measures.resume(run.history[-1])
 
-            def row(values: dict[str, Any]) -> None:
-                history.append(values)
-                file.append(values)
+        def row(values: dict[str, Any]) -> None:
+            run.history.append(values)
+            file.append(values)
 
-            def save() -> None:
-                if march.last is not None:
-                    file.sync()  # a restart finds every row and every snapshot up to its step
-                    restart.save(restart_file, march.last, record)
+        def show(found: StepResult, limit: str) -> None:
+            state = found.state
+            if case.output.restart_every and state.step % case.output.restart_every == 0:
+                with run.clock("output"):
+                    run.save(file)
+            reports = found.reports
+            bar.update(state.step, state.time, found.dt, limit, {k: r.iterations for k, r in reports.items()},
+                       {k: r.residual for k, r in reports.items()} | {"divergence": found.max_divergence}
+                       | ({"change": march.steady.distance} if march.steady is not None else {}))
 
-            def show(found: StepResult, limit: str) -> None:
-                state = found.state
-                if case.output.restart_every and state.step % case.output.restart_every == 0:
-                    with clock("output"):
-                        save()
-                reports = found.reports
-                bar.update(state.step, state.time, found.dt, limit, {k: r.iterations for k, r in reports.items()},
-                           {k: r.residual for k, r in reports.items()} | {"divergence": found.max_divergence}
-                           | ({"change": march.steady.distance} if march.steady is not None else {}))
+        try:
+            state, config = march.run(state, config, run.snapshot, row, show)
+            series = run.series
+            if series is None or not series.entries or series.entries[-1][0] < state.time:
+                run.snapshot(state, config)
+        finally:
+            with run.clock("output"):
+                run.save(file)
+    return state, config
 
-            try:
-                state, config = march.run(state, config, snapshot, row, show)
-                if series is None or not series.entries or series.entries[-1][0] < state.time:
-                    snapshot(state, config)
-            finally:
-                with clock("output"):
-                    save()
-    except BaseException as stop:
-        stop.restart = restart_file if restart_file.exists() else None  # type: ignore[attr-defined]  # for `cli`
-        if isinstance(stop, RunError):
-            with suppress(OSError):
-                assert march.last is not None
-                last = march.last.state
-                stop.worst = write_worst(directory / NAME, last.x, stop.violation, velocity=last.u,
-                                                 pressure=last.p)
-        raise
-    try:
-        return _finish_march(case, directory, clock, geometry, particles, march, stepper, state, config, history,
-                             measures, seen, record)
-    except KeyboardInterrupt as stop:
-        stop.restart = restart_file  # type: ignore[attr-defined]  # for `cli`
-        raise
+
+def _leave_worst(run: MovingRun, stop: BaseException) -> None:
+    """Writes the worst particles of a step that failed."""
+    from ..flow.step_limits import RunError
+    from ..output.worst import NAME, write_worst
+
+    if isinstance(stop, RunError):
+        with suppress(OSError):
+            assert run.march.last is not None
+            last = run.march.last.state
+            stop.worst = write_worst(run.directory / NAME, last.x, stop.violation, velocity=last.u, pressure=last.p)
 
 
 def _gone_on(case: Case, path: Path, saved: restart.Saved, record: dict[str, Any], quiet: bool) -> dict[str, Any]:
@@ -159,78 +218,104 @@ def _gone_on(case: Case, path: Path, saved: restart.Saved, record: dict[str, Any
     return record
 
 
-def _finish_march(case: Case, directory: Path, clock: Clock, geometry: Geometry, particles: Particles, march: TimeLoop,
-                  stepper: Stepper, state: State, config: Configuration, history: list[dict[str, Any]],
-                  measures: Measures | None, seen: Seen, record: dict[str, Any]) -> dict[str, Any]:
-    force = stepper.fluids.force
-    two = measures is not None
-    gravity = float(np.linalg.norm(force))
-    axis = int(np.argmax(np.abs(force))) if gravity > 0.0 else None
+def _drive_at_the_end(run: MovingRun, state: State) -> tuple[int | None, np.ndarray]:
+    """(axis or None, acceleration (dim,), m/s2) of what drives a flow; of a velocity that is held, its steady value."""
+    stepper = run.stepper
+    force = stepper.fluids_at(state.time).force
+    axis = int(np.argmax(np.abs(force)))
     if stepper.held_velocity is not None:
         assert state.pressure_gradient is not None
-        force = force[stepper.held_velocity.axis] + state.pressure_gradient * march.settled(state)
-        force = force * stepper.fluids.held
-        gravity = float(np.linalg.norm(force))
-        axis = stepper.held_velocity.axis if gravity > 0.0 else None
-    superficial, mean, along = darcy(geometry, state.x, state.u, particles.site_volume, axis, force,
+        axis = stepper.held_velocity.axis
+        held = force[axis] + state.pressure_gradient * run.march.settled(state)
+        force = held * stepper.fluids.held
+    return (axis if float(np.linalg.norm(force)) > 0.0 else None), force
+
+
+def _flow_entries(run: MovingRun, state: State) -> Summary:
+    """Entries of the summary on the flow at the end: velocities, and a permeability where a steady flow has one."""
+    stepper, march, two = run.stepper, run.march, run.measures is not None
+    axis, force = _drive_at_the_end(run, state)
+    superficial, mean, along = darcy(run.geometry, state.x, state.u, run.particles.site_volume, axis, force,
                                      stepper.fluids.nu_max)
-    resisted = geometry.has_solid and not two and not walls_move(case)
+    resisted = run.geometry.has_solid and not two and not walls_move(run.case)
     permeability = error = None
     if axis is not None and resisted and march.outcome == "steady":
         assert along is not None and march.steady is not None and march.steady.distance is not None
         permeability = float(along[axis]) * (march.settled(state) if stepper.held_velocity is None else 1.0)
         error = abs(permeability) * march.steady.distance
-    result = Result(
-        x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * stepper.fluids.reference,
-        time=state.time, spacing=case.particles.spacing,
-        phase=particles.phase, permeability=permeability, geometry=geometry, history=history,
-    )
-    free = axis is not None and not geometry.has_solid and not two
-    messages = [_stopped_short(case, march, state, directory), _absent_fluids(case, particles),
-                _added_viscosity(stepper.fluids), "no permeability: no wall resists the flow" if free else None,
-                *(f"changed by a restart from {line}" for line in restart.sentences(record, of_flow=True))]
-    summary = {
-        "status": march.outcome,
+    free = axis is not None and not run.geometry.has_solid and not two
+    messages = [stopped_short(run.case, march, state, run.directory), absent_fluids(run.case, run.particles),
+                added_viscosity(stepper.fluids), "no permeability: no wall resists the flow" if free else None,
+                *(f"changed by a restart from {line}" for line in restart.sentences(run.record, of_flow=True))]
+    return {
         "message": "; ".join(filter(None, messages)) or None,
-        "restarts": record["changes"],
-        "warnings": seen.warnings,
-        "particles": _counts(particles, config.halo),
-        **_scene_entries(case, geometry, particles, seen),
-        "terms": _terms(case, geometry, gravity > 0.0) + (_terms_of_two(stepper.fluids) if two else []),
-        "steps": state.step,
-        "time": state.time,
+        "terms": terms_of(run.case, run.geometry, axis is not None) + (terms_of_two(stepper.fluids) if two else []),
         "permeability": permeability,
         "permeability_error": error,
         "superficial_velocity": superficial,
         "mean_velocity": mean,
         "pressure_drop": stepper.held_velocity.drop(state) if stepper.held_velocity is not None else None,
+    }
+
+
+def _finish_march(run: MovingRun, state: State, config: Configuration) -> Summary:
+    """The summary of a run that has ended, its pictures, and its errors against the reference."""
+    case, history = run.case, run.history
+    flow = _flow_entries(run, state)
+    result = Result(
+        x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * run.pressure_unit,
+        time=state.time, spacing=case.particles.spacing, phase=run.particles.phase, permeability=flow["permeability"],
+        geometry=run.geometry, history=history,
+    )
+    summary: Summary = {
+        "status": run.march.outcome,
+        "message": flow.pop("message"),
+        "restarts": run.record["changes"],
+        "warnings": run.seen.warnings,
+        "particles": counts_of(run.particles, config.halo),
+        **scene_entries(case, run.geometry, run.particles, run.seen),
+        "terms": flow.pop("terms"),
+        "steps": state.step,
+        "time": state.time,
+        **flow,
         "mass_error": 0.0,  # particles are neither made nor lost
         "max_divergence": max((r["divergence"] for r in history), default=0.0),
         "iterations": {
-            name: _mean_max([r[f"iterations_{name}"] for r in history]) for name in ("velocity", "pressure")
+            name: mean_max([r[f"iterations_{name}"] for r in history]) for name in ("velocity", "pressure")
         },
     }
-    if measures is not None:
-        from ..two_phase.measures import broke_up
-        from ..two_phase.measures import summary as summary_of_two
-
-        moved = gravity > 0.0 or walls_move(case) or bool(case.initial and case.initial.velocity)
-        summary["two_fluids"] = summary_of_two(measures, state, config, history, moved)
-        broken = None if moved else broke_up(measures.names, history, summary["two_fluids"])
-        if broken:
-            summary.setdefault("warnings", []).append(broken)
+    if run.measures is not None:
+        _add_two_fluids(run, run.measures, summary, state, config)
     if case.output.plots:
-        from ..output.plots import plot_histories, plot_phases, plot_slice
+        with run.clock("output"):
+            _pictures(run, state, flow["permeability"])
+    return finish(case, run.directory, summary, result, run.clock)
 
-        with clock("output"):
-            plot_slice(directory / "slice.png", state.x, state.u, None, geometry.dim, case.particles.spacing,
-                       case.title, lower=geometry.lower, upper=geometry.upper, permeability=permeability,
-                       phase=particles.phase if two else None, periodic=geometry.periodic,
-                       wall_distance=geometry.distance if geometry.has_solid else None)
-            if two:
-                plot_phases(directory / "phases.png", state.x, particles.phase, case.fluid_names, geometry.dim,
-                            case.particles.spacing, case.title, geometry.lower, geometry.upper, geometry.has_solid,
-                            periodic=geometry.periodic,
-                            wall_distance=geometry.distance if geometry.has_solid else None)
-            plot_histories(directory / "histories.png", history, case.title)
-    return _finish(case, directory, summary, result, clock)
+
+def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state: State, config: Configuration) -> None:
+    """Adds to the summary what is measured of two fluids."""
+    from ..two_phase.measures import broke_up
+    from ..two_phase.measures import summary as summary_of_two
+
+    case = run.case
+    driven = _drive_at_the_end(run, state)[0] is not None
+    moved = driven or walls_move(case) or bool(case.initial and case.initial.velocity)
+    summary["two_fluids"] = summary_of_two(measures, state, config, run.history, moved)
+    broken = None if moved else broke_up(measures.names, run.history, summary["two_fluids"])
+    if broken:
+        summary.setdefault("warnings", []).append(broken)
+
+
+def _pictures(run: MovingRun, state: State, permeability: float | None) -> None:
+    """A slice of the flow, the fluids where there are two, the histories."""
+    from ..output.plots import Frame, plot_histories, plot_phases, plot_slice
+
+    case, geometry, two = run.case, run.geometry, run.measures is not None
+    phase = run.particles.phase
+    frame = Frame(geometry.dim, case.particles.spacing, case.title, geometry.lower, geometry.upper, geometry.periodic,
+                  geometry.distance if geometry.has_solid else None)
+    plot_slice(run.directory / "slice.png", state.x, state.u, frame, permeability=permeability,
+               phase=phase if two else None)
+    if two:
+        plot_phases(run.directory / "phases.png", state.x, phase, case.fluid_names, frame, walls=geometry.has_solid)
+    plot_histories(run.directory / "histories.png", run.history, case.title)

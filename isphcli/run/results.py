@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import COMPLETE
 from ..case.blocks import Case
-from ..case.forcing import held_axis
+from ..case.forcing import body_force, changes, held_axis
 from ..case.load import dump_case
 from ..geometry.protocol import Geometry, sample_box
 from ..output import restart
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from .time_loop import TimeLoop
 
 
-def _files(case: Case) -> list[str]:
+def files_of(case: Case) -> list[str]:
     """Patterns of all files that a run of the case may write, relative to its directory."""
     moving = case.flow != "stokes"
     names = ["case.yaml", "history.csv", "summary.json", "worst.vtu", *[restart.NAME] * moving]
@@ -39,7 +39,7 @@ def _files(case: Case) -> list[str]:
     return names
 
 
-def _write_case(directory: Path, case: Case, changes: Sequence[Mapping[str, Any]]) -> None:
+def write_case(directory: Path, case: Case, changes: Sequence[Mapping[str, Any]]) -> None:
     """case.yaml: the effective case, behind the values that restarts have changed."""
     lines = restart.sentences({"changes": changes})
     head = ["# Changed by restarts, from the step on that is named (docs/output.md):", *(f"# {line}" for line in lines)]
@@ -63,7 +63,7 @@ class Seen:
 Look = Callable[[Case, Geometry, Clock, bool], Seen]  # preflight.look.look; the last is whether it is quiet
 
 
-def _scene_entries(case: Case, geometry: Geometry, particles: Particles, seen: Seen) -> dict[str, Any]:
+def scene_entries(case: Case, geometry: Geometry, particles: Particles, seen: Seen) -> dict[str, Any]:
     """Entries of the summary on the scene that was run."""
     image = None
     if case.geometry.voxels is not None:
@@ -76,7 +76,7 @@ def _scene_entries(case: Case, geometry: Geometry, particles: Particles, seen: S
             "open_axes": seen.open_axes if geometry.has_solid else None, "throats": seen.throats}
 
 
-def _stopped_short(case: Case, march: TimeLoop, state: State, directory: Path) -> str | None:
+def stopped_short(case: Case, march: TimeLoop, state: State, directory: Path) -> str | None:
     """A sentence on a run that ended before it had what was asked for; None where it had."""
     if march.outcome in COMPLETE:
         return None
@@ -90,7 +90,7 @@ def _stopped_short(case: Case, march: TimeLoop, state: State, directory: Path) -
     return f"{what}; {cause}. Go on with: isph run --restart {shlex.quote(str(directory))} --set {key}=..."
 
 
-def _finish(case: Case, directory: Path, summary: dict[str, Any], result: Result, clock: Clock) -> dict[str, Any]:
+def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result, clock: Clock) -> dict[str, Any]:
     """Errors against the reference, the effective case and summary.json, which is left too where there is nothing to
     compare: CompareError comes after it."""
     errors = incomparable = None
@@ -106,7 +106,7 @@ def _finish(case: Case, directory: Path, summary: dict[str, Any], result: Result
     import numba
 
     effective = replace(case, output=replace(case.output, directory=directory))
-    _write_case(directory, effective, summary.get("restarts", ()))
+    write_case(directory, effective, summary.get("restarts", ()))
     summary = {
         "title": case.title,
         **{k: summary[k] for k in ("status", "message", "warnings")},
@@ -127,11 +127,11 @@ def _finish(case: Case, directory: Path, summary: dict[str, Any], result: Result
     return summary
 
 
-def _series(case: Case, directory: Path, resume_time: float | None = None) -> Series | None:
+def series_of(case: Case, directory: Path, resume_time: float | None = None) -> Series | None:
     return Series(directory, resume_time=resume_time) if case.output.snapshots else None
 
 
-def _snapshot(case: Case, geometry: Geometry, particles: Particles, x: np.ndarray, velocity: np.ndarray,
+def snapshot_of(case: Case, geometry: Geometry, particles: Particles, x: np.ndarray, velocity: np.ndarray,
               pressure: np.ndarray, divergence: np.ndarray | None = None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """(positions, fields) of a snapshot, dummies behind the fluid where they are asked for."""
     known = {"velocity": velocity, "pressure": pressure, "phase": particles.phase.astype(np.int32)}
@@ -152,7 +152,7 @@ def _snapshot(case: Case, geometry: Geometry, particles: Particles, x: np.ndarra
     return np.concatenate([x, dummies]), joined
 
 
-def _counts(particles: Particles, halo: int) -> dict[str, int]:
+def counts_of(particles: Particles, halo: int) -> dict[str, int]:
     return {"fluid": particles.n_fluid, "dummy": particles.n_dummy, "halo": halo, "left_out": particles.left_out}
 
 
@@ -164,12 +164,14 @@ def _porosity(geometry: Geometry, particles: Particles) -> float:
     return inside * particles.site_volume / float(np.prod(upper - lower))
 
 
-def _terms(case: Case, geometry: Geometry, driven: bool) -> list[str]:
+def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:
     terms = ["viscosity", "pressure"]
     if held_axis(case) is not None:
         terms.append("held velocity")
-    if driven and (held_axis(case) is None or (case.drive is not None and case.drive.body_force)):
+    if driven and (held_axis(case) is None or body_force(case, geometry.dim).any()):
         terms.append("body force")
+    if changes(case):
+        terms.append("drive that changes with time")
     if geometry.has_solid:
         terms.append("walls")
         if np.any(geometry.wall_speed):
@@ -185,7 +187,7 @@ def _terms(case: Case, geometry: Geometry, driven: bool) -> list[str]:
     return terms
 
 
-def _terms_of_two(fluids: Fluids) -> list[str]:
+def terms_of_two(fluids: Fluids) -> list[str]:
     """Of a scene in which two fluids are present. fluids: TwoFluids, or OneFluid where only their names differ."""
     from ..two_phase.two_fluids import TwoFluids
 
@@ -207,18 +209,18 @@ def _terms_of_two(fluids: Fluids) -> list[str]:
     return terms
 
 
-def _added_viscosity(fluids: Fluids) -> str | None:
+def added_viscosity(fluids: Fluids) -> str | None:
     """A sentence on what an interface that hardly damps gets; None where nothing is added."""
     added = fluids.added_viscosity
     return (f"{added:.2g} Pa s are added to the viscosity at the interface, whose roughness its own would not hold at "
             "this spacing (docs/method.md 12)") if added else None
 
 
-def _absent_fluids(case: Case, particles: Particles) -> str | None:
+def absent_fluids(case: Case, particles: Particles) -> str | None:
     """A sentence on the fluids that the case names and the scene does not have; None where all are there."""
     absent = [name for k, name in enumerate(case.fluid_names) if not np.any(particles.phase == k)]
     return f"no particle is of the fluid {' or '.join(absent)}: run as a single fluid" if absent else None
 
 
-def _mean_max(counts: Sequence[int]) -> dict[str, float]:
+def mean_max(counts: Sequence[int]) -> dict[str, float]:
     return {"mean": float(np.mean(counts)), "max": int(max(counts))} if counts else {"mean": 0.0, "max": 0}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..case.yaml import CaseError, Problem
 from ..output import folder, progress, restart
 from ..output.clock import Clock
-from .results import Look, _files
+from .results import Look, files_of
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -36,7 +36,7 @@ def run_case(case: Case, quiet: bool = False, resume: str | Path | None = None, 
                                      "run it without --restart"),))
         restart.require(Path(resume) / restart.NAME)
     goes_on = resume is not None and Path(resume).resolve() == directory.resolve()
-    with folder.Folder(directory, _files(case), str(case.path) if case.path else None, goes_on, overwrite):
+    with folder.Folder(directory, files_of(case), str(case.path) if case.path else None, goes_on, overwrite):
         return _run(case, quiet, resume, look)
 
 

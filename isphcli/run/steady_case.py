@@ -19,7 +19,7 @@ from ..scene.place import lattice_at
 from ..solvers.krylov import SolveError
 from . import steady
 from .permeability import extrapolate
-from .results import Look, Seen, _counts, _finish, _mean_max, _scene_entries, _series, _snapshot, _terms
+from .results import Look, Seen, counts_of, finish, mean_max, scene_entries, series_of, snapshot_of, terms_of
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -41,17 +41,17 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> dict
     assert case.output.directory is not None
     directory = folder.prepare(case.output.directory)
     with clock("output"), progress.stage("files and pictures", quiet):
-        series = _series(case, directory)
+        series = series_of(case, directory)
         if series is not None:
-            series.write(0, 0.0, *_snapshot(case, main.geometry, main.particles, result.x, main.velocity,
-                                            main.pressure))
+            series.write(0, 0.0, *snapshot_of(case, main.geometry, main.particles, result.x, main.velocity,
+                                              main.pressure))
         with History(directory / "history.csv") as file:
             for row in history:
                 file.append(row)
         if case.output.plots:
             known = result.permeability if isinstance(result.permeability, dict) else {}
             _pictures(case, directory, main, known.get("xyz"[main.axis or 0]))
-    return _finish(case, directory, summary, result, clock)
+    return finish(case, directory, summary, result, clock)
 
 
 def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Drives, Flows, Closed, Rows, Seen]:
@@ -181,9 +181,10 @@ def _sum_up(case: Case, axes: Drives, flows: Flows, closed: Closed, history: Row
         "status": "finished",
         "message": "; ".join(messages) or None,
         "warnings": seen.warnings,
-        "particles": _counts(main.particles, main.halo),
-        **_scene_entries(case, main.geometry, main.particles, seen),
-        "terms": _terms(case, main.geometry, _drive_of(axes)) + (["flux-balanced divergence"] if main.balanced else []),
+        "particles": counts_of(main.particles, main.halo),
+        **scene_entries(case, main.geometry, main.particles, seen),
+        "terms": terms_of(case, main.geometry, _drive_of(axes))
+                 + (["flux-balanced divergence"] if main.balanced else []),
         "steps": 0,
         "time": None,
         "permeability": single if single is not None else permeability or None,
@@ -194,7 +195,7 @@ def _sum_up(case: Case, axes: Drives, flows: Flows, closed: Closed, history: Row
         "mean_velocity": main.mean,
         "mass_error": max(flow.mass_error for flow in flows.values()),
         "max_divergence": max(flow.divergence for flow in flows.values()),
-        "iterations": {"stokes": _mean_max([r["iterations_stokes"] for r in history])},
+        "iterations": {"stokes": mean_max([r["iterations_stokes"] for r in history])},
         "components": main.components,
         "isolated_pockets": main.isolated_pockets,
     }
@@ -232,9 +233,9 @@ def _drive_of(axes: Drives) -> bool:
 
 
 def _pictures(case: Case, directory: Path, flow: steady.StokesResult, permeability: float | None) -> None:
-    from ..output.plots import plot_slice
+    from ..output.plots import Frame, plot_slice
 
-    x = flow.particles.x[: flow.particles.n_fluid]
-    plot_slice(directory / "slice.png", x, flow.velocity, None, flow.geometry.dim, flow.spacing, case.title,
-               flow_axis=flow.axis, lower=flow.geometry.lower, upper=flow.geometry.upper, permeability=permeability,
-               periodic=flow.geometry.periodic, wall_distance=flow.geometry.distance)
+    x, geometry = flow.particles.x[: flow.particles.n_fluid], flow.geometry
+    frame = Frame(geometry.dim, flow.spacing, case.title, geometry.lower, geometry.upper, geometry.periodic,
+                  geometry.distance, flow_axis=flow.axis)
+    plot_slice(directory / "slice.png", x, flow.velocity, frame, permeability=permeability)

@@ -28,10 +28,10 @@ FIRST_AT_WALLS, GROWTH_AT_WALLS = 1.0 / 64.0, 1.25
 
 def _free_direction(case: Case, stepper: Stepper) -> np.ndarray | None:
     """Unit vector (dim,) of the force along the axes that do not end at walls; None where there is no such force, or
-    walls move and drag the fluid along as well."""
+    walls move and drag the fluid along as well, or it changes with time."""
     force = stepper.fluids.force * np.array(stepper.geometry.periodic)
     size = np.linalg.norm(force)
-    return force / size if size > 0.0 and not walls_move(case) else None
+    return force / size if size > 0.0 and not walls_move(case) and stepper.timed_drive is None else None
 
 
 class TimeLoop:
@@ -65,7 +65,7 @@ class TimeLoop:
             if state.dt_old:
                 acceleration = np.sqrt(((state.u - state.u_old) ** 2).sum(axis=1).max()) / state.dt_old
             else:
-                acceleration = np.linalg.norm(stepper.fluids.force)
+                acceleration = np.linalg.norm(stepper.fluids_at(state.time).force)
                 speed = max(speed, stepper.held_velocity.speed if stepper.held_velocity is not None else 0.0)
             # u dt + a dt^2 / 2 = cfl dx
             reach = time.cfl * stepper.spacing
@@ -74,6 +74,9 @@ class TimeLoop:
                 found["cfl"] = 2.0 * reach / root
             if time.steady is None or not found:
                 found["viscous"] = VISCOUS * stepper.spacing**2 / stepper.fluids.nu_min
+            if stepper.timed_drive is not None:
+                left = np.inf if time.end is None else time.end - state.time
+                found["drive"] = stepper.timed_drive.limit(state.time, min(found.values()), left)
             if stepper.fluids.tension is not None:
                 found["capillary"] = time.capillary * stepper.fluids.tension.largest_step
         walls = stepper.geometry.has_solid

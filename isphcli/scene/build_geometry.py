@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..case.forcing import _flow_axis
+from ..case.forcing import flow_axis, sample_times, wall_velocities, walls_change
 from ..geometry.protocol import Geometry
 
 if TYPE_CHECKING:
@@ -26,13 +26,15 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
     scene = case.geometry
     names = tuple(case.fluids)
     faces = {("xyz".index(name[0]), int(name.endswith("max"))): wall for name, wall in scene.walls.items()}
+    moves_at = wall_velocities(case, case.dim or 3)
     walls: dict[str, Any] = dict(
         slip_length=scene.slip_length,
-        face_velocity={f: w.velocity for f, w in faces.items() if w.velocity is not None},
+        face_velocity={(axis, side): moves_at[1 + 2 * axis + side] for axis, side in faces
+                       if 1 + 2 * axis + side in moves_at},
         face_slip={f: w.slip_length for f, w in faces.items() if w.slip_length is not None},
     )
     if scene.voxels is not None:
-        return _image_geometry(case, _flow_axis(case) if axis is None else axis, walls)
+        return _image_geometry(case, flow_axis(case) if axis is None else axis, walls)
     from ..geometry.bodies import Shape, Spheres
     from ..geometry.shape_geometry import ShapeGeometry
     from .spheres import random_spheres
@@ -46,7 +48,7 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
     warnings: list[str] = []
     described: list[tuple[str, str]] = []
     period = np.where(periodic, upper - lower, np.inf)
-    for s in scene.shapes:
+    for k, s in enumerate(scene.shapes):
         if s.spheres is not None and s.spheres.random:
             before = ShapeGeometry(lower, upper, periodic, fluid, shapes)
             asked = s.spheres
@@ -58,10 +60,15 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
                 assert isinstance(body, Spheres)
                 _describe_spheres(s.spheres.file, body, lower, upper, period, described, warnings)
         phase = -1 if s.what == "solid" else names.index(s.what)
-        shapes.append(Shape(body, phase, s.outside, s.velocity, s.slip_length, s.angular_velocity))
+        shapes.append(Shape(body, phase, s.outside, moves_at.get(1 + 2 * len(lower) + k), s.slip_length,
+                            s.angular_velocity))
     geometry = ShapeGeometry(lower, upper, periodic, fluid, shapes, **walls)
     geometry.warnings = tuple(warnings) + geometry.warnings
     geometry.described = tuple(described)
+    if walls_change(case):  # what they move at now is that of the start
+        for wall, velocities in wall_velocities(case, geometry.dim, sample_times(case)).items():
+            turning = geometry.wall_speed[wall] - np.linalg.norm(moves_at[wall])
+            geometry.wall_speed[wall] = np.linalg.norm(velocities, axis=1).max() + turning
     return geometry
 
 

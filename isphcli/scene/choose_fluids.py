@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..case.forcing import held_axis
+from ..case.forcing import body_force, held_axis
 from ..flow.one_fluid import OneFluid
 from ..operators.kernel import KERNELS
 
@@ -41,9 +41,7 @@ def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: n
             from ..two_phase.contact_angle import SlipAtLine
 
             line = SlipAtLine(particles.phase, case.interface.slip_length)
-    body = force
-    if case.drive is not None and case.drive.pressure_drop is not None:
-        body = np.array(case.drive.body_force or [0.0] * geometry.dim, float)
+    body = body_force(case, geometry.dim)
     return TwoFluids(particles.phase, [f.density for f in present], [f.mu for f in present],
                      Drive(body, force - body, held), tension, line)
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..references import compare
+from ..references.two_phase import AMPLITUDES, amplitude
 from ..two_phase.measures import MeasuredFluid, Measures
 
 if TYPE_CHECKING:
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 def choose_measures(case: Case, geometry: Geometry, particles: Particles, fluids: Fluids) -> Measures:
     """Measures of a case with two fluids; fluids: OneFluid or TwoFluids."""
     named = [MeasuredFluid(name, case.fluids[name].density, case.fluids[name].mu) for name in case.fluid_names]
-    amplitude = None
-    if case.reference is not None and case.reference.kind in compare.AMPLITUDES:
-        def amplitude(x: np.ndarray) -> float:
-            return compare.amplitude(case, x, particles.phase)
+    amplitude_of = None
+    if case.reference is not None and case.reference.kind in AMPLITUDES:
+        def amplitude_of(x: np.ndarray) -> float:
+            return amplitude(case, x, particles.phase)
     return Measures(named, particles.phase, geometry, particles.site_volume, fluids.reference, fluids.tension,
-                    amplitude)
+                    amplitude_of)

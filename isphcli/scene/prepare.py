@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..case import expressions
-from ..case.forcing import drives, held_axis
+from ..case import expressions, forcing
+from ..case.forcing import drives, held_flux
 from ..flow.held_velocity import HeldVelocity, outside_sample
 from ..flow.state import State
 from ..flow.step import Stepper
@@ -23,6 +23,7 @@ from .place import place_case
 if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..domain.lattice import Particles
+    from ..flow.timed_drive import TimedDrive
     from ..flow.volume_control import KeptVolume
     from ..geometry.protocol import Geometry
     from ..output.clock import Clock
@@ -30,9 +31,10 @@ if TYPE_CHECKING:
 
 def held_velocity(case: Case, particles: Particles, reference: float, geometry: Geometry) -> HeldVelocity | None:
     """HeldVelocity of a case, or None. reference: density of the first fluid, kg/m3."""
-    axis = held_axis(case)
-    if axis is None:
+    held = held_flux(case)
+    if held is None:
         return None
+    axis, wanted = held
     size = geometry.upper - geometry.lower
     length, (lower, upper) = size[axis], (corner[axis] for corner in sample_box(geometry))
     here = int(outside_sample(particles.x[: particles.n_fluid, axis], lower, upper).sum())
@@ -41,8 +43,6 @@ def held_velocity(case: Case, particles: Particles, reference: float, geometry: 
     fraction = 1.0  # clear layers are all fluid, whatever number of lattice layers falls into them
     if not here:
         lower, upper, fraction = np.inf, -np.inf, particles.n_fluid * volumes / length
-    assert case.drive is not None and case.drive.superficial_velocity is not None  # the axis is of them
-    (wanted,) = case.drive.superficial_velocity.values()
     two = len(np.unique(particles.phase)) > 1
     return HeldVelocity(axis, wanted, two, lower, upper, fraction, porosity, reference * float(length))
 
@@ -73,29 +73,54 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     force = sum((force for _, force in drives(case, geometry)), np.zeros(geometry.dim))
     fluids = choose_fluids(case, geometry, particles, force)
     held = held_velocity(case, particles, fluids.reference, geometry)
+    drive = timed_drive(case, geometry) if forcing.changes(case) else None
     stepper = Stepper(
         geometry=geometry, dummies=particles.x[n:], spacing=spacing, support=support,
         kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,
         fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
         solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock),
-        bounds=bounds(case, geometry, particles, u, force, held), held_velocity=held,
-        volume=kept_volume(case, geometry, x),
+        bounds=bounds(case, geometry, particles, u, held), held_velocity=held,
+        volume=kept_volume(case, geometry, x), timed_drive=drive,
     )
+    if drive is not None:
+        stepper.bounds = replace(stepper.bounds, largest_force=drive.largest_force)
     none_yet = None if held is None else 0.0
     return State(x, u, u.copy(), np.zeros(n), pressure_gradient=none_yet, shifting_flux=none_yet), stepper, particles
 
 
-def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, force: np.ndarray,
-           rate: HeldVelocity | None) -> Bounds:
-    """Bounds of a case that starts with velocities u (n, dim) under the acceleration force (dim,). rate:
-    HeldVelocity or None."""
+def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, rate: HeldVelocity | None) -> Bounds:
+    """Bounds of a case that starts with velocities u (n, dim). rate: HeldVelocity or None."""
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     walls = np.max(geometry.wall_speed, initial=0.0)
     tension = case.interface.tension if case.interface is not None else 0.0
     capillary = np.sqrt(tension / (density.mean() * case.particles.spacing))
     other = walls + capillary + (SPREAD * rate.speed if rate is not None else 0.0)
-    found = Bounds(geometry, particles.site_volume, density, 0.0, float(np.linalg.norm(force)), other)
+    force = float(forcing.strongest_acceleration(case, geometry.upper - geometry.lower))
+    found = Bounds(geometry, particles.site_volume, density, 0.0, force, other)
     return replace(found, start=found.speed(u))
+
+
+def timed_drive(case: Case, geometry: Geometry) -> TimedDrive:
+    """TimedDrive of a case of which a formula of the time drives the flow."""
+    from ..flow.timed_drive import TimedDrive
+
+    lengths, dim = geometry.upper - geometry.lower, geometry.dim
+    start = forcing.wall_velocities(case, dim)
+
+    def forces(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        body = forcing.body_force(case, dim, times)
+        return body, forcing.acceleration(case, lengths, times) - body
+
+    def walls(times: np.ndarray) -> np.ndarray:
+        found = np.repeat(geometry.wall_velocity[None], len(times), axis=0)  # of the start, with what turns
+        for wall, velocity in forcing.wall_velocities(case, dim, times).items():
+            found[:, wall] += velocity - start[wall]
+        return found
+
+    def strongest(times: np.ndarray) -> np.ndarray:
+        return forcing.strongest_acceleration(case, lengths, times)
+
+    return TimedDrive(forces, strongest, walls if forcing.walls_change(case) else None)
 
 
 def kept_volume(case: Case, geometry: Geometry, x: np.ndarray) -> KeptVolume | None:

@@ -14,6 +14,7 @@ Where the viscosity jumps, the transposed stress div(mu (grad u)^T) does not van
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -82,6 +83,12 @@ class TwoFluids:
     def reference(self) -> float:
         """Density that pressures are divided by, kg/m3."""
         return self.density[0]
+
+    def driven_by(self, body: np.ndarray, push: np.ndarray) -> TwoFluids:
+        """The same fluids under other forces; see `one_fluid.Fluids`."""
+        other = copy.copy(self)
+        other.body, other.push, other.force = body, push, body + push
+        return other
 
     def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
         """Terms of one configuration. ops: Operators; neighbours: all of them, dummies included."""

@@ -146,23 +146,21 @@ def validate_cases(
     with contextlib.ExitStack() as held:  # files of others are found before anything is run
         for folder in [*places, *[out] * (len(cases) > 1)]:
             held.enter_context(Folder(folder, REPORTS, keep=True))
-        return _run_ladders(plans, places, out, levels, budget, quiet, estimates or {}, say)
+        for ladders, folder in zip(plans, places):
+            prepare(folder)
+            estimate = (estimates or {}).get(ladders[0].case.path)
+            say(f"{ladders[0].case.title or folder.name}: {_kind(ladders[0].case)}")
+            for ladder in ladders:
+                try:
+                    _climb(ladder, folder, levels or LEVELS, budget, estimate, quiet, say)
+                finally:  # an interrupted ladder leaves what it has
+                    write_results(folder, ladders)
+            say("")
+        return _close(plans, places, out)
 
 
-def _run_ladders(
-    plans: Sequence[list[Ladder]], places: Sequence[Path], out: Path, levels: int | None, budget: float | None,
-    quiet: bool, estimates: Mapping[Path | None, float | None], say: Say,
-) -> tuple[str, bool]:  # fmt: skip
-    for ladders, folder in zip(plans, places):
-        prepare(folder)
-        estimate = estimates.get(ladders[0].case.path)
-        say(f"{ladders[0].case.title or folder.name}: {_kind(ladders[0].case)}")
-        for ladder in ladders:
-            try:
-                _climb(ladder, folder, levels or LEVELS, budget, estimate, quiet, say)
-            finally:  # an interrupted ladder leaves what it has
-                write_results(folder, ladders)
-        say("")
+def _close(plans: Sequence[list[Ladder]], places: Sequence[Path], out: Path) -> tuple[str, bool]:
+    """(closing page, whether all are within their bounds) of ladders that have been climbed."""
     everything = [ladder for ladders in plans for ladder in ladders]
     page = closing_page(everything)
     files = [str(folder / "validation.md") for folder in places]

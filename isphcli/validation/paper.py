@@ -182,7 +182,7 @@ def radial_profile(x: np.ndarray, v: np.ndarray, spacing: float, bins: int = 22)
 
 def known_porosity(radius: np.ndarray) -> np.ndarray:
     """Porosity of the pack at these radii, counted at random points."""
-    from ..references.solutions import table as columns
+    from ..references.published import table as columns
 
     known = columns("bead_radial_porosity")
     return np.interp(radius, known["r_mid_m"], known["porosity"])
@@ -399,9 +399,9 @@ def bubbles(seconds: float, folder: Path) -> Finding:
 
 def draw_cross_section(path: Path, x: np.ndarray, velocity: np.ndarray, spacing: float) -> Path:
     """Speed in the plane across the middle of the column (figure 6)."""
-    from ..output.plots import plot_slice
+    from ..output.plots import Frame, plot_slice
 
-    plot_slice(path, x, velocity, None, 3, spacing, "Across the middle of the bead pack", (1, 0.0), flow_axis=0)
+    plot_slice(path, x, velocity, Frame(3, spacing, "Across the middle of the bead pack", flow_axis=0, plane=(1, 0.0)))
     return path
 
 

@@ -58,6 +58,21 @@ from tests.case.texts import BEADS, MINIMAL, SHAPES, problems
         (SHAPES, ["geometry.periodic=[z]"], "geometry.periodic: a 2D scene has no axis z"),
         (SHAPES, ["drive.pressure_drop={z: 1}"], "drive.pressure_drop: a 2D scene has no axis z"),
         (SHAPES, ["geometry.walls.y_max.velocity=[0, 1]"], "moves the wall along y"),
+        (SHAPES, ["geometry.walls.y_max.velocity=[0, t]"], "moves the wall along y"),
+        (SHAPES, ["geometry.walls.y_max.velocity=[sin(x), 0]"], "velocity.0: unknown name 'x'; known are t, pi, e"),
+        (SHAPES, ["drive={body_force: [0, cos(t]}"], "drive.body_force.1: 'cos(t' is not a formula"),
+        (SHAPES, ["drive={body_force: [0, t]}", "time={steady: 1e-3}"], "drive.body_force.1: changes with time, up to "
+         "an end that is not given; give time.end"),
+        (SHAPES, ["drive={pressure_drop: {x: 1/(t-t)}}", "time.end=2"], "drive.pressure_drop.x: '1/(t-t)' is not "
+         "finite everywhere"),
+        (SHAPES, ["geometry.shapes.0.velocity=[exp(t), 0]", "time.end=1e6"], "geometry.shapes.0.velocity.0: 'exp(t)' "
+         "is not finite everywhere"),
+        (SHAPES, ["drive={body_force: [t, 0]}", "time.end=2", "reference={kind: poiseuille}"],
+         "poiseuille is the flow under a constant force; give numbers in drive"),
+        (MINIMAL, ["drive={pressure_drop: {z: cos(t)}}"], "drive.pressure_drop.z: changes with time, and flow: stokes "
+         "is steady; give a number, or use navier_stokes"),
+        (MINIMAL, ["drive={body_force: [0, 0, sin(t)]}"], "drive.body_force.2: changes with time, and flow: stokes"),
+        (MINIMAL, ["reference.kind=oscillating_slit"], "kind oscillating_slit needs omega"),
         (SHAPES, ["geometry.shapes.1.is=oill"], "'oill' is not a fluid of this case; did you mean 'oil'?"),
         (SHAPES, ["geometry.shapes.1.velocity=[1, 0]"], "shapes.1.velocity: only solids have one"),
         (SHAPES, ["geometry.shapes.3.angular_velocity=1"], "shapes.3.angular_velocity: only cylinders turn"),

@@ -25,6 +25,7 @@ FLUIDS = "over the two fluids"
 MATRIX = "a row of a matrix takes a particle and its neighbours"
 WALLS = "over the walls, of which every process has all"
 GATHERED = "over points, particles or links that one process will have to gather: there are few, or it is seldom done"
+TIMES = "over times at which a force or a wall is looked at"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
     ("domain.lattice", "self.counts.prod()"): AXES,
@@ -41,6 +42,9 @@ ALLOWED = {
     ("flow.step_limits", "(new.u ** 2).sum(axis=1)"): OWN,
     ("flow.stokes", "np.einsum('nkm,nm->nk', self.ops.walls.slip, u)"): OWN,
     ("flow.stokes", "forces.max(axis=1)"): OWN,
+    ("flow.timed_drive", "self.strongest(time * PASSED).max()"): TIMES,
+    ("flow.timed_drive", "np.linalg.norm(vectors, axis=-1)"): AXES,
+    ("flow.timed_drive", "np.linalg.norm(vectors, axis=-1).max()"): TIMES,
     ("flow.viscous_solve", "matrix @ out[:, k]"): MATRIX,
     ("flow.viscous_solve", "matrix @ u"): MATRIX,
     ("flow.viscous_solve", "np.einsum('nkm,nm->nk', slip, u)"): OWN,

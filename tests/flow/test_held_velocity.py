@@ -6,7 +6,7 @@ import pytest
 from isphcli.case.load import read_case
 from isphcli.case.yaml import CaseError
 from isphcli.flow.step_limits import RunError
-from isphcli.references.solutions import two_layer_poiseuille
+from isphcli.references.plates import two_layer_poiseuille
 from tests.flow.runs import run
 
 SLIT = """

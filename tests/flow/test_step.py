@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isphcli.flow.step_limits import RunError
-from isphcli.references.solutions import taylor_green_2d
+from isphcli.references.vortices import taylor_green_2d
 from tests.flow.runs import run
 
 VORTEX = """

@@ -123,13 +123,13 @@ def test_a_file_of_others_in_the_way(here, name, monkeypatch):
 def test_all_files_of_a_run_are_announced(here):
     """`run._files` names all that a run writes: what is not there is found only when the run has been computed."""
     from isphcli.case.load import load_case
-    from isphcli.run.results import _files
+    from isphcli.run.results import files_of
 
     for name, text in (("steady", STEADY), ("moving", MOVING.replace(", plots: false", ""))):
         (here / f"{name}.yaml").write_text(text)
         assert isph("run", f"{name}.yaml", "--quiet").exit_code == 0
         out = here / "out" / name
-        known = {p.relative_to(out).as_posix() for pattern in _files(load_case(f"{name}.yaml"))
+        known = {p.relative_to(out).as_posix() for pattern in files_of(load_case(f"{name}.yaml"))
                  for p in out.glob(pattern)}
         assert set(listed(out)) == known
 

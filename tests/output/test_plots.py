@@ -58,7 +58,8 @@ def test_slice_is_drawn(tmp_path, dim):
     box = {"lower": [0.0] * dim, "upper": [16 * H] * dim}
     path = tmp_path / "slice.png"
     phase = x[:, 0] > 8 * H
-    plots.plot_slice(path, x, velocity, distance, dim, H, "tube", permeability=1.2e-13, phase=phase, **box)
+    plots.plot_slice(path, x, velocity, plots.Frame(dim, H, "tube", **box), distance=distance, permeability=1.2e-13,
+                     phase=phase)
     picture = image(path)
     grey = np.abs(picture[..., :3] - np.array([0xDC, 0xDA, 0xD5]) / 255).max(axis=-1) < 0.01
     assert 0.08 < grey.mean() < 0.3  # the frame is 1/4 of the axes
@@ -76,14 +77,14 @@ def test_plane_follows_the_flow():
 
 def test_slice_at_rest_and_refusals(tmp_path):
     x, velocity, distance = tube()
-    plots.plot_slice(tmp_path / "a.png", x, 0 * velocity, distance, 3, H)
+    plots.plot_slice(tmp_path / "a.png", x, 0 * velocity, plots.Frame(3, H), distance=distance)
     with pytest.raises(ValueError, match="no fluid particle"):
-        plots.plot_slice(tmp_path / "b.png", x, velocity, -np.abs(distance), 3, H)
+        plots.plot_slice(tmp_path / "b.png", x, velocity, plots.Frame(3, H), distance=-np.abs(distance))
     velocity[1000] = np.nan
     with pytest.raises(ValueError, match="not finite"):
-        plots.plot_slice(tmp_path / "b.png", x, velocity, None, 3, H)
+        plots.plot_slice(tmp_path / "b.png", x, velocity, plots.Frame(3, H))
     with pytest.raises(ValueError, match="no fluid in the plane"):
-        plots.plot_slice(tmp_path / "b.png", x, 0 * velocity, distance, 3, H, plane=(2, 0.5 * H))
+        plots.plot_slice(tmp_path / "b.png", x, 0 * velocity, plots.Frame(3, H, plane=(2, 0.5 * H)), distance=distance)
     assert not (tmp_path / "b.png").exists()
 
 
@@ -103,14 +104,6 @@ def test_histories(tmp_path):
         plots.plot_histories(tmp_path / "h.png", [{"step": 1}])
 
 
-def test_profile(tmp_path):
-    y = np.linspace(0, 1, 11)
-    plots.plot_profile(tmp_path / "p.png", y, y * (1 - y), y, y * (1 - y), title="slit", note="error 1e-3")
-    plots.plot_profile(tmp_path / "p.png", y, y)
-    with pytest.raises(ValueError, match="not finite"):
-        plots.plot_profile(tmp_path / "q.png", y, y * np.nan)
-
-
 @pytest.mark.parametrize(
     "size, factor, unit", [(3.8e-4, 1e6, "µm"), (0.014, 1e3, "mm"), (2.0, 1.0, "m"), (0.0, 1.0, "m")]
 )
@@ -128,7 +121,7 @@ def test_pyplot_stays_out_and_matplotlib_comes_late():
     code = (
         "import sys, numpy as np, isphcli.output.plots as p; assert 'matplotlib' not in sys.modules; "
         "import os, tempfile; y = np.arange(3.0); f = os.path.join(tempfile.mkdtemp(), 'a.png'); "
-        "p.plot_profile(f, y, y); assert 'matplotlib.pyplot' not in sys.modules"
+        "p.plot_histories(f, [{'step': k, 'dt': k} for k in y]); assert 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 

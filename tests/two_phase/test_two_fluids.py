@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isphcli.operators.assemble import assemble
-from isphcli.references.solutions import two_layer_couette, two_layer_poiseuille
+from isphcli.references.plates import two_layer_couette, two_layer_poiseuille
 from isphcli.two_phase.normals import near_interface
 from tests.two_phase.scenes import drop, layers, run, scene
 

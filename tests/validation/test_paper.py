@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from isphcli.case.yaml import CaseError
 from isphcli.cli import BAD_INPUT, OUTSIDE, main
-from isphcli.references import solutions as references
+from isphcli.references import drops
 from isphcli.validation import paper
 from isphcli.validation.paper import Figure, Finding, NotRun, count_table_1, radial_profile, reproduce, spacing_for
 
@@ -94,7 +94,7 @@ def test_square_drops_are_judged_by_the_slope(monkeypatch, folder, error, holds)
     assert asked == [f"square_drop_{k}" for k in (1, 2, 3, 4)] and finding.passed is holds
     assert f"{1 + error:.4f}" in finding.notes[0] and finding.pictures[0].stat().st_size > 5000
     # sigma / R of the square of 0.1: R = 0.1 / sqrt(pi)
-    assert finding.rows[0][2] == f"{references.laplace_jump(1.0, references.drop_radius(0.01, 2), 2):.3f}"
+    assert finding.rows[0][2] == f"{drops.laplace_jump(1.0, drops.drop_radius(0.01, 2), 2):.3f}"
 
 
 @pytest.mark.parametrize("error, holds", [(0.03, True), (-0.05, False)])

@@ -1,0 +1,137 @@
+"""What may go wrong in a run, in sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..case import forcing
+from ..case.blocks import AXES
+from ..domain.lattice import Lattice
+from ..geometry.connectivity import report
+from .estimates import machine_memory
+from .report import THIN, CheckReport, in_bytes
+from .throats import TINY, Sites
+
+if TYPE_CHECKING:
+    from ..case.blocks import Case
+    from ..geometry.protocol import Geometry
+
+
+THINNEST = 3  # particles across the median throat below which there is a warning
+
+
+def drive_findings(
+    result: CheckReport, geometry: Geometry, driven: Sequence[int], through: Sequence[int]
+) -> None:
+    """Nothing can flow: an error of a steady case; a warning of others and of too coarse a lattice."""
+    case = result.case
+    steady = case.flow == "stokes" or (case.time is not None and case.time.steady is not None)
+    moved = geometry.has_solid and bool(np.any(geometry.wall_speed))
+    held = forcing.held_flux(case) is not None
+    for axis in driven:
+        if axis in through or (len({f.density for f in case.fluids.values()}) > 1 and not held):
+            continue  # a light fluid rises between walls too
+        name, fatal = AXES[axis], held or (steady and not through and not moved)
+        if not forcing.opens(case, axis):
+            found = forcing.why_closed(case, axis)
+        elif _open_when_finer(case, geometry, axis):
+            fatal = False
+            found = f"throats along {name} are closed on this lattice; take a smaller particles.spacing"
+        else:
+            found = (
+                f"no pore leads through the scene along {name}: its permeability is zero; check what is solid "
+                "(by faces of lattice sites; isph run also counts particles that see each other across an edge)"
+            )
+        (result.errors if fatal else result.warnings).append(found)
+    if not forcing.is_driven(case) and case.flow == "stokes" and not moved:
+        result.errors.append("nothing moves the fluid; give a drive or a wall with a velocity")
+
+
+def _open_when_finer(case: Case, geometry: Geometry, axis: int) -> bool:
+    """Whether what the lattice finds closed along an axis is open by the voxels, or at half the spacing."""
+    lower, upper, edges = geometry.sample_lower, geometry.sample_upper, geometry.voxel_size
+    if edges is None:
+        edges = np.full(geometry.dim, case.particles.spacing / 2)
+    cells = np.maximum(np.rint((upper - lower) / edges), 1).astype(int)
+    around = tuple(AXES[a] in case.geometry.periodic for a in range(geometry.dim))
+    lattice = Lattice(np.full((1, geometry.dim), 0.5), (upper - lower) / cells, cells, lower)
+    fluid = np.concatenate([geometry.phase(x) >= 0 for x in lattice.slabs()]).reshape(cells)
+    return bool(report(fluid.T, around).percolates[axis])
+
+
+def resolution_findings(result: CheckReport, geometry: Geometry, lattice: Lattice) -> Iterator[str]:
+    """Lattice against throats, voxels, clear layers and box."""
+    case, widths = result.case, result.throats
+    spacing = case.particles.spacing
+    if widths is not None and widths.median < THINNEST - TINY:
+        yield (
+            f"the median throat is {widths.median:.1f} particles wide: expect errors of 15 % and more; take "
+            f"particles.spacing {spacing * widths.median / THIN:.2g} or less for {THIN}"
+        )
+    for axis, width in (widths.critical if widths is not None else {}).items():
+        if width < THINNEST:
+            yield (
+                f"the way along {AXES[axis]} leads through a throat of about {width:.1f} particles: "
+                "its flow is not resolved"
+            )
+    voxels = case.geometry.voxels
+    if voxels is not None:
+        assert geometry.voxel_size is not None
+        sizes = np.unique(geometry.voxel_size)
+        for size in sizes:
+            ratio = max(size / spacing, spacing / size)
+            if abs(ratio - round(ratio)) > 1e-3:
+                fits = size / max(round(size / spacing), 1)
+                yield (
+                    f"the spacing {spacing:g} does not divide the voxel size {size:g}: particles lie "
+                    f"differently to the walls from voxel to voxel; take particles.spacing {fits:.6g}"
+                )
+        layer = 6 * float(sizes.min()) if voxels.clear_layer is None else voxels.clear_layer
+        added = any(p and a not in case.geometry.periodic for a, p in zip(AXES, geometry.periodic))
+        if added and layer < case.support * spacing * (1 - TINY):
+            yield (
+                f"the clear layer, {layer:g}, is thinner than the support {case.support * spacing:.3g}: the "
+                "two ends of the image see each other; make geometry.voxels.clear_layer larger"
+            )
+    stretch = (
+        lattice.cell
+        / spacing
+        / np.array([1, math.sqrt(3) if "hex" in case.lattice_in(result.dim) else 1, 1][: result.dim])
+    )
+    for axis in range(result.dim):
+        if abs(stretch[axis] - 1) > 0.01:
+            yield (
+                f"the box along {AXES[axis]} is no whole number of spacings: the lattice is stretched by "
+                f"{100 * (stretch[axis] - 1):+.1f} % there"
+            )
+
+
+def other_findings(result: CheckReport, geometry: Geometry, sites: Sites) -> Iterator[str]:
+    """Memory, Reynolds number, fluids without particles, pockets."""
+    case, there = result.case, machine_memory()
+    need = sum(result.memory.values())
+    if there is not None and need > there:
+        yield f"needs about {in_bytes(need)}, this machine has {in_bytes(there)}; take a larger particles.spacing"
+    if (
+        case.flow == "stokes"
+        and result.flow is not None
+        and result.flow.reynolds
+        and result.flow.reynolds > 1
+    ):
+        yield f"flow: stokes leaves out inertia, but the Reynolds number is about {result.flow.reynolds:.2g}"
+    c = result.connectivity
+    if c is not None and geometry.has_solid and c.isolated_pockets and any(c.percolates):
+        share = 1 - max(c.percolating_porosity) / c.porosity
+        if share > 0.05:
+            yield f"{100 * share:.0f} % of the fluid lies in pockets that no flow passes through"
+
+
+def absent_fluids(case: Case, sites: Sites) -> Iterator[str]:
+    flooded = case.initial.flood.fluid if case.initial and case.initial.flood else None
+    for k, name in enumerate(case.fluids):
+        if name != flooded and (k >= len(sites.per_fluid) or not sites.per_fluid[k]):
+            yield f"fluids.{name} has no particle: the scene runs as one of a single fluid"

@@ -1,0 +1,172 @@
+"""What is known of a case before it is run, and how it is printed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from ..case.blocks import AXES
+
+if TYPE_CHECKING:
+    from ..case.blocks import Case
+    from ..geometry.connectivity import Connectivity
+
+
+# particles across below which a throat is thin; at 4: +7.6 % of k (`isph run cases/square_duct.yaml --set
+# particles.spacing=2e-5`, 2026-11-29)
+THIN = 4
+
+
+@dataclass(frozen=True)
+class Term:
+    """A part of the physics, whether the case uses it, and why."""
+
+    name: str
+    used: bool
+    why: str
+
+
+@dataclass(frozen=True)
+class Throats:
+    """Widths of the pores in spacings, at the points farthest from their walls.
+
+    narrow, median: 10th and 50th percentile; thin: share of the fluid where fewer than `THIN` particles fit
+    across; critical: per axis, the largest ball that passes along it (within half a spacing), for periodic
+    axes only, because closed faces count as walls.
+    """
+
+    narrow: float
+    median: float
+    thin: float
+    critical: dict[int, float]
+
+
+@dataclass(frozen=True)
+class Flow:
+    """Estimates of the flow: velocity (m/s) and how it was found, Reynolds and capillary number."""
+
+    velocity: float
+    source: str
+    reynolds: float | None
+    capillary: float | None
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Time-step limits by name, s; the steps of the whole run, None where there is no telling."""
+
+    limits: dict[str, float]
+    count: float | None
+
+    @property
+    def binding(self) -> str:
+        """The smallest limit."""
+        return min(self.limits, key=lambda name: self.limits[name])
+
+
+@dataclass
+class CheckReport:
+    """What is known of a case without running it; lengths in m, axes in the order x, y(, z)."""
+
+    case: Case
+    dim: int
+    terms: list[Term]
+    particles: dict[str, int]
+    connectivity: Connectivity | None = None
+    throats: Throats | None = None
+    flow: Flow | None = None
+    steps: Steps | None = None
+    neighbours: float = 0.0
+    memory: dict[str, float] = field(default_factory=dict)  # bytes, by part
+    seconds: float | None = None  # one core
+    inputs: tuple[tuple[str, str], ...] = ()  # what was read and how it was understood: (name, text)
+    warnings: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+
+    @property
+    def can_run(self) -> bool:
+        """Whether nothing stands against a run."""
+        return not self.errors
+
+    def text(self) -> str:
+        """The report as it is printed."""
+        return "\n".join(report_lines(self))
+
+
+# -- text ------------------------------------------------------------------------------------------------
+
+
+def report_lines(r: CheckReport) -> Iterator[str]:
+    case = r.case
+    yield f"{case.path or 'case'}: {case.title}".rstrip(": ")
+    if not r.terms:  # refused by its size
+        yield from (_row("ERROR", text) for text in r.errors)
+        yield _row("verdict", "cannot run")
+        return
+    yield from (_row(name, text) for name, text in r.inputs)
+    used = [f"{t.name} ({t.why})" for t in r.terms if t.used]
+    out = [f"{t.name} ({t.why})" for t in r.terms if not t.used]
+    yield _row("uses", "; ".join(used))
+    yield _row("leaves out", "; ".join(out))
+    if r.particles:
+        p = r.particles
+        kind = f"{case.lattice_in(r.dim)}, spacing {case.particles.spacing:g} m, support {case.support:g}"
+        yield _row("lattice", f"{r.dim}D {kind}, about {r.neighbours:.0f} neighbours")
+        more = f"{p['dummy']} dummy, {p['left_out']} sites left out" if "dummy" in p else "dummies not counted"
+        yield _row("particles", f"{p['fluid']} fluid, {more}")
+    if r.connectivity is not None:
+        yield from _pore_lines(r.connectivity, r.throats)
+    if r.flow is not None:
+        numbers = [f"about {r.flow.velocity:.2g} m/s ({r.flow.source})"]
+        numbers += [f"Re {r.flow.reynolds:.2g}"] if r.flow.reynolds is not None else []
+        numbers += [f"Ca {r.flow.capillary:.2g}"] if r.flow.capillary is not None else []
+        yield _row("flow", ", ".join(numbers))
+    if r.steps is not None:
+        limits = ", ".join(f"{name} {dt:.2g} s" for name, dt in r.steps.limits.items())
+        count = "steps: no telling" if r.steps.count is None else f"about {r.steps.count:.2g} steps"
+        yield _row("time step", f"{limits}; smallest: {r.steps.binding}; {count}")
+    if r.memory:
+        parts = ", ".join(f"{name} {in_bytes(b)}" for name, b in r.memory.items())
+        yield _row("memory", f"about {in_bytes(sum(r.memory.values()))} ({parts})")
+        if r.seconds is not None:
+            yield _row("time", f"about {_seconds(r.seconds)} on one core, compilation not counted")
+    for text in r.warnings:
+        yield _row("WARNING", text)
+    for text in r.errors:
+        yield _row("ERROR", text)
+    yield _row("verdict", "can run" if r.can_run else "cannot run")
+
+
+def _pore_lines(c: Connectivity, widths: Throats | None) -> Iterator[str]:
+    axes = AXES[: len(c.percolates)]
+    connected = [f"{a} ({100 * f:.2f} %)" for a, p, f in zip(axes, c.percolates, c.percolating_porosity) if p]
+    yield _row(
+        "pores",
+        f"porosity {100 * c.porosity:.2f} %, {c.components} connected, {c.isolated_pockets} closed pockets; "
+        f"connected along {', '.join(connected) or 'no axis'}",
+    )
+    if widths is not None:
+        critical = "".join(f"; {AXES[a]} passes a ball of {w:.1f}" for a, w in widths.critical.items())
+        yield _row(
+            "throats",
+            f"in particles: 10 % below {widths.narrow:.1f}, median {widths.median:.1f}{critical}; "
+            f"{100 * widths.thin:.0f} % of the fluid has fewer than {THIN} across",
+        )
+
+
+def _row(name: str, text: Any) -> str:
+    return f"  {name:10}  {text}"
+
+
+def in_bytes(number: float) -> str:
+    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if number >= size:
+            return f"{number / size:.3g} {unit}"
+    return f"{number:.0f} B"
+
+
+def _seconds(seconds: float) -> str:
+    from ..output.progress import duration
+
+    return duration(max(seconds, 0.1))

@@ -1,0 +1,135 @@
+"""How wide pores are, by the sites of the lattice: nothing is solved and no neighbours are searched."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import ndimage
+
+from ..geometry.connectivity import Connectivity, report
+from .report import THIN, Throats
+
+if TYPE_CHECKING:
+    from ..domain.lattice import Lattice
+    from ..geometry.protocol import Geometry
+
+
+LINE_POINTS = 20_000  # points of the centre lines whose width is found exactly
+TINY = 1e-6
+ON_WALL = 1e-9  # of the support: a site this close to a wall is solid, as for `Geometry.phase`
+
+
+class Sites:
+    """Phase and wall distance of every site of a lattice, [x, y(, z), site of the cell].
+
+    sample: the part of the box that is no clear layer, as slices of the cells; around: which axes of that
+    part are periodic.
+    """
+
+    def __init__(self, lattice: Lattice, geometry: Geometry, support: float, one_fluid: bool = False):
+        shape = (*(int(n) for n in lattice.counts), len(lattice.basis))
+        phase = np.empty(shape, dtype=np.int8)
+        distance = np.full(shape, np.inf, dtype=np.float32)
+        by_distance = geometry.has_solid and one_fluid and geometry.labels is None
+        flat_phase, flat_distance, first = phase.reshape(-1), distance.reshape(-1), 0
+        for x in lattice.slabs():
+            part = slice(first, first + len(x))
+            if geometry.has_solid:
+                flat_distance[part] = d = geometry.distance(x)
+            # a distance among thousands of spheres costs a microsecond: with one fluid it tells the phase too
+            flat_phase[part] = np.where(d > ON_WALL * support, 0, -1) if by_distance else geometry.phase(x)
+            first += len(x)
+        self.lattice, self.phase, self.distance = lattice, phase, distance
+        lower, upper = geometry.sample_lower, geometry.sample_upper
+        self.sample = _cells_between(lattice, lower, upper)
+        whole = (np.asarray(lower) <= geometry.lower) & (np.asarray(upper) >= geometry.upper)
+        self.around = tuple(bool(p and w) for p, w in zip(geometry.periodic, whole))
+        fluid = phase >= 0
+        seen = ~fluid & (distance > -support * (1 + 1e-6))
+        count = int(fluid.sum())
+        dummies = int(seen.sum()) if geometry.has_solid else 0
+        self.particles = {"fluid": count, "dummy": dummies, "left_out": phase.size - count - dummies}
+        self.per_fluid = np.bincount(phase[fluid], minlength=1) if count else np.zeros(1, dtype=int)
+
+    def fluid(self, k: int = 0) -> np.ndarray:
+        """Mask of the fluid in the sample on site k of the cells, [x, y(, z)]."""
+        return self.phase[self.sample][..., k] >= 0
+
+    def connectivity(self) -> Connectivity:
+        """Of the sample; of lattices with two sites a cell, that of the better connected one."""
+        volume = float(self.lattice.cell.prod())
+        found = [report(self.fluid(k).T, self.around, volume) for k in range(self.phase.shape[-1])]
+        return max(found, key=lambda c: (sum(c.percolates), c.largest_share))
+
+    def points(self, most: int) -> np.ndarray:
+        """Positions of some fluid sites, at most `most`, spread evenly; (n, dim)."""
+        flat = np.flatnonzero(self.phase >= 0)
+        return self.positions(flat[:: -(-len(flat) // most)])
+
+    def positions(self, flat: np.ndarray) -> np.ndarray:
+        """Positions (n, dim) of sites by their flat number."""
+        *cell, k = np.unravel_index(flat, self.phase.shape)
+        return self.lattice.corner + (np.stack(cell, axis=1) + self.lattice.basis[k]) * self.lattice.cell
+
+
+def _cells_between(lattice: Lattice, lower: np.ndarray, upper: np.ndarray) -> tuple[slice, ...]:
+    """Cells whose middle lies between two corners."""
+    middle = [c + (np.arange(n) + 0.5) * h for c, n, h in zip(lattice.corner, lattice.counts, lattice.cell)]
+    ends = [np.searchsorted(m, (a, b)) for m, a, b in zip(middle, lower, upper)]
+    return tuple(slice(int(first), max(int(end), int(first) + 1)) for first, end in ends)
+
+
+def throats(sites: Sites, geometry: Geometry, spacing: float, axes: Sequence[int]) -> Throats | None:
+    """Widths of the pores in spacings; `axes`: those for which the critical width is wanted.
+
+    A centre line is where no neighbouring site is farther from the walls by more than half a spacing: beside
+    it the distance grows by a whole one. The width is twice the largest distance there, looked up half a
+    spacing around each point too, because the centre may lie between sites.
+    """
+    distance = sites.distance[..., 0]
+    fluid = sites.phase[..., 0] >= 0
+    modes = ["wrap" if p else "nearest" for p in geometry.periodic]
+    near = ndimage.maximum_filter(distance, size=3, mode=modes)
+    line = np.zeros(sites.phase.shape, dtype=bool)
+    line[..., 0] = fluid & (near - distance < 0.5 * spacing)
+    line[..., 0] &= _in(sites.sample, fluid.shape)
+    flat = np.flatnonzero(line)
+    if not len(flat):
+        return None
+    width = _widths(sites.positions(flat[:: -(-len(flat) // LINE_POINTS)]), geometry, spacing)
+    narrow, median = np.percentile(width, [10, 50])
+    thin = float(width[width < THIN - TINY].sum() / width.sum())
+    inside = np.where(fluid, distance, 0)[sites.sample]
+    critical = {
+        axis: _critical(inside, sites.around, axis, spacing) / spacing
+        for axis in axes
+        if geometry.periodic[axis]
+    }
+    return Throats(float(narrow), float(median), thin, critical)
+
+
+def _in(part: tuple[slice, ...], shape: tuple[int, ...]) -> np.ndarray:
+    mask = np.zeros(shape, dtype=bool)
+    mask[part] = True
+    return mask
+
+
+def _widths(x: np.ndarray, geometry: Geometry, spacing: float) -> np.ndarray:
+    """Twice the largest wall distance within half a spacing of each point, in spacings."""
+    half = np.array(np.meshgrid(*[[-0.5, 0.0, 0.5]] * x.shape[1])).reshape(x.shape[1], -1).T * spacing
+    largest = np.zeros(len(x))
+    for offset in half:
+        largest = np.maximum(largest, geometry.distance(x + offset))
+    return 2 * largest / spacing
+
+
+def _critical(distance: np.ndarray, around: tuple[bool, ...], axis: int, spacing: float) -> float:
+    """Diameter of the largest ball that passes along the axis, m; distance: [x, y(, z)], 0 in solids."""
+    low, high = 0.0, float(distance.max())
+    while high - low > 0.02 * spacing:
+        middle = (low + high) / 2
+        passes = report((distance >= middle).T, around).percolates[axis]
+        low, high = (middle, high) if passes else (low, middle)
+    return 2 * low + 0.5 * spacing  # the centre of the throat lies up to half a spacing beside a site

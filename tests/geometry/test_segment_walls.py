@@ -1,0 +1,78 @@
+"""The walk of a segment through the pieces of shapes: chords by hand, images, and cells that hold what they must."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from isphcli.geometry.bodies import Box, Cylinder, HalfSpace, Shape, Sphere
+from isphcli.geometry.segment_walls import _chord, _extent, _fill_cells, _images
+from isphcli.geometry.shape_geometry import ShapeGeometry
+
+PERIOD = np.full(3, np.inf)
+
+
+def piece(body):
+    (found,) = body.pieces(PERIOD)
+    return found[None]
+
+
+@pytest.mark.parametrize(("body", "x", "dx", "chord"), [
+    (Sphere((0, 0, 0), 1.0), (-3, 0, 0), (2, 0, 0), (1.0, 2.0)),
+    (Sphere((0, 0, 0), 1.0), (-3, 0.6, 0), (1, 0, 0), (2.2, 3.8)),
+    (Box((-1, -1, -1), (1, 1, 1)), (-2, -2, 0), (1, 1, 0), (1.0, 3.0)),
+    (Cylinder(2, (0, 0, 0), 1.0), (0, -2, 5), (0, 1, 1), (1.0, 3.0)),
+    (Cylinder(2, (0, 0, 0), 1.0, (-1, 1)), (0, 0, -3), (0, 0, 1), (2.0, 4.0)),
+])
+def test_chords_by_hand(body, x, dx, chord):
+    found = _chord(piece(body), 0, np.array(x, float), np.array(dx, float))
+    assert found == pytest.approx(chord, abs=1e-15)
+    back = _chord(piece(body), 0, np.array(x, float) + 5 * np.array(dx, float), -np.array(dx, float))
+    assert back == pytest.approx((5 - chord[1], 5 - chord[0]), abs=1e-14)  # the same chord the other way
+
+
+def test_a_line_that_misses_or_runs_along():
+    ball, wall = piece(Sphere((0, 0, 0), 1.0)), piece(HalfSpace((0, 0, 0), (0, 0, 1)))
+    away = np.array([0.0, 2.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    t_in, t_out = _chord(ball, 0, *away)
+    assert t_in > t_out
+    below = _chord(wall, 0, np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]))
+    above = _chord(wall, 0, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))
+    assert below == (-np.inf, np.inf) and above[0] > above[1]
+    assert _chord(wall, 0, np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, -4.0])) == (0.5, np.inf)
+
+
+def test_images_are_those_that_reach_into_the_box():
+    """A ball near a corner of a periodic square prism: itself and three images; not those along the closed axis."""
+    pieces, shape = _images(piece(Sphere((0.1, 0.05, 0.1), 0.2)), np.array([7]), np.zeros(3), np.ones(3),
+                            np.array([True, True, False]))
+    assert sorted(map(tuple, np.round(pieces[:, 1:4], 12))) == [(0.1, 0.05, 0.1), (0.1, 1.05, 0.1), (1.1, 0.05, 0.1),
+                                                               (1.1, 1.05, 0.1)]
+    assert shape.tolist() == [7] * 4
+
+
+def test_every_cell_lists_the_pieces_that_reach_into_it():
+    """Balls and boxes at random: a piece that holds a point is listed in the cell of the point."""
+    rng = np.random.default_rng(3)
+    bodies = [Sphere(tuple(c), r) for c, r in zip(rng.random((20, 3)), rng.uniform(0.02, 0.2, 20))]
+    bodies += [Box(tuple(c), tuple(c + 0.15)) for c in rng.random((10, 3)) * 0.8]
+    pieces = np.concatenate([piece(body) for body in bodies])
+    counts = np.array([4, 5, 6])
+    start, entry = _fill_cells(pieces, _extent(pieces), np.zeros(3), 1.0 / counts, counts)
+    x = rng.random((4000, 3))
+    cells = np.floor(x * counts).astype(int)
+    flat = (cells[:, 2] * counts[1] + cells[:, 1]) * counts[0] + cells[:, 0]
+    inside = np.stack([body.signed_distance(x, PERIOD) < 0 for body in bodies], axis=1)
+    assert inside.sum() > 500
+    for k, p in zip(*np.nonzero(inside)):
+        assert p in entry[start[flat[k]] : start[flat[k] + 1]]
+
+
+def test_a_long_segment_through_many_cells_meets_the_first_ball():
+    """Balls of 0.3 in a periodic array of ten along x, between them fluid: the first on the way, exactly."""
+    balls = [Shape(Sphere((k + 0.5, 0.5, 0.5), 0.3)) for k in range(10)]
+    geometry = ShapeGeometry((0, 0, 0), (10, 1, 1), (True,) * 3, shapes=balls)
+    for first, way in itertools.product((0.0, 3.0, 9.0), (1, -1)):
+        xi = np.array([[first, 0.5, 0.5]])
+        t = geometry.crossing(xi, xi + [[7.5 * way, 0, 0]])
+        assert t == pytest.approx([0.2 / 7.5], abs=1e-15)

@@ -1,0 +1,115 @@
+"""What is warned of, and what stands against a run."""
+
+import numpy as np
+import pytest
+
+from isphcli.preflight import findings as module
+from isphcli.preflight.check import check
+from tests.preflight.cases import DROP, IMAGE, SLIT, SPHERE, read
+
+
+def findings(text: str, *overrides: str) -> str:
+    report = check(read(text, *overrides))
+    assert report.can_run, report.text()
+    return "\n".join(report.warnings)
+
+
+def test_nothing_to_say_about_a_good_case():
+    assert findings(SLIT) == findings(SPHERE, "particles.spacing=0.025") == ""
+    porous = np.zeros((8, 8, 20), np.uint8)
+    porous[:, 4:] = 1
+    np.save("rock.npy", porous)
+    assert findings(IMAGE) == ""
+
+
+def test_what_the_geometry_finds_is_a_warning():
+    """The image of the fixture is open at six of eight layers."""
+    assert findings(IMAGE).startswith("porosity 75.0 %: more than rock has")
+    assert "voxels of 10 m" in findings(IMAGE, "geometry.voxels.voxel_size=10", "particles.spacing=10")
+
+
+def test_throats_that_are_too_narrow():
+    assert "median throat is 2.0" in findings(SLIT, "particles.spacing=0.25")
+
+
+def test_spacing_and_voxel_size():
+    assert "does not divide the voxel size" in findings(IMAGE, "particles.spacing=0.7e-5")
+    assert "does not divide" not in findings(IMAGE, "particles.spacing=0.5e-5")
+
+
+def test_clear_layer_thinner_than_the_support():
+    assert "clear layer" in findings(IMAGE, "geometry.voxels.clear_layer=2e-5")
+    assert "clear layer" not in findings(IMAGE, "geometry.voxels.clear_layer=3e-5")
+
+
+def test_stretched_lattice():
+    assert "stretched by" in findings(SLIT, "geometry.box=[0.97, 0.5]")
+
+
+def test_memory_of_the_machine(monkeypatch):
+    monkeypatch.setattr(module, "machine_memory", lambda: 1e6)
+    assert "this machine has 1 MB" in findings(SLIT)
+
+
+def test_inertia_in_a_stokes_case():
+    assert "Reynolds number" in findings(SLIT, "drive.body_force=[1000, 0]")
+
+
+def test_a_fluid_without_particles():
+    report = check(read(DROP, "geometry.shapes=[]"))
+    assert any("fluids.oil has no particle" in text for text in report.warnings)
+
+
+def errors(text: str, *overrides: str) -> str:
+    report = check(read(text, *overrides))
+    assert not report.can_run and "cannot run" in report.text()
+    return "\n".join(report.errors)
+
+
+WALL = "geometry.shapes=[{box: {lower: [0.4, -1], upper: [0.7, 2]}, is: solid}]"
+
+
+def test_all_solid():
+    assert "no fluid" in errors(SLIT, "geometry.shapes=[{box: {lower: [-1, -1], upper: [2, 2]}, is: solid}]")
+
+
+def test_no_percolation_along_the_drive():
+    assert "along x: its permeability is zero" in errors(SLIT, WALL)
+    steady = ("flow=navier_stokes", "time={steady: 1e-4}")
+    assert "along x" in errors(SLIT, WALL, *steady)
+    assert "along y: both faces are walls" in errors(SLIT, "drive.body_force=[0, 1]")
+
+
+def test_no_percolation_matters_less_in_time_or_beside_another_axis():
+    assert "along x" in findings(SLIT, WALL, "flow=navier_stokes", "time={end: 1}")
+    assert "along y" in findings(SLIT, "drive.body_force=[1, 2]")
+
+
+def test_a_velocity_can_only_be_held_where_fluid_flows():
+    """The estimate of the speed is that of the pores; a velocity across a slab is an error at any time."""
+    held = ("drive={superficial_velocity: {x: 0.25}}", "flow=navier_stokes", "time={end: 1}")
+    report = check(read(SLIT, *held))
+    assert report.can_run and "held" in report.text() and report.flow.velocity == pytest.approx(0.25)
+    two_a_cell = check(read(SLIT, *held, "particles.lattice=hexagonal"))
+    assert two_a_cell.flow.velocity == pytest.approx(0.25, rel=0.1)  # rows that the walls cut
+    assert "along x" in errors(SLIT, WALL, *held)
+
+
+def test_no_percolation_of_an_image(folder):
+    values = np.zeros((8, 8, 20), np.uint8)
+    values[:, :, 9] = 1
+    np.save("rock.npy", values)
+    assert "along x: its permeability is zero" in errors(IMAGE)
+
+
+def test_a_throat_that_only_the_lattice_closes(folder):
+    values = np.zeros((8, 8, 20), np.uint8)
+    values[:, :, 6:14] = 1
+    values[4, 4, 6:14] = 0
+    np.save("rock.npy", values)
+    assert "throat of about" in findings(IMAGE, "particles.spacing=1e-5")
+    assert "closed on this lattice" in findings(IMAGE, "particles.spacing=2e-5")
+
+
+def test_nothing_moves():
+    assert "nothing moves the fluid" in errors(SLIT, "drive=null")

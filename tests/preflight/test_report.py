@@ -1,0 +1,16 @@
+"""The report as it is printed."""
+
+import dataclasses
+
+from isphcli.preflight.check import check
+from tests.preflight.cases import DROP, read
+
+
+def test_the_text_has_all_of_it():
+    report = check(read(DROP))
+    text = report.text()
+    for term in report.terms:
+        assert term.name in text
+    for word in ("particles", "porosity", "throats", "Re ", "Ca ", "capillary", "memory", "time", "verdict"):
+        assert word in text
+    assert dataclasses.asdict(report)["dim"] == 2

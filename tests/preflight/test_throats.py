@@ -1,0 +1,48 @@
+"""Widths of pores that are known exactly, and which pores lead through."""
+
+import numpy as np
+import pytest
+
+from isphcli.preflight.check import check
+from tests.preflight.cases import IMAGE, SLIT, SPHERE, read
+
+
+@pytest.mark.parametrize("across", [2, 3, 4, 7, 8])
+def test_the_width_of_a_slit(across):
+    spacing = 0.5 / across
+    throats = check(read(SLIT, f"particles.spacing={spacing}")).throats
+    assert throats.narrow == pytest.approx(across)
+    assert throats.median == pytest.approx(across)
+    assert throats.critical == {0: pytest.approx(across, abs=0.61)}
+    assert throats.thin == (1 if across < 4 else 0)
+
+
+def test_the_throat_of_two_chambers():
+    block = "{{box: {{lower: [0.8, {}], upper: [1.2, {}]}}, is: solid}}"
+    shapes = ", ".join([block.format(-1, 0.375), block.format(0.625, 2)])
+    case = read(SLIT, "geometry.box=[2, 1]", "particles.spacing=0.03125", f"geometry.shapes=[{shapes}]")
+    throats = check(case).throats
+    assert throats.critical[0] == pytest.approx(8, abs=0.61)
+    assert throats.narrow == pytest.approx(8, abs=0.1)
+    assert 20 < throats.median <= 32
+
+
+def test_percolation_and_pockets_of_an_image(folder):
+    values = np.ones((8, 8, 20), np.uint8)
+    values[1:6, 1:6] = 0
+    values[7, 7, 3] = 0
+    np.save("rock.npy", values)
+    report = check(read(IMAGE))
+    assert report.can_run
+    assert report.connectivity.percolates == (True, False, False)
+    assert report.connectivity.isolated_pockets == 1
+    assert report.connectivity.porosity == pytest.approx((values == 0).mean())  # without the clear layers
+    assert report.throats.median == pytest.approx(5, abs=0.5)
+
+
+def test_a_porous_scene_of_spheres():
+    report = check(read(SPHERE, "particles.spacing=0.05"))
+    assert report.connectivity.porosity == pytest.approx(1 - 4 / 3 * np.pi * 0.4**3, abs=0.01)
+    assert report.connectivity.percolates == (True, True, True)
+    # a ball passes between four spheres: sqrt(2) cells less their diameter
+    assert report.throats.critical[0] * 0.05 == pytest.approx(np.sqrt(2) - 0.8, abs=0.05)
