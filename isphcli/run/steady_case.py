@@ -183,7 +183,8 @@ def _sum_up(case: Case, axes: Drives, flows: Flows, closed: Closed, history: Row
         "warnings": seen.warnings,
         "particles": _counts(main.particles, main.halo),
         **_scene_entries(case, main.geometry, main.particles, seen),
-        "terms": _terms(case, main.geometry, _drive_of(axes)) + (["flux-balanced divergence"] if main.balanced else []),
+        "terms": _terms(case, main.geometry, _drive_of(axes))
+        + (["adjoint divergence in narrow pores"] if main.narrow else []),
         "steps": 0,
         "time": None,
         "permeability": single if single is not None else permeability or None,
