@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from math import ceil, log10
 
 import numpy as np
 import scipy.sparse as sp
@@ -36,9 +34,6 @@ ROUGH = 0.4
 # Aggregates of the velocity hierarchy and W-cycles an iteration, from 16 to 64 spacings a cell of the sphere array:
 # 14 to 16 iterations; one cycle 16 to 19; with `multigrid.STRENGTH` 15 to 18 and 18 to 21
 STRENGTH, CYCLES = 0.05, 2
-# Iterations a decade of the tolerance after which the consistent divergence is given up: where pores are resolved it
-# takes two or three; the bead pack at 4.5 spacings a bead stood at a residual of 0.1 after 60, and so it did at 6
-PATIENCE = 7
 
 
 @dataclass(frozen=True)
@@ -54,15 +49,12 @@ class StokesSystem:
     """Matrices of one lattice; every right-hand side shares them.
 
     ops: LatticeWeights (without walls no steady flow exists);
-    spacing: m; viscosity: kinematic, m2/s;
-    conservative: take the divergence as a balance of fluxes, on lattices only (see `divergence_and_rhie_chow`).
+    spacing: m; viscosity: kinematic, m2/s.
     """
 
-    def __init__(self, ops: LatticeWeights, spacing: float, viscosity: float, tau: float = TAU,
-                 conservative: bool = True):
+    def __init__(self, ops: LatticeWeights, spacing: float, viscosity: float, tau: float = TAU):
         self.ops, self.spacing, self.viscosity, self.tau = ops, spacing, viscosity, tau
         self.dim = ops.dim
-        self.conservative = conservative
         self.count, labels = pair_components(ops.start, ops.column)
         self.means = ComponentMeans(labels)
         self._velocity = BlockCycle(hierarchy(velocity_matrix(ops, spacing), STRENGTH), CYCLES)
@@ -92,7 +84,7 @@ class StokesSystem:
         momentum(self.ops, u, p, dx, forces, grad_p)  # eq. 1 without inertia
         if self.ops.walls.slip is not None:
             forces -= dx**2 * np.einsum("nkm,nm->nk", self.ops.walls.slip, u)
-        both = divergence_and_rhie_chow(self.ops, u, (p, grad_p), (dx, -self.tau * dx * dx), self.conservative)
+        both = divergence_and_rhie_chow(self.ops, u, (p, grad_p), (dx, -self.tau * dx * dx))
         mass[:] = self.means.remove(both)  # eq. 25
         return out
 
@@ -123,27 +115,20 @@ class StokesSystem:
               watch: Watch | None = None) -> StokesFlow:
         """Flow under the acceleration `force` ((dim,), m/s2) and the motion of the walls.
 
-        Where the tolerance is missed, the divergence becomes a balance of fluxes (if it was not), then the restart
-        length is doubled, then SolveError is raised; its attribute `violation` is the residual of each particle, (n,),
-        over the largest right-hand side.
+        Where the tolerance is missed the restart length is doubled, then SolveError is raised; its attribute
+        `violation` is the residual of each particle, (n,), over the largest right-hand side.
         """
         ops = self.ops
         rhs = np.zeros(ops.n * (self.dim + 1))
         forces, mass = self.split(rhs)
         forces[:] = self.drive(force) * (self.spacing**2 / self.viscosity)
         forces += self.spacing**2 * ops.walls.lap_velocity
-        if not self.conservative:  # walls move along themselves: no flux passes them
-            mass[:] = self.means.remove(-self.spacing * ops.walls.div_velocity)
-        most = max_iterations if self.conservative else min(max_iterations, ceil(-PATIENCE * log10(tolerance)))
-        solve = partial(gmres_from_the_right, self.apply, rhs, self.precondition, tolerance, watch=watch)
-        solution, report = solve(restart, most)
-        if not report.converged and not self.conservative:
-            # pores that the lattice does not resolve: only a balance of fluxes is well posed there
-            self.conservative = True
-            mass[:] = 0.0
-            solution, report = solve(restart, max_iterations)
+        mass[:] = self.means.remove(-self.spacing * ops.walls.div_velocity)
+        solution, report = gmres_from_the_right(self.apply, rhs, self.precondition, tolerance, restart, max_iterations,
+                                                watch=watch)
         if not report.converged:
-            solution, report = solve(2 * restart, 2 * max_iterations, start=solution)
+            solution, report = gmres_from_the_right(self.apply, rhs, self.precondition, tolerance, 2 * restart,
+                                                    2 * max_iterations, solution, watch)
         if not report.converged:
             error = SolveError("Stokes", report)
             forces, mass = self.split(np.abs(rhs - self.apply(solution)) / reduce.largest(np.abs(rhs)))

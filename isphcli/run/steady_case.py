@@ -184,7 +184,7 @@ def _sum_up(case: Case, axes: Drives, flows: Flows, closed: Closed, history: Row
         "particles": counts_of(main.particles, main.halo),
         **scene_entries(case, main.geometry, main.particles, seen),
         "terms": terms_of(case, main.geometry, _drive_of(axes))
-                 + (["flux-balanced divergence"] if main.balanced else []),
+                 + (["adjoint divergence in narrow pores"] if main.narrow else []),
         "steps": 0,
         "time": None,
         "permeability": single if single is not None else permeability or None,
