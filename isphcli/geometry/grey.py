@@ -39,7 +39,7 @@ def _histogram(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def grey_classes(values: np.ndarray, threshold: float) -> tuple[float, float, float]:
-    """(mean below, mean above, share of the variance that lies between the two) of grey values parted by a threshold."""
+    """(mean below, mean above, share of the variance that lies between them) of grey values at a threshold."""
     above = values >= threshold
     share = float(above.mean())
     if share in (0.0, 1.0):

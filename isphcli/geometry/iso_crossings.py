@@ -55,8 +55,9 @@ def _along(c, around, sign, u, v, t):
 
 @njit(cache=True)
 def first_zero(c, around, sign, u, v):
-    """First place where sign times the spline is not positive along the segment u -> v, 1 without one: values and slopes at
-    parts of it, between them cubics.
+    """First place where sign times the spline is not positive along the segment u -> v, 1 without one.
+
+    Values and slopes are taken at parts of it, between them cubics.
 
     A segment that only dips into a solid between two values is found by the least value of the cubic.
     """

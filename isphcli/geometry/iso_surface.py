@@ -31,9 +31,9 @@ class IsoSurfaceGeometry(VoxelGeometry):
 
     labels: int8 [z, y, x] or [y, x], -1 solid, otherwise the index of a fluid: where the field is positive, the nearest
     fluid voxel says which; field: same shape, > 0 in fluid, or None: the smooth body that the labels are samples of
-    (`label_field`); gaussian: width in voxels of the Gaussian that the field is
-    averaged with, and blur: of the one that is taken out of it, 0: none. The other arguments: see `VoxelGeometry`; in clear layers the field has the median of its
-    positive values. Raises ValueError where these do not fit each other.
+    (`label_field`); gaussian: width in voxels of the Gaussian that the field is averaged with, and blur: of the one
+    that is taken out of it, 0: none. The other arguments: see `VoxelGeometry`; in clear layers the field has the median
+    of its positive values. Raises ValueError where these do not fit each other.
     """
 
     level_walls = False
@@ -68,7 +68,7 @@ class IsoSurfaceGeometry(VoxelGeometry):
 
     @cached_property
     def field(self) -> np.ndarray:
-        """Field on the voxel centres, float32 [z, y, x], > 0 in fluid, clear layers included; averaged or sharpened as asked."""
+        """Field on the voxel centres, float32 [z, y, x], > 0 in fluid; averaged or sharpened as asked."""
         if self._image_field is None:
             return most_probable_field(self._grid >= 0, self._around)
         found = average(self._image_field, self._gaussian, self._around)
@@ -139,7 +139,7 @@ def _phases(c, fluid, around, u):
 
 @njit(cache=True, parallel=True)
 def _distances(c, edt, around, voxel, u, chunks):
-    """Distances (n,) of points u (n, 3), units of `voxel`: along the slope to the zero; far from it, as between voxels."""
+    """Distances (n,) of points u (n, 3), units of `voxel`: along the slope to the zero; far off, as between voxels."""
     n = len(u)
     d = np.empty(n)
     for chunk in prange(chunks):

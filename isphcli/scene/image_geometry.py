@@ -62,7 +62,8 @@ def image_geometry(case: Case, axis: int | None, walls: Mapping[str, Any]) -> Ge
     clear = added = 0
     if axis is not None and not periodic[axis]:
         h = size[axis if len(size) > 1 else 0]
-        clear = CLEAR_VOXELS if spec.clear_layer is None else max(round(spec.clear_layer / h), int(spec.clear_layer > 0))
+        asked = spec.clear_layer
+        clear = CLEAR_VOXELS if asked is None else max(round(asked / h), int(asked > 0))
         added = 2 * clear * (labels.size // labels.shape[labels.ndim - 1 - axis])
     if added > labels.size:
         what, fix = f"clear layers of {clear} voxels", "take a smaller geometry.voxels.clear_layer; it is in metres"
@@ -124,8 +125,8 @@ def _understood_grey(spec: Voxels, grey: Grey, values: np.ndarray, names: tuple[
     threshold = otsu_threshold(values) if isinstance(grey.threshold, str) else grey.threshold
     low, high, share = grey_classes(values, threshold)
     if not values.min() < threshold < values.max():
-        raise VoxelError(f"{spec.file}: geometry.voxels.grey.threshold {threshold:g} parts nothing: the grey values lie "
-                         f"between {values.min():g} and {values.max():g}; try otsu")
+        raise VoxelError(f"{spec.file}: geometry.voxels.grey.threshold {threshold:g} parts nothing: the grey values "
+                         f"lie between {values.min():g} and {values.max():g}; try otsu")
     field = field_of_grey(values, threshold, grey.solid)
     labels = labels_of_grey(values, threshold, grey.solid, grey.fluids, names, spec.file)
     grid, around = field if field.ndim == 3 else field[None], np.array([*periodic, True][:3])
@@ -140,8 +141,8 @@ def _understood_grey(spec: Voxels, grey: Grey, values: np.ndarray, names: tuple[
               else "it is not one of two grey values")
     taken = f"; {blur:.2f} voxels of blur are taken out" if blur > 0.0 else ""
     described = (
-        ("wall", f"surface of grey value {threshold:g} ({'Otsu' if otsu else 'given'}); the means below and above it are "
-                 f"{low:g} and {high:g}, {100 * share:.0f} % of the variance lies between them"),
+        ("wall", f"surface of grey value {threshold:g} ({'Otsu' if otsu else 'given'}); the means below and above it "
+                 f"are {low:g} and {high:g}, {100 * share:.0f} % of the variance lies between them"),
         ("sharpness", f"{slopes}{taken}"),
     )  # fmt: skip
     return Understood(labels, field, f"solid {grey.solid} {threshold:g}", described, blur, grey.denoise)

@@ -5,8 +5,8 @@ import pytest
 
 from isphcli.case.load import read_case
 from isphcli.geometry.bodies import Shape, Sphere
-from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.geometry.iso_surface import IsoSurfaceGeometry
+from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.geometry.voxel_geometry import VoxelGeometry
 from isphcli.output.clock import Clock
 from isphcli.run.steady import NoFlowError, build_scene, solve_axis

@@ -26,7 +26,7 @@ def two_values(n=24, up=4, blur=0.0):
 
 
 def test_otsu_finds_the_valley_between_two_classes():
-    """Classes of equal width and share: the threshold lies in the valley, which is flat over a third of the contrast."""
+    """Classes of equal width and share: the threshold lies in the valley, which is flat over a third of it."""
     rng = np.random.default_rng(0)
     values = np.concatenate([rng.normal(100, 10, 50000), rng.normal(200, 10, 50000)])
     assert otsu_threshold(values) == pytest.approx(150, abs=15)

@@ -37,7 +37,7 @@ def zeros_along_x(field):
 
 @pytest.mark.parametrize("normal", [(0.8, 0.6, 0.0), (0.7, 0.6, np.sqrt(0.15)), (1.0, 0.0, 0.0)])
 def test_planes_are_smooth(normal):
-    """Staircases of labels are 0.22 to 0.29 voxels rms off an oblique plane; a quarter of it at least is gone, the mean stays."""
+    """Staircases of labels are 0.22 to 0.29 voxels rms off an oblique plane; a quarter of it is gone."""
     true = plane((20, 20, 20), normal, 10.0 * sum(normal))
     found = most_probable_field(true > 0, np.zeros(3, bool))
     x, y, z = zeros_along_x(found)
@@ -50,7 +50,7 @@ def test_planes_are_smooth(normal):
 def test_a_sphere_keeps_its_volume():
     """R = 5.3 voxels at a place between the centres: 2 % of the volume, 0.04 voxels of the radius."""
     found = most_probable_field(sphere(16, 5.3, (8.3, 7.8, 8.1)) > 0, ROUND)
-    x, y, z = zeros_along_x(found)
+    x, _, _ = zeros_along_x(found)
     low, high = x[::2], x[1::2]  # each row along x enters the sphere and leaves it
     assert len(x) % 2 == 0
     assert (high - low).sum() == pytest.approx(4 / 3 * np.pi * 5.3**3, rel=0.02)
