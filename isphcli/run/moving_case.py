@@ -16,7 +16,7 @@ from ..references.result import Result
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.prepare import prepare
-from .permeability import darcy
+from .permeability import darcy, fluid_cells
 from .results import (
     Look,
     Seen,
@@ -59,6 +59,9 @@ def run_moving(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     box = float(np.prod(geometry.upper - geometry.lower))
     march = TimeLoop(case, stepper, particles.site_volume, density, box)
+    if geometry.has_solid:
+        with clock("geometry"):
+            march.fluid_cells = fluid_cells(geometry, particles, whole=True)
     measures = None
     if len(np.unique(particles.phase)) > 1:
         from ..scene.choose_measures import choose_measures
@@ -175,7 +178,7 @@ def _finish_march(case: Case, directory: Path, clock: Clock, geometry: Geometry,
         gravity = float(np.linalg.norm(force))
         axis = stepper.held_velocity.axis if gravity > 0.0 else None
     superficial, mean, along = darcy(geometry, state.x, state.u, particles.site_volume, axis, force,
-                                     stepper.fluids.nu_max)
+                                     stepper.fluids.nu_max, fluid_cells(geometry, particles))
     resisted = geometry.has_solid and not two and not walls_move(case)
     permeability = error = None
     if axis is not None and resisted and march.outcome == "steady":

@@ -18,7 +18,7 @@ from ..operators.lattice_weights import LatticeWeights, build_lattice_weights, g
 from ..operators.wall_operators import WallScene
 from ..scene import memory
 from ..scene.place import place_case
-from .permeability import darcy
+from .permeability import darcy, fluid_cells
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -68,13 +68,17 @@ class StokesResult:
 
 @dataclass
 class SteadyScene:
-    """One geometry at one spacing with its matrices; every axis that it serves shares them."""
+    """One geometry at one spacing with its matrices; every axis that it serves shares them.
+
+    cells: volume of the fluid in the sample over that of a cell, see `permeability.fluid_cells`.
+    """
 
     geometry: Geometry
     particles: Particles
     system: StokesSystem
     halo: int
     percolates: np.ndarray
+    cells: float
 
 
 def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, needs: Sequence[int] = ()) -> SteadyScene:
@@ -105,7 +109,9 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
     with clock("preconditioner"):
         nu = next(iter(case.fluids.values())).nu
         system = StokesSystem(ops, spacing, nu, conservative=balanced)
-    return SteadyScene(geometry, particles, system, len(images.owner), percolates)
+    with clock("geometry"):
+        cells = fluid_cells(geometry, particles)
+    return SteadyScene(geometry, particles, system, len(images.owner), percolates, cells)
 
 
 def _operators(walls: WallScene, x: np.ndarray, fixed: bool, order: int) -> tuple[LatticeWeights, np.ndarray, Halo]:
@@ -152,7 +158,7 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
         flow = system.solve(force, case.solver.tolerance, case.solver.restart, case.solver.max_iterations, watch)
     cell_velocity = flow.velocity + _quadrature(scene, flow, force, fluid.nu)
     superficial, mean, permeability = darcy(geometry, particles.x[: particles.n_fluid], cell_velocity,
-                                            particles.site_volume, axis, force, fluid.nu)
+                                            particles.site_volume, axis, force, fluid.nu, scene.cells)
     return StokesResult(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
                  flow.pressure * fluid.density, superficial, mean, permeability,
                  *_mass(scene, flow, cell_velocity, axis), flow.report, scene.halo, system.conservative, system.count,

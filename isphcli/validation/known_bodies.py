@@ -230,7 +230,7 @@ def _spline_of(source: tuple) -> tuple[np.ndarray, float]:
         samples = GREY_LEVEL + 0.5 - np.load(DATA / source[1]).astype(float)
         samples /= samples.std()
     else:
-        seed, n, length, porosity = source
+        seed, n, length, _ = source
         m = np.fft.fftfreq(n) * 2 * math.pi * length
         damping = np.exp(-0.5 * (m[:, None, None] ** 2 + m[None, :, None] ** 2 + m[None, None, :] ** 2))
         samples = np.fft.ifftn(np.fft.fftn(np.random.default_rng(seed).standard_normal((n,) * 3)) * damping).real
