@@ -5,7 +5,7 @@ usage: PYTHONPATH=. python benchmarks/calibration.py measure FILE.csv WALL[,WALL
 
 measure: solves the bodies of `isphcli.validation.known_bodies` at 1, 2 and 3 particles a voxel edge, as far as they
 have MOST particles, and appends a row a body and wall to FILE.csv; rows that it has are kept. WALL: exact (the surface
-itself), labels, grey, stairs. report: prints the table of bodies, and what `isphcli/run/expected_error.py` takes from it.
+itself), labels, grey, stairs; "finite volumes" are those of benchmarks/finite_volumes.py on the labels. report: prints the table of bodies, and what `isphcli/run/expected_error.py` takes from it.
 
 Truth of stairs is another body, that of the cubes: finite volumes on 3 and 4 cells a voxel, extrapolated.
 """
@@ -22,6 +22,7 @@ from finite_volumes import permeability
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
 from isphcli.preflight.look import look
+from isphcli.run.expected_error import WALLS, pore_width
 from isphcli.run.permeability import EDGE, extrapolate
 from isphcli.run.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
@@ -55,6 +56,21 @@ def truth_of(body):
         return body.truth()[:2]
     except KeyError:  # its k can be measured before its truth is computed
         return float("nan"), float("nan")
+
+
+def finite_volumes(body):
+    """Finite volumes on the faces of the voxels, at as many cells a voxel: what peers do with labels."""
+    values, seconds = [], []
+    for level in LEVELS:
+        if level > 2 and body.labels().sum() * level**3 > MOST:
+            break
+        begin = time.process_time()
+        values.append(permeability(body.labels(), body.axis, level)[0])
+        seconds.append(time.process_time() - begin)
+    truth, uncertainty = truth_of(body)
+    return {"body": body.name, "family": body.family, "wall": "finite volumes", "truth": f"{truth:.6g}",
+            "uncertainty": f"{uncertainty:.2g}", "k": " ".join(f"{k:.6g}" for k in values),
+            "cpu": " ".join(f"{s:.2f}" for s in seconds)}
 
 
 def row_of(body, wall):
@@ -94,7 +110,7 @@ def measure(path, walls, *names):
         for body in bodies():
             if (body.name, wall) in done or (names and body.name not in names):
                 continue
-            row = row_of(body, wall)
+            row = finite_volumes(body) if wall == "finite volumes" else row_of(body, wall)
             new = not Path(path).exists()
             with open(path, "a", encoding="utf-8", newline="") as file:
                 writer = csv.DictWriter(file, NAMES, lineterminator="\n")
@@ -105,5 +121,97 @@ def measure(path, walls, *names):
             print(f"{wall} {body.name}: {off} % of {row['truth']}, CPU s {row['cpu']}", flush=True)
 
 
+# -- what it says ---------------------------------------------------------------------------------------
+
+
+def measured(path):
+    """Rows of a file with numbers in place of texts, and with their truth; those without one are left out."""
+    known = {body.name: body for body in bodies()}
+    rows = []
+    for row in rows_of(path):
+        body = known[row["body"]]
+        try:
+            true = body.truth()[0]
+        except KeyError:
+            continue
+        porosity = float(body.labels(3).mean())
+        rows.append({**row, "true": true, "truth": float(row["truth"]) if row["wall"] == "stairs" else true,
+                     "k": np.array(row["k"].split(), float), "cpu": row["cpu"].split(),
+                     "width": pore_width(true, porosity)})
+    return rows
+
+
+def off(k, truth):
+    """Relative error, as much of one too small as of one too large by the same factor."""
+    return np.exp(np.abs(np.log(np.asarray(k) / truth))) - 1.0
+
+
+def errors_of(rows, wall, part):
+    """(widths, errors): of spacings, in particles, against the truth or the finest spacing; of images, in voxels."""
+    widths, errors = [], []
+    for row in rows:
+        if row["wall"] != wall:
+            continue
+        k = row["k"]
+        if part == "image":
+            widths.append(row["width"])
+            errors.append(off(row["truth"] if wall == "stairs" else k[-1], row["true"]))
+            continue
+        converged = wall in ("exact", "stairs")
+        limit, levels = (row["truth"], len(k)) if converged else (k[-1], len(k) - 1)
+        widths += [row["width"] * level for level in LEVELS[:levels]]
+        errors += list(off(k[:levels], limit))
+    return np.array(widths), np.array(errors)
+
+
+def fit(widths, errors):
+    """(factor, power): the power by least squares of the logarithms, between 0.5 and 3, then the factor that holds
+    90 %."""
+    slope = -np.polyfit(np.log(widths), np.log(np.maximum(errors, 1e-5)), 1)[0]
+    power = min(max(round(2 * slope) / 2, 0.5), 3.0)
+    return float(np.quantile(errors * widths**power, 0.9)), power
+
+
+def bars_of(rows, wall, levels):
+    """(errors, bars) relative to the truth of bodies that were solved at these particles a voxel."""
+    found = []
+    for row in rows:
+        if row["wall"] == wall and len(row["k"]) >= max(levels):
+            k = row["k"][np.array(levels) - 1]
+            value, bar, *_ = extrapolate([1 / level for level in levels], k, EDGE if wall == "stairs" else None)
+            limit = row["truth"] if wall in ("exact", "stairs") else None
+            if limit is not None:
+                found.append((abs(value / limit - 1), bar / limit))
+    return np.array(found).reshape(-1, 2).T
+
+
+def report(path):
+    rows = measured(path)
+    print("| body | pore width, voxels | wall | k true | " + " | ".join(f"{level} a voxel, %" for level in LEVELS)
+          + " | bar, % | CPU s |\n" + "|---" * 9 + "|")
+    for row in rows:
+        levels = LEVELS[: len(row["k"])]
+        value, bar, *_ = extrapolate([1 / level for level in levels], row["k"], EDGE if row["wall"] == "stairs" else None)
+        shown = [f"{100 * (k / row['truth'] - 1):+.2f}" for k in row["k"]]
+        print("| " + " | ".join([row["body"], f"{row['width']:.2f}", row["wall"], f"{row['truth']:.5g}",
+                                  *shown, *[""] * (len(LEVELS) - len(shown)), f"{100 * bar / value:.2f}",
+                                  " ".join(row["cpu"])]) + " |")
+    for wall in ("exact", "stairs"):
+        for levels in ((1, 2), (2, 3), (1, 2, 3)):
+            errors, bars = bars_of(rows, wall, levels)
+            if len(errors):
+                print(f"{wall}, {levels} a voxel: {len(errors)} bodies, {100 * np.mean(errors <= bars):.0f} % within "
+                      f"the bar, median error {100 * np.median(errors):.3f} %, bar {100 * np.median(bars):.3f} %, "
+                      f"bar over error {np.median(bars / np.maximum(errors, 1e-6)):.2f}")
+    print("wall,part,factor,power,bodies,widest")
+    for wall in WALLS:
+        for part in ("spacing", "image"):
+            widths, errors = errors_of(rows, wall, part)
+            if len(widths) and (wall, part) != ("exact", "image"):
+                factor, power = fit(widths, errors)
+                count = len({row["body"] for row in rows if row["wall"] == wall})
+                print(f"{wall},{part},{factor:.3g},{power:g},{count},{widths.max():.3g}")
+
+
 if __name__ == "__main__":
-    {"measure": measure}[sys.argv[1]](*sys.argv[2:])
+    {"measure": measure, "report": report}[sys.argv[1]](*sys.argv[2:])
