@@ -5,7 +5,8 @@ usage: PYTHONPATH=. python benchmarks/calibration.py measure FILE.csv WALL[,WALL
 
 measure: solves the bodies of `isphcli.validation.known_bodies` at 1, 2 and 3 particles a voxel edge, as far as they
 have MOST particles, and appends a row a body and wall to FILE.csv; rows that it has are kept. WALL: exact (the surface
-itself), labels, grey, stairs; "finite volumes" are those of benchmarks/finite_volumes.py on the labels. report: prints the table of bodies, and what `isphcli/run/expected_error.py` takes from it.
+itself), labels, grey, stairs; "finite volumes" are those of benchmarks/finite_volumes.py on the labels. report: prints
+the table of bodies, and what `isphcli/run/expected_error.py` takes from it.
 
 Truth of stairs is another body, that of the cubes: finite volumes on 3 and 4 cells a voxel, extrapolated.
 """
@@ -191,7 +192,8 @@ def report(path):
           + " | bar, % | CPU s |\n" + "|---" * 9 + "|")
     for row in rows:
         levels = LEVELS[: len(row["k"])]
-        value, bar, *_ = extrapolate([1 / level for level in levels], row["k"], EDGE if row["wall"] == "stairs" else None)
+        edges = EDGE if row["wall"] == "stairs" else None
+        value, bar, *_ = extrapolate([1 / level for level in levels], row["k"], edges)
         shown = [f"{100 * (k / row['truth'] - 1):+.2f}" for k in row["k"]]
         print("| " + " | ".join([row["body"], f"{row['width']:.2f}", row["wall"], f"{row['truth']:.5g}",
                                   *shown, *[""] * (len(LEVELS) - len(shown)), f"{100 * bar / value:.2f}",

@@ -307,7 +307,7 @@ def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     throats = summary.get("throats")
     lines = [tuple(text.split(": ", 1)) for text in summary.get("inputs") or ()]
     if summary.get("porosity") is not None:
-        lines += [("porosity", f"{100 * summary['porosity']:.{DIGITS}g} % (fluid share of the sample, walls cutting cells)")]
+        lines += [("porosity", f"{100 * summary['porosity']:.{DIGITS}g} % (cells that walls cut with their part)")]
     if summary.get("open_axes") is not None:
         lines += [("open axes", ", ".join(summary["open_axes"]) or "none: no pore leads through the scene")]
     if throats:

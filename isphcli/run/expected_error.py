@@ -23,8 +23,8 @@ WALLS = {"exact": "shapes", "grey": "grey images", "labels": "segmented images",
 
 @dataclass(frozen=True)
 class Calibration:
-    """factor, power: 90 % of the bodies keep within factor / width^power; bodies: how many; widest: of them, in particles
-    or voxels."""
+    """factor, power: 90 % of the bodies keep within factor / width^power; bodies: how many; widest: of them, in
+    particles or voxels."""
 
     factor: float
     power: float

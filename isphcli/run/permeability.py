@@ -86,8 +86,8 @@ def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] 
 
 def _with_known_order(h: np.ndarray, k: np.ndarray,
                       known: tuple[float, float]) -> tuple[float, float, float | None, str]:
-    """`extrapolate` between two known orders, finest first. The limit is that of the higher one; the bar reaches to that
-    of the lower one, and to the limit of the two coarser spacings where there are three."""
+    """`extrapolate` between two known orders, finest first. The limit is that of the higher one; the bar reaches to
+    that of the lower one, and to the limit of the two coarser spacings where there are three."""
     low, high = known
 
     def limit(first: int, p: float) -> float:

@@ -2,7 +2,7 @@
 
 Every body is periodic along all axes and measured in voxels: it is a level function, positive in fluid, whose zero is
 the wall. From it come the images that a scanner would leave (labels by the middle of a voxel, grey values) and, for
-bodies without a formula, the scene whose permeability `benchmarks/true_permeabilities.py` computes on the exact surface.
+bodies without a formula, the scene whose permeability benchmarks/true_permeabilities.py computes on the exact surface.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ..references.solutions import (
 Level = Callable[[np.ndarray], np.ndarray]
 GREY_LEVEL = 32767.5  # grey value of the wall in all grey images; above it is solid
 PARTS = 6  # points along an edge of a voxel that its share of solid is counted from: steps of 1/216
-FINER = 4  # grid points a voxel edge between which a random field is a cubic spline: off by less than 1e-4 of its spread
+FINER = 4  # grid points a voxel edge between which a random field is a cubic spline: off by less than 1e-4 of it
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,8 @@ def _slit(x: np.ndarray, normal: Sequence[float], period: float, width: float, s
     return width / 2 - np.abs(_near(x @ np.asarray(normal) - shift, period))
 
 
-def _section(x: np.ndarray, size: Sequence[int], centre: Sequence[float], angle: float) -> tuple[np.ndarray, np.ndarray]:
+def _section(x: np.ndarray, size: Sequence[int], centre: Sequence[float],
+             angle: float) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates (u, v) across a straight duct along z, turned by an angle in radians."""
     a, b = _near(x[:, 0] - centre[0], size[0]), _near(x[:, 1] - centre[1], size[1])
     return math.cos(angle) * a + math.sin(angle) * b, math.cos(angle) * b - math.sin(angle) * a
