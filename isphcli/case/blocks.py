@@ -49,16 +49,51 @@ REFERENCE_KINDS = (
 
 
 @dataclass(frozen=True, kw_only=True)
+class Grey:
+    """A grey image as it was scanned: the wall is the surface on which it has the value of the threshold."""
+
+    threshold: float | str = key(
+        "grey value of the wall, or otsu: the value that parts the histogram into the two classes that differ most "
+        "(Otsu 1979); the run says which it took",
+        choices=("otsu",),
+    )
+    solid: str = key("which side of the threshold is solid: above (bright) or below", choices=("above", "below"))
+    fluids: Table[tuple[float, float]] = key(
+        "for each fluid, the grey values [from, to) of its voxels, where there are two. Without it: all pores hold the "
+        "first fluid",
+        default=Table(),
+    )
+    blur: float | str = key(
+        "width of the scanner's blur (standard deviation of a Gaussian) that is taken out of the image, in voxels, or "
+        "auto: estimated from the slope of the image at the walls, for images of two grey values",
+        default=0.0,
+        at_least=0,
+        at_most=2,
+        choices=("auto",),
+    )
+    denoise: float = key(
+        "width of a Gaussian that the image is averaged with against noise, in voxels; it opens throats as a blur does",
+        default=0.0,
+        at_least=0,
+        at_most=2,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Voxels:
-    """A segmented image."""
+    """An image: segmented, or grey."""
+
+    ONE_OF: ClassVar = ("labels", "grey")
 
     file: Path = key("image file: npy, npz, mhd", input=True)
     labels: Table[tuple[int, ...]] = key(
         "for `solid` and each fluid in the image, the voxel value or values that stand for it",
+        default=Table(),
         single=True,
         unique=True,
         at_least=0,
     )
+    grey: Grey | None = key("how a grey image, which nobody has segmented, is understood", default=None)
     voxel_size: float | Vector | None = key(
         "edge of a voxel: one number, or one an axis (x, y, z). Without it: that of the file (npz: `voxel_size`, in m; "
         "mhd: `ElementSpacing`, taken as metres)",
@@ -197,7 +232,7 @@ class Scene:
 
     ONE_OF: ClassVar = ("voxels", "box")
 
-    voxels: Voxels | None = key("a segmented image", default=None)
+    voxels: Voxels | None = key("an image, segmented or grey", default=None)
     box: Vector | None = key(
         "edges of the box; two numbers make the scene 2D", default=None, unit="m", above=0, lengths=(2, 3)
     )
@@ -218,8 +253,9 @@ class Scene:
         names=FACES,
     )
     wall_distance: str | None = key(
-        "how the distance to the walls is found: exact (shapes), smooth (sub-voxel, from the image) or "
-        "stairs (to the faces of the voxels). Without it: exact for shapes, smooth for an image",
+        "where the walls are: exact (shapes), smooth (an image: the surface on which the interpolated grey values have "
+        "that of the threshold, or the averaged labels the value between fluid and solid) or stairs (an image: the "
+        "faces of its solid voxels). Without it: exact for shapes, smooth for an image",
         default=None,
         choices=WALL_DISTANCES,
     )

@@ -12,7 +12,7 @@ from dataclasses import is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from . import expressions
-from .blocks import AXES, LATTICES, SOLID, Shape
+from .blocks import AXES, LATTICES, SOLID, Grey, Shape
 from .reader import Key, Table, keys_of, suggest
 from .yaml import Report, Where, as_key, shown
 
@@ -120,12 +120,15 @@ class _Checks:
         if not self.clear("geometry.voxels") or self.case.geometry.voxels is None:
             return
         voxels, path = self.case.geometry.voxels, "geometry.voxels"
-        for name in voxels.labels:
-            if name != SOLID:
-                self._fluid_name(name, f"{path}.labels.{as_key(name)}")
-        if not set(voxels.labels) - {SOLID}:
-            self.bad(f"{path}.labels", "no voxel is fluid", "add the name of a fluid and its value")
-        self._labels_differ(voxels.labels, f"{path}.labels")
+        if voxels.grey is not None:
+            self._grey(voxels.grey, f"{path}.grey")
+        elif self.clear(f"{path}.labels"):
+            for name in voxels.labels:
+                if name != SOLID:
+                    self._fluid_name(name, f"{path}.labels.{as_key(name)}")
+            if not set(voxels.labels) - {SOLID}:
+                self.bad(f"{path}.labels", "no voxel is fluid", "add the name of a fluid and its value")
+            self._labels_differ(voxels.labels, f"{path}.labels")
         if voxels.array is not None and voxels.file.suffix != ".npz":
             self.bad(f"{path}.array", "only an npz holds named arrays", "remove it")
         for axis, (first, end) in zip(AXES, voxels.crop or ()):
@@ -136,6 +139,17 @@ class _Checks:
             self.bad(f"{path}.voxel_size", "is missing, and an npy holds none", "give the edge of a voxel, in m")
         if voxels.crop and isinstance(size, tuple) and len(size) != len(voxels.crop):
             self.bad(f"{path}.crop", f"has {len(voxels.crop)} ranges, voxel_size has {len(size)} numbers")
+
+    def _grey(self, grey: Grey, path: str) -> None:
+        before: tuple[float, float] | None = None
+        for name, (first, end) in sorted((grey.fluids or {}).items(), key=lambda entry: entry[1]):
+            where = f"{path}.fluids.{as_key(name)}"
+            self._fluid_name(name, where)
+            if first >= end:
+                self.bad(where, "holds no grey value", "each range is [from, to)")
+            elif before is not None and first < before[1]:
+                self.bad(where, "shares grey values with another fluid", "let the ranges not overlap")
+            before = (first, end)
 
     def _labels_differ(self, labels: Table[tuple[int, ...]], path: str) -> None:
         owner: dict[int, str] = {}

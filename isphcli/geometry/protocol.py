@@ -25,6 +25,7 @@ class Geometry(Protocol):
     wall_speed: np.ndarray  # (n_walls,) largest speed, m/s
     slip_length: np.ndarray  # (n_walls,) Navier slip length, m
     has_solid: bool  # False: no solid anywhere
+    level_walls: bool  # every wall lies along the axes: the faces of voxels
     warnings: tuple[str, ...]  # what is odd about the input, sentences; () where nothing is
     described: tuple[tuple[str, str], ...]  # what was read and how it was understood: (name, text); () without a file
 

@@ -24,6 +24,7 @@ class ShapeGeometry:
     Raises ShapeError where a shape or the box cannot be used.
     """
 
+    level_walls = False
     warnings: tuple[str, ...] = ()
     described: tuple[tuple[str, str], ...] = ()
     labels: np.ndarray | None = None

@@ -8,12 +8,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from .voxel_lookup import LEAST_T, SIGN, TIE, _label, _voxel_of
-from .wall_distance import _interpolate
+from .voxel_lookup import LEAST_T, TIE, _label, _voxel_of
 
 
 @njit(cache=True, parallel=True)
-def _crossings(grid, field, around, stairs, xi, xj, lower, size, chunks):
+def first_faces(grid, around, xi, xj, lower, size, chunks):
+    """(n,) fraction t in (0, 1] of the way from xi to xj, (n, dim) m, to the first solid voxel; 1 without one."""
     n, dim = xi.shape
     t = np.empty(n)
     for chunk in prange(chunks):
@@ -23,13 +23,13 @@ def _crossings(grid, field, around, stairs, xi, xj, lower, size, chunks):
             for a in range(dim):
                 u[a] = (xi[k, a] - lower[a]) / size[a]
                 v[a] = (xj[k, a] - lower[a]) / size[a]
-            first = _march(grid, field, around, stairs, u, v, cell, step, left, face)
+            first = _march(grid, around, u, v, cell, step, left, face)
             t[k] = min(max(first, LEAST_T), 1.0)
     return t
 
 
 @njit(cache=True)
-def _march(grid, field, around, stairs, u, v, cell, step, left, face):
+def _march(grid, around, u, v, cell, step, left, face):
     """First wall along the segment u -> v: walk from voxel face to voxel face (Amanatides and Woo 1987).
 
     The number of faces along each axis is fixed beforehand, so that round-off can neither miss the last voxel
@@ -48,31 +48,15 @@ def _march(grid, field, around, stairs, u, v, cell, step, left, face):
         tie = t + TIE / fastest * 10
         x, y, z = face[0] <= tie, face[1] <= tie, face[2] <= tie
         if x + y + z > 1 and not _passable(grid, around, cell, step, x, y, z):
-            edge = stairs or _interpolate(field, around, *_along(u, v, t)) > -TIE
-            return t if edge else _root(field, around, u, v, t, True)
+            return t
         for a in range(3):
             if face[a] <= tie:
                 cell[a] += step[a]
                 left[a] -= 1
                 face[a] = _face(u[a], v[a], cell[a], step[a], left[a])
         if _label(grid, around, cell[0], cell[1], cell[2]) < 0:
-            if stairs or _is_outside(grid, around, cell):
-                return t
-            leave = min(face[0], face[1], face[2], 1.0)
-            inside = 1.0 if left[0] + left[1] + left[2] == 0 else 0.5 * (t + leave)
-            found = _root(field, around, u, v, inside, inside == 1.0)
-            if found >= 0:
-                return found
+            return t
     return 1.0
-
-
-@njit(cache=True)
-def _is_outside(grid, around, cell):
-    """Whether a voxel lies beyond a face of a non-periodic axis."""
-    nz, ny, nx = grid.shape
-    x = not around[0] and (cell[0] < 0 or cell[0] >= nx)
-    y = not around[1] and (cell[1] < 0 or cell[1] >= ny)
-    return x or y or (not around[2] and (cell[2] < 0 or cell[2] >= nz))
 
 
 @njit(cache=True)
@@ -99,38 +83,3 @@ def _passable(grid, around, cell, step, x, y, z):
     bc = _label(grid, around, ix, iy + sy, iz + sz) >= 0
     ac = _label(grid, around, ix + sx, iy, iz + sz) >= 0
     return (ab and (a or b)) or (bc and (b or c)) or (ac and (a or c))
-
-
-@njit(cache=True)
-def _root(field, around, u, v, b, last):
-    """Zero of the smooth distance between the start of a segment and its place b in a solid voxel, by a
-    guarded secant (Illinois); -1 if b is not behind a smooth wall (`last`: b is the end, always behind)."""
-    fb = _interpolate(field, around, *_along(u, v, b))
-    if fb > -TIE:
-        if not last:
-            return -1.0 if fb > TIE else b
-        fb = -SIGN
-    fa = _interpolate(field, around, u[0], u[1], u[2])
-    if fa <= TIE:
-        return b * SIGN / (SIGN - fb)
-    a, side = 0.0, 0
-    t = b * fa / (fa - fb)
-    for _ in range(20):  # mostly two or three
-        f = _interpolate(field, around, *_along(u, v, t))
-        if abs(f) < 1e-9:
-            break
-        if f > 0:
-            a, fa = t, f
-            fb = 0.5 * fb if side == 1 else fb
-            side = 1
-        else:
-            b, fb = t, f
-            fa = 0.5 * fa if side == -1 else fa
-            side = -1
-        t = a + (b - a) * fa / (fa - fb)
-    return t
-
-
-@njit(cache=True)
-def _along(u, v, t):
-    return u[0] + t * (v[0] - u[0]), u[1] + t * (v[1] - u[1]), u[2] + t * (v[2] - u[2])

@@ -1,4 +1,4 @@
-"""`VoxelGeometry`: phases, wall distance and first wall along a segment of a labelled voxel image.
+"""`VoxelGeometry`: phases, wall distance and first wall along a segment of an image whose walls are voxel faces.
 
 In voxel coordinates u = (x - lower) / voxel_size, voxel i covers [i, i + 1] and its centre is i + 1/2. Images
 are indexed [z, y, x]; a 2D image [y, x] is one layer, periodic along z.
@@ -13,23 +13,23 @@ import numpy as np
 from numba import get_num_threads, njit, prange
 
 from .faces import face_distance, face_walls
-from .voxel_crossings import _crossings
+from .voxel_crossings import first_faces
 from .voxel_lookup import FAR, _label, _voxel_of
-from .wall_distance import _distances, wall_field
+from .wall_distance import signed_centre_distance, stairs_distances
 
 
 class VoxelGeometry:
-    """Geometry (see `protocol.Geometry`) of a voxel image.
+    """Geometry (see `protocol.Geometry`) of a voxel image; its walls are the faces of solid voxels.
 
     labels: int8 [z, y, x] or [y, x], -1 solid, otherwise the index of a fluid; voxel_size: m, one number or
-    (dim,) in the order x, y(, z); periodic: (dim,) in that order, the faces of the other axes are walls;
-    wall_distance: 'smooth' (oblique staircases stand for smooth walls) or 'stairs' (walls are voxel faces).
+    (dim,) in the order x, y(, z); periodic: (dim,) in that order, the faces of the other axes are walls.
     flow_axis, clear: the image gets `clear` > 0 voxels of fluid 0 at both ends of the axis, which becomes
     periodic; sample_lower, sample_upper (dim,) is the box of the image itself.
     face_velocity, face_slip, slip_length: of the faces and of all other walls, see `faces.face_walls`.
     The wall distances are computed when they are first asked for. Raises ValueError where these do not fit each other.
     """
 
+    level_walls = True
     warnings: tuple[str, ...] = ()
     described: tuple[tuple[str, str], ...] = ()
     wall_spin: np.ndarray | None = None
@@ -39,7 +39,6 @@ class VoxelGeometry:
         labels: np.ndarray,
         voxel_size: float | Sequence[float] | np.ndarray,
         periodic: Sequence[bool],
-        wall_distance: str = "smooth",
         flow_axis: int | None = None,
         clear: int = 0,
         slip_length: float = 0.0,
@@ -51,8 +50,6 @@ class VoxelGeometry:
             labels = labels[0]
         if labels.ndim not in (2, 3) or labels.size == 0:
             raise ValueError(f"labels of shape {labels.shape}: give 2 or 3 dimensions and a voxel")
-        if wall_distance not in ("smooth", "stairs"):
-            raise ValueError(f"wall_distance '{wall_distance}': choose smooth or stairs")
         self.dim = labels.ndim
         size = np.asarray(voxel_size, dtype=float).ravel()
         self.voxel_size = np.full(self.dim, size[0]) if size.size == 1 else size[: self.dim].copy()
@@ -76,7 +73,6 @@ class VoxelGeometry:
             start[flow_axis] = clear
         self.labels = np.ascontiguousarray(labels, dtype=np.int8)
         self.periodic = tuple(around)
-        self.wall_distance = wall_distance
         self.lower = np.zeros(self.dim)
         self.upper = np.array(self.labels.shape[::-1]) * self.voxel_size
         self.sample_lower = start * self.voxel_size
@@ -95,7 +91,7 @@ class VoxelGeometry:
     def _field(self) -> np.ndarray:
         """Wall distance at the voxel centres: most of the time and memory of an image."""
         if self._solid == 1:
-            return wall_field(self._grid, self._voxel, self._around, self.wall_distance)
+            return signed_centre_distance(self._grid < 0, self._voxel, self._around)
         return np.full((1, 1, 1), FAR if self._solid == 0 else -FAR, dtype=np.float32)
 
     def phase(self, x: np.ndarray) -> np.ndarray:
@@ -107,8 +103,7 @@ class VoxelGeometry:
         u = self._points(x)
         if not self.has_solid:
             return np.full(len(u), np.inf)
-        stairs = self.wall_distance == "stairs"
-        d = _distances(self._grid, self._field, self._around, self._voxel, stairs, u)
+        d = stairs_distances(self._grid, self._field, self._around, self._voxel, u)
         return np.where(np.abs(d) > 1e20, np.copysign(np.inf, d), d * self._unit)
 
     def wall(self, x: np.ndarray) -> np.ndarray:
@@ -121,16 +116,13 @@ class VoxelGeometry:
     def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
         """(n,) fraction t in (0, 1] from fluid point xi to xj at the first wall; 1.0 where none is met.
 
-        'stairs': the first face of a solid voxel, exactly; a segment through the edge where two solid voxels
-        touch is blocked. 'smooth': zero of the smooth distance before the first solid voxel whose chord has
-        its middle in the solid.
+        That is the first face of a solid voxel, exactly; a segment through the edge where two solid voxels touch is
+        blocked.
         """
         xi, xj = np.asarray(xi, dtype=float), np.asarray(xj, dtype=float)
         if not self.has_solid:
             return np.ones(len(xi))
-        stairs = self.wall_distance == "stairs"
-        lattice = (self._grid, self._field, self._around)
-        return _crossings(*lattice, stairs, xi, xj, self.lower, self.voxel_size, get_num_threads())
+        return first_faces(self._grid, self._around, xi, xj, self.lower, self.voxel_size, get_num_threads())
 
     def _points(self, x: np.ndarray) -> np.ndarray:
         """Voxel coordinates (n, 3); the layer of a 2D image has z = 1/2."""

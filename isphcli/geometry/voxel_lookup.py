@@ -6,7 +6,6 @@ import numpy as np
 from numba import njit
 
 TIE = 1e-9  # voxels: points this close below a voxel face lie on it and belong to the upper voxel
-SIGN = 0.05  # of the smallest voxel side: least |distance| where interpolation contradicts the labels
 FAR = np.float32(1e30)
 LEAST_T = 1e-9  # of a segment: crossing of a wall that passes through its first point
 

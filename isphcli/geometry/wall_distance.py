@@ -1,4 +1,4 @@
-"""Signed wall distance of a labelled voxel image: of its stairs, or of the smooth walls that they stand for.
+"""Signed wall distance of a labelled voxel image: to the faces of its solid voxels, and between its voxel centres.
 
 The distance that the paper takes from smoothed colours (eqs 12-13) is not used: docs/method.md 5.
 
@@ -9,53 +9,17 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit, prange
-from scipy import ndimage
-from scipy.special import ndtr, ndtri
 
-from .voxel_lookup import FAR, SIGN, _label, _voxel_of
+from .voxel_lookup import FAR, _label, _voxel_of
 
 
-def wall_field(
-    grid: np.ndarray, voxel: np.ndarray, around: np.ndarray, wall_distance: str = "smooth"
-) -> np.ndarray:
-    """Signed wall distance at the voxel centres, float32 [z, y, x], in units of `voxel` (x, y, z).
+def signed_centre_distance(solid: np.ndarray, voxel: np.ndarray, around: np.ndarray) -> np.ndarray:
+    """Signed wall distance at the voxel centres, float32 [z, y, x], in units of `voxel` (x, y, z), > 0 in fluid.
 
-    Faces of the image are not walls here; the kernels add them exactly. 'stairs': the Euclidean distance to
-    the nearest centre of the other kind less half a voxel, exact for walls along the axes. 'smooth': near
-    walls that look smooth this gives way to the distance at which a plane has the same Gaussian average of
-    the labels (width s, one voxel), less the shift s^2 / 2 lap d of a curved wall. Error within two voxels of
-    the wall in voxels, rms / mean, against the true bodies (max 0.4 to 0.8: the labels decide the sign):
-
-                                 stairs            smooth
-        sphere, R 8.2            0.182 / +0.001    0.120 / +0.012
-        sphere, R 4.3            0.178 / +0.007    0.152 / +0.032
-        tube, R 8.2              0.220 / -0.035    0.185 / -0.040
-        plane (1, 3, 0.7)        0.181 / -0.012    0.097 / -0.013
-        plane (1, 1, 1)          0.120 / +0.062    0.085 / +0.064
-
-    For the sphere of R 8.2, the mean of the distances to the boundary voxels of both kinds has 0.165, one
-    binomial pass over the distance 0.158, the Gaussian without the curvature term 0.161 (mean +0.127).
+    It is the Euclidean distance to the nearest centre of the other kind less half a voxel, exact for walls along the
+    axes. Faces of the image are not walls here; `join_faces` adds them.
     """
-    solid = grid < 0
-    edt = nearest_centre(solid, voxel, around) - nearest_centre(~solid, voxel, around)
-    if wall_distance == "stairs":
-        return edt
-    axes = [a for a in range(3) if grid.shape[2 - a] > 1]  # x, y, z
-    s = float(np.prod(voxel[axes]) ** (1 / max(len(axes), 1)))
-    mean = (~solid).astype(np.float32)
-    for a in axes:
-        mode = "wrap" if around[a] else "nearest"
-        mean = ndimage.convolve1d(mean, _gaussian(s / voxel[a]), axis=2 - a, mode=mode)
-    plane = np.float32(s) * ndtri(np.clip(mean, 1e-6, 1 - 1e-6, out=mean))
-    _blend(edt, plane.astype(np.float32, copy=False), voxel, around, s)
-    return np.where(solid, np.minimum(edt, -SIGN), np.maximum(edt, SIGN)).astype(np.float32)
-
-
-def _gaussian(s: float) -> np.ndarray:
-    """Weights of voxels under a Gaussian of s voxels; a plane along the axes then averages to ndtr(d / s)."""
-    k = np.arange(-int(np.ceil(6 * s)), int(np.ceil(6 * s)) + 1)
-    w = ndtr((k + 0.5) / s) - ndtr((k - 0.5) / s)
-    return w / w.sum()
+    return nearest_centre(solid, voxel, around) - nearest_centre(~solid, voxel, around)
 
 
 def nearest_centre(target: np.ndarray, voxel: np.ndarray, around: np.ndarray) -> np.ndarray:
@@ -113,62 +77,6 @@ def _lower_envelopes(f, g, h, periodic):
             g[line, q] = step[p % n] + (q - p) ** 2
 
 
-@njit(cache=True, parallel=True)
-def _blend(edt, plane, voxel, around, s):
-    """Replace edt in place by the corrected plane distance near smooth walls, where |grad plane| is 1.
-
-    At a face of the image the field goes on as it comes there: in a straight line, without a bend.
-    A second wall within the Gaussian (throats, thin walls) changes the gradient: there edt stays. It also
-    stays where the two differ by less than 0.06 s, so that walls along the axes are exact.
-    """
-    nz, ny, nx = edt.shape
-    for layer in prange(nz):
-        z = np.int64(layer)
-        for y in range(ny):
-            for x in range(nx):
-                near = _step((2.5 * s - abs(edt[z, y, x])) / s)
-                if near == 0.0:
-                    continue
-                centre = plane[z, y, x]
-                slope2, bend = 0.0, 0.0
-                low, high, apart = _beside(x, nx, around[0])
-                if apart > 0:
-                    slope2 += ((plane[z, y, high] - plane[z, y, low]) / (apart * voxel[0])) ** 2
-                    if apart == 2:
-                        bend += (plane[z, y, high] - 2 * centre + plane[z, y, low]) / voxel[0] ** 2
-                low, high, apart = _beside(y, ny, around[1])
-                if apart > 0:
-                    slope2 += ((plane[z, high, x] - plane[z, low, x]) / (apart * voxel[1])) ** 2
-                    if apart == 2:
-                        bend += (plane[z, high, x] - 2 * centre + plane[z, low, x]) / voxel[1] ** 2
-                low, high, apart = _beside(z, nz, around[2])
-                if apart > 0:
-                    slope2 += ((plane[high, y, x] - plane[low, y, x]) / (apart * voxel[2])) ** 2
-                    if apart == 2:
-                        bend += (plane[high, y, x] - 2 * centre + plane[low, y, x]) / voxel[2] ** 2
-                smooth = _step((0.1 - abs(np.sqrt(slope2) - 1.0)) / 0.05)
-                more = centre - 0.5 * s * s * bend - edt[z, y, x]
-                edt[z, y, x] += near * smooth * _step((abs(more) / s - 0.06) / 0.03) * more
-
-
-@njit(cache=True)
-def _beside(i, n, periodic):
-    """Neighbours of i along an axis and how far apart they are; 0 apart on an axis of one voxel."""
-    if n == 1:
-        return i, i, 0
-    if periodic:
-        return (i - 1) % n, (i + 1) % n, 2
-    low, high = max(i - 1, 0), min(i + 1, n - 1)
-    return low, high, high - low
-
-
-@njit(cache=True)
-def _step(x):
-    """0 below 0, 1 above 1, smooth between."""
-    x = min(max(x, 0.0), 1.0)
-    return x * x * (3 - 2 * x)
-
-
 @njit(cache=True)
 def _neighbours_of(c, n, periodic):
     """The two centres round coordinate c along an axis and the weight of the second."""
@@ -184,7 +92,7 @@ def _neighbours_of(c, n, periodic):
 
 
 @njit(cache=True)
-def _interpolate(field, around, ux, uy, uz):
+def interpolate(field, around, ux, uy, uz):
     """Trilinear interpolation between voxel centres, constant beyond the outer ones of non-periodic axes."""
     nz, ny, nx = field.shape
     x0, x1, wx = _neighbours_of(ux, nx, around[0])
@@ -200,9 +108,9 @@ def _interpolate(field, around, ux, uy, uz):
 
 
 @njit(cache=True)
-def _smooth(grid, field, around, voxel, ux, uy, uz):
-    """Interpolated distance joined with the faces of the image; its sign may differ from the labels."""
-    nz, ny, nx = grid.shape
+def join_faces(d, shape, around, voxel, ux, uy, uz):
+    """A signed distance joined with the faces of the image that are walls."""
+    nz, ny, nx = shape
     plane = np.inf
     beyond = 0.0
     for a in range(3):
@@ -212,19 +120,10 @@ def _smooth(grid, field, around, voxel, ux, uy, uz):
             plane = min(plane, depth)
             if depth < 0:
                 beyond += depth * depth
-    d = _interpolate(field, around, ux, uy, uz)
     if beyond > 0:
         d = min(d, 0.0)
         return -np.sqrt(beyond + d * d)
     return min(d, plane)
-
-
-@njit(cache=True)
-def _signed(d, label):
-    """Distance with the sign of the label, at least SIGN in size where it has to be turned."""
-    if label < 0:
-        return d if d <= 0 else -SIGN
-    return d if d > 0 else SIGN
 
 
 @njit(cache=True)
@@ -250,13 +149,11 @@ def _stairs(grid, around, voxel, ux, uy, uz, far):
 
 
 @njit(cache=True, parallel=True)
-def _distances(grid, field, around, voxel, stairs, u):
+def stairs_distances(grid, field, around, voxel, u):
+    """Distances (n,) to the faces of solid voxels at points u (n, 3)."""
     d = np.empty(len(u))
     for k in prange(len(u)):
         ux, uy, uz = u[k, 0], u[k, 1], u[k, 2]
-        d[k] = _smooth(grid, field, around, voxel, ux, uy, uz)
-        if stairs:
-            d[k] = _stairs(grid, around, voxel, ux, uy, uz, d[k])
-        else:
-            d[k] = _signed(d[k], _label(grid, around, _voxel_of(ux), _voxel_of(uy), _voxel_of(uz)))
+        far = join_faces(interpolate(field, around, ux, uy, uz), grid.shape, around, voxel, ux, uy, uz)
+        d[k] = _stairs(grid, around, voxel, ux, uy, uz, far)
     return d

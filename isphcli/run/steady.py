@@ -13,6 +13,7 @@ from ..domain.components import pair_components
 from ..domain.lattice import ParticleError
 from ..flow.stokes import StokesFlow, StokesSystem
 from ..geometry.connectivity import merge_periodic
+from ..geometry.wall_normals import wall_normals
 from ..operators.kernel import KERNELS
 from ..operators.lattice_weights import LatticeWeights, build_lattice_weights, gradient_p, total_divergence
 from ..operators.wall_operators import WallScene
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
     from ..output.clock import Clock
     from ..solvers.krylov import Report, Watch
+
+
+LEVEL = 0.01  # slope to the lattice up to which a wall lies along it: a tenth of a spacing on ten spacings
 
 
 class NoFlowError(ParticleError):
@@ -125,9 +129,9 @@ def _operators(walls: WallScene, x: np.ndarray, fixed: bool, order: int) -> tupl
 
 
 def _balances_fluxes(case: Case, geometry: Geometry) -> bool:
-    """Images: throats of a few voxels need exact mass. Shapes: the consistent divergence, far more accurate (see
-    `_operators`); the solve falls back on the balance where they do not resolve the pores."""
-    return geometry.voxel_size is not None and case.particles.jitter == 0.0
+    """Walls on voxel faces: throats of a few voxels need exact mass. Other walls: the consistent divergence, far more
+    accurate (see `_operators`); the solve falls back on the balance where they do not resolve the pores."""
+    return geometry.level_walls and case.particles.jitter == 0.0
 
 
 def _percolation(ops: LatticeWeights, row: np.ndarray, owned: int, images: Halo, dim: int) -> np.ndarray:
@@ -168,14 +172,25 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
 def _quadrature(scene: SteadyScene, flow: StokesFlow, force: np.ndarray, nu: float) -> np.ndarray:
     """Difference between the mean of the velocity over a cell of the lattice and its value in the middle.
 
-    It is dx^2 / 24 lap u, and lap u follows from the momentum balance. Taken only where cells end at walls, that is
-    for images whose voxels are made up of whole cells: a slit n cells wide then has its exact flux for every n,
-    without it 1 / (2 n^2) too much.
+    Sums over a lattice are integrals but for its planes that lie along a wall: there they miss -B2(delta) / 2 dx^2 times
+    the slope of the velocity at the wall (Euler and Maclaurin), delta dx the distance of the first plane and B2(delta)
+    = delta^2 - delta + 1/6. lap u, which follows from the momentum balance, is the sum of these slopes. A slit in an
+    image then has its exact flux for every number of spacings; without it 1 / (2 n^2) too much for n whole cells. Where
+    walls are oblique to the lattice delta takes all values, and the mean of B2 is 0.
     """
-    voxel, dx = scene.geometry.voxel_size, scene.system.spacing
-    if voxel is None or not np.allclose(voxel / dx, np.maximum(np.round(voxel / dx), 1.0), rtol=1e-6):
+    geometry, dx = scene.geometry, scene.system.spacing
+    if geometry.voxel_size is None:
         return np.zeros_like(flow.velocity)
-    return (gradient_p(scene.system.ops, flow.pressure) - scene.system.drive(force)) * (dx * dx / (24.0 * nu))
+    if geometry.level_walls:
+        cells = geometry.voxel_size / dx  # faces of voxels are half a spacing from a plane where cells fill voxels
+        share = np.full(scene.particles.n_fluid, float(np.allclose(cells, np.maximum(np.round(cells), 1.0), rtol=1e-6)))
+    else:
+        x = scene.particles.x[: scene.particles.n_fluid]
+        along = np.abs(wall_normals(geometry, x, dx)).max(axis=1) > 1.0 - 0.5 * LEVEL**2
+        delta = np.mod(geometry.distance(x) / dx, 1.0)
+        share = np.where(along & np.isfinite(delta), -12.0 * (delta * (delta - 1.0) + 1.0 / 6.0), 0.0)
+    lap = (gradient_p(scene.system.ops, flow.pressure) - scene.system.drive(force)) / nu
+    return lap * (share * (dx * dx / 24.0))[:, None]
 
 
 def _mass(scene: SteadyScene, flow: StokesFlow, cell_velocity: np.ndarray, axis: int | None) -> tuple[float, float]:

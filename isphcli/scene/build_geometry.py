@@ -1,8 +1,7 @@
-"""The geometry of a case: `ShapeGeometry` of its shapes or `VoxelGeometry` of its image."""
+"""The geometry of a case: `ShapeGeometry` of its shapes, or that of its image (`image_geometry`)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from ..case.forcing import _flow_axis
 from ..geometry.protocol import Geometry
 
 if TYPE_CHECKING:
-    from ..case.blocks import Case, Voxels
+    from ..case.blocks import Case
     from ..case.blocks import Shape as ShapeOfCase
     from ..geometry.bodies import Body, Spheres
 
@@ -32,7 +31,9 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
         face_slip={f: w.slip_length for f, w in faces.items() if w.slip_length is not None},
     )
     if scene.voxels is not None:
-        return _image_geometry(case, _flow_axis(case) if axis is None else axis, walls)
+        from .image_geometry import image_geometry
+
+        return image_geometry(case, _flow_axis(case) if axis is None else axis, walls)
     from ..geometry.bodies import Shape, Spheres
     from ..geometry.shape_geometry import ShapeGeometry
     from .spheres import random_spheres
@@ -77,113 +78,6 @@ def _describe_spheres(file: Path, body: Spheres, lower: np.ndarray, upper: np.nd
     found, odd = sphere_findings(body, lower, upper, period, file.name)
     described.extend((file.name, text) for text in found)
     warnings.extend(odd)
-
-
-def _image_geometry(case: Case, axis: int | None, walls: dict) -> Geometry:
-    from ..case.checks import check_dimension
-    from ..domain.lattice import ParticleError
-    from ..geometry.images.read import read_image
-    from ..geometry.images.voxel_size import voxel_size_of
-    from ..geometry.labels import apply_labels, crop, faces_that_differ
-    from ..geometry.voxel_geometry import VoxelGeometry
-    from . import memory
-
-    spec = case.geometry.voxels
-    assert spec is not None
-    memory.refuse_image(case)
-    image = read_image(spec.file, spec.array)
-    values = image.values.transpose() if spec.axes == "xyz" else image.values
-    values_shape = values.shape
-    values = crop(values, spec.crop, spec.file)
-    labels = apply_labels(values, spec.labels, tuple(case.fluids), spec.file)
-    check_dimension(case, labels.ndim)
-    size, whence, odd = voxel_size_of(image, spec.voxel_size, spec.file, spec.axes)
-    periodic = ["xyz"[a] in case.geometry.periodic for a in range(labels.ndim)]
-    clear = added = 0
-    if axis is not None and not periodic[axis]:
-        h = size[axis if len(size) > 1 else 0]
-        clear = 6 if spec.clear_layer is None else max(round(spec.clear_layer / h), int(spec.clear_layer > 0))
-        added = 2 * clear * (labels.size // labels.shape[labels.ndim - 1 - axis])
-    if added > labels.size:
-        what, fix = f"clear layers of {clear} voxels", "take a smaller geometry.voxels.clear_layer; it is in metres"
-    else:
-        what, fix = f"the wall distances of {labels.size + added:,} voxels", memory.CROP
-    memory.refuse((labels.size + added) * memory.BYTES_VOXEL, what, fix)
-    unusual = _unusual_size(case, np.broadcast_to(size, labels.ndim))
-    try:
-        memory.refuse_pores(case, labels, size, added)
-    except ParticleError as error:  # voxels in another unit than the spacing make absurd numbers of particles
-        raise ParticleError("; ".join((str(error), *unusual))) from None
-    geometry = VoxelGeometry(labels, size, periodic, case.wall_distance, axis, clear, **walls)
-    solid = labels < 0
-    porosity, name = 1.0 - float(solid.mean()), spec.file.name
-    geometry.warnings = (
-        *image.warnings,
-        *odd,
-        *unusual,
-        *_unusual_porosity(porosity, spec.labels),
-        *faces_that_differ(solid, periodic),
-    )
-    geometry.described = (
-        ("image", f"{_product(labels.shape[::-1])} voxels along {', '.join('xyz'[: labels.ndim])}"
-                  + (f", cropped from {_product(values_shape[::-1])}" if spec.crop else "")
-                  + f"; {name} is an array {_product(image.values.shape)}, its axes taken as "
-                  + f"{', '.join(spec.axes if labels.ndim == 3 else spec.axes.replace('z', ''))}"),
-        ("voxel size", f"{_product(geometry.voxel_size)} m, {whence}"),
-        ("porosity", f"{100 * porosity:.2f} % of the image's voxels ({_labels_in_words(spec.labels)})"),
-    )  # fmt: skip
-    return geometry
-
-
-SI_DENSITY = (300.0, 20_000.0)  # kg/m3 of liquids: a case that has one counts in SI units and not in its own
-SI_VISCOSITY = (5e-6, 5e-5)  # Pa s of gases
-MOST_POROUS = 0.6  # above it hardly any rock
-
-
-def image_voxel_size(spec: Voxels) -> np.ndarray:
-    """Edges of a voxel of an image of a case, m: those of the case, else of its file."""
-    from ..geometry.images.read import read_image
-    from ..geometry.images.voxel_size import voxel_size_of
-
-    if spec.voxel_size is not None:
-        return np.ravel(spec.voxel_size)
-    return voxel_size_of(read_image(spec.file, spec.array), None, spec.file, spec.axes)[0]
-
-
-def _unusual_size(case: Case, size: np.ndarray) -> tuple[str, ...]:
-    """A voxel of millimetres and more in a case whose fluids are in SI units is mistaken, mostly micrometres."""
-    from ..geometry.images.voxel_size import COARSE
-
-    si = any(
-        SI_DENSITY[0] <= f.density <= SI_DENSITY[1] or SI_VISCOSITY[0] <= f.mu <= SI_VISCOSITY[1]
-        for f in case.fluids.values()
-    )
-    if not si or size.max() < COARSE:
-        return ()
-    return (
-        f"voxels of {_product(size)} m (the fluids are in SI units): images of rock are finer; if micrometres are "
-        f"meant, the voxel size is {_product(size * 1e-6)} m, if millimetres, {_product(size * 1e-3)} m",
-    )
-
-
-def _unusual_porosity(porosity: float, labels: Mapping[str, tuple[int, ...]]) -> tuple[str, ...]:
-    if not MOST_POROUS < porosity < 1.0:
-        return ()
-    return (
-        f"porosity {100 * porosity:.1f} %: more than rock has; check which values are solid ("
-        f"{_labels_in_words(labels)}; the other way round it is {100 * (1 - porosity):.1f} %)",
-    )
-
-
-def _labels_in_words(labels: Mapping[str, tuple[int, ...]]) -> str:
-    """'solid 1, water 0'."""
-    return ", ".join(f"{name} {' '.join(str(v) for v in values)}" for name, values in labels.items())
-
-
-def _product(numbers: Any) -> str:
-    """'20 x 20 x 10', of lengths one number where they are equal."""
-    words = [f"{n:.6g}" if isinstance(n, float) else str(n) for n in numbers]
-    return words[0] if isinstance(numbers, np.ndarray) and len(set(words)) == 1 else " x ".join(words)
 
 
 def _body(spec: ShapeOfCase, lower: np.ndarray, upper: np.ndarray) -> Body:

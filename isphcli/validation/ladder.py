@@ -27,7 +27,7 @@ from ..case.load import load_case
 from ..output.files import write_summary, write_text
 from ..output.folder import Folder, FolderError, ours, prepare, remove
 from ..references.compare import COMPARISONS
-from ..scene.build_geometry import image_voxel_size
+from ..scene.image_geometry import image_voxel_size
 from .markdown import items, origin, table
 from .peers import Peer, peers_of
 

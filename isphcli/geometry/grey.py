@@ -1,0 +1,130 @@
+"""Grey images: where the threshold lies, how much the scanner blurred, and the field whose zero is the wall."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .images.image import VoxelError
+from .spline import average
+
+BINS = 1024  # of the histogram of Otsu's threshold: its step is a thousandth of the range of grey values
+SHARPENINGS = 3  # of van Cittert: the finest modes, and with them noise, grow by less than one more than this factor
+TWO_VALUED = 0.75  # least share of the variance between the classes where an image counts as one of two grey values
+
+
+def otsu_threshold(values: np.ndarray) -> float:
+    """Grey value that parts the histogram into the two classes whose means differ most (Otsu 1979).
+
+    Raises VoxelError where all values are the same.
+    """
+    counts, centres = _histogram(values)
+    weight, moment = np.cumsum(counts), np.cumsum(counts * centres)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        between = (moment[-1] * weight / weight[-1] - moment) ** 2 / (weight * (weight[-1] - weight))
+    between[~np.isfinite(between)] = 0.0
+    best = np.flatnonzero(between >= between.max() * (1.0 - 1e-12))  # an empty valley is flat: its middle
+    return float(0.5 * (centres[best[0]] + centres[min(best[-1] + 1, len(centres) - 1)]))
+
+
+def _histogram(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    low, high = float(values.min()), float(values.max())
+    if low == high:
+        raise VoxelError(f"all grey values are {low:g}: there is nothing to part; check the image")
+    counts, edges = np.histogram(values, BINS, (low, high))
+    return counts.astype(float), 0.5 * (edges[1:] + edges[:-1])
+
+
+def grey_classes(values: np.ndarray, threshold: float) -> tuple[float, float, float]:
+    """(mean below, mean above, share of the variance that lies between the two) of grey values parted by a threshold."""
+    above = values >= threshold
+    share = float(above.mean())
+    if share in (0.0, 1.0):
+        mean = float(values.mean())
+        return mean, mean, 0.0
+    low, high = float(values[~above].mean()), float(values[above].mean())
+    variance = float(values.var())
+    return low, high, share * (1.0 - share) * (high - low) ** 2 / variance
+
+
+def field_of_grey(values: np.ndarray, threshold: float, solid: str) -> np.ndarray:
+    """Field, float32 of the shape of values: > 0 in fluid, 0 at the threshold, in units of half the contrast.
+
+    solid: 'above' or 'below' the threshold.
+    """
+    low, high, _ = grey_classes(values, threshold)
+    half = 0.5 * (high - low) or 1.0
+    sign = 1.0 if solid == "above" else -1.0
+    return (sign / half * (threshold - values.astype(np.float64))).astype(np.float32)
+
+
+def labels_of_grey(values: np.ndarray, threshold: float, solid: str, fluids: Mapping[str, tuple[float, float]],
+                   names: Sequence[str], path: str | Path = "image") -> np.ndarray:
+    """Phases int8 of grey values: -1 in solids, else the index in `names` of the fluid in whose range [from, to) it is.
+
+    Without `fluids` all pores hold the first. Raises VoxelError where a value of the pores is in no range, or a range
+    holds no voxel of the pores.
+    """
+    is_solid = values >= threshold if solid == "above" else values <= threshold
+    phases = np.where(is_solid, np.int8(-1), np.int8(0))
+    if not fluids:
+        return phases
+    left = ~is_solid
+    for name, (first, end) in fluids.items():
+        own = left & (values >= first) & (values < end)
+        if not own.any():
+            raise VoxelError(f"{path}: no voxel of the pores has a grey value of '{name}', {first:g} to {end:g}")
+        phases[own] = names.index(name)
+        left &= ~own
+    if left.any():
+        low, high = values[left].min(), values[left].max()
+        raise VoxelError(f"{path}: grey values of the pores from {low:g} to {high:g} belong to no fluid; widen "
+                         "geometry.voxels.grey.fluids")
+    return phases
+
+
+def estimate_blur(field: np.ndarray, around: np.ndarray) -> float:
+    """Standard deviation, voxels, of the Gaussian that made an image of two values what it is; see `field_of_grey`.
+
+    A step between -1 and 1 that is averaged over a voxel and with a Gaussian of width s has the slope
+    sqrt(2 / (pi (s^2 + 1/12))) on its middle; the median of the slopes between neighbouring centres of both kinds is
+    taken. field: [z, y, x]; around: (3,) bool x, y, z.
+    """
+    slopes = []
+    gradient = [_difference(field, axis, bool(around[2 - axis])) for axis in range(3) if field.shape[axis] > 1]
+    square = np.sqrt(sum(g * g for g in gradient))
+    fluid = field > 0
+    for axis in range(3):
+        if field.shape[axis] < 2:
+            continue
+        first = [slice(None)] * 3
+        second = [slice(None)] * 3
+        first[axis], second[axis] = slice(0, -1), slice(1, None)
+        meets = fluid[tuple(first)] != fluid[tuple(second)]
+        slopes.append(0.5 * (square[tuple(first)] + square[tuple(second)])[meets])
+    found = np.concatenate(slopes) if slopes else np.empty(0)
+    if not len(found):
+        return 0.0
+    # central differences over two voxels and the mean of two of them average the slope as a variance of 1/3 + 1/4 does
+    square_width = 2.0 / (np.pi * float(np.median(found)) ** 2) - 1.0 / 12.0 - 7.0 / 12.0
+    return float(np.sqrt(max(square_width, 0.0)))
+
+
+def _difference(field: np.ndarray, axis: int, periodic: bool) -> np.ndarray:
+    """Central differences per voxel along an axis, one-sided at faces that are not periodic."""
+    if periodic:
+        return 0.5 * (np.roll(field, -1, axis) - np.roll(field, 1, axis))
+    return np.gradient(field, axis=axis)
+
+
+def sharpen(field: np.ndarray, blur: float, around: np.ndarray) -> np.ndarray:
+    """The field with a Gaussian of `blur` voxels taken out (van Cittert), float32 [z, y, x].
+
+    Of a mode that the blur left a share H, 1 - (1 - H)^(SHARPENINGS + 1) is there afterwards.
+    """
+    found = field
+    for _ in range(SHARPENINGS):
+        found = found + (field - average(found, blur, around))
+    return found

@@ -1,0 +1,147 @@
+"""`IsoSurfaceGeometry`: the wall is the zero of a field on the voxel centres, interpolated by a cubic spline.
+
+The field is positive in fluid. Its sign says what is fluid everywhere, at every spacing of the particles: the body does
+not depend on how it is sampled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numba import get_num_threads, njit, prange
+from scipy import ndimage
+
+from .grey import sharpen
+from .iso_crossings import first_zeros
+from .spline import average, spline_coefficients, value_and_slope
+from .voxel_geometry import VoxelGeometry
+from .voxel_lookup import FAR, _label, _voxel_of
+from .wall_distance import interpolate, join_faces, signed_centre_distance
+
+LABELS_GAUSSIAN = 0.5  # voxels: width of the Gaussian that labels are averaged with; benchmarks/walls_from_labels.py
+WITHIN = 0.75  # voxels: the distance to the nearest voxel centre of the other kind, less half a voxel, is that good
+
+
+class IsoSurfaceGeometry(VoxelGeometry):
+    """Geometry (see `protocol.Geometry`) of the surface on which a field of an image is zero.
+
+    labels: int8 [z, y, x] or [y, x], -1 solid, otherwise the index of a fluid: where the field is positive, the nearest
+    fluid voxel says which; field: same shape, > 0 in fluid; gaussian: width in voxels of the Gaussian that the field is
+    averaged with, and blur: of the one that is taken out of it, 0: none. The other arguments: see `VoxelGeometry`; in clear layers the field has the median of its
+    positive values. Raises ValueError where these do not fit each other.
+    """
+
+    level_walls = False
+
+    def __init__(
+        self,
+        labels: np.ndarray,
+        field: np.ndarray,
+        voxel_size: float | Sequence[float] | np.ndarray,
+        periodic: Sequence[bool],
+        flow_axis: int | None = None,
+        clear: int = 0,
+        slip_length: float = 0.0,
+        face_velocity: dict | None = None,
+        face_slip: dict | None = None,
+        gaussian: float = 0.0,
+        blur: float = 0.0,
+    ):
+        super().__init__(labels, voxel_size, periodic, flow_axis, clear, slip_length, face_velocity, face_slip)
+        field = np.asarray(field, dtype=np.float32)
+        if field.shape != np.shape(labels):
+            raise ValueError(f"a field of shape {field.shape} for labels of shape {np.shape(labels)}")
+        if clear > 0 and flow_axis is not None:
+            positive = field[field > 0]
+            fluid = float(np.median(positive)) if len(positive) else 1.0
+            widths = [(clear, clear) if a == self.dim - 1 - flow_axis else (0, 0) for a in range(field.ndim)]
+            field = np.pad(field, widths, constant_values=fluid)
+        self._image_field = field.reshape(self._grid.shape)
+        self._gaussian, self._blur = float(gaussian), float(blur)
+
+    @cached_property
+    def field(self) -> np.ndarray:
+        """Field on the voxel centres, float32 [z, y, x], > 0 in fluid, clear layers included, averaged."""
+        found = average(self._image_field, self._gaussian, self._around)
+        return sharpen(found, self._blur, self._around) if self._blur > 0.0 else found
+
+    @cached_property
+    def _spline(self) -> np.ndarray:
+        return spline_coefficients(self.field, self._around)
+
+    @cached_property
+    def _distance_of_centres(self) -> np.ndarray:
+        """Signed distance of the voxel centres: how far value over slope is believed."""
+        solid = self.field <= 0
+        if solid.all() or not solid.any():
+            return np.full(solid.shape, -FAR if solid.any() else FAR, dtype=np.float32)
+        return signed_centre_distance(solid, self._voxel, self._around)
+
+    @cached_property
+    def _fluid(self) -> np.ndarray:
+        """Labels with those of the nearest fluid voxels in place of solids."""
+        if self._grid.max() <= 0:
+            return np.zeros_like(self._grid)
+        nearest = ndimage.distance_transform_edt(self._grid < 0, self._voxel[::-1], False, True)
+        return self._grid[tuple(nearest)]
+
+    def phase(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int8: index of the fluid where the field is positive, -1 elsewhere and beyond non-periodic faces."""
+        return _phases(self._spline, self._fluid, self._around, self._points(x))
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """(n,) signed distance to the wall, m; its sign agrees with `phase`."""
+        u = self._points(x)
+        if not self.has_solid:
+            return np.full(len(u), np.inf)
+        d = _distances(self._spline, self._distance_of_centres, self._around, self._voxel, u)
+        return np.where(np.abs(d) > 1e20, np.copysign(np.inf, d), d * self._unit)
+
+    def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
+        """(n,) fraction t in (0, 1] from fluid point xi to xj at the first zero of the field or face of the image;
+        1.0 where none is met."""
+        xi, xj = np.asarray(xi, dtype=float), np.asarray(xj, dtype=float)
+        if not self.has_solid:
+            return np.ones(len(xi))
+        return first_zeros(self._spline, self._around, xi, xj, self.lower, self.voxel_size, get_num_threads())
+
+
+@njit(cache=True, inline="always")
+def _fluid_at(fluid, around, ux, uy, uz):
+    """Fluid of the voxel that holds a point; -1 beyond a face that is a wall."""
+    nz, ny, nx = fluid.shape
+    return _label(fluid, around, _inside(ux, nx), _inside(uy, ny), _inside(uz, nz))
+
+
+@njit(cache=True, inline="always")
+def _inside(c, n):
+    """Voxel of a coordinate; the upper face of an axis belongs to its last voxel."""
+    return n - 1 if c == n else _voxel_of(c)
+
+
+@njit(cache=True, parallel=True)
+def _phases(c, fluid, around, u):
+    phase = np.empty(len(u), dtype=np.int8)
+    for k in prange(len(u)):
+        value, _, _, _ = value_and_slope(c, around, u[k, 0], u[k, 1], u[k, 2])
+        phase[k] = _fluid_at(fluid, around, u[k, 0], u[k, 1], u[k, 2]) if value > 0.0 else -1
+    return phase
+
+
+@njit(cache=True, parallel=True)
+def _distances(c, edt, around, voxel, u):
+    """Value over slope, as far as the distances between voxel centres allow it, with the sign of the value."""
+    d = np.empty(len(u))
+    within = WITHIN * max(voxel[0], voxel[1], voxel[2])
+    for k in prange(len(u)):
+        x, y, z = u[k, 0], u[k, 1], u[k, 2]
+        value, sx, sy, sz = value_and_slope(c, around, x, y, z)
+        slope = np.sqrt((sx / voxel[0]) ** 2 + (sy / voxel[1]) ** 2 + (sz / voxel[2]) ** 2)
+        far = interpolate(edt, around, x, y, z)
+        near = value / slope if slope * (abs(far) + within) > abs(value) else np.copysign(np.inf, value)
+        near = min(max(near, far - within), far + within)
+        near = max(near, 0.0) if value > 0.0 else min(near, -0.0)
+        d[k] = join_faces(near, c.shape, around, voxel, x, y, z)
+    return d

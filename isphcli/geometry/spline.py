@@ -1,0 +1,107 @@
+"""A field on voxel centres between them: its cubic B-spline, with value and slope at any point (Unser 1999).
+
+Voxel coordinates: see `voxel_geometry`. A spline of third order is twice continuously differentiable, so that its
+zero is a smooth surface; trilinear interpolation has facets of the size of a voxel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from scipy import ndimage
+
+
+def spline_coefficients(field: np.ndarray, around: np.ndarray) -> np.ndarray:
+    """Coefficients, float32 [z, y, x], of the cubic B-spline through a field (same shape, overwritten where float32).
+
+    around: (3,) bool x, y, z. Along periodic axes the field repeats, along the others it is mirrored at the faces.
+    """
+    coefficients = np.asarray(field, dtype=np.float32)
+    for axis in range(3):
+        if coefficients.shape[axis] > 1:
+            mode = "grid-wrap" if around[2 - axis] else "reflect"
+            coefficients = ndimage.spline_filter1d(coefficients, 3, axis, output=np.float32, mode=mode)
+    return coefficients
+
+
+def average(field: np.ndarray, width: float, around: np.ndarray) -> np.ndarray:
+    """The field, float32 [z, y, x], averaged with a Gaussian of `width` voxels along every axis; 0 leaves it.
+
+    Periodic and mirrored as `spline_coefficients` continues it.
+    """
+    if width > 0.0:
+        for axis in range(3):
+            if field.shape[axis] > 1:
+                mode = "wrap" if around[2 - axis] else "reflect"
+                field = ndimage.gaussian_filter1d(field, width, axis, output=np.float32, mode=mode)
+    return field
+
+
+@njit(cache=True, inline="always")
+def _place(c, n, periodic):
+    """(four indices of coefficients, fraction) round the coordinate c of an axis of n voxels."""
+    c = c - 0.5
+    i = int(np.floor(c))
+    f = c - i
+    if i >= 1 and i + 2 < n:
+        return i - 1, i, i + 1, i + 2, f
+    if periodic:
+        return (i - 1) % n, i % n, (i + 1) % n, (i + 2) % n, f
+    return _mirror(i - 1, n), _mirror(i, n), _mirror(i + 1, n), _mirror(i + 2, n), f
+
+
+@njit(cache=True)
+def _mirror(i, n):
+    """Index of an axis of n voxels that is mirrored at its faces."""
+    i %= 2 * n
+    return i if i < n else 2 * n - 1 - i
+
+
+@njit(cache=True, inline="always")
+def _weights(f):
+    """B-spline weights of the four coefficients and of the derivative, at fraction f of a voxel."""
+    g = 1.0 - f
+    value = (g * g * g / 6.0, (f * f * (3.0 * f - 6.0) + 4.0) / 6.0, (g * g * (3.0 * g - 6.0) + 4.0) / 6.0,
+             f * f * f / 6.0)
+    slope = (-0.5 * g * g, f * (1.5 * f - 2.0), g * (2.0 - 1.5 * g), 0.5 * f * f)
+    return value, slope
+
+
+@njit(cache=True)
+def value_and_slope(c, around, ux, uy, uz):
+    """(value, slope along x, y, z per voxel) of the spline with coefficients c at a point."""
+    nz, ny, nx = c.shape
+    x0, x1, x2, x3, fx = _place(ux, nx, around[0])
+    (a0, a1, a2, a3), (b0, b1, b2, b3) = _weights(fx)
+    y0, y1, y2, y3, fy = _place(uy, ny, around[1])
+    vy, sy = _weights(fy)
+    value, dx, dy, dz = 0.0, 0.0, 0.0, 0.0
+    if nz == 1:
+        k = 0
+        for y in (y0, y1, y2, y3):
+            p, q, r, s = c[0, y, x0], c[0, y, x1], c[0, y, x2], c[0, y, x3]
+            row = a0 * p + a1 * q + a2 * r + a3 * s
+            value += vy[k] * row
+            dx += vy[k] * (b0 * p + b1 * q + b2 * r + b3 * s)
+            dy += sy[k] * row
+            k += 1
+        return value, dx, dy, 0.0
+    z0, z1, z2, z3, fz = _place(uz, nz, around[2])
+    vz, sz = _weights(fz)
+    m = 0
+    for z in (z0, z1, z2, z3):
+        layer, along, across = 0.0, 0.0, 0.0
+        k = 0
+        for y in (y0, y1, y2, y3):
+            p, q, r, s = c[z, y, x0], c[z, y, x1], c[z, y, x2], c[z, y, x3]
+            row = a0 * p + a1 * q + a2 * r + a3 * s
+            layer += vy[k] * row
+            along += vy[k] * (b0 * p + b1 * q + b2 * r + b3 * s)
+            across += sy[k] * row
+            k += 1
+        value += vz[m] * layer
+        dx += vz[m] * along
+        dy += vz[m] * across
+        dz += sz[m] * layer
+        m += 1
+    return value, dx, dy, dz

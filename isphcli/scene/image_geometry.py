@@ -1,0 +1,196 @@
+"""The geometry of a case with an image: labels, or grey values, and the walls that they stand for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..domain.lattice import ParticleError
+from ..geometry.images.image import VoxelError
+from ..geometry.images.read import read_image
+from ..geometry.images.voxel_size import COARSE, voxel_size_of
+from ..geometry.labels import apply_labels, crop, faces_that_differ
+from . import memory
+
+if TYPE_CHECKING:
+    from ..case.blocks import Case, Grey, Voxels
+    from ..geometry.protocol import Geometry
+
+CLEAR_VOXELS = 6  # clear layers at each end of the axis of flow, without geometry.voxels.clear_layer
+
+
+@dataclass(frozen=True)
+class Understood:
+    """What the values of an image stand for.
+
+    labels: int8 [z, y, x] or [y, x], -1 solid, else the index of a fluid; field: None, or float32 of that shape, > 0 in
+    fluid, whose zero is the wall; words: which values are solid; described: see `protocol.Geometry`.
+    """
+
+    labels: np.ndarray
+    field: np.ndarray | None
+    words: str
+    described: tuple[tuple[str, str], ...] = ()
+    blur: float = 0.0
+    denoise: float = 0.0
+
+
+def image_geometry(case: Case, axis: int | None, walls: Mapping[str, Any]) -> Geometry:
+    """Geometry of the image of a case; axis: of flow, which gets the clear layers, or None; walls: of the faces.
+
+    Raises VoxelError where the image does not fit the case, ParticleError where it does not fit the memory.
+    """
+    from ..case.checks import check_dimension
+    from ..geometry.iso_surface import LABELS_GAUSSIAN, IsoSurfaceGeometry
+    from ..geometry.voxel_geometry import VoxelGeometry
+
+    spec = case.geometry.voxels
+    assert spec is not None
+    memory.refuse_image(case)
+    image = read_image(spec.file, spec.array, grey=spec.grey is not None)
+    values = image.values.transpose() if spec.axes == "xyz" else image.values
+    whole = values.shape
+    values = crop(values, spec.crop, spec.file)
+    periodic = ["xyz"[a] in case.geometry.periodic for a in range(values.ndim)]
+    understood = _understood(case, spec, values, periodic)
+    labels = understood.labels
+    check_dimension(case, labels.ndim)
+    size, whence, odd = voxel_size_of(image, spec.voxel_size, spec.file, spec.axes)
+    clear = added = 0
+    if axis is not None and not periodic[axis]:
+        h = size[axis if len(size) > 1 else 0]
+        clear = CLEAR_VOXELS if spec.clear_layer is None else max(round(spec.clear_layer / h), int(spec.clear_layer > 0))
+        added = 2 * clear * (labels.size // labels.shape[labels.ndim - 1 - axis])
+    if added > labels.size:
+        what, fix = f"clear layers of {clear} voxels", "take a smaller geometry.voxels.clear_layer; it is in metres"
+    else:
+        what, fix = f"the wall distances of {labels.size + added:,} voxels", memory.CROP
+    memory.refuse((labels.size + added) * memory.BYTES_VOXEL, what, fix)
+    unusual = _unusual_size(case, np.broadcast_to(size, labels.ndim))
+    try:
+        memory.refuse_pores(case, labels, size, added)
+    except ParticleError as error:  # voxels in another unit than the spacing make absurd numbers of particles
+        raise ParticleError("; ".join((str(error), *unusual))) from None
+    geometry: VoxelGeometry
+    if case.wall_distance == "stairs":
+        geometry = VoxelGeometry(labels, size, periodic, axis, clear, **walls)
+    else:
+        field, gaussian = understood.field, understood.denoise
+        if field is None:
+            field, gaussian = np.where(labels < 0, np.float32(-1.0), np.float32(1.0)), LABELS_GAUSSIAN
+        geometry = IsoSurfaceGeometry(labels, field, size, periodic, axis, clear, **walls, gaussian=gaussian,
+                                      blur=understood.blur)
+    solid = labels < 0
+    porosity, name = 1.0 - float(solid.mean()), spec.file.name
+    geometry.warnings = (
+        *image.warnings,
+        *odd,
+        *unusual,
+        *_unusual_porosity(porosity, understood.words),
+        *faces_that_differ(solid, periodic),
+    )
+    geometry.described = (
+        ("image", f"{_product(labels.shape[::-1])} voxels along {', '.join('xyz'[: labels.ndim])}"
+                  + (f", cropped from {_product(whole[::-1])}" if spec.crop else "")
+                  + f"; {name} is an array {_product(image.values.shape)}, its axes taken as "
+                  + f"{', '.join(spec.axes if labels.ndim == 3 else spec.axes.replace('z', ''))}"),
+        ("voxel size", f"{_product(geometry.voxel_size)} m, {whence}"),
+        ("porosity", f"{100 * porosity:.2f} % of the image's voxels ({understood.words})"),
+        *understood.described,
+    )  # fmt: skip
+    return geometry
+
+
+def _understood(case: Case, spec: Voxels, values: np.ndarray, periodic: list[bool]) -> Understood:
+    names = tuple(case.fluids)
+    if spec.grey is None:
+        labels = apply_labels(values, spec.labels, names, spec.file)
+        return Understood(labels, None, _labels_in_words(spec.labels))
+    return _understood_grey(spec, spec.grey, values, names, periodic)
+
+
+def _understood_grey(spec: Voxels, grey: Grey, values: np.ndarray, names: tuple[str, ...],
+                     periodic: list[bool]) -> Understood:
+    from ..geometry.grey import (
+        TWO_VALUED,
+        estimate_blur,
+        field_of_grey,
+        grey_classes,
+        labels_of_grey,
+        otsu_threshold,
+    )
+
+    otsu = isinstance(grey.threshold, str)
+    threshold = otsu_threshold(values) if isinstance(grey.threshold, str) else grey.threshold
+    low, high, share = grey_classes(values, threshold)
+    if not values.min() < threshold < values.max():
+        raise VoxelError(f"{spec.file}: geometry.voxels.grey.threshold {threshold:g} parts nothing: the grey values lie "
+                         f"between {values.min():g} and {values.max():g}; try otsu")
+    field = field_of_grey(values, threshold, grey.solid)
+    labels = labels_of_grey(values, threshold, grey.solid, grey.fluids, names, spec.file)
+    grid, around = field if field.ndim == 3 else field[None], np.array([*periodic, True][:3])
+    found = estimate_blur(grid, around)
+    two_valued = share >= TWO_VALUED
+    if isinstance(grey.blur, str) and not two_valued:
+        raise VoxelError(
+            f"{spec.file}: geometry.voxels.grey.blur: auto needs an image of two grey values; here only "
+            f"{100 * share:.0f} % of the variance lies between the two sides of the threshold; give a number of voxels")
+    blur = found if isinstance(grey.blur, str) else grey.blur
+    slopes = (f"its slopes at the walls are those of a step blurred by {found:.2f} voxels" if two_valued
+              else "it is not one of two grey values")
+    taken = f"; {blur:.2f} voxels of blur are taken out" if blur > 0.0 else ""
+    described = (
+        ("wall", f"surface of grey value {threshold:g} ({'Otsu' if otsu else 'given'}); the means below and above it are "
+                 f"{low:g} and {high:g}, {100 * share:.0f} % of the variance lies between them"),
+        ("sharpness", f"{slopes}{taken}"),
+    )  # fmt: skip
+    return Understood(labels, field, f"solid {grey.solid} {threshold:g}", described, blur, grey.denoise)
+
+
+SI_DENSITY = (300.0, 20_000.0)  # kg/m3 of liquids: a case that has one counts in SI units and not in its own
+SI_VISCOSITY = (5e-6, 5e-5)  # Pa s of gases
+MOST_POROUS = 0.6  # above it hardly any rock
+
+
+def image_voxel_size(spec: Voxels) -> np.ndarray:
+    """Edges of a voxel of an image of a case, m: those of the case, else of its file."""
+    if spec.voxel_size is not None:
+        return np.ravel(spec.voxel_size)
+    return voxel_size_of(read_image(spec.file, spec.array, grey=spec.grey is not None), None, spec.file, spec.axes)[0]
+
+
+def _unusual_size(case: Case, size: np.ndarray) -> tuple[str, ...]:
+    """A voxel of millimetres and more in a case whose fluids are in SI units is mistaken, mostly micrometres."""
+    si = any(
+        SI_DENSITY[0] <= f.density <= SI_DENSITY[1] or SI_VISCOSITY[0] <= f.mu <= SI_VISCOSITY[1]
+        for f in case.fluids.values()
+    )
+    if not si or size.max() < COARSE:
+        return ()
+    return (
+        f"voxels of {_product(size)} m (the fluids are in SI units): images of rock are finer; if micrometres are "
+        f"meant, the voxel size is {_product(size * 1e-6)} m, if millimetres, {_product(size * 1e-3)} m",
+    )
+
+
+def _unusual_porosity(porosity: float, words: str) -> tuple[str, ...]:
+    if not MOST_POROUS < porosity < 1.0:
+        return ()
+    return (
+        f"porosity {100 * porosity:.1f} %: more than rock has; check which values are solid ("
+        f"{words}; the other way round it is {100 * (1 - porosity):.1f} %)",
+    )
+
+
+def _labels_in_words(labels: Mapping[str, tuple[int, ...]]) -> str:
+    """'solid 1, water 0'."""
+    return ", ".join(f"{name} {' '.join(str(v) for v in values)}" for name, values in labels.items())
+
+
+def _product(numbers: Any) -> str:
+    """'20 x 20 x 10', of lengths one number where they are equal."""
+    words = [f"{n:.6g}" if isinstance(n, float) else str(n) for n in numbers]
+    return words[0] if isinstance(numbers, np.ndarray) and len(set(words)) == 1 else " x ".join(words)
