@@ -28,6 +28,7 @@ from isphcli.run.permeability import EDGE, extrapolate
 from isphcli.run.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.validation.known_bodies import GREY_LEVEL, LevelGeometry, bodies
+from isphcli.validation.markdown import table
 
 LEVELS = (1, 2, 3)
 MOST = 40_000  # particles of the third level: 3 to 8 CPU seconds
@@ -102,7 +103,7 @@ def rows_of(path):
     if not Path(path).exists():
         return []
     with open(path, encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
+        return list(csv.DictReader(line for line in file if not line.startswith("#")))
 
 
 def measure(path, walls, *names):
@@ -137,7 +138,7 @@ def measured(path):
             continue
         porosity = float(body.labels(3).mean())
         rows.append({**row, "true": true, "truth": float(row["truth"]) if row["wall"] == "stairs" else true,
-                     "k": np.array(row["k"].split(), float), "cpu": row["cpu"].split(),
+                     "k": np.array(row["k"].split(), float), "cpu": row["cpu"].split(), "straight": body.straight,
                      "width": pore_width(true, porosity)})
     return rows
 
@@ -154,7 +155,9 @@ def errors_of(rows, wall, part):
         if row["wall"] != wall:
             continue
         k = row["k"]
-        if part == "image":
+        if part != "spacing":
+            if row["straight"] != (part == "straight"):
+                continue
             widths.append(row["width"])
             errors.append(off(row["truth"] if wall == "stairs" else k[-1], row["true"]))
             continue
@@ -186,33 +189,58 @@ def bars_of(rows, wall, levels):
     return np.array(found).reshape(-1, 2).T
 
 
+KINDS = (*WALLS, "finite volumes")
+
+
+def table_of_bodies(rows):
+    """A row a body: errors in per cent at 1, 2, 3 particles (cells) a voxel of each kind of wall, then CPU seconds."""
+    heads = ["body", "pores, voxels", "true k, voxel^2", *(f"{kind}, %" for kind in KINDS), "labels: bar, %",
+             "CPU s: labels", "finite volumes"]
+    lines = []
+    for body in bodies():
+        own = {row["wall"]: row for row in rows if row["body"] == body.name}
+        if "labels" not in own:
+            continue
+        labels = own["labels"]
+        _, uncertainty, _ = body.truth()
+        line = [body.name, f"{labels['width']:.2f}",
+                f"{labels['true']:.4g}" + (f" +- {100 * uncertainty:.1f} %" if uncertainty > 1e-6 else "")]
+        for kind in KINDS:
+            found = own.get(kind)
+            line.append(", ".join(f"{100 * (k / found['truth'] - 1):+.2f}" for k in found["k"]) if found else "")
+        value, bar, *_ = extrapolate([1 / level for level in LEVELS[: len(labels["k"])]], labels["k"])
+        volumes = own.get("finite volumes")
+        line += [f"{100 * bar / value:.2f}", ", ".join(labels["cpu"]), ", ".join(volumes["cpu"]) if volumes else ""]
+        lines.append(line)
+    return table(heads, lines)
+
+
 def report(path):
     rows = measured(path)
-    print("| body | pore width, voxels | wall | k true | " + " | ".join(f"{level} a voxel, %" for level in LEVELS)
-          + " | bar, % | CPU s |\n" + "|---" * 9 + "|")
-    for row in rows:
-        levels = LEVELS[: len(row["k"])]
-        edges = EDGE if row["wall"] == "stairs" else None
-        value, bar, *_ = extrapolate([1 / level for level in levels], row["k"], edges)
-        shown = [f"{100 * (k / row['truth'] - 1):+.2f}" for k in row["k"]]
-        print("| " + " | ".join([row["body"], f"{row['width']:.2f}", row["wall"], f"{row['truth']:.5g}",
-                                  *shown, *[""] * (len(LEVELS) - len(shown)), f"{100 * bar / value:.2f}",
-                                  " ".join(row["cpu"])]) + " |")
+    command = f"PYTHONPATH=. python benchmarks/calibration.py report {path}"
+    print(f"`{command}`: errors at 1, 2 and 3\n"
+          "particles a voxel, of stairs from the body of cubes, of all others from the true body. Finite volumes\n"
+          "(benchmarks/finite_volumes.py) take the labels and as many cells.\n")
+    print("\n".join(table_of_bodies(rows)))
+    print("\nBars (`run/permeability.py`) against the truth of the surface that was solved:\n")
     for wall in ("exact", "stairs"):
         for levels in ((1, 2), (2, 3), (1, 2, 3)):
             errors, bars = bars_of(rows, wall, levels)
             if len(errors):
-                print(f"{wall}, {levels} a voxel: {len(errors)} bodies, {100 * np.mean(errors <= bars):.0f} % within "
+                print(f"- {wall}, {levels} a voxel: {len(errors)} bodies, {100 * np.mean(errors <= bars):.0f} % within "
                       f"the bar, median error {100 * np.median(errors):.3f} %, bar {100 * np.median(bars):.3f} %, "
                       f"bar over error {np.median(bars / np.maximum(errors, 1e-6)):.2f}")
-    print("wall,part,factor,power,bodies,widest")
+    print("\nRelative errors that 90 % keep within, factor / width^power, with the width of the pores in particles "
+          "(spacing)\nor voxels (image), as isphcli/data/calibration.csv has them:\n\n```\n"
+          f"# {command}\nwall,part,factor,power,bodies,widest")
     for wall in WALLS:
-        for part in ("spacing", "image"):
+        for part in ("spacing",) if wall == "exact" else ("spacing", "image", "straight"):
             widths, errors = errors_of(rows, wall, part)
-            if len(widths) and (wall, part) != ("exact", "image"):
+            if len(widths) > 1:
                 factor, power = fit(widths, errors)
-                count = len({row["body"] for row in rows if row["wall"] == wall})
+                count = len(widths) if part != "spacing" else len({r["body"] for r in rows if r["wall"] == wall})
                 print(f"{wall},{part},{factor:.3g},{power:g},{count},{widths.max():.3g}")
+    print("```")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 usage: PYTHONPATH=. python benchmarks/finite_volumes.py IMAGE.npy AXIS CELLS[,CELLS...]
 
 IMAGE: (nx, ny, nz), 1 in pores, periodic along all axes; AXIS: of the flow, 0 to 2; CELLS: along a voxel's edge.
-Prints k in voxel^2. Stokes flow on a marker-and-cell grid: pressures in the middles of cells, velocities on their faces.
+Prints k in voxel^2. Stokes flow on a marker-and-cell grid: pressures in the middles of cells, velocities on faces.
 Unit viscosity, unit force, unit cell. MINRES with smoothed aggregation for each velocity and for the pressure as
 preconditioner.
 """

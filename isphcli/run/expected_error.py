@@ -13,10 +13,14 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ..geometry.protocol import sample_box
 from ..references.solutions import DATA
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
+    from ..geometry.protocol import Geometry
 
 WALLS = {"exact": "shapes", "grey": "grey images", "labels": "segmented images", "stairs": "images with stairs"}
 
@@ -55,7 +59,7 @@ class Expected:
 
 @cache
 def calibrations() -> dict[tuple[str, str], Calibration]:
-    """By (wall, part): walls of `WALLS`; part spacing or image."""
+    """By (wall, part): walls of `WALLS`; part spacing, image or straight (images of straight pores)."""
     with open(DATA / "calibration.csv", encoding="utf-8", newline="") as file:
         rows = csv.DictReader(line for line in file if not line.startswith("#"))
         return {(row["wall"], row["part"]): Calibration(float(row["factor"]), float(row["power"]), int(row["bodies"]),
@@ -68,7 +72,26 @@ def wall_of(case: Case) -> str:
         return "exact"
     if case.wall_distance == "stairs":
         return "stairs"
-    return "labels"
+    return "grey" if case.geometry.voxels.grey is not None else "labels"
+
+
+def straight(geometry: Geometry) -> bool:
+    """Whether all slices of an image across one of its axes are the same, as those of a 2D image are.
+
+    One cross section then decides how walls lie to the voxels, and an image says less of k: in other pores walls lie in
+    all ways, and their errors cancel in part.
+    """
+    labels = geometry.labels
+    if labels is None:
+        return False
+    if labels.ndim == 2:
+        return True
+    assert geometry.voxel_size is not None
+    lower, upper = sample_box(geometry)
+    first = np.rint((lower - geometry.lower) / geometry.voxel_size).astype(int)
+    end = np.rint((upper - geometry.lower) / geometry.voxel_size).astype(int)
+    sample = labels[tuple(slice(a, b) for a, b in zip(first[::-1], end[::-1]))]
+    return any(bool(np.all(sample == np.take(sample, [0], axis))) for axis in range(3))
 
 
 def pore_width(k: float, porosity: float) -> float:
@@ -79,21 +102,24 @@ def pore_width(k: float, porosity: float) -> float:
     return math.sqrt(12.0 * k / porosity)
 
 
-def expected(wall: str, k: float, porosity: float, spacing: float, voxel: float | None, bar: float | None) -> Expected:
+def expected(wall: str, k: float, porosity: float, spacing: float, voxel: float | None = None,
+             is_straight: bool = False, bar: float | None = None) -> Expected:
     """Errors to expect of a permeability k, m2, at a spacing, m.
 
-    voxel: edge of a voxel of an image, m; bar: error bar of several spacings, m2, which takes the place of the
-    calibrated one.
+    voxel: edge of a voxel of an image, m; is_straight: see `straight`; bar: error bar of several spacings, m2, which
+    takes the place of the calibrated one.
     """
     width = pore_width(k, porosity)
     known = calibrations()
     lattice = known[wall, "spacing"]
     numerical = lattice.within(width / spacing) if bar is None else bar / k
-    image = known[wall, "image"].within(width / voxel) if voxel is not None else 0.0
     parts = [f"spacing +-{100 * numerical:.2g} %" + (
         f" (90 % of {lattice.bodies} known bodies, pores {width / spacing:.2g} particles wide)" if bar is None
         else " (several spacings)")]
+    image = 0.0
     if voxel is not None:
-        parts.append(f"image +-{100 * image:.2g} % (90 % of {known[wall, 'image'].bodies} known bodies as "
-                     f"{WALLS[wall]}, pores {width / voxel:.2g} voxels wide)")
+        scanned = known[wall, "straight" if is_straight else "image"]
+        image = scanned.within(width / voxel)
+        parts.append(f"image +-{100 * image:.2g} % (90 % of {scanned.bodies} known bodies as {WALLS[wall]}, "
+                     f"{'straight ' if is_straight else ''}pores {width / voxel:.2g} voxels wide)")
     return Expected(numerical, image, ", ".join(parts))
