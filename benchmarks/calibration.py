@@ -234,9 +234,10 @@ def report(path):
         for levels in ((1, 2), (2, 3), (1, 2, 3)):
             errors, bars, unsure = bars_of(rows, wall, levels)
             if len(errors):
-                print(f"- {wall}, {levels} a voxel: {len(errors)} bodies, {100 * np.mean(errors <= bars + unsure):.0f} % "
-                      f"within the bar, median error {100 * np.median(errors):.3f} %, bar {100 * np.median(bars):.3f} %, "
-                      f"bar over error {np.median(bars / np.maximum(errors, 1e-6)):.2f}")
+                held, ratio = np.mean(errors <= bars + unsure), np.median(bars / np.maximum(errors, 1e-6))
+                print(f"- {wall}, {levels} a voxel: {len(errors)} bodies, {100 * held:.0f} % within the bar, median "
+                      f"error {100 * np.median(errors):.3f} %, bar {100 * np.median(bars):.3f} %, bar over error "
+                      f"{ratio:.2f}")
     print("\nRelative errors that 90 % keep within, factor / width^power, with the width of the pores in particles "
           "(spacing)\nor voxels (image), as isphcli/data/calibration.csv has them:\n\n```\n"
           f"# {command}\nwall,part,factor,power,bodies,widest")

@@ -132,6 +132,9 @@ def _solve(case: Case, clock: Clock, quiet: bool,
             scene = None  # its memory is free when the next spacing is chosen
     if automatic:
         case = replace(case, refine=tuple(level.spacing for level in solved[1:]))
+        if len(solved) == 1:
+            seen.warnings.append(f"refine: auto: no further spacing fits refine_budget, {case.refine_budget:g} s, and "
+                                 "the memory that is free: no error bar")
     if not flows:
         raise steady.NoPathError("; ".join(dict.fromkeys(filter(None, closed.values()))) or why_closed(case, *driven))
     return case, axes, flows, closed, history, seen
