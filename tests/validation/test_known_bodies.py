@@ -14,7 +14,8 @@ from isphcli.run.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.validation.known_bodies import GREY_LEVEL, LevelGeometry, bodies, body, computed
 
-SMALL = ("slit at 45 degrees", "duct 6.4", "pipe 4.3", "ellipse 6.3 3.6", "spheres 0.216, 8", "cylinders 0.2, 12")
+SMALL = ("slit at 45 degrees", "duct 6.4", "annulus 2.2 6.7", "ellipse 6.3 3.6", "spheres 0.216, 8",
+         "cylinders 0.2, 12")
 VOXEL = ("pipe 3.7 at 45 degrees", "annulus 4.5 8.1", "ellipse 6.3 3.6", "spheres 0.216, 8", "cylinders 0.2, 12",
          "duct 8 at 30 degrees")
 
@@ -111,17 +112,20 @@ def test_the_range_of_images_holds_the_truth(grey, tmp_path):
 @pytest.mark.parametrize("wall", ["exact", "stairs"])
 def test_bars_hold_nine_bodies_in_ten(wall, levels):
     """What was measured of all bodies, put through `extrapolate` as it is: 90 % hold the truth, and half of the bars
-    are not wider than three times the error. Of stairs the truth is that of the cubes."""
-    errors, bars = [], []
+    are not wider than three times the error; four where the errors are below 0.02 %, or stairs are straight, whose
+    edges all lie along the flow. Of stairs the truth is that of the cubes."""
+    errors, bars, ratios = [], [], []
     for row, k in measured(wall):
         if len(k) >= max(levels):
             truth, uncertainty = (float(row["truth"]), 0.0) if wall == "stairs" else body(row["body"]).truth()[:2]
             edges = EDGE if wall == "stairs" else None
             value, bar, *_ = extrapolate([1 / level for level in levels], k[np.array(levels) - 1], edges)
-            errors.append(max(abs(value / truth - 1) - uncertainty, 0.0))
+            off = abs(value / truth - 1)
+            errors.append(max(off - uncertainty, 0.0))
             bars.append(bar / truth)
-    errors, bars = np.array(errors), np.array(bars)
-    assert np.mean(errors <= bars) >= 0.9
+            ratios.append(bar / truth / max(off, 1e-6))
+    assert np.mean(np.array(errors) <= bars) >= 0.9
+    assert np.median(ratios) <= (3.0 if wall == "exact" and 1 in levels else 4.0)
 
 
 @pytest.mark.parametrize("wall", ["labels", "grey"])
