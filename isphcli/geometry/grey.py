@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from .images.image import VoxelError
-from .spline import average
+from .spline import average, slopes, spline_coefficients
 
 BINS = 1024  # of the histogram of Otsu's threshold: its step is a thousandth of the range of grey values
 SHARPENINGS = 3  # of van Cittert: the finest modes, and with them noise, grow by less than one more than this factor
+UNBLURRED = 0.17  # square voxels: 1/12 of the voxel, the rest of the spline; what an image without blur shows
 TWO_VALUED = 0.75  # least share of the variance between the classes where an image counts as one of two grey values
 
 
@@ -88,35 +89,28 @@ def labels_of_grey(values: np.ndarray, threshold: float, solid: str, fluids: Map
 def estimate_blur(field: np.ndarray, around: np.ndarray) -> float:
     """Standard deviation, voxels, of the Gaussian that made an image of two values what it is; see `field_of_grey`.
 
-    A step between -1 and 1 that is averaged over a voxel and with a Gaussian of width s has the slope
-    sqrt(2 / (pi (s^2 + 1/12))) on its middle; the median of the slopes between neighbouring centres of both kinds is
-    taken. field: [z, y, x]; around: (3,) bool x, y, z.
+    A step between -1 and 1 that is averaged over a voxel, with a Gaussian of width s and by the spline has the slope
+    sqrt(2 / (pi (s^2 + UNBLURRED))) on its middle; the median of the slopes of the spline where it is zero between
+    neighbouring centres is taken. field: [z, y, x]; around: (3,) bool x, y, z.
     """
-    slopes = []
-    gradient = [_difference(field, axis, bool(around[2 - axis])) for axis in range(3) if field.shape[axis] > 1]
-    square = np.sqrt(sum(g * g for g in gradient))
-    fluid = field > 0
+    coefficients = spline_coefficients(np.array(field, np.float32), around)
+    places = []
     for axis in range(3):
         if field.shape[axis] < 2:
             continue
-        first = [slice(None)] * 3
-        second = [slice(None)] * 3
-        first[axis], second[axis] = slice(0, -1), slice(1, None)
-        meets = fluid[tuple(first)] != fluid[tuple(second)]
-        slopes.append(0.5 * (square[tuple(first)] + square[tuple(second)])[meets])
-    found = np.concatenate(slopes) if slopes else np.empty(0)
+        one = np.moveaxis(field, axis, 0)
+        meets = np.moveaxis((one[:-1] > 0) != (one[1:] > 0), 0, axis)
+        index = np.argwhere(meets)
+        f = field[tuple(index.T)].astype(float)
+        index[:, axis] += 1
+        g = field[tuple(index.T)]
+        place = index + 0.5
+        place[:, axis] += f / (f - g) - 1.0
+        places.append(place[:, ::-1])
+    found = slopes(coefficients, around, np.concatenate(places)) if places else np.empty(0)
     if not len(found):
         return 0.0
-    # central differences over two voxels and the mean of two of them average the slope as a variance of 1/3 + 1/4 does
-    square_width = 2.0 / (np.pi * float(np.median(found)) ** 2) - 1.0 / 12.0 - 7.0 / 12.0
-    return float(np.sqrt(max(square_width, 0.0)))
-
-
-def _difference(field: np.ndarray, axis: int, periodic: bool) -> np.ndarray:
-    """Central differences per voxel along an axis, one-sided at faces that are not periodic."""
-    if periodic:
-        return 0.5 * (np.roll(field, -1, axis) - np.roll(field, 1, axis))
-    return np.gradient(field, axis=axis)
+    return float(np.sqrt(max(2.0 / (np.pi * float(np.median(found)) ** 2) - UNBLURRED, 0.0)))
 
 
 def sharpen(field: np.ndarray, blur: float, around: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ def first_zeros(c, around, xi, xj, lower, size, chunks):
             for a in range(dim):
                 u[a] = (xi[k, a] - lower[a]) / size[a]
                 v[a] = (xj[k, a] - lower[a]) / size[a]
-            first = min(_first_zero(c, around, u, v), _first_face(c.shape, around, u, v))
+            first = min(first_zero(c, around, 1.0, u, v), _first_face(c.shape, around, u, v))
             t[k] = min(max(first, LEAST_T), 1.0)
     return t
 
@@ -46,36 +46,37 @@ def _first_face(shape, around, u, v):
 
 
 @njit(cache=True)
-def _along(c, around, u, v, t):
-    """(value, derivative by t) at fraction t of the segment u -> v."""
+def _along(c, around, sign, u, v, t):
+    """(value, derivative by t) of sign times the spline at fraction t of the segment u -> v."""
     dx, dy, dz = v[0] - u[0], v[1] - u[1], v[2] - u[2]
     value, sx, sy, sz = value_and_slope(c, around, u[0] + t * dx, u[1] + t * dy, u[2] + t * dz)
-    return value, sx * dx + sy * dy + sz * dz
+    return sign * value, sign * (sx * dx + sy * dy + sz * dz)
 
 
 @njit(cache=True)
-def _first_zero(c, around, u, v):
-    """First zero along the segment, 1 without one: values and slopes at parts of it, between them cubics.
+def first_zero(c, around, sign, u, v):
+    """First place where sign times the spline is not positive along the segment u -> v, 1 without one: values and slopes at
+    parts of it, between them cubics.
 
     A segment that only dips into a solid between two values is found by the least value of the cubic.
     """
     length = np.sqrt((v[0] - u[0]) ** 2 + (v[1] - u[1]) ** 2 + (v[2] - u[2]) ** 2)
     parts = max(int(np.ceil(length / REACH)), 1)
-    fa, da = _along(c, around, u, v, 0.0)
+    fa, da = _along(c, around, sign, u, v, 0.0)
     if fa <= 0.0:
         return 0.0
     a = 0.0
     for k in range(1, parts + 1):
         b = k / parts
-        fb, db = _along(c, around, u, v, b)
+        fb, db = _along(c, around, sign, u, v, b)
         if fb <= 0.0:
-            return _zero_between(c, around, u, v, a, fa, b, fb)
+            return _zero_between(c, around, sign, u, v, a, fa, b, fb)
         if da < 0.0 and db > 0.0:
             h = b - a
             s = _place_of_least(fa, da * h, fb, db * h)
-            inside, _ = _along(c, around, u, v, a + s * h)
+            inside, _ = _along(c, around, sign, u, v, a + s * h)
             if inside <= 0.0:
-                return _zero_between(c, around, u, v, a, fa, a + s * h, inside)
+                return _zero_between(c, around, sign, u, v, a, fa, a + s * h, inside)
         a, fa, da = b, fb, db
     return 1.0
 
@@ -91,12 +92,12 @@ def _place_of_least(fa, da, fb, db):
 
 
 @njit(cache=True)
-def _zero_between(c, around, u, v, a, fa, b, fb):
+def _zero_between(c, around, sign, u, v, a, fa, b, fb):
     """Zero between a, where the value fa is positive, and b, where fb is not: Newton kept inside the bracket."""
     h = b - a
     t = a + h * fa / (fa - fb)
     for _ in range(30):
-        f, d = _along(c, around, u, v, t)
+        f, d = _along(c, around, sign, u, v, t)
         if f > 0.0:
             a = t
         else:

@@ -14,21 +14,24 @@ from numba import get_num_threads, njit, prange
 from scipy import ndimage
 
 from .grey import sharpen
-from .iso_crossings import first_zeros
+from .iso_crossings import first_zero, first_zeros
+from .label_field import most_probable_field
 from .spline import average, spline_coefficients, value_and_slope
 from .voxel_geometry import VoxelGeometry
 from .voxel_lookup import FAR, _label, _voxel_of
 from .wall_distance import interpolate, join_faces, signed_centre_distance
 
-LABELS_GAUSSIAN = 0.5  # voxels: width of the Gaussian that labels are averaged with; benchmarks/walls_from_labels.py
-WITHIN = 0.75  # voxels: the distance to the nearest voxel centre of the other kind, less half a voxel, is that good
+NEAR = 2.5  # smallest voxel sides: up to here the zero is looked for along the slope of the field
+LEAST = 0.05  # smallest voxel sides: distance where neither the slope nor the voxel centres give one
+BEYOND = 1.0  # smallest voxel sides: the distance between voxel centres, less half a voxel, errs by less
 
 
 class IsoSurfaceGeometry(VoxelGeometry):
     """Geometry (see `protocol.Geometry`) of the surface on which a field of an image is zero.
 
     labels: int8 [z, y, x] or [y, x], -1 solid, otherwise the index of a fluid: where the field is positive, the nearest
-    fluid voxel says which; field: same shape, > 0 in fluid; gaussian: width in voxels of the Gaussian that the field is
+    fluid voxel says which; field: same shape, > 0 in fluid, or None: the smooth body that the labels are samples of
+    (`label_field`); gaussian: width in voxels of the Gaussian that the field is
     averaged with, and blur: of the one that is taken out of it, 0: none. The other arguments: see `VoxelGeometry`; in clear layers the field has the median of its
     positive values. Raises ValueError where these do not fit each other.
     """
@@ -38,7 +41,7 @@ class IsoSurfaceGeometry(VoxelGeometry):
     def __init__(
         self,
         labels: np.ndarray,
-        field: np.ndarray,
+        field: np.ndarray | None,
         voxel_size: float | Sequence[float] | np.ndarray,
         periodic: Sequence[bool],
         flow_axis: int | None = None,
@@ -50,20 +53,24 @@ class IsoSurfaceGeometry(VoxelGeometry):
         blur: float = 0.0,
     ):
         super().__init__(labels, voxel_size, periodic, flow_axis, clear, slip_length, face_velocity, face_slip)
-        field = np.asarray(field, dtype=np.float32)
-        if field.shape != np.shape(labels):
-            raise ValueError(f"a field of shape {field.shape} for labels of shape {np.shape(labels)}")
-        if clear > 0 and flow_axis is not None:
-            positive = field[field > 0]
-            fluid = float(np.median(positive)) if len(positive) else 1.0
-            widths = [(clear, clear) if a == self.dim - 1 - flow_axis else (0, 0) for a in range(field.ndim)]
-            field = np.pad(field, widths, constant_values=fluid)
-        self._image_field = field.reshape(self._grid.shape)
+        self._image_field = None
+        if field is not None:
+            field = np.asarray(field, dtype=np.float32)
+            if field.shape != np.shape(labels):
+                raise ValueError(f"a field of shape {field.shape} for labels of shape {np.shape(labels)}")
+            if clear > 0 and flow_axis is not None:
+                positive = field[field > 0]
+                fluid = float(np.median(positive)) if len(positive) else 1.0
+                widths = [(clear, clear) if a == self.dim - 1 - flow_axis else (0, 0) for a in range(field.ndim)]
+                field = np.pad(field, widths, constant_values=fluid)
+            self._image_field = field.reshape(self._grid.shape)
         self._gaussian, self._blur = float(gaussian), float(blur)
 
     @cached_property
     def field(self) -> np.ndarray:
-        """Field on the voxel centres, float32 [z, y, x], > 0 in fluid, clear layers included, averaged."""
+        """Field on the voxel centres, float32 [z, y, x], > 0 in fluid, clear layers included; averaged or sharpened as asked."""
+        if self._image_field is None:
+            return most_probable_field(self._grid >= 0, self._around)
         found = average(self._image_field, self._gaussian, self._around)
         return sharpen(found, self._blur, self._around) if self._blur > 0.0 else found
 
@@ -96,7 +103,7 @@ class IsoSurfaceGeometry(VoxelGeometry):
         u = self._points(x)
         if not self.has_solid:
             return np.full(len(u), np.inf)
-        d = _distances(self._spline, self._distance_of_centres, self._around, self._voxel, u)
+        d = _distances(self._spline, self._distance_of_centres, self._around, self._voxel, u, get_num_threads())
         return np.where(np.abs(d) > 1e20, np.copysign(np.inf, d), d * self._unit)
 
     def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
@@ -131,17 +138,32 @@ def _phases(c, fluid, around, u):
 
 
 @njit(cache=True, parallel=True)
-def _distances(c, edt, around, voxel, u):
-    """Value over slope, as far as the distances between voxel centres allow it, with the sign of the value."""
-    d = np.empty(len(u))
-    within = WITHIN * max(voxel[0], voxel[1], voxel[2])
-    for k in prange(len(u)):
-        x, y, z = u[k, 0], u[k, 1], u[k, 2]
-        value, sx, sy, sz = value_and_slope(c, around, x, y, z)
-        slope = np.sqrt((sx / voxel[0]) ** 2 + (sy / voxel[1]) ** 2 + (sz / voxel[2]) ** 2)
-        far = interpolate(edt, around, x, y, z)
-        near = value / slope if slope * (abs(far) + within) > abs(value) else np.copysign(np.inf, value)
-        near = min(max(near, far - within), far + within)
-        near = max(near, 0.0) if value > 0.0 else min(near, -0.0)
-        d[k] = join_faces(near, c.shape, around, voxel, x, y, z)
+def _distances(c, edt, around, voxel, u, chunks):
+    """Distances (n,) of points u (n, 3), units of `voxel`: along the slope to the zero; far from it, as between voxels."""
+    n = len(u)
+    d = np.empty(n)
+    for chunk in prange(chunks):
+        end = np.empty(3)
+        for k in range(chunk * n // chunks, (chunk + 1) * n // chunks):
+            d[k] = join_faces(_distance(c, edt, around, voxel, u[k], end), c.shape, around, voxel, u[k, 0], u[k, 1],
+                              u[k, 2])
     return d
+
+
+@njit(cache=True)
+def _distance(c, edt, around, voxel, u, end):
+    """Signed distance of a point u (3,) to the zero, without the faces of the image; end (3,): workspace."""
+    far = interpolate(edt, around, u[0], u[1], u[2])
+    value, sx, sy, sz = value_and_slope(c, around, u[0], u[1], u[2])
+    sign = 1.0 if value > 0.0 else -1.0
+    far = max(sign * far, LEAST)  # its sign is that of the nearest centres
+    slope = np.sqrt((sx / voxel[0]) ** 2 + (sy / voxel[1]) ** 2 + (sz / voxel[2]) ** 2)
+    if far > NEAR or slope == 0.0:
+        return sign * far
+    reach = far + BEYOND
+    scale = -sign * reach / slope
+    end[0] = u[0] + scale * sx / voxel[0] ** 2
+    end[1] = u[1] + scale * sy / voxel[1] ** 2
+    end[2] = u[2] + scale * sz / voxel[2] ** 2
+    t = first_zero(c, around, sign, u, end)
+    return sign * (t * reach if t < 1.0 else far)

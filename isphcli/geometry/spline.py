@@ -7,7 +7,7 @@ zero is a smooth surface; trilinear interpolation has facets of the size of a vo
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 from scipy import ndimage
 
 
@@ -105,3 +105,13 @@ def value_and_slope(c, around, ux, uy, uz):
         dz += sz[m] * layer
         m += 1
     return value, dx, dy, dz
+
+
+@njit(cache=True, parallel=True)
+def slopes(c, around, u):
+    """Slopes per voxel (n,) of the spline with coefficients c at points u (n, 3), in voxel coordinates x, y, z."""
+    out = np.empty(len(u))
+    for k in prange(len(u)):
+        _, dx, dy, dz = value_and_slope(c, around, u[k, 0], u[k, 1], u[k, 2])
+        out[k] = np.sqrt(dx * dx + dy * dy + dz * dz)
+    return out

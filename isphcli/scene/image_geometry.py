@@ -44,7 +44,7 @@ def image_geometry(case: Case, axis: int | None, walls: Mapping[str, Any]) -> Ge
     Raises VoxelError where the image does not fit the case, ParticleError where it does not fit the memory.
     """
     from ..case.checks import check_dimension
-    from ..geometry.iso_surface import LABELS_GAUSSIAN, IsoSurfaceGeometry
+    from ..geometry.iso_surface import IsoSurfaceGeometry
     from ..geometry.voxel_geometry import VoxelGeometry
 
     spec = case.geometry.voxels
@@ -78,11 +78,8 @@ def image_geometry(case: Case, axis: int | None, walls: Mapping[str, Any]) -> Ge
     if case.wall_distance == "stairs":
         geometry = VoxelGeometry(labels, size, periodic, axis, clear, **walls)
     else:
-        field, gaussian = understood.field, understood.denoise
-        if field is None:
-            field, gaussian = np.where(labels < 0, np.float32(-1.0), np.float32(1.0)), LABELS_GAUSSIAN
-        geometry = IsoSurfaceGeometry(labels, field, size, periodic, axis, clear, **walls, gaussian=gaussian,
-                                      blur=understood.blur)
+        geometry = IsoSurfaceGeometry(labels, understood.field, size, periodic, axis, clear, **walls,
+                                      gaussian=understood.denoise, blur=understood.blur)
     solid = labels < 0
     porosity, name = 1.0 - float(solid.mean()), spec.file.name
     geometry.warnings = (

@@ -1,4 +1,4 @@
-"""The geometry of voxel images: distances, signs and crossings."""
+"""Images whose walls are the faces of voxels: distances, signs and crossings."""
 
 import itertools
 
@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from isphcli.geometry.voxel_geometry import VoxelGeometry
-from isphcli.geometry.wall_distance import wall_field
+from isphcli.geometry.wall_distance import signed_centre_distance
 from tests.geometry.images.files import rock
 
 
-@pytest.mark.parametrize("kind", ["smooth", "stairs"])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("width", [1, 2, 3, 4, 6])
 @pytest.mark.parametrize("scale", [1.0, 2.0**-20])
-def test_slits_along_the_axes_are_exact_at_centres(kind, axis, width, scale):
+def test_slits_along_the_axes_are_exact_at_centres(axis, width, scale):
     """Slits and walls of any width, also one voxel: distances at the centres to round-off."""
     h = np.array([1.0, 1.0, 1.0]) * scale
     labels = np.full((16, 16, 16), -1, np.int8)
@@ -24,8 +23,8 @@ def test_slits_along_the_axes_are_exact_at_centres(kind, axis, width, scale):
     x[:, axis] = centres
     exact = np.minimum(centres - 5 * scale, (5 + width) * scale - centres)
     for phases, sign in ((labels, 1), (-1 - labels, -1)):
-        d = VoxelGeometry(phases, h, (True,) * 3, kind).distance(x)
-        near = np.abs(exact) < 1.5 * scale if kind == "stairs" else slice(None)
+        d = VoxelGeometry(phases, h, (True,) * 3).distance(x)
+        near = np.abs(exact) < 1.5 * scale
         assert np.abs(d - sign * exact)[near].max() < 1e-12 * scale
 
 
@@ -45,7 +44,7 @@ def test_layers_at_a_sealed_face_are_exact_at_centres(axis, thick, side, inverse
     np.moveaxis(grid, 2 - axis, 2)[:] = labels
     around = np.array([a != axis for a in range(3)])
     for faces in (around, np.zeros(3, bool)):
-        found = np.moveaxis(wall_field(grid, np.ones(3), faces), 2 - axis, 2)
+        found = np.moveaxis(signed_centre_distance(grid < 0, np.ones(3), faces), 2 - axis, 2)
         assert np.abs(found - exact).max() < 1e-6
 
 
@@ -76,35 +75,13 @@ def test_faces_are_exact_planes():
     assert np.mean(g.wall_velocity[g.wall(met)][:, 0]) > 0.99
 
 
-def sphere(n, radius, centre):
-    z, y, x = np.indices((n,) * 3) + 0.5
-    return np.where(np.hypot(np.hypot(x - centre[0], y - centre[1]), z - centre[2]) > radius, 0, -1)
-
-
-def test_smooth_distance_of_a_sphere():
-    """rms within two voxels of the wall: 0.12 voxels smooth, 0.18 plain; the mean error stays below 0.03."""
-    centre, radius, h = np.array([12.3, 11.8, 12.1]), 8.2, 3e-6
-    labels = sphere(24, radius, centre)
-    rng = np.random.default_rng(0)
-    x = rng.uniform(0, 24, (50000, 3))
-    true = np.linalg.norm(x - centre, axis=1) - radius
-    x, true = x[np.abs(true) < 2], true[np.abs(true) < 2]
-    g = VoxelGeometry(labels, h, (True,) * 3)
-    error = g.distance(x * h) / h - true
-    assert np.sqrt((error**2).mean()) < 0.135 and abs(error.mean()) < 0.03
-    g._field = wall_field(g._grid, g._voxel, g._around, "stairs")
-    assert np.sqrt(((g.distance(x * h) / h - true) ** 2).mean()) > 0.16
-    assert np.array_equal(g.distance(x * h) > 0, g.phase(x * h) >= 0)
-
-
-@pytest.mark.parametrize("kind", ["smooth", "stairs"])
 @pytest.mark.parametrize("shape", [(5, 6, 7), (8, 9)])
-def test_signs_agree_with_the_labels_anywhere(kind, shape):
+def test_signs_agree_with_the_labels_anywhere(shape):
     dim = len(shape)
     rng = np.random.default_rng(1)
     x = rng.uniform(-2, 11, (3000, dim))
     for periodic in itertools.product([True, False], repeat=dim):
-        g = VoxelGeometry(rock(shape), 1.0, periodic, kind)
+        g = VoxelGeometry(rock(shape), 1.0, periodic)
         phase = g.phase(x)
         assert np.array_equal(g.distance(x) > 0, phase >= 0)
         inside = ((x >= 0) & (x < shape[::-1]) | np.array(periodic)).all(1)
@@ -114,7 +91,7 @@ def test_signs_agree_with_the_labels_anywhere(kind, shape):
 
 def test_stairs_distance_is_exact_within_a_voxel():
     labels = rock((6, 6, 6), 0.75, seed=3)
-    g = VoxelGeometry(labels, 1.0, (True,) * 3, "stairs")
+    g = VoxelGeometry(labels, 1.0, (True,) * 3)
     x = np.random.default_rng(2).uniform(0, 6, (500, 3))
     every = np.argwhere(np.tile(labels < 0, (3, 3, 3)))[:, ::-1] - 6
     free = np.argwhere(np.tile(labels >= 0, (3, 3, 3)))[:, ::-1] - 6
@@ -146,7 +123,7 @@ def test_march_against_samples(shape, scale):
     rng = np.random.default_rng(5)
     dim = len(shape)
     for periodic in [(True,) * dim, (False,) * dim]:
-        g = VoxelGeometry(rock(shape, 0.75), scale, periodic, "stairs")
+        g = VoxelGeometry(rock(shape, 0.75), scale, periodic)
         xi = rng.uniform(0, 6, (400, dim)) * scale
         xi = xi[g.phase(xi) >= 0]
         xj = xi + rng.uniform(-2.4, 2.4, xi.shape) * scale
@@ -158,22 +135,20 @@ def test_march_against_samples(shape, scale):
         assert np.abs(g.crossing(xi, xj) - sampled).max() < 3e-4
 
 
-@pytest.mark.parametrize("kind", ["smooth", "stairs"])
 @pytest.mark.parametrize("scale", [1.0, 3e-6, 1e5 / 3])
-def test_diagonals_of_the_lattice(kind, scale):
+def test_diagonals_of_the_lattice(scale):
     """Centre to centre through an edge: blocked where both neighbours are solid, open where one is fluid."""
     labels = np.zeros((4, 4), np.int8)
     xi, xj = np.array([[1.5, 1.5]]) * scale, np.array([[2.5, 2.5]]) * scale
     labels[1, 2] = -1
-    assert VoxelGeometry(labels, scale, (True, True), kind).crossing(xi, xj)[0] == 1
+    assert VoxelGeometry(labels, scale, (True, True)).crossing(xi, xj)[0] == 1
     labels[2, 1] = -1
-    assert VoxelGeometry(labels, scale, (True, True), kind).crossing(xi, xj)[0] == pytest.approx(0.5)
-    far = VoxelGeometry(labels, scale, (True, True), kind).crossing(xi + 400 * scale, xj + 400 * scale)
+    assert VoxelGeometry(labels, scale, (True, True)).crossing(xi, xj)[0] == pytest.approx(0.5)
+    far = VoxelGeometry(labels, scale, (True, True)).crossing(xi + 400 * scale, xj + 400 * scale)
     assert far[0] == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize("kind", ["smooth", "stairs"])
-def test_corners_of_three_voxels(kind):
+def test_corners_of_three_voxels():
     """Along a space diagonal: open as long as a way over faces of fluid voxels is left."""
     xi, xj = np.array([[1.5] * 3]), np.array([[2.5] * 3])
     for around in itertools.product([0, -1], repeat=6):
@@ -185,37 +160,19 @@ def test_corners_of_three_voxels(kind):
             all(labels[tuple(1 + int(axis in order[:k]) for axis in range(3))] == 0 for k in (1, 2))
             for order in itertools.permutations(range(3))
         )
-        t = VoxelGeometry(labels, 1.0, (True,) * 3, kind).crossing(xi, xj)[0]
+        t = VoxelGeometry(labels, 1.0, (True,) * 3).crossing(xi, xj)[0]
         assert (t == 1) == ways
 
 
-@pytest.mark.parametrize("kind", ["smooth", "stairs"])
-def test_walls_and_throats_of_one_voxel_are_seen(kind):
+def test_walls_and_throats_of_one_voxel_are_seen():
     labels = np.zeros((8, 8, 8), np.int8)
     labels[:, :, 4] = -1
     labels[3, 3, 4] = 0  # the throat
-    g = VoxelGeometry(labels, 1e-6, (True,) * 3, kind)
+    g = VoxelGeometry(labels, 1e-6, (True,) * 3)
     xi = np.array([[3.5, 6.5, 6.5], [3.5, 3.5, 3.5]]) * 1e-6
     t = g.crossing(xi, xi + np.array([2e-6, 0, 0]))
     assert t[0] == pytest.approx(0.25) and t[1] == 1
     assert g.distance(np.array([[4.5, 3.5, 3.5]]) * 1e-6)[0] == pytest.approx(0.5e-6)
-
-
-def test_smooth_crossings_lie_on_the_smooth_wall():
-    """Through a voxelised sphere, at lattice points: |distance| at the crossing, and to the true wall."""
-    centre, radius = np.array([12.3, 11.8, 12.1]), 8.2
-    g = VoxelGeometry(sphere(24, radius, centre), 1.0, (True,) * 3)
-    x = np.indices((24,) * 3).reshape(3, -1).T + 0.5
-    step = np.random.default_rng(0).integers(-2, 3, x.shape)
-    keep = (g.phase(x) == 0) & (g.phase(x + step) == -1)
-    x, step = x[keep], step[keep]
-    met = x + g.crossing(x, x + step)[:, None] * step
-    assert np.abs(g.distance(met)).max() < 0.05 + 1e-6  # the labels move the sign by 0.05 voxels
-    error = np.sqrt(np.mean((np.linalg.norm(met - centre, axis=1) - radius) ** 2))
-    g._field = wall_field(g._grid, g._voxel, g._around, "stairs")
-    met = x + g.crossing(x, x + step)[:, None] * step
-    plain = np.sqrt(np.mean((np.linalg.norm(met - centre, axis=1) - radius) ** 2))
-    assert error < 0.19 and error < 0.75 * plain, (error, plain)
 
 
 def test_clear_layers():
@@ -233,7 +190,6 @@ def test_clear_layers():
         {"labels": np.zeros((0, 2), np.int8)},
         {"voxel_size": 0},
         {"voxel_size": np.nan},
-        {"wall_distance": "exact"},
         {"periodic": (True,)},
     ],
 )

@@ -7,7 +7,7 @@ from click.testing import CliRunner
 from isphcli.case.load import read_case
 from isphcli.cli import main
 from isphcli.domain.lattice import ParticleError
-from isphcli.geometry import voxel_geometry
+from isphcli.geometry import iso_surface
 from isphcli.geometry.images import read
 from isphcli.output.clock import Clock
 from isphcli.preflight.check import check
@@ -141,7 +141,7 @@ def test_pores_that_do_not_fit_are_refused_before_wall_distances(tmp_path, monke
     """Of 20 + 2 * 6 layers of 400 voxels, half of the sample and the clear layers are fluid: 8,800 voxels of 1,000
     particles. The check says the same number, and that the case cannot run."""
     case = rock(tmp_path, 1e-7)
-    monkeypatch.setattr(voxel_geometry, "wall_field", lambda *_: pytest.fail("distances"))
+    monkeypatch.setattr(iso_surface, "most_probable_field", lambda *_: pytest.fail("walls"))
     monkeypatch.setattr(memory, "available", lambda: 1e10)
     with pytest.raises(ParticleError, match=r"about 8.8e\+06 fluid particles need about .* GB"):
         build_geometry(case)

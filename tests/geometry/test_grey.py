@@ -1,0 +1,75 @@
+"""Grey images: thresholds, classes, blur."""
+
+import numpy as np
+import pytest
+
+from isphcli.geometry.grey import (
+    estimate_blur,
+    field_of_grey,
+    grey_classes,
+    labels_of_grey,
+    otsu_threshold,
+    sharpen,
+)
+from isphcli.geometry.images.image import VoxelError
+from isphcli.geometry.spline import average
+from tests.geometry.fields import sphere, waves
+
+ROUND = np.ones(3, bool)
+
+
+def two_values(n=24, up=4, blur=0.0):
+    """Shares of fluid in the voxels of a random body, as a field from -1 to 1, blurred by `blur` voxels."""
+    fine = (waves(n, n, 6, 1, 0.45, up) > 0).astype(np.float32) * 2 - 1
+    share = fine.reshape(n, up, n, up, n, up).mean(axis=(1, 3, 5))
+    return average(share, blur, ROUND)
+
+
+def test_otsu_finds_the_valley_between_two_classes():
+    """Classes of equal width and share: the threshold lies in the valley, which is flat over a third of the contrast."""
+    rng = np.random.default_rng(0)
+    values = np.concatenate([rng.normal(100, 10, 50000), rng.normal(200, 10, 50000)])
+    assert otsu_threshold(values) == pytest.approx(150, abs=15)
+    assert otsu_threshold(np.array([[0, 0, 255], [255, 0, 255]], np.uint8)) == pytest.approx(127.5, abs=1)
+
+
+def test_an_image_of_one_value_has_no_threshold():
+    with pytest.raises(VoxelError, match="all grey values are 7"):
+        otsu_threshold(np.full((3, 3), 7))
+
+
+def test_classes_and_the_field_of_grey_values():
+    values = np.array([[10, 10, 30, 30]])
+    assert grey_classes(values, 20) == (10.0, 30.0, pytest.approx(1.0))
+    assert field_of_grey(values, 20, "above").tolist() == [[1, 1, -1, -1]]
+    assert field_of_grey(values, 25, "below").tolist() == [[-1.5, -1.5, 0.5, 0.5]]
+
+
+def test_fluids_by_ranges_of_grey_values():
+    values = np.array([[5, 15, 40, 15]])
+    found = labels_of_grey(values, 30, "above", {"gas": (0, 10), "water": (10, 30)}, ("water", "gas"))
+    assert found.tolist() == [[1, 0, -1, 0]]
+    with pytest.raises(VoxelError, match="belong to no fluid"):
+        labels_of_grey(values, 30, "above", {"gas": (0, 10)}, ("water", "gas"))
+    with pytest.raises(VoxelError, match="no voxel of the pores has a grey value of 'gas'"):
+        labels_of_grey(values, 30, "above", {"gas": (0, 2), "water": (2, 30)}, ("water", "gas"))
+
+
+@pytest.mark.parametrize("blur", [0.0, 0.5, 0.8])
+def test_the_blur_of_an_image_of_two_values_is_estimated(blur):
+    """0.2 voxels: walls are curved and lie near each other, the slopes of grey values are coarse."""
+    assert estimate_blur(two_values(blur=blur), ROUND) == pytest.approx(blur, abs=0.2)
+
+
+@pytest.mark.parametrize("blur", [0.5, 0.8])
+def test_sharpening_brings_back_most_of_what_the_blur_took(blur):
+    sharp, blurred = two_values(), two_values(blur=blur)
+    found = sharpen(blurred, blur, ROUND)
+    assert np.sqrt(np.mean((found - sharp) ** 2)) < 0.5 * np.sqrt(np.mean((blurred - sharp) ** 2))
+
+
+def test_sharpening_leaves_what_no_blur_changes():
+    field = np.full((6, 6, 6), 0.3, np.float32)
+    assert np.allclose(sharpen(field, 0.8, ROUND), field, atol=1e-6)
+    linear = sphere(8, 2.0, (4.0, 4.0, 4.0)).astype(np.float32)
+    assert sharpen(linear, 0.0, ROUND) == pytest.approx(linear, abs=1e-6)
