@@ -25,7 +25,7 @@ import numpy as np
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
 from isphcli.preflight.look import look
-from isphcli.run.expected_error import WALLS, pore_width
+from isphcli.run.expected_error import WALLS, is_straight, mean_chord, pore_width
 from isphcli.run.permeability import EDGE, extrapolate
 from isphcli.run.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
@@ -143,9 +143,10 @@ def measured(path):
             true, unsure, _ = body.truth()
         except KeyError:
             continue
-        porosity = float(body.labels(3).mean())
+        porosity, pores = float(body.labels(3).mean()), body.labels() == 1
         rows.append({**row, "true": true, "truth": float(row["truth"]) if row["wall"] == "stairs" else true,
-                     "k": np.array(row["k"].split(), float), "cpu": row["cpu"].split(), "straight": body.straight,
+                     "k": np.array(row["k"].split(), float), "cpu": row["cpu"].split(), "chord": mean_chord(pores),
+                     "straight": is_straight(pores),
                      "unsure": 0.0 if row["wall"] == "stairs" else unsure,
                      "width": pore_width(true, porosity)})
     return rows
@@ -157,7 +158,8 @@ def off(k, truth):
 
 
 def errors_of(rows, wall, part):
-    """(widths, errors): of spacings, in particles, against the truth or the finest spacing; of images, in voxels."""
+    """(widths, errors): of spacings widths of pores in particles, against the truth or the finest spacing; of images
+    mean chords in voxels."""
     widths, errors = [], []
     for row in rows:
         if row["wall"] != wall:
@@ -166,7 +168,7 @@ def errors_of(rows, wall, part):
         if part != "spacing":
             if row["straight"] != (part == "straight"):
                 continue
-            widths.append(row["width"])
+            widths.append(row["chord"])
             errors.append(off(row["truth"] if wall == "stairs" else k[-1], row["true"]))
             continue
         converged = wall in ("exact", "stairs")
@@ -201,7 +203,7 @@ KINDS = (*WALLS, *PEERS)
 
 def table_of_bodies(rows):
     """A row a body: errors in per cent at 1, 2, 3 particles (cells) a voxel of each kind of wall, then CPU seconds."""
-    heads = ["body", "pores, voxels", "true k, voxel^2", *(f"{kind}, %" for kind in KINDS), "labels: bar, %",
+    heads = ["body", "pores and chords, voxels", "true k, voxel^2", *(f"{kind}, %" for kind in KINDS), "labels: bar, %",
              "CPU s: labels", *PEERS]
     lines = []
     for body in bodies():
@@ -210,7 +212,7 @@ def table_of_bodies(rows):
             continue
         labels = own["labels"]
         _, uncertainty, _ = body.truth()
-        line = [body.name, f"{labels['width']:.2f}",
+        line = [body.name, f"{labels['width']:.2f}, {labels['chord']:.2f}",
                 f"{labels['true']:.4g}" + (f" +- {100 * uncertainty:.1f} %" if uncertainty > 1e-6 else "")]
         for kind in KINDS:
             found = own.get(kind)
@@ -240,7 +242,8 @@ def report(path):
                       f"error {100 * np.median(errors):.3f} %, bar {100 * np.median(bars):.3f} %, bar over error "
                       f"{ratio:.2f}")
     print("\nRelative errors that 90 % keep within, factor / width^power, with the width of the pores in particles "
-          "(spacing)\nor voxels (image), as isphcli/data/calibration.csv has them:\n\n```\n"
+          "(spacing)\nor the mean chord in voxels (image; straight: all slices alike), as isphcli/data/calibration.csv "
+          "has them:\n\n```\n"
           f"# {command}\nwall,part,factor,power,bodies,widest")
     for wall in WALLS:
         for part in ("spacing",) if wall == "exact" else ("spacing", "image", "straight"):

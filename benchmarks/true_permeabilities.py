@@ -6,7 +6,7 @@ Rows of bodies that FILE.csv has already are kept. Each body is solved by `build
 spacings, the finest with about PARTICLES fluid particles: packs of spheres as shapes, random fields by
 `known_bodies.LevelGeometry`. The truth is the value at the finest spacing at which the consistent divergence was
 solved (between spheres that touch it may not be; the flux-balanced one is less accurate). Beside it are finite
-volumes (benchmarks/finite_volumes.py) on images of the body with up to CELLS cells along an edge. Its uncertainty is the
+volumes (benchmarks/finite_volumes.py) on images of the body with up to CELLS cells along an edge. Its error is the
 largest of the changes to the spacings next to it and a third of the distance to the finite volumes, whose staircases of
 both signs make them err by 1 to 2 % themselves. Column own: at the three spacings, b where the divergence was balanced;
 particles: at the finest of them.

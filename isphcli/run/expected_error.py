@@ -1,8 +1,9 @@
 """What a permeability at one spacing is worth, and what an image leaves open of it: by bodies whose k is known.
 
 `isphcli/data/calibration.csv` holds what `benchmarks/calibration.py` found on the bodies of
-`isphcli/validation/known_bodies.py`: the relative error that 90 % of them keep within is FACTOR / width^POWER, with the
-width of the pores in particles for what the spacing does, and in voxels for what the image does.
+`isphcli/validation/known_bodies.py`: the relative error that 90 % of them keep within is FACTOR / width^POWER. For what
+the spacing does the width is that of the pores, in particles; for what the image does the mean chord of pores or of
+grains, whichever is smaller, in voxels.
 """
 
 from __future__ import annotations
@@ -75,23 +76,44 @@ def wall_of(case: Case) -> str:
     return "grey" if case.geometry.voxels.grey is not None else "labels"
 
 
-def straight(geometry: Geometry) -> bool:
-    """Whether all slices of an image across one of its axes are the same, as those of a 2D image are.
+@dataclass(frozen=True)
+class Scan:
+    """What an image is, as far as its errors go. chord: see `mean_chord`; straight: see `is_straight`."""
+
+    chord: float
+    straight: bool
+
+
+def scan_of(geometry: Geometry) -> Scan | None:
+    """Of the sample of an image, without its clear layers; None of shapes, and where all is fluid or solid."""
+    if geometry.labels is None or geometry.voxel_size is None:
+        return None
+    lower, upper = sample_box(geometry)
+    first = np.rint((lower - geometry.lower) / geometry.voxel_size).astype(int)
+    end = np.rint((upper - geometry.lower) / geometry.voxel_size).astype(int)
+    pores = geometry.labels[tuple(slice(a, b) for a, b in zip(first[::-1], end[::-1]))] >= 0
+    chord = mean_chord(pores)
+    return Scan(chord, is_straight(pores)) if chord < np.inf else None
+
+
+def mean_chord(pores: np.ndarray) -> float:
+    """Mean length, in voxels, of lines along the axes within pores or within solid, the smaller of the two.
+
+    pores: bool, along any axes. Pores may be wide between grains of few voxels, which an image shows no better.
+    """
+    # walls a voxel along a line, of which a chord has two; the ends of an image that does not repeat are a pair of many
+    ends = float(np.mean([np.mean(pores != np.roll(pores, 1, axis)) for axis in range(pores.ndim)]))
+    porosity = float(pores.mean())
+    return 2.0 * min(porosity, 1.0 - porosity) / ends if ends > 0.0 else math.inf
+
+
+def is_straight(pores: np.ndarray) -> bool:
+    """Whether all slices across one of the axes are the same; a 2D image is one slice.
 
     One cross section then decides how walls lie to the voxels, and an image says less of k: in other pores walls lie in
     all ways, and their errors cancel in part.
     """
-    labels = geometry.labels
-    if labels is None:
-        return False
-    if labels.ndim == 2:
-        return True
-    assert geometry.voxel_size is not None
-    lower, upper = sample_box(geometry)
-    first = np.rint((lower - geometry.lower) / geometry.voxel_size).astype(int)
-    end = np.rint((upper - geometry.lower) / geometry.voxel_size).astype(int)
-    sample = labels[tuple(slice(a, b) for a, b in zip(first[::-1], end[::-1]))]
-    return any(bool(np.all(sample == np.take(sample, [0], axis))) for axis in range(3))
+    return pores.ndim == 2 or any(bool(np.all(pores == np.take(pores, [0], axis))) for axis in range(3))
 
 
 def pore_width(k: float, porosity: float) -> float:
@@ -102,12 +124,11 @@ def pore_width(k: float, porosity: float) -> float:
     return math.sqrt(12.0 * k / porosity)
 
 
-def expected(wall: str, k: float, porosity: float, spacing: float, voxel: float | None = None,
-             is_straight: bool = False, bar: float | None = None) -> Expected:
+def expected(wall: str, k: float, porosity: float, spacing: float, scan: Scan | None = None,
+             bar: float | None = None) -> Expected:
     """Errors to expect of a permeability k, m2, at a spacing, m.
 
-    voxel: edge of a voxel of an image, m; is_straight: see `straight`; bar: error bar of several spacings, m2, which
-    takes the place of the calibrated one.
+    scan: of an image; bar: error bar of several spacings, m2, which takes the place of the calibrated one.
     """
     width = pore_width(k, porosity)
     known = calibrations()
@@ -117,9 +138,9 @@ def expected(wall: str, k: float, porosity: float, spacing: float, voxel: float 
         f" (90 % of {lattice.bodies} known bodies, pores {width / spacing:.2g} particles wide)" if bar is None
         else " (several spacings)")]
     image = 0.0
-    if voxel is not None:
-        scanned = known[wall, "straight" if is_straight else "image"]
-        image = scanned.within(width / voxel)
-        parts.append(f"image +-{100 * image:.2g} % (90 % of {scanned.bodies} known bodies as {WALLS[wall]}, "
-                     f"{'straight ' if is_straight else ''}pores {width / voxel:.2g} voxels wide)")
+    if scan is not None:
+        scanned = known[wall, "straight" if scan.straight else "image"]
+        image = scanned.within(scan.chord)
+        parts.append(f"image +-{100 * image:.2g} % (90 % of {scanned.bodies} known {'straight ' * scan.straight}bodies "
+                     f"as {WALLS[wall]}, chords of {scan.chord:.2g} voxels)")
     return Expected(numerical, image, ", ".join(parts))

@@ -20,7 +20,7 @@ from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at
 from ..solvers.krylov import SolveError
 from . import steady
-from .expected_error import expected, straight, wall_of
+from .expected_error import expected, scan_of, wall_of
 from .permeability import EDGE, extrapolate
 from .refinement import Solved, further_spacings
 from .results import Look, Seen, _counts, _finish, _mean_max, _scene_entries, _series, _snapshot, _terms
@@ -175,7 +175,7 @@ def _sum_up(case: Case, axes: Drives, flows: Flows, closed: Closed, history: Row
     images: dict[str, float] = {}
     ranges: dict[str, tuple[float, float]] = {}
     sources: list[str] = []
-    wall, is_straight = wall_of(case), straight(main.geometry)
+    wall, scan = wall_of(case), scan_of(main.geometry)
     scene = _scene_entries(case, main.geometry, main.particles, seen)
     ladders: dict[str, dict[str, float]] = {}
     for axis, _ in axes:
@@ -192,12 +192,10 @@ def _sum_up(case: Case, axes: Drives, flows: Flows, closed: Closed, history: Row
             messages.append(f"{name}: {sentence}")
             permeability[name], bars[name] = float(limit), bar
         if permeability[name] > 0.0:
-            voxel = main.geometry.voxel_size
-            found = expected(wall, permeability[name], scene["porosity"], open_at[0],
-                             None if voxel is None else float(np.min(voxel)), is_straight, bars.get(name))
+            found = expected(wall, permeability[name], scene["porosity"], open_at[0], scan, bars.get(name))
             ranges[name] = found.bounds(permeability[name])
             sources.append(f"{name}: {found.sentence}")
-            if voxel is not None:
+            if scan is not None:
                 images[name] = found.image * permeability[name]
         if shut := [h for h in spacings if h not in open_at]:
             where = f"at the spacing {', '.join(f'{h:g}' for h in shut)} " if open_at else ""

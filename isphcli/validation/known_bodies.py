@@ -49,12 +49,6 @@ class Body:
     spheres: tuple[np.ndarray, np.ndarray] | None = None
     field: bool = False
 
-    @property
-    def straight(self) -> bool:
-        """Whether it is the same at all heights of an axis, see `run.expected_error.straight`."""
-        labels = self.labels()
-        return any(bool(np.all(labels == labels.take([0], axis))) for axis in range(3))
-
     def truth(self) -> tuple[float, float, str]:
         """(permeability in voxel^2, relative uncertainty, source); KeyError where it has not been computed."""
         if self.known is not None:
