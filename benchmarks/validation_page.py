@@ -3,7 +3,8 @@
 usage: python benchmarks/validation_page.py [--reuse] [--budget SECONDS] [--levels N]
 
 Runs, one after the other and each in a process of its own: `isph validate` over all of cases/, `isph validate --paper`,
-benchmarks/mutations.py and benchmarks/measuring.py. What they leave stands in out/page; --reuse takes what is there
+benchmarks/mutations.py, benchmarks/calibration.py (its report; what it measured is in isphcli/data) and
+benchmarks/measuring.py. What they leave stands in out/page; --reuse takes what is there
 from before and runs the rest. About an hour on one core.
 """
 
@@ -34,6 +35,10 @@ without compilation and without the reference solution.
 come first. Where none does, the reason stands there.
 
 {mutations}
+
+## Known bodies
+
+{bodies}
 
 ## Measuring
 
@@ -82,9 +87,11 @@ def main():
                  "paper/report.md", options.reuse)  # fmt: skip
     mutations = part("mutations", ["benchmarks/mutations.py"], "mutations.txt", options.reuse)
     measuring = part("measuring", ["benchmarks/measuring.py"], "measuring.txt", options.reuse)
+    bodies = part("bodies", ["benchmarks/calibration.py", "report", "isphcli/data/known_bodies_measured.csv"],
+                  "bodies.txt", options.reuse)  # fmt: skip
     text = PAGE.format(
         cases=demoted(cases).replace("## Validation", "## Cases", 1), paper=demoted(paper),
-        mutations=mutations.strip(), measuring=measuring.strip(),
+        mutations=mutations.strip(), bodies=bodies.strip(), measuring=measuring.strip(),
     )  # fmt: skip
     (ROOT / "docs" / "validation.md").write_text(text)
 

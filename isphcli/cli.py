@@ -307,7 +307,7 @@ def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     throats = summary.get("throats")
     lines = [tuple(text.split(": ", 1)) for text in summary.get("inputs") or ()]
     if summary.get("porosity") is not None:
-        lines += [("porosity", f"{100 * summary['porosity']:.{DIGITS}g} % (fluid particles over sites)")]
+        lines += [("porosity", f"{100 * summary['porosity']:.{DIGITS}g} % (cells that walls cut with their part)")]
     if summary.get("open_axes") is not None:
         lines += [("open axes", ", ".join(summary["open_axes"]) or "none: no pore leads through the scene")]
     if throats:
@@ -318,12 +318,20 @@ def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Permeability, m2 and mD: one number, one an axis, or the tensor; digits as far as the error bar says."""
     bars = dict(per_axis(summary.get("permeability_error")))
+    given = summary.get("permeability_range")
+    several = isinstance(given, Mapping)
+    ranges: dict[str, Any] = {f" {a}": ends for a, ends in given.items()} if several else {"": given} if given else {}
     lines = []
     for axis, k in per_axis(summary.get("permeability")):
         bar = bars.get(axis)
         lines.append((f"permeability{axis}", permeability(k, digits_within(k, bar))))
         if bar is not None:
             lines.append((f"  +-{axis}", permeability(bar, 2)))
+        if axis in ranges:
+            low, high = ranges[axis]
+            lines.append((f"  range{axis}", f"{low:.{DIGITS}g} to {high:.{DIGITS}g} m2"))
+    if summary.get("permeability_range_from"):
+        lines.append(("  range from", summary["permeability_range_from"]))
     tensor = summary.get("permeability_tensor")
     if tensor is not None:
         heads = ["tensor, m2"] + [""] * (len(tensor) - 1)

@@ -529,12 +529,20 @@ class Case:
     )
     time: Time | None = key("how long and in which steps (navier_stokes)", default=None)
     solver: Solver = key("the linear solvers", default=Solver())
-    refine: tuple[float, ...] = key(
-        "further spacings at which the same case is solved, to extrapolate (stokes)",
+    refine: tuple[float, ...] | str = key(
+        "further spacings at which the same case is solved, to extrapolate (stokes). auto: two more, finer ones as "
+        "memory and `refine_budget` allow, else coarser ones",
         default=(),
         unit="m",
         above=0,
         unique=True,
+        choices=("auto",),
+    )
+    refine_budget: float = key(
+        "wall seconds that all spacings of `refine: auto` may take together, as those that were solved let expect",
+        default=600.0,
+        unit="s",
+        above=0,
     )
     output: Output = key("what the run leaves behind", default=Output())
     reference: Reference | None = key("what `isph validate` compares with", default=None)
@@ -551,6 +559,11 @@ class Case:
     def fluid_names(self) -> tuple[str, ...]:
         """In case order: `phase` of a particle is the index into them."""
         return tuple(self.fluids)
+
+    @property
+    def spacings(self) -> tuple[float, ...]:
+        """Spacings that it names, m; `refine: auto` adds others as it goes (`run/refinement.py`)."""
+        return (self.particles.spacing, *(() if isinstance(self.refine, str) else self.refine))
 
     @property
     def support(self) -> float:

@@ -356,9 +356,10 @@ class _Checks:
             return
         if self.case.flow != "stokes":
             self.bad("refine", "needs flow: stokes", "remove it")
-        if self.case.particles.spacing in self.case.refine:
+        further = self.case.spacings[1:]
+        if self.case.particles.spacing in further:
             self.bad("refine", "repeats particles.spacing", "list the further spacings only")
-        for i, spacing in enumerate(self.case.refine):
+        for i, spacing in enumerate(further):
             if self.dim:
                 self._spacing_fits(spacing, f"refine.{i}")
 

@@ -89,8 +89,9 @@ def _section(path: str, cls: type) -> str:
 def _row(declared: Declared, one_of: tuple[str, ...]) -> str:
     spec = declared.spec
     value = " \\| ".join(spec.choices) if spec.choices else describe(declared.hint, spec)
-    if spec.choices and declared.hint is not str and "list" in describe(declared.hint, spec):
-        value = f"list of {value}"
+    if spec.choices and "list" in describe(declared.hint, spec):
+        own_word = str in options(declared.hint)  # beside the list, not in it
+        value = describe(declared.hint, spec).replace("text", value) if own_word else f"list of {value}"
     value += "".join(f", {part}" for part in (spec.unit, *_bounds_in_words(spec)) if part)
     if declared.required:
         default = "**required**"
@@ -148,7 +149,7 @@ def _option(hint: Any, spec: Key) -> dict[str, Any]:
         return table | ({"propertyNames": {"enum": list(spec.names)}} if spec.names else {})
     if origin is tuple:
         return _array(args, spec)
-    if spec.choices:
+    if spec.choices and hint is str:
         return {"enum": list(spec.choices)}
     if spec.formula:
         return {"type": ["string", "number"]}

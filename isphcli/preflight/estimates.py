@@ -113,13 +113,13 @@ def costs(result: CheckReport, geometry: Geometry) -> None:
     case, dim = result.case, result.dim
     result.neighbours = memory.neighbours(case, dim)
     spacing = case.particles.spacing
-    finest = (spacing / min((spacing, *case.refine))) ** dim
+    finest = (spacing / min(case.spacings)) ** dim
     fluid, labels = result.particles["fluid"] * finest, geometry.labels
     result.memory = memory.estimate(case, dim, geometry.has_solid, fluid, result.particles.get("dummy", 0) * finest,
                                     0 if labels is None else labels.size, two=len(case.fluids) > 1)
     runs: float | None = 1.0
     if case.flow == "stokes":
-        sizes = sum((spacing / other) ** dim for other in (spacing, *case.refine)) / finest
+        sizes = sum((spacing / other) ** dim for other in case.spacings) / finest
         runs = sizes * max(len(forcing.steady_axes(case)), 1)
     elif result.steps is not None:
         runs = result.steps.count

@@ -17,7 +17,7 @@ from ..references.result import Result
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.prepare import prepare
-from .permeability import darcy
+from .permeability import darcy, fluid_cells
 from .results import (
     Look,
     Seen,
@@ -128,6 +128,9 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     box = float(np.prod(geometry.upper - geometry.lower))
     march = TimeLoop(case, stepper, particles.site_volume, density, box)
+    if geometry.has_solid:
+        with clock("geometry"):
+            march.fluid_cells = fluid_cells(geometry, particles, whole=True)
     measures = None
     if len(np.unique(particles.phase)) > 1:
         from ..scene.choose_measures import choose_measures
@@ -236,7 +239,7 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
     stepper, march, two = run.stepper, run.march, run.measures is not None
     axis, force = _drive_at_the_end(run, state)
     superficial, mean, along = darcy(run.geometry, state.x, state.u, run.particles.site_volume, axis, force,
-                                     stepper.fluids.nu_max)
+                                     stepper.fluids.nu_max, fluid_cells(run.geometry, run.particles))
     resisted = run.geometry.has_solid and not two and not walls_move(run.case)
     permeability = error = None
     if axis is not None and resisted and march.outcome == "steady":

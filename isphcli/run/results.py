@@ -19,6 +19,7 @@ from ..output import restart
 from ..output.clock import Clock
 from ..output.files import SNAPSHOTS, Series, write_summary, write_text
 from ..output.machine import peak_memory, versions
+from .permeability import fluid_cells
 
 if TYPE_CHECKING:
     from ..domain.lattice import Particles
@@ -157,11 +158,9 @@ def counts_of(particles: Particles, halo: int) -> dict[str, int]:
 
 
 def _porosity(geometry: Geometry, particles: Particles) -> float:
-    """Fluid share of the sample (of an image without its clear layers), by lattice sites."""
+    """Fluid share of the sample (of an image without its clear layers), cells cut by walls counted with their part."""
     lower, upper = sample_box(geometry)
-    x = particles.x[: particles.n_fluid]
-    inside = int(np.all((x >= lower) & (x <= upper), axis=1).sum())
-    return inside * particles.site_volume / float(np.prod(upper - lower))
+    return fluid_cells(geometry, particles) * particles.site_volume / float(np.prod(upper - lower))
 
 
 def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:

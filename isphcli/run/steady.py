@@ -20,7 +20,7 @@ from ..operators.lattice_weights import LatticeWeights, build_lattice_weights
 from ..operators.wall_operators import WallScene
 from ..scene import memory
 from ..scene.place import place_case
-from .permeability import darcy
+from .permeability import darcy, fluid_cells
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -74,13 +74,17 @@ class StokesResult:
 
 @dataclass
 class SteadyScene:
-    """One geometry at one spacing with its matrices; every axis that it serves shares them."""
+    """One geometry at one spacing with its matrices; every axis that it serves shares them.
+
+    cells: volume of the fluid in the sample over that of a cell, see `permeability.fluid_cells`.
+    """
 
     geometry: Geometry
     particles: Particles
     system: StokesSystem
     halo: int
     percolates: np.ndarray
+    cells: float
 
 
 def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, needs: Sequence[int] = ()) -> SteadyScene:
@@ -110,7 +114,9 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
     with clock("preconditioner"):
         nu = next(iter(case.fluids.values())).nu
         system = StokesSystem(ops, spacing, nu)
-    return SteadyScene(geometry, particles, system, len(images.owner), percolates)
+    with clock("geometry"):
+        cells = fluid_cells(geometry, particles)
+    return SteadyScene(geometry, particles, system, len(images.owner), percolates, cells)
 
 
 def _operators(walls: WallScene, x: np.ndarray, fixed: bool) -> tuple[LatticeWeights, np.ndarray, Halo]:
@@ -151,7 +157,7 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
         flow = system.solve(force, case.solver.tolerance, case.solver.restart, case.solver.max_iterations, watch)
     cell_velocity = flow.velocity + _quadrature(scene, flow, force, fluid.nu)
     superficial, mean, permeability = darcy(geometry, particles.x[: particles.n_fluid], cell_velocity,
-                                            particles.site_volume, axis, force, fluid.nu)
+                                            particles.site_volume, axis, force, fluid.nu, scene.cells)
     return StokesResult(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
                  flow.pressure * fluid.density, superficial, mean, permeability,
                  *_mass(scene, flow, cell_velocity, axis), flow.report, scene.halo,
@@ -162,8 +168,8 @@ def _quadrature(scene: SteadyScene, flow: StokesFlow, force: np.ndarray, nu: flo
     """Difference between the mean of the velocity over a cell of the lattice and its value in the middle.
 
     Sums over a lattice are integrals but for its planes that lie along a wall: there they miss -B2(delta) / 2 dx^2
-    times the slope of the velocity at the wall (Euler and Maclaurin), delta dx the distance of the first plane and B2(delta)
-    = delta^2 - delta + 1/6. lap u, which follows from the momentum balance, is the sum of these slopes. A slit in an
+    times the slope of the velocity at the wall (Euler and Maclaurin), delta dx the distance of the first plane and
+    B2(delta) = delta^2 - delta + 1/6. lap u, which follows from the momentum balance, is the sum of these slopes. A slit in an
     image then has its exact flux for every number of spacings; without it 1 / (2 n^2) too much for n whole cells. Where
     walls are oblique to the lattice delta takes all values, and the mean of B2 is 0.
     """

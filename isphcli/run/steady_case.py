@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +20,9 @@ from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at
 from ..solvers.krylov import SolveError
 from . import steady
-from .permeability import extrapolate
+from .expected_error import expected, scan_of, wall_of
+from .permeability import EDGE, extrapolate
+from .refinement import Solved, further_spacings
 from .results import Look, Seen, counts_of, finish, mean_max, scene_entries, series_of, snapshot_of, terms_of
 
 if TYPE_CHECKING:
@@ -35,7 +39,7 @@ Rows = list[dict[str, Any]]  # of the history
 
 def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> dict[str, Any]:
     """Solves a steady case, leaves its files and returns the summary; see `run.run_case`."""
-    axes, flows, closed, history, seen = _solve(case, clock, quiet, look)
+    case, axes, flows, closed, history, seen = _solve(case, clock, quiet, look)
     summary, result = _sum_up(case, axes, flows, closed, history, seen)
     main = _main(flows)
     assert case.output.directory is not None
@@ -54,10 +58,11 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> dict
     return finish(case, directory, summary, result, clock)
 
 
-def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Drives, Flows, Closed, Rows, Seen]:
-    """Every spacing and axis of a steady case: (axes, {(axis, spacing): StokesResult}, {(axis, spacing): why
-    nothing flows, None: no path}, rows of history, Seen). The matrices, which leave no room for the files, are gone
-    when it returns.
+def _solve(case: Case, clock: Clock, quiet: bool,
+           look: Look | None) -> tuple[Case, Drives, Flows, Closed, Rows, Seen]:
+    """Every spacing and axis of a steady case: (the case with the spacings that were chosen, axes, {(axis, spacing):
+    StokesResult}, {(axis, spacing): why nothing flows, None: no path}, rows of history, Seen). The matrices, which
+    leave no room for the files, are gone when it returns.
 
     Raises NoPathError where nothing flows along any axis.
     """
@@ -65,7 +70,7 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Dr
     closed: Closed = {}
     history: Rows = []
     scene: steady.SteadyScene | None
-    spacings = (case.particles.spacing, *case.refine)
+    automatic = case.refine == "auto"
     with clock("geometry"), progress.stage("geometry", quiet):
         first = build_geometry(case)
     axes = drives(case, first)
@@ -73,12 +78,15 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Dr
     driven = [axis for axis, _ in axes if axis is not None]
     if driven and not any(opens(case, axis) for axis in driven):
         raise steady.NoPathError(why_closed(case, *driven))
-    for spacing in spacings:  # a finer one that does not fit is not found out after hours
+    for spacing in case.spacings:  # a finer one that does not fit is not found out after hours
         lattice_at(case, first, spacing)
         memory.refuse_lattice(case, first, spacing)
     seen = look(case, first, clock, quiet) if look is not None else Seen()
-    for spacing in spacings:
+    solved: list[Solved] = []
+    further = further_spacings(case, first, solved) if automatic else iter(())
+    for spacing in itertools.chain(case.spacings, further):
         scene = built_for = None
+        started, particles = _seconds(clock), 0
         for axis, force in axes:
             if scene is None or (sealed and built_for != axis):
                 scene, built_for = None, axis  # frees the matrices of the axis before
@@ -94,6 +102,7 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Dr
                         continue
                     break
                 refuse_second_fluid(case, scene.particles)
+                particles = scene.particles.n_fluid
             if axis is not None and not scene.percolates[:, axis].any():
                 closed[axis, spacing] = None
                 continue
@@ -102,6 +111,11 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Dr
                 try:
                     flow = steady.solve_axis(case, scene, axis, force, clock, _watch(stage))
                 except SolveError as error:
+                    if solved:  # the spacings that the case names have their results
+                        seen.warnings.append(f"refine: auto left out the spacing {spacing:g}: {error}")
+                        flows = {key: other for key, other in flows.items() if key[1] != spacing}
+                        particles = 0
+                        break
                     with suppress(OSError):
                         error.worst = _worst_of(case, scene, error)
                     raise
@@ -113,9 +127,23 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Dr
                             "axis": "xyz"[axis] if axis is not None else "",
                             "iterations_stokes": flow.report.iterations, "residual_stokes": flow.report.residual,
                             **{f"superficial_velocity_{a}": float(v) for a, v in zip("xyz", flow.superficial)}})
+        if automatic and particles:
+            solved.append(Solved(spacing, particles, _seconds(clock) - started))
+            scene = None  # its memory is free when the next spacing is chosen
+    if automatic:
+        case = replace(case, refine=tuple(level.spacing for level in solved[1:]))
+        if len(solved) == 1:
+            seen.warnings.append(f"refine: auto: no further spacing fits refine_budget, {case.refine_budget:g} s, and "
+                                 "the memory that is free: no error bar")
     if not flows:
         raise steady.NoPathError("; ".join(dict.fromkeys(filter(None, closed.values()))) or why_closed(case, *driven))
-    return axes, flows, closed, history, seen
+    return case, axes, flows, closed, history, seen
+
+
+def _seconds(clock: Clock) -> float:
+    """Wall seconds so far, without those of the compiler."""
+    spent = clock.wall()
+    return spent["total"] - spent.get("compile", 0.0)
 
 
 def _main(flows: Flows) -> steady.StokesResult:
@@ -139,11 +167,16 @@ def _sum_up(case: Case, axes: Drives, flows: Flows, closed: Closed, history: Row
     Along an axis without a path the permeability is 0; of spacings, those count at which there is one.
     """
     base = case.particles.spacing
-    spacings = (base, *case.refine)
+    spacings = case.spacings
     main = _main(flows)
     permeability: dict[str, float] = {}
     messages: list[str] = []
     bars: dict[str, float] = {}
+    images: dict[str, float] = {}
+    ranges: dict[str, tuple[float, float]] = {}
+    sources: list[str] = []
+    wall, scan = wall_of(case), scan_of(main.geometry)
+    scene = scene_entries(case, main.geometry, main.particles, seen)
     ladders: dict[str, dict[str, float]] = {}
     for axis, _ in axes:
         if axis is None:
@@ -154,9 +187,16 @@ def _sum_up(case: Case, axes: Drives, flows: Flows, closed: Closed, history: Row
         ladders[name] = {f"{h:g}": float(k) for h, k in sorted(known.items())}
         permeability[name] = float(known[open_at[0]]) if open_at else 0.0
         if len(open_at) > 1:
-            limit, bar, _, sentence = extrapolate(open_at, [known[h] for h in open_at])
+            edges = EDGE if wall == "stairs" else None
+            limit, bar, _, sentence = extrapolate(open_at, [known[h] for h in open_at], edges)
             messages.append(f"{name}: {sentence}")
             permeability[name], bars[name] = float(limit), bar
+        if permeability[name] > 0.0:
+            found = expected(wall, permeability[name], scene["porosity"], open_at[0], scan, bars.get(name))
+            ranges[name] = found.bounds(permeability[name])
+            sources.append(f"{name}: {found.sentence}")
+            if scan is not None:
+                images[name] = found.image * permeability[name]
         if shut := [h for h in spacings if h not in open_at]:
             where = f"at the spacing {', '.join(f'{h:g}' for h in shut)} " if open_at else ""
             seen.warnings.append(where + (closed[axis, shut[0]] or why_closed(case, axis)))
@@ -182,13 +222,16 @@ def _sum_up(case: Case, axes: Drives, flows: Flows, closed: Closed, history: Row
         "message": "; ".join(messages) or None,
         "warnings": seen.warnings,
         "particles": counts_of(main.particles, main.halo),
-        **scene_entries(case, main.geometry, main.particles, seen),
+        **scene,
         "terms": terms_of(case, main.geometry, _drive_of(axes))
                  + (["adjoint divergence in narrow pores"] if main.narrow else []),
         "steps": 0,
         "time": None,
         "permeability": single if single is not None else permeability or None,
         "permeability_error": (next(iter(bars.values())) if len(bars) == 1 else bars) or None,
+        "permeability_image_error": (next(iter(images.values())) if len(images) == 1 else images) or None,
+        "permeability_range": (next(iter(ranges.values())) if single is not None and ranges else ranges) or None,
+        "permeability_range_from": "; ".join(sources) or None,
         "permeability_by_spacing": ladders if len(spacings) > 1 else None,
         "permeability_tensor": tensor,
         "superficial_velocity": main.superficial,

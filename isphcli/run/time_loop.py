@@ -41,7 +41,11 @@ class TimeLoop:
     step of which all is told (restart.Saved): what a run that stops goes on from.
     density: of the fluid or (n,) of the particles, kg/m3; measure(state, config): further entries of a row, dict.
     steady: steadiness.Steady of what `observed` says, in a run to a steady state, else None.
+    fluid_cells: volume of the fluid in the box over `site_volume`, see `permeability.fluid_cells`, which the mean
+    velocity is taken over; None: over the particles.
     """
+
+    fluid_cells: float | None = None
 
     def __init__(self, case: Case, stepper: Stepper, site_volume: float, density: float | np.ndarray, box_volume: float,
                  measure: Callable[[State, Configuration], dict[str, Any]] = lambda state, config: {}):
@@ -168,7 +172,8 @@ class TimeLoop:
     def _row(self, found: StepResult, limit: str) -> dict[str, Any]:
         state, stepper = found.state, self.stepper
         # einsum: numpy's sums over an axis of two or three entries take five times as long
-        mean = np.einsum("ij->j", state.u) / len(state.u)
+        total = np.einsum("ij->j", state.u)
+        mean = total / (self.fluid_cells or len(state.u))
         energy = 0.5 * self.site_volume * float((self.density * np.einsum("ij,ij->i", state.u, state.u)).sum())
         fraction = len(state.u) * self.site_volume / self.box_volume
         row = {"step": state.step, "time": state.time, "dt": found.dt, "limit": limit}
@@ -182,7 +187,7 @@ class TimeLoop:
         if stepper.held_velocity is not None:
             row[f"pressure_drop_{'xyz'[stepper.held_velocity.axis]}"] = stepper.held_velocity.drop(state)
         row |= {f"mean_velocity_{a}": float(m) for a, m in zip("xyz", mean)}
-        row |= {f"superficial_velocity_{a}": float(m * fraction) for a, m in zip("xyz", mean)}
+        row |= {f"superficial_velocity_{a}": float(m / len(state.u) * fraction) for a, m in zip("xyz", total)}
         if self.steady is not None:
             row["change"] = self.steady.distance
         return row

@@ -111,7 +111,7 @@ def refuse_pores(case: Case, labels: np.ndarray, voxel_size: np.ndarray, clear: 
     labels: int, below 0 in solids, [z, y, x] or [y, x]; voxel_size: m, one or one an axis; clear: voxels of its clear
     layers.
     """
-    spacing = min((case.particles.spacing, *case.refine)) if case.flow == "stokes" else case.particles.spacing
+    spacing = min(case.spacings) if case.flow == "stokes" else case.particles.spacing
     sizes = np.broadcast_to(voxel_size[: labels.ndim] if len(voxel_size) > 1 else voxel_size, (labels.ndim,))
     particles = float(np.prod(sizes / spacing)) * density(case, labels.ndim)  # of a voxel of pore
     sites = (labels.size + clear) * particles

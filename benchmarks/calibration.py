@@ -1,0 +1,259 @@
+"""What a permeability from so many particles a voxel is worth: every known body, against its true permeability.
+
+usage: PYTHONPATH=. python benchmarks/calibration.py measure FILE.csv WALL[,WALL...] [NAME ...]
+       PYTHONPATH=. python benchmarks/calibration.py report FILE.csv
+
+measure: solves the bodies of `isphcli.validation.known_bodies` at 1, 2 and 3 particles a voxel edge, as far as they
+have MOST particles, and appends a row a body and wall to FILE.csv; rows that it has are kept. WALL: exact (the surface
+itself), labels, grey, stairs; "finite volumes" and "lattice Boltzmann" are those of benchmarks/finite_volumes.py and
+benchmarks/lattice_boltzmann.py on the labels. report: prints the table of bodies, and what
+`isphcli/run/expected_error.py` takes from it.
+
+Truth of stairs is another body, that of the cubes: finite volumes on 3 and 4 cells a voxel, extrapolated.
+"""
+
+import csv
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import finite_volumes
+import lattice_boltzmann
+import numpy as np
+
+from isphcli.case.load import read_case
+from isphcli.output.clock import Clock
+from isphcli.preflight.look import look
+from isphcli.run.expected_error import WALLS, is_straight, mean_chord, pore_width
+from isphcli.run.permeability import EDGE, extrapolate
+from isphcli.run.steady import build_scene, solve_axis
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.validation.known_bodies import GREY_LEVEL, LevelGeometry, bodies
+from isphcli.validation.markdown import table
+
+LEVELS = (1, 2, 3)
+MOST = 40_000  # particles of the third level: 3 to 8 CPU seconds
+NAMES = ("body", "family", "wall", "truth", "uncertainty", "narrow", "median", "k", "cpu", "balanced")
+
+
+def case_of(body, wall, folder):
+    image = {"grey": body.grey}.get(wall, body.labels)()
+    np.save(folder / "image.npy", image)
+    what = f"grey: {{threshold: {GREY_LEVEL}, solid: above}}" if wall == "grey" else "labels: {solid: 0, water: 1}"
+    stairs = ", wall_distance: stairs" if wall == "stairs" else ""
+    text = (f"geometry: {{voxels: {{file: {folder / 'image.npy'}, {what}, voxel_size: 1, axes: xyz}}"
+            f", periodic: [x, y, z]{stairs}}}\nparticles: {{spacing: 1}}\n"
+            f"fluids: {{water: {{density: 1, viscosity: 1}}}}\ndrive: {{axes: [{'xyz'[body.axis]}]}}\nflow: stokes\n")
+    return read_case(text.encode(), f"{body.name}.yaml")
+
+
+def stairs_truth(body):
+    """(k, relative uncertainty): between the exponents of edges along and across the flow, see `permeability.EDGE`."""
+    k = [finite_volumes.permeability(body.labels(), body.axis, finer)[0] for finer in (3, 4)]
+    limit, bar, *_ = extrapolate([1 / 3, 1 / 4], k, EDGE)
+    return limit, bar / limit
+
+
+def truth_of(body):
+    try:
+        return body.truth()[:2]
+    except KeyError:  # its k can be measured before its truth is computed
+        return float("nan"), float("nan")
+
+
+PEERS = {"finite volumes": finite_volumes.permeability, "lattice Boltzmann": lattice_boltzmann.permeability}
+
+
+def peer(body, method):
+    """Another method on the labels, at as many cells a voxel."""
+    if method == "lattice Boltzmann":
+        PEERS[method](np.ones((2, 2, 2), bool), 0)  # compiles
+    values, seconds = [], []
+    for level in LEVELS:
+        if level > 2 and body.labels().sum() * level**3 > MOST:
+            break
+        begin = time.process_time()
+        values.append(float(PEERS[method](body.labels(), body.axis, level)[0]))
+        seconds.append(time.process_time() - begin)
+    truth, uncertainty = truth_of(body)
+    return {"body": body.name, "family": body.family, "wall": method, "truth": f"{truth:.6g}",
+            "uncertainty": f"{uncertainty:.2g}", "k": " ".join(f"{k:.6g}" for k in values),
+            "cpu": " ".join(f"{s:.2f}" for s in seconds)}
+
+
+def row_of(body, wall):
+    truth, uncertainty = stairs_truth(body) if wall == "stairs" else truth_of(body)
+    with tempfile.TemporaryDirectory() as folder:
+        case = case_of(body, "labels" if wall == "exact" else wall, Path(folder))
+        geometry = build_geometry(case)
+    throats = look(case, geometry, Clock(), True).throats
+    if wall == "exact":
+        geometry = LevelGeometry(body)
+    values, seconds, balanced = [], [], []
+    for level in LEVELS:
+        if level > 2 and body.labels().sum() * level**3 > MOST:
+            break
+        begin = time.process_time()
+        scene = build_scene(case, geometry, 1 / level, Clock(), [body.axis])
+        flow = solve_axis(case, scene, body.axis, np.eye(3)[body.axis], Clock())
+        values.append(float(flow.permeability[body.axis]))
+        seconds.append(time.process_time() - begin)
+        balanced.append(flow.balanced)
+    return {"body": body.name, "family": body.family, "wall": wall, "truth": f"{truth:.6g}",
+            "uncertainty": f"{uncertainty:.2g}", "narrow": f"{throats['narrow']:.3g}",
+            "median": f"{throats['median']:.3g}", "k": " ".join(f"{k:.6g}" for k in values),
+            "cpu": " ".join(f"{s:.2f}" for s in seconds), "balanced": " ".join(str(int(b)) for b in balanced)}
+
+
+def rows_of(path):
+    if not Path(path).exists():
+        return []
+    with open(path, encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(line for line in file if not line.startswith("#")))
+
+
+def measure(path, walls, *names):
+    done = {(row["body"], row["wall"]) for row in rows_of(path)}
+    for wall in walls.split(","):
+        for body in bodies():
+            if (body.name, wall) in done or (names and body.name not in names):
+                continue
+            row = peer(body, wall) if wall in PEERS else row_of(body, wall)
+            new = not Path(path).exists()
+            with open(path, "a", encoding="utf-8", newline="") as file:
+                writer = csv.DictWriter(file, NAMES, lineterminator="\n")
+                if new:
+                    writer.writeheader()
+                writer.writerow(row)
+            off = ", ".join(f"{100 * (float(k) / float(row['truth']) - 1):+.2f}" for k in row["k"].split())
+            print(f"{wall} {body.name}: {off} % of {row['truth']}, CPU s {row['cpu']}", flush=True)
+
+
+# -- what it says ---------------------------------------------------------------------------------------
+
+
+def measured(path):
+    """Rows of a file with numbers in place of texts, and with their truth; those without one are left out."""
+    known = {body.name: body for body in bodies()}
+    rows = []
+    for row in rows_of(path):
+        body = known[row["body"]]
+        try:
+            true, unsure, _ = body.truth()
+        except KeyError:
+            continue
+        porosity, pores = float(body.labels(3).mean()), body.labels() == 1
+        rows.append({**row, "true": true, "truth": float(row["truth"]) if row["wall"] == "stairs" else true,
+                     "k": np.array(row["k"].split(), float), "cpu": row["cpu"].split(), "chord": mean_chord(pores),
+                     "straight": is_straight(pores),
+                     "unsure": 0.0 if row["wall"] == "stairs" else unsure,
+                     "width": pore_width(true, porosity)})
+    return rows
+
+
+def off(k, truth):
+    """Relative error, as much of one too small as of one too large by the same factor."""
+    return np.exp(np.abs(np.log(np.asarray(k) / truth))) - 1.0
+
+
+def errors_of(rows, wall, part):
+    """(widths, errors): of spacings widths of pores in particles, against the truth or the finest spacing; of images
+    mean chords in voxels."""
+    widths, errors = [], []
+    for row in rows:
+        if row["wall"] != wall:
+            continue
+        k = row["k"]
+        if part != "spacing":
+            if row["straight"] != (part == "straight"):
+                continue
+            widths.append(row["chord"])
+            errors.append(off(row["truth"] if wall == "stairs" else k[-1], row["true"]))
+            continue
+        converged = wall in ("exact", "stairs")
+        limit, levels = (row["truth"], len(k)) if converged else (k[-1], len(k) - 1)
+        widths += [row["width"] * level for level in LEVELS[:levels]]
+        errors += list(off(k[:levels], limit))
+    return np.array(widths), np.array(errors)
+
+
+def fit(widths, errors):
+    """(factor, power): the power by least squares of the logarithms, between 0.5 and 3, then the factor that a further
+    body like these keeps within by 90 % (conformal prediction: of n + 1 bodies that one is as good as any)."""
+    slope = -np.polyfit(np.log(widths), np.log(np.maximum(errors, 1e-5)), 1)[0]
+    power = min(max(round(2 * slope) / 2, 0.5), 3.0)
+    scaled = np.sort(errors * widths**power)
+    return float(scaled[min(int(np.ceil(0.9 * (len(scaled) + 1))), len(scaled)) - 1]), power
+
+
+def bars_of(rows, wall, levels):
+    """(errors, bars, uncertainties) relative to the truth, of bodies that were solved at these particles a voxel."""
+    found = []
+    for row in rows:
+        if row["wall"] == wall and len(row["k"]) >= max(levels):
+            k = row["k"][np.array(levels) - 1]
+            value, bar, *_ = extrapolate([1 / level for level in levels], k, EDGE if wall == "stairs" else None)
+            found.append((abs(value / row["truth"] - 1), bar / row["truth"], row["unsure"]))
+    return np.array(found).reshape(-1, 3).T
+
+
+KINDS = (*WALLS, *PEERS)
+
+
+def table_of_bodies(rows):
+    """A row a body: errors in per cent at 1, 2, 3 particles (cells) a voxel of each kind of wall, then CPU seconds."""
+    heads = ["body", "pores and chords, voxels", "true k, voxel^2", *(f"{kind}, %" for kind in KINDS), "labels: bar, %",
+             "CPU s: labels", *PEERS]
+    lines = []
+    for body in bodies():
+        own = {row["wall"]: row for row in rows if row["body"] == body.name}
+        if "labels" not in own:
+            continue
+        labels = own["labels"]
+        _, uncertainty, _ = body.truth()
+        line = [body.name, f"{labels['width']:.2f}, {labels['chord']:.2f}",
+                f"{labels['true']:.4g}" + (f" +- {100 * uncertainty:.1f} %" if uncertainty > 1e-6 else "")]
+        for kind in KINDS:
+            found = own.get(kind)
+            line.append(", ".join(f"{100 * (k / found['truth'] - 1):+.2f}" for k in found["k"]) if found else "")
+        value, bar, *_ = extrapolate([1 / level for level in LEVELS[: len(labels["k"])]], labels["k"])
+        line += [f"{100 * bar / value:.2f}", ", ".join(labels["cpu"])]
+        line += [", ".join(own[method]["cpu"]) if method in own else "" for method in PEERS]
+        lines.append(line)
+    return table(heads, lines)
+
+
+def report(path):
+    rows = measured(path)
+    command = f"PYTHONPATH=. python benchmarks/calibration.py report {path}"
+    print(f"`{command}`: errors at 1, 2 and 3\n"
+          "particles a voxel, of stairs from the body of cubes, of all others from the true body. Finite volumes\n"
+          "(benchmarks/finite_volumes.py) and lattice Boltzmann (benchmarks/lattice_boltzmann.py) take the labels\n"
+          "and as many cells.\n")
+    print("\n".join(table_of_bodies(rows)))
+    print("\nBars (`run/permeability.py`) against the truth of the surface that was solved:\n")
+    for wall in ("exact", "stairs"):
+        for levels in ((1, 2), (2, 3), (1, 2, 3)):
+            errors, bars, unsure = bars_of(rows, wall, levels)
+            if len(errors):
+                held, ratio = np.mean(errors <= bars + unsure), np.median(bars / np.maximum(errors, 1e-6))
+                print(f"- {wall}, {levels} a voxel: {len(errors)} bodies, {100 * held:.0f} % within the bar, median "
+                      f"error {100 * np.median(errors):.3f} %, bar {100 * np.median(bars):.3f} %, bar over error "
+                      f"{ratio:.2f}")
+    print("\nRelative errors that 90 % keep within, factor / width^power, with the width of the pores in particles "
+          "(spacing)\nor the mean chord in voxels (image; straight: all slices alike), as isphcli/data/calibration.csv "
+          "has them:\n\n```\n"
+          f"# {command}\nwall,part,factor,power,bodies,widest")
+    for wall in WALLS:
+        for part in ("spacing",) if wall == "exact" else ("spacing", "image", "straight"):
+            widths, errors = errors_of(rows, wall, part)
+            if len(widths) > 1:
+                factor, power = fit(widths, errors)
+                count = len(widths) if part != "spacing" else len({r["body"] for r in rows if r["wall"] == wall})
+                print(f"{wall},{part},{factor:.3g},{power:g},{count},{widths.max():.3g}")
+    print("```")
+
+
+if __name__ == "__main__":
+    {"measure": measure, "report": report}[sys.argv[1]](*sys.argv[2:])

@@ -1,0 +1,146 @@
+"""What a permeability at one spacing is worth, and what an image leaves open of it: by bodies whose k is known.
+
+`isphcli/data/calibration.csv` holds what `benchmarks/calibration.py` found on the bodies of
+`isphcli/validation/known_bodies.py`: the relative error that 90 % of them keep within is FACTOR / width^POWER. For what
+the spacing does the width is that of the pores, in particles; for what the image does the mean chord of pores or of
+grains, whichever is smaller, in voxels.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..geometry.protocol import sample_box
+from ..references.published import DATA
+
+if TYPE_CHECKING:
+    from ..case.blocks import Case
+    from ..geometry.protocol import Geometry
+
+WALLS = {"exact": "shapes", "grey": "grey images", "labels": "segmented images", "stairs": "images with stairs"}
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """factor, power: 90 % of the bodies keep within factor / width^power; bodies: how many; widest: of them, in
+    particles or voxels."""
+
+    factor: float
+    power: float
+    bodies: int
+    widest: float
+
+    def within(self, width: float) -> float:
+        """Relative error that 90 % keep within; no less for wider pores than any body has."""
+        return self.factor / min(width, self.widest) ** self.power
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Relative errors of a permeability, which 90 % of the known bodies keep within.
+
+    spacing: of its discretisation; image: of what the image leaves open, 0 of shapes; sentence: where they are from.
+    """
+
+    spacing: float
+    image: float
+    sentence: str
+
+    def bounds(self, k: float) -> tuple[float, float]:
+        """Smallest and largest permeability that a value k stands for, m2."""
+        both = 1.0 + math.hypot(self.spacing, self.image)
+        return k / both, k * both
+
+
+@cache
+def calibrations() -> dict[tuple[str, str], Calibration]:
+    """By (wall, part): walls of `WALLS`; part spacing, image or straight (images of straight pores)."""
+    with open(DATA / "calibration.csv", encoding="utf-8", newline="") as file:
+        rows = csv.DictReader(line for line in file if not line.startswith("#"))
+        return {(row["wall"], row["part"]): Calibration(float(row["factor"]), float(row["power"]), int(row["bodies"]),
+                                                        float(row["widest"])) for row in rows}
+
+
+def wall_of(case: Case) -> str:
+    """Which of `WALLS` a case has."""
+    if case.geometry.voxels is None:
+        return "exact"
+    if case.wall_distance == "stairs":
+        return "stairs"
+    return "grey" if case.geometry.voxels.grey is not None else "labels"
+
+
+@dataclass(frozen=True)
+class Scan:
+    """What an image is, as far as its errors go. chord: see `mean_chord`; straight: see `is_straight`."""
+
+    chord: float
+    straight: bool
+
+
+def scan_of(geometry: Geometry) -> Scan | None:
+    """Of the sample of an image, without its clear layers; None of shapes, and where all is fluid or solid."""
+    if geometry.labels is None or geometry.voxel_size is None:
+        return None
+    lower, upper = sample_box(geometry)
+    first = np.rint((lower - geometry.lower) / geometry.voxel_size).astype(int)
+    end = np.rint((upper - geometry.lower) / geometry.voxel_size).astype(int)
+    pores = geometry.labels[tuple(slice(a, b) for a, b in zip(first[::-1], end[::-1]))] >= 0
+    chord = mean_chord(pores)
+    return Scan(chord, is_straight(pores)) if chord < np.inf else None
+
+
+def mean_chord(pores: np.ndarray) -> float:
+    """Mean length, in voxels, of lines along the axes within pores or within solid, the smaller of the two.
+
+    pores: bool, along any axes. Pores may be wide between grains of few voxels, which an image shows no better.
+    """
+    # walls a voxel along a line, of which a chord has two; the ends of an image that does not repeat are a pair of many
+    ends = float(np.mean([np.mean(pores != np.roll(pores, 1, axis)) for axis in range(pores.ndim)]))
+    porosity = float(pores.mean())
+    return 2.0 * min(porosity, 1.0 - porosity) / ends if ends > 0.0 else math.inf
+
+
+def is_straight(pores: np.ndarray) -> bool:
+    """Whether all slices across one of the axes are the same; a 2D image is one slice.
+
+    One cross section then decides how walls lie to the voxels, and an image says less of k: in other pores walls lie in
+    all ways, and their errors cancel in part.
+    """
+    return pores.ndim == 2 or any(bool(np.all(pores == np.take(pores, [0], axis))) for axis in range(3))
+
+
+def pore_width(k: float, porosity: float) -> float:
+    """Width of the slits, m, that have the same permeability (m2) and porosity: k = porosity width^2 / 12.
+
+    It is the width that the flow itself sees: of a slit its own, of a pipe 1.22 radii.
+    """
+    return math.sqrt(12.0 * k / porosity)
+
+
+def expected(wall: str, k: float, porosity: float, spacing: float, scan: Scan | None = None,
+             bar: float | None = None) -> Expected:
+    """Errors to expect of a permeability k, m2, at a spacing, m.
+
+    scan: of an image; bar: error bar of several spacings, m2, which takes the place of the calibrated one.
+    """
+    width = pore_width(k, porosity)
+    known = calibrations()
+    lattice = known[wall, "spacing"]
+    numerical = lattice.within(width / spacing) if bar is None else bar / k
+    parts = [f"spacing +-{100 * numerical:.2g} %" + (
+        f" (90 % of {lattice.bodies} known bodies, pores {width / spacing:.2g} particles wide)" if bar is None
+        else " (several spacings)")]
+    image = 0.0
+    if scan is not None:
+        scanned = known[wall, "straight" if scan.straight else "image"]
+        image = scanned.within(scan.chord)
+        parts.append(f"image +-{100 * image:.2g} % (90 % of {scanned.bodies} known {'straight ' * scan.straight}bodies "
+                     f"as {WALLS[wall]}, chords of {scan.chord:.2g} voxels)")
+    return Expected(numerical, image, ", ".join(parts))

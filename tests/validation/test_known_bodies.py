@@ -1,0 +1,142 @@
+"""Bodies of known permeability: their images, their exact surfaces, what error bars and ranges are worth on them."""
+
+import csv
+
+import numpy as np
+import pytest
+from isphcli.references.published import DATA
+
+from isphcli.case.load import read_case
+from isphcli.output.clock import Clock
+from isphcli.run.expected_error import Scan, expected, is_straight, mean_chord, scan_of
+from isphcli.run.permeability import EDGE, extrapolate
+from isphcli.run.steady import build_scene, solve_axis
+from isphcli.scene.build_geometry import build_geometry
+from isphcli.validation.known_bodies import GREY_LEVEL, LevelGeometry, bodies, body, computed
+
+SMALL = ("slit at 45 degrees", "duct 6.4", "annulus 2.2 6.7", "ellipse 6.3 3.6", "spheres 0.216, 8",
+         "cylinders 0.2, 12")
+VOXEL = ("pipe 3.7 at 45 degrees", "annulus 4.5 8.1", "ellipse 6.3 3.6", "spheres 0.216, 8", "cylinders 0.2, 12",
+         "duct 8 at 30 degrees")
+
+
+def measured(wall):
+    """Rows of what `benchmarks/calibration.py measure` found of one kind of wall."""
+    with open(DATA / "known_bodies_measured.csv", encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(line for line in file if not line.startswith("#")):
+            if row["wall"] == wall:
+                yield row, np.array(row["k"].split(), float)
+
+
+def solve(one, geometry, spacing, case):
+    scene = build_scene(case, geometry, spacing, Clock(), [one.axis])
+    flow = solve_axis(case, scene, one.axis, np.eye(3)[one.axis], Clock())
+    return float(flow.permeability[one.axis]), scene.cells * scene.particles.site_volume / np.prod(one.size)
+
+
+def case_of(one, block):
+    text = (f"geometry: {{{block}, periodic: [x, y, z]}}\nparticles: {{spacing: 1}}\nflow: stokes\n"
+            f"fluids: {{water: {{density: 1, viscosity: 1}}}}\ndrive: {{axes: [{'xyz'[one.axis]}]}}\n")
+    return read_case(text.encode(), "body.yaml")
+
+
+def test_the_bodies_are_those_whose_truth_was_computed():
+    """Random places and fields come from generators of libraries: the porosity tells if they are other ones now."""
+    assert len(bodies()) >= 40 and len({one.name for one in bodies()}) == len(bodies())
+    for name, row in computed().items():
+        assert body(name).labels(3).mean() == pytest.approx(float(row["porosity"]), abs=2e-4), name
+    for one in bodies():
+        truth, uncertainty, source = one.truth()
+        assert truth > 0.0 and uncertainty < 0.03 and source, one.name
+
+
+def test_images_and_surface_are_the_same_body():
+    for one in bodies():
+        labels, grey = one.labels(), one.grey()
+        assert labels.shape == grey.shape == one.size
+        inside = np.stack(np.meshgrid(*[np.arange(n) + 0.5 for n in one.size], indexing="ij"), axis=-1).reshape(-1, 3)
+        assert np.array_equal(LevelGeometry(one).phase(inside) >= 0, labels.ravel() == 1), one.name
+        # a voxel whose middle is solid may be more than half fluid, where the wall passes by the middle
+        assert np.mean((grey < GREY_LEVEL) == (labels == 1)) > (0.85 if one.name != "slit 3.4" else 0.0), one.name
+        for axis in range(3):  # periodic
+            shifted = inside.copy()
+            shifted[:, axis] += one.size[axis]
+            assert np.allclose(one.level(shifted), one.level(inside), atol=1e-9), one.name
+
+
+def test_distance_and_crossing_of_a_level_function():
+    one = body("pipe 7.5")
+    geometry = LevelGeometry(one)
+    centre = np.array([9.3, 9.1, 3.0])
+    ways = np.stack([np.cos(np.arange(8)), np.sin(np.arange(8)), np.zeros(8)], axis=1)
+    assert geometry.distance(centre + 6.5 * ways) == pytest.approx(np.ones(8), abs=1e-6)
+    assert geometry.crossing(centre + 7.0 * ways, centre + 8.0 * ways) == pytest.approx(np.full(8, 0.5), abs=1e-5)
+    assert np.all(geometry.crossing(centre + ways, centre + 2 * ways) == 1.0)
+
+
+def test_the_bar_of_exact_surfaces_holds_the_truth():
+    """At 1 and 2 particles a voxel, solved here: of six bodies one may miss its bar (90 % of all do not), and the bar
+    is narrow enough to be of use."""
+    held, widths = [], []
+    for name in SMALL:
+        one = body(name)
+        case, geometry = case_of(one, f"box: {[float(n) for n in one.size]}"), LevelGeometry(one)
+        k = [solve(one, geometry, spacing, case)[0] for spacing in (1.0, 0.5)]
+        value, bar, *_ = extrapolate((1.0, 0.5), k)
+        truth, uncertainty, _ = one.truth()
+        held.append(abs(value - truth) <= bar + uncertainty * truth)
+        widths.append(bar / truth)
+    assert sum(held) >= len(SMALL) - 1
+    assert np.median(widths) < 0.01
+
+
+@pytest.mark.parametrize("grey", [False, True])
+def test_the_range_of_images_holds_the_truth(grey, tmp_path):
+    """At one particle a voxel, solved here: of six bodies one may miss its range, by which 90 % of all are held."""
+    held = []
+    for name in VOXEL:
+        one = body(name)
+        np.save(tmp_path / "image.npy", one.grey() if grey else one.labels())
+        kind = f"grey: {{threshold: {GREY_LEVEL}, solid: above}}" if grey else "labels: {solid: 0, water: 1}"
+        case = case_of(one, f"voxels: {{file: {tmp_path / 'image.npy'}, {kind}, voxel_size: 1, axes: xyz}}")
+        geometry = build_geometry(case)
+        k, porosity = solve(one, geometry, 1.0, case)
+        found = expected("grey" if grey else "labels", k, porosity, 1.0, scan_of(geometry))
+        low, high = found.bounds(k)
+        held.append(low <= one.truth()[0] <= high)
+    assert sum(held) >= len(VOXEL) - 1
+
+
+@pytest.mark.parametrize("levels", [(1, 2), (2, 3), (1, 2, 3)])
+@pytest.mark.parametrize("wall", ["exact", "stairs"])
+def test_bars_hold_nine_bodies_in_ten(wall, levels):
+    """What was measured of all bodies, put through `extrapolate` as it is: 90 % hold the truth, and half of the bars
+    are not wider than three times the error; four where the errors are below 0.02 %, or stairs are straight, whose
+    edges all lie along the flow. Of stairs the truth is that of the cubes."""
+    errors, bars, ratios = [], [], []
+    for row, k in measured(wall):
+        if len(k) >= max(levels):
+            truth, uncertainty = (float(row["truth"]), 0.0) if wall == "stairs" else body(row["body"]).truth()[:2]
+            edges = EDGE if wall == "stairs" else None
+            value, bar, *_ = extrapolate([1 / level for level in levels], k[np.array(levels) - 1], edges)
+            off = abs(value / truth - 1)
+            errors.append(max(off - uncertainty, 0.0))
+            bars.append(bar / truth)
+            ratios.append(bar / truth / max(off, 1e-6))
+    assert np.mean(np.array(errors) <= bars) >= 0.9
+    assert np.median(ratios) <= (3.0 if wall == "exact" and 1 in levels else 4.0)
+
+
+@pytest.mark.parametrize("wall", ["labels", "grey"])
+@pytest.mark.parametrize("level", [1, 2])
+def test_ranges_hold_nine_bodies_in_ten(wall, level):
+    """What was measured of all images, put through `expected` as it is."""
+    held = []
+    for row, k in measured(wall):
+        one = body(row["body"])
+        pores = one.labels() == 1
+        scan = Scan(mean_chord(pores), is_straight(pores))
+        found = expected(wall, k[level - 1], one.labels().mean(), 1 / level, scan)
+        low, high = found.bounds(k[level - 1])
+        held.append(low <= one.truth()[0] <= high)
+    assert len(held) >= 40 and np.mean(held) >= 0.88  # of 45 bodies 40
