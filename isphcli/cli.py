@@ -319,8 +319,9 @@ def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Permeability, m2 and mD: one number, one an axis, or the tensor; digits as far as the error bar says."""
     bars = dict(per_axis(summary.get("permeability_error")))
     given = summary.get("permeability_range")
-    several = isinstance(given, Mapping)
-    ranges: dict[str, Any] = {f" {a}": ends for a, ends in given.items()} if several else {"": given} if given else {}
+    ranges: dict[str, Any] = {"": given} if given else {}
+    if isinstance(given, Mapping):
+        ranges = {f" {axis}": ends for axis, ends in given.items()}
     lines = []
     for axis, k in per_axis(summary.get("permeability")):
         bar = bars.get(axis)

@@ -4,10 +4,10 @@ import csv
 
 import numpy as np
 import pytest
-from isphcli.references.published import DATA
 
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
+from isphcli.references.published import DATA
 from isphcli.run.expected_error import Scan, expected, is_straight, mean_chord, scan_of
 from isphcli.run.permeability import EDGE, extrapolate
 from isphcli.run.steady import build_scene, solve_axis
