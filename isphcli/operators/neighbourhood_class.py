@@ -17,7 +17,7 @@ class, directions with a share below THIN are left out of the gradient: a pseudo
 
 Two rules do not go by this tensor: whether the tensor L of the velocity can be found. Velocities have values at walls,
 so that its system (fourth moments over neighbours and crossing points) is whole where no fluid lies in a direction. Of
-766 particles between beads that touch 386 are narrow, and only 29 of those have no L (the pack of
+766 particles between beads that touch 386 have a share below 0.4, and only 29 of those have no L (the pack of
 tests/operators/test_narrow_pores.py).
 
 | rule | number | what it does |
@@ -34,7 +34,8 @@ What was measured with other rules: docs/design_notes.md, pores that hardly hold
 
 # Classes, the worse the larger
 FULL, WALL, NARROW, ISOLATED = 0, 1, 2, 3
-NARROW_SHARE = 0.4  # smallest share below which a pore is narrow: a corner, 0.31 in 2D and 0.35 in 3D, or narrower
+# Smallest share below which a pore is narrow: half-way between a corner (0.35 in 3D) and a flat wall (0.495)
+NARROW_SHARE = 0.42
 # Share below which a direction is not known. At 1e-4 beads that touch threw particles out: neighbourhoods in a plane on
 # the lattice were inverted when they had moved a little, and one neighbour at the rim of the support was enough.
 THIN = 0.05
