@@ -357,11 +357,11 @@ def _factors(neighbours, fraction, volume, order, walls, off_lattice):
 @njit(cache=True)
 def _smallest(moments, dim):
     """Smallest eigenvalue of the second moments moments[0:6]."""
-    a = np.empty((dim, dim))
+    a = np.zeros((dim, dim))  # eigvalsh takes the lower triangle, and refuses NaN in the upper one too
     a[0, 0], a[1, 1], a[1, 0] = moments[0], moments[1], moments[5]
     if dim == 3:
         a[2, 2], a[2, 1], a[2, 0] = moments[2], moments[3], moments[4]
-    return np.linalg.eigvalsh(a)[0]  # of the lower triangle
+    return np.linalg.eigvalsh(a)[0]
 
 
 @njit(cache=True, inline="always")
