@@ -112,14 +112,15 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1) -> tuple[Latti
     x, n = everyone.x, everyone.n
     start, row = _in_sight(everyone.start, everyone.row, fraction)
     offset_id, step, count = _offsets(x, start, row, 1e-6 * everyone.support)
-    if count <= MOST_OFFSETS:
+    on_lattice = count <= MOST_OFFSETS and reduce.smallest(volume) == reduce.largest(volume)
+    if on_lattice:
         step, weight = step[:count].copy(), np.full(count, volume[0])
     else:
         offset_id = np.arange(len(row), dtype=np.int32)
         step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[everyone.owner[row]]
     first_moment, second_moment, pair_laplacian = _offset_weights(step, weight, everyone.kind, everyone.support)
     slips = bool(np.any(walls.slip_length > 0.0))
-    deficient, narrow, tensors, sums = _factors(everyone, fraction, volume, order, walls, count > MOST_OFFSETS)
+    deficient, narrow, tensors, sums = _factors(everyone, fraction, volume, order, walls, not on_lattice)
     pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
     deficient = int(reduce.total(deficient))
     return LatticeWeights(pairs, Factors(*tensors), BoundarySums(*sums), slips, deficient, narrow), row
