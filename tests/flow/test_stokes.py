@@ -132,7 +132,8 @@ def test_permeability_of_a_random_pack_of_beads_converges():
     geometry = ShapeGeometry([-1.5] * 3, [1.5] * 3, [True] * 3, shapes=[Shape(Spheres(centres, 0.5))])
     case = read_case(b"geometry: {box: [3, 3, 3], periodic: [x, y, z]}\nparticles: {spacing: 0.1}\n"
                      b"fluids: {water: {density: 1, viscosity: 1}}\nflow: stokes\n", "c.yaml")
-    flows = [solve_axis(case, build_scene(case, geometry, 1 / n, Clock()), 1, np.eye(3)[1], Clock()) for n in (6, 8, 10)]
+    flows = [solve_axis(case, build_scene(case, geometry, 1 / n, Clock()), 1, np.eye(3)[1], Clock())
+             for n in (6, 8, 10)]
     k = np.array([flow.permeability[1] for flow in flows])
     assert (np.diff(k) > 0).all() and k[-1] < 1.01 * k[0]
     assert k[-1] == pytest.approx(2.265e-3, rel=0.01)  # where the trend leads
