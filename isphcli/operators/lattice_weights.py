@@ -137,13 +137,14 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1) -> tuple[Latti
     x, n = everyone.x, everyone.n
     start, row = _in_sight(everyone.start, everyone.row, links.link)
     offset_id, step, count = _offsets(x, start, row, 1e-6 * everyone.support)
-    if count <= MOST_OFFSETS:
+    on_lattice = count <= MOST_OFFSETS and reduce.smallest(volume) == reduce.largest(volume)
+    if on_lattice:
         step, weight = step[:count].copy(), np.full(count, volume[0])
     else:
         offset_id = np.arange(len(row), dtype=np.int32)
         step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[everyone.owner[row]]
     first_moment, second_moment, pair_laplacian = _offset_weights(step, weight, everyone.kind, everyone.support)
-    deficient, narrow, tensors, sums = _factors(everyone, links, volume, order, walls, count > MOST_OFFSETS)
+    deficient, narrow, tensors, sums = _factors(everyone, links, volume, order, walls, not on_lattice)
     pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
     wall_sums = WallSums(*boundary_sums(sums))
     return LatticeWeights(pairs, Factors(*tensors), wall_sums, int(reduce.total(deficient)), narrow), row
@@ -353,11 +354,11 @@ def _factors(neighbours, links, volume, order, walls, off_lattice):
 @njit(cache=True)
 def _smallest(moments, dim):
     """Smallest eigenvalue of the second moments moments[0:6]."""
-    a = np.empty((dim, dim))
+    a = np.zeros((dim, dim))  # eigvalsh takes the lower triangle, and refuses NaN in the upper one too
     a[0, 0], a[1, 1], a[1, 0] = moments[0], moments[1], moments[5]
     if dim == 3:
         a[2, 2], a[2, 1], a[2, 0] = moments[2], moments[3], moments[4]
-    return np.linalg.eigvalsh(a)[0]  # of the lower triangle
+    return np.linalg.eigvalsh(a)[0]
 
 
 @njit(cache=True, inline="always")

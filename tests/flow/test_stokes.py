@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from isphcli.case.load import read_case
-from isphcli.geometry.bodies import Shape, Sphere
+from isphcli.geometry.bodies import Shape, Sphere, Spheres
 from isphcli.geometry.iso_surface import IsoSurfaceGeometry
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.geometry.voxel_geometry import VoxelGeometry
 from isphcli.output.clock import Clock
 from isphcli.run.steady import NoFlowError, build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
+from tests.paths import CASES
 
 CHANNEL = """
 geometry:
@@ -96,10 +97,49 @@ def test_iterations_do_not_grow():
 
 
 def test_flux_is_conserved_between_planes():
-    """The discrete divergence is a balance of fluxes. What is left is that the sum over a layer is not that flux to the
-    last digit: the stencil is two layers wide."""
+    """The divergence is consistent, not a balance: 0.06 % measured. The sum over a layer is not the flux to the last
+    digit either, the stencil is two layers wide."""
     _, _, flow = spheres(24)
-    assert flow.mass_error < 0.01
+    assert flow.mass_error < 0.002
+
+
+def test_beads_that_touch_against_zick_and_homsy():
+    """Body-centred cubic array of touching spheres, 24 spacings a cell: drag 162.9 (four digits). Measured +0.4 %,
+    -0.2 % at 32; 14 iterations."""
+    radius = 3**0.5 / 4
+    text = f"""
+geometry:
+  box: [1, 1, 1]
+  periodic: [x, y, z]
+  shapes:
+    - {{sphere: {{centre: [0, 0, 0], radius: {radius}}}, is: solid}}
+    - {{sphere: {{centre: [0.5, 0.5, 0.5], radius: {radius}}}, is: solid}}
+particles: {{spacing: {1 / 24}}}
+fluids: {{water: {{density: 1, viscosity: 1}}}}
+flow: stokes
+"""
+    scene, flow = solve(text)
+    assert flow.permeability[0] * 2 * 6 * np.pi * radius * 162.9 == pytest.approx(1.0, abs=0.01)
+    assert 0 < flow.narrow < 0.1 * scene.particles.n_fluid
+    assert flow.report.iterations < 40
+
+
+def test_permeability_of_a_random_pack_of_beads_converges():
+    """31 beads of the pack of the paper, periodic, at 6, 8 and 10 spacings a bead: k 2.237, 2.243, 2.250e-3 bead^2
+    (12 and 16: 2.257, 2.261), flux between layers within 2.1, 1.6 and 0.9 %, 22 to 25 iterations. With the balance of
+    fluxes it was 2.206, 2.180, 2.184 (2.192, 2.212) and 3.2, 2.2, 1.6 %."""
+    centres = np.loadtxt(CASES / "data/bead_centres.csv", delimiter=",", skiprows=1) / 5e-4
+    centres = centres[(np.abs(centres) < 1.5).all(axis=1)]
+    geometry = ShapeGeometry([-1.5] * 3, [1.5] * 3, [True] * 3, shapes=[Shape(Spheres(centres, 0.5))])
+    case = read_case(b"geometry: {box: [3, 3, 3], periodic: [x, y, z]}\nparticles: {spacing: 0.1}\n"
+                     b"fluids: {water: {density: 1, viscosity: 1}}\nflow: stokes\n", "c.yaml")
+    flows = [solve_axis(case, build_scene(case, geometry, 1 / n, Clock()), 1, np.eye(3)[1], Clock())
+             for n in (6, 8, 10)]
+    k = np.array([flow.permeability[1] for flow in flows])
+    assert (np.diff(k) > 0).all() and k[-1] < 1.01 * k[0]
+    assert k[-1] == pytest.approx(2.265e-3, rel=0.01)  # where the trend leads
+    assert (np.array([flow.mass_error for flow in flows]) < [0.03, 0.02, 0.015]).all()
+    assert max(flow.report.iterations for flow in flows) < 50
 
 
 def test_units_do_not_matter():
