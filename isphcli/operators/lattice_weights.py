@@ -35,15 +35,13 @@ from .moments import (
     stencil_moments,
     stencil_size,
 )
+from .neighbourhood_class import NARROW_SHARE_FIXED
 from .protocol import WallSums
 from .wall_weights import add_wall_pair, boundary_sums, meet_walls, new_boundary_sums, new_wall_pair, second_moments
 
 # Share by which diagonals of the conductances are raised. Pressure is known up to a constant in each component; in a
 # pocket smaller than an aggregate the coarse matrices hold nothing but that constant and divide by round-off.
 GROUND = 1e-6
-# Smallest share of its second moments that a particle must see of fluid to be in a pore that the lattice resolves:
-# across a flat wall it is 0.5, beside a corner of a wide scene 0.35 in 3D and 0.31 in 2D
-RESOLVED = 0.3
 MOST_OFFSETS = 255  # more, and every pair keeps an offset of its own: particles off a lattice
 
 
@@ -329,7 +327,7 @@ def _factors(neighbours, links, volume, order, walls, off_lattice):
                 continue
             second_moments(stencil, link[begin : begin + count], moments)
             invert_gradient(moments, dim, gp)
-            narrow[i] = not _smallest(moments, dim) > RESOLVED * whole / dim
+            narrow[i] = not _smallest(moments, dim) > NARROW_SHARE_FIXED * whole / dim
             for m in range(dim):
                 for k in range(dim):
                     gradient_p[i, m, k] = per_length * gp[m, k]

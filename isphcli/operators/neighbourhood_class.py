@@ -36,6 +36,9 @@ What was measured with other rules: docs/design_notes.md, pores that hardly hold
 FULL, WALL, NARROW, ISOLATED = 0, 1, 2, 3
 # Smallest share below which a pore is narrow: half-way between a corner (0.35 in 3D) and a flat wall (0.495)
 NARROW_SHARE = 0.42
+# The same of particles that stay on their lattice (steady flow): below a corner, whose consistent divergence is sound
+# there; what is below it lies between two walls
+NARROW_SHARE_FIXED = 0.3
 # Share below which a direction is not known. At 1e-4 beads that touch threw particles out: neighbourhoods in a plane on
 # the lattice were inverted when they had moved a little, and one neighbour at the rim of the support was enough.
 THIN = 0.05

@@ -179,8 +179,8 @@ def test_slit_of_any_number_of_voxels_has_its_exact_flux(width):
 
 
 def test_square_duct_on_voxels():
-    """Q mu / (G a^4) = 0.56230806 (White); 0.1 % at 8 voxels across. The smooth body of these labels has round corners and
-    the same area, and a round duct lets more through: up to 5 %."""
+    """Q mu / (G a^4) = 0.56230806 (White); 0.1 % at 8 voxels across. The smooth body of these labels has round corners
+    and the same area, and a round duct lets more through: up to 5 %."""
     labels = np.full((12, 12, 4), -1, np.int8)
     labels[2:10, 2:10] = 0
     _, flow = image_flow(labels, distance="stairs")
