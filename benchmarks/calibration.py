@@ -180,8 +180,8 @@ def errors_of(rows, wall, part):
 
 def fit(widths, errors, power=None):
     """(factor, power): the power by least squares of the logarithms, between 0.5 and 3, where it is not given; then the
-    factor that a further body like these keeps within by 90 % (conformal prediction: of n + 1 bodies that one is as good
-    as any)."""
+    factor that a further body like these keeps within by 90 % (conformal prediction: of n + 1 bodies that one is as
+    good as any)."""
     if power is None:
         slope = -np.polyfit(np.log(widths), np.log(np.maximum(errors, 1e-5)), 1)[0]
         power = min(max(round(2 * slope) / 2, 0.5), 3.0)
