@@ -319,7 +319,8 @@ def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Permeability, m2 and mD: one number, one an axis, or the tensor; digits as far as the error bar says."""
     bars = dict(per_axis(summary.get("permeability_error")))
     given = summary.get("permeability_range")
-    ranges = dict(per_axis(given)) if isinstance(given, Mapping) else {"": given} if given else {}
+    one = {} if given is None else {"": given}
+    ranges = {f" {axis}": both for axis, both in given.items()} if isinstance(given, Mapping) else one
     lines = []
     for axis, k in per_axis(summary.get("permeability")):
         bar = bars.get(axis)
