@@ -178,11 +178,13 @@ def errors_of(rows, wall, part):
     return np.array(widths), np.array(errors)
 
 
-def fit(widths, errors):
-    """(factor, power): the power by least squares of the logarithms, between 0.5 and 3, then the factor that a further
-    body like these keeps within by 90 % (conformal prediction: of n + 1 bodies that one is as good as any)."""
-    slope = -np.polyfit(np.log(widths), np.log(np.maximum(errors, 1e-5)), 1)[0]
-    power = min(max(round(2 * slope) / 2, 0.5), 3.0)
+def fit(widths, errors, power=None):
+    """(factor, power): the power by least squares of the logarithms, between 0.5 and 3, where it is not given; then the
+    factor that a further body like these keeps within by 90 % (conformal prediction: of n + 1 bodies that one is as
+    good as any)."""
+    if power is None:
+        slope = -np.polyfit(np.log(widths), np.log(np.maximum(errors, 1e-5)), 1)[0]
+        power = min(max(round(2 * slope) / 2, 0.5), 3.0)
     scaled = np.sort(errors * widths**power)
     return float(scaled[min(int(np.ceil(0.9 * (len(scaled) + 1))), len(scaled)) - 1]), power
 
@@ -249,7 +251,8 @@ def report(path):
         for part in ("spacing",) if wall == "exact" else ("spacing", "image", "straight"):
             widths, errors = errors_of(rows, wall, part)
             if len(widths) > 1:
-                factor, power = fit(widths, errors)
+                # an image leaves the place of a wall open by a share of a voxel: by first order in the chord
+                factor, power = fit(widths, errors, None if part == "spacing" else 1.0)
                 count = len(widths) if part != "spacing" else len({r["body"] for r in rows if r["wall"] == wall})
                 print(f"{wall},{part},{factor:.3g},{power:g},{count},{widths.max():.3g}")
     print("```")

@@ -33,6 +33,8 @@ from tests.case.texts import BEADS, MINIMAL, SHAPES, problems
         (MINIMAL, ["particles.spacing=1"], "particles.spacing: 1 is not smaller than the box, 1"),
         (MINIMAL, ["particles.spacing=1e-4"], "about 1e12 sites; are box and spacing in the same unit?"),
         (MINIMAL, ["refine=[0.1]"], "repeats particles.spacing"),
+        (MINIMAL, ["refine=finer"], "refine: 'finer' is not a choice"),
+        (MINIMAL, ["refine=auto", "flow=navier_stokes"], "refine: needs flow: stokes"),
         (MINIMAL, ["refine=[3]"], "refine.0: 3 is not smaller than the box"),
         (MINIMAL, ["time.end=1"], "time: has no meaning in flow: stokes"),
         (MINIMAL, ["time.cfl=1.1"], "must be at most 1"),

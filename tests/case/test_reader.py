@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from isphcli.case.load import read_case
+from isphcli.case.load import dump_case, read_case
 from isphcli.case.reader import Table
 from isphcli.case.yaml import CaseError
 from tests.case.texts import BEADS, MINIMAL, SHAPES, problems, read
@@ -144,3 +144,11 @@ def test_an_empty_required_block_is_a_problem(block):
     text[block] = "null"
     with pytest.raises(CaseError):
         read_case("".join(f"{k}: {v}\n" for k, v in text.items()).encode(), "case.yaml")
+
+
+def test_a_word_beside_a_list():
+    """`refine` is a list of spacings, or auto: then the run chooses the others."""
+    assert read(MINIMAL).spacings == (0.1, 0.08, 0.05)
+    automatic = read(MINIMAL, "refine=auto")
+    assert automatic.refine == "auto" and automatic.spacings == (0.1,)
+    assert read(dump_case(automatic)).refine == "auto"
