@@ -1,0 +1,90 @@
+"""From the image of a case to its geometry: labels, grey values, thresholds, what is said of them."""
+
+import numpy as np
+import pytest
+
+from isphcli.case.load import read_case
+from isphcli.geometry.images.image import VoxelError
+from isphcli.geometry.iso_surface import IsoSurfaceGeometry
+from isphcli.geometry.voxel_geometry import VoxelGeometry
+from isphcli.scene.build_geometry import build_geometry
+from tests.geometry.fields import plane
+
+CASE = """
+geometry:
+  voxels: {{file: scan.npy, voxel_size: 1.0e-6, {image}}}
+  periodic: [x, y, z]
+particles: {{spacing: 1.0e-6}}
+fluids: {{water: {{density: 1000, viscosity: 1.0e-3}}, gas: {{density: 1, viscosity: 1.0e-5}}}}
+drive: {{body_force: [1, 0, 0]}}
+time: {{end: 1}}
+"""
+WALL = 5.3  # voxels along x: a slab of solid begins there and ends where the image is mirrored
+
+
+def scan(tmp_path, image, *overrides, values=None):
+    if values is None:
+        values = np.minimum(plane((6, 6, 12), (1, 0, 0), WALL), plane((6, 6, 12), (-1, 0, 0), -11.3))
+        values = np.round(1000 + 100 * values).astype(np.uint16)  # bright solid from 5.3 to 11.3 voxels
+    np.save(tmp_path / "scan.npy", values)
+    return read_case(CASE.format(image=image).encode(), tmp_path / "case.yaml", overrides)
+
+
+def wall_along_x(geometry):
+    start = np.array([[2.0, 3.0, 3.0]]) * 1e-6
+    return 2.0 + 7.0 * geometry.crossing(start, start + np.array([7e-6, 0, 0]))[0]
+
+
+def test_the_wall_of_a_grey_image_is_where_it_has_the_threshold(tmp_path):
+    """A ramp of 100 grey values a voxel: the wall moves by a tenth of a voxel with ten of them."""
+    geometry = build_geometry(scan(tmp_path, "grey: {threshold: 1000, solid: above}"))
+    assert isinstance(geometry, IsoSurfaceGeometry)
+    assert wall_along_x(geometry) == pytest.approx(WALL, abs=0.02)
+    other = build_geometry(scan(tmp_path, "grey: {threshold: 1010, solid: above}"))
+    assert wall_along_x(other) - wall_along_x(geometry) == pytest.approx(0.1, abs=0.01)
+
+
+def test_solid_below_the_threshold_is_the_other_side(tmp_path):
+    x = np.array([[2.0, 3, 3], [8.0, 3, 3]]) * 1e-6
+    above = build_geometry(scan(tmp_path, "grey: {threshold: 1000, solid: above}"))
+    below = build_geometry(scan(tmp_path, "grey: {threshold: 1000, solid: below}"))
+    assert above.phase(x).tolist() == [0, -1] and below.phase(x).tolist() == [-1, 0]
+
+
+def test_two_fluids_by_their_grey_values(tmp_path):
+    image = "grey: {threshold: 1000, solid: above, fluids: {gas: [0, 700], water: [700, 1000]}}"
+    geometry = build_geometry(scan(tmp_path, image))
+    x = np.array([[1.0, 3, 3], [4.5, 3, 3], [8.0, 3, 3]]) * 1e-6
+    assert geometry.phase(x).tolist() == [1, 0, -1]
+
+
+def test_labels_and_stairs(tmp_path):
+    labels = np.zeros((6, 6, 12), np.uint8)
+    labels[:, :, 5:11] = 1
+    smooth = build_geometry(scan(tmp_path, "labels: {water: 0, solid: 1}", values=labels))
+    stairs = build_geometry(scan(tmp_path, "labels: {water: 0, solid: 1}", "geometry.wall_distance=stairs",
+                                 values=labels))
+    assert isinstance(smooth, IsoSurfaceGeometry) and not smooth.level_walls
+    assert type(stairs) is VoxelGeometry and stairs.level_walls
+    assert wall_along_x(stairs) == pytest.approx(5.0, abs=1e-12)
+    assert wall_along_x(smooth) == pytest.approx(5.0, abs=0.05)
+
+
+def test_what_was_understood_is_said(tmp_path):
+    geometry = build_geometry(scan(tmp_path, "grey: {threshold: otsu, solid: above}"))
+    said = dict(geometry.described)
+    assert "Otsu" in said["wall"] and "sharpness" in said
+    assert "solid above" in said["porosity"]
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        ("grey: {threshold: 60000, solid: above}", "parts nothing"),
+        ("grey: {threshold: 1000, solid: above, blur: auto}", "blur: auto needs an image of two grey values"),
+        ("grey: {threshold: 1000, solid: above, fluids: {gas: [0, 700]}}", "belong to no fluid"),
+    ],
+)
+def test_grey_values_that_cannot_be_meant(tmp_path, image, words):
+    with pytest.raises(VoxelError, match=words):
+        build_geometry(scan(tmp_path, image))
