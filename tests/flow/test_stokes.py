@@ -180,13 +180,13 @@ def test_slit_of_any_number_of_voxels_has_its_exact_flux(width):
 
 def test_square_duct_on_voxels():
     """Q mu / (G a^4) = 0.56230806 (White); 0.1 % at 8 voxels across. The smooth body of these labels has round corners
-    and the same area, and a round duct lets more through: up to 5 %."""
+    and the same area, and a round duct lets more through: up to 7 %."""
     labels = np.full((12, 12, 4), -1, np.int8)
     labels[2:10, 2:10] = 0
     _, flow = image_flow(labels, distance="stairs")
     assert flow.superficial[0] * 144 == pytest.approx(0.56230806 * 4**4, rel=1e-3)
     _, flow = image_flow(labels)
-    assert flow.superficial[0] * 144 == pytest.approx(0.56230806 * 4**4, rel=0.05)
+    assert flow.superficial[0] * 144 == pytest.approx(0.56230806 * 4**4, rel=0.07)
 
 
 def test_one_voxel_throat_isolated_pocket_and_dead_end_are_finite():
