@@ -215,7 +215,7 @@ class Stepper:
         expansion: divergence that the velocity is to have, 0 or (n,) of `KeptVolume`."""
         ops, terms = config.ops, config.terms
         gradient = terms.pressure_gradient(p)
-        right = known - gradient
+        right = terms.sharpened(known - gradient)
         if terms.ops.walls is not None:
             right += terms.viscosity * terms.ops.walls.lap_velocity
         star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, right, guess, self.solvers)  # eq. 2
@@ -238,7 +238,7 @@ class Stepper:
             solvers.tolerance = max(tolerance, UNIT_RESPONSE_TOLERANCE)
         try:
             assert terms.along is not None
-            along = np.broadcast_to(terms.along, u.shape)
+            along = terms.sharpened(np.ascontiguousarray(np.broadcast_to(terms.along, u.shape)))
             star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), solvers)
             div = total_divergence(ops, star)
             if ops.walls is not None:
