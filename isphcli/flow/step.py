@@ -138,10 +138,7 @@ class Stepper:
             state = replace(state, shifting_flux=self.held_velocity.averaged_shifting_flux(state, dr, dt))
         if dr is not None:
             with self.clock("terms"):
-                walls = config.ops.walls
-                second = ~walls.near if walls is not None else np.ones(len(u), dtype=np.bool_)
-                if config.terms.smooth is not None:
-                    second = second & config.terms.smooth
+                second = config.terms.smooth if config.terms.smooth is not None else np.ones(len(u), dtype=np.bool_)
                 fields = carry(config.ops, np.concatenate([u, u_old], axis=1), dr, second)  # eq. 9
                 u, u_old = np.ascontiguousarray(fields[:, : u.shape[1]]), np.ascontiguousarray(fields[:, u.shape[1] :])
                 displacement += dr  # eq. 8

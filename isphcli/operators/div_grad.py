@@ -61,8 +61,9 @@ def diagonal(ops: Operators, symmetric_p: np.ndarray, grad_p: np.ndarray) -> np.
     return _diagonal(ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p, grad_p), walls.div, walls.near)
 
 
-def flux_form(ops: Operators, count: np.ndarray) -> None:
-    """Makes sense of rows that see less than FEW of their neighbours, in place. count: (n,) those beyond walls too.
+def flux_form(ops: Operators, count: np.ndarray) -> np.ndarray:
+    """Makes sense of rows that see less than FEW of their neighbours, in place, and says which (n,) bool they are.
+    count: (n,) those beyond walls too.
 
     Divergence: the balance of fluxes. sum_j w_ij x_ji . (u_i + u_j) / 2 is exact where the neighbourhood
     is whole and never senseless. Where beads touch, particles see few others, perhaps all in a plane: the gradients of
@@ -73,8 +74,9 @@ def flux_form(ops: Operators, count: np.ndarray) -> None:
     """
     walls = ops.walls
     assert walls is not None
-    bad = np.flatnonzero(np.diff(ops.start) < FEW * count)
-    _flux_form(ops.neighbours, walls.symmetric_laplacian, bad, ops.grad, walls.div, walls.div_velocity)
+    bad = np.diff(ops.start) < FEW * count
+    _flux_form(ops.neighbours, walls.symmetric_laplacian, np.flatnonzero(bad), ops.grad, walls.div, walls.div_velocity)
+    return bad
 
 
 @njit(cache=True)

@@ -112,7 +112,9 @@ class WallSums:
     slip: (n, dim, dim) what a slip wall takes off the diagonal, or None where no wall slips;
     symmetric_laplacian: (n_pairs,) symmetric-form weights of the pressure Laplacian;
     near: (n,) bool, particle sees a wall, or fluid that it shares no pressure with;
-    narrow, isolated: (n,) bool, see `narrow_pores.classify_neighbourhoods`, or None where there are none.
+    narrow, isolated: (n,) bool, see `narrow_pores.classify_neighbourhoods`, or None where there are none;
+    slope_velocity: (n, dim, dim) sum u_W g_iW, component of u_W first, or None where a wall slips;
+    balanced: (n,) bool, rows whose `grad` and `div` are a balance of fluxes and no gradient, or None.
     """
 
     lap: np.ndarray
@@ -124,3 +126,5 @@ class WallSums:
     near: np.ndarray
     narrow: np.ndarray | None = None
     isolated: np.ndarray | None = None
+    slope_velocity: np.ndarray | None = None
+    balanced: np.ndarray | None = None

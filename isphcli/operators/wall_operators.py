@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -51,11 +52,13 @@ class WallScene:
         neighbours = stencils.neighbours
         narrow, isolated = classify_neighbourhoods(neighbours, stencils.fraction)
         ops = build_wall_operators(stencils, 2, narrow, isolated)
+        assert ops.walls is not None
         if narrow is None:
-            flux_form(ops, np.diff(neighbours.start))
+            balanced = flux_form(ops, np.diff(neighbours.start))
         else:
+            balanced = narrow
             adjoint_divergence(ops)
-        return ops, neighbours, images
+        return replace(ops, walls=replace(ops.walls, balanced=balanced)), neighbours, images
 
     def stencils(self, x: np.ndarray, fixed: bool = False) -> tuple[WallStencils, Halo]:
         """What operators are built from, and the periodic images.
