@@ -212,10 +212,8 @@ class Stepper:
         expansion: divergence that the velocity is to have, 0 or (n,) of `KeptVolume`."""
         ops, terms = config.ops, config.terms
         gradient = terms.pressure_gradient(p)
-        right = terms.sharpened(known - gradient)
-        if terms.ops.walls is not None:
-            right += terms.viscosity * terms.ops.walls.lap_velocity
-        star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, right, guess, self.solvers)  # eq. 2
+        driven = known - gradient
+        star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, driven, guess, self.solvers)  # eq. 2
         div = total_divergence(ops, star) - expansion
         q = pressure_increment(config, system, div, p, gradient, rate, self.fluids.nu_min, self.solvers)
         u = star - gradient_p(terms.ops, q) / rate  # eq. 3
@@ -235,8 +233,8 @@ class Stepper:
             solvers.tolerance = max(tolerance, UNIT_RESPONSE_TOLERANCE)
         try:
             assert terms.along is not None
-            along = terms.sharpened(np.ascontiguousarray(np.broadcast_to(terms.along, u.shape)))
-            star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), solvers)
+            along = np.ascontiguousarray(np.broadcast_to(terms.along, u.shape))
+            star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), solvers, False)
             div = total_divergence(ops, star)
             if ops.walls is not None:
                 div -= ops.walls.div_velocity

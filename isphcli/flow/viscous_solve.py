@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 JACOBI_LIMIT = 2.0  # nu dt / dx^2 up to which the matrix is solved with its diagonal alone
 
 
-def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, right: np.ndarray, guess: np.ndarray,
-                  solvers: KeptHierarchies) -> np.ndarray:
+def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, driven: np.ndarray, guess: np.ndarray,
+                  solvers: KeptHierarchies, walls_move: bool = True) -> np.ndarray:
     """u* (n, dim), m/s, of eq. 2. Raises SolveError.
 
-    terms: of the configuration; nu_max: largest kinematic viscosity, m2/s; spacing: m; rate: g0 / dt, 1/s; right:
-    (n, dim) m/s2, what drives the fluid after `Terms.sharpened`, and the motion of the walls; guess: (n, dim) m/s.
+    terms: of the configuration; nu_max: largest kinematic viscosity, m2/s; spacing: m; rate: g0 / dt, 1/s; driven:
+    (n, dim) m/s2, the right-hand side without what walls drag along; guess: (n, dim) m/s; walls_move: whether they do.
     """
     ops, walls = terms.ops, terms.ops.walls
     with solvers.clock("assembly"):
@@ -48,8 +48,12 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, righ
         matrix = assemble(ops.start, ops.column, weights, rate, scale, wall_lap)
         slip = walls.slip if walls is not None else None
     stiff = nu_max > JACOBI_LIMIT * rate * spacing**2
+    right = terms.sharpened(driven)
+    if walls is not None and walls_move:
+        dragged = terms.viscosity * walls.lap_velocity
+        right, driven = right + dragged, driven + dragged
     if not stiff:
-        guess = right / rate  # what viscosity then changes little
+        guess = driven / rate  # what viscosity then changes little
     if slip is not None or terms.transposed_stress is not None:
         return _coupled(terms, matrix, slip, right, guess, stiff, solvers)
     inverse = 1.0 / matrix.diagonal()
