@@ -52,9 +52,9 @@ MUTATIONS = (
              "operators.moments", "g00, g01, g02, g11, g12, g22 = g[0, 0], g[0, 1], g[0, 2], g[1, 1], g[1, 2], g[2, 2]",
              "g00, g01, g02, g11, g12, g22 = 1.0, 0.0, 0.0, 1.0, 0.0, 1.0"),
     Mutation("gradient_first_order", "order", "second-order part K_i of the gradient dropped",
-             "operators.moments", "    if order == 1:\n        return\n", "    if order < 3:\n        return\n",
-             unnoticed="it is the better one for vortices since the odd-even part of the pressure is taken out "
-                       "(method.md 6)"),
+             "operators.moments", "    if order == 1:\n        return\n", "    if order < 3:\n        return\n"),
+    Mutation("laplacian_second_order", "order", "viscous step of second order",
+             "operators.fourth_order", "if not near[i] and fourth > 0.0:", "if near[i] and fourth > 0.0:"),
     Mutation("wall_sign", "sign", "a wall's share of the diagonal subtracted (extrapolation, eq. 11)",
              "operators.wall_weights", "    lap[i] += a\n", "    lap[i] -= a\n"),
     Mutation("wall_at_the_dummy", "order", "walls taken at the dummy, not where the pair meets them",

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from ..operators.apply import laplacian
+from ..operators.fourth_order import laplacian_excess
+
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..operators.pair_weights import Operators
@@ -116,7 +119,8 @@ class Terms:
     where the velocity has no kink, or None; shifts_less: (n,) bool, near an interface, or None;
     along: (dim,) or (n, dim), what a unit pressure gradient along the axis of a held velocity accelerates by, or None;
     band: of the interface, or None;
-    damp_odd_even_pressure: whether the odd-even part of the pressure is taken out (see `projection`).
+    damp_odd_even_pressure: whether the odd-even part of the pressure is taken out (see `projection`);
+    excess: (n,) m2, c of `viscous_solve`, or None where the velocity has kinks and forces jump.
     """
 
     ops: Operators
@@ -132,6 +136,11 @@ class Terms:
     damp_odd_even_pressure: bool = True
     along: np.ndarray | None = None
     band: InterfaceBand | None = None
+    excess: np.ndarray | None = None
+
+    def sharpened(self, right: np.ndarray) -> np.ndarray:
+        """right + c L right of `viscous_solve`: accelerations (n, dim), m/s2, as they stand in eq. 2."""
+        return right if self.excess is None else right + self.excess[:, None] * laplacian(self.ops, right)
 
     def pressure_gradient(self, p: np.ndarray) -> np.ndarray:
         """Gradient of the pressure p (n,) over the density without its jump, (n, dim) m/s2."""
@@ -177,4 +186,5 @@ class OneFluid:
         """Terms of one configuration; see `Fluids.terms`."""
         along = body_force(ops, self.held) if self.held is not None else None
         viscous = ViscousWeights(self.viscosity, ops.lap, ops.walls)
-        return Terms(ops, viscous, body_force(ops, self.force), bulk=self.viscosity, along=along)
+        return Terms(ops, viscous, body_force(ops, self.force), bulk=self.viscosity, along=along,
+                     excess=laplacian_excess(ops))

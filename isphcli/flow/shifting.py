@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit, prange
 
 from ..domain.neighbours import Neighbourhood
-from ..operators.apply import gradient_one_sided
+from ..operators.apply import gradient_one_sided, total_gradient
 from ..operators.pair_weights import Operators
 
 LONGEST = 0.1  # of the spacing: a longer shift is cut, so that the Taylor series stays good
@@ -30,11 +30,22 @@ def shift(neighbours: Neighbourhood, largest_speed: float, dt: float, coefficien
 
 
 def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """fields (n, c) at positions displaced by dr (n, dim), by their Taylor series.
+    """fields (n, c) at positions displaced by dr (n, dim), by their Taylor series; in a scene with walls they are
+    velocities, one after the other.
 
-    second: (n,) bool, where the second derivative is taken too (not beside walls, where the gradient is one-sided).
+    second: (n,) bool, where the second derivative is taken too. Beside walls the velocity of the wall is part of the
+    gradient, which is then exact for quadratic functions there as well, and of first order where that is not known (a
+    wall slips, few neighbours are in sight): there the second derivative is left out.
     """
-    slope = gradient_one_sided(ops, fields)
+    slope, walls = gradient_one_sided(ops, fields), ops.walls
+    if walls is not None:
+        known = np.zeros(ops.n, np.bool_)
+        if walls.slope_velocity is not None:
+            known = walls.near & ~walls.narrow
+            velocities = np.split(fields, fields.shape[1] // ops.dim, axis=1)
+            whole = np.concatenate([total_gradient(ops, np.ascontiguousarray(u)) for u in velocities], axis=1)
+            slope = np.where(known[:, None, None], whole, slope)
+        second = second & (known | ~walls.near)
     return _carry(ops.start, ops.column, ops.grad_p, fields, slope, dr, second)
 
 

@@ -146,10 +146,7 @@ class Stepper:
             state = replace(state, shifting_flux=self.held_velocity.averaged_shifting_flux(state, dr, dt))
         if dr is not None:
             with self.clock("terms"):
-                walls = config.ops.walls
-                second = ~walls.near if walls is not None else np.ones(len(u), dtype=np.bool_)
-                if config.terms.smooth is not None:
-                    second = second & config.terms.smooth
+                second = config.terms.smooth if config.terms.smooth is not None else np.ones(len(u), dtype=np.bool_)
                 fields = carry(config.ops, np.concatenate([u, u_old], axis=1), dr, second)  # eq. 9
                 u, u_old = np.ascontiguousarray(fields[:, : u.shape[1]]), np.ascontiguousarray(fields[:, u.shape[1] :])
                 displacement += dr  # eq. 8
@@ -222,10 +219,8 @@ class Stepper:
         expansion: divergence that the velocity is to have, 0 or (n,) of `KeptVolume`."""
         ops, terms = config.ops, config.terms
         gradient = terms.pressure_gradient(p)
-        right = known - gradient
-        if terms.viscous.walls is not None:
-            right += terms.viscous.factor * terms.viscous.walls.lap_velocity
-        star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, right, guess, self.solvers)  # eq. 2
+        driven = known - gradient
+        star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, driven, guess, self.solvers)  # eq. 2
         div = ops.total_divergence(star) - expansion
         q = pressure_increment(config, system, div, (p, gradient), rate, self.fluids.nu_min, self.solvers)
         u = star - terms.ops.gradient_p(q) / rate  # eq. 3
@@ -245,8 +240,8 @@ class Stepper:
             solvers.tolerance = max(tolerance, UNIT_RESPONSE_TOLERANCE)
         try:
             assert terms.along is not None
-            along = np.broadcast_to(terms.along, u.shape)
-            star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), solvers)
+            along = np.ascontiguousarray(np.broadcast_to(terms.along, u.shape))
+            star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), solvers, False)
             div = ops.total_divergence(star)
             if ops.walls is not None:
                 div -= ops.walls.div_velocity

@@ -1,10 +1,11 @@
 """The smooth body that the labels of an image are samples of: the most probable field with their signs.
 
 Prior: a Gaussian random field of unit variance with the covariance exp(-r^2 / (2 l^2)) between centres r voxels apart;
-l follows from the area of the walls (`correlation_length`). A label says the sign of the field at its centre, up to noise of the variance NOISE (probit regression;
-Rasmussen and Williams 2006, ch. 3). The maximum of the posterior is found by expectation and maximisation: the field is
-lifted to its expected value on the side that its label says, then filtered by C / (C + NOISE), C the spectrum of the
-covariance; with Nesterov's momentum. Slits of 2, 3 and 5 voxels keep their width within 0.1 voxels; sharp corners become round.
+l follows from the area of the walls (`correlation_length`). A label says the sign of the field at its centre, up to
+noise of the variance NOISE (probit regression; Rasmussen and Williams 2006, ch. 3). The maximum of the posterior is
+found by expectation and maximisation: the field is lifted to its expected value on the side that its label says, then
+filtered by C / (C + NOISE), C the spectrum of the covariance; with Nesterov's momentum. Slits of 2, 3 and 5 voxels keep
+their width within 0.1 voxels; sharp corners become round.
 
 benchmarks/walls_from_labels.py compares it with Gaussian averages of the labels, on bodies whose truth is known: an
 average over half a voxel leaves the staircase as roughness, of which finer particles see more, and k falls by 3.5 %
@@ -21,8 +22,8 @@ from scipy import fft
 from scipy.special import ndtri
 
 # Correlation length of the prior over that of a random field with walls of the same area. Shorter ones leave the
-# staircase of large smooth bodies as roughness (an annulus of radii 7.6 and 15.2 voxels: k -2.7 % with 1.4 voxels, -1.1 %
-# with 2.7), longer ones open the throats of random bodies (+3 % with 0.65)
+# staircase of large smooth bodies as roughness (an annulus of radii 7.6 and 15.2 voxels: k -2.7 % with 1.4 voxels,
+# -1.1 % with 2.7), longer ones open the throats of random bodies (+3 % with 0.65)
 SHARE = 0.45
 SHORTEST, LONGEST = 1.4, 4.0  # voxels. With 1.2 k of random bodies falls by 1.5 % from one particle a voxel to two
 NOISE = 0.01  # variance, over that of the field; 0.05 opens the throats by 1.6 %

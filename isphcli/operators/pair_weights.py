@@ -127,12 +127,14 @@ class WallRows(WallSums):
 
     symmetric_laplacian: (n_pairs,) symmetric-form weights of the pressure Laplacian;
     classes: (n,) int8, see `neighbourhood_class`; near: (n,) bool, particle sees a wall, or fluid that it shares no
-    pressure with.
+    pressure with;
+    slope_velocity: (n, dim, dim) sum u_W g_iW, component of u_W first, or None where a wall slips.
     """
 
     symmetric_laplacian: np.ndarray
     near: np.ndarray
     classes: np.ndarray
+    slope_velocity: np.ndarray | None
 
     @property
     def narrow(self) -> np.ndarray:

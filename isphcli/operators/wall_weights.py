@@ -42,11 +42,19 @@ def build_wall_operators(stencil: WallStencils, order: int = 1, classes: np.ndar
     n = everyone.n
     start = np.zeros(n + 1, dtype=np.int64)
     np.cumsum(in_sight(everyone.start, stencil.links.link), out=start[1:])
-    deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, sums = _wall_rows(
+    deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, (sums, slope_velocity) = _wall_rows(
         everyone, stencil.links, stencil.volume, order, walls, start)
-    found = WallRows(*boundary_sums(sums), symmetric, near, near.astype(np.int8) if classes is None else classes)
+    slips = bool(np.any(walls.slip_length > 0.0))
+    found = WallRows(*boundary_sums(sums), symmetric, near, near.astype(np.int8) if classes is None else classes,
+                     None if slips else slope_velocity)
     seen = everyone._replace(start=start, column=column, row=row)
     return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[:n], int(reduce.total(deficient)), found)
+
+
+def wall_gradient(walls: WallRows, u: np.ndarray) -> np.ndarray:
+    """What walls that do not slip add to the gradient of u (n, dim), (n, dim, dim)."""
+    assert walls.slope_velocity is not None
+    return walls.slope_velocity - u[:, :, None] * walls.div[:, None, :]
 
 
 @njit(cache=True)
@@ -144,7 +152,7 @@ def add_wall_pair(neighbours, walls, i, k, stencil, pair, sums):
 
 @njit(cache=True, parallel=True)
 def _wall_rows(neighbours, links, volume, order, walls, seen_start):
-    """(deficient, (columns, rows), weights of the pairs in sight, near, arrays of WallSums).
+    """(deficient, (columns, rows), weights of the pairs in sight, near, (arrays of WallSums, slope_velocity)).
 
     All that it makes is returned: numba loses what a parallel loop writes to arrays that came in a tuple.
     """
@@ -155,6 +163,7 @@ def _wall_rows(neighbours, links, volume, order, walls, seen_start):
     lap, symmetric, lap_p = np.empty(pairs), np.empty(pairs), np.empty(pairs)
     grad, grad_p = np.empty((pairs, dim)), np.empty((pairs, dim))
     wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip = new_boundary_sums(n, dim, walls.slip_length)
+    slope_velocity = np.zeros((n, dim, dim))
     deficient = np.zeros(CHUNKS, np.int64)
     per_area = per_length * per_length
     for chunk in prange(CHUNKS):
@@ -196,5 +205,8 @@ def _wall_rows(neighbours, links, volume, order, walls, seen_start):
                         pair[0][1 + m] = out[1 + m, k] * per_length
                     sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
                     add_wall_pair(neighbours, walls, i, k, stencil, pair, sums)
+                    for c in range(dim):
+                        for m in range(dim):
+                            slope_velocity[i, c, m] += pair[1][c] * pair[0][1 + m]
     sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
-    return deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, sums
+    return deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, (sums, slope_velocity)

@@ -76,7 +76,8 @@ def test_a_step_takes_off_the_gradient_of_its_pressure(text, jitter):
     before, after, q, ops = one_step(text.format(dx=0.0625, jitter=jitter), swirl_and_source)
     taken = ops.gradient_p(q)
     assert np.linalg.norm(taken) > 0.1 * np.linalg.norm(before)
-    assert after == pytest.approx(before - taken, abs=1e-6)  # viscosity and motion are 1e-7 and less
+    # viscosity and motion are 1e-7 and less, 2.3e-6 where the flow that is put there slides past a wall
+    assert after == pytest.approx(before - taken, abs=5e-6)
 
 
 @pytest.mark.parametrize("jitter", [0, 0.1])
