@@ -40,8 +40,8 @@ MOST = 400_000  # particles: 2 GB
 STARTED = 0.12
 # Part of the pack of figure 7, m: a periodic cube in the middle of the column, 5 beads wide, at 6 spacings a bead. The
 # drag of a particle changes as it moves between walls that are near. Where it moves on before its velocity has
-# followed, as it does the more the stronger the force, the mean flux falls: with 2.6, 4 and 5 spacings a bead these
-# beads were 5.5, 3.5 and 1.7 % off the line (velocities of the second half of a run, 2026-11-29)
+# followed, as it does the more the stronger the force, the mean flux falls: with 2.6, 4, 5 and 6 spacings a bead
+# these beads were 5.5, 3.5, 1.7 and 1.0 % off the line (velocities of the second half of a run, 2026-11-29)
 PART, IN_PART = 2.5e-3, 5e-4 / 6
 LEAST_IN_BEADS = 2.0e-4  # m, 2.5 spacings a bead: moving particles between beads that touch need as many
 LEAST = 20_000  # particles of the smallest size of figures that compare sizes

@@ -185,8 +185,8 @@ def test_the_command(monkeypatch):
 
 
 def test_part_of_the_pack_of_figure_7_is_a_periodic_cube_of_its_middle(folder):
-    """Beads whose centres lie in the cube, cut beads made whole on the other side. Porosity 0.44, without overlaps 0.41;
-    that of the column within 3 mm of the axis is 0.42, and a cube 5 beads wide has a few per cent more or less."""
+    """Beads whose centres lie in the cube, cut beads made whole on the other side. Porosity 0.44, without overlaps
+    0.41; that of the column within 3 mm of the axis is 0.42, and 140 beads have a few per cent more or less."""
     scene, beads = paper.part_of_the_pack(folder)
     geometry = build_geometry(paper.case_of("bead_pack", folder, *scene))
     points = geometry.lower + np.random.default_rng(0).random((20_000, 3)) * (geometry.upper - geometry.lower)
