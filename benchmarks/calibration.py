@@ -34,7 +34,7 @@ from isphcli.validation.markdown import table
 
 LEVELS = (1, 2, 3)
 MOST = 40_000  # particles of the third level: 3 to 8 CPU seconds
-NAMES = ("body", "family", "wall", "truth", "uncertainty", "narrow", "median", "k", "cpu", "balanced")
+NAMES = ("body", "family", "wall", "truth", "uncertainty", "narrow", "median", "k", "cpu", "narrow_pores")
 
 
 def case_of(body, wall, folder):
@@ -99,11 +99,11 @@ def row_of(body, wall):
         flow = solve_axis(case, scene, body.axis, np.eye(3)[body.axis], Clock())
         values.append(float(flow.permeability[body.axis]))
         seconds.append(time.process_time() - begin)
-        balanced.append(flow.balanced)
+        balanced.append(bool(flow.narrow))
     return {"body": body.name, "family": body.family, "wall": wall, "truth": f"{truth:.6g}",
             "uncertainty": f"{uncertainty:.2g}", "narrow": f"{throats['narrow']:.3g}",
             "median": f"{throats['median']:.3g}", "k": " ".join(f"{k:.6g}" for k in values),
-            "cpu": " ".join(f"{s:.2f}" for s in seconds), "balanced": " ".join(str(int(b)) for b in balanced)}
+            "cpu": " ".join(f"{s:.2f}" for s in seconds), "narrow_pores": " ".join(str(int(b)) for b in balanced)}
 
 
 def rows_of(path):

@@ -4,12 +4,11 @@ usage: PYTHONPATH=. python benchmarks/true_permeabilities.py FILE.csv [NAME ...]
 
 Rows of bodies that FILE.csv has already are kept. Each body is solved by `build_scene` and `solve_axis` at three
 spacings, the finest with about PARTICLES fluid particles: packs of spheres as shapes, random fields by
-`known_bodies.LevelGeometry`. The truth is the value at the finest spacing at which the consistent divergence was
-solved (between spheres that touch it may not be; the flux-balanced one is less accurate). Beside it are finite
+`known_bodies.LevelGeometry`. The truth is the value at the finest spacing. Beside it are finite
 volumes (benchmarks/finite_volumes.py) on images of the body with up to CELLS cells along an edge. Its error is the
 largest of the changes to the spacings next to it and a third of the distance to the finite volumes, whose staircases of
-both signs make them err by 1 to 2 % themselves. Column own: at the three spacings, b where the divergence was balanced;
-particles: at the finest of them.
+both signs make them err by 1 to 2 % themselves. Column own: at the three spacings; particles: at the finest of them. Values with a b are of an earlier
+scheme, a balance of fluxes, and are not used.
 """
 
 import csv
@@ -46,38 +45,35 @@ def case_of(body, spacing):
 
 
 def solve(body, spacing):
-    """(k in voxel^2, particles, iterations, divergence is a balance of fluxes) of the exact surface."""
+    """(k in voxel^2, particles, iterations) of the exact surface."""
     case = case_of(body, spacing)
     geometry = LevelGeometry(body) if body.spheres is None else build_geometry(case)
     scene = build_scene(case, geometry, spacing, Clock(), [body.axis])
     flow = solve_axis(case, scene, body.axis, np.eye(3)[body.axis], Clock())
-    return float(flow.permeability[body.axis]), scene.particles.n_fluid, flow.report.iterations, flow.balanced
+    return float(flow.permeability[body.axis]), scene.particles.n_fluid, flow.report.iterations
 
 
 def row_of(body):
     begin, edge = time.process_time(), max(body.size)
     porosity = float(body.labels(3).mean())
     finest = round((PARTICLES / porosity / np.prod(body.size)) ** (1 / 3) * edge)
-    own, fell_back = [], []
+    own = []
     for ratio in RATIOS:
         cells = round(ratio * finest)
-        k, particles, iterations, balanced = solve(body, edge / cells)
+        k, particles, iterations = solve(body, edge / cells)
         own.append(k)
-        fell_back.append(balanced)
-        print(f"{body.name}: {cells} cells an edge, {particles:,} particles, k {k:.6g}, {iterations} iterations"
-              f"{', flux-balanced' if balanced else ''}, {time.process_time() - begin:.0f} CPU s", flush=True)
+        print(f"{body.name}: {cells} cells an edge, {particles:,} particles, k {k:.6g}, {iterations} iterations, "
+              f"{time.process_time() - begin:.0f} CPU s", flush=True)
     most = max(CELLS // edge, 2)
     volumes = [permeability(body.labels(finer), body.axis)[0] / finer**2 for finer in (most - 1, most)]
     print(f"{body.name}: finite volumes {volumes}, {time.process_time() - begin:.0f} CPU s", flush=True)
-    best = max((i for i in range(len(own)) if not fell_back[i]), default=len(own) - 1)
-    k = own[best]
-    near = [own[i] for i in (best - 1, best + 1) if 0 <= i < len(own)]
-    off = max(*(abs(other / k - 1) for other in near), abs(np.mean(volumes) / k - 1) / 3)
+    k = own[-1]
+    off = max(abs(own[-2] / k - 1), abs(np.mean(volumes) / k - 1) / 3)
     return {"name": body.name, "porosity": f"{porosity:.5f}", "permeability": f"{k:.6g}", "uncertainty": f"{off:.2g}",
-            "particles": particles, "own": " ".join(f"{v:.6g}" + "b" * b for v, b in zip(own, fell_back)),
+            "particles": particles, "own": " ".join(f"{v:.6g}" for v in own),
             "finite_volumes": " ".join(f"{v:.6g}" for v in volumes),
             "cpu_seconds": f"{time.process_time() - begin:.0f}",
-            "source": "own operators on the exact surface" + (", flux-balanced divergence" if fell_back[best] else "")}
+            "source": "own operators on the exact surface"}
 
 
 def main(file, *names):

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from isphcli.case.yaml import CaseError
 from isphcli.cli import BAD_INPUT, OUTSIDE, main
 from isphcli.references import drops
+from isphcli.scene.build_geometry import build_geometry
 from isphcli.validation import paper
 from isphcli.validation.paper import Figure, Finding, NotRun, count_table_1, radial_profile, reproduce, spacing_for
 
@@ -181,3 +182,16 @@ def test_the_command(monkeypatch):
     assert done.exit_code == 0 and "there 7.0" in done.output
     assert call(main, ["validate", "--paper", "--budget", "1"]).exit_code == OUTSIDE
     assert call(main, ["validate", "--paper", "case.yaml"]).exit_code == BAD_INPUT
+
+
+def test_part_of_the_pack_of_figure_7_is_a_periodic_cube_of_its_middle(folder):
+    """Beads whose centres lie in the cube, cut beads made whole on the other side. Porosity 0.44, without overlaps
+    0.41; that of the column within 3 mm of the axis is 0.42, and 140 beads have a few per cent more or less."""
+    scene, beads = paper.part_of_the_pack(folder)
+    geometry = build_geometry(paper.case_of("bead_pack", folder, *scene))
+    points = geometry.lower + np.random.default_rng(0).random((20_000, 3)) * (geometry.upper - geometry.lower)
+    assert all(geometry.periodic) and np.allclose(geometry.upper - geometry.lower, paper.PART)
+    radius = np.linspace(0.0, 3e-3, 31)
+    middle = np.average(paper.known_porosity(radius), weights=radius)
+    assert (geometry.phase(points) >= 0).mean() == pytest.approx(middle, abs=0.04)
+    assert 1 - beads * 4 / 3 * np.pi * 2.5e-4**3 / paper.PART**3 == pytest.approx(middle, abs=0.04)
