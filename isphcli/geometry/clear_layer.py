@@ -58,7 +58,7 @@ def _kozeny_carman(fluid: np.ndarray, axis: int, edges: np.ndarray) -> float:
         faces = np.count_nonzero(np.diff(fluid, axis=dim - 1 - a), axis=rest) / edge
         surface += faces if a != axis else (np.append(faces, 0) + np.append(0, faces)) / 2
     cells = fluid.size / fluid.shape[along]
-    surface *= (2 / 3 if dim == 3 else np.pi / 4) / cells  # of smooth walls in all directions: faces of voxels have more
+    surface *= (2 / 3 if dim == 3 else np.pi / 4) / cells  # of smooth walls in all directions: voxels have more
     porosity = np.count_nonzero(fluid, axis=rest) / cells
     resistance = KOZENY * surface**2 / porosity**3 + 12 / (max(fluid.shape) * float(edges.max())) ** 2
     return float(1 / resistance.mean())
