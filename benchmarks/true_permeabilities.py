@@ -7,8 +7,8 @@ spacings, the finest with about PARTICLES fluid particles: packs of spheres as s
 `known_bodies.LevelGeometry`. The truth is the value at the finest spacing. Beside it are finite
 volumes (benchmarks/finite_volumes.py) on images of the body with up to CELLS cells along an edge. Its error is the
 largest of the changes to the spacings next to it and a third of the distance to the finite volumes, whose staircases of
-both signs make them err by 1 to 2 % themselves. Column own: at the three spacings; particles: at the finest of them. Values with a b are of an earlier
-scheme, a balance of fluxes, and are not used.
+both signs make them err by 1 to 2 % themselves. Column own: at the three spacings; particles: at the finest of them.
+Values with a b are of an earlier scheme, a balance of fluxes, and are not used.
 """
 
 import csv

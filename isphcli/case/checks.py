@@ -163,6 +163,16 @@ class _Checks:
     def periodic(self) -> None:
         if self.clear("geometry.periodic"):
             self._axes_exist(self.case.geometry.periodic, "geometry.periodic")
+        if self.clear("geometry.mirror", "geometry.periodic"):
+            self.mirror()
+
+    def mirror(self) -> None:
+        scene, path = self.case.geometry, "geometry.mirror"
+        if scene.mirror and scene.voxels is None:
+            self.bad(path, "mirrors an image, and there is none", "shapes are mirrored by placing them twice")
+        elif self._axes_exist(scene.mirror, path):
+            for axis in set(scene.mirror) & set(scene.periodic):
+                self.bad(path, f"{axis} is periodic too", "name the axis in one of the two")
 
     def _axes_exist(self, axes: Any, path: str) -> bool:
         missing = [axis for axis in axes if axis not in self.axes]

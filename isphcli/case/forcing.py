@@ -209,9 +209,9 @@ def walls_move(case: Case) -> bool:
 
 
 def opens(case: Case, axis: int) -> bool:
-    """Whether fluid can leave the box along an axis: it is periodic, or an image with clear layers."""
+    """Whether fluid can leave the box along an axis: it repeats, or is an image with clear layers."""
     voxels = case.geometry.voxels
-    return "xyz"[axis] in case.geometry.periodic or (voxels is not None and voxels.clear_layer != 0)
+    return "xyz"[axis] in case.geometry.repeats or (voxels is not None and voxels.clear_layer != 0)
 
 
 def why_closed(case: Case, *axes: int) -> str:
@@ -220,7 +220,9 @@ def why_closed(case: Case, *axes: int) -> str:
     found = []
     if walled:
         names = _listed(walled)
-        image = "geometry.voxels.clear_layer is 0: leave it out, or " if case.geometry.voxels is not None else ""
+        image = "" if case.geometry.voxels is None else (
+            "geometry.voxels.clear_layer is 0: leave it out, name the axis in geometry.mirror, or "
+        )
         found.append(f"nothing can flow along {names}: both faces are walls; {image}add {names} to geometry.periodic")
     if blocked := [axis for axis in axes if axis not in walled]:
         what = "geometry.shapes" if case.geometry.voxels is None else "geometry.voxels.labels"

@@ -28,6 +28,14 @@ def crop(
     return values[tuple(slice(int(first), int(end)) for first, end in reversed(list(ranges)))]
 
 
+def mirrored(values: np.ndarray, axes: Sequence[str]) -> np.ndarray:
+    """An image [z, y, x] or [y, x] with its mirror image behind it along each of the named axes."""
+    for name in axes:
+        axis = values.ndim - 1 - "xyz".index(name)
+        values = np.concatenate([values, np.flip(values, axis)], axis=axis)
+    return values
+
+
 def apply_labels(
     values: np.ndarray,
     labels: Mapping[str, int | Sequence[int]],
@@ -92,6 +100,6 @@ def faces_that_differ(solid: np.ndarray, periodic: Sequence[bool]) -> tuple[str,
             said.append(
                 f"geometry.periodic: the two faces across {name} differ in {100 * across:.0f} % of their voxels, "
                 f"neighbouring layers in {100 * inside:.0f} %: the image does not repeat along {name}; leave {name} "
-                "out of geometry.periodic, or mirror the image"
+                "out of geometry.periodic, or name it in geometry.mirror"
             )
     return tuple(said)

@@ -119,7 +119,7 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
     jumps = len({f.mu for f in fluids}) > 1 or len({f.density for f in fluids}) > 1
     shifts = moving and case.particles.shifting > 0
     keeps = moving and case.particles.keep_volume > 0
-    layered = around and any(a not in case.geometry.periodic for a in around)
+    layered = around and any(a not in case.geometry.repeats for a in around)
     halo = f"along {around}" + (", closed by clear layers" if layered else "")
     tension = case.interface
     line_slip = tension.slip_length if wall and tension is not None else 0.0

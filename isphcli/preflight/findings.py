@@ -57,7 +57,7 @@ def _open_when_finer(case: Case, geometry: Geometry, axis: int) -> bool:
     if edges is None:
         edges = np.full(geometry.dim, case.particles.spacing / 2)
     cells = np.maximum(np.rint((upper - lower) / edges), 1).astype(int)
-    around = tuple(AXES[a] in case.geometry.periodic for a in range(geometry.dim))
+    around = tuple(AXES[a] in case.geometry.repeats for a in range(geometry.dim))
     lattice = Lattice(np.full((1, geometry.dim), 0.5), (upper - lower) / cells, cells, lower)
     fluid = np.concatenate([geometry.phase(x) >= 0 for x in lattice.slabs()]).reshape(cells)
     return bool(report(fluid.T, around).percolates[axis])
@@ -90,8 +90,8 @@ def resolution_findings(result: CheckReport, geometry: Geometry, lattice: Lattic
                     f"the spacing {spacing:g} does not divide the voxel size {size:g}: particles lie "
                     f"differently to the walls from voxel to voxel; take particles.spacing {fits:.6g}"
                 )
-        layer = 6 * float(sizes.min()) if voxels.clear_layer is None else voxels.clear_layer
-        added = any(p and a not in case.geometry.periodic for a, p in zip(AXES, geometry.periodic))
+        layer = float(np.max(geometry.sample_lower - geometry.lower))
+        added = any(p and a not in case.geometry.repeats for a, p in zip(AXES, geometry.periodic))
         if added and layer < case.support * spacing * (1 - TINY):
             yield (
                 f"the clear layer, {layer:g}, is thinner than the support {case.support * spacing:.3g}: the "

@@ -8,6 +8,7 @@ the file checks each a second way.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -28,6 +29,35 @@ def square_duct(y: Array, z: Array, side: float, gradient: float, mu: float, ter
         k = (2 * n + 1) * math.pi / (2 * a)
         series += (-1) ** n / k**3 * np.cos(k * y) * cosh_ratio(k * z, k * a)
     return gradient / mu * ((a**2 - y**2) / 2 - 2 / a * series)
+
+
+def duct_permeability(edges: Sequence[float], slip: Sequence[tuple[float, float] | None]) -> float:
+    """Permeability of a clear duct, nu times its mean velocity over the acceleration, m2; inf without a wall.
+
+    edges: of its cross section, m, one of a plane flow or two; slip: for each, the slip lengths of its two walls, m, or
+    None where it is periodic. The velocity is the sum of products of the modes sin(k y + a) of either axis, which meet
+    the walls' conditions where k h + atan(b k) + atan(c k) = n pi, b and c the slip lengths, tan a = b k; without slip
+    it is that of White, Viscous Fluid Flow, eq. 3-48.
+    """
+    square, share = np.zeros(1), np.ones(1)
+    for edge, walls in zip(edges, slip):
+        if walls is not None:
+            more, part = _duct_modes(edge, *walls)
+            square, share = np.add.outer(square, more).ravel(), np.multiply.outer(share, part).ravel()
+    return float(np.sum(share / square)) if square.any() else math.inf
+
+
+def _duct_modes(edge: float, lower: float, upper: float, terms: int = 400) -> tuple[Array, Array]:
+    """Squares (terms,) of the wave numbers between two walls with slip lengths, and what each has of a constant."""
+    n = np.arange(1.0, terms + 1)
+    k = (n - 1) * math.pi / edge  # left of the roots: what is to be zero is concave, so Newton's steps stay there
+    for _ in range(60):
+        miss = k * edge + np.arctan(lower * k) + np.arctan(upper * k) - n * math.pi
+        k = k - miss / (edge + lower / (1 + (lower * k) ** 2) + upper / (1 + (upper * k) ** 2))
+    a, b = np.arctan(lower * k), np.arctan(upper * k)
+    mean = (np.cos(a) - (-1) ** n * np.cos(b)) / k
+    square = edge / 2 + (np.sin(2 * a) + np.sin(2 * b)) / (4 * k)
+    return k**2, mean**2 / (square * edge)
 
 
 def square_duct_flux(side: float, gradient: float, mu: float) -> float:

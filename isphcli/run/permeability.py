@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..geometry.protocol import Geometry, sample_box
+from ..references.ducts import duct_permeability
 
 if TYPE_CHECKING:
     from ..domain.lattice import Particles
@@ -40,7 +41,8 @@ def darcy(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, site_volume: 
     viscosity: kinematic, m2/s, of a drive. cells: `fluid_cells` of the sample, which the mean velocity is taken over:
     the flux over the volume of the fluid. Without it: over the particles.
     permeability: (dim,) m2, entry `axis` along the drive, the others across it; None without a drive. The force acts on
-    the whole length of the box, the sample resists on its own length: k = nu U L_sample / (g L_box).
+    the whole length of the box; on the sample, what the clear layers need as a duct is off:
+    k = nu U L_sample / (g L_box - nu U L_clear / k_duct).
     """
     lower, upper = sample_box(geometry)
     inside = np.all((x >= lower) & (x <= upper), axis=1)
@@ -51,9 +53,14 @@ def darcy(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, site_volume: 
         return superficial, mean, None
     assert force is not None and viscosity is not None
     size = np.linalg.norm(force)
-    gravity = size * (geometry.upper - geometry.lower)[axis] / (upper - lower)[axis]
+    along = float(superficial @ force) / size
+    length, sample = (geometry.upper - geometry.lower)[axis], (upper - lower)[axis]
+    gravity = size * length / sample
+    if sample < length:
+        least = viscosity * along / clear_permeability(geometry, axis)
+        gravity = max(gravity - least * (length - sample) / sample, least)  # no sample resists less than a clear one
     permeability = viscosity / gravity * superficial * np.sign(force[axis])
-    permeability[axis] = viscosity / gravity * float(superficial @ force) / size  # eq. 28
+    permeability[axis] = viscosity / gravity * along  # eq. 28
     return superficial, mean, permeability
 
 
@@ -64,6 +71,14 @@ BAR = 1.25
 # Order of k beside the edges of cubes: twice the exponent of the velocity there, because the error of k is that of the
 # dissipation. Across an edge of 90 degrees of solid it is 0.5445 (Dean and Montagnon 1949), along it 2/3 (Laplace)
 EDGE = (1.089, 4 / 3)
+
+
+def clear_permeability(geometry: Geometry, axis: int) -> float:
+    """Permeability along an axis of the box of a geometry without what is in it, m2: that of its clear layers."""
+    others = [a for a in range(geometry.dim) if a != axis]
+    slip = [None if geometry.periodic[a] else (float(geometry.slip_length[1 + 2 * a]),
+                                               float(geometry.slip_length[2 + 2 * a])) for a in others]
+    return duct_permeability([float((geometry.upper - geometry.lower)[a]) for a in others], slip)
 
 
 def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray,

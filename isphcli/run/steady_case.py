@@ -261,7 +261,7 @@ def refuse_second_fluid(case: Case, particles: Particles) -> None:
 
 
 def _periodic_of(case: Case, dim: int) -> list[bool]:
-    return [a in case.geometry.periodic for a in "xyz"[:dim]]
+    return [a in case.geometry.repeats for a in "xyz"[:dim]]
 
 
 def _watch(stage: progress.stage) -> Watch:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -9,17 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..domain.lattice import ParticleError
+from ..geometry.clear_layer import clear_voxels
 from ..geometry.images.image import VoxelError
 from ..geometry.images.read import read_image
 from ..geometry.images.voxel_size import COARSE, voxel_size_of
-from ..geometry.labels import apply_labels, crop, faces_that_differ
+from ..geometry.labels import apply_labels, crop, faces_that_differ, mirrored
 from . import memory
 
 if TYPE_CHECKING:
     from ..case.blocks import Case, Grey, Voxels
     from ..geometry.protocol import Geometry
-
-CLEAR_VOXELS = 6  # clear layers at each end of the axis of flow, without geometry.voxels.clear_layer
 
 
 @dataclass(frozen=True)
@@ -53,17 +53,15 @@ def image_geometry(case: Case, axis: int | None, walls: Mapping[str, Any]) -> Ge
     image = read_image(spec.file, spec.array, grey=spec.grey is not None)
     values = image.values.transpose() if spec.axes == "xyz" else image.values
     whole = values.shape
-    values = crop(values, spec.crop, spec.file)
-    periodic = ["xyz"[a] in case.geometry.periodic for a in range(values.ndim)]
+    values = mirrored(crop(values, spec.crop, spec.file), case.geometry.mirror)
+    periodic = ["xyz"[a] in case.geometry.repeats for a in range(values.ndim)]
     understood = _understood(case, spec, values, periodic)
     labels = understood.labels
     check_dimension(case, labels.ndim)
     size, whence, odd = voxel_size_of(image, spec.voxel_size, spec.file, spec.axes)
     clear = added = 0
     if axis is not None and not periodic[axis]:
-        h = size[axis if len(size) > 1 else 0]
-        asked = spec.clear_layer
-        clear = CLEAR_VOXELS if asked is None else max(round(asked / h), int(asked > 0))
+        clear = _clear_voxels(case, labels, axis, np.broadcast_to(size, labels.ndim), periodic)
         added = 2 * clear * (labels.size // labels.shape[labels.ndim - 1 - axis])
     if added > labels.size:
         what, fix = f"clear layers of {clear} voxels", "take a smaller geometry.voxels.clear_layer; it is in metres"
@@ -93,13 +91,26 @@ def image_geometry(case: Case, axis: int | None, walls: Mapping[str, Any]) -> Ge
     geometry.described = (
         ("image", f"{_product(labels.shape[::-1])} voxels along {', '.join('xyz'[: labels.ndim])}"
                   + (f", cropped from {_product(whole[::-1])}" if spec.crop else "")
+                  + (f", with the mirror image along {', '.join(case.geometry.mirror)}" if case.geometry.mirror else "")
                   + f"; {name} is an array {_product(image.values.shape)}, its axes taken as "
                   + f"{', '.join(spec.axes if labels.ndim == 3 else spec.axes.replace('z', ''))}"),
         ("voxel size", f"{_product(geometry.voxel_size)} m, {whence}"),
         ("porosity", f"{100 * porosity:.2f} % of the image's voxels ({understood.words})"),
         *understood.described,
+        *((("clear layers", f"{clear} voxels at each end of {'xyz'[axis]}"),) if clear and axis is not None else ()),
     )  # fmt: skip
     return geometry
+
+
+def _clear_voxels(case: Case, labels: np.ndarray, axis: int, size: np.ndarray, periodic: list[bool]) -> int:
+    """Voxels of each clear layer: as asked, else what the flow needs, and no neighbours through the layers."""
+    spec = case.geometry.voxels
+    assert spec is not None
+    if spec.clear_layer is not None:
+        return max(round(spec.clear_layer / size[axis]), int(spec.clear_layer > 0))
+    support = case.support * max((case.particles.spacing, *case.refine))
+    apart = math.ceil(support / size[axis] - 1e-6) if support < labels.shape[-1 - axis] * size[axis] else 1
+    return max(clear_voxels(labels >= 0, axis, size, periodic), apart)
 
 
 def _understood(case: Case, spec: Voxels, values: np.ndarray, periodic: list[bool]) -> Understood:

@@ -102,6 +102,7 @@ def refuse_image(case: Case) -> None:
     voxels = math.prod(shape)
     if spec.crop is not None:
         voxels = min(voxels, math.prod(max(end - first, 0) for first, end in spec.crop))
+    voxels *= 2 ** len(case.geometry.mirror)
     refuse(voxels * BYTES_VOXEL, f"{spec.file}: the wall distances of {voxels:,} voxels", CROP)
 
 

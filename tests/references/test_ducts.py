@@ -22,6 +22,22 @@ def test_square_duct():
     assert math.isclose(u[100, 100] / ducts.square_duct_flux(1.0, 1.0, 1.0), 2.096256, rel_tol=1e-5)
 
 
+def test_permeability_of_ducts():
+    """Of a square as by the other series; between plates with unequal slip by the parabola -y^2 / 2 + A (y + b); of a
+    duct with a wide side that of plates less 0.63 of a width over the other (White, eq. 3-48)."""
+    square = ducts.duct_permeability([2.0, 2.0], [(0.0, 0.0)] * 2)
+    assert math.isclose(square, ducts.square_duct_flux(2.0, 1.0, 1.0) / 4, rel_tol=1e-7)
+    h, b, c = 2.0, 0.2, 0.7
+    slope = (h**2 / 2 + c * h) / (h + b + c)
+    exact = -(h**2) / 6 + slope * (h / 2 + b)
+    assert math.isclose(ducts.duct_permeability([h], [(b, c)]), exact, rel_tol=1e-8)
+    assert math.isclose(ducts.duct_permeability([9.0, h], [None, (b, c)]), exact, rel_tol=1e-8)
+    wide = ducts.duct_permeability([20.0, h], [(0.0, 0.0)] * 2)
+    assert math.isclose(wide, plates.slit_permeability(h) * (1 - 0.630249 * h / 20), rel_tol=1e-6)
+    assert math.isclose(ducts.duct_permeability([h], [(1e6, 1e6)]), h * 1e6 / 2, rel_tol=1e-5)
+    assert ducts.duct_permeability([1.0, 2.0], [None, None]) == math.inf
+
+
 def test_annulus():
     r = np.linspace(0.3, 1.0, 2001)
     u = ducts.annulus(r, 0.3, 1.0, 2.0, 0.5)

@@ -1,0 +1,120 @@
+"""Layers of clear fluid between the two end faces of an image: how thick they must be, and what they resist.
+
+The flow comes out of the pores of one end face, spreads over the cross section, and gathers at the pores of the other.
+With the velocities through both faces given, creeping flow between them is known, one wave of the cross section at a
+time: what it costs, and what it would cost if the faces were far apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import ndimage
+from scipy.fft import dctn, fftn
+
+from .connectivity import percolating
+
+SHARE = 0.01  # of the pressure drop over the sample that the nearness of its two faces may be worth, by estimate
+FAR = 300.0  # waves times distance: hyperbolic functions of twice as much are still numbers
+KOZENY = 5.0  # k = porosity^3 / (KOZENY surface^2), surface in a volume of the whole (Carman 1937, packed beds)
+
+
+def clear_voxels(fluid: np.ndarray, axis: int, edges: np.ndarray, periodic: Sequence[bool]) -> int:
+    """Voxels of clear fluid that an image needs at either end of an axis: beyond them k changes by SHARE at most.
+
+    fluid: bool [z, y, x] or [y, x]; edges: of a voxel (dim,), m, and periodic: (dim,), along x, y(, z).
+    The pores that lead through let through a velocity that grows with the square of the distance to their walls; the
+    drop is that of Kozeny and Carman for what leads through, its layers in series. 0 where nothing does.
+    """
+    dim = fluid.ndim
+    around = [bool(p) and a != axis for a, p in enumerate(periodic)]
+    through = percolating(fluid, tuple(around), axis)
+    if not through.any():
+        return 0
+    length = through.shape[dim - 1 - axis] * edges[axis]
+    allowed = SHARE * length / _kozeny_carman(through, axis, edges)
+    others = [a for a in reversed(range(dim)) if a != axis]  # in the order of the axes of an array
+    sides, repeat = [float(edges[a]) for a in others], [around[a] for a in others]
+    first, last = (_through_a_face(np.take(through, end, axis=dim - 1 - axis), sides, repeat) for end in (0, -1))
+    widest = max(int(np.ceil(through.shape[dim - 1 - a] * edges[a] / edges[axis])) for a in others)
+    low, high = 0, widest  # faces as far apart as twice their width are far apart
+    while high - low > 1:
+        middle = (low + high) // 2
+        near = nearness(first, last, sides, repeat, 2 * middle * float(edges[axis])) > allowed
+        low, high = (middle, high) if near else (low, middle)
+    return high
+
+
+def _kozeny_carman(fluid: np.ndarray, axis: int, edges: np.ndarray) -> float:
+    """Estimate of the permeability of a mask of fluid along an axis, m2: that of its layers of voxels in series.
+
+    A layer without walls has that of a slit as wide as the image.
+    """
+    dim, along = fluid.ndim, fluid.ndim - 1 - axis
+    rest = tuple(a for a in range(dim) if a != along)
+    surface = np.zeros(fluid.shape[along])
+    for a, edge in enumerate(edges):
+        faces = np.count_nonzero(np.diff(fluid, axis=dim - 1 - a), axis=rest) / edge
+        surface += faces if a != axis else (np.append(faces, 0) + np.append(0, faces)) / 2
+    cells = fluid.size / fluid.shape[along]
+    surface *= (2 / 3 if dim == 3 else np.pi / 4) / cells  # of smooth walls in all directions: voxels have more
+    porosity = np.count_nonzero(fluid, axis=rest) / cells
+    resistance = KOZENY * surface**2 / porosity**3 + 12 / (max(fluid.shape) * float(edges.max())) ** 2
+    return float(1 / resistance.mean())
+
+
+def _through_a_face(fluid: np.ndarray, edges: Sequence[float], periodic: Sequence[bool]) -> np.ndarray:
+    """Velocity through the pores of a face over its mean, as between walls: by the square of the distance to them."""
+    widths = [(n, n) if around else (1, 1) for n, around in zip(fluid.shape, periodic)]
+    for axis, (width, around) in enumerate(zip(widths, periodic)):
+        each = [width if a == axis else (0, 0) for a in range(fluid.ndim)]
+        fluid = np.pad(fluid, each, mode="wrap") if around else np.pad(fluid, each)
+    distance = ndimage.distance_transform_edt(fluid, edges)
+    square = distance[tuple(slice(before, -after) for before, after in widths)] ** 2
+    return square / square.mean()
+
+
+def nearness(first: np.ndarray, last: np.ndarray, edges: Sequence[float], periodic: Sequence[bool],
+             thickness: float) -> float:
+    """How far the pressure drop between two faces is from that between faces far apart, over mu U, 1/m; what is spared
+    and what is lost by their nearness are both counted.
+
+    first, last: velocities through the two faces (any shape of one or two axes), over their mean U; edges: of their
+    cells, m, and periodic: per axis of the arrays; sides that are not periodic let the fluid slip. thickness: m,
+    between the faces, at which the fluid does not move sideways.
+
+    Creeping flow between planes z = -h/2 and h/2 through which the velocity is W cos(k y): w = A cosh kz + B kz sinh kz
+    for equal velocities on both, A sinh kz + B kz cosh kz for opposite ones, with w' = 0 at the planes; t = k h / 2.
+    The power that the planes bring in is 4 mu k W^2 times sinh^2 t / (sinh t cosh t + t), or cosh^2 t / (sinh t cosh t
+    - t): 1 far apart, and 3 / (2 t^3), Hele-Shaw's flow, for what has to move sideways between near planes.
+    """
+    k, even = _waves((first + last) / 2, edges, periodic)
+    odd = _waves((first - last) / 2, edges, periodic)[1]
+    t = np.minimum(k * thickness / 2, FAR)
+    sinh, cosh = np.sinh(t), np.cosh(t)
+    straight = 1.0 - sinh**2 / (sinh * cosh + t)  # near faces spare the flow that goes on straight its spreading
+    return float(np.sum(4.0 * k * (straight * even + (cosh**2 / _sinh_cosh_less_t(t) - 1.0) * odd)))
+
+
+def _sinh_cosh_less_t(t: np.ndarray) -> np.ndarray:
+    """sinh t cosh t - t without the loss of digits where t is small."""
+    series = t**3 * (2 / 3 + t**2 * (2 / 15 + t**2 * 4 / 315))  # to 1e-9 at 0.1
+    return np.where(t < 0.1, series, np.sinh(t) * np.cosh(t) - t)
+
+
+def _waves(velocity: np.ndarray, edges: Sequence[float], periodic: Sequence[bool]) -> tuple[np.ndarray, np.ndarray]:
+    """(wave numbers (m,), 1/m, mean square (m,) of each wave of a velocity), without the mean."""
+    found = np.asarray(velocity, dtype=complex)
+    square = np.zeros(found.shape)
+    for axis, (edge, around) in enumerate(zip(edges, periodic)):
+        n = found.shape[axis]
+        if around:
+            found = fftn(found, axes=[axis], norm="forward")
+            k = 2 * np.pi * np.fft.fftfreq(n, edge)
+        else:
+            real, imaginary = (dctn(part, axes=[axis], norm="ortho") for part in (found.real, found.imag))
+            found = (real + 1j * imaginary) / np.sqrt(n)
+            k = np.pi * np.arange(n) / (n * edge)
+        square = square + (k**2).reshape([-1 if a == axis else 1 for a in range(found.ndim)])
+    return np.sqrt(square).ravel()[1:], (np.abs(found) ** 2).ravel()[1:]
