@@ -139,7 +139,8 @@ def test_an_image_that_does_not_fit_is_refused_by_its_header(tmp_path, monkeypat
 
 def test_pores_that_do_not_fit_are_refused_before_wall_distances(tmp_path, monkeypatch):
     """Of 20 + 2 layers of 400 voxels, half of the sample and the clear layers are fluid: 4,800 voxels of 1,000
-    particles. (Its slits lead straight on: a voxel of clear layer is enough.) The check says the same number, and that the case cannot run."""
+    particles. (Its slits lead straight on: a voxel of clear layer is enough.) The check says the same number, and that
+    the case cannot run."""
     case = rock(tmp_path, 1e-7)
     monkeypatch.setattr(iso_surface, "most_probable_field", lambda *_: pytest.fail("walls"))
     monkeypatch.setattr(memory, "available", lambda: 1e10)
