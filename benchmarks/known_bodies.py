@@ -2,9 +2,8 @@
 
 `RandomBody`: a periodic Gaussian random field with the covariance exp(-r^2 / (2 correlation^2)), fluid where it is
 below its quantile `porosity`. It is a sum of waves, so that it is known exactly between the voxels. Its truth is k of
-the field sampled twice finer than the voxels, with one particle a sample: on cases/grey_blobs.yaml within 0.1 % of
-that with half as many again (docs/validation.md). `Spheres`: a simple cubic array at a place between the voxels, truth
-of Zick and Homsy 1982. Lengths are voxels, of 1 m.
+the field sampled twice finer than the voxels, with three particles a voxel. `Spheres`: a simple cubic array at a place
+between the voxels, truth of Zick and Homsy 1982. Lengths are voxels, of 1 m.
 """
 
 import os
@@ -51,13 +50,13 @@ class RandomBody:
         modes[(np.abs(q) == 0.5), :, :] = modes[:, np.abs(q) == 0.5, :] = modes[:, :, np.abs(q) == 0.5] = 0.0
         place = (np.arange(n * up) + 0.5) / up - 0.5  # of the centres, from that of the first voxel
         wave = np.exp(2j * np.pi * np.outer(place, q))
-        field = np.einsum("abc,za,yb,xc->zyx", modes, wave, wave, wave, optimize=True).real
+        field = np.einsum("abc,za,yb,xc->zyx", modes, wave, wave, wave, optimize=True).real / n**3
         coarse = np.fft.ifftn(modes).real
         return ((np.quantile(coarse, self.porosity) - field) / coarse.std()).astype(np.float32)
 
     def truth(self):
         fine = self.field(2)
-        return permeability(IsoSurfaceGeometry(labels_of(fine), fine, 0.5, ROUND), 2)
+        return permeability(IsoSurfaceGeometry(labels_of(fine), fine, 0.5, ROUND), 3)
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,7 @@ def partial_volumes(body):
 
 
 def permeability(geometry, per_voxel):
-    """k along x, square voxels, with `per_voxel` particles a voxel of 1 m."""
+    """k along x, in square voxels, with `per_voxel` particles a voxel of 1 m."""
     (axis, force), *_ = drives(CASE, geometry)
     clock = Clock()
     return solve_axis(CASE, build_scene(CASE, geometry, 1.0 / per_voxel, clock, (0,)), axis, force, clock).permeability[0]

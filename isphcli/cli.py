@@ -324,6 +324,13 @@ def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         lines.append((f"permeability{axis}", permeability(k, digits_within(k, bar))))
         if bar is not None:
             lines.append((f"  +-{axis}", permeability(bar, 2)))
+    known = summary.get("permeability_by_threshold")
+    for axis, values in known["permeability"].items() if known else ():
+        low, own, high = values
+        change = [f"{100 * (k / own - 1):+.2g} %" if own else f"{k:.2e} m2" for k in (low, high)]
+        head = f"{known['thresholds'][0]:g}, {known['thresholds'][2]:g}"
+        lines.append((f"  at threshold {axis}", f"{' and '.join(change)} at {head} in place of "
+                      f"{known['thresholds'][1]:g}"))
     tensor = summary.get("permeability_tensor")
     if tensor is not None:
         heads = ["tensor, m2"] + [""] * (len(tensor) - 1)

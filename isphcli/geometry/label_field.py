@@ -16,8 +16,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import get_num_threads, njit, prange
-from scipy import fft
+from numba import njit, prange
+
+from .modes import Modes
 
 CORRELATION = 1.4  # voxels. 1.2: rougher, k falls by 1.5 % from one particle a voxel to two; 1.7: throats open by 1 %
 NOISE = 0.01  # variance, over that of the field; 0.05 opens the throats by 1.6 %
@@ -33,15 +34,13 @@ def most_probable_field(fluid: np.ndarray, around: np.ndarray) -> np.ndarray:
     """
     if fluid.all() or not fluid.any():
         return np.where(fluid, np.float32(1.0), np.float32(-1.0))
-    axes = [a for a in range(3) if fluid.shape[a] > 1]
-    repeats = [a for a in axes if around[2 - a]]
-    mirrored = [a for a in axes if not around[2 - a]]
-    share = _share_kept(fluid.shape, repeats, mirrored)
+    modes = Modes(fluid.shape, around)
+    share = _share_kept(modes)
     sign = np.where(fluid, np.int8(1), np.int8(-1))
-    field = _filtered(np.float32(START) * sign, share, repeats, mirrored)
+    field = modes.filtered(np.float32(START) * sign, share)
     ahead, momentum = field, 1.0
     for _ in range(ITERATIONS):
-        following = _filtered(_lifted(ahead, sign, math.sqrt(NOISE)), share, repeats, mirrored)
+        following = modes.filtered(_lifted(ahead, sign, math.sqrt(NOISE)), share)
         if _turns(ahead, following, field) > 0.0:  # momentum against the slope: it starts anew (O'Donoghue and Candes)
             momentum = 1.0
         next_momentum = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * momentum * momentum))
@@ -50,32 +49,11 @@ def most_probable_field(fluid: np.ndarray, around: np.ndarray) -> np.ndarray:
     return field
 
 
-def _share_kept(shape: tuple[int, ...], repeats: list[int], mirrored: list[int]) -> np.ndarray:
-    """C / (C + NOISE) of every mode of `_filtered`."""
-    square = np.zeros((1, 1, 1))
-    for a in repeats + mirrored:
-        n = shape[a]
-        q = np.arange(n) / (2 * n) if a in mirrored else fft.rfftfreq(n) if a == repeats[-1] else fft.fftfreq(n)
-        square = square + (q**2).reshape([-1 if b == a else 1 for b in range(3)])
-    dim = len(repeats) + len(mirrored)
-    c = (2 * np.pi) ** (dim / 2) * CORRELATION**dim * np.exp(-2.0 * (np.pi * CORRELATION) ** 2 * square)
+def _share_kept(modes: Modes) -> np.ndarray:
+    """C / (C + NOISE) of every mode."""
+    c = (2 * np.pi) ** (modes.dim / 2) * CORRELATION**modes.dim * np.exp(-2.0 * (np.pi * CORRELATION) ** 2
+                                                                         * modes.square_frequencies())
     return (c / (c + NOISE)).astype(np.float32)
-
-
-def _filtered(field: np.ndarray, share: np.ndarray, repeats: list[int], mirrored: list[int]) -> np.ndarray:
-    """The field with `share` of each of its modes: waves along periodic axes, cosines along mirrored ones."""
-    workers, shape = get_num_threads(), field.shape
-    for a in mirrored:
-        field = fft.dct(field, axis=a, norm="ortho", workers=workers)
-    if repeats:
-        modes = fft.rfftn(field, axes=repeats, workers=workers)
-        modes *= share
-        field = fft.irfftn(modes, [shape[a] for a in repeats], axes=repeats, workers=workers, overwrite_x=True)
-    else:
-        field = field * share
-    for a in mirrored:
-        field = fft.idct(field, axis=a, norm="ortho", workers=workers, overwrite_x=True)
-    return field
 
 
 @njit(cache=True, parallel=True)

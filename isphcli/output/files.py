@@ -28,8 +28,8 @@ INTEGER_FIELDS = ("phase", "kind", "component")
 SUMMARY_KEYS = (
     "title", "status", "message", "restarts", "warnings", "dimension", "particles", "inputs", "image",
     "porosity", "open_axes", "throats", "terms", "steps", "time",
-    "permeability", "permeability_error", "permeability_tensor", "superficial_velocity", "mean_velocity",
-    "pressure_drop",
+    "permeability", "permeability_error", "permeability_by_threshold", "permeability_tensor", "superficial_velocity",
+    "mean_velocity", "pressure_drop",
     "two_fluids", "mass_error", "max_divergence", "iterations", "errors", "cpu_seconds", "wall_seconds",
     "peak_memory_bytes", "threads", "versions",
 )  # fmt: skip
