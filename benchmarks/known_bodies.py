@@ -97,4 +97,5 @@ def permeability(geometry, per_voxel):
     """k along x, in square voxels, with `per_voxel` particles a voxel of 1 m."""
     (axis, force), *_ = drives(CASE, geometry)
     clock = Clock()
-    return solve_axis(CASE, build_scene(CASE, geometry, 1.0 / per_voxel, clock, (0,)), axis, force, clock).permeability[0]
+    scene = build_scene(CASE, geometry, 1.0 / per_voxel, clock, (0,))
+    return solve_axis(CASE, scene, axis, force, clock).permeability[0]

@@ -324,17 +324,23 @@ def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         lines.append((f"permeability{axis}", permeability(k, digits_within(k, bar))))
         if bar is not None:
             lines.append((f"  +-{axis}", permeability(bar, 2)))
-    known = summary.get("permeability_by_threshold")
-    for axis, values in known["permeability"].items() if known else ():
-        low, own, high = values
-        change = [f"{100 * (k / own - 1):+.2g} %" if own else f"{k:.2e} m2" for k in (low, high)]
-        head = f"{known['thresholds'][0]:g}, {known['thresholds'][2]:g}"
-        lines.append((f"  at threshold {axis}", f"{' and '.join(change)} at {head} in place of "
-                      f"{known['thresholds'][1]:g}"))
+    lines += threshold_lines(summary.get("permeability_by_threshold"))
     tensor = summary.get("permeability_tensor")
     if tensor is not None:
         heads = ["tensor, m2"] + [""] * (len(tensor) - 1)
         lines += [(head, " ".join(f"{k:10.{DIGITS - 1}e}" for k in row)) for head, row in zip(heads, tensor)]
+    return lines
+
+
+def threshold_lines(known: Mapping[str, Any] | None) -> list[tuple[str, str]]:
+    """What the uncertainty of the threshold of a grey image does to the permeability along each axis."""
+    if known is None:
+        return []
+    lower, own, upper = known["thresholds"]
+    lines = []
+    for axis, (low, k, high) in known["permeability"].items():
+        change = " and ".join(f"{100 * (other / k - 1):+.2g} %" for other in (low, high))
+        lines.append((f"  threshold {axis}", f"{change} at {lower:g}, {upper:g} in place of {own:g}"))
     return lines
 
 

@@ -91,6 +91,7 @@ TESTS = Path(__file__).parent
 WITHOUT_TESTS = {  # modules without a file of tests of their own, and what tests them
     "case.blocks": "declarations: test_reader.py, test_docs.py and test_checks.py beside it read them",
     "flow.state": "data without a function",
+    "geometry.iso_crossings": "compiled part of iso_surface",
     "geometry.protocol": "a protocol: test_shape_geometry.py and test_voxel_geometry.py test its two classes",
     "geometry.images.image": "test_read.py reads every format",
     "geometry.images.metaimage": "test_read.py reads every format",
@@ -103,6 +104,7 @@ WITHOUT_TESTS = {  # modules without a file of tests of their own, and what test
     "run.results": "test_run.py and test_moving_case.py read what runs leave",
     "run.steady": "test_run.py runs steady cases whole",
     "run.steady_case": "test_run.py runs steady cases whole",
+    "scene.image_geometry": "test_build_geometry.py builds images of every kind",
     "scene.choose_measures": "test_two_fluid_cases.py runs cases with every measure",
 }
 OF_SEVERAL = {"run.test_failing_runs"}  # tests of what several modules of a room do together

@@ -13,9 +13,9 @@ from .spline import slopes, spline_coefficients
 
 BINS = 1024  # of the histogram of Otsu's threshold: its step is a thousandth of the range of grey values
 VOXEL = 1.0 / 12.0  # square voxels: variance of the place in a voxel, which a scan is averaged over
-# voxel^4: how much of the square of the Laplacian is worth that of the misfit. Of scans with blurs of 0 to 0.8 voxel and
-# noise of 0 to 10 % of the contrast k errs by -1 to 9 %; with 3e-3 by 3 to 11 %, three iterations of van Cittert err by
-# -60 to 9 %, because noise closes the pores (benchmarks/scanner.py, docs/design_notes.md)
+# voxel^4: how much of the square of the Laplacian is worth that of the misfit. Of scans with blurs of 0 to 0.8 voxel
+# and noise of 0 to 10 % of the contrast k errs by -1 to 9 %, with 3e-3 by 3 to 11 %; after three iterations of van
+# Cittert by -62 to 10 %, because noise closes the pores (benchmarks/scanner.py, docs/design_notes.md)
 ROUGHNESS = 1e-3
 UNBLURRED = 0.17  # square voxels: 1/12 of the voxel, the rest of the spline; what an image without blur shows
 TWO_VALUED = 0.75  # least share of the variance between the classes where an image counts as one of two grey values
@@ -121,9 +121,9 @@ def estimate_blur(field: np.ndarray, around: np.ndarray) -> float:
 def sharpen(field: np.ndarray, blur: float, around: np.ndarray) -> np.ndarray:
     """The field, float32 [z, y, x], with the scanner's Gaussian of `blur` voxels and the average over a voxel taken out.
 
-    The regularised inverse that minimises |H f - field|^2 + ROUGHNESS |lap f|^2 (Tikhonov), H a Gaussian of the variance
-    blur^2 + VOXEL: of every mode H / (H^2 + ROUGHNESS k^4) is kept, k its wave number. Periodic and mirrored as
-    `spline_coefficients` continues the field.
+    The regularised inverse that minimises |H f - field|^2 + ROUGHNESS |lap f|^2 (Tikhonov), H a Gaussian of the
+    variance blur^2 + VOXEL: of every mode H / (H^2 + ROUGHNESS k^4) is kept, k its wave number. Periodic and
+    mirrored as `spline_coefficients` continues the field.
     """
     modes = Modes(field.shape, around)
     square = (2.0 * np.pi) ** 2 * modes.square_frequencies()

@@ -1,4 +1,4 @@
-"""Fields on voxel centres, mode by mode: waves along periodic axes, cosines along those that are mirrored at the faces."""
+"""Fields on voxel centres, mode by mode: waves along periodic axes, cosines along mirrored ones."""
 
 from __future__ import annotations
 

@@ -19,8 +19,8 @@ class SurfaceWays:
     """The pores as the surface has them, beside those of the labels; axes in the order x, y(, z).
 
     moved: voxels whose centre is on the other side than their label; opened: edges between two fluid voxels, without
-    another fluid voxel beside them, whose middle is fluid; closed: faces between two fluid voxels whose middle is solid;
-    parts, percolates: of the surface; label_parts, label_percolates: of the labels by the faces of voxels.
+    another fluid voxel beside them, whose middle is fluid; closed: faces between two fluid voxels whose middle is
+    solid; parts, percolates: of the surface; label_parts, label_percolates: of the labels by the faces of voxels.
     """
 
     moved: int
@@ -43,9 +43,9 @@ class SurfaceWays:
             if found != labels:
                 what = "leads through, by faces of its voxels it does not" if found else (
                     "does not lead through, by faces of its voxels it does")
-                said.append(f"the pores of the image along {name}: their surface {what}; the image does not resolve the "
-                            "throats that this hangs on, and k is that of the surface (geometry.wall_distance: stairs "
-                            "takes the faces)")
+                said.append(f"the pores of the image along {name}: their surface {what}; the image does not resolve "
+                            "the throats that this hangs on, and k is that of the surface (geometry.wall_distance: "
+                            "stairs takes the faces)")
         return tuple(said)
 
 
@@ -69,7 +69,7 @@ def surface_ways(coefficients: np.ndarray, around: np.ndarray, field: np.ndarray
     edges = links.astype(np.int64)
     edges[:, :2] = np.searchsorted(roots, links[:, :2])
     count, of_raw, winding = merge_periodic(len(roots), np.unique(edges, axis=0), 3)
-    through = winding.any(axis=0)
+    through = np.asarray(winding.any(axis=0))
     labelled = np.full(fluid.shape, -1)
     labelled[fluid] = of_raw[raw]
     for axis in range(dim):

@@ -26,8 +26,8 @@ def by_threshold(case: Case, axes: Iterable[tuple[int | None, np.ndarray]], know
     """Permeability at the threshold of a steady case and `geometry.voxels.grey.uncertainty` below and above it.
 
     axes: of `forcing.drives`; known: {axis: m2} at the spacing of the case; warnings: gets a sentence where a solve
-    fails. Returns {'thresholds': [lower, own, upper], 'permeability': {axis name: [m2, m2, m2]}}; 0 where nothing flows,
-    None of an axis whose solves failed; None without an uncertainty.
+    fails. Returns {'thresholds': [lower, own, upper], 'permeability': {axis name: [m2, m2, m2]}}, 0 where nothing
+    flows, without the axes whose solves failed; None without an uncertainty.
     """
     assert case.geometry.voxels is not None and case.geometry.voxels.grey is not None
     off = case.geometry.voxels.grey.uncertainty
@@ -43,7 +43,7 @@ def by_threshold(case: Case, axes: Iterable[tuple[int | None, np.ndarray]], know
         try:
             low, high = (_permeability(case, at, axis, force, clock, quiet) for at in (thresholds[0], thresholds[2]))
         except (SolveError, ParticleError) as error:
-            warnings.append(f"geometry.voxels.grey.uncertainty: no permeability along {name} beside the threshold: {error}")
+            warnings.append(f"geometry.voxels.grey.uncertainty: no permeability along {name} with it: {error}")
             continue
         found[name] = [low, known[axis], high]
     return {"thresholds": thresholds, "permeability": found}

@@ -44,10 +44,10 @@ def test_without_an_uncertainty_nothing_is_solved_beside(tmp_path):
 
 
 def test_of_several_thresholds_all_have_to_part_the_image(tmp_path):
-    with pytest.raises(ValueError, match="380 \\+- 25"):
+    with pytest.raises(ValueError, match=r"380 \+- 25"):
         solved(tmp_path, "380")
 
 
 def test_moving_particles_have_no_such_bar(tmp_path):
-    with pytest.raises(CaseError, match="geometry.voxels.grey.uncertainty"):
+    with pytest.raises(CaseError, match=r"geometry\.voxels\.grey\.uncertainty"):
         solved(tmp_path, "0", "x", "flow=navier_stokes", "time={end: 1}")

@@ -125,9 +125,9 @@ def test_a_particle_alone_between_the_centres_of_an_image_is_left_out():
     c[7:9, 7:9, 7:9] = -0.02
     field = np.where(field > 0, field, c)
     geometry = IsoSurfaceGeometry(np.where(field > 0, 0, -1).astype(np.int8), field, 1.0, (True, True, True))
-    lattice = make_lattice("cubic", geometry.lower, geometry.upper, geometry.periodic, 0.5, 0.0, (0.0, 0.0, 0.0))
+    lattice = make_lattice("cubic", geometry.lower, geometry.upper, geometry.periodic, 1.0, 0.0, (0.0, 0.0, 0.0))
     spot = np.array([[8.0, 8.0, 8.0]])
     assert geometry.phase(spot)[0] == 0
-    found = place(geometry, lattice, 0.9)
-    assert np.abs(found.x[: found.n_fluid] - spot).max(axis=1).min() > 1.0
+    found = place(geometry, lattice, 1.5)
+    assert np.abs(found.x[: found.n_fluid] - spot).max(axis=1).min() > 0.5
     assert found.n_fluid + found.n_dummy + found.left_out == found.sites
