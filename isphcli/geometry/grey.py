@@ -119,7 +119,7 @@ def estimate_blur(field: np.ndarray, around: np.ndarray) -> float:
 
 
 def sharpen(field: np.ndarray, blur: float, around: np.ndarray) -> np.ndarray:
-    """The field, float32 [z, y, x], with the scanner's Gaussian of `blur` voxels and the average over a voxel taken out.
+    """The field, float32 [z, y, x], without the scanner's Gaussian of `blur` voxels and the average over a voxel.
 
     The regularised inverse that minimises |H f - field|^2 + ROUGHNESS |lap f|^2 (Tikhonov), H a Gaussian of the
     variance blur^2 + VOXEL: of every mode H / (H^2 + ROUGHNESS k^4) is kept, k its wave number. Periodic and

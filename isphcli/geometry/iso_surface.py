@@ -31,10 +31,11 @@ class IsoSurfaceGeometry(VoxelGeometry):
     """Geometry (see `protocol.Geometry`) of the surface on which a field of an image is zero.
 
     labels: int8 [z, y, x] or [y, x], -1 solid, otherwise the index of a fluid: where the field is positive, the
-    nearest fluid voxel says which; field: same shape, > 0 in fluid, or None: the smooth body that the labels are samples
-    of (`label_field`); gaussian: width in voxels of the Gaussian that the field is averaged with, 0: none; blur: of the
-    one that is taken out of it, with the average over a voxel, None: nothing. The other arguments: see `VoxelGeometry`;
-    in clear layers the field has the median of its positive values. Raises ValueError where these do not fit each other.
+    nearest fluid voxel says which; field: same shape, > 0 in fluid, or None: the smooth body that the labels are
+    samples of (`label_field`); gaussian: width in voxels of the Gaussian that the field is averaged with, 0: none;
+    blur: of the one that is taken out of it, with the average over a voxel, None: nothing. The other arguments: see
+    `VoxelGeometry`; in clear layers the field has the median of its positive values. Raises ValueError where these do
+    not fit each other.
     """
 
     level_walls = False

@@ -163,9 +163,9 @@ def _quadrature(scene: SteadyScene, flow: StokesFlow, force: np.ndarray, nu: flo
 
     Sums over a lattice are integrals but for its planes that lie along a wall: there they miss -B2(delta) / 2 dx^2
     times the slope of the velocity at the wall (Euler and Maclaurin), delta dx the distance of the first plane and
-    B2(delta) = delta^2 - delta + 1/6. lap u, which follows from the momentum balance, is the sum of these slopes. A slit in an
-    image then has its exact flux for every number of spacings; without it 1 / (2 n^2) too much for n whole cells. Where
-    walls are oblique to the lattice delta takes all values, and the mean of B2 is 0.
+    B2(delta) = delta^2 - delta + 1/6. lap u, which follows from the momentum balance, is the sum of these slopes. A
+    slit in an image then has its exact flux for every number of spacings; without it 1 / (2 n^2) too much for n whole
+    cells. Where walls are oblique to the lattice delta takes all values, and the mean of B2 is 0.
     """
     geometry, dx = scene.geometry, scene.system.spacing
     if geometry.voxel_size is None:
