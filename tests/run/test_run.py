@@ -9,12 +9,12 @@ import pytest
 
 from isphcli.case.load import load_case
 from isphcli.case.yaml import CaseError
-from isphcli.geometry.images import read as reader
 from isphcli.output.files import read_history, read_pvd, read_vtu
 from isphcli.preflight.look import look
 from isphcli.run import steady
 from isphcli.run.run import run_case
 from isphcli.run.time_loop import TimeLoop
+from isphcli.scene import image_geometry
 
 DISK = """
 title: a disk
@@ -191,7 +191,7 @@ def test_an_image_with_a_pressure_drop_is_read_once(tmp_path, monkeypatch):
 
     duct(tmp_path)
     read, real = [], read_image
-    monkeypatch.setattr(reader, "read_image", lambda *words: read.append(words) or real(*words))
+    monkeypatch.setattr(image_geometry, "read_image", lambda *words, **more: read.append(words) or real(*words, **more))
     by_drop = run(tmp_path, ROCK, "drive={pressure_drop: {z: 2.0}}", "refine=[0.5e-6]")
     assert len(read) == 1
     # the drop is over the sample and its clear layers, 20 voxels: k is that of any other drive
