@@ -100,6 +100,7 @@ WITHOUT_TESTS = {  # modules without a file of tests of their own, and what test
     "geometry.nearest_wall": "compiled part of shape_geometry: its test compares with brute force and labels",
     "geometry.voxel_crossings": "compiled part of voxel_geometry",
     "geometry.voxel_lookup": "compiled part of voxel_geometry",
+    "operators.fourth_order": "tests/flow/test_viscous_solve.py tests what the step makes of it",
     "operators.neighbourhood_class": "numbers and their table; test_narrow_pores.py tests the classes",
     "operators.pair_sums": "compiled part of apply",
     "operators.protocol": "a protocol: test_lattice_weights.py compares its two classes",

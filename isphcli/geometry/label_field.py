@@ -1,11 +1,11 @@
 """The smooth body that the labels of an image are samples of: the most probable field with their signs.
 
 Prior: a Gaussian random field of unit variance with the covariance exp(-r^2 / (2 l^2)) between centres r voxels apart,
-and with FINE of it as short as can be told; l follows from the area of the walls (`correlation_length`). A label says the sign of the field at its centre, up to
-noise of the variance NOISE (probit regression; Rasmussen and Williams 2006, ch. 3). The maximum of the posterior is
-found by expectation and maximisation: the field is lifted to its expected value on the side that its label says, then
-filtered by C / (C + NOISE), C the spectrum of the covariance; with Nesterov's momentum. Slits of 2, 3 and 5 voxels keep
-their width within 0.1 voxels; sharp corners become round.
+FINE of it as short as can be told; l follows from the area of the walls (`correlation_length`). A label says the sign
+of the field at its centre, up to noise of the variance NOISE (probit regression; Rasmussen and Williams 2006, ch. 3).
+The maximum of the posterior is found by expectation and maximisation: the field is lifted to its expected value on the
+side that its label says, then filtered by C / (C + NOISE), C the spectrum of the covariance; with Nesterov's momentum.
+Slits of 2, 3 and 5 voxels keep their width within 0.1 voxels; sharp corners become round.
 
 benchmarks/walls_from_labels.py compares it with Gaussian averages of the labels, on bodies whose truth is known: an
 average over half a voxel leaves the staircase as roughness, of which finer particles see more, and k falls by 3.5 %
