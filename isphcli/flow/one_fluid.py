@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -180,7 +181,9 @@ class OneFluid:
 
     def driven_by(self, body: np.ndarray, push: np.ndarray) -> OneFluid:
         """The same fluid under other forces; see `Fluids.driven_by`."""
-        return OneFluid(self.reference, self.viscosity, body + push, self.held)
+        other = copy.copy(self)
+        other.force = body + push
+        return other
 
     def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
         """Terms of one configuration; see `Fluids.terms`."""
