@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like a second derivative of a plane of them
 
 
-class Drive(NamedTuple):
+class TwoFluidForces(NamedTuple):
     """What moves two fluids.
 
     body: (dim,) force on both, m/s2; push: (dim,) that of a pressure gradient on the first fluid, m/s2, which moves the
@@ -50,19 +50,19 @@ class Drive(NamedTuple):
 
 
 class TwoFluids:
-    """phase: (n,) int8 fluid of each particle, 0 or 1; density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s; drive: what
+    """phase: (n,) int8 fluid of each particle, 0 or 1; density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s; forces: what
     moves them; tension: SurfaceTension or None; line: contact_angle.SlipAtLine or None."""
 
     first_passes = FIRST_PASSES
 
     def __init__(self, phase: np.ndarray, density: Sequence[float] | np.ndarray,
-                 viscosity: Sequence[float] | np.ndarray, drive: Drive, tension: SurfaceTension | None = None,
+                 viscosity: Sequence[float] | np.ndarray, forces: TwoFluidForces, tension: SurfaceTension | None = None,
                  line: WallChange | None = None):
         self.phase = phase
         self.colour = np.where(phase == 0, 1.0, 0.0)  # eq. 15, the same for all particles
         self.density = np.array(density, float)
         self.mu = np.array(viscosity, float)
-        self.body, self.push, self.held = drive
+        self.body, self.push, self.held = forces
         self.force = self.body + self.push
         self.tension, self.line = tension, line
         interface = (0.0, 0.0) if tension is None else (tension.tension, tension.spacing)
