@@ -150,7 +150,7 @@ class Terms:
 
 
 def body_force(ops: DiscreteOperators, force: np.ndarray) -> np.ndarray:
-    """The body force (dim,), m/s2; beside walls as the gradient of its potential, (n, dim), as in `StokesSystem.drive`:
+    """The body force (dim,), m/s2; beside walls as the gradient of its potential, (n, dim), as in `StokesSystem.balanced_force`:
     fluid in a pocket or a dead end one particle wide rests."""
     if ops.walls is None or not force.any():
         return force
