@@ -149,7 +149,7 @@ class Terms:
         return gradient if self.jump_acceleration is None else gradient - self.jump_acceleration
 
 
-def body_force(ops: DiscreteOperators, force: np.ndarray) -> np.ndarray:
+def balanced_force(ops: DiscreteOperators, force: np.ndarray) -> np.ndarray:
     """The body force (dim,), m/s2; beside walls as the gradient of its potential, (n, dim), as in `StokesSystem.balanced_force`:
     fluid in a pocket or a dead end one particle wide rests."""
     if ops.walls is None or not force.any():
@@ -187,7 +187,7 @@ class OneFluid:
 
     def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
         """Terms of one configuration; see `Fluids.terms`."""
-        along = body_force(ops, self.held) if self.held is not None else None
+        along = balanced_force(ops, self.held) if self.held is not None else None
         viscous = ViscousWeights(self.viscosity, ops.lap, ops.walls)
-        return Terms(ops, viscous, body_force(ops, self.force), bulk=self.viscosity, along=along,
+        return Terms(ops, viscous, balanced_force(ops, self.force), bulk=self.viscosity, along=along,
                      excess=laplacian_excess(ops))

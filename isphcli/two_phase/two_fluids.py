@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from ..flow.one_fluid import Terms, ViscousWeights, body_force
+from ..flow.one_fluid import Terms, ViscousWeights, balanced_force
 from ..operators.protocol import WallSums
 from .interface_rules import FIRST_PASSES, interface_rules
 from .normals import crossings, near_interface
@@ -108,7 +108,7 @@ class TwoFluids:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near
             transposed_stress = TransposedStress.build(ops, viscous.weight, np.flatnonzero(free))
-        force, jump, laplacian_of_jump, along, band = body_force(ops, self.body), None, None, None, None
+        force, jump, laplacian_of_jump, along, band = balanced_force(ops, self.body), None, None, None, None
         if self.push.any():
             force = force + weighted.potential_gradient(self.push)
         if self.held is not None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from isphcli.flow.one_fluid import OneFluid, body_force
+from isphcli.flow.one_fluid import OneFluid, balanced_force
 from tests.flow.steps import scene
 
 OPEN = """
@@ -45,7 +45,7 @@ def test_beside_walls_the_force_is_the_gradient_of_its_potential():
 def test_no_force_stays_the_vector_that_it_was():
     _, _, config = scene(POCKETS)
     zero = np.zeros(2)
-    assert body_force(config.ops, zero) is zero
+    assert balanced_force(config.ops, zero) is zero
 
 
 def test_a_held_direction_is_what_a_unit_gradient_accelerates_by():
