@@ -114,11 +114,11 @@ class TwoFluids:
         if self.held is not None:
             along = weighted.potential_gradient(self.held)
         if self.tension is not None:
-            push, laplacian_of_jump, band = self.tension.force(ops, weighted, neighbours, self.colour, near, reference)
+            tension_force, laplacian_of_jump, band = self.tension.force(ops, weighted, neighbours, self.colour, near, reference)
             if laplacian_of_jump is None:
-                force = force + push
+                force = force + tension_force
             else:
-                jump = push
+                jump = tension_force
         rules = self.rules
         shifts_less = None if rules.full_shifting else near
         return Terms(weighted, viscous, force, jump, laplacian_of_jump, rho if heavy else 1.0,
