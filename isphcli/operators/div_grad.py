@@ -37,7 +37,7 @@ def _div_grad_rhie_chow(neighbours, weights, wall_div, p, grad_p):
     n, dim = grad_p.shape
     out = np.empty(n)
     for i in prange(n):
-        divergence, jump = 0.0, 0.0
+        divergence, odd_even = 0.0, 0.0
         for k in range(dim):
             divergence -= wall_div[i, k] * grad_p[i, k]
         for q in range(start[i], start[i + 1]):
@@ -46,8 +46,8 @@ def _div_grad_rhie_chow(neighbours, weights, wall_div, p, grad_p):
             for k in range(dim):
                 expected += 0.5 * (grad_p[i, k] + grad_p[j, k]) * (x[r, k] - x[i, k])
                 divergence += grad[q, k] * (grad_p[j, k] - grad_p[i, k])
-            jump += natural_p[q] * (p[j] - p[i]) - natural[q] * expected
-        out[i] = -divergence - jump  # eq. 3 beside walls: -(div grad p + S p)
+            odd_even += natural_p[q] * (p[j] - p[i]) - natural[q] * expected
+        out[i] = -divergence - odd_even  # eq. 3 beside walls: -(div grad p + S p)
     return out
 
 

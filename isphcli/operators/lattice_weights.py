@@ -466,7 +466,7 @@ def _divergence_and_rhie_chow(pairs, tensors, walls, u, pressure, factors):
     n, dim = u.shape
     out = np.empty(n)
     for i in prange(n):
-        divergence, jump, adjoint = 0.0, 0.0, narrow[i]
+        divergence, odd_even, adjoint = 0.0, 0.0, narrow[i]
         for k in range(dim):
             divergence -= wall_div[i, k] * u[i, k]
         for q in range(start[i], start[i + 1]):
@@ -485,8 +485,8 @@ def _divergence_and_rhie_chow(pairs, tensors, walls, u, pressure, factors):
                 else:
                     g = _grad_weight(gradient, k_tensor, i, k, second_moment, first_moment, t)
                     divergence += g * (u[j, k] - u[i, k])
-            jump += pair_laplacian[t] * missed
-        out[i] = a * divergence + b * scale[i] * jump
+            odd_even += pair_laplacian[t] * missed
+        out[i] = a * divergence + b * scale[i] * odd_even
     return out
 
 
