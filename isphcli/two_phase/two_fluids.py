@@ -175,12 +175,12 @@ class TransposedStress:
 @njit(cache=True, parallel=True)
 def _weights(neighbours, t, rho, mu, weights, heavy):
     start, column = neighbours.start, neighbours.column
-    lap, lap_p, grad_p, natural = weights
+    lap, lap_p, grad_p, symmetric = weights
     n, dim = len(start) - 1, grad_p.shape[1]
     size = len(lap)
     new_lap = np.empty(size)
     new_lap_p, new_grad_p = (np.empty(size), np.empty((size, dim))) if heavy else (lap_p, grad_p)
-    new_natural = np.empty(size) if heavy else natural
+    new_symmetric = np.empty(size) if heavy else symmetric
     for i in prange(n):
         for p in range(start[i], start[i + 1]):
             j = column[p]
@@ -189,10 +189,10 @@ def _weights(neighbours, t, rho, mu, weights, heavy):
             if heavy:
                 light = 1.0 / (t[p] * rho[i] + (1.0 - t[p]) * rho[j])
                 new_lap_p[p] = lap_p[p] * light  # eq. 3: div(grad q / rho)
-                new_natural[p] = natural[p] * light
+                new_symmetric[p] = symmetric[p] * light
                 for k in range(dim):
                     new_grad_p[p, k] = grad_p[p, k] * light
-    return new_lap, new_lap_p, new_grad_p, new_natural
+    return new_lap, new_lap_p, new_grad_p, new_symmetric
 
 
 @njit(cache=True, parallel=True)
