@@ -54,7 +54,7 @@ MUTATIONS = (
     Mutation("gradient_first_order", "order", "second-order part K_i of the gradient dropped",
              "operators.moments", "    if order == 1:\n        return\n", "    if order < 3:\n        return\n"),
     Mutation("laplacian_second_order", "order", "viscous step of second order",
-             "operators.fourth_order", "if not near[i] and fourth > 0.0:", "if near[i] and fourth > 0.0:"),
+             "operators.fourth_order", "if not near_wall[i] and fourth > 0.0:", "if near_wall[i] and fourth > 0.0:"),
     Mutation("wall_sign", "sign", "a wall's share of the diagonal subtracted (extrapolation, eq. 11)",
              "operators.wall_weights", "    lap[i] += a\n", "    lap[i] -= a\n"),
     Mutation("wall_at_the_dummy", "order", "walls taken at the dummy, not where the pair meets them",

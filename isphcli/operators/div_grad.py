@@ -56,7 +56,7 @@ def diagonal(ops: Operators, symmetric_p: np.ndarray, grad_p: np.ndarray) -> np.
     that see a wall; of the others that of the Laplacian symmetric_p."""
     walls = ops.walls
     assert walls is not None
-    return _diagonal(ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p, grad_p), walls.div, walls.near)
+    return _diagonal(ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p, grad_p), walls.div, walls.near_wall)
 
 
 def adjoint_divergence(ops: Operators) -> None:
@@ -104,7 +104,7 @@ def _adjoint_divergence(neighbours, volume, grad_p, rows, grad, wall_div, wall_d
 
 
 @njit(cache=True, parallel=True)
-def _diagonal(neighbours, weights, wall_div, near):
+def _diagonal(neighbours, weights, wall_div, near_wall):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     grad, symmetric, symmetric_p, grad_p = weights
     n, dim = wall_div.shape
@@ -112,7 +112,7 @@ def _diagonal(neighbours, weights, wall_div, near):
     for i in prange(n):
         for q in range(start[i], start[i + 1]):
             out[i] += symmetric_p[q]
-        if not near[i]:
+        if not near_wall[i]:
             continue
         # div a + S p = own . a_i + sum_j other_j . a_j + sum_j w_ij (p_j - p_i)
         for k in range(dim):

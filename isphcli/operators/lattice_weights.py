@@ -303,7 +303,7 @@ def _factors(neighbours, links, volume, order, walls, off_lattice):
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             begin, count = start[i], start[i + 1] - start[i]
             padded = gather_stencil(neighbours, i, volume, stencil)
-            whole, near = meet_walls(stencil, t[begin : begin + count], link[begin : begin + count])
+            whole, near_wall = meet_walls(stencil, t[begin : begin + count], link[begin : begin + count])
             stencil_moments(stencil, padded, moments)
             deficient[chunk] += correction(moments, dim, order, corrected)
             scale[i] = 2.0 * dim * per_area / whole if whole > 0.0 else 0.0
@@ -321,7 +321,7 @@ def _factors(neighbours, links, volume, order, walls, off_lattice):
                             spread[m, 0] * g[0, k] + spread[m, 1] * g[1, k] + spread[m, 2] * g[2, k])
                     for v in range(6):
                         k_tensor[i, m, v] = per_length * right[v, 1 + m]
-            if not near:
+            if not near_wall:
                 if len(k_tensor_p) > 0:
                     gradient_p[i], k_tensor_p[i] = gradient[i], k_tensor[i]
                 continue

@@ -384,13 +384,13 @@ def stencil_weights(stencil, padded, tensors, order, out):
     b0, b1, b2, b3, b4, b5 = right[0, 2], right[1, 2], right[2, 2], right[3, 2], right[4, 2], right[5, 2]
     c0, c1, c2, c3, c4, c5 = right[0, 3], right[1, 3], right[2, 3], right[3, 3], right[4, 3], right[5, 3]
     for k in range(padded):
-        x, y, z, near = ex[k], ey[k], ez[k], w[k] / s[k]
+        x, y, z, w_over_s = ex[k], ey[k], ez[k], w[k] / s[k]
         xx, yy, zz, yz, xz, xy = x * x, y * y, z * z, y * z, x * z, x * y
         g0, g1, g2 = gx[k], gy[k], gz[k]
         # beyond eq. 5: what it misses of quadratic functions
-        gx[k] = s00 * g0 + s01 * g1 + s02 * g2 - near * (
+        gx[k] = s00 * g0 + s01 * g1 + s02 * g2 - w_over_s * (
             a0 * xx + a1 * yy + a2 * zz + a3 * yz + a4 * xz + a5 * xy)
-        gy[k] = s10 * g0 + s11 * g1 + s12 * g2 - near * (
+        gy[k] = s10 * g0 + s11 * g1 + s12 * g2 - w_over_s * (
             b0 * xx + b1 * yy + b2 * zz + b3 * yz + b4 * xz + b5 * xy)
-        gz[k] = s20 * g0 + s21 * g1 + s22 * g2 - near * (
+        gz[k] = s20 * g0 + s21 * g1 + s22 * g2 - w_over_s * (
             c0 * xx + c1 * yy + c2 * zz + c3 * yz + c4 * xz + c5 * xy)

@@ -106,7 +106,7 @@ class TwoFluids:
             viscous = replace(viscous, weight=_thickened(ops.start, ops.column, ops.lap, viscous.weight, near, share))
         if thick:
             smooth = ~near
-            free = near if ops.walls is None else near & ~ops.walls.near
+            free = near if ops.walls is None else near & ~ops.walls.near_wall
             transposed_stress = TransposedStress.build(ops, viscous.weight, np.flatnonzero(free))
         force, jump, laplacian_of_jump, along, band = balanced_force(ops, self.body), None, None, None, None
         if self.push.any():

@@ -34,7 +34,7 @@ def test_beside_walls_the_force_is_the_gradient_of_its_potential():
     _, _, config = scene(POCKETS)
     force = np.broadcast_to(config.terms.force, config.x.shape)
     walls = config.ops.walls
-    free = ~walls.near
+    free = ~walls.near_wall
     assert np.allclose(force[free], [3, -1], atol=1e-12)
     assert np.abs(force).max() < 6
     gradient = config.terms.pressure_gradient(config.x @ [3.0, -1.0])

@@ -35,7 +35,7 @@ def touching():
 
 def test_the_diagonal_is_that_of_the_matrix(touching):
     matrix, config = touching
-    ops, near = config.ops, config.ops.walls.near
+    ops, near = config.ops, config.ops.walls.near_wall
     found = diagonal(ops, ops.walls.symmetric_laplacian, ops.grad_p)
     assert near.any() and np.abs(found - np.diag(matrix))[near].max() < 1e-12 * found.max()
 

@@ -179,8 +179,8 @@ def test_no_wall_in_sight_is_the_scene_without_walls():
     s = Scene(geometry, 1 / 24, 2.5, jitter=0.1, order=2)
     plain = build_operators(s.neighbours, s.volume, 2)
     f = np.random.default_rng(0).normal(size=(s.n, 2))
-    far = ~s.ops.walls.near
-    assert far.any() and s.ops.walls.near.any()
+    far = ~s.ops.walls.near_wall
+    assert far.any() and s.ops.walls.near_wall.any()
     whole = np.concatenate([f, np.zeros((len(s.volume) - s.n, 2))])
     lap = np.array(
         [
