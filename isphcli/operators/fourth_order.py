@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .pair_weights import Operators
 
 # c_i times the sum of the weights is 0.35 on a cubic lattice and 0.29 on a square one; below a half the rows of 1 + c L
-# are dominated by their diagonals, however close two particles of a star are
+# are dominated by their diagonals, however close two particles of a stencil are
 DOMINANT = 0.45
 
 

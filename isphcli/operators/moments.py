@@ -71,7 +71,7 @@ def new_stencil(size):
 
 @njit(cache=True, error_model="numpy")
 def gather_stencil(neighbours, i, volume, stencil):
-    """The neighbours of particle i into star = (ex, ey, ez, s, w).
+    """The neighbours of particle i into stencil = (ex, ey, ez, s, w).
 
     e: direction; s: distance / support; w: F V support. Coincident particles get e = 0, w = 0 and s = 1: they
     do not act on each other, shifting parts them. Weightless neighbours fill up whole vectors.
@@ -114,7 +114,7 @@ def gather_stencil(neighbours, i, volume, stencil):
 
 @njit(cache=True, fastmath=REDUCE)
 def stencil_moments(stencil, padded, moments):
-    """Moment sums of a star.
+    """Moment sums of a stencil.
 
     moments[0:6]: sum w s e e; [6:16]: sum w e e e; [16:26]: sum w s^2 e e e; [26:41]: sum w s e e e e,
     the components of each in the order of `_SECOND`, `_THIRD` and `_FOURTH`.
@@ -359,7 +359,7 @@ def _solve(a, b, columns):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
 def stencil_weights(stencil, padded, tensors, order, out):
-    """Weights of every neighbour of a star into out (4, padded).
+    """Weights of every neighbour of a stencil into out (4, padded).
 
     out[0]: of the Laplacian (times support^2); out[1:4]: of the gradient (times support).
     """

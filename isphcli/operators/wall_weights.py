@@ -59,9 +59,9 @@ def wall_gradient(walls: WallRows, u: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def meet_walls(stencil, t, link):
-    """Moves the far ends of the pairs of a star to where they meet a wall (eq. 11). t, link: (count,), see `Links`.
+    """Moves the far ends of the pairs of a stencil to where they meet a wall (eq. 11). t, link: (count,), see `Links`.
 
-    Returns the sum of w s over the star with the dummies at their own places, and whether it meets a wall or has a
+    Returns the sum of w s over the stencil with the dummies at their own places, and whether it meets a wall or has a
     neighbour that it shares no pressure with.
     """
     s, w = stencil[3], stencil[4]
@@ -114,7 +114,7 @@ def new_wall_pair(dim):
 
 @njit(cache=True)
 def add_wall_pair(neighbours, walls, i, k, stencil, pair, sums):
-    """Adds neighbour k of the star of particle i, which is met at a wall, to the sums of the walls: eq. 11.
+    """Adds neighbour k of the stencil of particle i, which is met at a wall, to the sums of the walls: eq. 11.
 
     pair: of `new_wall_pair`, with the weights of this one, 1/m2 and 1/m; sums: arrays of WallSums. With Navier
     slip, u at the wall is u_W + B (u_i - u_W), B = length / (length + d) times the projection on the wall.
