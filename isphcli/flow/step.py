@@ -30,7 +30,7 @@ from ..operators.pair_weights import build_operators
 from ..solvers.kept_hierarchies import KeptHierarchies
 from ..solvers.krylov import SolveError
 from .held_velocity import HeldVelocity, leads_through
-from .projection import PressureSystem, pressure_increment, pressure_system, settled, solve_pressure
+from .projection import PressureSystem, pressure_increment, pressure_system, without_constants, solve_pressure
 from .shifting import carry, shift
 from .state import Configuration, State, StepResult
 from .step_limits import Bounds, RunError, StepError
@@ -224,7 +224,7 @@ class Stepper:
         div = ops.total_divergence(u_star) - expansion
         q = pressure_increment(config, system, div, (p, gradient), rate, self.fluids.nu_min, self.solvers)
         u = u_star - terms.ops.gradient_p(q) / rate  # eq. 3
-        return u, settled(config, p + q - terms.bulk * div)  # eq. 4
+        return u, without_constants(config, p + q - terms.bulk * div)  # eq. 4
 
     def _hold(self, config: Configuration, system: PressureSystem, u: np.ndarray, p: np.ndarray, rate: float,
               shifting_flux: float | None) -> tuple[np.ndarray, np.ndarray, float]:
@@ -252,7 +252,7 @@ class Stepper:
         increment = held.gradient_for_flux(config.x, u, v, rate, shifting_flux)
         if increment is None:
             self._nothing_flows()
-        return u + increment * v, settled(config, p + increment * (q - terms.bulk * div)), increment
+        return u + increment * v, without_constants(config, p + increment * (q - terms.bulk * div)), increment
 
     def _nothing_flows(self) -> NoReturn:
         assert self.held_velocity is not None
