@@ -150,8 +150,8 @@ class Terms:
 
 
 def balanced_force(ops: DiscreteOperators, force: np.ndarray) -> np.ndarray:
-    """The body force (dim,), m/s2; beside walls as the gradient of its potential, (n, dim), as in `StokesSystem.balanced_force`:
-    fluid in a pocket or a dead end one particle wide rests."""
+    """The body force (dim,), m/s2; beside walls as the gradient of its potential, (n, dim), as in
+    `StokesSystem.balanced_force`: fluid in a pocket or a dead end one particle wide rests."""
     if ops.walls is None or not force.any():
         return force
     return ops.potential_gradient(force)

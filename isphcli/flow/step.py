@@ -30,7 +30,7 @@ from ..operators.pair_weights import build_operators
 from ..solvers.kept_hierarchies import KeptHierarchies
 from ..solvers.krylov import SolveError
 from .held_velocity import HeldVelocity, leads_through
-from .projection import PressureSystem, pressure_increment, pressure_system, without_constants, solve_pressure
+from .projection import PressureSystem, pressure_increment, pressure_system, solve_pressure, without_constants
 from .shifting import carry, shift
 from .state import Configuration, State, StepResult
 from .step_limits import Bounds, RunError, StepError
@@ -241,7 +241,8 @@ class Stepper:
         try:
             assert terms.along is not None
             along = np.ascontiguousarray(np.broadcast_to(terms.along, u.shape))
-            u_star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), solvers, False)
+            u_star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), solvers,
+                                   False)
             div = ops.total_divergence(u_star)
             if ops.walls is not None:
                 div -= ops.walls.div_velocity

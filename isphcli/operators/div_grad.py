@@ -56,7 +56,8 @@ def diagonal(ops: Operators, symmetric_p: np.ndarray, grad_p: np.ndarray) -> np.
     that see a wall; of the others that of the Laplacian symmetric_p."""
     walls = ops.walls
     assert walls is not None
-    return _diagonal(ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p, grad_p), walls.div, walls.near_wall)
+    weights = ops.grad, walls.symmetric_laplacian, symmetric_p, grad_p
+    return _diagonal(ops.neighbours, weights, walls.div, walls.near_wall)
 
 
 def adjoint_divergence(ops: Operators) -> None:

@@ -126,8 +126,8 @@ class WallRows(WallSums):
     """Sums over walls, and what else the rows of particles beside them need.
 
     symmetric_laplacian: (n_pairs,) symmetric-form weights of the pressure Laplacian;
-    classes: (n,) int8, see `neighbourhood_class`; near_wall: (n,) bool, particle sees a wall, or fluid that it shares no
-    pressure with;
+    classes: (n,) int8, see `neighbourhood_class`; near_wall: (n,) bool, particle sees a wall, or fluid that it shares
+    no pressure with;
     slope_velocity: (n, dim, dim) sum u_W g_iW, component of u_W first, or None where a wall slips.
     """
 

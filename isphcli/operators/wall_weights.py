@@ -45,8 +45,8 @@ def build_wall_operators(stencil: WallStencils, order: int = 1, classes: np.ndar
     deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near_wall, (sums, slope_velocity) = _wall_rows(
         everyone, stencil.links, stencil.volume, order, walls, start)
     slips = bool(np.any(walls.slip_length > 0.0))
-    found = WallRows(*boundary_sums(sums), symmetric, near_wall, near_wall.astype(np.int8) if classes is None else classes,
-                     None if slips else slope_velocity)
+    classes = near_wall.astype(np.int8) if classes is None else classes
+    found = WallRows(*boundary_sums(sums), symmetric, near_wall, classes, None if slips else slope_velocity)
     seen = everyone._replace(start=start, column=column, row=row)
     return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[:n], int(reduce.total(deficient)), found)
 

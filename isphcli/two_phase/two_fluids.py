@@ -114,7 +114,8 @@ class TwoFluids:
         if self.held is not None:
             along = weighted.potential_gradient(self.held)
         if self.tension is not None:
-            tension_force, laplacian_of_jump, band = self.tension.force(ops, weighted, neighbours, self.colour, near, reference)
+            tension_force, laplacian_of_jump, band = self.tension.force(ops, weighted, neighbours, self.colour, near,
+                                                                        reference)
             if laplacian_of_jump is None:
                 force = force + tension_force
             else:

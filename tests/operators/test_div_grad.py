@@ -41,7 +41,8 @@ def test_the_diagonal_is_that_of_the_matrix(touching):
 
 
 def test_rows_divided_by_their_diagonal_suit_the_laplacian(touching):
-    """Spheres that touch, jittered: with thin neighbourhoods that know a gradient and no division the eigenvalues reached 47."""
+    """Spheres that touch, jittered: with thin neighbourhoods that know a gradient and no division the
+    eigenvalues reached 47."""
     matrix, config = touching
     ops, n = config.ops, len(touching[0])
     laplacian = assemble(ops.start, ops.column, ops.lap_p, 0.0, 1.0).toarray()
