@@ -260,6 +260,18 @@ def new_correction():
 def correction(moments, dim, order, tensors):
     """The correction tensors of one particle: G_i, L_i and, for order 2, K_i.
 
+    With q_v the six products of the components of e (xx yy zz yz xz xy) and w = F V_j, the quadratic functions
+    f_u = s^2 q_u about the particle have by eq. 5 the gradient P_u, which ought to vanish, and the bracket of eq. 6 is
+    s q_u - e . P_u:
+
+        P_u = G_i sum_j w s^2 q_u e,      R_vk = sum_j w q_v e_k,      A_uv = sum_j w q_v (s q_u - e . P_u) .
+
+    The Laplacian of f_u is 2 for xx, yy, zz and 0 for the others, its gradient 0. With L_i : e e = sum_v l_v q_v and
+    K_i in the same form this is a system with the 6 by 6 matrix A (in 2D rows and columns with z are replaced by a
+    multiple of the identity),
+
+        sum_v A_uv l_v = 1 or 0,      sum_v A_uv K_vk = P_uk      for every u .
+
     moments: (41,) sums. tensors: (g (3, 3) G_i; system (6, 6) scratch; right, drift, spread), in the order
     xx yy zz yz xz xy: right (6, 4): column 0 the weights l of L_i : e e = sum_v l_v e_v, columns 1-3 K_i;
     drift (3,): 2 sum_v l_v R_v, what multiplies the gradient in the Laplacian; spread (3, 3): 1 + K R.
