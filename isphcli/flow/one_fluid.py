@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -148,9 +149,9 @@ class Terms:
         return gradient if self.jump_acceleration is None else gradient - self.jump_acceleration
 
 
-def body_force(ops: DiscreteOperators, force: np.ndarray) -> np.ndarray:
-    """The body force (dim,), m/s2; beside walls as the gradient of its potential, (n, dim), as in `StokesSystem.drive`:
-    fluid in a pocket or a dead end one particle wide rests."""
+def balanced_force(ops: DiscreteOperators, force: np.ndarray) -> np.ndarray:
+    """The body force (dim,), m/s2; beside walls as the gradient of its potential, (n, dim), as in
+    `StokesSystem.balanced_force`: fluid in a pocket or a dead end one particle wide rests."""
     if ops.walls is None or not force.any():
         return force
     return ops.potential_gradient(force)
@@ -180,11 +181,13 @@ class OneFluid:
 
     def driven_by(self, body: np.ndarray, push: np.ndarray) -> OneFluid:
         """The same fluid under other forces; see `Fluids.driven_by`."""
-        return OneFluid(self.reference, self.viscosity, body + push, self.held)
+        other = copy.copy(self)
+        other.force = body + push
+        return other
 
     def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
         """Terms of one configuration; see `Fluids.terms`."""
-        along = body_force(ops, self.held) if self.held is not None else None
+        along = balanced_force(ops, self.held) if self.held is not None else None
         viscous = ViscousWeights(self.viscosity, ops.lap, ops.walls)
-        return Terms(ops, viscous, body_force(ops, self.force), bulk=self.viscosity, along=along,
+        return Terms(ops, viscous, balanced_force(ops, self.force), bulk=self.viscosity, along=along,
                      excess=laplacian_excess(ops))

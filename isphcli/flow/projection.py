@@ -90,16 +90,16 @@ def solve_pressure(config: Configuration, system: PressureSystem, right: np.ndar
     def apply(q: np.ndarray) -> np.ndarray:
         return means.remove(system.apply(q, weighted.gradient_p(q)))  # eq. 25: P A q
 
-    def settle(once: Apply) -> Apply:
+    def remove_constants(once: Apply) -> Apply:
         return lambda v: means.remove(once(v if scale is None else means.remove(v / scale)))
 
     with solvers.clock("krylov"):
-        q, report = solvers.multigrid("pressure", system.laplacian, apply, right, None, settle, tolerance)
+        q, report = solvers.multigrid("pressure", system.laplacian, apply, right, None, remove_constants, tolerance)
     solvers.record("pressure", report, lambda: right - apply(q))
     return means.remove(q)  # eq. 26
 
 
-def settled(config: Configuration, p: np.ndarray) -> np.ndarray:
+def without_constants(config: Configuration, p: np.ndarray) -> np.ndarray:
     """A pressure p (n,) without the constant of each component; in dead ends that of the fluid next to them."""
     p, walls = config.means.remove(p), config.ops.walls
     if walls is not None and walls.dead_ends:

@@ -41,11 +41,11 @@ def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray
     if walls is not None:
         known = np.zeros(ops.n, np.bool_)
         if walls.slope_velocity is not None:
-            known = walls.near & ~walls.narrow
+            known = walls.near_wall & ~walls.narrow
             velocities = np.split(fields, fields.shape[1] // ops.dim, axis=1)
             whole = np.concatenate([total_gradient(ops, np.ascontiguousarray(u)) for u in velocities], axis=1)
             slope = np.where(known[:, None, None], whole, slope)
-        second = second & (known | ~walls.near)
+        second = second & (known | ~walls.near_wall)
     return _carry(ops.start, ops.column, ops.grad_p, fields, slope, dr, second)
 
 

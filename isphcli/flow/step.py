@@ -30,7 +30,7 @@ from ..operators.pair_weights import build_operators
 from ..solvers.kept_hierarchies import KeptHierarchies
 from ..solvers.krylov import SolveError
 from .held_velocity import HeldVelocity, leads_through
-from .projection import PressureSystem, pressure_increment, pressure_system, settled, solve_pressure
+from .projection import PressureSystem, pressure_increment, pressure_system, solve_pressure, without_constants
 from .shifting import carry, shift
 from .state import Configuration, State, StepResult
 from .step_limits import Bounds, RunError, StepError
@@ -220,11 +220,11 @@ class Stepper:
         ops, terms = config.ops, config.terms
         gradient = terms.pressure_gradient(p)
         driven = known - gradient
-        star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, driven, guess, self.solvers)  # eq. 2
-        div = ops.total_divergence(star) - expansion
+        u_star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, driven, guess, self.solvers)  # eq. 2
+        div = ops.total_divergence(u_star) - expansion
         q = pressure_increment(config, system, div, (p, gradient), rate, self.fluids.nu_min, self.solvers)
-        u = star - terms.ops.gradient_p(q) / rate  # eq. 3
-        return u, settled(config, p + q - terms.bulk * div)  # eq. 4
+        u = u_star - terms.ops.gradient_p(q) / rate  # eq. 3
+        return u, without_constants(config, p + q - terms.bulk * div)  # eq. 4
 
     def _hold(self, config: Configuration, system: PressureSystem, u: np.ndarray, p: np.ndarray, rate: float,
               shifting_flux: float | None) -> tuple[np.ndarray, np.ndarray, float]:
@@ -241,18 +241,19 @@ class Stepper:
         try:
             assert terms.along is not None
             along = np.ascontiguousarray(np.broadcast_to(terms.along, u.shape))
-            star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), solvers, False)
-            div = ops.total_divergence(star)
+            u_star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), solvers,
+                                   False)
+            div = ops.total_divergence(u_star)
             if ops.walls is not None:
                 div -= ops.walls.div_velocity
             q = solve_pressure(config, system, config.means.remove(-rate * div), solvers.tolerance, solvers)
         finally:
             solvers.tolerance = tolerance
-        v = star - terms.ops.gradient_p(q) / rate
+        v = u_star - terms.ops.gradient_p(q) / rate
         increment = held.gradient_for_flux(config.x, u, v, rate, shifting_flux)
         if increment is None:
             self._nothing_flows()
-        return u + increment * v, settled(config, p + increment * (q - terms.bulk * div)), increment
+        return u + increment * v, without_constants(config, p + increment * (q - terms.bulk * div)), increment
 
     def _nothing_flows(self) -> NoReturn:
         assert self.held_velocity is not None

@@ -102,7 +102,7 @@ class StokesSystem:
         u[:] = self._velocity(rest)[:, : self.dim]
         return out
 
-    def drive(self, force: Sequence[float] | np.ndarray) -> np.ndarray:
+    def balanced_force(self, force: Sequence[float] | np.ndarray) -> np.ndarray:
         """The acceleration `force` (dim,) as the gradient of its potential in the pressure's own operator, (n, dim).
 
         It is `force` itself where fluid neighbours lie in all directions. In a pore one particle wide no pressure can
@@ -121,7 +121,7 @@ class StokesSystem:
         ops = self.ops
         rhs = np.zeros(ops.n * (self.dim + 1))
         forces, mass = self.split(rhs)
-        forces[:] = self.drive(force) * (self.spacing**2 / self.viscosity)
+        forces[:] = self.balanced_force(force) * (self.spacing**2 / self.viscosity)
         forces += self.spacing**2 * ops.walls.lap_velocity
         mass[:] = self.means.remove(-self.spacing * ops.walls.div_velocity)
         solution, report = gmres_from_the_right(self.apply, rhs, self.precondition, tolerance, restart, max_iterations,

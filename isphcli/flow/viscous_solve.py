@@ -105,8 +105,8 @@ def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right
         if stiff:
             solution, report = solvers.multigrid("velocity", matrix, apply, scaled, guess.ravel(), by_component)
         else:
-            for more in (1, RETRY_FACTOR):
-                solution, report = solvers.krylov(apply, scaled, np.copy, guess.ravel(), more)
+            for effort in (1, RETRY_FACTOR):
+                solution, report = solvers.krylov(apply, scaled, np.copy, guess.ravel(), effort)
                 if report.converged:
                     break
     solvers.record("velocity", report, lambda: np.abs(scaled - apply(solution)).reshape(n, dim).max(axis=1))

@@ -33,11 +33,11 @@ def div_grad_rhie_chow(ops: Operators, symmetric_p: np.ndarray, p: np.ndarray, g
 @njit(cache=True, parallel=True)
 def _div_grad_rhie_chow(neighbours, weights, wall_div, p, grad_p):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
-    grad, natural, natural_p = weights
+    grad, symmetric, symmetric_p = weights
     n, dim = grad_p.shape
     out = np.empty(n)
     for i in prange(n):
-        divergence, jump = 0.0, 0.0
+        divergence, odd_even = 0.0, 0.0
         for k in range(dim):
             divergence -= wall_div[i, k] * grad_p[i, k]
         for q in range(start[i], start[i + 1]):
@@ -46,8 +46,8 @@ def _div_grad_rhie_chow(neighbours, weights, wall_div, p, grad_p):
             for k in range(dim):
                 expected += 0.5 * (grad_p[i, k] + grad_p[j, k]) * (x[r, k] - x[i, k])
                 divergence += grad[q, k] * (grad_p[j, k] - grad_p[i, k])
-            jump += natural_p[q] * (p[j] - p[i]) - natural[q] * expected
-        out[i] = -divergence - jump  # eq. 3 beside walls: -(div grad p + S p)
+            odd_even += symmetric_p[q] * (p[j] - p[i]) - symmetric[q] * expected
+        out[i] = -divergence - odd_even  # eq. 3 beside walls: -(div grad p + S p)
     return out
 
 
@@ -56,7 +56,8 @@ def diagonal(ops: Operators, symmetric_p: np.ndarray, grad_p: np.ndarray) -> np.
     that see a wall; of the others that of the Laplacian symmetric_p."""
     walls = ops.walls
     assert walls is not None
-    return _diagonal(ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p, grad_p), walls.div, walls.near)
+    weights = ops.grad, walls.symmetric_laplacian, symmetric_p, grad_p
+    return _diagonal(ops.neighbours, weights, walls.div, walls.near_wall)
 
 
 def adjoint_divergence(ops: Operators) -> None:
@@ -104,21 +105,21 @@ def _adjoint_divergence(neighbours, volume, grad_p, rows, grad, wall_div, wall_d
 
 
 @njit(cache=True, parallel=True)
-def _diagonal(neighbours, weights, wall_div, near):
+def _diagonal(neighbours, weights, wall_div, near_wall):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
-    grad, natural, natural_p, grad_p = weights
+    grad, symmetric, symmetric_p, grad_p = weights
     n, dim = wall_div.shape
     out = np.zeros(n)
     for i in prange(n):
         for q in range(start[i], start[i + 1]):
-            out[i] += natural_p[q]
-        if not near[i]:
+            out[i] += symmetric_p[q]
+        if not near_wall[i]:
             continue
         # div a + S p = own . a_i + sum_j other_j . a_j + sum_j w_ij (p_j - p_i)
         for k in range(dim):
             own, slope = -wall_div[i, k], 0.0
             for q in range(start[i], start[i + 1]):
-                half = 0.5 * natural[q] * (x[row[q], k] - x[i, k])
+                half = 0.5 * symmetric[q] * (x[row[q], k] - x[i, k])
                 own -= grad[q, k] + half
                 slope -= grad_p[q, k]
                 other, j = grad[q, k] - half, column[q]

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .pair_weights import Operators
 
 # c_i times the sum of the weights is 0.35 on a cubic lattice and 0.29 on a square one; below a half the rows of 1 + c L
-# are dominated by their diagonals, however close two particles of a star are
+# are dominated by their diagonals, however close two particles of a stencil are
 DOMINANT = 0.45
 
 
@@ -22,12 +22,12 @@ def laplacian_excess(ops: Operators) -> np.ndarray:
 
     On lattices c / dx^2 is 0.08 in 3D with a support of 2.1, and 0.09 in 2D with 2.3.
     """
-    near = ops.walls.near if ops.walls is not None else np.zeros(ops.n, np.bool_)
-    return _laplacian_excess(ops.neighbours, ops.lap, near)
+    near_wall = ops.walls.near_wall if ops.walls is not None else np.zeros(ops.n, np.bool_)
+    return _laplacian_excess(ops.neighbours, ops.lap, near_wall)
 
 
 @njit(cache=True, parallel=True)
-def _laplacian_excess(neighbours, lap, near):
+def _laplacian_excess(neighbours, lap, near_wall):
     start, row, x = neighbours.start, neighbours.row, neighbours.x
     n, dim = len(start) - 1, x.shape[1]
     out = np.zeros(n)
@@ -39,6 +39,6 @@ def _laplacian_excess(neighbours, lap, near):
                 r2 += (x[row[p], k] - x[i, k]) ** 2
             fourth += lap[p] * r2 * r2
             total += abs(lap[p])
-        if not near[i] and fourth > 0.0:
+        if not near_wall[i] and fourth > 0.0:
             out[i] = min(fourth / (8.0 * dim * (dim + 2)), DOMINANT / total)  # lap lap r^4 = 8 dim (dim + 2)
     return out

@@ -284,7 +284,7 @@ def _factors(neighbours, links, volume, order, walls, off_lattice):
     """As `wall_weights._wall_rows`, but the tensors are kept and the weights of the wall pairs only summed up.
 
     Returns (deficient, narrow, arrays of Factors, arrays of WallSums)."""
-    start, per_length, t, link = neighbours.start, 1.0 / neighbours.support, links.t, links.link
+    start, per_length, fraction, link = neighbours.start, 1.0 / neighbours.support, links.t, links.link
     n, dim, size = len(start) - 1, neighbours.x.shape[1], stencil_size(start)
     deficient, narrow = np.zeros(CHUNKS, np.int64), np.zeros(n, np.bool_)
     laplace, scale = np.empty((n, 9)), np.empty(n)
@@ -299,11 +299,11 @@ def _factors(neighbours, links, volume, order, walls, off_lattice):
         corrected, gp, pair = new_correction(), np.empty((3, 3)), new_wall_pair(dim)
         g, _, right, drift, spread = corrected
         weight = pair[0]
-        a_q, t_q = np.empty((1, 3)), np.empty((1, 6))  # of the one pair at hand
+        first_one, second_one = np.empty((1, 3)), np.empty((1, 6))  # of the one pair at hand
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             begin, count = start[i], start[i + 1] - start[i]
             padded = gather_stencil(neighbours, i, volume, stencil)
-            whole, near = meet_walls(stencil, t[begin : begin + count], link[begin : begin + count])
+            whole, near_wall = meet_walls(stencil, fraction[begin : begin + count], link[begin : begin + count])
             stencil_moments(stencil, padded, moments)
             deficient[chunk] += correction(moments, dim, order, corrected)
             scale[i] = 2.0 * dim * per_area / whole if whole > 0.0 else 0.0
@@ -321,7 +321,7 @@ def _factors(neighbours, links, volume, order, walls, off_lattice):
                             spread[m, 0] * g[0, k] + spread[m, 1] * g[1, k] + spread[m, 2] * g[2, k])
                     for v in range(6):
                         k_tensor[i, m, v] = per_length * right[v, 1 + m]
-            if not near:
+            if not near_wall:
                 if len(k_tensor_p) > 0:
                     gradient_p[i], k_tensor_p[i] = gradient[i], k_tensor[i]
                 continue
@@ -334,13 +334,14 @@ def _factors(neighbours, links, volume, order, walls, off_lattice):
             for q in range(count):
                 if link[begin + q] != MEETS_WALL:
                     continue
-                a_q[0, 0], a_q[0, 1], a_q[0, 2] = w[q] * ex[q], w[q] * ey[q], w[q] * ez[q]
+                first_one[0, 0], first_one[0, 1], first_one[0, 2] = w[q] * ex[q], w[q] * ey[q], w[q] * ez[q]
                 b = w[q] / s[q]
-                t_q[0, 0], t_q[0, 1], t_q[0, 2] = b * ex[q] * ex[q], b * ey[q] * ey[q], b * ez[q] * ez[q]
-                t_q[0, 3], t_q[0, 4], t_q[0, 5] = b * ey[q] * ez[q], b * ex[q] * ez[q], b * ex[q] * ey[q]
-                weight[0] = _lap_weight(laplace, i, t_q, a_q, 0)
+                second_one[0, 0], second_one[0, 1] = b * ex[q] * ex[q], b * ey[q] * ey[q]
+                second_one[0, 2], second_one[0, 3] = b * ez[q] * ez[q], b * ey[q] * ez[q]
+                second_one[0, 4], second_one[0, 5] = b * ex[q] * ez[q], b * ex[q] * ey[q]
+                weight[0] = _lap_weight(laplace, i, second_one, first_one, 0)
                 for m in range(dim):
-                    weight[1 + m] = _grad_weight(gradient, k_tensor, i, m, t_q, a_q, 0)
+                    weight[1 + m] = _grad_weight(gradient, k_tensor, i, m, second_one, first_one, 0)
                 sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
                 add_wall_pair(neighbours, walls, i, q, stencil, pair, sums)  # eq. 11
             if narrow[i]:  # no flux passes a wall
@@ -466,7 +467,7 @@ def _divergence_and_rhie_chow(pairs, tensors, walls, u, pressure, factors):
     n, dim = u.shape
     out = np.empty(n)
     for i in prange(n):
-        divergence, jump, adjoint = 0.0, 0.0, narrow[i]
+        divergence, odd_even, adjoint = 0.0, 0.0, narrow[i]
         for k in range(dim):
             divergence -= wall_div[i, k] * u[i, k]
         for q in range(start[i], start[i + 1]):
@@ -485,8 +486,8 @@ def _divergence_and_rhie_chow(pairs, tensors, walls, u, pressure, factors):
                 else:
                     g = _grad_weight(gradient, k_tensor, i, k, second_moment, first_moment, t)
                     divergence += g * (u[j, k] - u[i, k])
-            jump += pair_laplacian[t] * missed
-        out[i] = a * divergence + b * scale[i] * jump
+            odd_even += pair_laplacian[t] * missed
+        out[i] = a * divergence + b * scale[i] * odd_even
     return out
 
 

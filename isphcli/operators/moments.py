@@ -71,7 +71,7 @@ def new_stencil(size):
 
 @njit(cache=True, error_model="numpy")
 def gather_stencil(neighbours, i, volume, stencil):
-    """The neighbours of particle i into star = (ex, ey, ez, s, w).
+    """The neighbours of particle i into stencil = (ex, ey, ez, s, w).
 
     e: direction; s: distance / support; w: F V support. Coincident particles get e = 0, w = 0 and s = 1: they
     do not act on each other, shifting parts them. Weightless neighbours fill up whole vectors.
@@ -114,7 +114,7 @@ def gather_stencil(neighbours, i, volume, stencil):
 
 @njit(cache=True, fastmath=REDUCE)
 def stencil_moments(stencil, padded, moments):
-    """Moment sums of a star.
+    """Moment sums of a stencil.
 
     moments[0:6]: sum w s e e; [6:16]: sum w e e e; [16:26]: sum w s^2 e e e; [26:41]: sum w s e e e e,
     the components of each in the order of `_SECOND`, `_THIRD` and `_FOURTH`.
@@ -260,6 +260,18 @@ def new_correction():
 def correction(moments, dim, order, tensors):
     """The correction tensors of one particle: G_i, L_i and, for order 2, K_i.
 
+    With q_v the six products of the components of e (xx yy zz yz xz xy) and w = F V_j, the quadratic functions
+    f_u = s^2 q_u about the particle have by eq. 5 the gradient P_u, which ought to vanish, and the bracket of eq. 6 is
+    s q_u - e . P_u:
+
+        P_u = G_i sum_j w s^2 q_u e,      R_vk = sum_j w q_v e_k,      A_uv = sum_j w q_v (s q_u - e . P_u) .
+
+    The Laplacian of f_u is 2 for xx, yy, zz and 0 for the others, its gradient 0. With L_i : e e = sum_v l_v q_v and
+    K_i in the same form this is a system with the 6 by 6 matrix A (in 2D rows and columns with z are replaced by a
+    multiple of the identity),
+
+        sum_v A_uv l_v = 1 or 0,      sum_v A_uv K_vk = P_uk      for every u .
+
     moments: (41,) sums. tensors: (g (3, 3) G_i; system (6, 6) scratch; right, drift, spread), in the order
     xx yy zz yz xz xy: right (6, 4): column 0 the weights l of L_i : e e = sum_v l_v e_v, columns 1-3 K_i;
     drift (3,): 2 sum_v l_v R_v, what multiplies the gradient in the Laplacian; spread (3, 3): 1 + K R.
@@ -359,7 +371,7 @@ def _solve(a, b, columns):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
 def stencil_weights(stencil, padded, tensors, order, out):
-    """Weights of every neighbour of a star into out (4, padded).
+    """Weights of every neighbour of a stencil into out (4, padded).
 
     out[0]: of the Laplacian (times support^2); out[1:4]: of the gradient (times support).
     """
@@ -384,13 +396,13 @@ def stencil_weights(stencil, padded, tensors, order, out):
     b0, b1, b2, b3, b4, b5 = right[0, 2], right[1, 2], right[2, 2], right[3, 2], right[4, 2], right[5, 2]
     c0, c1, c2, c3, c4, c5 = right[0, 3], right[1, 3], right[2, 3], right[3, 3], right[4, 3], right[5, 3]
     for k in range(padded):
-        x, y, z, near = ex[k], ey[k], ez[k], w[k] / s[k]
+        x, y, z, w_over_s = ex[k], ey[k], ez[k], w[k] / s[k]
         xx, yy, zz, yz, xz, xy = x * x, y * y, z * z, y * z, x * z, x * y
         g0, g1, g2 = gx[k], gy[k], gz[k]
         # beyond eq. 5: what it misses of quadratic functions
-        gx[k] = s00 * g0 + s01 * g1 + s02 * g2 - near * (
+        gx[k] = s00 * g0 + s01 * g1 + s02 * g2 - w_over_s * (
             a0 * xx + a1 * yy + a2 * zz + a3 * yz + a4 * xz + a5 * xy)
-        gy[k] = s10 * g0 + s11 * g1 + s12 * g2 - near * (
+        gy[k] = s10 * g0 + s11 * g1 + s12 * g2 - w_over_s * (
             b0 * xx + b1 * yy + b2 * zz + b3 * yz + b4 * xz + b5 * xy)
-        gz[k] = s20 * g0 + s21 * g1 + s22 * g2 - near * (
+        gz[k] = s20 * g0 + s21 * g1 + s22 * g2 - w_over_s * (
             c0 * xx + c1 * yy + c2 * zz + c3 * yz + c4 * xz + c5 * xy)

@@ -126,13 +126,13 @@ class WallRows(WallSums):
     """Sums over walls, and what else the rows of particles beside them need.
 
     symmetric_laplacian: (n_pairs,) symmetric-form weights of the pressure Laplacian;
-    classes: (n,) int8, see `neighbourhood_class`; near: (n,) bool, particle sees a wall, or fluid that it shares no
-    pressure with;
+    classes: (n,) int8, see `neighbourhood_class`; near_wall: (n,) bool, particle sees a wall, or fluid that it shares
+    no pressure with;
     slope_velocity: (n, dim, dim) sum u_W g_iW, component of u_W first, or None where a wall slips.
     """
 
     symmetric_laplacian: np.ndarray
-    near: np.ndarray
+    near_wall: np.ndarray
     classes: np.ndarray
     slope_velocity: np.ndarray | None
 

@@ -42,11 +42,11 @@ def build_wall_operators(stencil: WallStencils, order: int = 1, classes: np.ndar
     n = everyone.n
     start = np.zeros(n + 1, dtype=np.int64)
     np.cumsum(in_sight(everyone.start, stencil.links.link), out=start[1:])
-    deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, (sums, slope_velocity) = _wall_rows(
+    deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near_wall, (sums, slope_velocity) = _wall_rows(
         everyone, stencil.links, stencil.volume, order, walls, start)
     wall_sums = boundary_sums(sums)
-    found = WallRows(*wall_sums, symmetric, near, near.astype(np.int8) if classes is None else classes,
-                     slope_velocity if wall_sums[-1] is None else None)
+    classes = near_wall.astype(np.int8) if classes is None else classes
+    found = WallRows(*wall_sums, symmetric, near_wall, classes, slope_velocity if wall_sums[-1] is None else None)
     seen = everyone._replace(start=start, column=column, row=row)
     return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[:n], int(reduce.total(deficient)), found)
 
@@ -59,20 +59,20 @@ def wall_gradient(walls: WallRows, u: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def meet_walls(stencil, t, link):
-    """Moves the far ends of the pairs of a star to where they meet a wall (eq. 11). t, link: (count,), see `Links`.
+    """Moves the far ends of the pairs of a stencil to where they meet a wall (eq. 11). t, link: (count,), see `Links`.
 
-    Returns the sum of w s over the star with the dummies at their own places, and whether it meets a wall or has a
+    Returns the sum of w s over the stencil with the dummies at their own places, and whether it meets a wall or has a
     neighbour that it shares no pressure with.
     """
     s, w = stencil[3], stencil[4]
-    whole, near = 0.0, False
+    whole, near_wall = 0.0, False
     for k in range(len(link)):
         whole += w[k] * s[k]
     for k in range(len(link)):
-        near |= link[k] != SHARES_PRESSURE
+        near_wall |= link[k] != SHARES_PRESSURE
         if link[k] == MEETS_WALL:
             s[k] *= t[k]  # eq. 11: the slope to the wall, at the distance of the wall
-    return whole, near
+    return whole, near_wall
 
 
 @njit(cache=True)
@@ -114,7 +114,7 @@ def new_wall_pair(dim):
 
 @njit(cache=True)
 def add_wall_pair(neighbours, walls, i, k, stencil, pair, sums):
-    """Adds neighbour k of the star of particle i, which is met at a wall, to the sums of the walls: eq. 11.
+    """Adds neighbour k of the stencil of particle i, which is met at a wall, to the sums of the walls: eq. 11.
 
     pair: of `new_wall_pair`, with the weights of this one, 1/m2 and 1/m; sums: arrays of WallSums. With Navier
     slip, u at the wall is u_W + B (u_i - u_W), B = length / (length + d) times the projection on the wall.
@@ -152,14 +152,14 @@ def add_wall_pair(neighbours, walls, i, k, stencil, pair, sums):
 
 @njit(cache=True, parallel=True)
 def _wall_rows(neighbours, links, volume, order, walls, seen_start):
-    """(deficient, (columns, rows), weights of the pairs in sight, near, (arrays of WallSums, slope_velocity)).
+    """(deficient, (columns, rows), weights of the pairs in sight, near_wall, (arrays of WallSums, slope_velocity)).
 
     All that it makes is returned: numba loses what a parallel loop writes to arrays that came in a tuple.
     """
     start, per_length, t, link = neighbours.start, 1.0 / neighbours.support, links.t, links.link
     n, dim, size = len(start) - 1, neighbours.x.shape[1], stencil_size(start)
     pairs = seen_start[n]
-    column, row, near = np.empty(pairs, np.int32), np.empty(pairs, np.int32), np.zeros(n, np.bool_)
+    column, row, near_wall = np.empty(pairs, np.int32), np.empty(pairs, np.int32), np.zeros(n, np.bool_)
     lap, symmetric, lap_p = np.empty(pairs), np.empty(pairs), np.empty(pairs)
     grad, grad_p = np.empty((pairs, dim)), np.empty((pairs, dim))
     wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip = new_boundary_sums(n, dim, walls.slip_length)
@@ -173,11 +173,11 @@ def _wall_rows(neighbours, links, volume, order, walls, seen_start):
         for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             begin, count = start[i], start[i + 1] - start[i]
             padded = gather_stencil(neighbours, i, volume, stencil)
-            whole, near[i] = meet_walls(stencil, t[begin : begin + count], link[begin : begin + count])
+            whole, near_wall[i] = meet_walls(stencil, t[begin : begin + count], link[begin : begin + count])
             stencil_moments(stencil, padded, moments)
             deficient[chunk] += correction(moments, dim, order, tensors)
             stencil_weights(stencil, padded, tensors, order, out)
-            if near[i]:
+            if near_wall[i]:
                 second_moments(stencil, link[begin : begin + count], moments)
                 invert_gradient(moments, dim, g_p)
             at = np.uint64(seen_start[i])
@@ -190,10 +190,10 @@ def _wall_rows(neighbours, links, volume, order, walls, seen_start):
                     shared = link[begin + k] == SHARES_PRESSURE
                     # eq. 3 beside walls: no flux through them, so that only fluid neighbours count
                     symmetric[at] = 2.0 * dim * per_area * w[k] / (whole * s[k]) if w[k] > 0.0 and shared else 0.0
-                    lap_p[at] = symmetric[at] if near[i] else a
+                    lap_p[at] = symmetric[at] if near_wall[i] else a
                     for m in range(dim):
                         grad[at, m] = out[1 + m, k] * per_length
-                        if near[i]:
+                        if near_wall[i]:
                             b = g_p[m, 0] * ex[k] + g_p[m, 1] * ey[k] + g_p[m, 2] * ez[k]
                             grad_p[at, m] = b * w[k] * per_length if shared else 0.0
                         else:
@@ -209,4 +209,4 @@ def _wall_rows(neighbours, links, volume, order, walls, seen_start):
                         for m in range(dim):
                             slope_velocity[i, c, m] += pair[1][c] * pair[0][1 + m]
     sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
-    return deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, (sums, slope_velocity)
+    return deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near_wall, (sums, slope_velocity)

@@ -229,7 +229,7 @@ def _drive_at_the_end(run: MovingRun, state: State) -> tuple[int | None, np.ndar
     if stepper.held_velocity is not None:
         assert state.pressure_gradient is not None
         axis = stepper.held_velocity.axis
-        held = force[axis] + state.pressure_gradient * run.march.settled(state)
+        held = force[axis] + state.pressure_gradient * run.march.steady_ratio(state)
         force = held * stepper.fluids.held
     return (axis if float(np.linalg.norm(force)) > 0.0 else None), force
 
@@ -244,7 +244,7 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
     permeability = error = None
     if axis is not None and resisted and march.outcome == "steady":
         assert along is not None and march.steady is not None and march.steady.distance is not None
-        permeability = float(along[axis]) * (march.settled(state) if stepper.held_velocity is None else 1.0)
+        permeability = float(along[axis]) * (march.steady_ratio(state) if stepper.held_velocity is None else 1.0)
         error = abs(permeability) * march.steady.distance
     free = axis is not None and not run.geometry.has_solid and not two
     messages = [stopped_short(run.case, march, state, run.directory), absent_fluids(run.case, run.particles),

@@ -184,7 +184,7 @@ def _quadrature(scene: SteadyScene, flow: StokesFlow, force: np.ndarray, nu: flo
         along = np.abs(wall_normals(geometry, x, dx)).max(axis=1) > 1.0 - 0.5 * LEVEL**2
         delta = np.mod(geometry.distance(x) / dx, 1.0)
         share = np.where(along & np.isfinite(delta), -12.0 * (delta * (delta - 1.0) + 1.0 / 6.0), 0.0)
-    lap = (scene.system.ops.gradient_p(flow.pressure) - scene.system.drive(force)) / nu
+    lap = (scene.system.ops.gradient_p(flow.pressure) - scene.system.balanced_force(force)) / nu
     return lap * (share * (dx * dx / 24.0))[:, None]
 
 

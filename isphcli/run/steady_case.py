@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +28,7 @@ from .results import Look, Seen, counts_of, finish, mean_max, scene_entries, ser
 if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..domain.lattice import Particles
+    from ..geometry.protocol import Geometry
     from ..output.clock import Clock
     from ..solvers.krylov import Watch
 
@@ -37,15 +38,49 @@ Closed = dict[tuple[int | None, float], str | None]  # why nothing flows, None: 
 Rows = list[dict[str, Any]]  # of the history
 
 
+@dataclass
+class Found:
+    """What the solves of a steady case have found so far, by axis and spacing."""
+
+    flows: Flows = field(default_factory=dict)
+    closed: Closed = field(default_factory=dict)
+    history: Rows = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Job:
+    """What all spacings of a steady case share.
+
+    first: the geometry of the first axis; sealed: an image whose sides are closed but along the axis of the flow, so
+    that every axis has a geometry and matrices of its own.
+    """
+
+    case: Case
+    first: Geometry
+    axes: Drives
+    sealed: bool
+    clock: Clock
+    quiet: bool
+
+    @property
+    def driven(self) -> list[int]:
+        """Axes along which a permeability is asked for."""
+        return [axis for axis, _ in self.axes if axis is not None]
+
+    def needs(self, axis: int | None) -> list[int]:
+        """Axes of which a path must lead along one, of the matrices that serve an axis."""
+        return self.driven if not self.sealed else [] if axis is None else [axis]
+
+
 def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> dict[str, Any]:
     """Solves a steady case, leaves its files and returns the summary; see `run.run_case`."""
-    case, axes, flows, closed, history, seen = _solve(case, clock, quiet, look)
-    summary, result = _sum_up(case, axes, flows, closed, history, seen)
-    main = _main(flows)
+    case, axes, found, seen = _solve(case, clock, quiet, look)
+    summary, result = _sum_up(case, axes, found, seen)
+    main = _main(found.flows)
     if case.geometry.voxels is not None and case.geometry.voxels.grey is not None:
         from .image_uncertainty import by_threshold
 
-        at_own = {axis: _along(flow, axis) for (axis, h), flow in flows.items()
+        at_own = {axis: _along(flow, axis) for (axis, h), flow in found.flows.items()
                   if axis is not None and h == case.particles.spacing}
         summary["permeability_by_threshold"] = by_threshold(case, axes, at_own, clock, quiet, seen.warnings)
     assert case.output.directory is not None
@@ -56,7 +91,7 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> dict
             series.write(0, 0.0, *snapshot_of(case, main.geometry, main.particles, result.x, main.velocity,
                                               main.pressure))
         with History(directory / "history.csv") as file:
-            for row in history:
+            for row in found.history:
                 file.append(row)
         if case.output.plots:
             known = result.permeability if isinstance(result.permeability, dict) else {}
@@ -64,86 +99,108 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> dict
     return finish(case, directory, summary, result, clock)
 
 
-def _solve(case: Case, clock: Clock, quiet: bool,
-           look: Look | None) -> tuple[Case, Drives, Flows, Closed, Rows, Seen]:
-    """Every spacing and axis of a steady case: (the case with the spacings that were chosen, axes, {(axis, spacing):
-    StokesResult}, {(axis, spacing): why nothing flows, None: no path}, rows of history, Seen). The matrices, which
-    leave no room for the files, are gone when it returns.
+def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Case, Drives, Found, Seen]:
+    """Every spacing and axis of a steady case: (the case with the spacings that were chosen, axes, Found, Seen). The
+    matrices, which leave no room for the files, are gone when it returns.
 
     Raises NoPathError where nothing flows along any axis.
     """
-    flows: Flows = {}
-    closed: Closed = {}
-    history: Rows = []
-    scene: steady.SteadyScene | None
     automatic = case.refine == "auto"
     with clock("geometry"), progress.stage("geometry", quiet):
         first = build_geometry(case)
-    axes = drives(case, first)
     sealed = first.voxel_size is not None and not all(_periodic_of(case, first.dim))
-    driven = [axis for axis, _ in axes if axis is not None]
-    if driven and not any(opens(case, axis) for axis in driven):
-        raise steady.NoPathError(why_closed(case, *driven))
+    job = Job(case, first, drives(case, first), sealed, clock, quiet)
+    if job.driven and not any(opens(case, axis) for axis in job.driven):
+        raise steady.NoPathError(why_closed(case, *job.driven))
     for spacing in case.spacings:  # a finer one that does not fit is not found out after hours
         lattice_at(case, first, spacing)
         memory.refuse_lattice(case, first, spacing)
     seen = look(case, first, clock, quiet) if look is not None else Seen()
-    solved: list[Solved] = []
+    found, solved = Found(), list[Solved]()
     further = further_spacings(case, first, solved) if automatic else iter(())
     for spacing in itertools.chain(case.spacings, further):
-        scene = built_for = None
-        started, particles = _seconds(clock), 0
-        for axis, force in axes:
-            if scene is None or (sealed and built_for != axis):
-                scene, built_for = None, axis  # frees the matrices of the axis before
-                with clock("geometry"), progress.stage(f"geometry at spacing {spacing:g}", quiet):
-                    geometry = first if axis == axes[0][0] else build_geometry(case, axis)
-                needs = driven if not sealed else [] if axis is None else [axis]
-                try:
-                    with progress.stage("particles, operators and hierarchies", quiet):
-                        scene = steady.build_scene(case, geometry, spacing, clock, needs)
-                except steady.NoPathError:
-                    closed |= {(a, spacing): None for a in needs}
-                    if sealed:
-                        continue
-                    break
-                refuse_second_fluid(case, scene.particles)
-                particles = scene.particles.n_fluid
-            if axis is not None and not scene.percolates[:, axis].any():
-                closed[axis, spacing] = None
-                continue
-            label = f"flow along {'xyz'[axis]}" if axis is not None else "flow driven by walls"
-            with progress.stage(f"{label}, {scene.particles.n_fluid:,} particles", quiet) as stage:
-                try:
-                    flow = steady.solve_axis(case, scene, axis, force, clock, _watch(stage))
-                except SolveError as error:
-                    if solved:  # the spacings that the case names have their results
-                        seen.warnings.append(f"refine: auto left out the spacing {spacing:g}: {error}")
-                        flows = {key: other for key, other in flows.items() if key[1] != spacing}
-                        particles = 0
-                        break
-                    with suppress(OSError):
-                        error.worst = _worst_of(case, scene, error)
-                    raise
-            if axis is not None and _along(flow, axis) <= 0.0:
-                closed[axis, spacing] = f"the flow along {'xyz'[axis]} is zero; check the drive and what is solid"
-                continue
-            flows[axis, spacing] = flow
-            history.append({"step": len(history) + 1, "spacing": spacing,
-                            "axis": "xyz"[axis] if axis is not None else "",
-                            "iterations_stokes": flow.report.iterations, "residual_stokes": flow.report.residual,
-                            **{f"superficial_velocity_{a}": float(v) for a, v in zip("xyz", flow.superficial)}})
+        started = _seconds(clock)
+        try:
+            particles = _solve_spacing(job, spacing, found, needed=not solved)
+        except SolveError as error:
+            if not solved:
+                raise
+            # the spacings that the case names have their results
+            seen.warnings.append(f"refine: auto left out the spacing {spacing:g}: {error}")
+            found.flows = {key: other for key, other in found.flows.items() if key[1] != spacing}
+            continue
         if automatic and particles:
             solved.append(Solved(spacing, particles, _seconds(clock) - started))
-            scene = None  # its memory is free when the next spacing is chosen
     if automatic:
         case = replace(case, refine=tuple(level.spacing for level in solved[1:]))
         if len(solved) == 1:
             seen.warnings.append(f"refine: auto: no further spacing fits refine_budget, {case.refine_budget:g} s, and "
                                  "the memory that is free: no error bar")
-    if not flows:
-        raise steady.NoPathError("; ".join(dict.fromkeys(filter(None, closed.values()))) or why_closed(case, *driven))
-    return case, axes, flows, closed, history, seen
+    if not found.flows:
+        reasons = dict.fromkeys(filter(None, found.closed.values()))
+        raise steady.NoPathError("; ".join(reasons) or why_closed(case, *job.driven))
+    return case, job.axes, found, seen
+
+
+def _solve_spacing(job: Job, spacing: float, found: Found, needed: bool) -> int:
+    """Every axis at one spacing, into `found`; returns the number of fluid particles, 0 where no path leads through.
+    needed: whether a solve that fails ends the run. Raises SolveError."""
+    scene: steady.SteadyScene | None = None
+    particles = 0
+    for axis, force in job.axes:
+        if scene is None or job.sealed:
+            scene = None  # frees the matrices of the axis before
+            scene = _build(job, axis, spacing)
+            if scene is None:
+                found.closed |= {(a, spacing): None for a in job.needs(axis)}
+                if job.sealed:
+                    continue
+                return 0
+            refuse_second_fluid(job.case, scene.particles)
+            particles = scene.particles.n_fluid
+        _solve_one_axis(job, scene, axis, force, found, needed)
+    return particles
+
+
+def _build(job: Job, axis: int | None, spacing: float) -> steady.SteadyScene | None:
+    """The matrices of one axis, or of all where the image is not sealed; None where no path leads through."""
+    with job.clock("geometry"), progress.stage(f"geometry at spacing {spacing:g}", job.quiet):
+        geometry = job.first if axis == job.axes[0][0] else build_geometry(job.case, axis)
+    try:
+        with progress.stage("particles, operators and hierarchies", job.quiet):
+            return steady.build_scene(job.case, geometry, spacing, job.clock, job.needs(axis))
+    except steady.NoPathError:
+        return None
+
+
+def _solve_one_axis(job: Job, scene: steady.SteadyScene, axis: int | None, force: np.ndarray, found: Found,
+                    needed: bool) -> None:
+    """The flow along an axis, its row of the history, or why nothing flows, into `found`; see `_solve_spacing`."""
+    spacing = scene.system.spacing
+    if axis is not None and not scene.percolates[:, axis].any():
+        found.closed[axis, spacing] = None
+        return
+    label = f"flow along {'xyz'[axis]}" if axis is not None else "flow driven by walls"
+    left_out: SolveError | None = None
+    with progress.stage(f"{label}, {scene.particles.n_fluid:,} particles", job.quiet) as stage:
+        try:
+            flow = steady.solve_axis(job.case, scene, axis, force, job.clock, _watch(stage))
+        except SolveError as error:
+            if needed:
+                with suppress(OSError):
+                    error.worst = _worst_of(job.case, scene, error)
+                raise
+            left_out = error
+    if left_out is not None:  # raised here: the display says that the run was stopped only where it was
+        raise left_out
+    if axis is not None and _along(flow, axis) <= 0.0:
+        found.closed[axis, spacing] = f"the flow along {'xyz'[axis]} is zero; check the drive and what is solid"
+        return
+    found.flows[axis, spacing] = flow
+    found.history.append({"step": len(found.history) + 1, "spacing": spacing,
+                          "axis": "xyz"[axis] if axis is not None else "",
+                          "iterations_stokes": flow.report.iterations, "residual_stokes": flow.report.residual,
+                          **{f"superficial_velocity_{a}": float(v) for a, v in zip("xyz", flow.superficial)}})
 
 
 def _seconds(clock: Clock) -> float:
@@ -166,56 +223,77 @@ def _worst_of(case: Case, scene: steady.SteadyScene, error: SolveError) -> Path 
     return write_worst(directory / NAME, scene.particles.x[: scene.particles.n_fluid], error.violation)
 
 
-def _sum_up(case: Case, axes: Drives, flows: Flows, closed: Closed, history: Rows,
-            seen: Seen) -> tuple[dict[str, Any], Result]:
-    """(summary, result) of the flows of a steady case; the finest spacing of the first axis is what is written.
+@dataclass(frozen=True)
+class AxisResult:
+    """The permeability along one axis.
 
-    Along an axis without a path the permeability is 0; of spacings, those count at which there is one.
+    permeability: m2, 0 without a path; by_spacing: the same of each spacing, keys as they are written; shut: spacings
+    without a path; bar: its error by the spacings, m2, and sentence: how that was found, None of one spacing; image:
+    its error by the image, m2, None without one; bounds: what a permeability is worth, m2, and source: by which bodies,
+    None where it is 0.
     """
-    base = case.particles.spacing
-    spacings = case.spacings
-    main = _main(flows)
-    permeability: dict[str, float] = {}
-    messages: list[str] = []
-    bars: dict[str, float] = {}
-    images: dict[str, float] = {}
-    ranges: dict[str, tuple[float, float]] = {}
-    sources: list[str] = []
-    wall, scan = wall_of(case), scan_of(main.geometry)
+
+    name: str
+    permeability: float
+    by_spacing: dict[str, float]
+    shut: list[float]
+    bar: float | None = None
+    sentence: str | None = None
+    image: float | None = None
+    bounds: tuple[float, float] | None = None
+    source: str | None = None
+
+
+def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosity: float) -> AxisResult:
+    """AxisResult of the flows along an axis; of spacings, those count at which there is a path."""
+    name, spacings, wall, scan = "xyz"[axis], case.spacings, wall_of(case), scan_of(geometry)
+    known = {h: _along(flows[axis, h], axis) if (axis, h) in flows else 0.0 for h in spacings}
+    open_at = [h for h in spacings if (axis, h) in flows]
+    by_spacing = {f"{h:g}": float(k) for h, k in sorted(known.items())}
+    found = AxisResult(name, float(known[open_at[0]]) if open_at else 0.0, by_spacing,
+                       [h for h in spacings if h not in open_at])
+    if len(open_at) > 1:
+        edges = EDGE if wall == "stairs" else None
+        limit, bar, _, sentence = extrapolate(open_at, [known[h] for h in open_at], edges)
+        found = replace(found, permeability=float(limit), bar=bar, sentence=f"{name}: {sentence}")
+    if found.permeability > 0.0:
+        k = found.permeability
+        error = expected(wall, k, porosity, open_at[0], scan, found.bar)
+        found = replace(found, bounds=error.bounds(k), source=f"{name}: {error.sentence}",
+                        image=error.image * k if scan is not None else None)
+    return found
+
+
+def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen) -> None:
+    """What the solves along an axis say of its paths, into the warnings and the open axes of `seen`."""
+    name, axis, opened = found.name, "xyz".index(found.name), len(found.shut) < len(case.spacings)
+    if found.shut:
+        where = f"at the spacing {', '.join(f'{h:g}' for h in found.shut)} " if opened else ""
+        seen.warnings.append(where + (closed[axis, found.shut[0]] or why_closed(case, axis)))
+    if name not in seen.open_axes and opened:  # by particles that see each other, not by faces of sites
+        seen.open_axes = [a for a in "xyz" if a == name or a in seen.open_axes]
+    elif not opened:
+        seen.open_axes = [a for a in seen.open_axes if a != name]
+
+
+def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[str, Any], Result]:
+    """(summary, result) of the flows of a steady case; the finest spacing of the first axis is what is written."""
+    flows, history, main = found.flows, found.history, _main(found.flows)
     scene = scene_entries(case, main.geometry, main.particles, seen)
-    ladders: dict[str, dict[str, float]] = {}
-    for axis, _ in axes:
-        if axis is None:
-            continue
-        name = "xyz"[axis]
-        known = {h: _along(flows[axis, h], axis) if (axis, h) in flows else 0.0 for h in spacings}
-        open_at = [h for h in spacings if (axis, h) in flows]
-        ladders[name] = {f"{h:g}": float(k) for h, k in sorted(known.items())}
-        permeability[name] = float(known[open_at[0]]) if open_at else 0.0
-        if len(open_at) > 1:
-            edges = EDGE if wall == "stairs" else None
-            limit, bar, _, sentence = extrapolate(open_at, [known[h] for h in open_at], edges)
-            messages.append(f"{name}: {sentence}")
-            permeability[name], bars[name] = float(limit), bar
-        if permeability[name] > 0.0:
-            found = expected(wall, permeability[name], scene["porosity"], open_at[0], scan, bars.get(name))
-            ranges[name] = found.bounds(permeability[name])
-            sources.append(f"{name}: {found.sentence}")
-            if scan is not None:
-                images[name] = found.image * permeability[name]
-        if shut := [h for h in spacings if h not in open_at]:
-            where = f"at the spacing {', '.join(f'{h:g}' for h in shut)} " if open_at else ""
-            seen.warnings.append(where + (closed[axis, shut[0]] or why_closed(case, axis)))
-        if name not in seen.open_axes and open_at:  # by particles that see each other, not by faces of sites
-            seen.open_axes = [a for a in "xyz" if a == name or a in seen.open_axes]
-        elif not open_at:
-            seen.open_axes = [a for a in seen.open_axes if a != name]
+    results = [_axis_result(case, axis, flows, main.geometry, scene["porosity"])
+               for axis, _ in axes if axis is not None]
+    for along in results:
+        _tell(along, case, found.closed, seen)
+    permeability = {along.name: along.permeability for along in results}
+    bars = {along.name: along.bar for along in results if along.bar is not None}
+    images = {along.name: along.image for along in results if along.image is not None}
+    ranges = {along.name: along.bounds for along in results if along.bounds is not None}
     tensor, dim = None, main.geometry.dim
     # of sealed sides every axis is an experiment of its own: flow across it has nowhere to go
     if len(permeability) == dim and not bars and all(_periodic_of(case, dim)):
-        columns = [flows.get((axis, base)) for axis in range(dim)]
+        columns = [flows.get((axis, case.particles.spacing)) for axis in range(dim)]
         tensor = np.array([np.zeros(dim) if flow is None else flow.permeability for flow in columns]).T
-    single = next(iter(permeability.values())) if len(permeability) == 1 else None
+    single = len(permeability) == 1
     result = Result(
         x=main.particles.x[: main.particles.n_fluid], velocity=main.velocity, cell_velocity=main.cell_velocity,
         pressure=main.pressure, time=None,
@@ -225,7 +303,7 @@ def _sum_up(case: Case, axes: Drives, flows: Flows, closed: Closed, history: Row
     )
     summary = {
         "status": "finished",
-        "message": "; ".join(messages) or None,
+        "message": "; ".join(along.sentence for along in results if along.sentence) or None,
         "warnings": seen.warnings,
         "particles": counts_of(main.particles, main.halo),
         **scene,
@@ -233,12 +311,13 @@ def _sum_up(case: Case, axes: Drives, flows: Flows, closed: Closed, history: Row
                  + (["adjoint divergence in narrow pores"] if main.narrow else []),
         "steps": 0,
         "time": None,
-        "permeability": single if single is not None else permeability or None,
-        "permeability_error": (next(iter(bars.values())) if len(bars) == 1 else bars) or None,
-        "permeability_image_error": (next(iter(images.values())) if len(images) == 1 else images) or None,
-        "permeability_range": (next(iter(ranges.values())) if single is not None and ranges else ranges) or None,
-        "permeability_range_from": "; ".join(sources) or None,
-        "permeability_by_spacing": ladders if len(spacings) > 1 else None,
+        "permeability": _alone(permeability, single) if permeability else None,
+        "permeability_error": _alone(bars, len(bars) == 1) or None,
+        "permeability_image_error": _alone(images, len(images) == 1) or None,
+        "permeability_range": _alone(ranges, single) or None,
+        "permeability_range_from": "; ".join(along.source for along in results if along.source) or None,
+        "permeability_by_spacing": ({along.name: along.by_spacing for along in results}
+                                    if len(case.spacings) > 1 else None),
         "permeability_tensor": tensor,
         "superficial_velocity": main.superficial,
         "mean_velocity": main.mean,
@@ -249,6 +328,11 @@ def _sum_up(case: Case, axes: Drives, flows: Flows, closed: Closed, history: Row
         "isolated_pockets": main.isolated_pockets,
     }
     return summary, result
+
+
+def _alone(by_axis: dict[str, Any], single: bool) -> Any:
+    """The one entry of a dict by axes where there is a single one, else the dict."""
+    return next(iter(by_axis.values())) if single and by_axis else by_axis
 
 
 def _along(flow: steady.StokesResult, axis: int) -> float:

@@ -148,7 +148,7 @@ class TimeLoop:
             return float(superficial @ self.along)
         return float(np.sqrt(np.einsum("ij,ij", state.u, state.u) / len(state.u)))
 
-    def settled(self, state: State) -> float:
+    def steady_ratio(self, state: State) -> float:
         """The steady value of `observed` over that of a state, which has the noise of its particles; 1 where the run
         is not steady."""
         if self.steady is None or self.steady.mean is None or not self._steady_by_now():

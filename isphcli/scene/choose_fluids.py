@@ -26,7 +26,7 @@ def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: n
     held = None if axis is None else np.eye(geometry.dim)[axis]
     if len(present) == 1 or (case.interface is None and not differ):
         return OneFluid(present[0].density, present[0].nu, force, held)
-    from ..two_phase.two_fluids import Drive, TwoFluids
+    from ..two_phase.two_fluids import TwoFluidForces, TwoFluids
 
     kind, spacing = KERNELS[case.particles.kernel], case.particles.spacing
     support = case.support * spacing
@@ -43,7 +43,7 @@ def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: n
             line = SlipAtLine(particles.phase, case.interface.slip_length)
     body = body_force(case, geometry.dim)
     return TwoFluids(particles.phase, [f.density for f in present], [f.mu for f in present],
-                     Drive(body, force - body, held), tension, line)
+                     TwoFluidForces(body, force - body, held), tension, line)
 
 
 def _contact(case: Case, geometry: Geometry, particles: Particles, kind: int, support: float) -> ContactAngle:

@@ -22,7 +22,7 @@ BYTES_PAIR = {
     ("navier_stokes", True): 310,
     ("navier_stokes", False): 150,
 }
-# Of a pair, in matrices and hierarchies. stokes: with the rest 2.85 kB a particle of a full star; the peaks were
+# Of a pair, in matrices and hierarchies. stokes: with the rest 2.85 kB a particle seen all round; the peaks were
 # 2.5 to 2.9 (sphere array of 64 and 96 spacings) and 2.6 kB (Berea cube)
 BYTES_MATRIX = {"stokes": 40, "navier_stokes": 18}
 # Of a pair, what a second fluid adds to moving particles: weighted operators, the transposed stress, normals. The peaks

@@ -77,7 +77,7 @@ class ContactAngle:
         for _ in range(2):
             reach = dilate(ops.start, ops.column, reach)
         assert ops.walls is not None
-        reach &= ops.walls.near
+        reach &= ops.walls.near_wall
         start, at, dummy = _seen(neighbours, reach, n)
         if len(at) == 0:
             return None

@@ -324,9 +324,9 @@ def _depths(neighbours, colour, point, weight, near, dim):
     for i in prange(n):
         if near[i]:
             # moments in scalars: small arrays take twice as long
-            total, a, b, c = weight[i], point[i, 0], point[i, 1], point[i, 2] if dim == 3 else 0.0
-            x0, y0, z0 = total * a, total * b, total * c
-            xx, yy, zz, yz, xz, xy = x0 * a, y0 * b, z0 * c, y0 * c, x0 * c, x0 * b
+            total, px, py, pz = weight[i], point[i, 0], point[i, 1], point[i, 2] if dim == 3 else 0.0
+            sum_x, sum_y, sum_z = total * px, total * py, total * pz
+            xx, yy, zz, yz, xz, xy = sum_x * px, sum_y * py, sum_z * pz, sum_y * pz, sum_x * pz, sum_x * py
             across_x, across_y, across_z, dz = 0.0, 0.0, 0.0, 0.0
             for p in range(start[i], start[i + 1]):
                 j, q = column[p], row[p]
@@ -336,29 +336,33 @@ def _depths(neighbours, colour, point, weight, near, dim):
                 dx, dy = x[q, 0] - x[i, 0], x[q, 1] - x[i, 1]
                 if dim == 3:
                     dz = x[q, 2] - x[i, 2]
-                w = shape(kind, math.sqrt(dx * dx + dy * dy + dz * dz) / support)
-                across_x += w * unlike * dx
-                across_y += w * unlike * dy
-                across_z += w * unlike * dz
-                w *= weight[j]
-                a, b = dx + point[j, 0], dy + point[j, 1]
-                c = dz + point[j, 2] if dim == 3 else 0.0
-                wa, wb, wc = w * a, w * b, w * c
-                total, x0, y0, z0 = total + w, x0 + wa, y0 + wb, z0 + wc
-                xx, yy, zz, yz, xz, xy = xx + wa * a, yy + wb * b, zz + wc * c, yz + wb * c, xz + wa * c, xy + wa * b
+                kernel = shape(kind, math.sqrt(dx * dx + dy * dy + dz * dz) / support)
+                across_x += kernel * unlike * dx
+                across_y += kernel * unlike * dy
+                across_z += kernel * unlike * dz
+                w = kernel * weight[j]
+                px, py = dx + point[j, 0], dy + point[j, 1]
+                pz = dz + point[j, 2] if dim == 3 else 0.0
+                wx, wy, wz = w * px, w * py, w * pz
+                total, sum_x, sum_y, sum_z = total + w, sum_x + wx, sum_y + wy, sum_z + wz
+                xx, yy, zz = xx + wx * px, yy + wy * py, zz + wz * pz
+                yz, xz, xy = yz + wy * pz, xz + wx * pz, xy + wx * py
             if total > 0.0:
-                a, b, c = x0 / total, y0 / total, z0 / total
+                mean_x, mean_y, mean_z = sum_x / total, sum_y / total, sum_z / total
                 # crossings at one point have no direction: their spread is round-off
                 least = 1e-12 * total * support * support
+                spread_xx, spread_yy, spread_xy = xx - sum_x * mean_x, yy - sum_y * mean_y, xy - sum_x * mean_y
                 if dim == 2:
-                    flat, u, v, w = _flattest_2d(xx - x0 * a, yy - y0 * b, xy - x0 * b, least)
+                    flat, normal_x, normal_y, normal_z = _flattest_2d(spread_xx, spread_yy, spread_xy, least)
                 else:
-                    flat, u, v, w = _flattest(xx - x0 * a, yy - y0 * b, zz - z0 * c, yz - y0 * c, xz - x0 * c,
-                                              xy - x0 * b, least)
+                    flat, normal_x, normal_y, normal_z = _flattest(
+                        spread_xx, spread_yy, zz - sum_z * mean_z, yz - sum_y * mean_z, xz - sum_x * mean_z, spread_xy,
+                        least)
                 if not flat:
-                    u, v, w = across_x, across_y, across_z
-                size = math.sqrt(u * u + v * v + w * w)
-                depth[i] = abs(a * u + b * v + c * w) / size if size > 0.0 else np.nan
+                    normal_x, normal_y, normal_z = across_x, across_y, across_z
+                size = math.sqrt(normal_x * normal_x + normal_y * normal_y + normal_z * normal_z)
+                along = mean_x * normal_x + mean_y * normal_y + mean_z * normal_z
+                depth[i] = abs(along) / size if size > 0.0 else np.nan
     return depth
 
 

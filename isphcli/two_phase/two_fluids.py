@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from ..flow.one_fluid import Terms, ViscousWeights, body_force
+from ..flow.one_fluid import Terms, ViscousWeights, balanced_force
 from ..operators.protocol import WallSums
 from .interface_rules import FIRST_PASSES, interface_rules
 from .normals import crossings, near_interface
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like a second derivative of a plane of them
 
 
-class Drive(NamedTuple):
+class TwoFluidForces(NamedTuple):
     """What moves two fluids.
 
     body: (dim,) force on both, m/s2; push: (dim,) that of a pressure gradient on the first fluid, m/s2, which moves the
@@ -50,19 +50,19 @@ class Drive(NamedTuple):
 
 
 class TwoFluids:
-    """phase: (n,) int8 fluid of each particle, 0 or 1; density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s; drive: what
+    """phase: (n,) int8 fluid of each particle, 0 or 1; density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s; forces: what
     moves them; tension: SurfaceTension or None; line: contact_angle.SlipAtLine or None."""
 
     first_passes = FIRST_PASSES
 
     def __init__(self, phase: np.ndarray, density: Sequence[float] | np.ndarray,
-                 viscosity: Sequence[float] | np.ndarray, drive: Drive, tension: SurfaceTension | None = None,
+                 viscosity: Sequence[float] | np.ndarray, forces: TwoFluidForces, tension: SurfaceTension | None = None,
                  line: WallChange | None = None):
         self.phase = phase
         self.colour = np.where(phase == 0, 1.0, 0.0)  # eq. 15, the same for all particles
         self.density = np.array(density, float)
         self.mu = np.array(viscosity, float)
-        self.body, self.push, self.held = drive
+        self.body, self.push, self.held = forces
         self.force = self.body + self.push
         self.tension, self.line = tension, line
         interface = (0.0, 0.0) if tension is None else (tension.tension, tension.spacing)
@@ -106,19 +106,20 @@ class TwoFluids:
             viscous = replace(viscous, weight=_thickened(ops.start, ops.column, ops.lap, viscous.weight, near, share))
         if thick:
             smooth = ~near
-            free = near if ops.walls is None else near & ~ops.walls.near
+            free = near if ops.walls is None else near & ~ops.walls.near_wall
             transposed_stress = TransposedStress.build(ops, viscous.weight, np.flatnonzero(free))
-        force, jump, laplacian_of_jump, along, band = body_force(ops, self.body), None, None, None, None
+        force, jump, laplacian_of_jump, along, band = balanced_force(ops, self.body), None, None, None, None
         if self.push.any():
             force = force + weighted.potential_gradient(self.push)
         if self.held is not None:
             along = weighted.potential_gradient(self.held)
         if self.tension is not None:
-            push, laplacian_of_jump, band = self.tension.force(ops, weighted, neighbours, self.colour, near, reference)
+            tension_force, laplacian_of_jump, band = self.tension.force(ops, weighted, neighbours, self.colour, near,
+                                                                        reference)
             if laplacian_of_jump is None:
-                force = force + push
+                force = force + tension_force
             else:
-                jump = push
+                jump = tension_force
         rules = self.rules
         shifts_less = None if rules.full_shifting else near
         return Terms(weighted, viscous, force, jump, laplacian_of_jump, rho if heavy else 1.0,
@@ -175,12 +176,12 @@ class TransposedStress:
 @njit(cache=True, parallel=True)
 def _weights(neighbours, t, rho, mu, weights, heavy):
     start, column = neighbours.start, neighbours.column
-    lap, lap_p, grad_p, natural = weights
+    lap, lap_p, grad_p, symmetric = weights
     n, dim = len(start) - 1, grad_p.shape[1]
     size = len(lap)
     new_lap = np.empty(size)
     new_lap_p, new_grad_p = (np.empty(size), np.empty((size, dim))) if heavy else (lap_p, grad_p)
-    new_natural = np.empty(size) if heavy else natural
+    new_symmetric = np.empty(size) if heavy else symmetric
     for i in prange(n):
         for p in range(start[i], start[i + 1]):
             j = column[p]
@@ -189,10 +190,10 @@ def _weights(neighbours, t, rho, mu, weights, heavy):
             if heavy:
                 light = 1.0 / (t[p] * rho[i] + (1.0 - t[p]) * rho[j])
                 new_lap_p[p] = lap_p[p] * light  # eq. 3: div(grad q / rho)
-                new_natural[p] = natural[p] * light
+                new_symmetric[p] = symmetric[p] * light
                 for k in range(dim):
                     new_grad_p[p, k] = grad_p[p, k] * light
-    return new_lap, new_lap_p, new_grad_p, new_natural
+    return new_lap, new_lap_p, new_grad_p, new_symmetric
 
 
 @njit(cache=True, parallel=True)

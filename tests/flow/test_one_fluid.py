@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from isphcli.flow.one_fluid import OneFluid, body_force
+from isphcli.flow.one_fluid import OneFluid, balanced_force
 from tests.flow.steps import scene
 
 OPEN = """
@@ -34,7 +34,7 @@ def test_beside_walls_the_force_is_the_gradient_of_its_potential():
     _, _, config = scene(POCKETS)
     force = np.broadcast_to(config.terms.force, config.x.shape)
     walls = config.ops.walls
-    free = ~walls.near
+    free = ~walls.near_wall
     assert np.allclose(force[free], [3, -1], atol=1e-12)
     assert np.abs(force).max() < 6
     gradient = config.terms.pressure_gradient(config.x @ [3.0, -1.0])
@@ -45,7 +45,7 @@ def test_beside_walls_the_force_is_the_gradient_of_its_potential():
 def test_no_force_stays_the_vector_that_it_was():
     _, _, config = scene(POCKETS)
     zero = np.zeros(2)
-    assert body_force(config.ops, zero) is zero
+    assert balanced_force(config.ops, zero) is zero
 
 
 def test_a_held_direction_is_what_a_unit_gradient_accelerates_by():
@@ -55,3 +55,17 @@ def test_a_held_direction_is_what_a_unit_gradient_accelerates_by():
     assert np.array_equal(terms.along, [0, 1])
     u = np.broadcast_to(terms.along, config.x.shape)
     assert np.abs(config.ops.total_divergence(u)).max() < 1e-12  # a uniform flow
+
+
+def test_under_other_forces_a_fluid_keeps_all_else():
+    """What changes with time are the forces; what else a fluid was given stays, of a class derived from it too."""
+
+    class Marked(OneFluid):
+        mark = 0
+
+    fluid = Marked(2.0, 0.3, np.array([1.0, 0.0]), np.array([0.0, 1.0]))
+    fluid.mark = 7
+    other = fluid.driven_by(np.array([0.0, 3.0]), np.array([0.5, 0.0]))
+    assert np.array_equal(other.force, [0.5, 3.0]) and np.array_equal(fluid.force, [1.0, 0.0])
+    assert isinstance(other, Marked) and other.mark == 7 and other.held is fluid.held
+    assert (other.reference, other.nu_max) == (2.0, 0.3)

@@ -110,7 +110,7 @@ def test_beside_walls_quadratic_velocities_are_carried_exactly(dim):
     dr = np.random.default_rng(3).uniform(-0.1, 0.1, scene.x.shape) / n
     moved = carry(scene.ops, np.concatenate([u, 2.0 * u - flow(scene.x[:, 1])], axis=1), dr, np.ones(scene.n, bool))
     expected = flow(scene.x[:, 1] + dr[:, 1])
-    rows = walls.near
+    rows = walls.near_wall
     assert rows.sum() > 2 * n ** (dim - 1)
     assert moved[rows, :dim] == pytest.approx(expected[rows], abs=1e-10)
     assert moved[rows, dim:] == pytest.approx(expected[rows], abs=1e-10)

@@ -18,7 +18,7 @@ def test_thin_wall_blocks_pairs(ratio):
     i = np.repeat(np.arange(s.n), np.diff(s.ops.start))
     y, above = s.x[:, 1], s.x[:, 1] > 0.5
     assert np.all(above[i] == above[s.ops.column])
-    assert np.all(s.ops.walls.near[np.abs(y - 0.5) < dx])
+    assert np.all(s.ops.walls.near_wall[np.abs(y - 0.5) < dx])
     u = np.where(above, (y - upper) * (1 - y), y * (lower - y))
     assert s.ops.deficient == 0
     assert np.abs(s.lap(along_x(u, 2))[:, 0] + 2).max() < 1e-10

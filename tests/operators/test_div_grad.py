@@ -35,13 +35,14 @@ def touching():
 
 def test_the_diagonal_is_that_of_the_matrix(touching):
     matrix, config = touching
-    ops, near = config.ops, config.ops.walls.near
+    ops, near = config.ops, config.ops.walls.near_wall
     found = diagonal(ops, ops.walls.symmetric_laplacian, ops.grad_p)
     assert near.any() and np.abs(found - np.diag(matrix))[near].max() < 1e-12 * found.max()
 
 
 def test_rows_divided_by_their_diagonal_suit_the_laplacian(touching):
-    """Spheres that touch, jittered: with thin stars that know a gradient and no division the eigenvalues reached 47."""
+    """Spheres that touch, jittered: with thin neighbourhoods that know a gradient and no division the
+    eigenvalues reached 47."""
     matrix, config = touching
     ops, n = config.ops, len(touching[0])
     laplacian = assemble(ops.start, ops.column, ops.lap_p, 0.0, 1.0).toarray()

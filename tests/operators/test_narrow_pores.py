@@ -131,7 +131,7 @@ def test_wide_pores_see_enough(name):
     scene = WallScene(geometry, x[~fluid], case.support * case.particles.spacing, 0, particles.site_volume)
     walls = scene.configure(x[fluid])[0].walls
     corners = 4 if name in ("lid_driven_cavity", "orifice") else 0
-    assert walls.near.any() and walls.narrow.sum() == corners and not walls.dead_ends
+    assert walls.near_wall.any() and walls.narrow.sum() == corners and not walls.dead_ends
 
 
 @pytest.mark.parametrize("dim", [2, 3])

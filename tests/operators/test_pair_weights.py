@@ -18,7 +18,7 @@ SUPPORTS = [2.1, 2.5, 3.0]
 def test_polynomials_are_exact(dim, ratio, jitter, kind):
     n = 10
     if (kind, ratio) == (KERNELS["wendland_c4"], 2.1):
-        jitter *= 0.5  # it weighs its outer neighbours so little that one star in a thousand would fall back at 20 %
+        jitter *= 0.5  # it weighs its outer neighbours so little that one row in a thousand would fall back at 20 %
     x = jittered(dim, n, jitter)
     rows = inside(x, ratio / n)
     f, df, lap_f = quadratic(dim)

@@ -179,8 +179,8 @@ def test_no_wall_in_sight_is_the_scene_without_walls():
     s = Scene(geometry, 1 / 24, 2.5, jitter=0.1, order=2)
     plain = build_operators(s.neighbours, s.volume, 2)
     f = np.random.default_rng(0).normal(size=(s.n, 2))
-    far = ~s.ops.walls.near
-    assert far.any() and s.ops.walls.near.any()
+    far = ~s.ops.walls.near_wall
+    assert far.any() and s.ops.walls.near_wall.any()
     whole = np.concatenate([f, np.zeros((len(s.volume) - s.n, 2))])
     lap = np.array(
         [
@@ -208,7 +208,7 @@ def test_pressure_is_exact_for_linear_functions_at_walls(dim):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_symmetric_pressure_weights_are_conservative_on_a_lattice(dim):
-    """Every particle of a lattice has the same full star: the weights are mutual, fluxes cancel in pairs."""
+    """Every particle of a lattice has the same full neighbourhood: the weights are mutual, fluxes cancel in pairs."""
     s = Scene(channel(dim, 1.0), 1 / 8, 2.1)
     p = np.random.default_rng(0).normal(size=s.n)
     i = np.repeat(np.arange(s.n), np.diff(s.ops.start))

@@ -103,7 +103,7 @@ def test_the_stress_of_a_linear_velocity_vanishes():
     from isphcli.two_phase.two_fluids import TransposedStress
 
     ops = config.ops
-    rows = np.flatnonzero(~ops.walls.near & (np.abs(state.x[:, 0] - 3 / 12) < 0.5 / 12))
+    rows = np.flatnonzero(~ops.walls.near_wall & (np.abs(state.x[:, 0] - 3 / 12) < 0.5 / 12))
     transposed_stress = TransposedStress.build(ops, ops.lap, rows)
     u, out = np.zeros_like(state.x), np.zeros_like(state.x)
     u[:] = state.x @ np.array([[0.3, 2.0], [-1.0, -0.3]])
