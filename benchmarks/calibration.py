@@ -2,12 +2,14 @@
 
 usage: PYTHONPATH=. python benchmarks/calibration.py measure FILE.csv WALL[,WALL...] [NAME ...]
        PYTHONPATH=. python benchmarks/calibration.py report FILE.csv
+       PYTHONPATH=. python benchmarks/calibration.py volumes FILE.csv
 
 measure: solves the bodies of `isphcli.validation.known_bodies` at 1, 2 and 3 particles a voxel edge, as far as they
 have MOST particles, and appends a row a body and wall to FILE.csv; rows that it has are kept. WALL: exact (the surface
 itself), labels, grey, stairs; "finite volumes" and "lattice Boltzmann" are those of benchmarks/finite_volumes.py and
 benchmarks/lattice_boltzmann.py on the labels. report: prints the table of bodies, and what
-`isphcli/run/expected_error.py` takes from it.
+`isphcli/run/expected_error.py` takes from it. volumes: what labels and their smooth body make of the volume of the
+pores of bodies whose k from labels is more than BEYOND off.
 
 Truth of stairs is another body, that of the cubes: finite volumes on 3 and 4 cells a voxel, extrapolated.
 """
@@ -34,6 +36,7 @@ from isphcli.validation.markdown import table
 
 LEVELS = (1, 2, 3)
 MOST = 40_000  # particles of the third level: 3 to 8 CPU seconds
+BEYOND = 0.03  # of k from labels, above which `volumes` lists a body
 NAMES = ("body", "family", "wall", "truth", "uncertainty", "narrow", "median", "k", "cpu", "narrow_pores")
 
 
@@ -90,7 +93,7 @@ def row_of(body, wall):
     throats = look(case, geometry, Clock(), True).throats
     if wall == "exact":
         geometry = LevelGeometry(body)
-    values, seconds, balanced = [], [], []
+    values, seconds, narrow = [], [], []
     for level in LEVELS:
         if level > 2 and body.labels().sum() * level**3 > MOST:
             break
@@ -99,11 +102,11 @@ def row_of(body, wall):
         flow = solve_axis(case, scene, body.axis, np.eye(3)[body.axis], Clock())
         values.append(float(flow.permeability[body.axis]))
         seconds.append(time.process_time() - begin)
-        balanced.append(bool(flow.narrow))
+        narrow.append(bool(flow.narrow))
     return {"body": body.name, "family": body.family, "wall": wall, "truth": f"{truth:.6g}",
             "uncertainty": f"{uncertainty:.2g}", "narrow": f"{throats['narrow']:.3g}",
             "median": f"{throats['median']:.3g}", "k": " ".join(f"{k:.6g}" for k in values),
-            "cpu": " ".join(f"{s:.2f}" for s in seconds), "narrow_pores": " ".join(str(int(b)) for b in balanced)}
+            "cpu": " ".join(f"{s:.2f}" for s in seconds), "narrow_pores": " ".join(str(int(b)) for b in narrow)}
 
 
 def rows_of(path):
@@ -258,5 +261,24 @@ def report(path):
     print("```")
 
 
+def volumes(path):
+    """Volume of the pores by six lattice points a voxel edge, of the labels and of the smooth body by three."""
+    lines = []
+    for row in measured(path):
+        k = float(row["k"][-1] / row["truth"] - 1) if row["wall"] == "labels" else 0.0
+        if abs(k) <= BEYOND:
+            continue
+        body = next(one for one in bodies() if one.name == row["body"])
+        true, labels = (float(body.labels(finer).mean()) for finer in (6, 1))
+        with tempfile.TemporaryDirectory() as folder:
+            geometry = build_geometry(case_of(body, "labels", Path(folder)))
+        points = np.meshgrid(*[(np.arange(3 * n) + 0.5) / 3 for n in body.size], indexing="ij")
+        smooth = float(np.mean(geometry.phase(np.stack(points, axis=-1).reshape(-1, 3)) >= 0))
+        lines.append([row["body"], f"{row['width']:.2f}", f"{100 * k:+.2f}", f"{100 * (labels / true - 1):+.2f}",
+                      f"{100 * (smooth / true - 1):+.2f}"])
+    heads = ["body", "pores, voxels", "k, %", "volume of the labels, %", "of the smooth body, %"]
+    print("\n".join(table(heads, lines)))
+
+
 if __name__ == "__main__":
-    {"measure": measure, "report": report}[sys.argv[1]](*sys.argv[2:])
+    {"measure": measure, "report": report, "volumes": volumes}[sys.argv[1]](*sys.argv[2:])
