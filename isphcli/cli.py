@@ -333,10 +333,23 @@ def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
             lines.append((f"  range{axis}", f"{low:.{DIGITS}g} to {high:.{DIGITS}g} m2"))
     if summary.get("permeability_range_from"):
         lines.append(("  range from", summary["permeability_range_from"]))
+    lines += threshold_lines(summary.get("permeability_by_threshold"))
     tensor = summary.get("permeability_tensor")
     if tensor is not None:
         heads = ["tensor, m2"] + [""] * (len(tensor) - 1)
         lines += [(head, " ".join(f"{k:10.{DIGITS - 1}e}" for k in row)) for head, row in zip(heads, tensor)]
+    return lines
+
+
+def threshold_lines(known: Mapping[str, Any] | None) -> list[tuple[str, str]]:
+    """What the uncertainty of the threshold of a grey image does to the permeability along each axis."""
+    if known is None:
+        return []
+    lower, own, upper = known["thresholds"]
+    lines = []
+    for axis, (low, k, high) in known["permeability"].items():
+        change = " and ".join(f"{100 * (other / k - 1):+.2g} %" for other in (low, high))
+        lines.append((f"  threshold {axis}", f"{change} at {lower:g}, {upper:g} in place of {own:g}"))
     return lines
 
 

@@ -28,6 +28,7 @@ SMALL = {
     "couette": ((), 0.005, "that of the case: 16 across, 1.5e-3 from the steady state"),
     "cylinder_array": (("particles.spacing=5e-3",), 0.02, "20 a cell in place of 32"),
     "decaying_channel": ((), 0.005, "that of the case: 16 across, 2.7e-3"),
+    "grey_blobs": ((), 0.01, "that of the case, one particle a voxel: -0.6 %"),
     "lid_driven_cavity": (
         ("particles.spacing=0.0625", "time.end=4"),
         0.15,

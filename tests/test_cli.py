@@ -151,6 +151,12 @@ def test_no_more_digits_than_the_error_is_known_to(monkeypatch):
     assert shown["permeability z"].strip() == "0 m2 = 0 mD"
 
 
+def test_run_prints_what_the_threshold_does(monkeypatch):
+    known = {"thresholds": [90.0, 100.0, 110.0], "permeability": {"x": [0.9e-12, 1e-12, 1.2e-12]}}
+    fake_run(monkeypatch, {"permeability": 1e-12, "permeability_by_threshold": known})
+    assert "-10 % and +20 % at 90, 110 in place of 100" in isph("run", "case.yaml").output
+
+
 def test_run_prints_what_was_run_and_what_was_warned_of(monkeypatch):
     inputs = ["image: 8 x 12 x 20 voxels along x, y, z", "voxel size: 5e-06 m, as given"]
     known = {"inputs": inputs, "porosity": 0.20349, "open_axes": ["x", "z"], "mass_error": 0.0123, "warnings": ["thin"],

@@ -62,14 +62,21 @@ class Grey:
         choices=("otsu",),
     )
     solid: str = key("which side of the threshold is solid: above (bright) or below", choices=("above", "below"))
+    uncertainty: float | None = key(
+        "how uncertain the threshold is, in grey values: a steady run also solves with the threshold this much lower "
+        "and higher, at the spacing of the case, and says what that does to k. Without it: nothing is said of it",
+        default=None,
+        above=0,
+    )
     fluids: Table[tuple[float, float]] = key(
         "for each fluid, the grey values [from, to) of its voxels, where there are two. Without it: all pores hold the "
         "first fluid",
         default=Table(),
     )
     blur: float | str = key(
-        "width of the scanner's blur (standard deviation of a Gaussian) that is taken out of the image, in voxels, or "
-        "auto: estimated from the slope of the image at the walls, for images of two grey values",
+        "width of the scanner's blur (standard deviation of a Gaussian) that is taken out of the image, with the "
+        "average over a voxel, in voxels, or auto: estimated from the slope of the image at the walls, for images of "
+        "two grey values. 0: nothing is taken out",
         default=0.0,
         at_least=0,
         at_most=2,

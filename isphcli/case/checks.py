@@ -143,6 +143,8 @@ class _Checks:
             self.bad(f"{path}.crop", f"has {len(voxels.crop)} ranges, voxel_size has {len(size)} numbers")
 
     def _grey(self, grey: Grey, path: str) -> None:
+        if grey.uncertainty is not None and self.clear("flow") and self.case.flow != "stokes":
+            self.bad(f"{path}.uncertainty", "is of a steady solve", "remove it, or use flow: stokes")
         before: tuple[float, float] | None = None
         for name, (first, end) in sorted((grey.fluids or {}).items(), key=lambda entry: entry[1]):
             where = f"{path}.fluids.{as_key(name)}"

@@ -17,6 +17,7 @@ from .grey import sharpen
 from .iso_crossings import first_zero, first_zeros
 from .label_field import most_probable_field
 from .spline import average, spline_coefficients, value_and_slope
+from .surface_ways import SurfaceWays, surface_ways
 from .voxel_geometry import VoxelGeometry
 from .voxel_lookup import FAR, _label, _voxel_of
 from .wall_distance import interpolate, join_faces, signed_centre_distance
@@ -29,11 +30,12 @@ BEYOND = 1.0  # smallest voxel sides: the distance between voxel centres, less h
 class IsoSurfaceGeometry(VoxelGeometry):
     """Geometry (see `protocol.Geometry`) of the surface on which a field of an image is zero.
 
-    labels: int8 [z, y, x] or [y, x], -1 solid, otherwise the index of a fluid: where the field is positive, the nearest
-    fluid voxel says which; field: same shape, > 0 in fluid, or None: the smooth body that the labels are samples of
-    (`label_field`); gaussian: width in voxels of the Gaussian that the field is averaged with, and blur: of the one
-    that is taken out of it, 0: none. The other arguments: see `VoxelGeometry`; in clear layers the field has the median
-    of its positive values. Raises ValueError where these do not fit each other.
+    labels: int8 [z, y, x] or [y, x], -1 solid, otherwise the index of a fluid: where the field is positive, the
+    nearest fluid voxel says which; field: same shape, > 0 in fluid, or None: the smooth body that the labels are
+    samples of (`label_field`); gaussian: width in voxels of the Gaussian that the field is averaged with, 0: none;
+    blur: of the one that is taken out of it, with the average over a voxel, None: nothing. The other arguments: see
+    `VoxelGeometry`; in clear layers the field has the median of its positive values. Raises ValueError where these do
+    not fit each other.
     """
 
     level_walls = False
@@ -50,7 +52,7 @@ class IsoSurfaceGeometry(VoxelGeometry):
         face_velocity: dict | None = None,
         face_slip: dict | None = None,
         gaussian: float = 0.0,
-        blur: float = 0.0,
+        blur: float | None = None,
     ):
         super().__init__(labels, voxel_size, periodic, flow_axis, clear, slip_length, face_velocity, face_slip)
         self._image_field = None
@@ -64,7 +66,7 @@ class IsoSurfaceGeometry(VoxelGeometry):
                 widths = [(clear, clear) if a == self.dim - 1 - flow_axis else (0, 0) for a in range(field.ndim)]
                 field = np.pad(field, widths, constant_values=fluid)
             self._image_field = field.reshape(self._grid.shape)
-        self._gaussian, self._blur = float(gaussian), float(blur)
+        self._gaussian, self._blur = float(gaussian), blur
 
     @cached_property
     def field(self) -> np.ndarray:
@@ -72,11 +74,20 @@ class IsoSurfaceGeometry(VoxelGeometry):
         if self._image_field is None:
             return most_probable_field(self._grid >= 0, self._around)
         found = average(self._image_field, self._gaussian, self._around)
-        return sharpen(found, self._blur, self._around) if self._blur > 0.0 else found
+        return found if self._blur is None else sharpen(found, self._blur, self._around)
 
     @cached_property
     def _spline(self) -> np.ndarray:
         return spline_coefficients(self.field, self._around)
+
+    def ways(self) -> SurfaceWays:
+        """How the pores of the sample are connected by this surface, beside how its labels are."""
+        first, end = np.zeros(3, int), np.array(self._grid.shape[::-1])
+        first[: self.dim] = np.rint(self.sample_lower / self.voxel_size)
+        end[: self.dim] = np.rint(self.sample_upper / self.voxel_size)
+        whole = (first[: self.dim] == 0) & (end[: self.dim] == self._grid.shape[::-1][: self.dim])
+        periodic = tuple(bool(p and w) for p, w in zip(self.periodic, whole))
+        return surface_ways(self._spline, self._around, self.field, self._grid, first, end, periodic)
 
     @cached_property
     def _distance_of_centres(self) -> np.ndarray:

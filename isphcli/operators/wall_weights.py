@@ -44,9 +44,9 @@ def build_wall_operators(stencil: WallStencils, order: int = 1, classes: np.ndar
     np.cumsum(in_sight(everyone.start, stencil.links.link), out=start[1:])
     deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near, (sums, slope_velocity) = _wall_rows(
         everyone, stencil.links, stencil.volume, order, walls, start)
-    slips = bool(np.any(walls.slip_length > 0.0))
-    found = WallRows(*boundary_sums(sums), symmetric, near, near.astype(np.int8) if classes is None else classes,
-                     None if slips else slope_velocity)
+    wall_sums = boundary_sums(sums)
+    found = WallRows(*wall_sums, symmetric, near, near.astype(np.int8) if classes is None else classes,
+                     slope_velocity if wall_sums[-1] is None else None)
     seen = everyone._replace(start=start, column=column, row=row)
     return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[:n], int(reduce.total(deficient)), found)
 

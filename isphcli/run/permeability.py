@@ -57,8 +57,8 @@ def darcy(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, site_volume: 
     length, sample = (geometry.upper - geometry.lower)[axis], (upper - lower)[axis]
     gravity = size * length / sample
     if sample < length:
-        least = viscosity * along / clear_permeability(geometry, axis)
-        gravity = max(gravity - least * (length - sample) / sample, least)  # no sample resists less than a clear one
+        clear = viscosity * along / clear_permeability(geometry, axis)
+        gravity = max(gravity - clear * (length - sample) / sample, size)  # no sample resists less than a clear one
     permeability = viscosity / gravity * superficial * np.sign(force[axis])
     permeability[axis] = viscosity / gravity * along  # eq. 28
     return superficial, mean, permeability

@@ -42,6 +42,12 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> dict
     case, axes, flows, closed, history, seen = _solve(case, clock, quiet, look)
     summary, result = _sum_up(case, axes, flows, closed, history, seen)
     main = _main(flows)
+    if case.geometry.voxels is not None and case.geometry.voxels.grey is not None:
+        from .image_uncertainty import by_threshold
+
+        at_own = {axis: _along(flow, axis) for (axis, h), flow in flows.items()
+                  if axis is not None and h == case.particles.spacing}
+        summary["permeability_by_threshold"] = by_threshold(case, axes, at_own, clock, quiet, seen.warnings)
     assert case.output.directory is not None
     directory = folder.prepare(case.output.directory)
     with clock("output"), progress.stage("files and pictures", quiet):

@@ -20,6 +20,7 @@ from . import memory
 if TYPE_CHECKING:
     from ..case.blocks import Case, Grey, Voxels
     from ..geometry.protocol import Geometry
+    from ..geometry.surface_ways import SurfaceWays
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Understood:
     field: np.ndarray | None
     words: str
     described: tuple[tuple[str, str], ...] = ()
-    blur: float = 0.0
+    blur: float | None = None
     denoise: float = 0.0
 
 
@@ -74,11 +75,13 @@ def image_geometry(case: Case, axis: int | None, walls: Mapping[str, Any]) -> Ge
     except ParticleError as error:  # voxels in another unit than the spacing make absurd numbers of particles
         raise ParticleError("; ".join((str(error), *unusual))) from None
     geometry: VoxelGeometry
+    ways: SurfaceWays | None = None
     if case.wall_distance == "stairs":
         geometry = VoxelGeometry(labels, size, periodic, axis, clear, **walls)
     else:
-        geometry = IsoSurfaceGeometry(labels, understood.field, size, periodic, axis, clear, **walls,
+        geometry = surface = IsoSurfaceGeometry(labels, understood.field, size, periodic, axis, clear, **walls,
                                       gaussian=understood.denoise, blur=understood.blur)
+        ways = surface.ways()
     solid = labels < 0
     porosity, name = 1.0 - float(solid.mean()), spec.file.name
     geometry.warnings = (
@@ -87,6 +90,7 @@ def image_geometry(case: Case, axis: int | None, walls: Mapping[str, Any]) -> Ge
         *unusual,
         *_unusual_porosity(porosity, understood.words),
         *faces_that_differ(solid, periodic),
+        *(ways.warnings() if ways is not None else ()),
     )
     geometry.described = (
         ("image", f"{_product(labels.shape[::-1])} voxels along {', '.join('xyz'[: labels.ndim])}"
@@ -98,6 +102,7 @@ def image_geometry(case: Case, axis: int | None, walls: Mapping[str, Any]) -> Ge
         ("porosity", f"{100 * porosity:.2f} % of the image's voxels ({understood.words})"),
         *understood.described,
         *((("clear layers", f"{clear} voxels at each end of {'xyz'[axis]}"),) if clear and axis is not None else ()),
+        *([("surface", ways.described())] if ways is not None else []),
     )  # fmt: skip
     return geometry
 
@@ -134,9 +139,11 @@ def _understood_grey(spec: Voxels, grey: Grey, values: np.ndarray, names: tuple[
 
     otsu = isinstance(grey.threshold, str)
     threshold = otsu_threshold(values) if isinstance(grey.threshold, str) else grey.threshold
+    off = grey.uncertainty or 0.0
     low, high, share = grey_classes(values, threshold)
-    if not values.min() < threshold < values.max():
-        raise VoxelError(f"{spec.file}: geometry.voxels.grey.threshold {threshold:g} parts nothing: the grey values "
+    if not values.min() < threshold - off <= threshold + off < values.max():
+        given = f"{threshold:g}" + (f" +- {off:g}" if off else "")
+        raise VoxelError(f"{spec.file}: geometry.voxels.grey.threshold {given} parts nothing: the grey values "
                          f"lie between {values.min():g} and {values.max():g}; try otsu")
     field = field_of_grey(values, threshold, grey.solid)
     labels = labels_of_grey(values, threshold, grey.solid, grey.fluids, names, spec.file)
@@ -147,16 +154,27 @@ def _understood_grey(spec: Voxels, grey: Grey, values: np.ndarray, names: tuple[
         raise VoxelError(
             f"{spec.file}: geometry.voxels.grey.blur: auto needs an image of two grey values; here only "
             f"{100 * share:.0f} % of the variance lies between the two sides of the threshold; give a number of voxels")
-    blur = found if isinstance(grey.blur, str) else grey.blur
+    blur = found if isinstance(grey.blur, str) else grey.blur or None
     slopes = (f"its slopes at the walls are those of a step blurred by {found:.2f} voxels" if two_valued
               else "it is not one of two grey values")
-    taken = f"; {blur:.2f} voxels of blur are taken out" if blur > 0.0 else ""
+    taken = f"; {blur:.2f} voxels of blur and the average over a voxel are taken out" if blur is not None else ""
     described = (
         ("wall", f"surface of grey value {threshold:g} ({'Otsu' if otsu else 'given'}); the means below and above it "
                  f"are {low:g} and {high:g}, {100 * share:.0f} % of the variance lies between them"),
         ("sharpness", f"{slopes}{taken}"),
     )  # fmt: skip
     return Understood(labels, field, f"solid {grey.solid} {threshold:g}", described, blur, grey.denoise)
+
+
+def threshold_of(spec: Voxels) -> float:
+    """Grey value of the wall of a grey image of a case, as `image_geometry` takes it."""
+    from ..geometry.grey import otsu_threshold
+
+    assert spec.grey is not None
+    if not isinstance(spec.grey.threshold, str):
+        return spec.grey.threshold
+    image = read_image(spec.file, spec.array, grey=True)
+    return otsu_threshold(crop(image.values.transpose() if spec.axes == "xyz" else image.values, spec.crop, spec.file))
 
 
 SI_DENSITY = (300.0, 20_000.0)  # kg/m3 of liquids: a case that has one counts in SI units and not in its own

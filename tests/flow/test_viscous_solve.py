@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isphcli.flow.one_fluid import Terms
+from isphcli.flow.one_fluid import Terms, ViscousWeights
 from isphcli.flow.viscous_solve import viscous_solve
 from isphcli.operators.apply import laplacian
 from isphcli.operators.fourth_order import laplacian_excess
@@ -34,7 +34,7 @@ def test_waves_are_damped_as_the_laplacian_of_fourth_order_damps_them(dim, suppo
     n = 16
     x = jittered(dim, n, 0.0)
     ops, nu, rate = build(x, support / n), 1.0, float(n * n)
-    terms = Terms(ops, nu, np.zeros(dim), excess=laplacian_excess(ops))
+    terms = Terms(ops, ViscousWeights(nu, ops.lap, None), np.zeros(dim), excess=laplacian_excess(ops))
     solvers = KeptHierarchies(1e-12, 40, 200, Clock())
     for direction in (np.eye(dim)[0], np.ones(dim)):
         wave = np.cos(2 * np.pi * x @ direction)

@@ -11,8 +11,8 @@ def test_image_of_a_case(tmp_path):
     np.save(tmp_path / "a.npy", values)
     scene = "{voxels: {file: a.npy, labels: {solid: 1, brine: 0, co2: 2}, voxel_size: 0.5}, periodic: [z]}"
     g = build_geometry(read(tmp_path, scene))
-    assert g.periodic == (False, True, True) and g.upper.tolist() == [1.5, 8, 2.5]  # six clear voxels a side
-    assert g.phase(np.array([[0.2, 4, 1], [0.7, 4, 1], [1.2, 4, 1], [0.7, 1, 1]])).tolist() == [0, -1, 1, 0]
+    assert g.periodic == (False, True, True) and g.upper.tolist() == [1.5, 4, 2.5]  # two clear voxels a side
+    assert g.phase(np.array([[0.2, 2, 1], [0.7, 2, 1], [1.2, 2, 1], [0.7, 0.5, 1]])).tolist() == [0, -1, 1, 0]
     along_z = build_geometry(read(tmp_path, scene), axis=2)
     assert along_z.periodic == (False, False, True) and along_z.upper.tolist() == [1.5, 2, 2.5]
 

@@ -1,0 +1,155 @@
+"""Where the surface of an image opens or closes ways that its labels, joined by the faces of voxels, have not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from .connectivity import merge_periodic, report
+from .spline import value_and_slope
+
+# From a voxel to those that share a face with it, then an edge: z, y, x. Of two opposite ways one.
+WAYS = np.array([(0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 1), (0, 1, -1), (1, 0, 1), (1, 0, -1), (1, 1, 0), (1, -1, 0)])
+
+
+@dataclass(frozen=True)
+class SurfaceWays:
+    """The pores as the surface has them, beside those of the labels; axes in the order x, y(, z).
+
+    moved: voxels whose centre is on the other side than their label; opened: edges between two fluid voxels, without
+    another fluid voxel beside them, whose middle is fluid; closed: faces between two fluid voxels whose middle is
+    solid; parts, percolates: of the surface; label_parts, label_percolates: of the labels by the faces of voxels.
+    """
+
+    moved: int
+    opened: int
+    closed: int
+    parts: int
+    label_parts: int
+    percolates: tuple[bool, ...]
+    label_percolates: tuple[bool, ...]
+
+    def described(self) -> str:
+        """Half a sentence for `Geometry.described`."""
+        return (f"{self.moved} voxels on the other side than their label; {_parts(self.parts)} of the pores, by faces "
+                f"of voxels {self.label_parts}; {self.opened} edges open, {self.closed} faces closed in their middle")
+
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences on the axes along which only one of the two leads through."""
+        said = []
+        for name, found, labels in zip("xyz", self.percolates, self.label_percolates):
+            if found != labels:
+                what = "leads through, by faces of its voxels it does not" if found else (
+                    "does not lead through, by faces of its voxels it does")
+                said.append(f"the pores of the image along {name}: their surface {what}; the image does not resolve "
+                            "the throats that this hangs on, and k is that of the surface (geometry.wall_distance: "
+                            "stairs takes the faces)")
+        return tuple(said)
+
+
+def _parts(n: int) -> str:
+    return f"{n} part" + "s" * (n != 1)
+
+
+def surface_ways(coefficients: np.ndarray, around: np.ndarray, field: np.ndarray, labels: np.ndarray,
+                 first: np.ndarray, end: np.ndarray, periodic: tuple[bool, ...]) -> SurfaceWays:
+    """SurfaceWays of the spline through a field on voxel centres.
+
+    coefficients, field (> 0 in fluid), labels (-1 solid): [z, y, x]; around: (3,) bool x, y, z of the spline; first,
+    end: (3,) int x, y, z, the voxels of the sample, without clear layers; periodic: of the sample, (dim,) x, y(, z).
+    """
+    dim = len(periodic)
+    part = tuple(slice(int(a), int(b)) for a, b in zip(first[::-1], end[::-1]))
+    wraps = np.array([*periodic, False][:3])
+    fluid, solid = field[part] > 0, labels[part] < 0
+    owner, links, opened, closed = _joined(coefficients, around, fluid, np.asarray(first, np.int64), wraps)
+    roots, raw = np.unique(owner[owner >= 0], return_inverse=True)
+    edges = links.astype(np.int64)
+    edges[:, :2] = np.searchsorted(roots, links[:, :2])
+    count, of_raw, winding = merge_periodic(len(roots), np.unique(edges, axis=0), 3)
+    through = np.asarray(winding.any(axis=0))
+    labelled = np.full(fluid.shape, -1)
+    labelled[fluid] = of_raw[raw]
+    for axis in range(dim):
+        if not periodic[axis]:
+            ends = np.take(labelled, [0, -1], axis=2 - axis).swapaxes(0, 2 - axis)
+            through[axis] = bool((np.intersect1d(ends[0], ends[-1]) >= 0).any())
+    of_labels = report(~solid if dim == 3 else ~solid[0], periodic)
+    return SurfaceWays(int((fluid == solid).sum()), opened, closed, count, of_labels.components,
+                       tuple(bool(t) for t in through[:dim]), of_labels.percolates)
+
+
+@njit(cache=True)
+def _root(parent, i):
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@njit(cache=True)
+def _joined(c, around, fluid, first, wraps):
+    """(root of each voxel (n,), -1 in solids; links across periodic faces (m, 3): upper root, lower root, axis; edges
+    that are open; faces that are closed)."""
+    shape = fluid.shape
+    nz, ny, nx = shape
+    parent = np.full(nz * ny * nx, -1, np.int32)
+    flat = fluid.ravel()
+    for i in range(len(parent)):
+        if flat[i]:
+            parent[i] = i
+    links = np.empty((6 * (nz * ny + ny * nx + nz * nx), 3), np.int32)
+    count, opened, closed = 0, 0, 0
+    q, there = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    for z in range(nz):
+        for y in range(ny):
+            for x in range(nx):
+                if not fluid[z, y, x]:
+                    continue
+                for way in WAYS:
+                    q[0], q[1], q[2] = z + way[0], y + way[1], x + way[2]
+                    crossed, axis, up, inside = 0, 0, True, True
+                    for a in range(3):
+                        there[a] = q[a]
+                        if q[a] < 0 or q[a] >= shape[a]:
+                            inside = inside and wraps[2 - a] and shape[a] > 1
+                            crossed, axis, up = crossed + 1, 2 - a, q[a] > 0
+                            there[a] = q[a] % shape[a]
+                    if not inside or not fluid[there[0], there[1], there[2]]:
+                        continue
+                    face = abs(way[0]) + abs(way[1]) + abs(way[2]) == 1
+                    if not face and _beside(fluid, z, y, x, there, way):
+                        continue
+                    value, _, _, _ = value_and_slope(c, around, first[0] + x + 0.5 + 0.5 * way[2],
+                                                     first[1] + y + 0.5 + 0.5 * way[1],
+                                                     first[2] + z + 0.5 + 0.5 * way[0])
+                    if value <= 0.0:
+                        closed += face
+                        continue
+                    opened += not face
+                    here, other = (z * ny + y) * nx + x, (there[0] * ny + there[1]) * nx + there[2]
+                    if crossed == 0:
+                        a, b = _root(parent, here), _root(parent, other)
+                        parent[max(a, b)] = min(a, b)
+                    elif crossed == 1:  # of edges across two faces there are few
+                        links[count, 0], links[count, 1] = (here, other) if up else (other, here)
+                        links[count, 2] = axis
+                        count += 1
+    for i in range(len(parent)):
+        if parent[i] >= 0:
+            parent[i] = _root(parent, i)
+    for k in range(count):
+        links[k, 0], links[k, 1] = parent[links[k, 0]], parent[links[k, 1]]
+    return parent, links[:count], opened, closed
+
+
+@njit(cache=True)
+def _beside(fluid, z, y, x, there, way):
+    """Whether one of the two voxels beside a common edge is fluid: the way leads through it already."""
+    if way[0] == 0:
+        return fluid[z, there[1], x] or fluid[z, y, there[2]]
+    if way[1] == 0:
+        return fluid[there[0], y, x] or fluid[z, y, there[2]]
+    return fluid[there[0], y, x] or fluid[z, there[1], x]
