@@ -2,14 +2,17 @@
 
 usage: PYTHONPATH=. python benchmarks/calibration.py measure FILE.csv WALL[,WALL...] [NAME ...]
        PYTHONPATH=. python benchmarks/calibration.py report FILE.csv
+       PYTHONPATH=. python benchmarks/calibration.py volumes FILE.csv [BEYOND]
 
 measure: solves the bodies of `isphcli.validation.known_bodies` at 1, 2 and 3 particles a voxel edge, as far as they
 have MOST particles, and appends a row a body and wall to FILE.csv; rows that it has are kept. WALL: exact (the surface
 itself), labels, grey, stairs; "finite volumes" and "lattice Boltzmann" are those of benchmarks/finite_volumes.py and
 benchmarks/lattice_boltzmann.py on the labels. report: prints the table of bodies, and what
-`isphcli/run/expected_error.py` takes from it.
+`isphcli/run/expected_error.py` takes from it. volumes: what labels and their smooth body make of the volume of the
+pores of bodies whose k from labels is more than BEYOND (0.03) off.
 
-Truth of stairs is another body, that of the cubes: finite volumes on 3 and 4 cells a voxel, extrapolated.
+Truth of stairs is another body, that of the cubes: finite volumes on 3 and 4 cells a voxel, extrapolated by the order
+of edges; a body without edges (slits and ducts along the voxels) is left out.
 """
 
 import csv
@@ -55,6 +58,13 @@ def stairs_truth(body):
     return limit, bar / limit
 
 
+def has_edges(body):
+    """Whether three of the four voxels around an edge are pores: without one `EDGE` says nothing of its stairs."""
+    pores = (body.labels() == 1).astype(int)
+    return any((pores + np.roll(pores, 1, a) + np.roll(pores, 1, b) + np.roll(pores, (1, 1), (a, b)) == 3).any()
+               for a, b in ((0, 1), (0, 2), (1, 2)))
+
+
 def truth_of(body):
     try:
         return body.truth()[:2]
@@ -90,7 +100,7 @@ def row_of(body, wall):
     throats = look(case, geometry, Clock(), True).throats
     if wall == "exact":
         geometry = LevelGeometry(body)
-    values, seconds, balanced = [], [], []
+    values, seconds, narrow = [], [], []
     for level in LEVELS:
         if level > 2 and body.labels().sum() * level**3 > MOST:
             break
@@ -99,11 +109,11 @@ def row_of(body, wall):
         flow = solve_axis(case, scene, body.axis, np.eye(3)[body.axis], Clock())
         values.append(float(flow.permeability[body.axis]))
         seconds.append(time.process_time() - begin)
-        balanced.append(bool(flow.narrow))
+        narrow.append(bool(flow.narrow))
     return {"body": body.name, "family": body.family, "wall": wall, "truth": f"{truth:.6g}",
             "uncertainty": f"{uncertainty:.2g}", "narrow": f"{throats['narrow']:.3g}",
             "median": f"{throats['median']:.3g}", "k": " ".join(f"{k:.6g}" for k in values),
-            "cpu": " ".join(f"{s:.2f}" for s in seconds), "narrow_pores": " ".join(str(int(b)) for b in balanced)}
+            "cpu": " ".join(f"{s:.2f}" for s in seconds), "narrow_pores": " ".join(str(int(b)) for b in narrow)}
 
 
 def rows_of(path):
@@ -118,6 +128,8 @@ def measure(path, walls, *names):
     for wall in walls.split(","):
         for body in bodies():
             if (body.name, wall) in done or (names and body.name not in names):
+                continue
+            if wall == "stairs" and not has_edges(body):
                 continue
             row = peer(body, wall) if wall in PEERS else row_of(body, wall)
             new = not Path(path).exists()
@@ -258,5 +270,24 @@ def report(path):
     print("```")
 
 
+def volumes(path, beyond=0.03):
+    """Volume of the pores by six lattice points a voxel edge, of the labels and of the smooth body by three."""
+    lines = []
+    for row in measured(path):
+        k = float(row["k"][-1] / row["truth"] - 1)
+        if row["wall"] != "labels" or abs(k) <= float(beyond):
+            continue
+        body = next(one for one in bodies() if one.name == row["body"])
+        true, labels = (float(body.labels(finer).mean()) for finer in (6, 1))
+        with tempfile.TemporaryDirectory() as folder:
+            geometry = build_geometry(case_of(body, "labels", Path(folder)))
+        points = np.meshgrid(*[(np.arange(3 * n) + 0.5) / 3 for n in body.size], indexing="ij")
+        smooth = float(np.mean(geometry.phase(np.stack(points, axis=-1).reshape(-1, 3)) >= 0))
+        lines.append([row["body"], f"{row['width']:.2f}", f"{100 * k:+.2f}", f"{100 * (labels / true - 1):+.2f}",
+                      f"{100 * (smooth / true - 1):+.2f}"])
+    heads = ["body", "pores, voxels", "k, %", "volume of the labels, %", "of the smooth body, %"]
+    print("\n".join(table(heads, lines)))
+
+
 if __name__ == "__main__":
-    {"measure": measure, "report": report}[sys.argv[1]](*sys.argv[2:])
+    {"measure": measure, "report": report, "volumes": volumes}[sys.argv[1]](*sys.argv[2:])
