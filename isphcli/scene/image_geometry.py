@@ -113,7 +113,7 @@ def _clear_voxels(case: Case, labels: np.ndarray, axis: int, size: np.ndarray, p
     assert spec is not None
     if spec.clear_layer is not None:
         return max(round(spec.clear_layer / size[axis]), int(spec.clear_layer > 0))
-    support = case.support * max((case.particles.spacing, *case.refine))
+    support = case.support * max(case.spacings)
     apart = math.ceil(support / size[axis] - 1e-6) if support < labels.shape[-1 - axis] * size[axis] else 1
     return max(clear_voxels(labels >= 0, axis, size, periodic), apart)
 
