@@ -154,12 +154,13 @@ def test_a_piece_of_berea_along_three_axes(tmp_path):
 def test_bead_packs(name, spacing, tmp_path):
     """Far too coarse for the permeability, under two particles a bead: a factor of 2 about Kozeny and Carman.
 
-    The porosity of the column is 0.487 (counted on fine grids); 13,000 sites have it within 3 %.
+    The porosity of the column is 0.487 (counted on fine grids); 13,000 sites have it within 5 %: cells count with their
+    part as if walls were planes, and beads of under two spacings are far from that.
     """
     summary = run(name, tmp_path, f"particles.spacing={spacing}", "solver.tolerance=1e-2")
     case = load_case(CASES / f"{name}.yaml")
     share = math.pi * 4.4e-3**2 / (case.geometry.box[0] * case.geometry.box[2])  # of the column in the box
-    assert summary["porosity"] == pytest.approx(0.487 * share, rel=0.03)
+    assert summary["porosity"] == pytest.approx(0.487 * share, rel=0.05)
     packed = 0.432  # porosity of the 13.28 mm that hold beads; the rest of the 14.38 mm resists little
     k = 5e-4**2 * packed**3 / (150 * (1 - packed) ** 2) * 14.38 / 13.28 * share
     assert 0.5 < summary["permeability"] / k < 2.0
