@@ -31,20 +31,7 @@ from isphcli.run.time_loop import TimeLoop
 NAMES = ("taylor_green_2d_re100", "taylor_green_3d_re100")
 CASES = [Path(__file__).parents[1] / "cases" / f"{name}.yaml" for name in NAMES]
 QUIET = ("output.snapshots=false", "output.plots=false")
-RUN = """
-import json, resource, sys
-from isphcli.case import load_case
-from isphcli.run import run_case
-
-def used():
-    spent = resource.getrusage(resource.RUSAGE_SELF)
-    return spent.ru_utime + spent.ru_stime
-
-case = load_case(sys.argv[1], sys.argv[2:])
-before = used()
-summary = run_case(case, quiet=True)
-print(json.dumps([used() - before, summary["cpu_seconds"]]))
-"""
+RUN = Path(__file__).with_name("measured_run.py")
 
 
 def of_children():
@@ -75,7 +62,7 @@ def agreement(case):
     """(CPU seconds of the process, of them those of the run, {section: reported seconds}), of the operating system."""
     before = of_children()
     with tempfile.TemporaryDirectory() as folder:
-        words = [sys.executable, "-c", RUN, str(case), *QUIET, f"output.directory={folder}"]
+        words = [sys.executable, str(RUN), str(case), *QUIET, f"output.directory={folder}"]
         done = subprocess.run(words, check=True, capture_output=True, text=True)
     return of_children() - before, *json.loads(done.stdout.splitlines()[-1])
 

@@ -6,6 +6,7 @@ import pytest
 
 from isphcli.domain.halo import build_halo
 from isphcli.domain.neighbours import find_pairs
+from tests.threads import one_thread
 
 
 def brute(x, n, support):
@@ -99,10 +100,6 @@ def test_crowded_neighbourhoods():
 def test_threads_do_not_matter():
     x = np.random.default_rng(7).random((3000, 3))
     many = find_pairs(x, 3000, 0.15)
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
+    with one_thread():
         one = find_pairs(x, 3000, 0.15)
-    finally:
-        numba.set_num_threads(threads)
     assert np.array_equal(one.start, many.start) and np.array_equal(one.index, many.index)

@@ -7,6 +7,7 @@ import pytest
 from isphcli.operators.apply import divergence, gradient, laplacian
 from isphcli.operators.kernel import KERNELS
 from tests.operators.clouds import build, free, inside, jittered, quadratic
+from tests.threads import one_thread
 
 SUPPORTS = [2.1, 2.5, 3.0]
 
@@ -82,12 +83,8 @@ def test_threads_do_not_matter():
         )
 
     many = results()
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
+    with one_thread():
         one = results()
-    finally:
-        numba.set_num_threads(threads)
     for a, b in zip(one, many):
         np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10 * np.abs(b).max())
 

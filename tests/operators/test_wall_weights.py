@@ -13,6 +13,7 @@ from isphcli.operators.kernel import KERNELS
 from isphcli.operators.pair_weights import build_operators
 from isphcli.operators.wall_weights import build_wall_operators
 from tests.operators.walls import SUPPORTS, Scene, along_x, channel
+from tests.threads import one_thread
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -288,12 +289,8 @@ def test_threads_do_not_matter():
         return ops.lap, ops.grad, ops.lap_p, ops.grad_p, ops.walls.lap, ops.walls.div
 
     many = results()
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
+    with one_thread():
         one = results()
-    finally:
-        numba.set_num_threads(threads)
     for a, b in zip(one, many):
         assert np.array_equal(a, b)
 

@@ -10,7 +10,6 @@ import subprocess
 import sys
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 
@@ -24,6 +23,7 @@ from isphcli.run.run import run_case
 from isphcli.run.time_loop import TimeLoop
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
+from tests.threads import one_thread
 
 VORTEX = """
 geometry: {box: [1, 1], periodic: [x, y]}
@@ -72,11 +72,9 @@ time: {end: 0.05}
 
 
 @pytest.fixture(autouse=True)
-def one_thread():
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(before)
+def on_one_thread():
+    with one_thread():
+        yield
 
 
 def load(tmp_path, text, out, *sets):

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from isphcli.cli import BAD_INPUT, OUTSIDE, main, settings
 from isphcli.validation import ladder as validate
 from isphcli.validation.ladder import Ladder, Level, ladder_spacings, predicted_seconds, slope, validate_cases, verdict
-from tests.paths import CASES
+from tests.paths import CASES, ROOT
 from tests.validation.ladders import case
 
 PARTS = {"out": Path("runs"), "quiet": True}
@@ -139,27 +139,12 @@ def test_twice_the_same_errors():
     assert found[0] == pytest.approx(found[1], rel=0, abs=1e-10)
 
 
-MEASURED = """
-import json, resource, sys
-from isphcli.case.load import load_case
-from isphcli.run.run import run_case
-
-def used():
-    spent = resource.getrusage(resource.RUSAGE_SELF)
-    return spent.ru_utime + spent.ru_stime
-
-case = load_case(sys.argv[1], sys.argv[2:])
-before = used()
-summary = run_case(case, quiet=True)
-print(json.dumps([used() - before, summary["cpu_seconds"]]))
-"""
-
-
 @pytest.mark.slow
 def test_cpu_seconds_are_those_of_the_operating_system():
     """A run of some seconds in a process of its own, which asks getrusage before and after."""
     options = ("output.plots=false", "output.snapshots=false", "output.directory=run")
-    words = [sys.executable, "-c", MEASURED, str(CASES / "taylor_green_2d_re100.yaml"), *options]
+    script, file = ROOT / "benchmarks" / "measured_run.py", CASES / "taylor_green_2d_re100.yaml"
+    words = [sys.executable, str(script), str(file), *options]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     seconds, reported = json.loads(done.stdout.splitlines()[-1])
     assert seconds > 0.5 and reported["total"] == pytest.approx(seconds, rel=0.05)
