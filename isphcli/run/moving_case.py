@@ -52,9 +52,9 @@ Summary = dict[str, Any]
 class MovingRun:
     """A run of moving particles: its scene, its loop, and where its files go.
 
-    measures: of two fluids, else None; seen: what was said of the scene before; record: of the case, with what restarts
-    have changed (output.restart); since, last_step: time and step that a run goes on from whose files are in the same
-    directory, else None; history: a dict a step.
+    measures: of two fluids, else None; cells: `permeability.fluid_cells` of the sample; seen: what was said of the
+    scene before; record: of the case, with what restarts have changed (output.restart); since, last_step: time and step
+    that a run goes on from whose files are in the same directory, else None; history: a dict a step.
     """
 
     case: Case
@@ -66,6 +66,7 @@ class MovingRun:
     stepper: Stepper
     march: TimeLoop
     measures: Measures | None
+    cells: float
     seen: Seen
     record: dict[str, Any]
     since: float | None = None
@@ -128,16 +129,18 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     box = float(np.prod(geometry.upper - geometry.lower))
     march = TimeLoop(case, stepper, particles.site_volume, density, box)
-    if geometry.has_solid:
-        with clock("geometry"):
-            march.fluid_cells = fluid_cells(geometry, particles, whole=True)
+    with clock("geometry"):
+        distance = geometry.distance(particles.x) if geometry.has_solid else None
+        cells = fluid_cells(geometry, particles, distance)
+        if geometry.has_solid:
+            march.fluid_cells = fluid_cells(geometry, particles, distance, whole=True)
     measures = None
     if len(np.unique(particles.phase)) > 1:
         from ..scene.choose_measures import choose_measures
 
         march.measure = measures = choose_measures(case, geometry, particles, stepper.fluids)
-    run = MovingRun(case, case.output.directory, clock, quiet, geometry, particles, stepper, march, measures, seen,
-                    restart.record_of(case))
+    run = MovingRun(case, case.output.directory, clock, quiet, geometry, particles, stepper, march, measures, cells,
+                    seen, restart.record_of(case))
     saved = None
     if resume is not None:
         saved = restart.load(Path(resume) / restart.NAME, state, run.record)
@@ -239,7 +242,7 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
     stepper, march, two = run.stepper, run.march, run.measures is not None
     axis, force = _drive_at_the_end(run, state)
     superficial, mean, along = darcy(run.geometry, state.x, state.u, run.particles.site_volume, axis, force,
-                                     stepper.fluids.nu_max, fluid_cells(run.geometry, run.particles))
+                                     stepper.fluids.nu_max, run.cells)
     resisted = run.geometry.has_solid and not two and not walls_move(run.case)
     permeability = error = None
     if axis is not None and resisted and march.outcome == "steady":
@@ -276,7 +279,7 @@ def _finish_march(run: MovingRun, state: State, config: Configuration) -> Summar
         "restarts": run.record["changes"],
         "warnings": run.seen.warnings,
         "particles": counts_of(run.particles, config.halo),
-        **scene_entries(case, run.geometry, run.particles, run.seen),
+        **scene_entries(case, run.geometry, run.particles, run.cells, run.seen),
         "terms": flow.pop("terms"),
         "steps": state.step,
         "time": state.time,

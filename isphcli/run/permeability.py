@@ -14,8 +14,11 @@ if TYPE_CHECKING:
     from ..domain.lattice import Particles
 
 
-def fluid_cells(geometry: Geometry, particles: Particles, whole: bool = False) -> float:
+def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray | None = None,
+                whole: bool = False) -> float:
     """Volume of the fluid in the sample, or of the whole box, over that of a cell of the lattice, by the wall distance.
+
+    distance: (n,) m, of all particles; None: asked of the geometry.
 
     A cell of edge h whose middle lies at the distance d of a wall holds fluid in the share 1/2 + d/h of it, between 0
     and 1: exact beside walls along the lattice, and over the many ways in which an oblique wall cuts cells the mean is
@@ -29,7 +32,8 @@ def fluid_cells(geometry: Geometry, particles: Particles, whole: bool = False) -
     ends = (lower > geometry.lower) | (upper < geometry.upper)
     inside = np.all(((x >= lower) & (x <= upper)) | ~ends, axis=1)
     edge = particles.site_volume ** (1.0 / geometry.dim)
-    return float(np.clip(0.5 + geometry.distance(x[inside]) / edge, 0.0, 1.0).sum())
+    near = geometry.distance(x[inside]) if distance is None else distance[inside]
+    return float(np.clip(0.5 + near / edge, 0.0, 1.0).sum())
 
 
 def darcy(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, site_volume: float, axis: int | None = None,

@@ -19,7 +19,6 @@ from ..output import restart
 from ..output.clock import Clock
 from ..output.files import SNAPSHOTS, Series, write_summary, write_text
 from ..output.machine import peak_memory, versions
-from .permeability import fluid_cells
 
 if TYPE_CHECKING:
     from ..domain.lattice import Particles
@@ -64,16 +63,16 @@ class Seen:
 Look = Callable[[Case, Geometry, Clock, bool], Seen]  # preflight.look.look; the last is whether it is quiet
 
 
-def scene_entries(case: Case, geometry: Geometry, particles: Particles, seen: Seen) -> dict[str, Any]:
-    """Entries of the summary on the scene that was run."""
+def scene_entries(case: Case, geometry: Geometry, particles: Particles, cells: float, seen: Seen) -> dict[str, Any]:
+    """Entries of the summary on the scene that was run. cells: `permeability.fluid_cells` of the sample."""
     image = None
+    lower, upper = sample_box(geometry)
     if case.geometry.voxels is not None:
         voxel = np.asarray(geometry.voxel_size)
-        lower, upper = sample_box(geometry)
         image = {"size": np.rint((upper - lower) / voxel).astype(int), "voxel_size": voxel,
                  "axes": case.geometry.voxels.axes}
     return {"inputs": [f"{name}: {text}" for name, text in geometry.described], "image": image,
-            "porosity": _porosity(geometry, particles),
+            "porosity": cells * particles.site_volume / float(np.prod(upper - lower)),
             "open_axes": seen.open_axes if geometry.has_solid else None, "throats": seen.throats}
 
 
@@ -155,12 +154,6 @@ def snapshot_of(case: Case, geometry: Geometry, particles: Particles, x: np.ndar
 
 def counts_of(particles: Particles, halo: int) -> dict[str, int]:
     return {"fluid": particles.n_fluid, "dummy": particles.n_dummy, "halo": halo, "left_out": particles.left_out}
-
-
-def _porosity(geometry: Geometry, particles: Particles) -> float:
-    """Fluid share of the sample (of an image without its clear layers), cells cut by walls counted with their part."""
-    lower, upper = sample_box(geometry)
-    return fluid_cells(geometry, particles) * particles.site_volume / float(np.prod(upper - lower))
 
 
 def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:

@@ -50,7 +50,7 @@ class StokesResult:
     axis: 0, 1, 2 or None where the walls drive the flow; velocity (n, dim) m/s of the particles; cell_velocity
     (n, dim) m/s, its mean over their cells of the lattice; pressure (n,) Pa; superficial, mean, permeability: see
     `permeability.darcy`; divergence, mass_error: see `_mass`; halo, narrow (particles in pores that the lattice does
-    not resolve), components, isolated_pockets: of the scene that it was solved in.
+    not resolve), components, isolated_pockets, cells: of the scene that it was solved in.
     """
 
     axis: int | None
@@ -70,13 +70,15 @@ class StokesResult:
     narrow: int
     components: int
     isolated_pockets: int
+    cells: float
 
 
 @dataclass
 class SteadyScene:
     """One geometry at one spacing with its matrices; every axis that it serves shares them.
 
-    cells: volume of the fluid in the sample over that of a cell, see `permeability.fluid_cells`.
+    cells: volume of the fluid in the sample over that of a cell, see `permeability.fluid_cells`; edge_shares: (n,) or
+    None, see `_edge_shares`.
     """
 
     geometry: Geometry
@@ -85,6 +87,7 @@ class SteadyScene:
     halo: int
     percolates: np.ndarray
     cells: float
+    edge_shares: np.ndarray | None
 
 
 def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, needs: Sequence[int] = ()) -> SteadyScene:
@@ -105,7 +108,7 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
     memory.refuse(sum(need.values()), f"{n:,} fluid particles", memory.too_large(case))
     with clock("operators"):
         walls = WallScene(geometry, particles.x[n:], support, kind, particles.site_volume)
-        ops, row, images = _operators(walls, particles.x[:n], case.particles.jitter == 0.0)
+        ops, row, images, distance = _operators(walls, particles.x[:n], case.particles.jitter == 0.0)
     with clock("assembly"):
         percolates = _percolation(ops, row, len(particles.x), images, geometry.dim)
         del row
@@ -115,18 +118,21 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
         nu = next(iter(case.fluids.values())).nu
         system = StokesSystem(ops, spacing, nu)
     with clock("geometry"):
-        cells = fluid_cells(geometry, particles)
-    return SteadyScene(geometry, particles, system, len(images.owner), percolates, cells)
+        cells = fluid_cells(geometry, particles, distance)
+        edge_shares = _edge_shares(geometry, particles.x[:n], distance[:n], spacing)
+    return SteadyScene(geometry, particles, system, len(images.owner), percolates, cells, edge_shares)
 
 
-def _operators(walls: WallScene, x: np.ndarray, fixed: bool) -> tuple[LatticeWeights, np.ndarray, Halo]:
-    """(LatticeWeights, row of each pair in the table of positions, Halo): pairs and crossings are gone when it returns.
+def _operators(walls: WallScene, x: np.ndarray, fixed: bool) -> tuple[LatticeWeights, np.ndarray, Halo, np.ndarray]:
+    """(LatticeWeights, row of each pair in the table of positions, Halo, wall distance of fluid particles and dummies,
+    m): pairs and crossings are gone when it returns.
 
     The gradient in the consistent divergence is of order 2: on the sphere array of solid fraction 0.216 with 16
     spacings a cell the permeability is 0.05 % high, with order 1 1.2 % low.
     """
     stencils, images = walls.stencils(x, fixed)
-    return *build_lattice_weights(stencils, 2), images
+    distance = stencils.walls.distance[: len(x) + len(walls.dummies)].copy()  # images come behind them in the table
+    return *build_lattice_weights(stencils, 2), images, distance
 
 
 def _percolation(ops: DiscreteOperators, row: np.ndarray, owned: int, images: Halo, dim: int) -> np.ndarray:
@@ -161,31 +167,38 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
     return StokesResult(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
                  flow.pressure * fluid.density, superficial, mean, permeability,
                  *_mass(scene, flow, cell_velocity, axis), flow.report, scene.halo,
-                 int(reduce.total(system.ops.narrow)), system.count, int((~scene.percolates.any(axis=1)).sum()))
+                 int(reduce.total(system.ops.narrow)), system.count, int((~scene.percolates.any(axis=1)).sum()),
+                 scene.cells)
 
 
 def _quadrature(scene: SteadyScene, flow: StokesFlow, force: np.ndarray, nu: float) -> np.ndarray:
-    """Difference between the mean of the velocity over a cell of the lattice and its value in the middle.
+    """Difference between the mean of the velocity over a cell of the lattice and its value in the middle: the share of
+    `_edge_shares` of dx^2 / 24 lap u, which follows from the momentum balance."""
+    if scene.edge_shares is None:
+        return np.zeros_like(flow.velocity)
+    lap = (scene.system.ops.gradient_p(flow.pressure) - scene.system.balanced_force(force)) / nu
+    return lap * (scene.edge_shares * (scene.system.spacing**2 / 24.0))[:, None]
+
+
+def _edge_shares(geometry: Geometry, x: np.ndarray, distance: np.ndarray, dx: float) -> np.ndarray | None:
+    """Share (n,) of dx^2 / 24 lap u by which sums of u over the lattice miss its integral, None where they do not.
+
+    x: (n, dim) m, of the fluid particles; distance: (n,) m, of their walls; dx: m.
 
     Sums over a lattice are integrals but for its planes that lie along a wall: there they miss -B2(delta) / 2 dx^2
     times the slope of the velocity at the wall (Euler and Maclaurin), delta dx the distance of the first plane and
-    B2(delta) = delta^2 - delta + 1/6. lap u, which follows from the momentum balance, is the sum of these slopes. A
-    slit in an image then has its exact flux for every number of spacings; without it 1 / (2 n^2) too much for n whole
-    cells. Where walls are oblique to the lattice delta takes all values, and the mean of B2 is 0.
+    B2(delta) = delta^2 - delta + 1/6. lap u is the sum of these slopes. A slit in an image then has its exact flux for
+    every number of spacings; without it 1 / (2 n^2) too much for n whole cells. Where walls are oblique to the lattice
+    delta takes all values, and the mean of B2 is 0.
     """
-    geometry, dx = scene.geometry, scene.system.spacing
     if geometry.voxel_size is None:
-        return np.zeros_like(flow.velocity)
+        return None
     if geometry.level_walls:
         cells = geometry.voxel_size / dx  # faces of voxels are half a spacing from a plane where cells fill voxels
-        share = np.full(scene.particles.n_fluid, float(np.allclose(cells, np.maximum(np.round(cells), 1.0), rtol=1e-6)))
-    else:
-        x = scene.particles.x[: scene.particles.n_fluid]
-        along = np.abs(wall_normals(geometry, x, dx)).max(axis=1) > 1.0 - 0.5 * LEVEL**2
-        delta = np.mod(geometry.distance(x) / dx, 1.0)
-        share = np.where(along & np.isfinite(delta), -12.0 * (delta * (delta - 1.0) + 1.0 / 6.0), 0.0)
-    lap = (scene.system.ops.gradient_p(flow.pressure) - scene.system.balanced_force(force)) / nu
-    return lap * (share * (dx * dx / 24.0))[:, None]
+        return np.full(len(x), float(np.allclose(cells, np.maximum(np.round(cells), 1.0), rtol=1e-6)))
+    along = np.abs(wall_normals(geometry, x, dx)).max(axis=1) > 1.0 - 0.5 * LEVEL**2
+    delta = np.mod(distance / dx, 1.0)
+    return np.where(along & np.isfinite(delta), -12.0 * (delta * (delta - 1.0) + 1.0 / 6.0), 0.0)
 
 
 def _mass(scene: SteadyScene, flow: StokesFlow, cell_velocity: np.ndarray, axis: int | None) -> tuple[float, float]:

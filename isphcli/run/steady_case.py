@@ -279,7 +279,7 @@ def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen) -> None:
 def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[str, Any], Result]:
     """(summary, result) of the flows of a steady case; the finest spacing of the first axis is what is written."""
     flows, history, main = found.flows, found.history, _main(found.flows)
-    scene = scene_entries(case, main.geometry, main.particles, seen)
+    scene = scene_entries(case, main.geometry, main.particles, main.cells, seen)
     results = [_axis_result(case, axis, flows, main.geometry, scene["porosity"])
                for axis, _ in axes if axis is not None]
     for along in results:
