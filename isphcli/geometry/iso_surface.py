@@ -16,6 +16,7 @@ from scipy import ndimage
 from .grey import sharpen
 from .iso_crossings import first_zero, first_zeros
 from .label_field import most_probable_field
+from .labels import with_clear_layers
 from .spline import average, spline_coefficients, value_and_slope
 from .surface_ways import SurfaceWays, surface_ways
 from .voxel_geometry import VoxelGeometry
@@ -60,12 +61,8 @@ class IsoSurfaceGeometry(VoxelGeometry):
             field = np.asarray(field, dtype=np.float32)
             if field.shape != np.shape(labels):
                 raise ValueError(f"a field of shape {field.shape} for labels of shape {np.shape(labels)}")
-            if clear > 0 and flow_axis is not None:
-                positive = field[field > 0]
-                fluid = float(np.median(positive)) if len(positive) else 1.0
-                widths = [(clear, clear) if a == self.dim - 1 - flow_axis else (0, 0) for a in range(field.ndim)]
-                field = np.pad(field, widths, constant_values=fluid)
-            self._image_field = field.reshape(self._grid.shape)
+            fluid = float(np.median(field[field > 0])) if clear > 0 and (field > 0).any() else 1.0
+            self._image_field = with_clear_layers(field, flow_axis, clear, fluid).reshape(self._grid.shape)
         self._gaussian, self._blur = float(gaussian), blur
 
     @cached_property

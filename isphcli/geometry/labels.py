@@ -36,6 +36,14 @@ def mirrored(values: np.ndarray, axes: Sequence[str]) -> np.ndarray:
     return values
 
 
+def with_clear_layers(values: np.ndarray, axis: int | None, clear: int, fill: float) -> np.ndarray:
+    """An image [z, y, x] or [y, x] with `clear` voxels of the value `fill` at both ends of an axis (0 x, 1 y, 2 z)."""
+    if axis is None or clear <= 0:
+        return values
+    widths = [(clear, clear) if a == values.ndim - 1 - axis else (0, 0) for a in range(values.ndim)]
+    return np.pad(values, widths, constant_values=fill)
+
+
 def apply_labels(
     values: np.ndarray,
     labels: Mapping[str, int | Sequence[int]],

@@ -13,6 +13,7 @@ import numpy as np
 from numba import get_num_threads, njit, prange
 
 from .faces import face_distance, face_walls
+from .labels import with_clear_layers
 from .voxel_crossings import first_faces
 from .voxel_lookup import FAR, _label, _voxel_of
 from .wall_distance import signed_centre_distance, stairs_distances
@@ -62,15 +63,11 @@ class VoxelGeometry:
         around = [bool(p) for p in periodic][: self.dim]
         if len(around) != self.dim:
             raise ValueError(f"periodic needs {self.dim} entries")
-        array_axis = None if flow_axis is None else self.dim - 1 - flow_axis
-        sample = np.array(labels.shape[::-1])
-        if flow_axis is not None and clear > 0:
-            widths = [(clear, clear) if a == array_axis else (0, 0) for a in range(self.dim)]
-            labels = np.pad(labels, widths, constant_values=0)
-            around[flow_axis] = True
-        start = np.zeros(self.dim)
+        sample, start = np.array(labels.shape[::-1]), np.zeros(self.dim)
         if flow_axis is not None:
             start[flow_axis] = clear
+            around[flow_axis] = around[flow_axis] or clear > 0
+        labels = with_clear_layers(labels, flow_axis, clear, 0)
         self.labels = np.ascontiguousarray(labels, dtype=np.int8)
         self.periodic = tuple(around)
         self.lower = np.zeros(self.dim)
