@@ -28,6 +28,8 @@ from .kernel import normalisation, slope
 from .moments import (
     CHUNKS,
     correction,
+    extremes_2d,
+    extremes_3d,
     gather_stencil,
     invert_gradient,
     new_correction,
@@ -352,12 +354,10 @@ def _factors(neighbours, links, volume, order, walls, off_lattice):
 
 @njit(cache=True)
 def _smallest(moments, dim):
-    """Smallest eigenvalue of the second moments moments[0:6]."""
-    a = np.zeros((dim, dim))  # eigvalsh takes the lower triangle, and refuses NaN in the upper one too
-    a[0, 0], a[1, 1], a[1, 0] = moments[0], moments[1], moments[5]
-    if dim == 3:
-        a[2, 2], a[2, 1], a[2, 0] = moments[2], moments[3], moments[4]
-    return np.linalg.eigvalsh(a)[0]
+    """Smallest eigenvalue of the second moments moments[0:6]: xx, yy, zz, yz, xz, xy."""
+    if dim == 2:
+        return extremes_2d(moments[0], moments[1], moments[5])[0]
+    return extremes_3d(moments[0], moments[1], moments[2], moments[3], moments[4], moments[5])[0]
 
 
 @njit(cache=True, inline="always")

@@ -232,6 +232,26 @@ def invert_gradient(moments, dim, g, whole=1.0):
 
 
 @njit(cache=True)
+def extremes_2d(xx, yy, xy):
+    """Smallest and largest eigenvalue of a symmetric tensor."""
+    middle, radius = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+    return middle - radius, middle + radius
+
+
+@njit(cache=True)
+def extremes_3d(xx, yy, zz, yz, xz, xy):
+    """As `extremes_2d`, in closed form, several times faster than numpy's eigvalsh."""
+    mean = (xx + yy + zz) / 3.0
+    a, b, c = xx - mean, yy - mean, zz - mean
+    size = math.sqrt((a * a + b * b + c * c + 2.0 * (yz * yz + xz * xz + xy * xy)) / 6.0)
+    if size == 0.0:
+        return mean, mean
+    cosine = (a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)) / (2.0 * size**3)
+    angle = math.acos(min(max(cosine, -1.0), 1.0)) / 3.0
+    return mean + 2.0 * size * math.cos(angle + 2.0 * math.pi / 3.0), mean + 2.0 * size * math.cos(angle)
+
+
+@njit(cache=True)
 def _pseudo_inverse(moments, dim, g, whole):
     """Returns True where it left a direction out."""
     a = np.empty((dim, dim))

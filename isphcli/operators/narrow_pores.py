@@ -12,6 +12,7 @@ from ..domain import reduce
 from ..domain.components import pair_components
 from .crossings import IN_SIGHT, MEETS_WALL, SHARES_PRESSURE, in_sight
 from .kernel import slope
+from .moments import extremes_2d, extremes_3d
 from .neighbourhood_class import FULL, ISOLATED, NARROW, NARROW_SHARE, THIN, WALL
 
 if TYPE_CHECKING:
@@ -75,29 +76,9 @@ def _shares(neighbours, link, volume):
                 if link[p] != MEETS_WALL:
                     xx, yy, zz = xx + w * dx * dx, yy + w * dy * dy, zz + w * dz * dz
                     yz, xz, xy = yz + w * dy * dz, xz + w * dx * dz, xy + w * dx * dy
-            low, high = _extremes_2d(xx, yy, xy) if dim == 2 else _extremes(xx, yy, zz, yz, xz, xy)
+            low, high = extremes_2d(xx, yy, xy) if dim == 2 else extremes_3d(xx, yy, zz, yz, xz, xy)
             smallest[i], largest[i] = low / whole, high / whole
     return smallest, largest, walled
-
-
-@njit(cache=True)
-def _extremes_2d(xx, yy, xy):
-    """Smallest and largest eigenvalue of a symmetric tensor."""
-    middle, radius = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
-    return middle - radius, middle + radius
-
-
-@njit(cache=True)
-def _extremes(xx, yy, zz, yz, xz, xy):
-    """As `_extremes_2d`, in closed form, several times faster than numpy's eigvalsh."""
-    mean = (xx + yy + zz) / 3.0
-    a, b, c = xx - mean, yy - mean, zz - mean
-    size = math.sqrt((a * a + b * b + c * c + 2.0 * (yz * yz + xz * xz + xy * xy)) / 6.0)
-    if size == 0.0:
-        return mean, mean
-    cosine = (a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)) / (2.0 * size**3)
-    angle = math.acos(min(max(cosine, -1.0), 1.0)) / 3.0
-    return mean + 2.0 * size * math.cos(angle + 2.0 * math.pi / 3.0), mean + 2.0 * size * math.cos(angle)
 
 
 @njit(cache=True)

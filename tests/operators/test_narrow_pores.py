@@ -5,7 +5,8 @@ import pytest
 
 from isphcli.case.load import load_case, read_case
 from isphcli.domain.components import pair_components
-from isphcli.operators.narrow_pores import _extremes, _extremes_2d, extrapolate_pressure
+from isphcli.operators.moments import extremes_2d, extremes_3d
+from isphcli.operators.narrow_pores import extrapolate_pressure
 from isphcli.operators.wall_operators import WallScene
 from isphcli.output.clock import Clock
 from isphcli.run.time_loop import TimeLoop
@@ -144,8 +145,8 @@ def test_smallest_and_largest_share_are_eigenvalues(dim):
             d = random.normal(size=(directions, dim))
             tensor = d.T @ d
             if dim == 2:
-                found = _extremes_2d(tensor[0, 0], tensor[1, 1], tensor[0, 1])
+                found = extremes_2d(tensor[0, 0], tensor[1, 1], tensor[0, 1])
             else:
-                found = _extremes(*np.diag(tensor), tensor[1, 2], tensor[0, 2], tensor[0, 1])
+                found = extremes_3d(*np.diag(tensor), tensor[1, 2], tensor[0, 2], tensor[0, 1])
             expected = np.linalg.eigvalsh(tensor)[[0, -1]]
             assert found == pytest.approx(expected, abs=1e-7 * expected[1])
