@@ -51,12 +51,13 @@ class Found:
 class Job:
     """What all spacings of a steady case share.
 
-    first: the geometry of the first axis; sealed: an image whose sides are closed but along the axis of the flow, so
-    that every axis has a geometry and matrices of its own.
+    geometries: by axis, the first one and, where there are several spacings, those that were needed since; sealed: an
+    image whose sides are closed but along the axis of the flow, so that every axis has a geometry and matrices of its
+    own.
     """
 
     case: Case
-    first: Geometry
+    geometries: dict[int | None, Geometry]
     axes: Drives
     sealed: bool
     clock: Clock
@@ -109,7 +110,8 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
     with clock("geometry"), progress.stage("geometry", quiet):
         first = build_geometry(case)
     sealed = first.voxel_size is not None and not all(_periodic_of(case, first.dim))
-    job = Job(case, first, drives(case, first), sealed, clock, quiet)
+    axes = drives(case, first)
+    job = Job(case, {axis: first for axis, _ in axes[:1]}, axes, sealed, clock, quiet)
     if job.driven and not any(opens(case, axis) for axis in job.driven):
         raise steady.NoPathError(why_closed(case, *job.driven))
     for spacing in case.spacings:  # a finer one that does not fit is not found out after hours
@@ -165,7 +167,9 @@ def _solve_spacing(job: Job, spacing: float, found: Found, needed: bool) -> int:
 def _build(job: Job, axis: int | None, spacing: float) -> steady.SteadyScene | None:
     """The matrices of one axis, or of all where the image is not sealed; None where no path leads through."""
     with job.clock("geometry"), progress.stage(f"geometry at spacing {spacing:g}", job.quiet):
-        geometry = job.first if axis == job.axes[0][0] else build_geometry(job.case, axis)
+        geometry = job.geometries.get(axis) or build_geometry(job.case, axis)
+        if job.case.refine:  # a spacing that follows needs it again
+            job.geometries[axis] = geometry
     try:
         with progress.stage("particles, operators and hierarchies", job.quiet):
             return steady.build_scene(job.case, geometry, spacing, job.clock, job.needs(axis))
