@@ -17,6 +17,7 @@ from .grey import sharpen
 from .iso_crossings import first_zero, first_zeros
 from .label_field import most_probable_field
 from .labels import with_clear_layers
+from .protocol import sample_voxels
 from .spline import average, spline_coefficients, value_and_slope
 from .surface_ways import SurfaceWays, surface_ways
 from .voxel_geometry import VoxelGeometry
@@ -79,12 +80,11 @@ class IsoSurfaceGeometry(VoxelGeometry):
 
     def ways(self) -> SurfaceWays:
         """How the pores of the sample are connected by this surface, beside how its labels are."""
-        first, end = np.zeros(3, int), np.array(self._grid.shape[::-1])
-        first[: self.dim] = np.rint(self.sample_lower / self.voxel_size)
-        end[: self.dim] = np.rint(self.sample_upper / self.voxel_size)
-        whole = (first[: self.dim] == 0) & (end[: self.dim] == self._grid.shape[::-1][: self.dim])
-        periodic = tuple(bool(p and w) for p, w in zip(self.periodic, whole))
-        return surface_ways(self._spline, self._around, self.field, self._grid, first, end, periodic)
+        sample = sample_voxels(self)
+        whole = [part == slice(0, n) for part, n in zip(sample, self.labels.shape)][::-1]  # x, y(, z)
+        periodic = tuple(p and w for p, w in zip(self.periodic, whole))
+        part = sample if self.dim == 3 else (slice(0, 1), *sample)
+        return surface_ways(self._spline, self._around, self.field, self._grid, part, periodic)
 
     @cached_property
     def _distance_of_centres(self) -> np.ndarray:

@@ -57,6 +57,14 @@ class Geometry(Protocol):
         ...
 
 
+def sample_voxels(geometry: Geometry) -> tuple[slice, ...]:
+    """Part of the labels [z, y, x] or [y, x] of an image without its clear layers."""
+    assert geometry.voxel_size is not None
+    corners = (np.rint((corner - geometry.lower) / geometry.voxel_size).astype(int) for corner in sample_box(geometry))
+    first, end = corners
+    return tuple(slice(int(a), int(b)) for a, b in zip(first[::-1], end[::-1]))
+
+
 def sample_box(geometry: Geometry) -> tuple[np.ndarray, np.ndarray]:
     """(lower, upper) corners of the rock itself: of an image without its clear layers, else of the box."""
     return geometry.sample_lower, geometry.sample_upper

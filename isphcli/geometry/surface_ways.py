@@ -54,17 +54,16 @@ def _parts(n: int) -> str:
 
 
 def surface_ways(coefficients: np.ndarray, around: np.ndarray, field: np.ndarray, labels: np.ndarray,
-                 first: np.ndarray, end: np.ndarray, periodic: tuple[bool, ...]) -> SurfaceWays:
+                 part: tuple[slice, ...], periodic: tuple[bool, ...]) -> SurfaceWays:
     """SurfaceWays of the spline through a field on voxel centres.
 
-    coefficients, field (> 0 in fluid), labels (-1 solid): [z, y, x]; around: (3,) bool x, y, z of the spline; first,
-    end: (3,) int x, y, z, the voxels of the sample, without clear layers; periodic: of the sample, (dim,) x, y(, z).
+    coefficients, field (> 0 in fluid), labels (-1 solid): [z, y, x]; around: (3,) bool x, y, z of the spline; part: of
+    these arrays, the sample without clear layers; periodic: of the sample, (dim,) x, y(, z).
     """
     dim = len(periodic)
-    part = tuple(slice(int(a), int(b)) for a, b in zip(first[::-1], end[::-1]))
     wraps = np.array([*periodic, False][:3])
     fluid, solid = field[part] > 0, labels[part] < 0
-    owner, links, opened, closed = _joined(coefficients, around, fluid, np.asarray(first, np.int64), wraps)
+    owner, links, opened, closed = _joined(coefficients, around, fluid, np.array([s.start for s in part[::-1]]), wraps)
     roots, raw = np.unique(owner[owner >= 0], return_inverse=True)
     edges = links.astype(np.int64)
     edges[:, :2] = np.searchsorted(roots, links[:, :2])

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry.protocol import sample_box
+from ..geometry.protocol import sample_voxels
 from ..references.published import DATA
 
 if TYPE_CHECKING:
@@ -88,10 +88,7 @@ def scan_of(geometry: Geometry) -> Scan | None:
     """Of the sample of an image, without its clear layers; None of shapes, and where all is fluid or solid."""
     if geometry.labels is None or geometry.voxel_size is None:
         return None
-    lower, upper = sample_box(geometry)
-    first = np.rint((lower - geometry.lower) / geometry.voxel_size).astype(int)
-    end = np.rint((upper - geometry.lower) / geometry.voxel_size).astype(int)
-    pores = geometry.labels[tuple(slice(a, b) for a, b in zip(first[::-1], end[::-1]))] >= 0
+    pores = geometry.labels[sample_voxels(geometry)] >= 0
     chord = mean_chord(pores)
     return Scan(chord, is_straight(pores)) if chord < np.inf else None
 

@@ -14,7 +14,7 @@ from .. import COMPLETE
 from ..case.blocks import Case
 from ..case.forcing import body_force, changes, held_axis
 from ..case.load import dump_case
-from ..geometry.protocol import Geometry, sample_box
+from ..geometry.protocol import Geometry, sample_box, sample_voxels
 from ..output import restart
 from ..output.clock import Clock
 from ..output.files import SNAPSHOTS, Series, write_summary, write_text
@@ -69,7 +69,7 @@ def scene_entries(case: Case, geometry: Geometry, particles: Particles, cells: f
     lower, upper = sample_box(geometry)
     if case.geometry.voxels is not None:
         voxel = np.asarray(geometry.voxel_size)
-        image = {"size": np.rint((upper - lower) / voxel).astype(int), "voxel_size": voxel,
+        image = {"size": np.array([s.stop - s.start for s in sample_voxels(geometry)[::-1]]), "voxel_size": voxel,
                  "axes": case.geometry.voxels.axes}
     return {"inputs": [f"{name}: {text}" for name, text in geometry.described], "image": image,
             "porosity": cells * particles.site_volume / float(np.prod(upper - lower)),

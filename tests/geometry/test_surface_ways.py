@@ -14,9 +14,13 @@ ROUND = (True, True, True)
 def ways(field, labels=None, periodic=ROUND, around=None):
     field = np.asarray(field, np.float32)
     around = np.array([*periodic, True][:3] if around is None else around)
-    n = np.array(field.shape[::-1])
     c = spline_coefficients(field.copy(), around)
-    return surface_ways(c, around, field, phases(field) if labels is None else labels, np.zeros(3, int), n, periodic)
+    return surface_ways(c, around, field, phases(field) if labels is None else labels, all_of(field), periodic)
+
+
+def all_of(field):
+    """The whole of a field as a part of it."""
+    return tuple(slice(0, n) for n in field.shape)
 
 
 @pytest.mark.parametrize("periodic", [ROUND, (False, True, False)])
@@ -92,7 +96,6 @@ def test_a_face_between_two_fluid_voxels_may_be_closed():
 
 def test_one_layer_has_no_ways_out_of_it():
     field = diagonal()[None]
-    n = np.array([8, 8, 1])
     c = spline_coefficients(field.astype(np.float32), np.ones(3, bool))
-    found = surface_ways(c, np.ones(3, bool), field, phases(field), np.zeros(3, int), n, (True, True))
+    found = surface_ways(c, np.ones(3, bool), field, phases(field), all_of(field), (True, True))
     assert found.percolates == (False, True) and found.label_percolates == (False, False)
