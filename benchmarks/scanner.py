@@ -12,21 +12,25 @@ before; and labels (the scan segmented at the threshold).
 import sys
 
 import numpy as np
-from known_bodies import ROUND, RandomBody, labels_of, partial_volumes, permeability
+from walls_from_labels import ROUND, labels_of, permeability  # sets the number of threads before numba is there
 
 from isphcli.geometry.grey import estimate_blur
 from isphcli.geometry.iso_surface import IsoSurfaceGeometry
 from isphcli.geometry.spline import average
+from isphcli.validation.known_bodies import body
 
-BODIES = (RandomBody(2.0, 0.45, 4), RandomBody(2.0, 0.6, 5), RandomBody(3.0, 0.35, 6), RandomBody(2.5, 0.5, 8))
+BODIES = tuple(body(name) for name in ("blobs 12", "blobs 14", "blobs 17", "blobs 19"))
+FINER = 4  # cells a voxel edge of which partial volumes are counted
 AROUND = np.ones(3, bool)
 DENOISE = 0.5  # voxels
 
 
 def scan(body, blur, noise):
     """The scan of a body, [z, y, x], solid -1, fluid 1 where there is neither blur nor noise."""
-    image = average(partial_volumes(body), blur, AROUND)
-    rng = np.random.default_rng(body.seed + 100)
+    cells = body.labels(FINER).transpose(2, 1, 0)
+    shares = cells.reshape([e for n in body.size[::-1] for e in (n, FINER)]).mean(axis=(1, 3, 5))
+    image = average((2.0 * shares - 1.0).astype(np.float32), blur, AROUND)
+    rng = np.random.default_rng(sum(body.size) + BODIES.index(body))
     return (image + 2.0 * noise * rng.standard_normal(image.shape)).astype(np.float32)
 
 
@@ -47,8 +51,8 @@ VARIANTS = {
 
 def main(*names):
     chosen = {name: VARIANTS[name] for name in names or VARIANTS}
-    truths = [body.truth() for body in BODIES]
-    print(f"{'blur':>5s} {'noise':>6s} {'estimate':>12s} " + " ".join(f"{name:>16s}" for name in chosen), flush=True)
+    truths = [body.truth()[0] for body in BODIES]
+    print("| blur | noise | blur that is found | " + " | ".join(chosen) + " |\n" + "|---" * (3 + len(chosen)) + "|")
     for blur in (0.0, 0.5, 0.8):
         for noise in (0.0, 0.05, 0.1):
             images = [scan(body, blur, noise) for body in BODIES]
@@ -56,8 +60,9 @@ def main(*names):
             cells = []
             for make in chosen.values():
                 errors = [100.0 * (permeability(make(image, blur), 1) / k - 1.0) for image, k in zip(images, truths)]
-                cells.append(f"{np.mean(errors):+8.1f} ({np.sqrt(np.mean(np.square(errors))):5.1f})")
-            print(f"{blur:5g} {noise:6g} {min(guesses):5.2f}-{max(guesses):5.2f}  " + " ".join(cells), flush=True)
+                cells.append(f"{np.mean(errors):+.1f} ({np.sqrt(np.mean(np.square(errors))):.1f})")
+            print(f"| {blur:g} | {noise:g} | {min(guesses):.2f} to {max(guesses):.2f} | " + " | ".join(cells) + " |",
+                  flush=True)
 
 
 if __name__ == "__main__":

@@ -53,19 +53,19 @@ class Body:
 
     def labels(self, finer: int = 1) -> np.ndarray:
         """(nx, ny, nz) int8, 1 in pores and 0 in solid, by the middle of a voxel; `finer` points a voxel edge."""
-        return (self._values(finer) > 0.0).astype(np.int8)
+        return (self.levels(finer) > 0.0).astype(np.int8)
 
     def grey(self) -> np.ndarray:
         """(nx, ny, nz) uint16, wall at `GREY_LEVEL`, solid above it: the level function, or the share of solid in a
         voxel as an ideal scanner shows it."""
         if self.field:
-            value = self._values(1)
+            value = self.levels(1)
             return np.rint(GREY_LEVEL - value * (32000.0 / np.abs(value).max())).astype(np.uint16)
-        solid = (self._values(PARTS) <= 0.0).reshape(*(e for n in self.size for e in (n, PARTS)))
+        solid = (self.levels(PARTS) <= 0.0).reshape(*(e for n in self.size for e in (n, PARTS)))
         return np.rint(solid.mean(axis=(1, 3, 5)) * 2 * GREY_LEVEL).astype(np.uint16)
 
-    def _values(self, finer: int) -> np.ndarray:
-        """Level in the middles of the cells of a grid, (nx, ny, nz) * finer."""
+    def levels(self, finer: int = 1) -> np.ndarray:
+        """Level function in the middles of voxels, (nx, ny, nz) * finer; `finer` points a voxel edge."""
         axes = [(np.arange(n * finer) + 0.5) / finer for n in self.size]
         out = np.empty([n * finer for n in self.size])
         for i, x in enumerate(axes[0]):  # slab by slab: memory
