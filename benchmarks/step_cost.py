@@ -34,7 +34,7 @@ def main(points=48, steps=12):
     case = read_case(CASE.format(spacing=1.0 / points).encode(), "step_cost.yaml")
     geometry = build_geometry(case)
     state, stepper, particles = prepare(case, geometry, Clock())
-    config = stepper.configure(state.x)
+    config = stepper.configure(state.x, phi=state.phi)
     clock, iterations = None, []
     for k in range(steps + 2):
         if k == 2:

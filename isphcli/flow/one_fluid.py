@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ..operators.pair_weights import Operators
     from ..operators.protocol import DiscreteOperators, WallSums
     from ..operators.wall_operators import WallChange
+    from .state import Configuration
 
 
 class StressCoupling(Protocol):
@@ -25,20 +26,32 @@ class StressCoupling(Protocol):
         """out += factor times the stress over the density, m/s2; u, out: (n, dim)."""
 
 
-class InterfaceBand(Protocol):
-    """The interface of one configuration (normals.Band)."""
+class FluidInterface(Protocol):
+    """The interface of one configuration (two_phase.interface.Interface)."""
 
     @property
-    def colour(self) -> np.ndarray:
-        """(n,) averaged, 1 in the first fluid."""
+    def phi(self) -> np.ndarray:
+        """(n,) signed distance to it, m, positive in the first fluid."""
+
+    @property
+    def phase(self) -> np.ndarray:
+        """(n,) int8 fluid of each particle, 0 or 1."""
+
+    @property
+    def fraction(self) -> np.ndarray:
+        """(n,) volume fraction of the first fluid."""
+
+    @property
+    def curvature(self) -> np.ndarray:
+        """(n,) 1/m, positive round a drop of the first fluid."""
 
     @property
     def normal(self) -> np.ndarray:
-        """(n, dim) into the first fluid, zero outside the band."""
+        """(n, dim) into the first fluid, zero where the strength is."""
 
     @property
     def strength(self) -> np.ndarray:
-        """(n,) |grad C|, 1/m, zero outside the band."""
+        """(n,) gradient of the volume fraction, 1/m."""
 
 
 class Tension(Protocol):
@@ -50,7 +63,7 @@ class Tension(Protocol):
 
     @property
     def support(self) -> float:
-        """Of the kernel that the colour is averaged with, m."""
+        """Of the kernel, m."""
 
     @property
     def largest_step(self) -> float:
@@ -87,8 +100,15 @@ class Fluids(Protocol):
     def nu_min(self) -> float:
         """Smallest kinematic viscosity, m2/s."""
 
-    def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
-        """Terms of one configuration. neighbours: all of them, dummies included."""
+    def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:
+        """Terms of one configuration. neighbours: all of them, dummies included; phi: (n,) of `State`."""
+
+    def carried(self, config: Configuration, dr: np.ndarray | None, dt: float, speed: float) -> np.ndarray | None:
+        """`State.phi` after a step of dt, s, from a configuration; None of one fluid. dr: (n, dim) shifts, m, or None;
+        speed: largest one, m/s."""
+
+    def relabelled(self, p: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
+        """The pressure p (n,) with the jump of those particles that have come into the other fluid."""
 
     def driven_by(self, body: np.ndarray, push: np.ndarray) -> Fluids:
         """The same fluids under a body force and that of a pressure gradient on the first fluid, (dim,) m/s2 each."""
@@ -117,9 +137,9 @@ class Terms:
     by, or None; laplacian_of_jump: (n,) 1/s2, what the Laplacian of the pressure makes of that jump; density: over that
     of the first fluid, (n,) or 1; bulk: number, dynamic viscosity over the density of the first fluid of the rotational
     term (eq. 4), m2/s; transposed_stress: of two fluids, or None where the viscosity does not jump; smooth: (n,) bool,
-    where the velocity has no kink, or None; shifts_less: (n,) bool, near an interface, or None;
+    where the velocity has no kink, or None;
     along: (dim,) or (n, dim), what a unit pressure gradient along the axis of a held velocity accelerates by, or None;
-    band: of the interface, or None;
+    interface: of two fluids, or None;
     damp_odd_even_pressure: whether the odd-even part of the pressure is taken out (see `projection`);
     excess: (n,) m2, c of `viscous_solve`, or None where the velocity has kinks and forces jump.
     """
@@ -133,10 +153,9 @@ class Terms:
     bulk: float = 0.0
     transposed_stress: StressCoupling | None = None
     smooth: np.ndarray | None = None
-    shifts_less: np.ndarray | None = None
     damp_odd_even_pressure: bool = True
     along: np.ndarray | None = None
-    band: InterfaceBand | None = None
+    interface: FluidInterface | None = None
     excess: np.ndarray | None = None
 
     def sharpened(self, right: np.ndarray) -> np.ndarray:
@@ -185,9 +204,16 @@ class OneFluid:
         other.force = body + push
         return other
 
-    def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
+    def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:
         """Terms of one configuration; see `Fluids.terms`."""
         along = balanced_force(ops, self.held) if self.held is not None else None
         viscous = ViscousWeights(self.viscosity, ops.lap, ops.walls)
         return Terms(ops, viscous, balanced_force(ops, self.force), bulk=self.viscosity, along=along,
                      excess=laplacian_excess(ops))
+
+    def carried(self, config: Configuration, dr: np.ndarray | None, dt: float, speed: float) -> None:
+        """Nothing: there is no interface."""
+
+    def relabelled(self, p: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
+        """p: particles keep their fluid."""
+        return p

@@ -49,9 +49,6 @@ NEAR_WALL = 0.25  # of the spacing: no particle comes nearer to a wall than this
 # the fluid lies within 0.25: kept off that far, particles crowd into the middle of the pores, and the flux of a pack is
 # 40 % too large.
 NEAR_WALL_NARROW = 0.1
-# Of the shift, near an interface, which it blurs. A bubble that rises (1/24) lost 1.4 % of its height to a whole one; a
-# drop without any comes apart.
-INTERFACE_SHIFTING = 1.0 / 3.0
 # Tolerance of what a unit pressure gradient makes: a small part of it is added to the velocity (`Stepper._hold`)
 UNIT_RESPONSE_TOLERANCE = 1e-3
 
@@ -100,7 +97,7 @@ class Stepper:
 
         def take(state: State, dt: float) -> None:
             with suppress(SolveError, StepError):
-                self.advance(state, self.configure(state.x, state.time), dt)
+                self.advance(state, self.configure(state.x, state.time, state.phi), dt)
 
         self.solvers.rebuild(origins, take)
 
@@ -108,13 +105,16 @@ class Stepper:
         """The fluids under the forces of a time, s."""
         return self.fluids if self.timed_drive is None else self.fluids.driven_by(*self.timed_drive.forces_at(time))
 
-    def configure(self, x: np.ndarray, time: float = 0.0) -> Configuration:
-        """Neighbours and operators of fluid positions x (n, dim); time: s, of forces and walls that change."""
+    def configure(self, x: np.ndarray, time: float = 0.0, phi: np.ndarray | None = None) -> Configuration:
+        """Neighbours and operators of fluid positions x (n, dim); time: s, of forces and walls that change; phi: (n,)
+        of `State`."""
         n = len(x)
         geometry = self.geometry
         if self.walls is not None:
             velocity = None if self.timed_drive is None else self.timed_drive.walls_at(time)
             walls = self.walls if velocity is None else self.walls.moving_at(velocity)
+            if walls.line is not None and phi is not None:
+                walls = walls.with_interface(phi)
             with self.clock("operators"):
                 ops, neighbours, images = walls.configure(x)
         else:
@@ -124,7 +124,7 @@ class Stepper:
             with self.clock("operators"):
                 ops = build_operators(neighbours, particle_volumes(neighbours))
         with self.clock("terms"):
-            terms = self.fluids_at(time).terms(ops, neighbours)
+            terms = self.fluids_at(time).terms(ops, neighbours, phi)
         with self.clock("assembly"):
             # a periodic box full of fluid is one component; pores can be many
             labels = np.zeros(n, np.int32)
@@ -141,7 +141,8 @@ class Stepper:
         # without walls nothing tells a wind from a motion of the box: shifting and the carried pressure must not either
         wind = 0.0 if self.walls is not None else reduce.mean(u)
         displacement = dt * (u + 0.5 * ratio * (u - u_old))  # eq. 4: the mean of the old and the new velocity
-        dr = self._shift(state, config, dt, wind, displacement)
+        speed = np.sqrt(reduce.largest(((u - wind) ** 2).sum(axis=1)))
+        dr = self._shift(state, config, dt, speed, displacement)
         if self.held_velocity is not None:
             state = replace(state, shifting_flux=self.held_velocity.averaged_shifting_flux(state, dr, dt))
         if dr is not None:
@@ -150,6 +151,8 @@ class Stepper:
                 fields = carry(config.ops, np.concatenate([u, u_old], axis=1), dr, second)  # eq. 9
                 u, u_old = np.ascontiguousarray(fields[:, : u.shape[1]]), np.ascontiguousarray(fields[:, u.shape[1] :])
                 displacement += dr  # eq. 8
+        with self.clock("terms"):
+            phi = self.fluids.carried(config, dr, dt, speed)
         terms, stopped = config.terms, 0
         # eqs 4 and 10: the pressure is carried over the whole displacement, with the flow and by the shift
         p = p + terms.density * (terms.pressure_gradient(p) * (displacement - dt * wind)).sum(axis=1)
@@ -159,19 +162,16 @@ class Stepper:
             inside = self.geometry.phase(x) < 0
             x[inside] = state.x[inside]
             stopped = reduce.count(inside)
-        return replace(state, x=x, u=u, u_old=u_old, p=p), stopped
+        return replace(state, x=x, u=u, u_old=u_old, p=p, phi=phi), stopped
 
-    def _shift(self, state: State, config: Configuration, dt: float, wind: np.ndarray | float,
+    def _shift(self, state: State, config: Configuration, dt: float, speed: float,
                displacement: np.ndarray) -> np.ndarray | None:
         """Shifts (n, dim) of eq. 8, m, with what keeps particles off the walls; None where there are none.
-        displacement: (n, dim) with the flow, m."""
-        dr, u = None, state.u
+        speed: largest one, m/s; displacement: (n, dim) with the flow, m."""
+        dr = None
         with self.clock("terms"):
-            speed = np.sqrt(reduce.largest(((u - wind) ** 2).sum(axis=1)))
             if self.shifting > 0.0 and speed > 0.0:
                 dr = shift(config.neighbours, speed, dt, self.shifting, self.spacing)  # eq. 8
-                if config.terms.shifts_less is not None:
-                    dr[config.terms.shifts_less] *= INTERFACE_SHIFTING
             if self.walls is not None:
                 assert config.ops.walls is not None
                 nearest: float | np.ndarray = NEAR_WALL * self.spacing
@@ -184,12 +184,13 @@ class Stepper:
         """One step of length dt. Raises SolveError, StepError or RunError."""
         self.solvers.begin(state, dt)
         moved, stopped = self.move(state, config, dt)
-        config = self.configure(moved.x, state.time + dt)
+        before, config = config.terms, self.configure(moved.x, state.time + dt, moved.phi)
         ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0
         g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
         # eq. 2 in time: backward differences along the paths
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
-        p, held, known = moved.p, state.pressure_gradient, history + config.terms.force
+        p = self.fluids.relabelled(moved.p, before, config.terms)
+        held, known = state.pressure_gradient, history + config.terms.force
         system = pressure_system(config, self.solvers)
         expansion: float | np.ndarray = 0.0
         volume_drift: float | None = None
@@ -209,7 +210,7 @@ class Stepper:
             if held is not None:
                 u, p, increment = self._hold(config, system, u, p, g0 / dt, moved.shifting_flux)
                 held += increment
-        new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.shifting_flux)
+        new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.shifting_flux, moved.phi)
         return StepResult(new, config, dt, config.ops.total_divergence(u), stopped, self.solvers.reports,
                           self.solvers.rebuilt, volume_drift)
 

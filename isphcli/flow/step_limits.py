@@ -49,24 +49,24 @@ class Bounds:
     size of a spacing. The mean is weighted with the density.
 
     start: m/s; force: m/s2, of the fluid that is accelerated most; other: speed of walls and of surface tension, m/s;
-    density: (n,) or 1; largest_force(time): of a force that changes, its largest value so far, m/s2, or None.
+    largest_force(time): of a force that changes, its largest value so far, m/s2, or None.
     """
 
     geometry: Geometry
     site_volume: float
-    density: np.ndarray | float
     start: float
     force: float
     other: float
     largest_force: Callable[[float], float] | None = None
 
-    def speed(self, u: np.ndarray) -> float:
-        """Root mean square speed of velocities (n, dim), weighted with the density."""
+    @staticmethod
+    def speed(u: np.ndarray, density: np.ndarray | float) -> float:
+        """Root mean square speed of velocities (n, dim), weighted with the density, (n,) in any unit, or a number."""
         largest = reduce.largest(np.abs(u))
         if not 0.0 < largest < np.inf:  # squares of very small and very large speeds leave the range of numbers
             return largest
         square = ((u / largest) ** 2).sum(axis=1)
-        return largest * np.sqrt(reduce.mean(square, np.broadcast_to(self.density, square.shape)))
+        return largest * np.sqrt(reduce.mean(square, np.broadcast_to(density, square.shape)))
 
     def check(self, old: State, found: StepResult) -> None:
         """Raises StepError where the step from the State `old` to the StepResult `found` broke a limit."""
@@ -75,9 +75,10 @@ class Bounds:
             bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
             if reduce.any_true(bad):
                 raise StepError(f"the {name} of {reduce.count(bad)} particles is no longer a number", bad.astype(float))
-        speed, size = self.speed(new.u), np.sqrt((new.u**2).sum(axis=1))
+        density = found.config.terms.density
+        speed, size = self.speed(new.u, density), np.sqrt((new.u**2).sum(axis=1))
         force = self.force if self.largest_force is None else self.largest_force(new.time)
-        before = (("of the step before", self.speed(old.u), dt), ("of the start", self.start, new.time))
+        before = (("of the step before", self.speed(old.u, density), dt), ("of the start", self.start, new.time))
         for since, begin, time in before:
             bound = GROWTH * (begin + force * time + self.other)
             if speed > bound:

@@ -56,6 +56,10 @@ class Geometry(Protocol):
         1.0 where none is met."""
         ...
 
+    def interface_distance(self, x: np.ndarray) -> np.ndarray | None:
+        """(n,) signed distance to where fluids 0 and 1 meet, m, > 0 in fluid 0; None where labels alone say it."""
+        ...
+
 
 def sample_voxels(geometry: Geometry) -> tuple[slice, ...]:
     """Part of the labels [z, y, x] or [y, x] of an image without its clear layers."""

@@ -112,6 +112,19 @@ class ShapeGeometry:
             phase[seam] = np.where(beside < -1, -1, phases[beside + 1])
         return phase
 
+    def interface_distance(self, x: np.ndarray) -> np.ndarray:
+        """(n,) signed distance to where fluids 0 and 1 meet, m, > 0 in fluid 0; solids lie on it and end nothing.
+
+        Exact but beyond the edges of shapes, where it is that to the nearest surface.
+        """
+        x = self._wrapped(x)
+        phi = np.full(len(x), np.inf if self.fluid == 0 else -np.inf)
+        for shape in self.shapes:
+            if shape.phase >= 0:
+                d = shape.signed_distance(x, self.period)
+                phi = np.maximum(phi, -d) if shape.phase == 0 else np.minimum(phi, d)
+        return phi
+
     def distance(self, x: np.ndarray) -> np.ndarray:
         """(n,) signed distance to the wall, m.
 

@@ -95,6 +95,9 @@ class VoxelGeometry:
         """(n,) int8: label of the voxel that holds each point; -1 in solids and beyond non-periodic faces."""
         return _phases(self._grid, self._around, self._points(x))
 
+    def interface_distance(self, x: np.ndarray) -> None:
+        """None: labels say which fluid is where."""
+
     def distance(self, x: np.ndarray) -> np.ndarray:
         """(n,) signed distance to the wall, m; its sign agrees with `phase`."""
         u = self._points(x)

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 class WallChange(Protocol):
     """What makes the walls of a configuration other than those of the geometry (contact_angle.SlipAtLine)."""
 
+    def at(self, phi: np.ndarray) -> WallChange:
+        """The change for particles of signed distances phi (n,) to the interface, m."""
+
     def wall_table(self, geometry: Geometry, wall: np.ndarray,
                    neighbours: Neighbourhood) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
         """(wall (n_rows,), velocity, slip length and spin of the walls) of the nearest walls (n_rows,)."""
@@ -51,6 +54,13 @@ class WallScene:
         other = copy.copy(self)
         other.geometry = copy.copy(self.geometry)
         other.geometry.wall_velocity = wall_velocity
+        return other
+
+    def with_interface(self, phi: np.ndarray) -> WallScene:
+        """The same scene with its contact lines where the signed distances phi (n,), m, to the interface vanish."""
+        assert self.line is not None
+        other = copy.copy(self)
+        other.line = self.line.at(phi)
         return other
 
     def configure(self, x: np.ndarray) -> tuple[Operators, Neighbourhood, Halo]:

@@ -167,8 +167,9 @@ def _angle_of_cap(centre: float, size: float, dim: int) -> float:
     return float(brentq(lower, 1.0, 179.0))
 
 
-def amplitude(case: Case, x: Array, phase: Array) -> float:
-    """Height of the crest of a wave, or how much longer than round a drop is along x, m, of particles x (n, 2).
+def amplitude(case: Case, x: Array, first: Array) -> float:
+    """Height of the crest of a wave, or how much longer than round a drop is along x, m, of particles x (n, 2) with
+    volume fractions `first` (n,) of the first fluid.
 
     What a run writes as the column `amplitude` of its history where the kind of its reference is in `AMPLITUDES`.
     First moments of the fluid as a set: 2 / width times its integral of cos(k x); its integral of z^n over
@@ -178,18 +179,17 @@ def amplitude(case: Case, x: Array, phase: Array) -> float:
     lower, upper = box_of(case)
     if case.reference.kind == "capillary_wave":
         k = 2 * math.pi / number(case, "wavelength", float(upper[0] - lower[0]))
-        below = int(np.mean(x[phase == 0, 1]) > np.mean(x[phase == 1, 1]))
+        upside_down = np.average(x[:, 1], weights=first) > np.average(x[:, 1], weights=1.0 - first)
         # the upper fluid says the same with the other sign; what both have is no wave
-        sign = np.where(phase == below, 1.0, -1.0)
+        sign = (1.0 - 2.0 * first) if upside_down else (2.0 * first - 1.0)
         return float((sign * np.cos(k * (x[:, 0] - lower[0]))).mean() * (upper[1] - lower[1]))
-    counts = np.bincount(phase, minlength=2)
-    name = parameter(case, "drop", case.fluid_names[int(np.argmin(counts))])
-    mine = x[phase == case.fluid_names.index(name)]
-    z = (mine - mine.mean(axis=0)) @ [1, 1j]
+    name = parameter(case, "drop", case.fluid_names[0 if first.mean() < 0.5 else 1])
+    part = first if case.fluid_names.index(name) == 0 else 1.0 - first
+    z = (x - np.average(x, axis=0, weights=part)) @ [1, 1j]
     n = _mode(case)
     # second moments give the radius: no volume of a particle is needed
-    radius = math.sqrt(2 * float((np.abs(z) ** 2).mean()))
-    return float((z**n).real.mean() / radius ** (n - 1))
+    radius = math.sqrt(2 * float(np.average(np.abs(z) ** 2, weights=part)))
+    return float(np.average((z**n).real, weights=part) / radius ** (n - 1))
 
 
 AMPLITUDES = ("capillary_wave", "oscillating_drop")

@@ -192,7 +192,7 @@ def terms_of_two(fluids: Fluids) -> list[str]:
         terms.append("viscosity jump")
     if fluids.tension is not None:
         terms.append(f"surface tension ({fluids.tension.method})")
-        if fluids.tension.contact is not None:
+        if fluids.contact is not None:
             terms.append("contact angle")
         if fluids.added_viscosity > 0.0:
             terms.append("artificial viscosity at the interface")

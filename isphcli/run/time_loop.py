@@ -39,7 +39,7 @@ class TimeLoop:
 
     snapshot(state, config), row(dict) and progress(result, limit) are called as the run goes. `last` is the last
     step of which all is told (restart.Saved): what a run that stops goes on from.
-    density: of the fluid or (n,) of the particles, kg/m3; measure(state, config): further entries of a row, dict.
+    measure(state, config): further entries of a row, dict.
     steady: steadiness.Steady of what `observed` says, in a run to a steady state, else None.
     fluid_cells: volume of the fluid in the box over `site_volume`, see `permeability.fluid_cells`, which the mean
     velocity is taken over; None: over the particles.
@@ -47,12 +47,12 @@ class TimeLoop:
 
     fluid_cells: float | None = None
 
-    def __init__(self, case: Case, stepper: Stepper, site_volume: float, density: float | np.ndarray, box_volume: float,
+    def __init__(self, case: Case, stepper: Stepper, site_volume: float, box_volume: float,
                  measure: Callable[[State, Configuration], dict[str, Any]] = lambda state, config: {}):
         assert case.time is not None  # of moving particles
         self.measure = measure
         self.case, self.time, self.stepper = case, case.time, stepper
-        self.site_volume, self.density, self.box_volume = site_volume, density, box_volume
+        self.site_volume, self.box_volume = site_volume, box_volume
         self.steady = Steady() if case.time.steady is not None else None
         self.along = _free_direction(case, stepper)
         self.last: Saved | None = None
@@ -174,7 +174,8 @@ class TimeLoop:
         # einsum: numpy's sums over an axis of two or three entries take five times as long
         total = np.einsum("ij->j", state.u)
         mean = total / (self.fluid_cells or len(state.u))
-        energy = 0.5 * self.site_volume * float((self.density * np.einsum("ij,ij->i", state.u, state.u)).sum())
+        density = stepper.fluids.reference * found.config.terms.density
+        energy = 0.5 * self.site_volume * float((density * np.einsum("ij,ij->i", state.u, state.u)).sum())
         fraction = len(state.u) * self.site_volume / self.box_volume
         row = {"step": state.step, "time": state.time, "dt": found.dt, "limit": limit}
         for name in ("velocity", "pressure"):

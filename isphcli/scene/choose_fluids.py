@@ -8,7 +8,6 @@ import numpy as np
 
 from ..case.forcing import body_force, held_axis
 from ..flow.one_fluid import OneFluid
-from ..operators.kernel import KERNELS
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -28,30 +27,29 @@ def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: n
         return OneFluid(present[0].density, present[0].nu, force, held)
     from ..two_phase.two_fluids import TwoFluidForces, TwoFluids
 
-    kind, spacing = KERNELS[case.particles.kernel], case.particles.spacing
+    spacing = case.particles.spacing
     support = case.support * spacing
-    tension = line = None
+    tension = contact = line = None
     if case.interface is not None:
         from ..two_phase.surface_tension import SurfaceTension
 
-        contact = _contact(case, geometry, particles, kind, support) if geometry.has_solid else None
-        tension = SurfaceTension(case.interface.tension, case.interface.method, [f.density for f in present], kind,
-                                 support, spacing, contact)
+        contact = _contact(case, geometry, particles, support) if geometry.has_solid else None
+        tension = SurfaceTension(case.interface.tension, case.interface.method, [f.density for f in present], support,
+                                 spacing)
         if contact is not None and case.interface.slip_length > 0.0:
             from ..two_phase.contact_angle import SlipAtLine
 
-            line = SlipAtLine(particles.phase, case.interface.slip_length)
+            line = SlipAtLine(case.interface.slip_length)
     body = body_force(case, geometry.dim)
-    return TwoFluids(particles.phase, [f.density for f in present], [f.mu for f in present],
-                     TwoFluidForces(body, force - body, held), tension, line)
+    return TwoFluids([f.density for f in present], [f.mu for f in present], TwoFluidForces(body, force - body, held),
+                     spacing, tension, contact, line)
 
 
-def _contact(case: Case, geometry: Geometry, particles: Particles, kind: int, support: float) -> ContactAngle:
+def _contact(case: Case, geometry: Geometry, particles: Particles, support: float) -> ContactAngle:
     from ..geometry.wall_normals import wall_normals
     from ..two_phase.contact_angle import ContactAngle, WallDummies
 
     assert case.interface is not None
     dummies = particles.x[particles.n_fluid:]
-    walls = WallDummies(dummies, np.maximum(-geometry.distance(dummies), 0.0), wall_normals(geometry, dummies, support),
-                        particles.site_volume)
-    return ContactAngle(case.interface.contact_angle, walls, kind, support, case.particles.spacing)
+    walls = WallDummies(dummies, np.maximum(-geometry.distance(dummies), 0.0), wall_normals(geometry, dummies, support))
+    return ContactAngle(case.interface.contact_angle, walls, case.particles.spacing)

@@ -10,6 +10,7 @@ import numpy as np
 from ..case import expressions, forcing
 from ..case.forcing import drives, held_flux
 from ..flow.held_velocity import HeldVelocity, outside_sample
+from ..flow.one_fluid import OneFluid
 from ..flow.state import State
 from ..flow.step import Stepper
 from ..flow.step_limits import Bounds
@@ -84,8 +85,14 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     )
     if drive is not None:
         stepper.bounds = replace(stepper.bounds, largest_force=drive.largest_force)
-    none_yet = None if held is None else 0.0
-    return State(x, u, u.copy(), np.zeros(n), pressure_gradient=none_yet, shifting_flux=none_yet), stepper, particles
+    none_yet, phi = None if held is None else 0.0, None
+    if not isinstance(fluids, OneFluid):
+        from .first_interface import first_interface
+
+        with clock("geometry"):
+            phi = first_interface(case, geometry, particles, stepper)
+    state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=none_yet, shifting_flux=none_yet, phi=phi)
+    return state, stepper, particles
 
 
 def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, rate: HeldVelocity | None) -> Bounds:
@@ -96,8 +103,8 @@ def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, 
     capillary = np.sqrt(tension / (density.mean() * case.particles.spacing))
     other = walls + capillary + (SPREAD * rate.speed if rate is not None else 0.0)
     force = float(forcing.strongest_acceleration(case, geometry.upper - geometry.lower))
-    found = Bounds(geometry, particles.site_volume, density, 0.0, force, other)
-    return replace(found, start=found.speed(u))
+    found = Bounds(geometry, particles.site_volume, 0.0, force, other)
+    return replace(found, start=found.speed(u, density))
 
 
 def timed_drive(case: Case, geometry: Geometry) -> TimedDrive:

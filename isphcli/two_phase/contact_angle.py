@@ -1,13 +1,12 @@
-"""The contact angle: what walls carry on of an interface that meets them.
+"""The contact angle: the slope of the signed distance that walls ask for where an interface meets them.
 
 Eqs 18-22 turn the normals of the fluid near a wall towards the contact angle; asked for 150 degrees, a drop then
-settles at 84. Here the dummies carry the interface on: each one near a contact line has
+settles at 84. Here the fit of `quadratic_fit` takes the angle in, as a boundary condition: with theta measured
+through the first fluid and p the normal of the wall, into the fluid,
 
-    a normal  n_D = t sin(theta) - p cos(theta),     p into the fluid, t along the wall into the first fluid, and
-    a colour  c_D = c(x_D + L (p + t cot(theta))),   L = d_D + dx: that of the fluid where the line that meets the wall
-                                                     at theta comes out of it,
+    p . grad phi = -cos(theta)     at the wall points below which dummies lie, near the line where phi = 0 meets the wall.
 
-and the colour gradient and the curvature of the fluid particles see them. theta is measured through the first fluid.
+Normals and curvature beside the wall, and the smoothing of phi, follow from the fit: no normal is turned by hand.
 """
 
 from __future__ import annotations
@@ -17,27 +16,31 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.spatial import cKDTree
 
 from ..operators.kernel import shape
-from .normals import Ghosts, dilate, find_band
+from .interface import phase_of
+from .quadratic_fit import QuadraticFit, SlopesAtWalls, quadratic_fit
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..geometry.protocol import Geometry
     from ..operators.pair_weights import Operators
 
-STEEPEST = math.radians(20.0)  # the line is not carried on flatter than this: the colour would come from afar
-SIDEWAYS = 0.3  # of a normal that lies along the wall: below this part the interface runs along the wall, not into it
-SAMPLES = 6  # fluid particles from which the colour of a dummy is averaged
+NEAR_LINE = 2.0  # spacings: wall points are given the angle less and less up to this distance from the interface
+SHALLOW = 1.01  # spacings: dummies deeper than this have wall points that others have too
+WEIGHT = 1.0  # of a slope at a wall point, times the support, over that of a value of a neighbour there
 
 
 class SlipAtLine:
-    """Walls near a contact line slip, so that the line can move as particles become many. phase: (n,) of the fluid
-    particles; length: Navier slip length, m."""
+    """Walls near a contact line slip, so that the line can move as particles become many. length: Navier slip length,
+    m; phase: (n,) of the fluid particles, once it is known."""
 
-    def __init__(self, phase: np.ndarray, length: float):
-        self.phase, self.length = phase, length
+    def __init__(self, length: float, phase: np.ndarray | None = None):
+        self.length, self.phase = length, phase
+
+    def at(self, phi: np.ndarray) -> SlipAtLine:
+        """The same for particles of signed distances phi (n,) to the interface."""
+        return SlipAtLine(self.length, phase_of(phi))
 
     def wall_table(self, geometry: Geometry, wall: np.ndarray,
                    neighbours: Neighbourhood) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
@@ -45,6 +48,7 @@ class SlipAtLine:
 
         wall: (n_rows,) nearest wall of each row; neighbours: of the fluid particles, dummies included.
         """
+        assert self.phase is not None
         n, owner = len(self.phase), neighbours.owner
         sees = _fluids_in_sight(neighbours.start, neighbours.column, self.phase, int(owner.max()) + 1)
         wall = wall + len(geometry.slip_length) * ((owner >= n) & sees[owner].all(axis=1)).astype(wall.dtype)
@@ -54,61 +58,40 @@ class SlipAtLine:
 
 
 class WallDummies(NamedTuple):
-    """x: (n_dummy, dim) m; depth: (n_dummy,) below the wall, m; normal: (n_dummy, dim) of the wall, into the fluid;
-    volume: of each, m^dim."""
+    """x: (n_dummy, dim) m; depth: (n_dummy,) below the wall, m; normal: (n_dummy, dim) of the wall, into the fluid."""
 
     x: np.ndarray
     depth: np.ndarray
     normal: np.ndarray
-    volume: float
 
 
 class ContactAngle:
-    """angle: degrees through the first fluid; dummies: those of the walls; kind: kernel number; support, spacing: m."""
+    """angle: degrees through the first fluid; dummies: those of the walls; spacing: m."""
 
-    def __init__(self, angle: float, dummies: WallDummies, kind: int, support: float, spacing: float):
-        self.angle, self.dummies = math.radians(angle), dummies
-        self.kind, self.support, self.spacing = kind, support, spacing
+    def __init__(self, angle: float, dummies: WallDummies, spacing: float):
+        self.angle, self.dummies, self.spacing = math.radians(angle), dummies, spacing
 
-    def ghosts(self, ops: Operators, neighbours: Neighbourhood, colour: np.ndarray, near: np.ndarray) -> Ghosts | None:
-        """Ghosts of one configuration, or None where the interface meets no wall. Arguments as those of
-        `SurfaceTension.force`."""
-        n, x, reach = len(colour), neighbours.x, near
-        for _ in range(2):
-            reach = dilate(ops.start, ops.column, reach)
+    def at_walls(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray,
+                 free: QuadraticFit) -> QuadraticFit:
+        """The QuadraticFit `free` with those of particles that see wall points near a contact line made anew, with the
+        angle there. Arguments as those of `interface.find_interface`; known: (n,) bool."""
         assert ops.walls is not None
-        reach &= ops.walls.near_wall
-        start, at, dummy = _seen(neighbours, reach, n)
+        shallow = self.dummies.depth < SHALLOW * self.spacing
+        start, at, dummy = _seen(neighbours, known & ops.walls.near_wall, shallow, len(phi))
         if len(at) == 0:
-            return None
-        band = find_band(ops, colour, near, self.spacing, wanted=reach)
-        particle = np.repeat(np.arange(n), np.diff(start))
-        offset = x[at] - x[particle]
-        seen = np.zeros(len(self.dummies.x), np.bool_)
-        seen[dummy] = True
-        used, where = np.flatnonzero(seen), (np.cumsum(seen) - 1)[dummy]
-        along = _sum_normals(particle, offset, where, len(used), band.normal, band.strength, (self.kind, self.support))
-        p = self.dummies.normal[used]  # in place of eq. 19: of the wall distance
-        along -= (along * p).sum(axis=1, keepdims=True) * p  # eq. 20, of the normals around the dummy
-        size = np.linalg.norm(along, axis=1)
-        meets = size > SIDEWAYS
-        t = np.where(meets[:, None], along / np.where(size > 0.0, size, 1.0)[:, None], 0.0)
-        # eq. 18, on the dummies; the fluid sees them, and no normal is blended (eqs 21-22)
-        normal = np.where(meets[:, None], math.sin(self.angle) * t - math.cos(self.angle) * p, 0.0)
-        steep = min(max(self.angle, STEEPEST), math.pi - STEEPEST)
-        rise = (self.dummies.depth[used] + self.spacing)[:, None]
-        carried = self._colour_at(self.dummies.x[used] + rise * (p + t / math.tan(steep)), x, neighbours.owner, colour)
-        return Ghosts(start, offset, carried[where], normal[where], self.dummies.volume)
-
-    def _colour_at(self, points: np.ndarray, x: np.ndarray, owner: np.ndarray, colour: np.ndarray) -> np.ndarray:
-        """Kernel average of the colour of the fluid nearest to points (m, dim)."""
-        rows = np.flatnonzero(owner < len(colour))
-        count = min(SAMPLES, len(rows))
-        distance, index = cKDTree(x[rows]).query(points, k=count)
-        distance, index = distance.reshape(len(points), count), index.reshape(len(points), count)
-        # the nearest always counts, however far
-        weight = np.maximum(1.0 - (distance / (1.5 * np.maximum(distance[:, :1], self.spacing))) ** 2, 0.0) ** 2
-        return (weight * colour[owner[rows[index]]]).sum(axis=1) / weight.sum(axis=1)
+            return free
+        normal = self.dummies.normal[dummy]
+        particle = np.repeat(np.arange(len(phi)), np.diff(start))
+        offset = neighbours.x[at] + self.dummies.depth[dummy][:, None] * normal - neighbours.x[particle]
+        count = len(self.dummies.x)
+        distance = _at_wall_points(particle, offset, dummy, count, free.value, free.slope, neighbours)
+        part = np.maximum(1.0 - (distance / (NEAR_LINE * self.spacing)) ** 2, 0.0) ** 2
+        touched = np.zeros(len(phi), np.bool_)
+        touched[particle[part[dummy] > 0.0]] = True
+        slopes = SlopesAtWalls(start, offset, normal, np.full(len(dummy), -math.cos(self.angle)), WEIGHT * part[dummy])
+        bound = quadratic_fit(ops.neighbours, phi, known, touched, slopes)
+        return QuadraticFit(*(np.where(touched if old.ndim == 1 else touched[:, None], new, old)
+                              for old, new in zip(free, bound)))
 
 
 @njit(cache=True)
@@ -122,43 +105,40 @@ def _fluids_in_sight(start, column, phase, count):
 
 
 @njit(cache=True)
-def _seen(neighbours, mark, n):
-    """(row pointers (n + 1,), table rows, dummies) of what the marked particles see of the walls."""
+def _seen(neighbours, mark, shallow, n):
+    """(row pointers (n + 1,), table rows, dummies) of the shallow dummies that the marked particles see."""
     start, column, row = neighbours.start, neighbours.column, neighbours.row
     new_start = np.zeros(n + 1, np.int64)
     for i in range(n):
         new_start[i + 1] = new_start[i]
         if mark[i]:
             for p in range(start[i], start[i + 1]):
-                new_start[i + 1] += column[p] >= n
+                new_start[i + 1] += column[p] >= n and shallow[column[p] - n]
     at, dummy = np.empty(new_start[n], np.int64), np.empty(new_start[n], np.int64)
     count = 0
     for i in range(n):
         if mark[i]:
             for p in range(start[i], start[i + 1]):
-                if column[p] >= n:
+                if column[p] >= n and shallow[column[p] - n]:
                     at[count], dummy[count] = row[p], column[p] - n
                     count += 1
     return new_start, at, dummy
 
 
-@njit(cache=True)
-def _sum_normals(particle, offset, where, count, normal, strength, kernel):
-    """Kernel average of the fluid's normals round each dummy, (count, dim)."""
+@njit(cache=True, error_model="numpy")
+def _at_wall_points(particle, offset, dummy, count, value, slope, neighbours):
+    """phi (count,), m, at the wall point above each dummy: kernel average of what the particles that see it make of
+    theirs; infinite where none does."""
     dim = offset.shape[1]
-    total, out = np.zeros(count), np.zeros((count, dim))
+    total, out = np.zeros(count), np.zeros(count)
     for p in range(len(particle)):
-        i, d = particle[p], where[p]
-        if strength[i] > 0.0:
-            r2 = 0.0
-            for k in range(dim):
-                r2 += offset[p, k] ** 2
-            w = strength[i] * shape(kernel[0], math.sqrt(r2) / kernel[1])
-            total[d] += w
-            for k in range(dim):
-                out[d, k] += w * normal[i, k]
+        i, r2, there = particle[p], 0.0, value[particle[p]]
+        for k in range(dim):
+            r2 += offset[p, k] ** 2
+            there += slope[i, k] * offset[p, k]
+        w = shape(neighbours.kind, math.sqrt(r2) / neighbours.support)
+        total[dummy[p]] += w
+        out[dummy[p]] += w * there
     for d in range(count):
-        if total[d] > 0.0:
-            for k in range(dim):
-                out[d, k] /= total[d]
+        out[d] = out[d] / total[d] if total[d] > 0.0 else np.inf
     return out

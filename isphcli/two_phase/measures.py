@@ -1,7 +1,7 @@
 """What is measured of two fluids as a run goes. Imported only by scenes with two fluids.
 
-Volumes are those of the particles, 1 / sum W (eq. 7), scaled so that together they fill the pores; masses are those of
-the lattice sites and never change. With tension, the interface is that of its band (`normals.Band`).
+Volumes are those of the particles, 1 / sum W (eq. 7), scaled so that together they fill the pores, in the parts that
+the volume fraction of the interface gives to each fluid (`interface.Interface`).
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from scipy.spatial import cKDTree
 
 from ..domain import reduce
 from ..geometry.protocol import Geometry, sample_box
-from .normals import ADJACENT
 
 if TYPE_CHECKING:
-    from ..flow.one_fluid import InterfaceBand, Tension
+    from ..flow.one_fluid import FluidInterface, Tension
     from ..flow.state import Configuration, State
 
 Centre = list[float | None]  # (dim,) m, None along a periodic axis that a fluid lies all round
 
 SELDOM = 20  # steps between ganglia and contact angles
+ADJACENT = 1.25  # mean distances of particles: unlike ones nearer than this have the interface between them
 LINKED = 1.5  # mean distances of particles V^(1/dim) that like particles of one ganglion are apart at most
 ROUND = 0.1  # length of the mean direction round a periodic axis below which a fluid has no centre there
 # Points of the interface that a circle or sphere is fitted to are at least a support off the wall (nearer, the average
@@ -45,12 +45,13 @@ class MeasuredFluid(NamedTuple):
 
 
 class Measures:
-    """fluids: both; phase: (n,) int8; geometry: Geometry; site_volume: m^dim; pressure: kg/m3, density that `State.p`
-    is over; tension: SurfaceTension or None; amplitude: function of the positions (n, dim), m, or None."""
+    """fluids: both; phase: (n,) int8 of fluids that differ in name only, else of the start; geometry: Geometry;
+    site_volume: m^dim; pressure: kg/m3, density that `State.p` is over; tension: SurfaceTension or None; amplitude:
+    function of the positions (n, dim) and volume fractions (n,), m, or None."""
 
     def __init__(self, fluids: Sequence[MeasuredFluid], phase: np.ndarray, geometry: Geometry, site_volume: float,
                  pressure: float = 1.0, tension: Tension | None = None,
-                 amplitude: Callable[[np.ndarray], float] | None = None):
+                 amplitude: Callable[[np.ndarray, np.ndarray], float] | None = None):
         self.names, self.density, self.viscosity = zip(*fluids)
         self.phase, self.geometry, self.tension, self.pressure = phase, geometry, tension, pressure
         self.site_volume, self.amplitude = site_volume, amplitude
@@ -63,9 +64,9 @@ class Measures:
         everything is asked for, and otherwise None."""
         volume = config.ops.volume[: len(state.x)]
         volume = volume * (self.site_volume * reduce.number(volume) / reduce.total(volume))
-        row = self._fluids(state, volume)
+        row = self._fluids(state, config, volume)
         if self.amplitude is not None:
-            row["amplitude"] = self.amplitude(state.x)
+            row["amplitude"] = self.amplitude(state.x, _interface(config).fraction)
         everything = everything or state.step % SELDOM == 0
         if self.tension is not None:
             row |= self._interface(state, config, volume)
@@ -75,20 +76,27 @@ class Measures:
             row[f"ganglia_{name}"] = self.ganglia(config, k) if everything else None
         return row
 
+    def phase_at(self, config: Configuration) -> np.ndarray:
+        """(n,) int8 fluid of each particle of a configuration."""
+        return self.phase if config.terms.interface is None else config.terms.interface.phase
+
     def resume(self, row: Mapping[str, Any]) -> None:
         """Takes up the centres of a row of the history, so that those of a restarted run do not jump by a period."""
         self.centres = [[row.get(f"centre_{a}_{name}") for a in "xyz"[: self.geometry.dim]] for name in self.names]
 
-    def _fluids(self, state: State, volume: np.ndarray) -> dict[str, Any]:
+    def _fluids(self, state: State, config: Configuration, volume: np.ndarray) -> dict[str, Any]:
         row: dict[str, Any] = {}
-        masks = [self.phase == k for k in (0, 1)]
+        phase, interface = self.phase_at(config), config.terms.interface
+        masks = [phase == k for k in (0, 1)]
+        first = masks[0].astype(float) if interface is None else interface.fraction
+        parts = [volume * first, volume * (1.0 - first)]
         inside = np.all((state.x >= self.lower) & (state.x <= self.upper), axis=1)
         sample = reduce.total(volume[inside])
-        for name, mask, k in zip(self.names, masks, (0, 1)):
-            u = state.u[mask]
-            row[f"volume_{name}"] = float(reduce.total(volume[mask]))
-            row[f"saturation_{name}"] = float(reduce.total(volume[mask & inside]) / sample)
-            self.centres[k] = centre = self._centre(state.x[mask], volume[mask], self.centres[k])
+        for name, mask, part, k in zip(self.names, masks, parts, (0, 1)):
+            u, there = state.u[mask], part > 0.0
+            row[f"volume_{name}"] = float(reduce.total(part))
+            row[f"saturation_{name}"] = float(reduce.total(part[inside]) / sample)
+            self.centres[k] = centre = self._centre(state.x[there], part[there], self.centres[k])
             row |= {f"centre_{a}_{name}": c for a, c in zip("xyz", centre)}
             row |= {f"velocity_{a}_{name}": float(v) for a, v in zip("xyz", reduce.mean(u))}
             square = reduce.total((u * u).ravel())
@@ -117,24 +125,25 @@ class Measures:
 
     def _interface(self, state: State, config: Configuration, volume: np.ndarray) -> dict[str, Any]:
         assert self.tension is not None
-        sigma, strength = self.tension.tension, _band(config).strength
-        area = self._area(config, volume)
+        sigma, interface = self.tension.tension, _interface(config)
+        area = float(reduce.dot(volume, interface.strength))
         speed = np.sqrt(reduce.largest((state.u * state.u).sum(axis=1)))
         row: dict[str, Any] = {
             "interface_area": area, "surface_energy": sigma * area,
-            "pressure_jump": self._jump(state.p, strength == 0.0) * self.pressure,
+            "pressure_jump": self._jump(state.p, interface) * self.pressure,
             "capillary_number": float(speed * max(self.viscosity) / sigma),
         }
         if self.geometry.dim == 2:
-            row["circularity"] = self._circularity(state.x, volume, area)
+            row["circularity"] = self._circularity(state.x, volume, interface, area)
         return row
 
-    def _circularity(self, x: np.ndarray, volume: np.ndarray, length: float) -> float | None:
+    def _circularity(self, x: np.ndarray, volume: np.ndarray, interface: FluidInterface,
+                     length: float) -> float | None:
         """Of the fluid that the other one encloses; None where neither is: not all its outline is interface."""
         for k in (0, 1):
-            mine = self.phase == k
-            if self._enclosed(x[mine]):
-                return 2.0 * math.sqrt(math.pi * reduce.total(volume[mine])) / length
+            part = interface.fraction if k == 0 else 1.0 - interface.fraction
+            if self._enclosed(x[interface.phase == k]):
+                return 2.0 * math.sqrt(math.pi * reduce.dot(volume, part)) / length
         return None
 
     def _enclosed(self, x: np.ndarray) -> bool:
@@ -148,19 +157,12 @@ class Measures:
                 return False
         return True
 
-    def _area(self, config: Configuration, volume: np.ndarray) -> float:
-        """sum V |grad C|, m^(dim - 1). The band leaves out where the gradient is faint, which is 2 % of the sum: with
-        it, disks and ellipses of 36 to 64 particles have their length within 0.7 %."""
-        band = _band(config)
-        slope = config.ops.gradient_p(band.colour)
-        size = np.sqrt((slope * slope).sum(axis=1))
-        return float(reduce.dot(volume, np.where(band.strength > 0.0, band.strength, size)))
-
-    def _jump(self, p: np.ndarray, outside: np.ndarray) -> float:
+    @staticmethod
+    def _jump(p: np.ndarray, interface: FluidInterface) -> float:
         means = []
         for k in (0, 1):
-            mine = self.phase == k
-            far = mine & outside
+            mine = interface.phase == k
+            far = mine & (interface.strength == 0.0)
             means.append(reduce.mean(p[far if reduce.any_true(far) else mine]))
         return float(means[0] - means[1])
 
@@ -168,12 +170,13 @@ class Measures:
         """Number of the separate parts of fluid k."""
         start, column = config.ops.start, config.ops.column
         x, owner = config.ops.neighbours.x, np.repeat(np.arange(len(start) - 1), np.diff(start))
-        like = (self.phase[owner] == k) & (self.phase[column] == k)
+        phase = self.phase_at(config)
+        like = (phase[owner] == k) & (phase[column] == k)
         owner, column, row = owner[like], column[like], config.ops.neighbours.row[like]
         offset = x[row] - x[owner]
         near = (offset * offset).sum(axis=1) < (LINKED * self.distance) ** 2
-        number = np.cumsum(self.phase == k) - 1
-        n = int((self.phase == k).sum())
+        number = np.cumsum(phase == k) - 1
+        n = int((phase == k).sum())
         links = csr_matrix((np.ones(near.sum(), np.int8), (number[owner[near]], number[column[near]])), shape=(n, n))
         return int(connected_components(links, directed=False)[0])
 
@@ -194,7 +197,8 @@ class Measures:
         points, depth, normal = points[same], depth[same], normals[np.argmin(depth)]
         if len(points) < 3 * self.geometry.dim:
             return None
-        centre = self._centre_of_drop(config.x)
+        phase = self.phase_at(config)
+        centre = self._centre_of_drop(config.x, phase)
         points = self._round(points, centre)
         off, middle, radius = self._fit(points)
         foot = points @ normal - depth  # of the wall along its normal
@@ -204,33 +208,32 @@ class Measures:
         if abs(height) > radius + self.distance:
             return None
         through = math.degrees(math.acos(min(max(-height / radius, -1.0), 1.0)))
-        inside = self._first_inside(middle, radius, points, config.x)
-        if not self._on_one_wall(config.x[: len(self.phase)], 0 if inside else 1, normal):
+        inside = self._first_inside(middle, radius, points, config.x, phase)
+        if not self._on_one_wall(config.x[phase == (0 if inside else 1)], normal):
             return None
         return through if inside else 180.0 - through
 
-    def _on_one_wall(self, x: np.ndarray, k: int, normal: np.ndarray) -> bool:
-        """Whether all that fluid k touches is a wall of this normal (dim,): a slug between plates is no drop."""
+    def _on_one_wall(self, mine: np.ndarray, normal: np.ndarray) -> bool:
+        """Whether all that particles (m, dim) touch is a wall of this normal (dim,): a slug between plates is no
+        drop."""
         from ..geometry.wall_normals import wall_normals
 
-        mine = x[self.phase == k]
         at_wall = mine[self.geometry.distance(mine) < self.distance]
         return not reduce.any_true(~(wall_normals(self.geometry, at_wall, self.distance) @ normal > 0.99))
 
     def _crossings(self, config: Configuration) -> np.ndarray:
-        """Points (m, dim) between particles side by side where the averaged colour is one half. Without the average the
-        angle of a drop of 24 spacings on a lattice comes out wrong by up to 33 degrees."""
-        start, column, colour = config.ops.start, config.ops.column, _band(config).colour
+        """Points (m, dim) between particles side by side where phi is zero."""
+        start, column, phi = config.ops.start, config.ops.column, _interface(config).phi
         owner = np.repeat(np.arange(len(start) - 1), np.diff(start))
-        unlike = (colour[owner] >= 0.5) & (colour[column] < 0.5)
-        inner, outer = colour[owner[unlike]], colour[column[unlike]]
+        unlike = (phi[owner] > 0.0) & (phi[column] <= 0.0)
+        inner, outer = phi[owner[unlike]], phi[column[unlike]]
         a, b = config.x[owner[unlike]], config.ops.neighbours.x[config.ops.neighbours.row[unlike]]
         near = ((b - a) ** 2).sum(axis=1) < (ADJACENT * self.distance) ** 2
-        return (a + ((inner - 0.5) / (inner - outer))[:, None] * (b - a))[near]
+        return (a + (inner / (inner - outer))[:, None] * (b - a))[near]
 
-    def _centre_of_drop(self, x: np.ndarray) -> Centre:
+    def _centre_of_drop(self, x: np.ndarray, phase: np.ndarray) -> Centre:
         """Centre of the fluid of which there is less, list of dim, None along axes where it has none."""
-        mine = x[self.phase == (0 if reduce.count(self.phase == 0) <= reduce.count(self.phase == 1) else 1)]
+        mine = x[phase == (0 if reduce.count(phase == 0) <= reduce.count(phase == 1) else 1)]
         return self._centre(mine, np.ones(len(mine)), None)
 
     def _round(self, points: np.ndarray, centre: Sequence[float | None]) -> np.ndarray:
@@ -256,19 +259,20 @@ class Measures:
         off = np.linalg.norm(local - centre, axis=1) - radius
         return size * math.sqrt((off * off).mean()), middle + size * centre, size * radius
 
-    def _first_inside(self, centre: np.ndarray, radius: float, points: np.ndarray, x: np.ndarray) -> bool:
+    def _first_inside(self, centre: np.ndarray, radius: float, points: np.ndarray, x: np.ndarray,
+                      phase: np.ndarray) -> bool:
         """Whether the first fluid is on the inner side of the circle, by the particles that lie next to the points."""
-        x = self._round(x[: len(self.phase)], list(points.mean(axis=0)))
+        x = self._round(x[: len(phase)], list(points.mean(axis=0)))
         near = cKDTree(points).query(x, distance_upper_bound=2.0 * self.distance)[0] < np.inf
         inner = np.linalg.norm(x[near] - centre, axis=1) < radius
-        first = self.phase[near] == 0
+        first = phase[near] == 0
         return reduce.count(inner == first) > reduce.count(inner != first)
 
 
-def _band(config: Configuration) -> InterfaceBand:
-    """The interface of a configuration of fluids with tension."""
-    assert config.terms.band is not None
-    return config.terms.band
+def _interface(config: Configuration) -> FluidInterface:
+    """The interface of a configuration of fluids that differ or have tension."""
+    assert config.terms.interface is not None
+    return config.terms.interface
 
 
 def summary(measures: Measures, state: State, config: Configuration, rows: Sequence[Mapping[str, Any]],

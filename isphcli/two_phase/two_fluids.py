@@ -1,8 +1,8 @@
 """What two fluids put into the equations: weights of pairs across the interface, the transposed stress, tension.
 
 The pressure stays a pressure over the density of the first fluid, so that fluids of one density share every array
-with a scene of one fluid. With t the fraction of the way from i to j at which a pair crosses the interface
-(`normals.crossings`), r_ij and m_ij are what is left of a density and a viscosity between i and j when the normal
+with a scene of one fluid. With t the fraction of the way from i to j at which a pair meets the interface
+(`interface.crossings`), r_ij and m_ij are what is left of a density and a viscosity between i and j when the normal
 acceleration and the stress are continuous:
 
     grad p / rho  ->  sum_j (1 / r_ij) (p_j - p_i) grad_ij,      r_ij = t rho_i + (1 - t) rho_j
@@ -25,13 +25,15 @@ from numba import njit, prange
 
 from ..flow.one_fluid import Terms, ViscousWeights, balanced_force
 from ..operators.protocol import WallSums
+from .interface import MOST, RATE, Interface, carried, crossings, find_interface, near_interface
 from .interface_rules import FIRST_PASSES, interface_rules
-from .normals import crossings, near_interface
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
+    from ..flow.state import Configuration
     from ..operators.pair_weights import Operators
     from ..operators.wall_operators import WallChange
+    from .contact_angle import ContactAngle
     from .surface_tension import SurfaceTension
 
 SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like a second derivative of a plane of them
@@ -50,23 +52,20 @@ class TwoFluidForces(NamedTuple):
 
 
 class TwoFluids:
-    """phase: (n,) int8 fluid of each particle, 0 or 1; density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s; forces: what
-    moves them; tension: SurfaceTension or None; line: contact_angle.SlipAtLine or None."""
+    """density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s; forces: what moves them; spacing: m; tension:
+    SurfaceTension or None; contact: contact_angle.ContactAngle or None; line: contact_angle.SlipAtLine or None."""
 
     first_passes = FIRST_PASSES
 
-    def __init__(self, phase: np.ndarray, density: Sequence[float] | np.ndarray,
-                 viscosity: Sequence[float] | np.ndarray, forces: TwoFluidForces, tension: SurfaceTension | None = None,
-                 line: WallChange | None = None):
-        self.phase = phase
-        self.colour = np.where(phase == 0, 1.0, 0.0)  # eq. 15, the same for all particles
+    def __init__(self, density: Sequence[float] | np.ndarray, viscosity: Sequence[float] | np.ndarray,
+                 forces: TwoFluidForces, spacing: float, tension: SurfaceTension | None = None,
+                 contact: ContactAngle | None = None, line: WallChange | None = None):
         self.density = np.array(density, float)
         self.mu = np.array(viscosity, float)
         self.body, self.push, self.held = forces
         self.force = self.body + self.push
-        self.tension, self.line = tension, line
-        interface = (0.0, 0.0) if tension is None else (tension.tension, tension.spacing)
-        self.rules = interface_rules(self.density, self.mu, *interface)
+        self.spacing, self.tension, self.contact, self.line = spacing, tension, contact, line
+        self.rules = interface_rules(self.density, self.mu, 0.0 if tension is None else tension.tension, spacing)
         self.added_viscosity = self.rules.added_viscosity
 
     @property
@@ -90,16 +89,35 @@ class TwoFluids:
         other.body, other.push, other.force = body, push, body + push
         return other
 
-    def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
-        """Terms of one configuration. ops: Operators; neighbours: all of them, dummies included."""
+    def carried(self, config: Configuration, dr: np.ndarray | None, dt: float, speed: float) -> np.ndarray:
+        """phi (n,) after a step; see `Fluids.carried`."""
+        ways = speed * dt / self.spacing
+        if self.tension is not None:
+            ways += dt * math.sqrt(self.tension.tension / (self.density.mean() * self.spacing**3))
+        interface = config.terms.interface
+        assert isinstance(interface, Interface)
+        return carried(interface, config.ops.neighbours, dr, min(RATE * ways, MOST))
+
+    def relabelled(self, p: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
+        """p (n,) m2/s2; see `Fluids.relabelled`."""
+        assert before.interface is not None and now.interface is not None
+        if self.tension is None or self.tension.method != "jump":
+            return p
+        change = before.interface.phase - now.interface.phase
+        return p + self.tension.tension / self.reference * now.interface.curvature * change
+
+    def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:
+        """Terms of one configuration. ops: Operators; neighbours: all of them, dummies included; phi: (n,) m."""
+        assert phi is not None
+        interface = find_interface(ops, neighbours, phi, self.spacing, self.contact)
         reference = self.density[0]
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
-        rho = self.density[self.phase] / reference
-        mu = self.mu[self.phase] / reference
-        near = near_interface(ops.start, ops.column, self.colour)
+        rho = self.density[interface.phase] / reference
+        mu = self.mu[interface.phase] / reference
+        near = near_interface(ops.start, ops.column, interface.colour)
         weighted, viscous, transposed_stress, smooth = ops, ViscousWeights(mu[0], ops.lap, ops.walls), None, None
         if heavy or thick:
-            t = crossings(ops, self.colour, near)
+            t = crossings(ops.start, ops.column, phi)
             weighted, viscous = self._weigh(ops, t, rho, mu, heavy)
         if self.added_viscosity > 0.0:
             share = self.added_viscosity / reference / (viscous.factor * rho)
@@ -108,23 +126,21 @@ class TwoFluids:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near_wall
             transposed_stress = TransposedStress.build(ops, viscous.weight, np.flatnonzero(free))
-        force, jump, laplacian_of_jump, along, band = balanced_force(ops, self.body), None, None, None, None
+        force, jump, laplacian_of_jump, along = balanced_force(ops, self.body), None, None, None
         if self.push.any():
             force = force + weighted.potential_gradient(self.push)
         if self.held is not None:
             along = weighted.potential_gradient(self.held)
         if self.tension is not None:
-            tension_force, laplacian_of_jump, band = self.tension.force(ops, weighted, neighbours, self.colour, near,
-                                                                        reference)
+            tension_force, laplacian_of_jump = self.tension.force(weighted, interface, reference)
             if laplacian_of_jump is None:
                 force = force + tension_force
             else:
                 jump = tension_force
         rules = self.rules
-        shifts_less = None if rules.full_shifting else near
         return Terms(weighted, viscous, force, jump, laplacian_of_jump, rho if heavy else 1.0,
-                     rules.rotational_viscosity / reference, transposed_stress, smooth, shifts_less,
-                     rules.damps_odd_even, along, band)
+                     rules.rotational_viscosity / reference, transposed_stress, smooth,
+                     rules.damps_odd_even, along, interface)
 
     @staticmethod
     def _weigh(ops: Operators, t: np.ndarray, rho: np.ndarray, mu: np.ndarray,

@@ -119,7 +119,7 @@ def scene(name: str, setting: str, invariant: str, bound: float) -> Callable[[Me
 class Marched:
     """A run of moving particles in memory at its end.
 
-    start: its first state; rows: of the history; march: with the outcome; site_volume: m^dim; density: (n,) kg/m3.
+    start: its first state; rows: of the history; march: with the outcome; site_volume: m^dim.
     """
 
     case: Case
@@ -131,7 +131,6 @@ class Marched:
     stepper: Stepper
     march: TimeLoop
     site_volume: float
-    density: np.ndarray
 
 
 def marched(text: str, *sets: str, change: Callable[[State], State] | None = None) -> Marched:
@@ -144,11 +143,11 @@ def marched(text: str, *sets: str, change: Callable[[State], State] | None = Non
     start, stepper, particles = prepare(case, geometry, Clock())
     if change is not None:
         start = change(start)
-    density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
-    march = TimeLoop(case, stepper, particles.site_volume, density, float(np.prod(geometry.upper - geometry.lower)))
+    march = TimeLoop(case, stepper, particles.site_volume, float(np.prod(geometry.upper - geometry.lower)))
     rows: list[dict[str, Any]] = []
-    state, config = march.run(start, stepper.configure(start.x), lambda *_: None, rows.append, lambda *_: None)
-    return Marched(case, geometry, start, state, rows, config, stepper, march, particles.site_volume, density)
+    config = stepper.configure(start.x, start.time, start.phi)
+    state, config = march.run(start, config, lambda *_: None, rows.append, lambda *_: None)
+    return Marched(case, geometry, start, state, rows, config, stepper, march, particles.site_volume)
 
 
 def creeping_scene(text: str, *sets: str, axis: int = 0) -> tuple[StokesResult, SteadyScene]:
@@ -728,7 +727,9 @@ def carried(large: bool, place: Map = lambda x: x, turn: Map = lambda u: u,
             order: slice | np.ndarray = slice(None)) -> Marched:
     """The drop with its places and velocities mapped."""
     def change(state: State) -> State:
-        return replace(state, x=place(state.x)[order], u=turn(state.u)[order], u_old=turn(state.u_old)[order])
+        assert state.phi is not None
+        return replace(state, x=place(state.x)[order], u=turn(state.u)[order], u_old=turn(state.u_old)[order],
+                       phi=state.phi[order])
 
     return marched(DROP, *CARRIED, EXACT, f"time.max_steps={60 if large else 10}", change=change)
 
@@ -760,7 +761,8 @@ def boost_of_two(large: bool) -> float:
 def renumbering_of_two(large: bool) -> float:
     one = carried(large)
     assert isinstance(one.stepper.fluids, TwoFluids)
-    phase, order, rng = one.stepper.fluids.phase, np.arange(len(one.start.x)), np.random.default_rng(0)
+    assert one.start.phi is not None
+    phase, order, rng = one.start.phi <= 0.0, np.arange(len(one.start.x)), np.random.default_rng(0)
     for k in (0, 1):
         order[phase == k] = rng.permutation(order[phase == k])
     return apart(carried(large, order=order).state.u, one.state.u[order])
@@ -794,7 +796,7 @@ def momentum(large: bool) -> float:
 @scene("energy budget", "the same", "energy lost over the exact 16 pi2 nu E dt, less one", 0.05)
 def energy(large: bool) -> float:
     run = marched(VORTEX, f"particles.spacing={0.025 if large else 0.05}", "time.end=0.2")
-    lost = np.log(run.march.stepper.bounds.speed(run.state.u) / run.march.stepper.bounds.start)
+    lost = np.log(run.march.stepper.bounds.speed(run.state.u, 1.0) / run.march.stepper.bounds.start)
     return abs(float(lost / (-8 * np.pi**2 * 0.01 * 0.2)) - 1)
 
 
@@ -806,7 +808,8 @@ def energy(large: bool) -> float:
 def momentum_of_two(large: bool) -> float:
     run = marched(DROP, "geometry.shapes.0={box: {lower: [0.33, 0.27], upper: [0.73, 0.67]}, is: oil}",
                   "particles.jitter=0.1", "fluids.oil.density=3", f"time.max_steps={300 if large else 40}")
-    gain = run.site_volume * (run.density[:, None] * run.state.u).sum(axis=0)
+    density = run.stepper.fluids.reference * np.broadcast_to(run.config.terms.density, len(run.state.u))
+    gain = run.site_volume * (density[:, None] * run.state.u).sum(axis=0)
     return float(np.linalg.norm(gain) / (1.6 * run.state.time))
 
 

@@ -14,8 +14,8 @@ def run(text):
     case = read_case(text.encode(), "case.yaml")
     geometry = build_geometry(case)
     state, stepper, particles = prepare(case, geometry, Clock())
-    march = TimeLoop(case, stepper, particles.site_volume, 1.0, float(np.prod(geometry.upper - geometry.lower)))
+    march = TimeLoop(case, stepper, particles.site_volume, float(np.prod(geometry.upper - geometry.lower)))
     rows = []
     nothing = lambda *_: None  # noqa: E731
-    state, config = march.run(state, stepper.configure(state.x), nothing, rows.append, nothing)
+    state, config = march.run(state, stepper.configure(state.x, phi=state.phi), nothing, rows.append, nothing)
     return state, config, stepper, rows

@@ -18,4 +18,4 @@ def scene(text):
     """(stepper, state, configuration) of a case at its start."""
     case = read_case(text.encode(), "case.yaml")
     state, stepper, _ = prepare(case, build_geometry(case), Clock())
-    return stepper, state, stepper.configure(state.x)
+    return stepper, state, stepper.configure(state.x, phi=state.phi)

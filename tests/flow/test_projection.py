@@ -45,7 +45,7 @@ def one_step(text, velocity):
     """
     state, stepper = start(text, velocity)
     state = replace(state, u_old=state.u, dt_old=INSTANT)
-    after, config = advance(stepper, state, stepper.configure(state.x), INSTANT)
+    after, config = advance(stepper, state, stepper.configure(state.x, phi=state.phi), INSTANT)
     g0 = 1.5  # of the second-order scheme with equal steps
     return state.u, after.u, INSTANT / g0 * after.p, config.ops
 
@@ -107,7 +107,7 @@ def test_the_divergence_after_a_step(text):
     before, after, _, ops = one_step(text, swirl_and_source)
     size, left = (np.linalg.norm(ops.total_divergence(u)) for u in (before, after))
     state, stepper = start(text, swirl_and_source)
-    config = stepper.configure(state.x)
+    config = stepper.configure(state.x, phi=state.phi)
     for _ in range(3):
         state, config = advance(stepper, state, config, INSTANT)
     later = np.linalg.norm(config.ops.total_divergence(state.u))

@@ -73,7 +73,7 @@ def test_fluid_returns_to_its_volume(periodic, solid):
         judge = scene(periodic, 20, solid)[1].volume
         inside = stepper.geometry.phase(squeezed(state.x, 0.03)) >= 0
         state = replace(state, x=np.where(inside[:, None], squeezed(state.x, 0.03), state.x))
-        config = stepper.configure(state.x)
+        config = stepper.configure(state.x, phi=state.phi)
         before = judge.expansion(state.x, 1.0)[1]
         for _ in range(30):
             found = stepper.advance(state, config, 1e-3)

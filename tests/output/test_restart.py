@@ -141,9 +141,9 @@ def test_two_fluids_go_on_with_the_same_bits(tmp_path):
             state = saved.state
             stepper.rebuild_hierarchies(saved.origins)
         limited = replace(case, time=replace(case.time, max_steps=steps))
-        found = TimeLoop(limited, stepper, particles.site_volume, 1.0, 1.0)
+        found = TimeLoop(limited, stepper, particles.site_volume, 1.0)
         nothing = lambda *_: None  # noqa: E731
-        found.run(state, stepper.configure(state.x), nothing, nothing, nothing)
+        found.run(state, stepper.configure(state.x, phi=state.phi), nothing, nothing, nothing)
         return found.last
 
     whole, parts = march(None, 14), march(march(march(None, 3), 8), 14)

@@ -24,7 +24,7 @@ output: {every: 0.1}
 def loop(text, *sets):
     case = read_case(text.encode(), "case.yaml", sets)
     state, stepper, particles = prepare(case, build_geometry(case), Clock())
-    return TimeLoop(case, stepper, particles.site_volume, 1.0, 1.0), state
+    return TimeLoop(case, stepper, particles.site_volume, 1.0), state
 
 
 def test_no_particle_moves_farther_than_it_may():
@@ -54,7 +54,7 @@ def test_a_fixed_step_is_taken_after_a_first_shorter_one():
 def test_snapshots_are_written_at_their_times_and_the_run_ends_at_its_own():
     march, state = loop(FALL)
     times, rows = [], []
-    end, _ = march.run(state, march.stepper.configure(state.x), lambda s, _: times.append(s.time), rows.append,
+    end, _ = march.run(state, march.stepper.configure(state.x, phi=state.phi), lambda s, _: times.append(s.time), rows.append,
                        lambda *_: None)
     assert times == pytest.approx([0.1, 0.2], rel=1e-12) and end.time == pytest.approx(0.25, rel=1e-12)
     assert [row["step"] for row in rows] == list(range(1, end.step + 1))
@@ -64,5 +64,5 @@ def test_snapshots_are_written_at_their_times_and_the_run_ends_at_its_own():
 
 def test_a_run_out_of_steps_says_so():
     march, state = loop(FALL, "time.max_steps=2")
-    end, _ = march.run(state, march.stepper.configure(state.x), *[lambda *_: None] * 3)
+    end, _ = march.run(state, march.stepper.configure(state.x, phi=state.phi), *[lambda *_: None] * 3)
     assert end.step == 2 and march.outcome == "out of steps"

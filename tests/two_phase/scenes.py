@@ -18,10 +18,10 @@ def scene(text):
 def run(text):
     """(state, stepper, particles, rows) at the end of a case."""
     case, geometry, state, stepper, particles = scene(text)
-    march = TimeLoop(case, stepper, particles.site_volume, 1.0, float(np.prod(geometry.upper - geometry.lower)))
+    march = TimeLoop(case, stepper, particles.site_volume, float(np.prod(geometry.upper - geometry.lower)))
     rows = []
     nothing = lambda *_: None  # noqa: E731
-    state, _ = march.run(state, stepper.configure(state.x), nothing, rows.append, nothing)
+    state, _ = march.run(state, stepper.configure(state.x, phi=state.phi), nothing, rows.append, nothing)
     return state, stepper, particles, rows
 
 

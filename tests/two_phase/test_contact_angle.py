@@ -25,7 +25,7 @@ def test_walls_slip_where_an_interface_meets_them():
     """A fluid that slides along the walls as a whole is held back by them, except within a support of the two contact
     lines, where a slip length of a thousand boxes lets it pass; with no slip length nothing of it is there."""
     _, _, state, stepper, _ = scene(SIDE_BY_SIDE.replace("LENGTH", "1e3"))
-    ops = stepper.configure(state.x).ops
+    ops = stepper.configure(state.x, phi=state.phi).ops
     u = np.zeros_like(state.x)
     u[:, 0] = 1.0
     drag = ops.walls.laplacian(u)[:, 0]
@@ -37,7 +37,7 @@ def test_walls_slip_where_an_interface_meets_them():
     assert np.abs(drag[far]).min() > 0.99 * np.abs(drag).max() and far.sum() > 20
     # far from the lines it is the wall that it was
     _, _, state, stepper, _ = scene(SIDE_BY_SIDE.replace("LENGTH", "0"))
-    plain = stepper.configure(state.x).ops
+    plain = stepper.configure(state.x, phi=state.phi).ops
     assert plain.walls.slip is None and stepper.fluids.line is None
     assert np.array_equal(plain.walls.laplacian(u)[far, 0], drag[far])
 
@@ -84,7 +84,7 @@ def test_dummies_carry_the_interface_on_at_the_angle(asked):
     """Normals point into the first fluid: at the floor (-sin, -cos), at the ceiling (-sin, cos); none far from the
     lines."""
     state, stepper = wedge(90, asked)
-    ops, neighbours = (config := stepper.configure(state.x)).ops, config.neighbours
+    ops, neighbours = (config := stepper.configure(state.x, phi=state.phi)).ops, config.neighbours
     colour = stepper.fluids.colour
     near = near_interface(ops.start, ops.column, colour)
     ghosts = stepper.fluids.tension.contact.ghosts(ops, neighbours, colour, near)
@@ -103,7 +103,7 @@ def test_an_interface_is_bent_unless_it_meets_the_wall_at_its_angle(drawn, asked
     """Mean curvature over the band within a support of the floor, which would be 6/m where 30 degrees are turned within
     a support. Below the angle that is asked for the first fluid draws back from the wall, and is convex."""
     state, stepper = wedge(drawn, asked)
-    band = stepper.configure(state.x).terms.band
+    band = stepper.configure(state.x, phi=state.phi).terms.band
     low = state.x[:, 1] < stepper.support
     curvature = np.average(band.curvature[low], weights=band.strength[low])
     if drawn == asked:
@@ -117,7 +117,7 @@ def test_the_two_fluids_see_the_same_line():
     curvature = []
     for drawn, asked in ((60, 90), (120, 90)):
         state, stepper = wedge(drawn, asked)
-        band = stepper.configure(state.x).terms.band
+        band = stepper.configure(state.x, phi=state.phi).terms.band
         low = state.x[:, 1] < stepper.support
         curvature.append(np.average(band.curvature[low], weights=band.strength[low]))
     assert curvature[0] == pytest.approx(-curvature[1], rel=1e-6)

@@ -47,7 +47,7 @@ class Scene:
 
     def row(self, everything=True, **fields):
         state = replace(self.state, **fields)
-        return self.measures(state, self.stepper.configure(state.x), everything)
+        return self.measures(state, self.stepper.configure(state.x, phi=state.phi), everything)
 
 
 def test_a_disk():

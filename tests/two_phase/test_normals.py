@@ -33,7 +33,7 @@ def test_the_thinnest_direction_of_a_tensor(dim):
 
 def test_crossings_of_a_flat_interface_are_exact():
     _, _, state, stepper, _ = scene(layers(1 / 16, mu=5))
-    config = stepper.configure(state.x)
+    config = stepper.configure(state.x, phi=state.phi)
     ops, colour = config.ops, stepper.fluids.colour
     near = near_interface(ops.start, ops.column, colour)
     t = crossings(ops, colour, near)
@@ -46,7 +46,7 @@ def test_crossings_of_a_flat_interface_are_exact():
 
 def test_normals_of_a_disk_point_into_it():
     _, _, state, stepper, _ = scene(drop(jitter=0.1))
-    config = stepper.configure(state.x)
+    config = stepper.configure(state.x, phi=state.phi)
     colour = stepper.fluids.colour
     near = near_interface(config.ops.start, config.ops.column, colour)
     band = find_band(config.ops, colour, near, 1 / 24)

@@ -42,7 +42,7 @@ def test_light_and_heavy_drops_hold(rho, mu):
 def test_a_uniform_curvature_is_balanced_exactly():
     """The jump is met by a pressure of two values: no flow from a curvature without errors."""
     _, _, state, stepper, _ = scene(drop(jitter=0.1, rho=10))
-    config = stepper.configure(state.x)
+    config = stepper.configure(state.x, phi=state.phi)
     from isphcli.operators.apply import laplacian
     from isphcli.two_phase.surface_tension import _jump
 
@@ -60,7 +60,7 @@ def test_a_uniform_curvature_is_balanced_exactly():
 def test_curvature_of_a_disk(spacing, bound):
     """Mean curvature over the band of a disk on a lattice, from normals of both fluids."""
     _, _, state, stepper, _ = scene(drop(dx=spacing))
-    band = stepper.configure(state.x).terms.band
+    band = stepper.configure(state.x, phi=state.phi).terms.band
     mean = np.average(band.curvature, weights=band.strength)
     inside = stepper.fluids.colour.sum() * spacing**2
     assert mean * np.sqrt(inside / np.pi) == pytest.approx(1.0, abs=bound)
@@ -75,7 +75,7 @@ interface: {tension: 1}
 time: {end: 1}
 """  # noqa: E501
     _, _, state, stepper, _ = scene(text)
-    band = stepper.configure(state.x).terms.band
+    band = stepper.configure(state.x, phi=state.phi).terms.band
     mean = np.average(band.curvature, weights=band.strength)
     radius = (stepper.fluids.colour.sum() * 0.05**3 * 0.75 / np.pi) ** (1 / 3)
     assert mean * radius == pytest.approx(2.0, rel=0.05)

@@ -23,7 +23,7 @@ def test_shear_between_layers(ratio):
 
 def test_the_layered_profile_is_exact_to_round_off():
     _, _, state, stepper, _ = scene(layers(1 / 16, lid=1, mu=50))
-    config = stepper.configure(state.x)
+    config = stepper.configure(state.x, phi=state.phi)
     ops, viscous = config.terms.ops, config.terms.viscous
     u = two_layer_couette(state.x[:, 1], 1.0, 0.5, (1.0, 50.0), 1.0)
     matrix = assemble(ops.start, ops.column, viscous.weight, 0.0, 1.0, viscous.walls.lap)
@@ -50,7 +50,7 @@ def test_a_pressure_drop_moves_each_fluid_as_its_density_lets_it():
     """5 Pa over the box of 6/16: the acceleration away from the interface is the gradient over the density."""
     text = layers(1 / 16, rho=4).replace("body_force: [0, 0]", "pressure_drop: {x: 5}")
     _, _, state, stepper, particles = scene(text)
-    force = stepper.configure(state.x).terms.force
+    force = stepper.configure(state.x, phi=state.phi).terms.force
     far = np.abs(state.x[:, 1] - 0.5) > 3 / 16
     expected = 5 / (6 / 16) / np.where(particles.phase == 0, 4.0, 1.0)
     assert np.abs(force[far, 0] - expected[far]).max() < 1e-10 and np.abs(force[far, 1]).max() < 1e-10
@@ -62,7 +62,7 @@ def test_an_interface_that_hardly_damps_gets_viscosity():
     for mu, lacks in ((1e-4, True), (0.05, False)):
         text = drop().replace("viscosity: 0.05", f"viscosity: {mu}")
         _, _, state, stepper, _ = scene(text)
-        config = stepper.configure(state.x)
+        config = stepper.configure(state.x, phi=state.phi)
         ops, terms = config.ops, config.terms
         assert (stepper.fluids.added_viscosity > 0.0) == lacks
         if not lacks:
@@ -84,7 +84,7 @@ def test_an_interface_that_hardly_damps_gets_viscosity():
 def test_the_velocity_matrix_has_no_growing_mode(ratio):
     """Full stress at a viscosity jump: every eigenvalue of the jittered scene has a positive real part."""
     _, _, state, stepper, _ = scene(layers(1 / 12, mu=ratio).replace("spacing: ", "jitter: 0.2, spacing: "))
-    config = stepper.configure(state.x)
+    config = stepper.configure(state.x, phi=state.phi)
     terms, n = config.terms, len(state.x)
     matrix = assemble(terms.ops.start, terms.ops.column, terms.viscous.weight, 0.0, 1.0, terms.viscous.walls.lap)
     full = np.kron(matrix.toarray(), np.eye(2))
@@ -99,7 +99,7 @@ def test_the_velocity_matrix_has_no_growing_mode(ratio):
 def test_the_stress_of_a_linear_velocity_vanishes():
     """Constant viscosity, any arrangement, velocity linear in x: weights of second derivatives see nothing."""
     _, _, state, stepper, _ = scene(layers(1 / 12, mu=2).replace("spacing: ", "jitter: 0.2, spacing: "))
-    config = stepper.configure(state.x)
+    config = stepper.configure(state.x, phi=state.phi)
     from isphcli.two_phase.two_fluids import TransposedStress
 
     ops = config.ops

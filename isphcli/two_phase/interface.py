@@ -1,0 +1,255 @@
+"""The interface as a field of its own: each particle carries phi, its signed distance to the interface, m.
+
+phi > 0 in the first fluid, and D phi / D t = 0: particles carry it as they move, and where they are shifted it is taken
+from its Taylor series, like the velocity (eq. 9). What the paper draws from the colour of the particles (eqs 15-17, 23)
+follows from a quadratic function fitted to phi (`quadratic_fit`):
+
+    the fluid of a particle: the sign of phi;       a pair of unlike particles meets the interface at
+    t = phi_i / (phi_i - phi_j);       n = g / |g| into the first fluid;       kappa = -(tr H - n . H n) / |g|.
+
+Colours alone cannot hold an interface: roughness of two or three spacings costs next to no energy as an averaged
+curvature sees it, and drops came apart. A field need not have any. In each step a part of what the quadratic function
+does not fit is taken out of phi, and |grad phi| is brought towards one; an interface that is smooth over a support is
+moved by neither (errors of fourth order). What that and the shifts change of the volume of the first fluid is given
+back along the interface, to each connected piece its own: bubbles do not feed each other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit, prange
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..domain import reduce
+from ..operators.kernel import shape
+from .quadratic_fit import QuadraticFit, no_slopes, quadratic_fit
+
+if TYPE_CHECKING:
+    from ..domain.neighbours import Neighbourhood
+    from ..operators.pair_weights import Operators
+    from .contact_angle import ContactAngle
+
+THICKNESS = 1.5  # spacings: half of the thickness over which the volume fraction of the first fluid goes from 0 to 1
+SMOOTHINGS = 3  # kernel averages of the curvature along the interface
+SPREAD = 1.0 / 3.0 - 2.0 / math.pi**2  # variance of the slope of the volume fraction, of the square of THICKNESS
+RATE = 0.1  # part of the roughness that is taken out in the capillary time of a spacing, or on the way of one
+MOST = 0.5  # part that is taken out in one step, however long it is
+ITERATIONS = 4  # of Newton's method for the volumes; the second is of round-off already
+
+
+@dataclass(frozen=True)
+class Interface:
+    """The interface of one configuration; lengths in m.
+
+    phi: (n,) signed distance, up to `reach` on either side; fit: QuadraticFit to it; reach, spacing: m; fraction: (n,)
+    volume fraction of the first fluid; strength: (n,) its gradient, 1/m; normal: (n, dim) into the first fluid, zero
+    where the strength is; curvature: (n,) 1/m, averaged along the interface.
+    """
+
+    phi: np.ndarray
+    fit: QuadraticFit
+    reach: float
+    spacing: float
+    fraction: np.ndarray
+    strength: np.ndarray
+    normal: np.ndarray
+    curvature: np.ndarray
+
+    @property
+    def colour(self) -> np.ndarray:
+        """(n,) 1 of particles of the first fluid, else 0 (eq. 15, the same for all particles)."""
+        return (self.phi > 0.0).astype(float)
+
+    @property
+    def phase(self) -> np.ndarray:
+        """(n,) int8 fluid of each particle."""
+        return phase_of(self.phi)
+
+
+def phase_of(phi: np.ndarray) -> np.ndarray:
+    """(n,) int8 fluid of particles, 0 or 1, from their signed distances (n,)."""
+    return (phi <= 0.0).astype(np.int8)
+
+
+def reach_of(support: float, spacing: float) -> float:
+    """Signed distance up to which particles know theirs, m: those that a curvature at the interface is fitted to."""
+    return support + THICKNESS * spacing
+
+
+def volume_fraction(phi: np.ndarray, spacing: float) -> np.ndarray:
+    """Of the first fluid in the volume of particles, (n,), from phi (n,), m."""
+    q = np.clip(phi / (THICKNESS * spacing), -1.0, 1.0)
+    return 0.5 * (1.0 + q + np.sin(math.pi * q) / math.pi)
+
+
+def fraction_slope(phi: np.ndarray, spacing: float) -> np.ndarray:
+    """Derivative of `volume_fraction`, (n,) 1/m."""
+    q = np.clip(phi / (THICKNESS * spacing), -1.0, 1.0)
+    return 0.5 * (1.0 + np.cos(math.pi * q)) / (THICKNESS * spacing)
+
+
+def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, spacing: float,
+                   contact: ContactAngle | None = None) -> Interface:
+    """The Interface of a configuration.
+
+    ops: Operators; neighbours: all of them, dummies included; phi: (n,) m; contact: the angle at walls, or None.
+    """
+    seen = ops.neighbours
+    reach = reach_of(seen.support, spacing)
+    known = np.abs(phi) < reach
+    fit = quadratic_fit(seen, phi, known, known, no_slopes(ops.n, ops.dim))
+    if contact is not None:
+        fit = contact.at_walls(ops, neighbours, phi, known, fit)
+    size = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
+    strength = fraction_slope(phi, spacing) * size
+    normal = np.where((strength > 0.0)[:, None], fit.slope / np.where(size > 0.0, size, 1.0)[:, None], 0.0)
+    # the curvature does not change along the normals: any weight that ends within the support will do
+    weight = np.where(known, np.maximum(1.0 - (phi / seen.support) ** 2, 0.0) ** 2, 0.0)
+    curvature = averages(seen, weight * ops.volume, fit.curvature, SMOOTHINGS)
+    # over a layer of this thickness round a drop the mean of a fraction has that of the curvature beside it
+    bent = 0.5 * SPREAD * (THICKNESS * spacing) ** 2 * curvature * strength
+    return Interface(phi, fit, reach, spacing, volume_fraction(phi, spacing) - bent, strength, normal, curvature)
+
+
+def carried(interface: Interface, neighbours: Neighbourhood, dr: np.ndarray | None, part: float) -> np.ndarray:
+    """phi (n,) of the particles after a step: smoother by a part of its roughness, |grad phi| nearer to one, shifted by
+    dr (n, dim), m, or None, and with the volumes that the fluids had before. neighbours: of the fluid, before it."""
+    phi, fit, reach = interface.phi, interface.fit, interface.reach
+    known = np.abs(phi) < reach
+    size = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
+    side = fit.value / np.sqrt(fit.value**2 + interface.spacing**2)
+    new = np.where(known, phi + part * (fit.value - phi - interface.spacing * side * (size - 1.0)), phi)
+    # particles that the interface comes near to have their distance from those that know theirs
+    beyond, value = _extended(neighbours, phi, fit.slope, known)
+    new[beyond] = value[beyond]
+    if dr is not None:
+        new += np.einsum("ij,ij->i", fit.slope, dr)  # eq. 9
+    new = np.clip(new, -reach, reach)
+    return with_volumes_of(phi, new, neighbours, interface.spacing)
+
+
+def with_volumes_of(before: np.ndarray, phi: np.ndarray, neighbours: Neighbourhood, spacing: float) -> np.ndarray:
+    """phi (n,) moved along the normals by one length for each connected piece of the interface, so that the volume of
+    the first fluid round it is that of `before` (n,)."""
+    band = np.flatnonzero((fraction_slope(phi, spacing) > 0.0) | (fraction_slope(before, spacing) > 0.0))
+    if len(band) == 0:
+        return phi
+    count, piece = _pieces(neighbours, band)
+    wanted = reduce.total_by(piece, volume_fraction(before[band], spacing), count)
+    shift = np.zeros(count)
+    for _ in range(ITERATIONS):
+        now = phi[band] + shift[piece]
+        lacks = wanted - reduce.total_by(piece, volume_fraction(now, spacing), count)
+        slope = reduce.total_by(piece, fraction_slope(now, spacing), count)
+        step = np.divide(lacks, slope, out=np.zeros(count), where=slope > 0.0)
+        shift += np.clip(step, -0.5 * spacing, 0.5 * spacing)
+    out = phi.copy()
+    out[band] += shift[piece]
+    return out
+
+
+def _pieces(neighbours: Neighbourhood, band: np.ndarray) -> tuple[int, np.ndarray]:
+    """(number of connected pieces of the particles `band` (m,), piece of each (m,))."""
+    start, column = neighbours.start, neighbours.column
+    number = np.full(neighbours.n, -1)
+    number[band] = np.arange(len(band))
+    count = np.diff(start)[band]
+    pairs = np.repeat(start[band] - np.cumsum(count) + count, count) + np.arange(count.sum())
+    owner, other = np.repeat(np.arange(len(band)), count), number[column[pairs]]
+    inside = other >= 0
+    graph = csr_matrix((np.ones(inside.sum(), np.int8), (owner[inside], other[inside])), shape=(len(band),) * 2)
+    return connected_components(graph, directed=False)
+
+
+@njit(cache=True, parallel=True)
+def near_interface(start, column, colour):
+    """Particles with a neighbour of the other fluid, (n,) bool."""
+    n = len(start) - 1
+    near = np.zeros(n, np.bool_)
+    for i in prange(n):
+        for p in range(start[i], start[i + 1]):
+            if colour[column[p]] != colour[i]:
+                near[i] = True
+                break
+    return near
+
+
+@njit(cache=True, parallel=True)
+def crossings(start, column, phi):
+    """Fraction t of the way from i to j at which a pair meets the interface, (n_pairs,); 0.5 for like pairs."""
+    t = np.full(len(column), 0.5)
+    for i in prange(len(start) - 1):
+        for p in range(start[i], start[i + 1]):
+            j = column[p]
+            if (phi[j] > 0.0) != (phi[i] > 0.0):
+                t[p] = phi[i] / (phi[i] - phi[j])
+    return t
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def averages(neighbours, weight, f, times):
+    """Kernel averages sum_j w W f / sum_j w W of f (n,), taken so many times over the particles of weight w (n,) above
+    zero, j = i included; f elsewhere."""
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    kind, support = neighbours.kind, neighbours.support
+    n = len(start) - 1
+    share, own = np.empty(len(column)), np.empty(n)
+    for i in prange(n):
+        if weight[i] > 0.0:
+            total = weight[i] * shape(kind, 0.0)
+            for p in range(start[i], start[i + 1]):
+                w = weight[column[p]]
+                share[p] = w * shape(kind, _distance(x, i, row[p]) / support) if w > 0.0 else 0.0
+                total += share[p]
+            own[i] = weight[i] * shape(kind, 0.0) / total
+            for p in range(start[i], start[i + 1]):
+                share[p] /= total
+    for _ in range(times):
+        before = f
+        f = before.copy()
+        for i in prange(n):
+            if weight[i] > 0.0:
+                mean = own[i] * before[i]
+                for p in range(start[i], start[i + 1]):
+                    mean += share[p] * before[column[p]]
+                f[i] = mean
+    return f
+
+
+@njit(cache=True, inline="always")
+def _distance(x, i, j):
+    """Between two rows of x (n, dim)."""
+    r2 = (x[j, 0] - x[i, 0]) ** 2 + (x[j, 1] - x[i, 1]) ** 2
+    if x.shape[1] == 3:
+        r2 += (x[j, 2] - x[i, 2]) ** 2
+    return math.sqrt(r2)
+
+
+@njit(cache=True, parallel=True)
+def _extended(neighbours, phi, slope, known):
+    """Particles that do not know their phi and see some that do, (n,) bool, and the mean of what those make of theirs
+    with their slopes, (n,)."""
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    n, dim = len(start) - 1, x.shape[1]
+    beyond, out = np.zeros(n, np.bool_), np.zeros(n)
+    for i in prange(n):
+        if not known[i]:
+            total, mean = 0.0, 0.0
+            for p in range(start[i], start[i + 1]):
+                j = column[p]
+                if known[j]:
+                    there = phi[j]
+                    for k in range(dim):
+                        there += slope[j, k] * (x[i, k] - x[row[p], k])
+                    w = shape(neighbours.kind, _distance(x, i, row[p]) / neighbours.support)
+                    total += w
+                    mean += w * there
+            if total > 0.0:
+                beyond[i] = True
+                out[i] = mean / total
+    return beyond, out
