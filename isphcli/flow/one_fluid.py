@@ -140,7 +140,6 @@ class Terms:
     where the velocity has no kink, or None;
     along: (dim,) or (n, dim), what a unit pressure gradient along the axis of a held velocity accelerates by, or None;
     interface: of two fluids, or None;
-    damp_odd_even_pressure: whether the odd-even part of the pressure is taken out (see `projection`);
     excess: (n,) m2, c of `viscous_solve`, or None where the velocity has kinks and forces jump.
     """
 
@@ -153,7 +152,6 @@ class Terms:
     bulk: float = 0.0
     transposed_stress: StressCoupling | None = None
     smooth: np.ndarray | None = None
-    damp_odd_even_pressure: bool = True
     along: np.ndarray | None = None
     interface: FluidInterface | None = None
     excess: np.ndarray | None = None

@@ -110,20 +110,17 @@ def without_constants(config: Configuration, p: np.ndarray) -> np.ndarray:
 
 
 def _odd_even(config: Configuration, gradient: np.ndarray, old: np.ndarray, rate: float,
-              nu_min: float) -> np.ndarray | float:
-    """-w (A + div grad) p of `pressure_increment`, (n,), where the odd-even part of the pressure is damped, else 0.
-    gradient: (n, dim) of p; old: (n,) A p.
+              nu_min: float) -> np.ndarray:
+    """-w (A + div grad) p of `pressure_increment`, (n,), which damps the odd-even part of the pressure. gradient: (n, dim) of p; old: (n,)
+    A p.
 
     w is the part of inertia in what a particle sets against a force, rate / (rate + nu sum_j lap_ij), nu that of
     the thinner fluid. Without it, what A sees of p and the gradient does not, its odd-even part, is handed on from
     step to step, hardly damped: layers of density ratio 100 at rest grew by 5 % a step, whatever its length, and a
     drop of density ratio 1000 blew up. Where drag sets the speed there is nothing to damp, and w = 1 would keep the
-    pressure from growing to what balances it. Tension between fluids that differ in name only is kinder, and more
-    accurate with w = 0 (not terms.damp_odd_even_pressure).
+    pressure from growing to what balances it.
     """
     ops, terms = config.ops, config.terms
-    if not terms.damp_odd_even_pressure:
-        return 0.0
     odd_even, drag = -ops.total_divergence(gradient) - old, row_sums(ops.start, ops.lap)
     if ops.walls is not None:
         odd_even += ops.walls.div_velocity

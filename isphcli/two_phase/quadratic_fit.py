@@ -1,4 +1,4 @@
-"""A quadratic function fitted to a field of the particles by least squares over the support, with slopes asked at walls.
+"""A quadratic function fitted to a field of the particles by least squares over the support, with slopes at walls.
 
     phi(x) ~ a + g . d + d . H d / 2,     d = x - x_i,     weight W(d) of each neighbour and of the particle itself;
 

@@ -139,8 +139,7 @@ class TwoFluids:
                 jump = tension_force
         rules = self.rules
         return Terms(weighted, viscous, force, jump, laplacian_of_jump, rho if heavy else 1.0,
-                     rules.rotational_viscosity / reference, transposed_stress, smooth,
-                     rules.damps_odd_even, along, interface)
+                     rules.rotational_viscosity / reference, transposed_stress, smooth, along, interface)
 
     @staticmethod
     def _weigh(ops: Operators, t: np.ndarray, rho: np.ndarray, mu: np.ndarray,
