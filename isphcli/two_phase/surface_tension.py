@@ -3,7 +3,7 @@
 `jump` (default): the pressure of unlike neighbours differs by J_ij = sigma kappa_ij (c_j - c_i), c the colour. Eq. 2
 sees what is left of the difference, so that each particle is accelerated by  sum_j b_ij J_ij grad_ij  with the very
 weights b_ij grad_ij of its pressure gradient: a constant curvature is balanced to round-off by a pressure.
-`csf` (eq. 24): the force sigma kappa grad C in the band, per mean density.
+`csf` (eq. 24): the force sigma kappa grad C, C the volume fraction, with the weights of the pressure gradient too.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class SurfaceTension:
             across = weighted.lap_p if weighted.walls is None else weighted.walls.symmetric_laplacian
             return _jump(weighted.neighbours, weighted.grad_p, across, interface.phi, interface.curvature,
                          self.tension / reference)
-        push = self.tension * interface.curvature * interface.strength / self.density.mean()  # eq. 24
-        return push[:, None] * interface.normal, None
+        gradient = weighted.gradient_p(interface.fraction)
+        return (self.tension / reference * interface.curvature)[:, None] * gradient, None  # eq. 24
 
 
 @njit(cache=True, parallel=True, error_model="numpy")

@@ -5,7 +5,7 @@ import pytest
 
 from isphcli.operators.assemble import assemble
 from isphcli.references.plates import two_layer_couette, two_layer_poiseuille
-from isphcli.two_phase.normals import near_interface
+from isphcli.two_phase.interface import near_interface
 from tests.two_phase.scenes import drop, layers, run, scene
 
 
@@ -69,7 +69,7 @@ def test_an_interface_that_hardly_damps_gets_viscosity():
             assert terms.ops is ops and terms.viscous.weight is ops.lap
             continue
         more = terms.viscous.weight * terms.viscous.factor - ops.lap * mu
-        near = near_interface(ops.start, ops.column, stepper.fluids.colour)
+        near = near_interface(ops.start, ops.column, terms.interface.colour)
         owner = np.repeat(np.arange(len(state.x)), np.diff(ops.start))
         both = near[owner] & near[ops.column]
         assert not more[~both].any() and more[both].min() >= 0.0
