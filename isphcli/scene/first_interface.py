@@ -48,5 +48,5 @@ def from_labels(stepper: Stepper, x: np.ndarray, phase: np.ndarray, reach: float
         phi[mine] *= np.minimum(np.maximum(near - 0.5 * spacing, 0.1 * spacing), reach) / reach
     config = stepper.configure(x, 0.0, phi)
     for _ in range(PASSES):
-        phi = carried(find_interface(config.ops, config.neighbours, phi, spacing), config.ops.neighbours, None, PASS)
+        phi = carried(find_interface(config.ops, config.neighbours, phi, spacing), config.ops, None, PASS)
     return phi

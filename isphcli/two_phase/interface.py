@@ -10,8 +10,8 @@ follows from a quadratic function fitted to phi (`quadratic_fit`):
 Colours alone cannot hold an interface: roughness of two or three spacings costs next to no energy as an averaged
 curvature sees it, and drops came apart. A field need not have any. In each step a part of what the quadratic function
 does not fit is taken out of phi, and |grad phi| is brought towards one; an interface that is smooth over a support is
-moved by neither (errors of fourth order). What that and the shifts change of the volume of the first fluid is given
-back along the interface, to each connected piece its own: bubbles do not feed each other.
+moved by neither (errors of fourth order). What that changes of the volume of the first fluid is given back along the
+interface, to each connected piece its own: bubbles do not feed each other.
 """
 
 from __future__ import annotations
@@ -116,36 +116,37 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     return Interface(phi, fit, reach, spacing, volume_fraction(phi, spacing) - bent, strength, normal, curvature)
 
 
-def carried(interface: Interface, neighbours: Neighbourhood, dr: np.ndarray | None, part: float) -> np.ndarray:
-    """phi (n,) of the particles after a step: smoother by a part of its roughness, |grad phi| nearer to one, shifted by
-    dr (n, dim), m, or None, and with the volumes that the fluids had before. neighbours: of the fluid, before it."""
+def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: float) -> np.ndarray:
+    """phi (n,) of the particles after a step: smoother by a part of its roughness, |grad phi| nearer to one, with the
+    volumes that the fluids had before, and shifted by dr (n, dim), m, or None. ops: Operators before the step."""
     phi, fit, reach = interface.phi, interface.fit, interface.reach
     known = np.abs(phi) < reach
     size = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
     side = fit.value / np.sqrt(fit.value**2 + interface.spacing**2)
     new = np.where(known, phi + part * (fit.value - phi - interface.spacing * side * (size - 1.0)), phi)
     # particles that the interface comes near to have their distance from those that know theirs
-    beyond, value = _extended(neighbours, phi, fit.slope, known)
+    beyond, value = _extended(ops.neighbours, phi, fit.slope, known)
     new[beyond] = value[beyond]
+    new = with_volumes_of(phi, np.clip(new, -reach, reach), ops, interface.spacing)
     if dr is not None:
         new += np.einsum("ij,ij->i", fit.slope, dr)  # eq. 9
-    new = np.clip(new, -reach, reach)
-    return with_volumes_of(phi, new, neighbours, interface.spacing)
+    return new
 
 
-def with_volumes_of(before: np.ndarray, phi: np.ndarray, neighbours: Neighbourhood, spacing: float) -> np.ndarray:
+def with_volumes_of(before: np.ndarray, phi: np.ndarray, ops: Operators, spacing: float) -> np.ndarray:
     """phi (n,) moved along the normals by one length for each connected piece of the interface, so that the volume of
     the first fluid round it is that of `before` (n,)."""
     band = np.flatnonzero((fraction_slope(phi, spacing) > 0.0) | (fraction_slope(before, spacing) > 0.0))
     if len(band) == 0:
         return phi
-    count, piece = _pieces(neighbours, band)
-    wanted = reduce.total_by(piece, volume_fraction(before[band], spacing), count)
+    count, piece = _pieces(ops.neighbours, band)
+    volume = ops.volume[band]
+    wanted = reduce.total_by(piece, volume * volume_fraction(before[band], spacing), count)
     shift = np.zeros(count)
     for _ in range(ITERATIONS):
         now = phi[band] + shift[piece]
-        lacks = wanted - reduce.total_by(piece, volume_fraction(now, spacing), count)
-        slope = reduce.total_by(piece, fraction_slope(now, spacing), count)
+        lacks = wanted - reduce.total_by(piece, volume * volume_fraction(now, spacing), count)
+        slope = reduce.total_by(piece, volume * fraction_slope(now, spacing), count)
         step = np.divide(lacks, slope, out=np.zeros(count), where=slope > 0.0)
         shift += np.clip(step, -0.5 * spacing, 0.5 * spacing)
     out = phi.copy()

@@ -96,7 +96,7 @@ class TwoFluids:
             ways += dt * math.sqrt(self.tension.tension / (self.density.mean() * self.spacing**3))
         interface = config.terms.interface
         assert isinstance(interface, Interface)
-        return carried(interface, config.ops.neighbours, dr, min(RATE * ways, MOST))
+        return carried(interface, config.ops, dr, min(RATE * ways, MOST))
 
     def relabelled(self, p: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
         """p (n,) m2/s2; see `Fluids.relabelled`."""
