@@ -110,7 +110,9 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     normal = np.where((strength > 0.0)[:, None], fit.slope / np.where(size > 0.0, size, 1.0)[:, None], 0.0)
     # the curvature does not change along the normals: any weight that ends within the support will do
     weight = np.where(known, np.maximum(1.0 - (phi / seen.support) ** 2, 0.0) ** 2, 0.0)
-    curvature = averages(seen, weight * ops.volume, fit.curvature, SMOOTHINGS)
+    # no drop is smaller than the spacing
+    sharpest = (ops.dim - 1) / spacing
+    curvature = averages(seen, weight * ops.volume, np.clip(fit.curvature, -sharpest, sharpest), SMOOTHINGS)
     # over a layer of this thickness round a drop the mean of a fraction has that of the curvature beside it
     bent = 0.5 * SPREAD * (THICKNESS * spacing) ** 2 * curvature * strength
     return Interface(phi, fit, reach, spacing, volume_fraction(phi, spacing) - bent, strength, normal, curvature)
@@ -122,12 +124,15 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     phi, fit, reach = interface.phi, interface.fit, interface.reach
     known = np.abs(phi) < reach
     size = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
-    side = fit.value / np.sqrt(fit.value**2 + interface.spacing**2)
-    new = np.where(known, phi + part * (fit.value - phi - interface.spacing * side * (size - 1.0)), phi)
-    # particles that the interface comes near to have their distance from those that know theirs
+    spacing = interface.spacing
+    side = fit.value / np.sqrt(fit.value**2 + spacing**2)
+    change = np.clip(fit.value - phi, -spacing, spacing) - spacing * side * np.clip(size - 1.0, -1.0, 1.0)
+    new = np.where(known, phi + part * change, phi)
+    # particles that the interface comes near to, by less than a spacing a step, know their distance from those that do
     beyond, value = _extended(ops.neighbours, phi, fit.slope, known)
-    new[beyond] = value[beyond]
-    new = with_volumes_of(phi, np.clip(new, -reach, reach), ops, interface.spacing)
+    there = np.sign(phi) * np.clip(np.sign(phi) * value, reach - spacing, reach)
+    new[beyond] = there[beyond]
+    new = with_volumes_of(phi, np.clip(new, -reach, reach), ops, spacing)
     if dr is not None:
         new += np.einsum("ij,ij->i", fit.slope, dr)  # eq. 9
     return new
