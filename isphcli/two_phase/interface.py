@@ -39,6 +39,7 @@ SMOOTHINGS = 3  # kernel averages of the curvature along the interface
 SPREAD = 1.0 / 3.0 - 2.0 / math.pi**2  # variance of the slope of the volume fraction, of the square of THICKNESS
 RATE = 0.1  # part of the roughness that is taken out in the capillary time of a spacing, or on the way of one
 MOST = 0.5  # part that is taken out in one step, however long it is
+SLOWER = 0.1  # part of that part by which |grad phi| comes nearer to one
 ITERATIONS = 4  # of Newton's method for the volumes; the second is of round-off already
 
 
@@ -125,8 +126,10 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     known = np.abs(phi) < reach
     size = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
     spacing = interface.spacing
-    side = fit.value / np.sqrt(fit.value**2 + spacing**2)
-    change = np.clip(fit.value - phi, -spacing, spacing) - spacing * side * np.clip(size - 1.0, -1.0, 1.0)
+    # the slope is brought to one as an explicit step of an advection away from the interface would do it: it has to be
+    # slower than the smoothing that keeps it stable
+    stretched = averages(ops.neighbours, np.where(known, ops.volume, 0.0), np.clip(size, 0.0, 2.0), SMOOTHINGS) - 1.0
+    change = np.clip(fit.value - phi, -spacing, spacing) - SLOWER * phi * stretched
     new = np.where(known, phi + part * change, phi)
     # particles that the interface comes near to, by less than a spacing a step, know their distance from those that do
     beyond, value = _extended(ops.neighbours, phi, fit.slope, known)
