@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,11 +37,19 @@ def mirrored(values: np.ndarray, axes: Sequence[str]) -> np.ndarray:
     return values
 
 
-def with_clear_layers(values: np.ndarray, axis: int | None, clear: int, fill: float) -> np.ndarray:
-    """An image [z, y, x] or [y, x] with `clear` voxels of the value `fill` at both ends of an axis (0 x, 1 y, 2 z)."""
-    if axis is None or clear <= 0:
+class ClearLayers(NamedTuple):
+    """Layers of clear fluid at both ends of an axis of an image (0 x, 1 y, 2 z), each so many `voxels` thick, > 0."""
+
+    axis: int
+    voxels: int
+
+
+def with_clear_layers(values: np.ndarray, layers: ClearLayers | None, fill: float) -> np.ndarray:
+    """An image [z, y, x] or [y, x] with its clear layers, of the value `fill`."""
+    if layers is None:
         return values
-    widths = [(clear, clear) if a == values.ndim - 1 - axis else (0, 0) for a in range(values.ndim)]
+    along, thick = values.ndim - 1 - layers.axis, layers.voxels
+    widths = [(thick, thick) if a == along else (0, 0) for a in range(values.ndim)]
     return np.pad(values, widths, constant_values=fill)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numba import get_num_threads
 
 from .bodies import ROUND_OFF, Cylinder, HalfSpace, Shape, ShapeError, Sphere, _check_body
-from .faces import face_distance, face_walls
+from .faces import AT_REST, Walls, face_distance
 from .nearest_wall import PROBE, _beside, _in_3d, _walls_near
 from .segment_walls import CELLS_A_PIECE, _crossings, _extent, _fill_cells, _images
 
@@ -19,7 +19,7 @@ class ShapeGeometry:
 
     lower, upper: (dim,) corners, m; periodic: per axis, the faces of the other axes are walls;
     fluid: index of the fluid that fills the box; shapes: later ones lie on top of earlier ones.
-    slip_length: m, of walls that do not state their own; face_velocity, face_slip: see `faces.face_walls`.
+    walls: of the faces, and of shapes that do not state their own slip length.
     Walls are numbered 0 (at rest), 1 + 2 axis + side (faces), 1 + 2 dim + k (shape k).
     Raises ShapeError where a shape or the box cannot be used.
     """
@@ -37,9 +37,7 @@ class ShapeGeometry:
         periodic: Sequence[bool],
         fluid: int = 0,
         shapes: Sequence[Shape] = (),
-        slip_length: float = 0.0,
-        face_velocity: dict | None = None,
-        face_slip: dict | None = None,
+        walls: Walls = AT_REST,
     ):
         self.lower = np.array(lower, dtype=float)
         self.upper = np.array(upper, dtype=float)
@@ -63,9 +61,7 @@ class ShapeGeometry:
         self.warnings = tuple(_cut_planes(self))
         self._grid: PieceGrid | None = None  # for `crossing`, when it is first asked
         self.has_solid = self.fluid < 0 or not all(self.periodic) or any(s.phase < 0 for s in self.shapes)
-        self.wall_velocity, self.slip_length = face_walls(
-            self.dim, slip_length, face_velocity, face_slip, len(self.shapes)
-        )
+        self.wall_velocity, self.slip_length = walls.table(self.dim, len(self.shapes))
         for k, shape in enumerate(self.shapes):
             self.wall_velocity[1 + 2 * self.dim + k] = 0.0 if shape.velocity is None else shape.velocity
             if shape.slip_length is not None:
@@ -207,6 +203,7 @@ class PieceGrid(NamedTuple):
 
     @classmethod
     def of(cls, geometry: ShapeGeometry) -> PieceGrid:
+        """The grid of the shapes of a geometry: some CELLS_A_PIECE cells a piece, 500 along an axis at most."""
         lower, upper = np.zeros((2, 3))
         upper[:] = 2 * geometry.round_off  # the layer of a 2D scene
         lower[: geometry.dim], upper[: geometry.dim] = geometry.lower, geometry.upper

@@ -7,7 +7,7 @@ from isphcli.case.load import load_case, read_case
 from isphcli.case.yaml import CaseError
 from isphcli.domain.lattice import ParticleError, make_lattice
 from isphcli.geometry.bodies import Disk, Shape
-from isphcli.geometry.iso_surface import IsoSurfaceGeometry
+from isphcli.geometry.iso_surface import ImageField, IsoSurfaceGeometry
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.place import place, place_case
@@ -124,7 +124,8 @@ def test_a_particle_alone_between_the_centres_of_an_image_is_left_out():
     c = np.full((12, 12, 12), -0.3, np.float32)
     c[7:9, 7:9, 7:9] = -0.02
     field = np.where(field > 0, field, c)
-    geometry = IsoSurfaceGeometry(np.where(field > 0, 0, -1).astype(np.int8), field, 1.0, (True, True, True))
+    labels = np.where(field > 0, 0, -1).astype(np.int8)
+    geometry = IsoSurfaceGeometry(labels, ImageField(field), 1.0, (True, True, True))
     lattice = make_lattice("cubic", geometry.lower, geometry.upper, geometry.periodic, 1.0, 0.0, (0.0, 0.0, 0.0))
     spot = np.array([[8.0, 8.0, 8.0]])
     assert geometry.phase(spot)[0] == 0
