@@ -171,6 +171,29 @@ def test_functions_have_annotations(name):
     assert missing == []
 
 
+def says_nothing(body, within=""):
+    """Names of public functions, classes and methods without a docstring. What `scene(...)` decorates gets one from the
+    words of the decorator."""
+    for node in body:
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
+            stated = any(ast.unparse(decorator).startswith("scene(") for decorator in node.decorator_list)
+            if not stated and not ast.get_docstring(node):
+                yield within + node.name
+            if isinstance(node, ast.ClassDef):
+                yield from says_nothing(node.body, f"{within}{node.name}.")
+
+
+def test_the_reader_of_docstrings_sees_them():
+    source = ('class A:\n "d"\n def f(self): pass\n def _g(self): pass\n'
+              '@njit\ndef k(): return 1\n@scene("x")\ndef s(): pass')
+    assert list(says_nothing(ast.parse(source).body)) == ["A.f", "k"]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_what_is_public_says_what_it_is(name):
+    assert list(says_nothing(ast.parse(FILES[name].read_text(encoding="utf-8")).body)) == []
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_no_field_is_of_any_type_whatever(name):
     """`object` says nothing of a field, a SimpleNamespace nothing of a result."""
