@@ -98,6 +98,14 @@ def _counts(found: Mapping[int, int]) -> str:
     return text + (f" and {len(found) - 8} other values" if len(found) > 8 else "")
 
 
+def unlike_next(pores: np.ndarray, axis: int, repeats: bool) -> np.ndarray:
+    """Where the walls of an image have a face across an axis of its array: whether a voxel differs from the next.
+
+    pores: bool, along any axes; repeats: the last voxel has the first for its next, otherwise none and is left out.
+    """
+    return pores != np.roll(pores, -1, axis) if repeats else np.diff(pores, axis=axis)
+
+
 def faces_that_differ(solid: np.ndarray, periodic: Sequence[bool]) -> tuple[str, ...]:
     """Sentences on the periodic axes along which an image does not go on at the opposite face.
 
