@@ -156,6 +156,12 @@ def is_kernel(node):
     return any("njit" in ast.unparse(decorator) for decorator in node.decorator_list)
 
 
+def taken(node):
+    """The arguments of a function, of every kind."""
+    given = node.args
+    return [*given.posonlyargs, *given.args, *given.kwonlyargs, *filter(None, (given.vararg, given.kwarg))]
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_functions_have_annotations(name):
     """mypy asks for them but in files that hold kernels, whose types numba finds."""
@@ -163,12 +169,21 @@ def test_functions_have_annotations(name):
     for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
         if not isinstance(node, ast.FunctionDef) or is_kernel(node):
             continue
-        given = node.args
-        every = [*given.posonlyargs, *given.args, *given.kwonlyargs, *filter(None, (given.vararg, given.kwarg))]
-        bare = [a.arg for a in every if a.annotation is None and a.arg not in ("self", "cls")]
+        bare = [a.arg for a in taken(node) if a.annotation is None and a.arg not in ("self", "cls")]
         if bare or (node.returns is None and node.name != "__init__"):
             missing.append((node.lineno, node.name, *bare))
     assert missing == []
+
+
+def test_few_functions_take_many_arguments():
+    """Of eight and more: what belongs together is handed on together. What is left are commands, and lists that have
+    no parts."""
+    many = []
+    for name, path in FILES.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and len(taken(node)) > 7:
+                many.append(f"{name}.{node.name}")
+    assert len(many) < 10, many
 
 
 def says_nothing(body, within=""):
