@@ -26,7 +26,7 @@ from isphcli.operators.pair_weights import build_operators
 from isphcli.output.clock import Clock
 from isphcli.run.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
-from isphcli.solvers.krylov import gmres
+from isphcli.solvers.krylov import Limits, gmres
 from isphcli.solvers.multigrid import cycle, hierarchy
 
 RADIUS = (3 * 0.216 / (4 * np.pi)) ** (1 / 3)
@@ -61,7 +61,7 @@ def elliptic(points):
         once = cycle(hierarchy(matrix))
         begin = time.process_time()
         _, report = gmres(lambda v: project(matrix @ v), project(right), lambda v: project(once(v)),  # noqa: B023
-                                 1e-6, 60, 400)
+                                 Limits(1e-6, 60, 400))
         found[name] = (report.iterations, time.process_time() - begin)
     return found
 

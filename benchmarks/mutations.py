@@ -72,7 +72,7 @@ MUTATIONS = (
              "flow.shifting", "return _carry(ops.start, ops.column, ops.grad_p, fields, slope, dr, second)",
              "return fields.copy()"),
     Mutation("darcy_factor", "factor", "permeability of the mean velocity of the pores, not the superficial one",
-             "run.permeability", "float(superficial @ force)", "float(mean @ force)"),
+             "run.permeability", "total * (site_volume / np.prod(upper - lower))", "total / max(int(inside.sum()), 1)"),
     Mutation("viscosity_mean", "order", "mean viscosity between unlike particles, not the one that keeps the stress",
              "two_phase.two_fluids", "1.0 / (t[p] / mu[i] + (1.0 - t[p]) / mu[j])",
              "(0.5 * mu[i] + 0.5 * mu[j])", TWO_FLUIDS),

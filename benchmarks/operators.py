@@ -16,9 +16,10 @@ from isphcli.domain.neighbours import neighbourhood
 from isphcli.geometry.bodies import Shape, Sphere
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.operators.apply import divergence, gradient, laplacian
-from isphcli.operators.crossings import MEETS_WALL, WallStencils, WallTable, crossings
+from isphcli.operators.crossings import MEETS_WALL, crossings
 from isphcli.operators.moments import particle_volumes
 from isphcli.operators.pair_weights import build_operators
+from isphcli.operators.wall_operators import WallScene
 from isphcli.operators.wall_weights import build_wall_operators
 from isphcli.scene.place import place
 
@@ -73,28 +74,15 @@ def ball(dim, n, ratio, repeats):
         "square" if dim == 2 else "cubic", geometry.lower, geometry.upper, geometry.periodic, 1 / n, support
     )
     p = place(geometry, lattice, support, 0.1, 1 / n)
-    halo = build_halo(p.x, geometry.lower, geometry.upper, np.ones(dim, bool), support)
-    rows, owner = halo.positions(p.x), halo.owners(len(p.x))
-    pairs = neighbourhood(rows, owner, p.n_fluid, 0, support)
-    table = WallTable(
-        owner < p.n_fluid,
-        geometry.distance(p.x)[owner],
-        geometry.wall(p.x)[owner],
-        geometry.wall_velocity,
-        geometry.slip_length,
-        np.zeros((0, dim)),
-        np.zeros((0, dim, dim)),
-    )
-    links, t_cross = timed(lambda: crossings(geometry, pairs, table), repeats)
-    volume, size = np.full(len(p.x), p.site_volume), len(pairs.row)
+    scene = WallScene(geometry, p.x[p.n_fluid:], support, 0, p.site_volume)
+    stencils, _ = scene.stencils(p.x[: p.n_fluid], fixed=True)
+    links, t_cross = timed(lambda: crossings(geometry, stencils.neighbours, stencils.walls), repeats)
+    size = len(links.link)
     crossed = (links.link == MEETS_WALL).mean()
     print(f"walls {dim}D, {p.n_fluid} fluid particles, {p.n_dummy} dummies, {crossed:.0%} wall pairs")
     report("crossings", t_cross, p.n_fluid, size)
     for order in (1, 2):
-        _, t = timed(
-            lambda: build_wall_operators(WallStencils(pairs, table, links, volume), order),  # noqa: B023
-            repeats,
-        )
+        _, t = timed(lambda: build_wall_operators(stencils, order), repeats)  # noqa: B023
         report(f"build_wall_operators order {order}", t, p.n_fluid, size)
 
 

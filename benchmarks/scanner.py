@@ -15,7 +15,7 @@ import numpy as np
 from walls_from_labels import ROUND, labels_of, permeability  # sets the number of threads before numba is there
 
 from isphcli.geometry.grey import estimate_blur
-from isphcli.geometry.iso_surface import IsoSurfaceGeometry
+from isphcli.geometry.iso_surface import ImageField, IsoSurfaceGeometry
 from isphcli.geometry.spline import average
 from isphcli.validation.known_bodies import body
 
@@ -35,7 +35,7 @@ def scan(body, blur, noise):
 
 
 def iso(image, gaussian=0.0, blur=None):
-    return IsoSurfaceGeometry(labels_of(image), image, 1.0, ROUND, gaussian=gaussian, blur=blur)
+    return IsoSurfaceGeometry(labels_of(image), ImageField(image, gaussian, blur), 1.0, ROUND)
 
 
 VARIANTS = {

@@ -20,7 +20,7 @@ import numpy as np
 
 from isphcli.case.forcing import drives
 from isphcli.case.load import load_case
-from isphcli.geometry.iso_surface import IsoSurfaceGeometry
+from isphcli.geometry.iso_surface import ImageField, IsoSurfaceGeometry
 from isphcli.geometry.voxel_geometry import VoxelGeometry
 from isphcli.output.clock import Clock
 from isphcli.run.steady import build_scene, solve_axis
@@ -50,8 +50,8 @@ def geometry_of(wall, field):
     if wall == "stairs":
         return VoxelGeometry(labels, 1.0, ROUND)
     if wall in ("exact", "smooth"):
-        return IsoSurfaceGeometry(labels, field if wall == "exact" else None, 1.0, ROUND)
-    return IsoSurfaceGeometry(labels, 2.0 * labels + 1.0, 1.0, ROUND, gaussian=float(wall))
+        return IsoSurfaceGeometry(labels, ImageField(field) if wall == "exact" else None, 1.0, ROUND)
+    return IsoSurfaceGeometry(labels, ImageField(2.0 * labels + 1.0, float(wall)), 1.0, ROUND)
 
 
 def main(*names):

@@ -10,6 +10,7 @@ import sys
 import tokenize
 import tomllib
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -79,6 +80,21 @@ def sections(file):
     """The anchors of the headings of a document, as GitHub makes them."""
     heads = re.findall(r"^#+ (.*)$", file.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+def test_figures_are_drawn_named_and_small():
+    """Those of docs/figures are the functions of its script, and each stands in docs/method.md with a text for those
+    who do not see it. A picture of more than 60 kB has more points than anyone sees."""
+    program = ast.parse((ROOT / "docs/figures/draw.py").read_text(encoding="utf-8"))
+    drawn = {node.name for node in program.body
+             if isinstance(node, ast.FunctionDef) and node.returns and ast.unparse(node.returns) == "Figure"}
+    there = {path.stem: path for path in (ROOT / "docs/figures").glob("*.svg")}
+    text = (ROOT / "docs/method.md").read_text(encoding="utf-8")
+    named = re.findall(r"!\[[^\]]+\]\(figures/(\w+)\.svg\)", text)
+    assert drawn == set(there) and sorted(named) == sorted(there)
+    assert {name for name, path in there.items() if path.stat().st_size > 60_000} == set()
+    for path in there.values():
+        assert ElementTree.parse(path).getroot().tag.endswith("svg")
 
 
 def test_every_library_is_imported_and_has_a_lowest_version():

@@ -156,6 +156,12 @@ def is_kernel(node):
     return any("njit" in ast.unparse(decorator) for decorator in node.decorator_list)
 
 
+def taken(node):
+    """The arguments of a function, of every kind."""
+    given = node.args
+    return [*given.posonlyargs, *given.args, *given.kwonlyargs, *filter(None, (given.vararg, given.kwarg))]
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_functions_have_annotations(name):
     """mypy asks for them but in files that hold kernels, whose types numba finds."""
@@ -163,12 +169,44 @@ def test_functions_have_annotations(name):
     for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
         if not isinstance(node, ast.FunctionDef) or is_kernel(node):
             continue
-        given = node.args
-        every = [*given.posonlyargs, *given.args, *given.kwonlyargs, *filter(None, (given.vararg, given.kwarg))]
-        bare = [a.arg for a in every if a.annotation is None and a.arg not in ("self", "cls")]
+        bare = [a.arg for a in taken(node) if a.annotation is None and a.arg not in ("self", "cls")]
         if bare or (node.returns is None and node.name != "__init__"):
             missing.append((node.lineno, node.name, *bare))
     assert missing == []
+
+
+def test_few_functions_take_many_arguments():
+    """Of eight and more: what belongs together is handed on together. What is left are commands, and lists that have
+    no parts."""
+    many = []
+    for name, path in FILES.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and len(taken(node)) > 7:
+                many.append(f"{name}.{node.name}")
+    assert len(many) < 10, many
+
+
+def says_nothing(body, within=""):
+    """Names of public functions, classes and methods without a docstring. What `scene(...)` decorates gets one from the
+    words of the decorator."""
+    for node in body:
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
+            stated = any(ast.unparse(decorator).startswith("scene(") for decorator in node.decorator_list)
+            if not stated and not ast.get_docstring(node):
+                yield within + node.name
+            if isinstance(node, ast.ClassDef):
+                yield from says_nothing(node.body, f"{within}{node.name}.")
+
+
+def test_the_reader_of_docstrings_sees_them():
+    source = ('class A:\n "d"\n def f(self): pass\n def _g(self): pass\n'
+              '@njit\ndef k(): return 1\n@scene("x")\ndef s(): pass')
+    assert list(says_nothing(ast.parse(source).body)) == ["A.f", "k"]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_what_is_public_says_what_it_is(name):
+    assert list(says_nothing(ast.parse(FILES[name].read_text(encoding="utf-8")).body)) == []
 
 
 @pytest.mark.parametrize("name", FILES)

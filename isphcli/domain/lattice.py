@@ -107,8 +107,10 @@ class Particles:
 
     @property
     def n_fluid(self) -> int:
+        """Fluid particles; in `x` they come first."""
         return len(self.phase)
 
     @property
     def n_dummy(self) -> int:
+        """Dummies; in `x` they come last."""
         return len(self.x) - len(self.phase)

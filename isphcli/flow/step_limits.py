@@ -88,7 +88,9 @@ class Bounds:
         most = reduce.largest(change)
         if most > DIVERGENCE:
             raise StepError(f"a particle would change its volume by {most:.2g} of it (limit {DIVERGENCE})", change)
-        volume = found.config.ops.volume[: len(new.x)] / self.site_volume
+        volume, walls = found.config.ops.volume[: len(new.x)] / self.site_volume, found.config.ops.walls
+        if walls is not None and walls.dead_ends:  # the number density of who sees next to nobody says nothing
+            volume = np.where(walls.isolated, 1.0, volume)
         least, most = reduce.smallest(volume), reduce.largest(volume)
         if least < VOLUME[0] or most > VOLUME[1]:
             raise StepError(f"the volumes of particles range from {least:.2g} to {most:.2g} of that at "

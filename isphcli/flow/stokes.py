@@ -24,7 +24,7 @@ from ..operators.lattice_weights import (
     symmetric_laplacian,
     velocity_matrix,
 )
-from ..solvers.krylov import Report, SolveError, Watch, gmres_from_the_right
+from ..solvers.krylov import Limits, Report, SolveError, Watch, gmres_from_the_right
 from ..solvers.multigrid import BlockCycle, cycle, hierarchy
 
 TAU = 0.05  # strength of S (trials before 2026-11-22)
@@ -111,8 +111,7 @@ class StokesSystem:
         """
         return self.ops.potential_gradient(np.asarray(force, float))
 
-    def solve(self, force: Sequence[float] | np.ndarray, tolerance: float, restart: int = 60, max_iterations: int = 400,
-              watch: Watch | None = None) -> StokesFlow:
+    def solve(self, force: Sequence[float] | np.ndarray, limits: Limits, watch: Watch | None = None) -> StokesFlow:
         """Flow under the acceleration `force` ((dim,), m/s2) and the motion of the walls.
 
         Where the tolerance is missed the restart length is doubled, then SolveError is raised; its attribute
@@ -124,11 +123,10 @@ class StokesSystem:
         forces[:] = self.balanced_force(force) * (self.spacing**2 / self.viscosity)
         forces += self.spacing**2 * ops.walls.lap_velocity
         mass[:] = self.means.remove(-self.spacing * ops.walls.div_velocity)
-        solution, report = gmres_from_the_right(self.apply, rhs, self.precondition, tolerance, restart, max_iterations,
-                                                watch=watch)
+        solution, report = gmres_from_the_right(self.apply, rhs, self.precondition, limits, watch=watch)
         if not report.converged:
-            solution, report = gmres_from_the_right(self.apply, rhs, self.precondition, tolerance, 2 * restart,
-                                                    2 * max_iterations, solution, watch)
+            solution, report = gmres_from_the_right(self.apply, rhs, self.precondition, limits.times(2), solution,
+                                                    watch)
         if not report.converged:
             error = SolveError("Stokes", report)
             forces, mass = self.split(np.abs(rhs - self.apply(solution)) / reduce.largest(np.abs(rhs)))

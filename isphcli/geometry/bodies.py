@@ -46,11 +46,13 @@ class Sphere:
     radius: float
 
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
+        """(n,) distance of x (n, dim) to the nearest image of the surface, m, < 0 inside; exact."""
         return (
             np.linalg.norm(_nearest_image(x - np.asarray(self.centre, float), period), axis=1) - self.radius
         )
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
+        """A ball, (1, 8): see `Body.pieces`."""
         return _pieces(BALL, [self.centre], [[self.radius]])
 
 
@@ -70,12 +72,15 @@ class Spheres:
     _trees: dict = field(default_factory=dict, repr=False)
 
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
+        """(n,) distance of x (n, dim) to the nearest surface of a ball or image, m, < 0 inside; inside balls that
+        overlap a lower bound of the depth."""
         d = np.full(len(x), np.inf)
         for tree, radii in self._classes(period):
             _lower_to_nearest(d, _into_box(x, period), tree, radii)
         return d
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
+        """A ball each, (m, 8): see `Body.pieces`."""
         centres = np.atleast_2d(np.asarray(self.centres, float))
         return _pieces(BALL, centres, np.broadcast_to(np.asarray(self.radii, float), len(centres))[:, None])
 
@@ -101,11 +106,14 @@ class Box:
     upper: Sequence[float]
 
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
+        """(n,) distance of x (n, dim) to the nearest image of the surface, m, < 0 inside; exact. An axis along which
+        the box fills the period has no faces."""
         lower, upper = np.asarray(self.lower, float), np.asarray(self.upper, float)
         q = np.abs(_nearest_image(x - (lower + upper) / 2, period)) - (upper - lower) / 2
         return block_distance(np.where(upper - lower >= period * (1 - ROUND_OFF), -np.inf, q))
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
+        """A block, (1, 8), infinite along axes that it fills: see `Body.pieces`."""
         lower, upper = np.asarray(self.lower, float), np.asarray(self.upper, float)
         half = np.where(upper - lower >= period * (1 - ROUND_OFF), np.inf, (upper - lower) / 2)
         return _pieces(BLOCK, [(lower + upper) / 2], [[*half, np.inf][:3]])
@@ -122,6 +130,7 @@ class Cylinder:
     ends: tuple[float, float] | None = None
 
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
+        """(n,) distance of x (n, 3) to the nearest image of the surface, m, < 0 inside; exact."""
         across = [a for a in range(x.shape[1]) if a != self.axis]
         centre = np.asarray(self.centre, float)
         radial = (
@@ -135,6 +144,7 @@ class Cylinder:
         return block_distance(np.stack([radial, axial], axis=1))
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
+        """A cylinder, (1, 8), of infinite half length without ends: see `Body.pieces`."""
         centre, half = np.array(self.centre, float), np.inf
         if self.ends is not None and self.ends[1] - self.ends[0] < period[self.axis] * (1 - ROUND_OFF):
             centre[self.axis], half = (self.ends[0] + self.ends[1]) / 2, (self.ends[1] - self.ends[0]) / 2
@@ -153,14 +163,17 @@ class HalfSpace:
 
     @property
     def unit_normal(self) -> np.ndarray:
+        """The normal (dim,) with length one, out of the region."""
         normal = np.asarray(self.normal, float)
         normal = normal / np.abs(normal).max()  # squares of very small and very large numbers are 0 and inf
         return normal / np.linalg.norm(normal)
 
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
+        """(n,) distance of x (n, dim) to the plane, m, < 0 behind it; `period` does not matter."""
         return (x - np.asarray(self.point, float)) @ self.unit_normal
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
+        """A half-space, (1, 8): see `Body.pieces`."""
         return _pieces(HALF_SPACE, [self.point], [self.unit_normal])
 
 
@@ -176,6 +189,7 @@ class Shape:
     angular_velocity: float | None = None  # rad/s of a cylinder about its axis, of a disk about its centre
 
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
+        """(n,) distance of x (n, dim) to the surface, m, < 0 in what the shape fills; period (dim,): m."""
         d = self.body.signed_distance(x, period)
         return -d if self.outside else d
 

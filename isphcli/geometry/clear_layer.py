@@ -14,6 +14,8 @@ from scipy import ndimage
 from scipy.fft import dctn, fftn
 
 from .connectivity import percolating
+from .labels import unlike_next
+from .modes import frequencies, sum_of_squares
 
 SHARE = 0.01  # of the pressure drop over the sample that the nearness of its two faces may be worth, by estimate
 FAR = 300.0  # waves times distance: hyperbolic functions of twice as much are still numbers
@@ -55,7 +57,7 @@ def _kozeny_carman(fluid: np.ndarray, axis: int, edges: np.ndarray) -> float:
     rest = tuple(a for a in range(dim) if a != along)
     surface = np.zeros(fluid.shape[along])
     for a, edge in enumerate(edges):
-        faces = np.count_nonzero(np.diff(fluid, axis=dim - 1 - a), axis=rest) / edge
+        faces = np.count_nonzero(unlike_next(fluid, dim - 1 - a, False), axis=rest) / edge
         surface += faces if a != axis else (np.append(faces, 0) + np.append(0, faces)) / 2
     cells = fluid.size / fluid.shape[along]
     surface *= (2 / 3 if dim == 3 else np.pi / 4) / cells  # of smooth walls in all directions: voxels have more
@@ -106,15 +108,11 @@ def _sinh_cosh_less_t(t: np.ndarray) -> np.ndarray:
 def _waves(velocity: np.ndarray, edges: Sequence[float], periodic: Sequence[bool]) -> tuple[np.ndarray, np.ndarray]:
     """(wave numbers (m,), 1/m, mean square (m,) of each wave of a velocity), without the mean."""
     found = np.asarray(velocity, dtype=complex)
-    square = np.zeros(found.shape)
-    for axis, (edge, around) in enumerate(zip(edges, periodic)):
-        n = found.shape[axis]
+    for axis, around in enumerate(periodic):
         if around:
             found = fftn(found, axes=[axis], norm="forward")
-            k = 2 * np.pi * np.fft.fftfreq(n, edge)
         else:
             real, imaginary = (dctn(part, axes=[axis], norm="ortho") for part in (found.real, found.imag))
-            found = (real + 1j * imaginary) / np.sqrt(n)
-            k = np.pi * np.arange(n) / (n * edge)
-        square = square + (k**2).reshape([-1 if a == axis else 1 for a in range(found.ndim)])
-    return np.sqrt(square).ravel()[1:], (np.abs(found) ** 2).ravel()[1:]
+            found = (real + 1j * imaginary) / np.sqrt(found.shape[axis])
+    k = [2 * np.pi / edge * frequencies(n, around) for n, edge, around in zip(found.shape, edges, periodic)]
+    return np.sqrt(sum_of_squares(k)).ravel()[1:], (np.abs(found) ** 2).ravel()[1:]

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 def block_distance(q: np.ndarray) -> np.ndarray:
@@ -23,18 +27,30 @@ def face_distance(
     return -block_distance(-depth), numbers[np.argmin(depth, axis=1)]
 
 
-def face_walls(
-    dim: int, slip: float, face_velocity: dict | None, face_slip: dict | None, n_more: int = 0
-) -> tuple[np.ndarray, np.ndarray]:
-    """Table of walls: velocity (n, dim), m/s, and slip length (n,), m.
+@dataclass(frozen=True)
+class Walls:
+    """How walls move and slip that no shape speaks for.
 
-    Wall 0 is any wall at rest, 1 + 2 axis + side a face, n_more others follow. face_velocity, face_slip:
-    {(axis, side): value}, side 0 lower, 1 upper.
+    slip_length: m, of all that do not state their own; face_velocity {(axis, side): (dim,), m/s} and face_slip
+    {(axis, side): m} of faces of the box, side 0 lower, 1 upper.
     """
-    velocity = np.zeros((1 + 2 * dim + n_more, dim))
-    slips = np.full(len(velocity), float(slip))
-    for (axis, side), value in (face_velocity or {}).items():
-        velocity[1 + 2 * axis + side] = value
-    for (axis, side), value in (face_slip or {}).items():
-        slips[1 + 2 * axis + side] = value
-    return velocity, slips
+
+    slip_length: float = 0.0
+    face_velocity: Mapping[tuple[int, int], ArrayLike] = field(default_factory=dict)
+    face_slip: Mapping[tuple[int, int], float] = field(default_factory=dict)
+
+    def table(self, dim: int, more: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity (n, dim), m/s, and slip length (n,), m, by the number of a wall.
+
+        Wall 0 is any wall at rest, 1 + 2 axis + side a face; so many `more` follow.
+        """
+        velocity = np.zeros((1 + 2 * dim + more, dim))
+        slips = np.full(len(velocity), float(self.slip_length))
+        for (axis, side), moves in self.face_velocity.items():
+            velocity[1 + 2 * axis + side] = moves
+        for (axis, side), slip in self.face_slip.items():
+            slips[1 + 2 * axis + side] = slip
+        return velocity, slips
+
+
+AT_REST = Walls()  # without slip

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .images.image import VoxelError
+from .labels import unlike_next
 from .modes import Modes
 from .spline import slopes, spline_coefficients
 
@@ -103,9 +104,7 @@ def estimate_blur(field: np.ndarray, around: np.ndarray) -> float:
     for axis in range(3):
         if field.shape[axis] < 2:
             continue
-        one = np.moveaxis(field, axis, 0)
-        meets = np.moveaxis((one[:-1] > 0) != (one[1:] > 0), 0, axis)
-        index = np.argwhere(meets)
+        index = np.argwhere(unlike_next(field > 0, axis, False))
         f = field[tuple(index.T)].astype(float)
         index[:, axis] += 1
         g = field[tuple(index.T)]

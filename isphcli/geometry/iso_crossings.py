@@ -71,13 +71,13 @@ def first_zero(c, around, sign, u, v):
         b = k / parts
         fb, db = _along(c, around, sign, u, v, b)
         if fb <= 0.0:
-            return _zero_between(c, around, sign, u, v, a, fa, b, fb)
+            return _zero_between(c, around, sign, u, v, (a, fa), (b, fb))
         if da < 0.0 and db > 0.0:
             h = b - a
             s = _place_of_least(fa, da * h, fb, db * h)
             inside, _ = _along(c, around, sign, u, v, a + s * h)
             if inside <= 0.0:
-                return _zero_between(c, around, sign, u, v, a, fa, a + s * h, inside)
+                return _zero_between(c, around, sign, u, v, (a, fa), (a + s * h, inside))
         a, fa, da = b, fb, db
     return 1.0
 
@@ -93,8 +93,9 @@ def _place_of_least(fa, da, fb, db):
 
 
 @njit(cache=True)
-def _zero_between(c, around, sign, u, v, a, fa, b, fb):
-    """Zero between a, where the value fa is positive, and b, where fb is not: Newton kept inside the bracket."""
+def _zero_between(c, around, sign, u, v, first, last):
+    """Zero between (place, value) of two places, the first value positive and the last not: Newton kept between."""
+    (a, fa), (b, fb) = first, last
     h = b - a
     t = a + h * fa / (fa - fb)
     for _ in range(30):

@@ -7,16 +7,18 @@ not depend on how it is sampled.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numba import get_num_threads, njit, prange
 from scipy import ndimage
 
+from .faces import AT_REST, Walls
 from .grey import sharpen
 from .iso_crossings import first_zero, first_zeros
 from .label_field import most_probable_field
-from .labels import with_clear_layers
+from .labels import ClearLayers, with_clear_layers
 from .protocol import sample_voxels
 from .spline import average, spline_coefficients, value_and_slope
 from .surface_ways import SurfaceWays, surface_ways
@@ -29,15 +31,26 @@ LEAST = 0.05  # smallest voxel sides: distance where neither the slope nor the v
 BEYOND = 1.0  # smallest voxel sides: the distance between voxel centres, less half a voxel, errs by less
 
 
+@dataclass(frozen=True)
+class ImageField:
+    """A field on the voxel centres whose zero is the wall.
+
+    values: [z, y, x] or [y, x], > 0 in fluid; gaussian: width in voxels of the Gaussian that they are averaged with, 0:
+    none; blur: of the one that is taken out of them, with the average over a voxel, None: nothing.
+    """
+
+    values: np.ndarray
+    gaussian: float = 0.0
+    blur: float | None = None
+
+
 class IsoSurfaceGeometry(VoxelGeometry):
     """Geometry (see `protocol.Geometry`) of the surface on which a field of an image is zero.
 
     labels: int8 [z, y, x] or [y, x], -1 solid, otherwise the index of a fluid: where the field is positive, the
-    nearest fluid voxel says which; field: same shape, > 0 in fluid, or None: the smooth body that the labels are
-    samples of (`label_field`); gaussian: width in voxels of the Gaussian that the field is averaged with, 0: none;
-    blur: of the one that is taken out of it, with the average over a voxel, None: nothing. The other arguments: see
-    `VoxelGeometry`; in clear layers the field has the median of its positive values. Raises ValueError where these do
-    not fit each other.
+    nearest fluid voxel says which; field: of the same shape, or None: the smooth body that the labels are samples of
+    (`label_field`). The other arguments: see `VoxelGeometry`; in clear layers the field has the median of its positive
+    values. Raises ValueError where these do not fit each other.
     """
 
     level_walls = False
@@ -45,34 +58,30 @@ class IsoSurfaceGeometry(VoxelGeometry):
     def __init__(
         self,
         labels: np.ndarray,
-        field: np.ndarray | None,
+        field: ImageField | None,
         voxel_size: float | Sequence[float] | np.ndarray,
         periodic: Sequence[bool],
-        flow_axis: int | None = None,
-        clear: int = 0,
-        slip_length: float = 0.0,
-        face_velocity: dict | None = None,
-        face_slip: dict | None = None,
-        gaussian: float = 0.0,
-        blur: float | None = None,
+        layers: ClearLayers | None = None,
+        walls: Walls = AT_REST,
     ):
-        super().__init__(labels, voxel_size, periodic, flow_axis, clear, slip_length, face_velocity, face_slip)
+        super().__init__(labels, voxel_size, periodic, layers, walls)
         self._image_field = None
         if field is not None:
-            field = np.asarray(field, dtype=np.float32)
-            if field.shape != np.shape(labels):
-                raise ValueError(f"a field of shape {field.shape} for labels of shape {np.shape(labels)}")
-            fluid = float(np.median(field[field > 0])) if clear > 0 and (field > 0).any() else 1.0
-            self._image_field = with_clear_layers(field, flow_axis, clear, fluid).reshape(self._grid.shape)
-        self._gaussian, self._blur = float(gaussian), blur
+            values = np.asarray(field.values, dtype=np.float32)
+            if values.shape != np.shape(labels):
+                raise ValueError(f"a field of shape {values.shape} for labels of shape {np.shape(labels)}")
+            fluid = float(np.median(values[values > 0])) if layers is not None and (values > 0).any() else 1.0
+            whole = with_clear_layers(values, layers, fluid).reshape(self._grid.shape)
+            self._image_field = ImageField(whole, field.gaussian, field.blur)
 
     @cached_property
     def field(self) -> np.ndarray:
         """Field on the voxel centres, float32 [z, y, x], > 0 in fluid; averaged or sharpened as asked."""
         if self._image_field is None:
             return most_probable_field(self._grid >= 0, self._around)
-        found = average(self._image_field, self._gaussian, self._around)
-        return found if self._blur is None else sharpen(found, self._blur, self._around)
+        found = average(self._image_field.values, self._image_field.gaussian, self._around)
+        blur = self._image_field.blur
+        return found if blur is None else sharpen(found, blur, self._around)
 
     @cached_property
     def _spline(self) -> np.ndarray:

@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit, prange
 from scipy.special import ndtri
 
+from .labels import unlike_next
 from .modes import Modes
 
 # Correlation length of the prior over that of a random field with walls of the same area. Shorter ones leave the
@@ -67,10 +68,7 @@ def correlation_length(fluid: np.ndarray, around: np.ndarray) -> float:
     pairs = faces = 0
     for axis in range(3):
         if fluid.shape[axis] > 1:
-            other = np.roll(fluid, -1, axis)
-            differ = fluid != other
-            if not around[2 - axis]:
-                differ = np.moveaxis(differ, axis, 0)[:-1]
+            differ = unlike_next(fluid, axis, bool(around[2 - axis]))
             faces += int(np.count_nonzero(differ))
             pairs += differ.size
     area = 2.0 / 3.0 * 3.0 * faces / max(pairs, 1)

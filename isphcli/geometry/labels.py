@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,11 +37,19 @@ def mirrored(values: np.ndarray, axes: Sequence[str]) -> np.ndarray:
     return values
 
 
-def with_clear_layers(values: np.ndarray, axis: int | None, clear: int, fill: float) -> np.ndarray:
-    """An image [z, y, x] or [y, x] with `clear` voxels of the value `fill` at both ends of an axis (0 x, 1 y, 2 z)."""
-    if axis is None or clear <= 0:
+class ClearLayers(NamedTuple):
+    """Layers of clear fluid at both ends of an axis of an image (0 x, 1 y, 2 z), each so many `voxels` thick, > 0."""
+
+    axis: int
+    voxels: int
+
+
+def with_clear_layers(values: np.ndarray, layers: ClearLayers | None, fill: float) -> np.ndarray:
+    """An image [z, y, x] or [y, x] with its clear layers, of the value `fill`."""
+    if layers is None:
         return values
-    widths = [(clear, clear) if a == values.ndim - 1 - axis else (0, 0) for a in range(values.ndim)]
+    along, thick = values.ndim - 1 - layers.axis, layers.voxels
+    widths = [(thick, thick) if a == along else (0, 0) for a in range(values.ndim)]
     return np.pad(values, widths, constant_values=fill)
 
 
@@ -87,6 +96,14 @@ def _counts(found: Mapping[int, int]) -> str:
     """'0 (12 voxels), 1 (7 voxels)', shortened."""
     text = ", ".join(f"{v} ({n} voxels)" for v, n in list(found.items())[:8])
     return text + (f" and {len(found) - 8} other values" if len(found) > 8 else "")
+
+
+def unlike_next(pores: np.ndarray, axis: int, repeats: bool) -> np.ndarray:
+    """Where the walls of an image have a face across an axis of its array: whether a voxel differs from the next.
+
+    pores: bool, along any axes; repeats: the last voxel has the first for its next, otherwise none and is left out.
+    """
+    return pores != np.roll(pores, -1, axis) if repeats else np.diff(pores, axis=axis)
 
 
 def faces_that_differ(solid: np.ndarray, periodic: Sequence[bool]) -> tuple[str, ...]:

@@ -2,9 +2,22 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
+
 import numpy as np
 from numba import get_num_threads
 from scipy import fft
+
+
+def frequencies(n: int, repeats: bool) -> np.ndarray:
+    """Frequencies (n,), 1 / voxel, along an axis of n voxels: of waves where it repeats, else of cosines."""
+    return fft.fftfreq(n) if repeats else np.arange(n) / (2 * n)
+
+
+def sum_of_squares(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Sum of the squares of one entry an axis, for all combinations: an array with as many axes as there are parts."""
+    return functools.reduce(np.add.outer, [part**2 for part in parts])
 
 
 class Modes:
@@ -23,13 +36,11 @@ class Modes:
 
     def square_frequencies(self) -> np.ndarray:
         """Sum of the squares of the frequencies, 1 / voxel^2, of every mode."""
-        square = np.zeros((1, 1, 1))
-        for a in self.repeats + self.mirrored:
-            n = self.shape[a]
-            q = (np.arange(n) / (2 * n) if a in self.mirrored
-                 else fft.rfftfreq(n) if a == self.repeats[-1] else fft.fftfreq(n))
-            square = square + (q**2).reshape([-1 if b == a else 1 for b in range(3)])
-        return square
+        every = [frequencies(n, a in self.repeats) if n > 1 else np.zeros(1) for a, n in enumerate(self.shape)]
+        if self.repeats:  # the waves of a real field come in pairs: `rfftn` keeps half of them
+            last = self.repeats[-1]
+            every[last] = fft.rfftfreq(self.shape[last])
+        return sum_of_squares(every)
 
     def filtered(self, field: np.ndarray, share: np.ndarray) -> np.ndarray:
         """The field with `share` of each of its modes."""

@@ -1,12 +1,14 @@
 """The nearest point of a wall among the surfaces of shapes, where the min and max of their distances is only a bound.
 
 A wall is where there is solid beside fluid. Candidates are the surfaces near by, the lines where two of them meet and
-the points of three; those beside which there is both fluid and solid count.
+the points of three; those beside which there is both fluid and solid count. `grid` of the kernels is a
+`shape_geometry.PieceGrid`.
 """
 
 from __future__ import annotations
 
 import itertools
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -17,6 +19,33 @@ from .bodies import BALL, BLOCK, CYLINDER, HALF_SPACE
 PLANE, ROUND = range(2)  # surfaces of pieces, see `_surfaces_near`
 MOST_SURFACES = 48  # nearest ones on which a wall is looked for
 PROBE = 1e-9  # of the largest side of the box: how far from a point its surroundings are looked at
+
+
+class Near(NamedTuple):
+    """Surfaces near a point, and room to work in, for kernels.
+
+    surface (MOST_SURFACES + 1, 9): rows as in `_surfaces_near`, the last for a candidate; distance: of each (n,), m;
+    row (9,): of the candidate; slope, twin (3,); chosen (3,): numbers of the surfaces that are tried together, slopes
+    (3, 3): their gradients at a point, gram (3, 3), side (3,): a linear system of them.
+    """
+
+    surface: np.ndarray
+    distance: np.ndarray
+    row: np.ndarray
+    slope: np.ndarray
+    twin: np.ndarray
+    chosen: np.ndarray
+    slopes: np.ndarray
+    gram: np.ndarray
+    side: np.ndarray
+
+
+class Query(NamedTuple):
+    """A point x (3,) whose nearest wall is looked for: no nearer than `least`, m; solid is `wanted` there, or fluid."""
+
+    x: np.ndarray
+    least: float
+    wanted: bool
 
 
 @njit(cache=True)
@@ -36,15 +65,16 @@ def _inside(piece, p, x, y, z):
 
 
 @njit(cache=True)
-def _topmost(x, y, z, lower, edge, counts, around, start, entry, piece, shape, outside):
+def _topmost(x, y, z, grid):
     """The topmost shape that holds a point, -1 where it is none, -2 beyond a face that is a wall."""
-    cell = 0
+    edge, counts, start, entry, piece, shape = grid.edge, grid.counts, grid.start, grid.entry, grid.piece, grid.shape
+    outside, cell = grid.outside, 0
     at = (x, y, z)
     local = np.empty(3)
     for a in range(2, -1, -1):
-        i = int(np.floor((at[a] - lower[a]) / edge[a]))
+        i = int(np.floor((at[a] - grid.lower[a]) / edge[a]))
         turns = i // counts[a]
-        if turns != 0 and not around[a]:
+        if turns != 0 and not grid.around[a]:
             return -2
         local[a] = at[a] - turns * (edge[a] * counts[a])
         cell = cell * counts[a] + i - turns * counts[a]
@@ -64,9 +94,9 @@ def _topmost(x, y, z, lower, edge, counts, around, start, entry, piece, shape, o
 
 
 @njit(cache=True)
-def _is_solid(x, y, z, lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled):
-    top = _topmost(x, y, z, lower, edge, counts, around, start, entry, piece, shape, outside)
-    return True if top == -2 else filled if top == -1 else bool(solid[top])
+def _is_solid(x, y, z, grid):
+    top = _topmost(x, y, z, grid)
+    return True if top == -2 else grid.filled if top == -1 else bool(grid.solid[top])
 
 
 def _directions() -> np.ndarray:
@@ -85,21 +115,17 @@ ROUND_ABOUT_2D = np.array([[np.cos(a), np.sin(a), 0.0] for a in (np.arange(16) +
 
 
 @njit(cache=True, parallel=True)
-def _beside(
-    x, lower, edge, counts, around, start, entry, piece, shape, solid, outside, sure, filled, step
-):
+def _beside(x, grid):
     """A fluid shape (-1: what fills the box) beside each point, -2 if there is solid beside it too."""
     found = np.empty(len(x), np.int64)
-    flat = edge[2] * counts[2] < 10.0 * step
-    ways = ROUND_ABOUT_2D if flat else ROUND_ABOUT
+    ways, step = ROUND_ABOUT_2D if grid.dim == 2 else ROUND_ABOUT, grid.probe
     for k in prange(len(x)):
         beside = -2
         for w in range(len(ways)):
             top = _topmost(
-                x[k, 0] + step * ways[w, 0], x[k, 1] + step * ways[w, 1], x[k, 2] + step * ways[w, 2],
-                lower, edge, counts, around, start, entry, piece, shape, outside,
-            )  # fmt: skip
-            if top == -2 or (top == -1 and filled) or (top >= 0 and solid[top]):
+                x[k, 0] + step * ways[w, 0], x[k, 1] + step * ways[w, 1], x[k, 2] + step * ways[w, 2], grid
+            )
+            if top == -2 or (top == -1 and grid.filled) or (top >= 0 and grid.solid[top]):
                 beside = -2
                 break
             beside = max(beside, top)
@@ -129,10 +155,12 @@ def _value(surface, s, p, slope):
 
 
 @njit(cache=True)
-def _add_surface(surface, n, row, x, reach, slope, near, step):
-    """Put a surface on the list of the nearest, if it is within reach and new; returns how many there are."""
+def _add_surface(near, n, x, reach, step):
+    """Put the surface near.row on the list of the n nearest, if it is within reach and new; returns how many there
+    are."""
+    surface, row, distance = near.surface, near.row, near.distance
     surface[-1] = row
-    f = abs(_value(surface, len(surface) - 1, x, slope))
+    f = abs(_value(surface, len(surface) - 1, x, near.slope))
     if f > reach:
         return n
     for s in range(n):
@@ -144,34 +172,36 @@ def _add_surface(surface, n, row, x, reach, slope, near, step):
             return n
     at = n
     if n == MOST_SURFACES:
-        at = int(np.argmax(near[:n]))
-        if f >= near[at]:
+        at = int(np.argmax(distance[:n]))
+        if f >= distance[at]:
             return n
     surface[at] = row
-    near[at] = f
+    distance[at] = f
     return min(n + 1, MOST_SURFACES)
 
 
 @njit(cache=True)
-def _surfaces_near(x, reach, lower, edge, counts, around, start, entry, piece, shape, surface, near, row, slope, step):
-    """Planes and round surfaces of the pieces within reach of point x, periodic images too, and closed faces.
+def _surfaces_near(x, reach, grid, near):
+    """Planes and round surfaces of the pieces within reach of point x, periodic images too, and closed faces: how many
+    there are now in `near`.
 
     Rows of surface: kind; normal (3,) of a plane or centre (3,); offset of the plane or radius; of round ones 1 along
     the axes that count (a cylinder leaves one out), of planes 0; the shape, -1 of a face.
     """
-    n = 0
+    lower, edge, counts, piece, row = grid.lower, grid.edge, grid.counts, grid.piece, near.row
+    start, entry, step, n = grid.start, grid.entry, grid.probe, 0
     first, last = np.empty(3, np.int64), np.empty(3, np.int64)
     for a in range(3):
         first[a] = int(np.floor((x[a] - reach - lower[a]) / edge[a]))
         last[a] = int(np.floor((x[a] + reach - lower[a]) / edge[a]))
-        if not around[a]:
+        if not grid.around[a]:
             first[a] = min(max(first[a], 0), counts[a] - 1)
             last[a] = min(max(last[a], 0), counts[a] - 1)
-            if edge[a] * counts[a] > 10.0 * step:  # not the layer of a 2D scene
+            if a < grid.dim:
                 for side in range(2):
                     row[:] = 0.0
                     row[1 + a], row[4], row[8] = 1.0, lower[a] + side * edge[a] * counts[a], -1.0
-                    n = _add_surface(surface, n, row, x, reach, slope, near, step)
+                    n = _add_surface(near, n, x, reach, step)
     for z in range(first[2], last[2] + 1):
         for y in range(first[1], last[1] + 1):
             for i in range(first[0], last[0] + 1):
@@ -183,19 +213,19 @@ def _surfaces_near(x, reach, lower, edge, counts, around, start, entry, piece, s
                     c = (piece[p, 1] + tx * edge[0] * counts[0], piece[p, 2] + ty * edge[1] * counts[1],
                          piece[p, 3] + tz * edge[2] * counts[2])
                     row[:] = 0.0
-                    row[8] = shape[p]
+                    row[8] = grid.shape[p]
                     if kind == HALF_SPACE:
                         for a in range(3):
                             row[1 + a] = piece[p, 4 + a]
                             row[4] += row[1 + a] * c[a]
-                        n = _add_surface(surface, n, row, x, reach, slope, near, step)
+                        n = _add_surface(near, n, x, reach, step)
                         continue
                     if kind != BLOCK:
                         row[0], row[4] = ROUND, piece[p, 4]
                         for a in range(3):
                             row[1 + a] = c[a]
                             row[5 + a] = 0.0 if kind == CYLINDER and a == piece[p, 7] else 1.0
-                        n = _add_surface(surface, n, row, x, reach, slope, near, step)
+                        n = _add_surface(near, n, x, reach, step)
                     if kind == BALL:
                         continue
                     for a in range(3):
@@ -205,7 +235,7 @@ def _surfaces_near(x, reach, lower, edge, counts, around, start, entry, piece, s
                         for side in (-1.0, 1.0):
                             row[:8] = 0.0
                             row[1 + a], row[4] = 1.0, c[a] + side * half
-                            n = _add_surface(surface, n, row, x, reach, slope, near, step)
+                            n = _add_surface(near, n, x, reach, step)
     return n
 
 
@@ -228,9 +258,10 @@ def _solve(g, b, m):
 
 
 @njit(cache=True)
-def _foot(surface, chosen, m, dim, x, p, j, g, b, step):
+def _foot(x, p, m, near, grid):
     """Move p to the point nearest to x that lies on all m chosen surfaces; False where none is found."""
-    scale = step / PROBE
+    surface, chosen, j, g, b = near.surface, near.chosen, near.slopes, near.gram, near.side
+    scale = grid.probe / PROBE
     for turn in range(60):
         # steps towards x along tight curves are too long and swing about the nearest point; at last only back to them
         share = 1.0 if turn < 15 else 0.4 if turn < 30 else 0.15 if turn < 50 else 0.0
@@ -240,7 +271,7 @@ def _foot(surface, chosen, m, dim, x, p, j, g, b, step):
             off = max(off, abs(b[i]))
             for a in range(3):
                 b[i] -= share * j[i, a] * (x[a] - p[a])
-        if m == dim and turn == 12 and off > 1e-3 * scale:  # they do not meet
+        if m == grid.dim and turn == 12 and off > 1e-3 * scale:  # they do not meet
             return False
         for i in range(m):
             for k in range(m):
@@ -265,13 +296,12 @@ def _foot(surface, chosen, m, dim, x, p, j, g, b, step):
 
 
 @njit(cache=True)
-def _meets(
-    p, m, j, g, b, wanted, dim, lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled, step
-):
-    """Whether there is solid (wanted True) or fluid (False) beside point p, on m surfaces of gradients j.
+def _meets(p, m, wanted, near, grid):
+    """Whether there is solid (wanted True) or fluid (False) beside point p, on m surfaces of gradients near.slopes.
 
     Looked at are all sides that the surfaces make and directions all round.
     """
+    j, g, b, dim, step = near.slopes, near.gram, near.side, grid.dim, grid.probe
     ways = ROUND_ABOUT_2D if dim == 2 else ROUND_ABOUT
     for w in range(2**m + len(ways)):
         d0, d1, d2 = 0.0, 0.0, 0.0
@@ -288,19 +318,13 @@ def _meets(
             d0, d1, d2 = d0 / size + 4e-4, d1 / size + 9e-4, d2 / size + (5e-4 if dim == 3 else 0.0)
         else:
             d0, d1, d2 = ways[w - 2**m, 0], ways[w - 2**m, 1], ways[w - 2**m, 2]
-        if wanted == _is_solid(
-            p[0] + step * d0, p[1] + step * d1, p[2] + step * d2,
-            lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled,
-        ):  # fmt: skip
+        if wanted == _is_solid(p[0] + step * d0, p[1] + step * d1, p[2] + step * d2, grid):
             return True
     return False
 
 
 @njit(cache=True, parallel=True)
-def _walls_near(
-    x, bound, known, dim, lower, edge, counts, around, start, entry, piece, shape, solid, outside, sure,
-    filled, step, chunks,
-):
+def _walls_near(x, bound, known, grid, chunks):
     """Signed distance (n,) to the nearest wall and its index (n,).
 
     x: (n, 3) in the box or beyond closed faces; bound, known: (n,) signed lower bound of the distance and the index
@@ -309,58 +333,57 @@ def _walls_near(
     """
     n = len(x)
     d, wall = bound.copy(), known.copy()
-    size = np.sqrt(((edge[:dim] * counts[:dim]) ** 2).sum())
     for chunk in prange(chunks):
-        surface, near = np.zeros((MOST_SURFACES + 1, 9)), np.zeros(MOST_SURFACES)
-        row, slope, p, twin, at = np.zeros(9), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-        j, g, b = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
-        chosen = np.zeros(3, np.int64)
-        for k in range(chunk * n // chunks, (chunk + 1) * n // chunks):
-            at[:], p[:] = x[k], 0.0
-            least = abs(bound[k])
-            wanted = bound[k] > 0.0  # in fluid solid is looked for, in a solid fluid
-            if least <= 2.0 * step:  # on a surface: a wall, or inside one kind
-                here, other = False, False
-                ways, away = ROUND_ABOUT_2D if dim == 2 else ROUND_ABOUT, 4.0 * step
-                for w in range(len(ways)):
-                    is_solid = _is_solid(
-                        at[0] + away * ways[w, 0], at[1] + away * ways[w, 1], at[2] + away * ways[w, 2],
-                        lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled,
-                    )  # fmt: skip
-                    here, other = here | is_solid, other | (not is_solid)
-                if here and other:
-                    continue
-                wanted = not here
-            elif _met_at_once(
-                at, least, wanted, known[k] - 1 - 2 * dim, dim, lower, edge, counts, around, start, entry, piece,
-                shape, solid, outside, filled, step, p,
-            ):  # fmt: skip
-                continue
-            reach, best, owner = least * (1.0 + 1e-9) + 4.0 * step, np.inf, -1
-            while True:
-                m = _surfaces_near(
-                    at, reach, lower, edge, counts, around, start, entry, piece, shape, surface, near, row, slope, step
-                )
-                order = np.argsort(near[:m])
-                for count in range(1, dim + 1):
-                    best, owner = _nearest_foot(
-                        surface, near, order, m, count, at, least, best, owner, wanted, dim, p, twin, chosen, j, g, b,
-                        lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled, step,
-                    )
-                if best <= reach or reach > 2.0 * size:
-                    break
-                reach = 2.0 * reach + 0.01 * size
-            if best < np.inf:
-                d[k] = max(best, least) if wanted else -max(best, least)
-                if owner >= 0:
-                    wall[k] = 1 + 2 * dim + owner
+        first, last = chunk * n // chunks, (chunk + 1) * n // chunks
+        _put_walls(x[first:last], d[first:last], wall[first:last], grid)
     return d, wall
 
 
 @njit(cache=True)
-def _twin(surface, chosen, count, p, j, twin):
+def _put_walls(x, d, wall, grid):
+    """Put the distance to the nearest wall and its index in place of the bounds d (n,) and the indices (n,)."""
+    dim, step = grid.dim, grid.probe
+    size = np.sqrt(((grid.edge[:dim] * grid.counts[:dim]) ** 2).sum())
+    near = Near(np.zeros((MOST_SURFACES + 1, 9)), np.zeros(MOST_SURFACES), np.zeros(9), np.zeros(3), np.zeros(3),
+                np.zeros(3, np.int64), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
+    p, at = np.zeros(3), np.zeros(3)
+    ways, away = ROUND_ABOUT_2D if dim == 2 else ROUND_ABOUT, 4.0 * step
+    for k in range(len(x)):
+        at[:], p[:] = x[k], 0.0
+        least = abs(d[k])
+        wanted = d[k] > 0.0  # in fluid solid is looked for, in a solid fluid
+        if least <= 2.0 * step:  # on a surface: a wall, or inside one kind
+            here, other = False, False
+            for w in range(len(ways)):
+                is_solid = _is_solid(
+                    at[0] + away * ways[w, 0], at[1] + away * ways[w, 1], at[2] + away * ways[w, 2], grid
+                )
+                here, other = here | is_solid, other | (not is_solid)
+            if here and other:
+                continue
+            wanted = not here
+        elif _met_at_once(Query(at, least, wanted), wall[k] - 1 - 2 * dim, p, grid):
+            continue
+        query = Query(at, least, wanted)
+        reach, best, owner = least * (1.0 + 1e-9) + 4.0 * step, np.inf, -1
+        while True:
+            order = np.argsort(near.distance[: _surfaces_near(at, reach, grid, near)])
+            for count in range(1, dim + 1):
+                best, owner = _nearest_foot(query, order, count, (best, owner), p, near, grid)
+            if best <= reach or reach > 2.0 * size:
+                break
+            reach = 2.0 * reach + 0.01 * size
+        if best < np.inf:
+            d[k] = max(best, least) if wanted else -max(best, least)
+            if owner >= 0:
+                wall[k] = 1 + 2 * dim + owner
+
+
+@njit(cache=True)
+def _twin(near, count, p):
     """Mirror image of a point that `count` (the dimension) surfaces share, in the plane that holds the centres of the
     round ones and the normals of the planes; False where there is none. They meet there too."""
+    surface, chosen, j, twin = near.surface, near.chosen, near.gram, near.twin
     centre, m = -1, 0
     for i in range(count):
         c = chosen[i]
@@ -390,20 +413,20 @@ def _twin(surface, chosen, count, p, j, twin):
 
 
 @njit(cache=True)
-def _nearest_foot(
-    surface, near, order, m, count, x, least, best, owner, wanted, dim, p, twin, chosen, j, g, b, lower, edge, counts,
-    around, start, entry, piece, shape, solid, outside, filled, step,
-):
-    """(best, owner): distance of the nearest point of a wall on `count` of the m surfaces, if it is nearer than best,
-    and a shape whose surface it is on."""
+def _nearest_foot(query, order, count, known, p, near, grid):
+    """(best, owner): distance of the nearest point of a wall on `count` of the surfaces near by, if it is nearer than
+    that of `known`, and a shape whose surface it is on. order (m,): the surfaces, nearest first; p (3,): workspace."""
+    best, owner = known
+    m, x, least, dim, step = len(order), query.x, query.least, grid.dim, grid.probe
+    surface, distance, chosen, twin = near.surface, near.distance, near.chosen, near.twin
     for i0 in range(m):
-        if near[order[i0]] >= best:
+        if distance[order[i0]] >= best:
             break
         for i1 in range(i0 + 1 if count > 1 else 0, m if count > 1 else 1):
-            if count > 1 and near[order[i1]] >= best:
+            if count > 1 and distance[order[i1]] >= best:
                 break
             for i2 in range(i1 + 1 if count > 2 else 0, m if count > 2 else 1):
-                if count > 2 and near[order[i2]] >= best:
+                if count > 2 and distance[order[i2]] >= best:
                     break
                 chosen[0], chosen[1], chosen[2] = order[i0], order[i1], order[i2]
                 curved, tube = False, False
@@ -422,18 +445,17 @@ def _nearest_foot(
                     for a in range(dim):
                         p[a] = twin[a] if side > count + 2 else x[a]
                         if count < side < count + 3:
-                            aside = 0.3 * near[order[i2 if count == 3 else i1]]
+                            aside = 0.3 * distance[order[i2 if count == 3 else i1]]
                             p[a] += aside * ROUND_ABOUT[0, a] * (1.0 if side == count + 1 else -1.0)
                         elif 0 < side <= count and surface[middle, 5 + a] > 0.0:
                             p[a] = 2.0 * surface[middle, 1 + a] - x[a]
-                    if not _foot(surface, chosen, count, dim, x, p, j, g, b, step):
+                    if not _foot(x, p, count, near, grid):
                         continue
                     if curved and not found:
-                        found = count < dim or _twin(surface, chosen, count, p, g, twin)
+                        found = count < dim or _twin(near, count, p)
                     away = np.sqrt((p[0] - x[0]) ** 2 + (p[1] - x[1]) ** 2 + (p[2] - x[2]) ** 2)
                     if away < best and away > least * (1.0 - 1e-9) - step and _meets(
-                        p, count, j, g, b, wanted, dim, lower, edge, counts, around, start, entry, piece, shape, solid,
-                        outside, filled, step,
+                        p, count, query.wanted, near, grid
                     ):
                         best, owner = away, int(surface[chosen[0], 8])
                         if best <= least * (1.0 + 1e-9) + step:
@@ -442,25 +464,25 @@ def _nearest_foot(
 
 
 @njit(cache=True)
-def _met_at_once(
-    x, least, wanted, k, dim, lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled, step, p
-):
-    """Whether there is a wall right at the foot of x on the piece of shape k that holds it (k < 0: on the faces)."""
+def _met_at_once(query, k, p, grid):
+    """Whether there is a wall right at the foot of the point on the piece of shape k that holds it (k < 0: on the
+    faces). p (3,): workspace."""
+    lower, edge, counts, piece, dim, step = grid.lower, grid.edge, grid.counts, grid.piece, grid.dim, grid.probe
+    x, least, wanted = query
     if k < 0:
         for a in range(3):
             inside = 2.0 * step if a < dim else 0.0
-            p[a] = x[a] if around[a] else min(max(x[a], lower[a] + inside), lower[a] + edge[a] * counts[a] - inside)
+            low, high = lower[a] + inside, lower[a] + edge[a] * counts[a] - inside
+            p[a] = x[a] if grid.around[a] else min(max(x[a], low), high)
             p[a] += 0.3 * inside * ROUND_ABOUT[0, a]  # not on a seam
-        return wanted == _is_solid(
-            p[0], p[1], p[2], lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled
-        )
+        return wanted == _is_solid(p[0], p[1], p[2], grid)
     cell = 0
     for a in range(2, -1, -1):
         i = int(np.floor((x[a] - lower[a]) / edge[a]))
         cell = cell * counts[a] + min(max(i, 0), counts[a] - 1)
-    for q in range(start[cell], start[cell + 1]):
-        c = entry[q]
-        if shape[c] != k or not _inside(piece, c, x[0], x[1], x[2]):
+    for q in range(grid.start[cell], grid.start[cell + 1]):
+        c = grid.entry[q]
+        if grid.shape[c] != k or not _inside(piece, c, x[0], x[1], x[2]):
             continue
         p[:] = x
         if piece[c, 0] == BLOCK:
@@ -487,8 +509,6 @@ def _met_at_once(
             away += (p[a] - x[a]) ** 2
         for a in range(dim):
             p[a] += 0.3 * step * ROUND_ABOUT[0, a]  # not on a seam
-        if np.sqrt(away) <= least + 3.0 * step and wanted == _is_solid(
-            p[0], p[1], p[2], lower, edge, counts, around, start, entry, piece, shape, solid, outside, filled
-        ):
+        if np.sqrt(away) <= least + 3.0 * step and wanted == _is_solid(p[0], p[1], p[2], grid):
             return True
     return False

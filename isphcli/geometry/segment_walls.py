@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -87,50 +88,66 @@ def _fill_cells(piece, extent, lower, edge, counts):
     return start, entry
 
 
+class Line(NamedTuple):
+    """A segment x + t dx, 0 <= t <= 1, and how it walks through the cells of a grid, for kernels.
+
+    x, dx (3,): m; walk (3, 3): cell, step and steps left of each axis; face (3,): t of the next cell face of each axis;
+    local (3,): x seen from the cell, without the turns round the box.
+    """
+
+    x: np.ndarray
+    dx: np.ndarray
+    walk: np.ndarray
+    face: np.ndarray
+    local: np.ndarray
+
+
 @njit(cache=True, parallel=True)
-def _crossings(
-    xi, xj, lower, edge, counts, around, start, entry, piece, shape, solid, outside, sure,
-    filled, round_off, chunks,
-):
-    n, dim = xi.shape
+def _crossings(xi, xj, grid, chunks):
+    """Fraction (n,) of the way from xi to xj (n, dim) to the first wall; grid: a `shape_geometry.PieceGrid`."""
+    n = len(xi)
     t = np.empty(n)
     for chunk in prange(chunks):
-        x, dx = np.zeros(3), np.zeros(3)
-        walk = np.zeros((3, 3), np.int64)  # cell, step, steps left of each axis
-        face, local = np.zeros(3), np.zeros(3)
-        chords, owner = np.zeros((32, 2)), np.zeros(32, np.int64)
-        for k in range(chunk * n // chunks, (chunk + 1) * n // chunks):
-            end, r2 = 1.0, 0.0
-            for a in range(dim):
-                x[a], dx[a] = xi[k, a], xj[k, a] - xi[k, a]
-                r2 += dx[a] * dx[a]
-                if around[a]:
-                    period = edge[a] * counts[a]
-                    x[a] -= np.floor((x[a] - lower[a]) / period) * period
-                elif dx[a] != 0.0:
-                    wall = lower[a] + edge[a] * counts[a] if dx[a] > 0 else lower[a]
-                    end = min(end, max((wall - x[a]) / dx[a], 0.0))
-            if r2 > 0.0:
-                least = round_off / np.sqrt(r2)
-                end, m, chords, owner = _chords(
-                    x, dx, end, least, lower, edge, counts, around, start, entry, piece, shape, sure,
-                    walk, face, local, chords, owner,
-                )
-                end = _first_solid(chords, owner, m, end, solid, outside, filled, least)
-            t[k] = max(end, ROUND_OFF)
+        first, last = chunk * n // chunks, (chunk + 1) * n // chunks
+        _put_crossings(xi[first:last], xj[first:last], grid, t[first:last])
     return t
 
 
 @njit(cache=True)
-def _chords(
-    x, dx, end, least, lower, edge, counts, around, start, entry, piece, shape, sure,
-    walk, face, local, chords, owner,
-):
+def _put_crossings(xi, xj, grid, t):
+    n, dim = xi.shape
+    lower, edge, counts, around = grid.lower, grid.edge, grid.counts, grid.around
+    line = Line(np.zeros(3), np.zeros(3), np.zeros((3, 3), np.int64), np.zeros(3), np.zeros(3))
+    x, dx = line.x, line.dx
+    chords, owner = np.zeros((32, 2)), np.zeros(32, np.int64)
+    for k in range(n):
+        end, r2 = 1.0, 0.0
+        for a in range(dim):
+            x[a], dx[a] = xi[k, a], xj[k, a] - xi[k, a]
+            r2 += dx[a] * dx[a]
+            if around[a]:
+                period = edge[a] * counts[a]
+                x[a] -= np.floor((x[a] - lower[a]) / period) * period
+            elif dx[a] != 0.0:
+                wall = lower[a] + edge[a] * counts[a] if dx[a] > 0 else lower[a]
+                end = min(end, max((wall - x[a]) / dx[a], 0.0))
+        if r2 > 0.0:
+            least = grid.round_off / np.sqrt(r2)
+            end, m, chords, owner = _chords(line, end, least, grid, chords, owner)
+            end = _first_solid(chords, owner, m, end, least, grid)
+        t[k] = max(end, ROUND_OFF)
+
+
+@njit(cache=True)
+def _chords(line, end, least, grid, chords, owner):
     """Chords (t_in, t_out) of a segment in the pieces of the cells that it passes (Amanatides and Woo 1987).
 
     Returns (end, m, chords, owner): where a piece that is surely solid begins, the number of chords before,
-    the chords and their shapes.
+    the chords and their shapes, in longer arrays where those given are full.
     """
+    x, dx, walk, face, local = line
+    edge, counts, around, piece, shape = grid.edge, grid.counts, grid.around, grid.piece, grid.shape
+    lower, start, entry, sure = grid.lower, grid.start, grid.entry, grid.sure
     m = 0
     for a in range(3):
         first = int(np.floor((x[a] - lower[a]) / edge[a]))
@@ -138,7 +155,7 @@ def _chords(
         if not around[a]:
             first, last = min(max(first, 0), counts[a] - 1), min(max(last, 0), counts[a] - 1)
         walk[a, 0], walk[a, 1], walk[a, 2] = first, 1 if last > first else -1, abs(last - first)
-        face[a] = _cell_face(x, dx, lower, edge, walk, a)
+        face[a] = _cell_face(line, grid, a)
     entered = 0.0
     while True:
         axis = 0 if face[0] <= face[1] and face[0] <= face[2] else 1 if face[1] <= face[2] else 2
@@ -174,15 +191,16 @@ def _chords(
         entered = left
         walk[axis, 0] += walk[axis, 1]
         walk[axis, 2] -= 1
-        face[axis] = _cell_face(x, dx, lower, edge, walk, axis)
+        face[axis] = _cell_face(line, grid, axis)
 
 
 @njit(cache=True)
-def _cell_face(x, dx, lower, edge, walk, a):
+def _cell_face(line, grid, a):
     """Place along the segment of the next cell face of axis a; infinite when no face is left."""
+    walk = line.walk
     if walk[a, 2] == 0:
         return np.inf
-    return (lower[a] + (walk[a, 0] + (1 if walk[a, 1] > 0 else 0)) * edge[a] - x[a]) / dx[a]
+    return (grid.lower[a] + (walk[a, 0] + (1 if walk[a, 1] > 0 else 0)) * grid.edge[a] - line.x[a]) / line.dx[a]
 
 
 @njit(cache=True)
@@ -240,9 +258,9 @@ def _slab(x, dx, half):
 
 
 @njit(cache=True)
-def _first_solid(chords, owner, m, end, solid, outside, filled, least):
+def _first_solid(chords, owner, m, end, least, grid):
     """Begin of the first part of the segment, longer than `least`, whose topmost shape is solid, or `end`."""
-    begin = 0.0
+    solid, outside, begin = grid.solid, grid.outside, 0.0
     while begin < end:
         stop = end  # next end of a chord
         for c in range(m):
@@ -250,7 +268,7 @@ def _first_solid(chords, owner, m, end, solid, outside, filled, least):
                 if chords[c, side] > begin:
                     stop = min(stop, chords[c, side])
         if stop - begin > least:
-            middle, is_solid = 0.5 * (begin + stop), filled
+            middle, is_solid = 0.5 * (begin + stop), grid.filled
             for s in range(len(solid) - 1, -1, -1):
                 inside = False
                 for c in range(m):

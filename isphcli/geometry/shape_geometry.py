@@ -9,7 +9,7 @@ import numpy as np
 from numba import get_num_threads
 
 from .bodies import ROUND_OFF, Cylinder, HalfSpace, Shape, ShapeError, Sphere, _check_body
-from .faces import face_distance, face_walls
+from .faces import AT_REST, Walls, face_distance
 from .nearest_wall import PROBE, _beside, _in_3d, _walls_near
 from .segment_walls import CELLS_A_PIECE, _crossings, _extent, _fill_cells, _images
 
@@ -19,7 +19,7 @@ class ShapeGeometry:
 
     lower, upper: (dim,) corners, m; periodic: per axis, the faces of the other axes are walls;
     fluid: index of the fluid that fills the box; shapes: later ones lie on top of earlier ones.
-    slip_length: m, of walls that do not state their own; face_velocity, face_slip: see `faces.face_walls`.
+    walls: of the faces, and of shapes that do not state their own slip length.
     Walls are numbered 0 (at rest), 1 + 2 axis + side (faces), 1 + 2 dim + k (shape k).
     Raises ShapeError where a shape or the box cannot be used.
     """
@@ -37,9 +37,7 @@ class ShapeGeometry:
         periodic: Sequence[bool],
         fluid: int = 0,
         shapes: Sequence[Shape] = (),
-        slip_length: float = 0.0,
-        face_velocity: dict | None = None,
-        face_slip: dict | None = None,
+        walls: Walls = AT_REST,
     ):
         self.lower = np.array(lower, dtype=float)
         self.upper = np.array(upper, dtype=float)
@@ -61,11 +59,9 @@ class ShapeGeometry:
         for k, shape in enumerate(self.shapes):
             _check_body(shape.body, self.dim, f"shape {k + 1}")
         self.warnings = tuple(_cut_planes(self))
-        self._grid: _Grid | None = None  # for `crossing`, when it is first asked
+        self._grid: PieceGrid | None = None  # for `crossing`, when it is first asked
         self.has_solid = self.fluid < 0 or not all(self.periodic) or any(s.phase < 0 for s in self.shapes)
-        self.wall_velocity, self.slip_length = face_walls(
-            self.dim, slip_length, face_velocity, face_slip, len(self.shapes)
-        )
+        self.wall_velocity, self.slip_length = walls.table(self.dim, len(self.shapes))
         for k, shape in enumerate(self.shapes):
             self.wall_velocity[1 + 2 * self.dim + k] = 0.0 if shape.velocity is None else shape.velocity
             if shape.slip_length is not None:
@@ -107,7 +103,7 @@ class ShapeGeometry:
         phase[face_distance(x, self.lower, self.upper, self.periodic)[0] <= self.round_off] = -1
         seam &= phase < 0
         if seam.any():
-            beside = _beside(_in_3d(x[seam]), *self._pieces(), self.fluid < 0, PROBE / ROUND_OFF * self.round_off)
+            beside = _beside(_in_3d(x[seam]), self._pieces())
             phases = np.array([self.fluid, *(s.phase for s in self.shapes)], dtype=np.int8)
             phase[seam] = np.where(beside < -1, -1, phases[beside + 1])
         return phase
@@ -149,11 +145,11 @@ class ShapeGeometry:
         xi, xj = np.asarray(xi, float), np.asarray(xj, float)
         if not self.has_solid or not len(xi):
             return np.ones(len(xi))
-        return _crossings(xi, xj, *self._pieces(), self.fluid < 0, self.round_off, get_num_threads())
+        return _crossings(xi, xj, self._pieces(), get_num_threads())
 
-    def _pieces(self) -> _Grid:
+    def _pieces(self) -> PieceGrid:
         if self._grid is None:
-            self._grid = _Grid.of(self)
+            self._grid = PieceGrid.of(self)
         return self._grid
 
     def _wrapped(self, x: np.ndarray) -> np.ndarray:
@@ -188,19 +184,18 @@ class ShapeGeometry:
         is_wall = np.concatenate([np.ones(1 + 2 * self.dim, dtype=bool), bare])
         ask = np.flatnonzero(np.isfinite(d) & ((d <= self.round_off) | ~is_wall[wall]))
         if len(ask) and self.shapes:
-            d[ask], wall[ask] = _walls_near(
-                _in_3d(x[ask]), d[ask], wall[ask], self.dim, *self._pieces(), self.fluid < 0,
-                PROBE / ROUND_OFF * self.round_off, get_num_threads(),
-            )
+            d[ask], wall[ask] = _walls_near(_in_3d(x[ask]), d[ask], wall[ask], self._pieces(), get_num_threads())
         return d, wall
 
 
-class _Grid(NamedTuple):
+class PieceGrid(NamedTuple):
     """Convex pieces of a scene and their images, listed by the cells of a grid over the box; axes x, y, z.
 
     lower, edge (3,): of cells, m; counts, around (3,): cells and periodicity; start, entry: pieces of each
     cell; piece (m, 8): see `Body.pieces`; shape (m,): the shape each is of; solid, outside, sure: of each
-    shape, sure: what is in its pieces is solid whatever the other shapes.
+    shape, sure: what is in its pieces is solid whatever the other shapes; dim: of the scene, whose third axis is a
+    thin layer in 2D; filled: solid fills the box where no shape is; round_off, probe: m, lengths that are nothing, and
+    how far from a point its surroundings are looked at.
     """
 
     lower: np.ndarray
@@ -214,9 +209,14 @@ class _Grid(NamedTuple):
     solid: np.ndarray
     outside: np.ndarray
     sure: np.ndarray
+    dim: int
+    filled: bool
+    round_off: float
+    probe: float
 
     @classmethod
-    def of(cls, geometry: ShapeGeometry) -> _Grid:
+    def of(cls, geometry: ShapeGeometry) -> PieceGrid:
+        """The grid of the shapes of a geometry: some CELLS_A_PIECE cells a piece, 500 along an axis at most."""
         lower, upper = np.zeros((2, 3))
         upper[:] = 2 * geometry.round_off  # the layer of a 2D scene
         lower[: geometry.dim], upper[: geometry.dim] = geometry.lower, geometry.upper
@@ -235,7 +235,8 @@ class _Grid(NamedTuple):
         outside = np.array([s.outside for s in geometry.shapes], dtype=np.bool_)
         sure = solid & ~outside & np.logical_and.accumulate(solid[::-1])[::-1]
         start, entry = _fill_cells(piece, _extent(piece), lower, edge, counts)
-        return cls(lower, edge, counts, around, start, entry, piece, shape, solid, outside, sure)
+        return cls(lower, edge, counts, around, start, entry, piece, shape, solid, outside, sure, geometry.dim,
+                   geometry.fluid < 0, geometry.round_off, PROBE / ROUND_OFF * geometry.round_off)
 
 
 def _cut_planes(geometry: ShapeGeometry) -> Iterator[str]:

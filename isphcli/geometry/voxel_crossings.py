@@ -17,24 +17,26 @@ def first_faces(grid, around, xi, xj, lower, size, chunks):
     n, dim = xi.shape
     t = np.empty(n)
     for chunk in prange(chunks):
-        cell, step, left = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3, np.int64)
+        walk = np.empty((3, 3), np.int64)
         face, u, v = np.empty(3), np.full(3, 0.5), np.full(3, 0.5)
         for k in range(chunk * n // chunks, (chunk + 1) * n // chunks):
             for a in range(dim):
                 u[a] = (xi[k, a] - lower[a]) / size[a]
                 v[a] = (xj[k, a] - lower[a]) / size[a]
-            first = _march(grid, around, u, v, cell, step, left, face)
+            first = _march(grid, around, u, v, walk, face)
             t[k] = min(max(first, LEAST_T), 1.0)
     return t
 
 
 @njit(cache=True)
-def _march(grid, around, u, v, cell, step, left, face):
+def _march(grid, around, u, v, walk, face):
     """First wall along the segment u -> v: walk from voxel face to voxel face (Amanatides and Woo 1987).
 
     The number of faces along each axis is fixed beforehand, so that round-off can neither miss the last voxel
-    nor pass it. Faces of several axes met at one place (within TIE) are an edge or a corner.
+    nor pass it. Faces of several axes met at one place (within TIE) are an edge or a corner. walk (3, 3): cell, step
+    and steps left of each axis, and face (3,), of the next face: workspaces.
     """
+    cell, step, left = walk[0], walk[1], walk[2]
     fastest = 0.0
     for a in range(3):
         cell[a] = _voxel_of(u[a])

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 from numba import get_num_threads, njit, prange
 
-from .faces import face_distance, face_walls
-from .labels import with_clear_layers
+from .faces import AT_REST, Walls, face_distance
+from .labels import ClearLayers, with_clear_layers
 from .voxel_crossings import first_faces
 from .voxel_lookup import FAR, _label, _voxel_of
 from .wall_distance import signed_centre_distance, stairs_distances
@@ -24,9 +24,8 @@ class VoxelGeometry:
 
     labels: int8 [z, y, x] or [y, x], -1 solid, otherwise the index of a fluid; voxel_size: m, one number or
     (dim,) in the order x, y(, z); periodic: (dim,) in that order, the faces of the other axes are walls.
-    flow_axis, clear: the image gets `clear` > 0 voxels of fluid 0 at both ends of the axis, which becomes
-    periodic; sample_lower, sample_upper (dim,) is the box of the image itself.
-    face_velocity, face_slip, slip_length: of the faces and of all other walls, see `faces.face_walls`.
+    layers: of fluid 0, which the image gets at both ends of an axis; that becomes periodic, and sample_lower,
+    sample_upper (dim,) is the box of the image itself. walls: of the faces, and the slip length of all others.
     The wall distances are computed when they are first asked for. Raises ValueError where these do not fit each other.
     """
 
@@ -40,11 +39,8 @@ class VoxelGeometry:
         labels: np.ndarray,
         voxel_size: float | Sequence[float] | np.ndarray,
         periodic: Sequence[bool],
-        flow_axis: int | None = None,
-        clear: int = 0,
-        slip_length: float = 0.0,
-        face_velocity: dict | None = None,
-        face_slip: dict | None = None,
+        layers: ClearLayers | None = None,
+        walls: Walls = AT_REST,
     ):
         labels = np.asarray(labels)
         if labels.ndim == 3 and labels.shape[0] == 1:
@@ -64,17 +60,17 @@ class VoxelGeometry:
         if len(around) != self.dim:
             raise ValueError(f"periodic needs {self.dim} entries")
         sample, start = np.array(labels.shape[::-1]), np.zeros(self.dim)
-        if flow_axis is not None:
-            start[flow_axis] = clear
-            around[flow_axis] = around[flow_axis] or clear > 0
-        labels = with_clear_layers(labels, flow_axis, clear, 0)
+        if layers is not None:
+            start[layers.axis] = layers.voxels
+            around[layers.axis] = True
+        labels = with_clear_layers(labels, layers, 0)
         self.labels = np.ascontiguousarray(labels, dtype=np.int8)
         self.periodic = tuple(around)
         self.lower = np.zeros(self.dim)
         self.upper = np.array(self.labels.shape[::-1]) * self.voxel_size
         self.sample_lower = start * self.voxel_size
         self.sample_upper = (start + sample) * self.voxel_size
-        self.wall_velocity, self.slip_length = face_walls(self.dim, slip_length, face_velocity, face_slip)
+        self.wall_velocity, self.slip_length = walls.table(self.dim)
         self.wall_speed = np.linalg.norm(self.wall_velocity, axis=1)
         self._unit = float(self.voxel_size.min())
         self._grid = self.labels if self.dim == 3 else self.labels[None]

@@ -323,6 +323,8 @@ def _factors(neighbours, links, volume, order, walls, off_lattice):
                             spread[m, 0] * g[0, k] + spread[m, 1] * g[1, k] + spread[m, 2] * g[2, k])
                     for v in range(6):
                         k_tensor[i, m, v] = per_length * right[v, 1 + m]
+            if whole == 0.0:  # nothing is near: at rest, as what walls surround
+                wall_lap[i] = per_area
             if not near_wall:
                 if len(k_tensor_p) > 0:
                     gradient_p[i], k_tensor_p[i] = gradient[i], k_tensor[i]

@@ -54,7 +54,7 @@ def _behind(start: np.ndarray, column: np.ndarray, link: np.ndarray) -> np.ndarr
 @njit(cache=True, parallel=True, error_model="numpy")
 def _shares(neighbours, link, volume):
     """Smallest and largest eigenvalue of the moments of the neighbours in sight, over the mean one of all neighbours,
-    and whether some are not in sight, (n,) each; 1 where all are."""
+    and whether some are not in sight, (n,) each; 1 where all are, 0 where there are none."""
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
     n, dim = len(start) - 1, x.shape[1]
@@ -63,6 +63,8 @@ def _shares(neighbours, link, volume):
         for p in range(start[i], start[i + 1]):
             if link[p] == MEETS_WALL:
                 walled[i] = True
+        if start[i] == start[i + 1]:
+            smallest[i], largest[i] = 0.0, 0.0
         if walled[i]:
             whole, xx, yy, zz, yz, xz, xy, dz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for p in range(start[i], start[i + 1]):

@@ -10,7 +10,7 @@ smallest is 0.31 in 2D and 0.35 in 3D.
 | FULL | that sees all neighbours | nothing |
 | WALL | that does not, smallest share NARROW_SHARE and more | pressure gradient and symmetric Laplacian over the fluid in sight (`wall_weights`); shifts are carried without second derivative |
 | NARROW | smallest share below NARROW_SHARE: a corner, a pore about as narrow as a particle | as WALL; the divergence is minus the adjoint of the pressure gradient (`div_grad.adjoint_divergence`) |
-| ISOLATED | largest share below THIN: a dead end beside points of contact; and what only such particles join with the rest | as NARROW; it shares its pressure with nobody (`narrow_pores`) |
+| ISOLATED | largest share below THIN: a dead end beside points of contact; what only such particles join with the rest; a particle that sees nobody | as NARROW; it shares its pressure with nobody (`narrow_pores`), and no limit is set to its volume (`flow/step_limits.py`) |
 
 In scenes with isolated particles, narrow ones may come nearer to walls (NEAR_WALL_NARROW of `flow/step.py`). In any
 class, directions with a share below THIN are left out of the gradient: a pseudo-inverse (`moments.invert_gradient`).

@@ -134,6 +134,8 @@ def other_findings(result: CheckReport, geometry: Geometry, sites: Sites) -> Ite
 
 
 def absent_fluids(case: Case, sites: Sites) -> Iterator[str]:
+    """A sentence for each fluid of the case that no site of the lattice is in; one that floods the sample comes
+    later."""
     flooded = case.initial.flood.fluid if case.initial and case.initial.flood else None
     for k, name in enumerate(case.fluids):
         if name != flooded and (k >= len(sites.per_fluid) or not sites.per_fluid[k]):

@@ -98,6 +98,7 @@ class CheckReport:
 
 
 def report_lines(r: CheckReport) -> Iterator[str]:
+    """The lines of `isph validate --check-only`, in order; of a case that is refused by its size only why."""
     case = r.case
     yield f"{case.path or 'case'}: {case.title}".rstrip(": ")
     if not r.terms:  # refused by its size
@@ -160,6 +161,7 @@ def _row(name: str, text: Any) -> str:
 
 
 def in_bytes(number: float) -> str:
+    """A number of bytes in words: '1.23 GB'."""
     for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if number >= size:
             return f"{number / size:.3g} {unit}"

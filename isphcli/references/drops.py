@@ -48,16 +48,16 @@ def capillary_wave(
     density: Sequence[float],
     nu: float,
     gravity: float = 0.0,
-    amplitude: float = 1.0,
-    speed: float = 0.0,
+    start: tuple[float, float] = (1.0, 0.0),
 ) -> Array:
     """Height (n,) of the crest of a small wave between two deep fluids of the same kinematic viscosity.
 
-    amplitude, speed: height and upward velocity of the crest at t = 0, the flow irrotational in each fluid.
+    start: height and upward velocity of the crest at t = 0, the flow irrotational in each fluid.
     density: (lower, upper). Prosperetti (1981), Phys. Fluids 24, 1217, eqs 22 to 24.
     """
     from scipy.special import erfc, wofz
 
+    amplitude, speed = start
     t = np.asarray(t, dtype=float)
     k = 2 * math.pi / wavelength
     total = sum(density)

@@ -44,6 +44,7 @@ def parameter(case: Case, name: str, derived: Any = None) -> Any:
 
 
 def number(case: Case, name: str, derived: float | None = None) -> float:
+    """A parameter of the reference of a case that is a number, `derived` where it is not given. Raises CompareError."""
     value = parameter(case, name, derived)
     if isinstance(value, str) or not math.isfinite(value):
         raise CompareError(f"reference.parameters.{name} is {value!r}; give a number")
@@ -51,6 +52,7 @@ def number(case: Case, name: str, derived: float | None = None) -> float:
 
 
 def first_fluid(case: Case) -> Any:
+    """The fluid of a case of one fluid, of two the first (`case.blocks.Fluid`)."""
     return case.fluids[case.fluid_names[0]]
 
 
@@ -119,6 +121,7 @@ def pressure_error(p: Array, expected: Array) -> Errors:
 
 
 def energy_error(u: Array, expected: Array) -> float:
+    """Signed error of the kinetic energy, relative; u, expected: (n, dim) m/s."""
     return float((u**2).sum() / (expected**2).sum() - 1)
 
 
@@ -156,6 +159,7 @@ def _by_axis(case: Case, permeability: Any) -> dict[str, float]:
 
 
 def along_x(x: Array, u: Array) -> Array:
+    """Velocities (n, dim) of which u (n,) is the component along x and the others are zero."""
     return np.stack([u, *[np.zeros_like(u)] * (x.shape[1] - 1)], axis=1)
 
 

@@ -69,29 +69,34 @@ LINKED = 1.5  # spacings: particles closer than this and in sight of each other 
 
 
 def couette_field(case: Case, x: Array, time: float | None) -> Array:
+    """(n, dim) m/s at x (n, dim), m: steady flow under a lid that slides (`plates.plane_couette`)."""
     y, height = plates(case, x)
     return along_x(x, plane_couette(y, height, lid_speed(case)))
 
 
 def poiseuille_field(case: Case, x: Array, time: float | None) -> Array:
+    """(n, dim) m/s at x (n, dim), m: steady flow between plates under a force (`plates.slit_poiseuille`)."""
     y, height = plates(case, x)
     nu = number(case, "nu", first_fluid(case).nu)
     return along_x(x, slit_poiseuille(y, height, acceleration_along_x(case), nu))
 
 
 def startup_couette_field(case: Case, x: Array, time: float | None) -> Array:
+    """(n, dim) m/s at x (n, dim), m: from rest under a lid, at a time, s (`plates.startup_couette`)."""
     y, height = plates(case, x)
     nu = number(case, "nu", first_fluid(case).nu)
     return along_x(x, startup_couette(y, moment(time), height, nu, lid_speed(case)))
 
 
 def startup_poiseuille_field(case: Case, x: Array, time: float | None) -> Array:
+    """(n, dim) m/s at x (n, dim), m: from rest under a force, at a time, s (`plates.startup_poiseuille`)."""
     y, height = plates(case, x)
     nu = number(case, "nu", first_fluid(case).nu)
     return along_x(x, startup_poiseuille(y, moment(time), height, nu, acceleration_along_x(case)))
 
 
 def decaying_channel_field(case: Case, x: Array, time: float | None) -> Array:
+    """(n, dim) m/s at x (n, dim), m: one mode between plates that decays (`plates.decaying_channel`)."""
     y, height = plates(case, x)
     nu = number(case, "nu", first_fluid(case).nu)
     mode = int(number(case, "mode", 1))
@@ -108,6 +113,7 @@ def _oscillation(case: Case) -> dict[str, Any]:
 
 
 def oscillating_slit_field(case: Case, x: Array, time: float | None) -> Array:
+    """(n, dim) m/s at x (n, dim), m: between plates under a force that oscillates (`plates.oscillating_slit`)."""
     y, height = plates(case, x)
     return along_x(x, oscillating_slit(y, moment(time), height, **_oscillation(case)))
 
@@ -125,6 +131,7 @@ def _pipe(case: Case) -> tuple[int, list[int], Array, float]:
 
 
 def oscillating_pipe_field(case: Case, x: Array, time: float | None) -> Array:
+    """(n, 3) m/s at x (n, 3), m: in a pipe under a force that oscillates (`ducts.oscillating_pipe`)."""
     axis, across, centre, radius = _pipe(case)
     u = np.zeros_like(x)
     r = np.hypot(*(x - centre)[:, across].T)
@@ -177,10 +184,13 @@ def _vortex(case: Case, dim: int) -> dict[str, float]:
 
 
 def taylor_green_field(case: Case, x: Array, time: float | None) -> Array:
+    """(n, 2) m/s at x (n, 2), m: decaying vortices, exact (`vortices.taylor_green_2d`)."""
     return taylor_green_2d(x, moment(time), **_vortex(case, 2))[0]
 
 
 def taylor_green_3d_field(case: Case, x: Array, time: float | None) -> Array:
+    """(n, 3) m/s at x (n, 3), m: decaying vortices by a spectral solution of 32^3 modes
+    (`vortices.taylor_green_3d`)."""
     vortex = _vortex(case, 3)
     _, fields = taylor_green_3d([moment(time)], n=32, **vortex)
     return spectral_velocity(fields[0], x, vortex["k"])
@@ -385,6 +395,7 @@ def connected_parts(result: Result) -> Array:
 
 
 def taylor_green_errors(case: Case, result: Result) -> Errors:
+    """Errors of velocity, pressure and kinetic energy of a result at its time. Raises CompareError."""
     u, p = taylor_green_2d(result.x, moment(result.time), density=first_fluid(case).density, **_vortex(case, 2))
     return {
         **velocity_errors(result.velocity, u),
@@ -395,6 +406,7 @@ def taylor_green_errors(case: Case, result: Result) -> Errors:
 
 
 def taylor_green_3d_errors(case: Case, result: Result) -> Errors:
+    """Errors of velocity and kinetic energy of a result at its time. Raises CompareError."""
     u = taylor_green_3d_field(case, result.x, result.time)
     errors = velocity_errors(result.velocity, u)
     energy = energy_error(result.velocity, u)

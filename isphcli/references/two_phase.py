@@ -55,6 +55,7 @@ def _layers(case: Case, result: Result) -> tuple[Array, float, float, list[Any]]
 
 
 def two_layer_couette_errors(case: Case, result: Result) -> Errors:
+    """Errors of the velocity of two layers under a lid (`plates.two_layer_couette`). Raises CompareError."""
     y, height, interface, fluids = _layers(case, result)
     u = two_layer_couette(y, height, interface, [f.mu for f in fluids], lid_speed(case))
     return {**velocity_errors(result.velocity, along_x(result.x, u)), "main": "velocity_relative_l2"}
@@ -215,7 +216,7 @@ def capillary_wave_errors(case: Case, result: Result) -> Errors:
     t = times(result, len(height))
     expected = capillary_wave(
         t, number(case, "wavelength", float(upper[0] - lower[0])), _tension(case), [f.density for f in fluids],
-        fluids[0].nu, -_gravity(case, result.x.shape[1]), number(case, "amplitude", 0.0), number(case, "speed", 0.0),
+        fluids[0].nu, -_gravity(case, result.x.shape[1]), (number(case, "amplitude", 0.0), number(case, "speed", 0.0)),
     )  # fmt: skip
     if not expected.any():
         raise CompareError("give reference.parameters.amplitude or .speed: without them there is no wave")

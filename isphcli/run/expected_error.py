@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..geometry.labels import unlike_next
 from ..geometry.protocol import sample_voxels
 from ..references.published import DATA
 
@@ -99,7 +100,7 @@ def mean_chord(pores: np.ndarray) -> float:
     pores: bool, along any axes. Pores may be wide between grains of few voxels, which an image shows no better.
     """
     # walls a voxel along a line, of which a chord has two; ends of an image that does not repeat are a pair of many
-    ends = float(np.mean([np.mean(pores != np.roll(pores, 1, axis)) for axis in range(pores.ndim)]))
+    ends = float(np.mean([np.mean(unlike_next(pores, axis, True)) for axis in range(pores.ndim)]))
     porosity = float(pores.mean())
     return 2.0 * min(porosity, 1.0 - porosity) / ends if ends > 0.0 else math.inf
 

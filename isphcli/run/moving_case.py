@@ -17,7 +17,7 @@ from ..references.result import Result
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.prepare import prepare
-from .permeability import darcy, fluid_cells
+from .permeability import darcy, fluid_cells, mean_velocities
 from .results import (
     Look,
     Seen,
@@ -246,8 +246,8 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
     """Entries of the summary on the flow at the end: velocities, and a permeability where a steady flow has one."""
     stepper, march, two = run.stepper, run.march, run.measures is not None
     axis, force = _drive_at_the_end(run, state)
-    superficial, mean, along = darcy(run.geometry, state.x, state.u, run.particles.site_volume, axis, force,
-                                     stepper.fluids.nu_max, run.cells)
+    superficial, mean = mean_velocities(run.geometry, state.x, state.u, run.particles.site_volume, run.cells)
+    along = None if axis is None else darcy(run.geometry, superficial, axis, force, stepper.fluids.nu_max)
     resisted = run.geometry.has_solid and not two and not walls_move(run.case)
     permeability = error = None
     if axis is not None and resisted and march.outcome == "steady":

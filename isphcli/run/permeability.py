@@ -36,26 +36,27 @@ def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray |
     return float(np.clip(0.5 + near / edge, 0.0, 1.0).sum())
 
 
-def darcy(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, site_volume: float, axis: int | None = None,
-          force: np.ndarray | None = None, viscosity: float | None = None,
-          cells: float | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Superficial and mean velocity (dim,) of the sample, and its permeability.
+def mean_velocities(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, site_volume: float,
+                    cells: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Superficial and mean velocity (dim,) of the sample, m/s.
 
-    x, velocity: (n, dim) of the fluid particles; axis: of the drive or None; force: (dim,) m/s2, and
-    viscosity: kinematic, m2/s, of a drive. cells: `fluid_cells` of the sample, which the mean velocity is taken over:
-    the flux over the volume of the fluid. Without it: over the particles.
-    permeability: (dim,) m2, entry `axis` along the drive, the others across it; None without a drive. The force acts on
-    the whole length of the box; on the sample, what the clear layers need as a duct is off:
-    k = nu U L_sample / (g L_box - nu U L_clear / k_duct).
+    x, velocity: (n, dim) of the fluid particles; site_volume: m^dim. cells: `fluid_cells` of the sample, which the mean
+    velocity is taken over: the flux over the volume of the fluid. Without it: over the particles.
     """
     lower, upper = sample_box(geometry)
     inside = np.all((x >= lower) & (x <= upper), axis=1)
     total = velocity[inside].sum(axis=0)
-    superficial = total * (site_volume / np.prod(upper - lower))
-    mean = total / (cells or max(int(inside.sum()), 1))
-    if axis is None:
-        return superficial, mean, None
-    assert force is not None and viscosity is not None
+    return total * (site_volume / np.prod(upper - lower)), total / (cells or max(int(inside.sum()), 1))
+
+
+def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndarray, viscosity: float) -> np.ndarray:
+    """Permeability (dim,) of the sample, m2 (eq. 28): entry `axis` along the drive, the others across it.
+
+    superficial: (dim,) m/s; axis: of the drive; force: (dim,) m/s2; viscosity: kinematic, m2/s. The force acts on the
+    whole length of the box; on the sample, what the clear layers need as a duct is off:
+    k = nu U L_sample / (g L_box - nu U L_clear / k_duct).
+    """
+    lower, upper = sample_box(geometry)
     size = np.linalg.norm(force)
     along = float(superficial @ force) / size
     length, sample = (geometry.upper - geometry.lower)[axis], (upper - lower)[axis]
@@ -65,7 +66,7 @@ def darcy(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, site_volume: 
         gravity = max(gravity - clear * (length - sample) / sample, size)  # no sample resists less than a clear one
     permeability = viscosity / gravity * superficial * np.sign(force[axis])
     permeability[axis] = viscosity / gravity * along  # eq. 28
-    return superficial, mean, permeability
+    return permeability
 
 
 ORDER = 2.0  # of k beside smooth walls, in the mean: that of the operators (docs/method.md 8)

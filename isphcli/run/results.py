@@ -128,6 +128,7 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
 
 
 def series_of(case: Case, directory: Path, resume_time: float | None = None) -> Series | None:
+    """The series of snapshots of a run, None where none are asked for; resume_time: s, of a run that goes on."""
     return Series(directory, resume_time=resume_time) if case.output.snapshots else None
 
 
@@ -153,10 +154,12 @@ def snapshot_of(case: Case, geometry: Geometry, particles: Particles, x: np.ndar
 
 
 def counts_of(particles: Particles, halo: int) -> dict[str, int]:
+    """Entry `particles` of the summary; halo: rows that are periodic images; left_out: sites that no fluid sees."""
     return {"fluid": particles.n_fluid, "dummy": particles.n_dummy, "halo": halo, "left_out": particles.left_out}
 
 
 def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:
+    """Entry `terms` of the summary: what of the method a scene of this case uses; driven: whether a force acts."""
     terms = ["viscosity", "pressure"]
     if held_axis(case) is not None:
         terms.append("held velocity")
@@ -215,4 +218,5 @@ def absent_fluids(case: Case, particles: Particles) -> str | None:
 
 
 def mean_max(counts: Sequence[int]) -> dict[str, float]:
+    """Mean and largest of iterations or other counts, zeros where there are none."""
     return {"mean": float(np.mean(counts)), "max": int(max(counts))} if counts else {"mean": 0.0, "max": 0}

@@ -20,7 +20,8 @@ from ..operators.lattice_weights import LatticeWeights, build_lattice_weights
 from ..operators.wall_operators import WallScene
 from ..scene import memory
 from ..scene.place import place_case
-from .permeability import darcy, fluid_cells
+from ..solvers.krylov import Limits
+from .permeability import darcy, fluid_cells, mean_velocities
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -49,7 +50,7 @@ class StokesResult:
 
     axis: 0, 1, 2 or None where the walls drive the flow; velocity (n, dim) m/s of the particles; cell_velocity
     (n, dim) m/s, its mean over their cells of the lattice; pressure (n,) Pa; superficial, mean, permeability: see
-    `permeability.darcy`; divergence, mass_error: see `_mass`; halo, narrow (particles in pores that the lattice does
+    `run/permeability.py`; divergence, mass_error: see `_mass`; halo, narrow (particles in pores that the lattice does
     not resolve), components, isolated_pockets, cells: of the scene that it was solved in.
     """
 
@@ -160,10 +161,12 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
     geometry, particles, system = scene.geometry, scene.particles, scene.system
     fluid = next(iter(case.fluids.values()))
     with clock("krylov"):
-        flow = system.solve(force, case.solver.tolerance, case.solver.restart, case.solver.max_iterations, watch)
+        asked = case.solver
+        flow = system.solve(force, Limits(asked.tolerance, asked.restart, asked.max_iterations), watch)
     cell_velocity = flow.velocity + _quadrature(scene, flow, force, fluid.nu)
-    superficial, mean, permeability = darcy(geometry, particles.x[: particles.n_fluid], cell_velocity,
-                                            particles.site_volume, axis, force, fluid.nu, scene.cells)
+    superficial, mean = mean_velocities(geometry, particles.x[: particles.n_fluid], cell_velocity,
+                                        particles.site_volume, scene.cells)
+    permeability = None if axis is None else darcy(geometry, superficial, axis, force, fluid.nu)
     return StokesResult(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
                  flow.pressure * fluid.density, superficial, mean, permeability,
                  *_mass(scene, flow, cell_velocity, axis), flow.report, scene.halo,

@@ -10,7 +10,7 @@ import numpy as np
 from ..case.forcing import walls_move
 from ..flow.attempt import attempt
 from ..output.restart import Saved
-from .permeability import darcy
+from .permeability import mean_velocities
 from .steadiness import Steady
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ class TimeLoop:
         if stepper.held_velocity is not None:
             return stepper.held_velocity.drop(state)
         if self.along is not None:
-            superficial, *_ = darcy(stepper.geometry, state.x, state.u, self.site_volume)
+            superficial, _ = mean_velocities(stepper.geometry, state.x, state.u, self.site_volume)
             return float(superficial @ self.along)
         return float(np.sqrt(np.einsum("ij,ij", state.u, state.u) / len(state.u)))
 

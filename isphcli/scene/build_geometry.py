@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..case.forcing import flow_axis, sample_times, wall_velocities, walls_change
+from ..geometry.faces import Walls
 from ..geometry.protocol import Geometry
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
     names = tuple(case.fluids)
     faces = {("xyz".index(name[0]), int(name.endswith("max"))): wall for name, wall in scene.walls.items()}
     moves_at = wall_velocities(case, case.dim or 3)
-    walls: dict[str, Any] = dict(
+    walls = Walls(
         slip_length=scene.slip_length,
         face_velocity={(axis, side): moves_at[1 + 2 * axis + side] for axis, side in faces
                        if 1 + 2 * axis + side in moves_at},
@@ -63,7 +64,7 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
         phase = -1 if s.what == "solid" else names.index(s.what)
         shapes.append(Shape(body, phase, s.outside, moves_at.get(1 + 2 * len(lower) + k), s.slip_length,
                             s.angular_velocity))
-    geometry = ShapeGeometry(lower, upper, periodic, fluid, shapes, **walls)
+    geometry = ShapeGeometry(lower, upper, periodic, fluid, shapes, walls)
     geometry.warnings = tuple(warnings) + geometry.warnings
     geometry.described = tuple(described)
     if walls_change(case):  # what they move at now is that of the start

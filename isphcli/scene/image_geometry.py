@@ -14,11 +14,12 @@ from ..geometry.clear_layer import clear_voxels
 from ..geometry.images.image import VoxelError
 from ..geometry.images.read import read_image
 from ..geometry.images.voxel_size import COARSE, voxel_size_of
-from ..geometry.labels import apply_labels, crop, faces_that_differ, mirrored
+from ..geometry.labels import ClearLayers, apply_labels, crop, faces_that_differ, mirrored
 from . import memory
 
 if TYPE_CHECKING:
     from ..case.blocks import Case, Grey, Voxels
+    from ..geometry.faces import Walls
     from ..geometry.protocol import Geometry
     from ..geometry.surface_ways import SurfaceWays
 
@@ -39,13 +40,13 @@ class Understood:
     denoise: float = 0.0
 
 
-def image_geometry(case: Case, axis: int | None, walls: Mapping[str, Any]) -> Geometry:
-    """Geometry of the image of a case; axis: of flow, which gets the clear layers, or None; walls: of the faces.
+def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
+    """Geometry of the image of a case; axis: of flow, which gets the clear layers, or None.
 
     Raises VoxelError where the image does not fit the case, ParticleError where it does not fit the memory.
     """
     from ..case.checks import check_dimension
-    from ..geometry.iso_surface import IsoSurfaceGeometry
+    from ..geometry.iso_surface import ImageField, IsoSurfaceGeometry
     from ..geometry.voxel_geometry import VoxelGeometry
 
     spec = case.geometry.voxels
@@ -74,13 +75,15 @@ def image_geometry(case: Case, axis: int | None, walls: Mapping[str, Any]) -> Ge
         memory.refuse_pores(case, labels, size, added)
     except ParticleError as error:  # voxels in another unit than the spacing make absurd numbers of particles
         raise ParticleError("; ".join((str(error), *unusual))) from None
+    layers = ClearLayers(axis, clear) if axis is not None and clear > 0 else None
     geometry: VoxelGeometry
     ways: SurfaceWays | None = None
     if case.wall_distance == "stairs":
-        geometry = VoxelGeometry(labels, size, periodic, axis, clear, **walls)
+        geometry = VoxelGeometry(labels, size, periodic, layers, walls)
     else:
-        geometry = surface = IsoSurfaceGeometry(labels, understood.field, size, periodic, axis, clear, **walls,
-                                      gaussian=understood.denoise, blur=understood.blur)
+        field = understood.field
+        smooth = ImageField(field, understood.denoise, understood.blur) if field is not None else None
+        geometry = surface = IsoSurfaceGeometry(labels, smooth, size, periodic, layers, walls)
         ways = surface.ways()
     solid = labels < 0
     porosity, name = 1.0 - float(solid.mean()), spec.file.name

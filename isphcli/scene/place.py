@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..domain.halo import wrap
 from ..domain.lattice import Lattice, ParticleError, Particles, make_lattice
@@ -89,21 +88,4 @@ def place(geometry: Geometry, lattice: Lattice, support: float, jitter: float = 
         stays = geometry.phase(moved) != phase
         x = np.where(stays[:, None], x, moved)
     rows = np.concatenate([x, *dummies]) if dummies else x
-    if geometry.labels is not None and not geometry.level_walls:
-        alone = _alone(geometry, x, support)
-        rows, phase, left_out = np.delete(rows, alone, axis=0), np.delete(phase, alone), left_out + len(alone)
     return Particles(rows, phase, lattice.site_volume, inside, left_out)
-
-
-def _alone(geometry: Geometry, x: np.ndarray, support: float) -> np.ndarray:
-    """Numbers of the fluid particles x (n, dim) that no other fluid particle sees.
-
-    Between the centres of solid voxels a spline may rise above zero over less than a voxel. The distances of the solid
-    sites round about, which are taken from the centres, reach past such a spot, so that it lacks dummies, and the
-    Laplacian of a particle in it may vanish. Nothing flows there.
-    """
-    if len(x) < 2:
-        return np.empty(0, int)
-    box = np.where(geometry.periodic, geometry.upper - geometry.lower, 0.0)
-    nearest, _ = cKDTree(x - geometry.lower, boxsize=box).query(x - geometry.lower, 2, distance_upper_bound=support)
-    return np.flatnonzero(~np.isfinite(nearest[:, 1]))

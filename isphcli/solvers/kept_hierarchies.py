@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from .krylov import Apply, Report, SolveError, gmres
+from .krylov import Apply, Limits, Report, SolveError, gmres
 from .multigrid import cycle, hierarchy
 
 if TYPE_CHECKING:
@@ -79,8 +79,8 @@ class KeptHierarchies:
     def krylov(self, apply: Apply, right: np.ndarray, precondition: Apply, guess: np.ndarray | None, factor: int = 1,
                tolerance: float | None = None) -> tuple[np.ndarray, Report]:
         """GMRES with `factor` times the Krylov vectors and iterations of the case; see `krylov.gmres`."""
-        return gmres(apply, right, precondition, tolerance or self.tolerance, factor * self.restart,
-                            factor * self.max_iterations, start=guess)
+        limits = Limits(tolerance or self.tolerance, self.restart, self.max_iterations)
+        return gmres(apply, right, precondition, limits.times(factor), guess)
 
     def multigrid(self, name: str, matrix: sp.csr_matrix, apply: Apply, right: np.ndarray, guess: np.ndarray | None,
                   spread: Callable[[Apply], Apply] | None = None,

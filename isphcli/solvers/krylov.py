@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse.linalg as sla
@@ -33,6 +34,19 @@ class SolveError(RuntimeError):
         )
 
 
+class Limits(NamedTuple):
+    """Where a solve ends: at a residual of `tolerance` times the right-hand side, or after max_iterations; restart:
+    Krylov vectors."""
+
+    tolerance: float
+    restart: int
+    max_iterations: int
+
+    def times(self, factor: int) -> Limits:
+        """The same tolerance, with `factor` times the Krylov vectors and iterations."""
+        return Limits(self.tolerance, factor * self.restart, factor * self.max_iterations)
+
+
 @dataclass(frozen=True)
 class Report:
     """How a solve went: preconditioner calls, relative true residual, tolerance asked, and why it ended."""
@@ -48,14 +62,15 @@ class Report:
         return self.reason in ("converged", "zero right-hand side")
 
 
-def gmres(apply: Apply, rhs: np.ndarray, precondition: Apply, tolerance: float, restart: int, max_iterations: int,
+def gmres(apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
           start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Report]:
-    """GMRES preconditioned from the left; the tolerance is relative to the right-hand side.
+    """GMRES preconditioned from the left.
 
     apply, precondition: functions of an (m,) vector; rhs: (m,); start: first guess or None;
     watch: called with (iteration, relative residual). Returns (solution, Report).
     The singular pressure systems of moving particles are solved so: from the right, small ones break down at 1e-4.
     """
+    tolerance, restart, max_iterations = limits
     norm = reduce.norm(rhs)
     if norm == 0.0:
         return np.zeros_like(rhs), Report(0, 0.0, tolerance, "zero right-hand side")
@@ -83,13 +98,13 @@ def gmres(apply: Apply, rhs: np.ndarray, precondition: Apply, tolerance: float, 
     return solution, _report(count, reduce.norm(rhs - apply(solution)) / norm, tolerance)
 
 
-def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, tolerance: float, restart: int,
-                         max_iterations: int, start: np.ndarray | None = None,
-                         watch: Watch | None = None) -> tuple[np.ndarray, Report]:
-    """GMRES preconditioned from the right, which makes the true residual small; the tolerance is relative to `rhs`.
+def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
+                         start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Report]:
+    """GMRES preconditioned from the right, which makes the true residual small.
 
     Arguments and results as those of `gmres`.
     """
+    tolerance, restart, max_iterations = limits
     norm = reduce.norm(rhs)
     if norm == 0.0:
         return np.zeros_like(rhs), Report(0, 0.0, tolerance, "zero right-hand side")

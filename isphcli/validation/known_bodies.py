@@ -104,20 +104,24 @@ class LevelGeometry:
 
     @property
     def lower(self) -> np.ndarray:
+        """Lower corner (3,) of the box, voxels."""
         return np.zeros(3)
 
     @property
     def upper(self) -> np.ndarray:
+        """Upper corner (3,) of the box, voxels."""
         return np.asarray(self.body.size, float)
 
     sample_lower, sample_upper = lower, upper
 
     @property
     def wall_velocity(self) -> np.ndarray:
+        """(1, 3): the walls are at rest."""
         return np.zeros((1, 3))
 
     @property
     def wall_speed(self) -> np.ndarray:
+        """(1,): the walls are at rest."""
         return np.zeros(1)
 
     slip_length = wall_speed

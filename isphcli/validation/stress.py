@@ -106,9 +106,10 @@ SCENES: list[StressScene] = []
 
 
 def scene(name: str, setting: str, invariant: str, bound: float) -> Callable[[Measure], Measure]:
-    """Enters the decorated function into SCENES."""
+    """Enters the decorated function into SCENES; these words are its docstring."""
 
     def enter(function: Measure) -> Measure:
+        function.__doc__ = f"{name}: {setting}. What must hold: {invariant}."
         SCENES.append(StressScene(name, setting, invariant, bound, function))
         return function
 

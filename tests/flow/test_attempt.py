@@ -16,9 +16,9 @@ def tries(monkeypatch, stepper, failing):
     """Lets the first `failing` solves miss their tolerance; a list of (restart, new hierarchies so far) a solve."""
     real, build, seen, built = kept_hierarchies.gmres, kept_hierarchies.hierarchy, [], []
 
-    def gmres(apply, rhs, precondition, tolerance, restart, *rest, **more):
-        seen.append((restart, len(built)))
-        solution, report = real(apply, rhs, precondition, tolerance, restart, *rest, **more)
+    def gmres(apply, rhs, precondition, limits, guess):
+        seen.append((limits.restart, len(built)))
+        solution, report = real(apply, rhs, precondition, limits, guess)
         return solution, replace(report, reason="out of iterations") if len(seen) <= failing else report
 
     monkeypatch.setattr(kept_hierarchies, "gmres", gmres)

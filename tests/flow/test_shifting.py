@@ -6,6 +6,7 @@ import pytest
 from isphcli.domain.halo import build_halo, wrap
 from isphcli.domain.neighbours import neighbourhood
 from isphcli.flow.shifting import LONGEST, carry, shift
+from isphcli.geometry.faces import Walls
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.operators.moments import particle_volumes
 from tests.operators.clouds import build, inside, jittered, quadratic
@@ -97,7 +98,7 @@ def test_beside_walls_quadratic_velocities_are_carried_exactly(dim):
     of the gradient. Of first order, one-sided, a shift of a tenth of a spacing leaves 1e-3 of the lid."""
     n, lid = 8, 2.0
     geometry = ShapeGeometry(np.zeros(dim), np.ones(dim), [axis != 1 for axis in range(dim)],
-                             face_velocity={(1, 1): [lid, *[0.0] * (dim - 1)]})
+                             walls=Walls(face_velocity={(1, 1): [lid, *[0.0] * (dim - 1)]}))
     scene = Scene(geometry, 1 / n, RATIO, order=2, jitter=0.1)
     walls = scene.ops.walls
 

@@ -198,7 +198,7 @@ def test_one_voxel_throat_isolated_pocket_and_dead_end_are_finite():
     labels[11, 0:2, 4:6] = 0  # and of four
     labels[9:11, 5, 2] = 0  # a dead end
     scene, flow = image_flow(labels)
-    assert scene.system.count == 2  # in the pocket of one voxel the only particle is left out
+    assert scene.system.count == 3  # the only particle of the pocket of one voxel sees nobody, or a dummy or two
     assert np.isfinite(flow.velocity).all() and np.isfinite(flow.pressure).all()
     assert flow.permeability[0] > 0
     pocket = scene.system.means.labels != np.argmax(np.bincount(scene.system.means.labels))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isphcli.geometry.faces import block_distance, face_distance, face_walls
+from isphcli.geometry.faces import Walls, block_distance, face_distance
 
 
 @pytest.mark.parametrize("dim", [1, 2, 3])
@@ -35,7 +35,7 @@ def test_a_periodic_box_has_no_faces():
 
 
 def test_the_table_of_walls():
-    velocity, slip = face_walls(2, 0.1, {(1, 1): (3.0, 0.0)}, {(0, 0): 0.7}, 2)
+    velocity, slip = Walls(0.1, {(1, 1): (3.0, 0.0)}, {(0, 0): 0.7}).table(2, 2)
     assert velocity.shape == (7, 2) and velocity[4].tolist() == [3, 0]
     assert np.count_nonzero(velocity) == 1
     assert slip.tolist() == [0.1, 0.7, 0.1, 0.1, 0.1, 0.1, 0.1]

@@ -3,14 +3,16 @@
 import numpy as np
 import pytest
 
-from isphcli.geometry.iso_surface import IsoSurfaceGeometry
+from isphcli.geometry.faces import Walls
+from isphcli.geometry.iso_surface import ImageField, IsoSurfaceGeometry
+from isphcli.geometry.labels import ClearLayers
 from tests.geometry.fields import phases, plane, sphere, waves
 
 ROUND = (True,) * 3
 
 
 def iso(field, size=1.0, periodic=ROUND, **more):
-    return IsoSurfaceGeometry(phases(field), field, size, periodic, **more)
+    return IsoSurfaceGeometry(phases(field), ImageField(field), size, periodic, **more)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -98,7 +100,7 @@ def test_far_from_walls_distances_are_those_between_voxels():
 def test_faces_that_are_walls():
     """An empty image in sealed sides: distances, crossings and walls as of the box."""
     field = np.ones((4, 5, 6))
-    g = iso(field, 0.5, (True, False, False), face_velocity={(1, 1): (1, 0, 0)})
+    g = iso(field, 0.5, (True, False, False), walls=Walls(face_velocity={(1, 1): (1, 0, 0)}))
     x = np.random.default_rng(0).uniform([0, 0, 0], [3, 2.5, 2], (300, 3))
     d = np.minimum.reduce([x[:, 1], 2.5 - x[:, 1], x[:, 2], 2 - x[:, 2]])
     assert np.abs(g.distance(x) - d).max() < 1e-12
@@ -152,14 +154,14 @@ def test_the_fluid_is_that_of_the_nearest_fluid_voxel():
     labels[:, :, 3:] = 1
     labels[:, 4:, :] = -1
     field = plane((6, 6, 6), (0.0, -1.0, 0.0), -4.4)
-    g = IsoSurfaceGeometry(labels, field, 1.0, (False,) * 3)
+    g = IsoSurfaceGeometry(labels, ImageField(field), 1.0, (False,) * 3)
     x = np.array([[1.5, 1.0, 3.0], [4.5, 1.0, 3.0], [1.5, 4.2, 3.0], [4.5, 4.2, 3.0], [4.5, 4.9, 3.0]])
     assert g.phase(x).tolist() == [0, 1, 0, 1, -1]
 
 
 def test_clear_layers_are_fluid_and_end_at_the_faces_of_the_image():
     field = -np.ones((5, 4, 3))
-    g = iso(field, (1.0, 2.0, 3.0), (False,) * 3, flow_axis=1, clear=2)
+    g = iso(field, (1.0, 2.0, 3.0), (False,) * 3, layers=ClearLayers(1, 2))
     assert g.upper.tolist() == [3 * 1.0, 16, 15] and g.periodic == (False, True, False)
     assert g.sample_lower.tolist() == [0, 4, 0] and g.sample_upper.tolist() == [3, 12, 15]
     x = np.array([[1.5, 3.5, 7], [1.5, 4.5, 7], [1.5, 11.5, 7], [1.5, 12.5, 7], [-0.1, 1, 7]])
@@ -179,7 +181,7 @@ def test_two_dimensions():
     y, x = np.meshgrid(np.arange(16) + 0.5, np.arange(16) + 0.5, indexing="ij")
     centre = np.array([8.3, 7.8])
     field = np.hypot(x - centre[0], y - centre[1]) - 4.6
-    g = IsoSurfaceGeometry(phases(field), field, 1.0, (True, True))
+    g = IsoSurfaceGeometry(phases(field), ImageField(field), 1.0, (True, True))
     angle = np.linspace(0, 6, 50)
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     start, end = centre + 6 * ray, centre + 3.5 * ray
@@ -189,4 +191,4 @@ def test_two_dimensions():
 
 def test_a_field_of_another_shape_is_refused():
     with pytest.raises(ValueError):
-        IsoSurfaceGeometry(np.zeros((3, 3, 3), np.int8), np.ones((3, 3, 4)), 1.0, ROUND)
+        IsoSurfaceGeometry(np.zeros((3, 3, 3), np.int8), ImageField(np.ones((3, 3, 4))), 1.0, ROUND)

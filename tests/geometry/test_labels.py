@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isphcli.geometry.images.image import VoxelError
-from isphcli.geometry.labels import apply_labels, faces_that_differ
+from isphcli.geometry.labels import apply_labels, faces_that_differ, unlike_next
 
 
 def test_labels_become_phases():
@@ -30,3 +30,12 @@ def test_faces_that_do_not_match_are_told():
     assert faces_that_differ(np.concatenate([drift, drift[..., ::-1]], axis=2), (True, False, False)) == ()
     assert faces_that_differ(rng.random((20, 20, 20)) < 0.5, (True,) * 3) == ()
     assert faces_that_differ(drift[:, 0].T, (False, True)) != ()  # 2D [y, x]
+
+
+@pytest.mark.parametrize("repeats, expected", [(True, [0, 1, 0, 1, 0]), (False, [0, 1, 0, 1])])
+def test_where_walls_have_faces(repeats, expected):
+    """Of a row of voxels pore, pore, solid, solid, pore: at both ends of the solid, and not where the row repeats; nor
+    anything beyond its end otherwise."""
+    row = np.array([1, 1, 0, 0, 1], bool)
+    for axis, shape in ((0, (5, 1)), (1, (1, 5))):
+        assert unlike_next(row.reshape(shape), axis, repeats).ravel().tolist() == expected

@@ -7,6 +7,7 @@ import pytest
 from scipy import ndimage
 
 from isphcli.geometry.bodies import Box, Cylinder, Disk, HalfSpace, Shape, ShapeError, Sphere, Spheres
+from isphcli.geometry.faces import Walls
 from isphcli.geometry.shape_geometry import ShapeGeometry
 
 SCALES = [1.0, 1e-6, 1e3]
@@ -32,7 +33,7 @@ def test_planes_off_the_lattice_are_exact(scale):
         np.array([0, 0.013]) * scale,
         np.array([1, 1.07]) * scale,
         (True, False),
-        face_velocity={(1, 1): (1, 0)},
+        walls=Walls(face_velocity={(1, 1): (1, 0)}),
     )
     xi = np.c_[rng.uniform(0, 1, 500), rng.uniform(0.02, 1.06, 500)] * scale
     xj = xi + rng.uniform(-0.5, 0.5, xi.shape) * scale
@@ -130,7 +131,7 @@ def test_later_shapes_lie_on_top():
         Shape(Disk((0.5, 0.5), 0.2), phase=1),
         Shape(Disk((0.4, 0.5), 0.05), slip_length=0.1),
     ]
-    g = ShapeGeometry((0, 0), (1, 1), (False, False), shapes=shapes, slip_length=0.02)
+    g = ShapeGeometry((0, 0), (1, 1), (False, False), shapes=shapes, walls=Walls(0.02))
     x = np.array([[0.2, 0.5], [0.32, 0.5], [0.4, 0.5], [0.6, 0.5], [0.9, 0.5]])
     assert g.phase(x).tolist() == [-1, 1, -1, 1, 0]
     assert np.allclose(g.distance(x), [-0.1, 0.02, -0.05, 0.15, 0.1], atol=1e-14)

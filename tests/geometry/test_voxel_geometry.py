@@ -5,6 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
+from isphcli.geometry.faces import Walls
+from isphcli.geometry.labels import ClearLayers
 from isphcli.geometry.voxel_geometry import VoxelGeometry
 from isphcli.geometry.wall_distance import signed_centre_distance
 from tests.geometry.images.files import rock
@@ -61,7 +63,7 @@ def test_planes_between_anisotropic_voxels(axis):
 def test_faces_are_exact_planes():
     """An empty image in sealed sides: distances, crossings and walls as of the box."""
     g = VoxelGeometry(
-        np.zeros((4, 5, 6), np.int8), 0.5, (True, False, False), face_velocity={(1, 1): (1, 0, 0)}
+        np.zeros((4, 5, 6), np.int8), 0.5, (True, False, False), walls=Walls(face_velocity={(1, 1): (1, 0, 0)})
     )
     rng = np.random.default_rng(0)
     x = rng.uniform([0, 0, 0], [3, 2.5, 2], (300, 3))
@@ -177,7 +179,7 @@ def test_walls_and_throats_of_one_voxel_are_seen():
 
 def test_clear_layers():
     labels = np.full((5, 4, 3), -1, np.int8)
-    g = VoxelGeometry(labels, (1.0, 2.0, 3.0), (False, False, False), flow_axis=1, clear=2)
+    g = VoxelGeometry(labels, (1.0, 2.0, 3.0), (False, False, False), layers=ClearLayers(1, 2))
     assert g.upper.tolist() == [3, 16, 15] and g.periodic == (False, True, False)
     assert g.sample_lower.tolist() == [0, 4, 0] and g.sample_upper.tolist() == [3, 12, 15]
     x = np.array([[1.5, 1, 7], [1.5, 5, 7], [1.5, 15, 7], [1.5, 17, 7], [-0.1, 1, 7]])

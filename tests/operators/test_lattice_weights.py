@@ -6,6 +6,7 @@ import pytest
 from isphcli.domain.halo import wrap
 from isphcli.domain.lattice import make_lattice
 from isphcli.geometry.bodies import Shape, Sphere
+from isphcli.geometry.faces import Walls
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.operators import lattice_weights as factored
 from isphcli.operators.apply import laplacian
@@ -20,7 +21,7 @@ def both(dim, jitter, slip=0.0, order=2, radius=0.31):
     """Weights per pair and in factors of a disk that moves and turns, or of a sphere that moves, in a periodic cell."""
     turn = 0.7 if dim == 2 else None
     body = Shape(Sphere([0.5] * dim, radius), velocity=[0.3, -0.2, 0.1][:dim], angular_velocity=turn)
-    geometry = ShapeGeometry([0] * dim, [1] * dim, [True] * dim, shapes=[body], slip_length=slip)
+    geometry = ShapeGeometry([0] * dim, [1] * dim, [True] * dim, shapes=[body], walls=Walls(slip))
     kind = "square" if dim == 2 else "cubic"
     support = 2.1 * SPACING
     particles = place(geometry, make_lattice(kind, geometry.lower, geometry.upper, geometry.periodic, SPACING, support),

@@ -5,10 +5,13 @@ import pytest
 
 from isphcli.case.load import load_case, read_case
 from isphcli.domain.components import pair_components
+from isphcli.flow.step_limits import VOLUME
+from isphcli.geometry.iso_surface import ImageField, IsoSurfaceGeometry
 from isphcli.operators.moments import extremes_2d, extremes_3d
 from isphcli.operators.narrow_pores import extrapolate_pressure
 from isphcli.operators.wall_operators import WallScene
 from isphcli.output.clock import Clock
+from isphcli.run.steady import build_scene, solve_axis
 from isphcli.run.time_loop import TimeLoop
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.place import place_case
@@ -113,6 +116,39 @@ def test_dead_ends_share_no_pressure(pack):
     joined = pair_components(ops.start, ops.column)[1]
     wet = np.isin(joined, joined[~isolated])
     np.testing.assert_allclose(level[wet & seen], 7.0, atol=0.1)
+
+
+SPOT = """
+geometry: {box: [12, 12, 12], periodic: [x, y, z]}
+particles: {spacing: 1, offset: [0.5, 0.5, 0.5], support: SUPPORT}
+fluids: {water: {density: 1, viscosity: 1}}
+drive: {body_force: [0, 0, 1.0e-3]}
+time: {end: 100}
+"""
+
+
+@pytest.mark.parametrize("support, neighbours", [(1.5, 0), (2.1, 2)])
+def test_a_particle_that_sees_nobody_rests(support, neighbours):
+    """Beside a slit a field of grey values rises above zero between eight centres that are solid, over less than a
+    voxel. The distances of the sites round about, taken from those centres, reach past the spot: it lacks all dummies
+    or most. Without neighbours its Laplacian vanished; with two its volume would be 2.8 sites."""
+    field = np.full((12, 12, 12), -0.3, np.float32)
+    field[7:9, 7:9, 7:9], field[:, :, :4] = -0.02, 1.0
+    geometry = IsoSurfaceGeometry(np.where(field > 0, 0, -1).astype(np.int8), ImageField(field), 1.0, (True,) * 3)
+    case = read_case(SPOT.replace("SUPPORT", str(support)).encode(), "case.yaml")
+    state, stepper, _ = prepare(case, geometry, Clock())
+    alone = np.flatnonzero(np.abs(state.x - 8.0).max(axis=1) < 0.1)
+    config = stepper.configure(state.x)
+    assert len(alone) == 1 and np.diff(config.neighbours.start)[alone] == neighbours
+    assert config.ops.walls.isolated.sum() == 1 and (config.ops.volume[alone] > VOLUME[1]) == (neighbours > 0)
+    for _ in range(3):
+        found = stepper.advance(state, config, 0.1)
+        stepper.bounds.check(state, found)
+        state, config = found.state, found.config
+    assert not state.u[alone].any() and state.u[:, 2].max() > 0.0
+    scene = build_scene(case, geometry, 1.0, Clock())
+    flow = solve_axis(case, scene, 2, np.array([0.0, 0.0, 1e-3]), Clock())
+    assert not flow.velocity[alone].any() and flow.velocity[:, 2].max() > 1e-3
 
 
 @pytest.mark.parametrize("name", ["sphere_array", "slit", "lid_driven_cavity", "orifice"])

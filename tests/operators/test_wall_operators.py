@@ -5,6 +5,7 @@ import pytest
 
 from isphcli.domain.lattice import make_lattice
 from isphcli.geometry.bodies import Disk, Shape
+from isphcli.geometry.faces import Walls
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.operators.apply import laplacian
 from isphcli.operators.wall_operators import WallScene
@@ -42,7 +43,7 @@ def test_a_parabola_between_walls_is_exact(dim):
 
 
 def test_a_wall_that_moves_hands_its_velocity_on():
-    scene, x = scene_of(channel(2, face_velocity={(1, 1): [0.7, 0.0]}), jitter=0.1)
+    scene, x = scene_of(channel(2, walls=Walls(face_velocity={(1, 1): [0.7, 0.0]})), jitter=0.1)
     ops, *_ = scene.configure(x)
     u = np.stack([0.7 * x[:, 1], 0.0 * x[:, 1]], axis=1)
     lap = laplacian(ops, u) + ops.walls.laplacian(u)

@@ -6,6 +6,7 @@ import pytest
 
 from isphcli.domain.neighbours import neighbourhood
 from isphcli.geometry.bodies import Cylinder, Disk, Shape, Spheres
+from isphcli.geometry.faces import Walls
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.operators.apply import gradient
 from isphcli.operators.crossings import WallStencils, WallTable, crossings
@@ -140,13 +141,13 @@ def test_particle_on_a_wall_is_finite():
 def test_couette(dim, order):
     """The upper wall moves: the linear profile has no Laplacian and no divergence, off the lattice too."""
     h, velocity = 0.93, [0.7, 0.0, -0.2][:dim]
-    s = Scene(channel(dim, h, face_velocity={(1, 1): velocity}), 1 / 8, 2.1, order=order, jitter=0.1)
+    s = Scene(channel(dim, h, walls=Walls(face_velocity={(1, 1): velocity})), 1 / 8, 2.1, order=order, jitter=0.1)
     u = s.x[:, 1:2] / h * velocity
     assert np.abs(s.lap(u)).max() < 1e-11 * 64 * max(1, s.ops.walls.lap.max() / 64)
     assert np.abs(s.div(u)).max() < 1e-11
     # walls that open: u_y = y / h has divergence 1 / h
     s = Scene(
-        channel(dim, h, face_velocity={(1, 1): [0.0, 1.0, 0.0][:dim]}), 1 / 8, 2.1, order=order, jitter=0.1
+        channel(dim, h, walls=Walls(face_velocity={(1, 1): [0.0, 1.0, 0.0][:dim]})), 1 / 8, 2.1, order=order, jitter=0.1
     )
     u = np.zeros((s.n, dim))
     u[:, 1] = s.x[:, 1] / h
@@ -160,7 +161,7 @@ def test_slip_walls(dim):
     moving upper wall is linear, so exact."""
     b, h = 0.2, 1.0
     rise = 1.0 / (h + b)
-    geometry = channel(dim, h, face_slip={(1, 0): b}, face_velocity={(1, 1): [1.0, 0.0, 0.0][:dim]})
+    geometry = channel(dim, h, walls=Walls(0.0, {(1, 1): [1.0, 0.0, 0.0][:dim]}, {(1, 0): b}))
     s = Scene(geometry, 1 / 8, 2.1, offset=np.eye(dim)[1] * 0.2)
     u = along_x(rise * (s.x[:, 1] + b), dim)
     assert np.abs(s.lap(u)).max() < 1e-10
@@ -170,7 +171,7 @@ def test_slip_walls(dim):
     u[:, 1] = s.x[:, 1]
     assert s.ops.walls.slip is not None and np.abs(s.ops.walls.slip[:, :, 1]).max() < 1e-9
     # both walls of a perfect slip channel leave a uniform flow alone
-    free = Scene(channel(dim, h, slip_length=1e12), 1 / 8, 2.1)
+    free = Scene(channel(dim, h, walls=Walls(1e12)), 1 / 8, 2.1)
     assert np.abs(free.lap(along_x(np.ones(free.n), dim))).max() < 1e-8
 
 
@@ -264,7 +265,7 @@ def test_units_do_not_matter(dim, power):
                 dim,
                 0.95 * k,
                 length=k,
-                face_velocity={(1, 1): [1.0, 0.0, 0.0][:dim]},
+                walls=Walls(face_velocity={(1, 1): [1.0, 0.0, 0.0][:dim]}),
                 shapes=[Shape(Disk([0.5 * k, 0.5 * k], 0.2 * k))] if dim == 2 else (),
             ),
             k / 8,

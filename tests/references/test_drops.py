@@ -115,7 +115,7 @@ def wave_by_weak_form(times, tension, density, mu, amplitude, speed):
 @pytest.mark.parametrize("density, amplitude, speed", [((1, 1), 1, 0), ((1, 1), 0, 3), ((3, 1), 1, 2)])
 def test_capillary_wave_by_the_weak_form(density, amplitude, speed):
     nu, t = 0.02, np.array([0.05, 0.15, 0.3, 0.6])
-    a = drops.capillary_wave(t, 1.0, 1.0, density, nu, amplitude=amplitude, speed=speed)
+    a = drops.capillary_wave(t, 1.0, 1.0, density, nu, start=(amplitude, speed))
     mu = [nu * rho for rho in density]
     assert np.abs(a - wave_by_weak_form(t, 1.0, density, mu, amplitude, speed)).max() < 2e-3
 

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from isphcli.case.load import load_case, read_case
+from isphcli.geometry.faces import Walls
+from isphcli.geometry.labels import ClearLayers
 from isphcli.geometry.voxel_geometry import VoxelGeometry
 from isphcli.output.clock import Clock
 from isphcli.references.ducts import duct_permeability
@@ -119,10 +121,10 @@ def test_a_slit_has_its_own_permeability_behind_any_clear_layer(tmp_path, layer)
 def test_clear_layers_slip_as_the_sides_of_the_image_do():
     """Between sides that slip unequally, flow along y of a box 3 x 8 voxels of 0.5 wide; none resists where both
     directions across repeat."""
-    sides = dict(flow_axis=1, clear=2, face_slip={(0, 0): 0.2, (0, 1): 0.9, (2, 0): 0.1, (2, 1): 0.4})
-    layered = VoxelGeometry(np.zeros((8, 5, 3), np.int8), 0.5, (False,) * 3, **sides)
+    sides = ClearLayers(1, 2), Walls(face_slip={(0, 0): 0.2, (0, 1): 0.9, (2, 0): 0.1, (2, 1): 0.4})
+    layered = VoxelGeometry(np.zeros((8, 5, 3), np.int8), 0.5, (False,) * 3, *sides)
     assert clear_permeability(layered, 1) == duct_permeability([1.5, 4.0], [(0.2, 0.9), (0.1, 0.4)])
-    around = VoxelGeometry(np.zeros((8, 5, 3), np.int8), 0.5, (True, False, True), **sides)
+    around = VoxelGeometry(np.zeros((8, 5, 3), np.int8), 0.5, (True, False, True), *sides)
     assert clear_permeability(around, 1) == np.inf
 
 

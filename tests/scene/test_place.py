@@ -7,7 +7,6 @@ from isphcli.case.load import load_case, read_case
 from isphcli.case.yaml import CaseError
 from isphcli.domain.lattice import ParticleError, make_lattice
 from isphcli.geometry.bodies import Disk, Shape
-from isphcli.geometry.iso_surface import IsoSurfaceGeometry
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.place import place, place_case
@@ -115,19 +114,3 @@ def test_a_scene_without_fluid_is_refused():
     geometry, lattice = bed(radius=0.9)
     with pytest.raises(ParticleError, match="no fluid particle"):
         place(geometry, lattice, SUPPORT)
-
-
-def test_a_particle_alone_between_the_centres_of_an_image_is_left_out():
-    """The field rises above zero over less than a voxel, where all eight centres round about are solid."""
-    field = np.full((12, 12, 12), -1.0, np.float32)
-    field[:, :, :4] = 1.0
-    c = np.full((12, 12, 12), -0.3, np.float32)
-    c[7:9, 7:9, 7:9] = -0.02
-    field = np.where(field > 0, field, c)
-    geometry = IsoSurfaceGeometry(np.where(field > 0, 0, -1).astype(np.int8), field, 1.0, (True, True, True))
-    lattice = make_lattice("cubic", geometry.lower, geometry.upper, geometry.periodic, 1.0, 0.0, (0.0, 0.0, 0.0))
-    spot = np.array([[8.0, 8.0, 8.0]])
-    assert geometry.phase(spot)[0] == 0
-    found = place(geometry, lattice, 1.5)
-    assert np.abs(found.x[: found.n_fluid] - spot).max(axis=1).min() > 0.5
-    assert found.n_fluid + found.n_dummy + found.left_out == found.sites

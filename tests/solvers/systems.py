@@ -6,7 +6,7 @@ from isphcli.domain.halo import build_halo, wrap
 from isphcli.domain.neighbours import neighbourhood
 from isphcli.operators.moments import particle_volumes
 from isphcli.operators.pair_weights import build_operators
-from isphcli.solvers.krylov import gmres
+from isphcli.solvers.krylov import Limits, gmres
 from isphcli.solvers.multigrid import cycle, hierarchy
 
 
@@ -28,8 +28,6 @@ def solve(matrix, rhs, means, tolerance=1e-8, **kw):
         lambda v: means.remove(matrix @ means.remove(v)),
         means.remove(rhs),
         lambda v: means.remove(precondition(v)),
-        tolerance,
-        40,
-        200,
+        Limits(tolerance, 40, 200),
         **kw,
     )
