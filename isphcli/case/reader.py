@@ -48,6 +48,7 @@ class Key:
     unique: bool = False
     formula: tuple[str, ...] = ()  # text is one for `expressions`, of these variables
     input: bool = False  # a file that must exist
+    folder: bool = False  # which may be a folder
 
 
 def key(doc: str, *, default: Any = MISSING, factory: Any = MISSING, **spec: Any) -> Any:
@@ -318,7 +319,7 @@ class Reader:
         """Inputs are relative to the case file, outputs to the working directory."""
         base = self.directory if spec.input else Path()
         value = os.path.abspath(base / node.text)
-        if spec.input and not os.path.isfile(value):
+        if spec.input and not os.path.isfile(value) and not (spec.folder and os.path.isdir(value)):
             raise self._bad(node, path, f"no such file: {value}", "paths start from the case file")
         return Path(value)
 

@@ -157,11 +157,11 @@ def record_of(case: Case) -> dict[str, Any]:
     said["fluids"] = list(case.fluid_names)
     voxels = case.geometry.voxels
     if voxels is not None:
-        from ..geometry.images.read import read_image
+        from ..scene.image_file import image_of
 
-        values = np.ascontiguousarray(read_image(voxels.file, voxels.array).values)
-        said["geometry.voxels.file"] = _digest({"image": values}).hex()
-        said.pop("geometry.voxels.array", None)
+        said["geometry.voxels.file"] = _digest({"image": image_of(voxels).values}).hex()
+        for key in ("array", "axes", "shape", "dtype", "offset", "byte_order", "crop"):  # what lies in the voxels read
+            said.pop(f"geometry.voxels.{key}", None)
     for k, shape in enumerate(case.geometry.shapes):
         if shape.spheres is not None and shape.spheres.file is not None:
             with open(shape.spheres.file, "rb") as file:
