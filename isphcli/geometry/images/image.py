@@ -93,6 +93,8 @@ def _sizes(voxel_size: float | Sequence[float] | np.ndarray, dim: int, path: str
 
 def _checked(path: Path, values: np.ndarray, grey: bool) -> np.ndarray:
     """Values as the smallest unsigned integers, or an error that says why they are no labels."""
+    if values.dtype.kind not in "buif":
+        raise VoxelError(f"{path}: holds data of type {values.dtype}; save integers, such as uint8")
     if values.dtype.kind == "f" and np.isnan(values).any():
         raise VoxelError(f"{path}: holds NaN; replace them before the conversion")
     if grey:

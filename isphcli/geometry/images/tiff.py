@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import struct
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,6 +27,7 @@ def open_tiff(path: Path, layout: Layout) -> Stored:
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # what is wrong is said once, by VoxelError
     size = os.path.getsize(path)
     with tifffile.TiffFile(path) as file:
+        _check_chain(path, file)
         if not file.series:
             raise VoxelError(f"{path}: holds no picture; save the stack again")
         which = max(range(len(file.series)), key=lambda k: file.series[k].size)
@@ -69,6 +71,18 @@ def open_tiff(path: Path, layout: Layout) -> Stored:
     plain = not colours and start is not None and compression == 1 and dtype.itemsize * 8 == page.bitspersample
     part = stored_part(path, data, dtype, shape) if plain else by_pages
     return Stored(shape, dtype, part, spacing, info={"format": "TIFF", "axes": axes}, warnings=tuple(notes))
+
+
+def _check_chain(path: Path, file: TiffFile) -> None:
+    """Each page says where the next one is, the last one 0; tifffile ends quietly at one that is cut off."""
+    form, last = file.tiff, file.pages[len(file.pages) - 1]
+    assert last is not None
+    file.filehandle.seek(last.offset)
+    (tags,) = struct.unpack(form.tagnoformat, file.filehandle.read(form.tagnosize))
+    file.filehandle.seek(tags * form.tagsize, os.SEEK_CUR)
+    (after,) = struct.unpack(form.offsetformat, file.filehandle.read(form.offsetsize))
+    if after:
+        raise VoxelError(f"{path}: is truncated: no page behind the first {len(file.pages)} can be read; copy it again")
 
 
 def _page(path: Path, series: TiffPageSeries, k: int, shape: tuple[int, ...], colours: bool) -> np.ndarray:

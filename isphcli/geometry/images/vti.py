@@ -14,7 +14,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from .image import Layout, Part, Stored, VoxelError, _check_size, _product, _sizes, stored_part
+from .image import Layout, Part, Stored, VoxelError, _product, _sizes, stored_part
 
 TYPES = {"Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4", "Int64": "i8",
          "UInt64": "u8", "Float32": "f4", "Float64": "f8"}  # fmt: skip
@@ -143,7 +143,8 @@ class _Source:
     def of_raw(self, start: int):  # type: ignore[no-untyped-def]
         size, there = self.length.itemsize, os.path.getsize(self.path)
         if not self.packed:
-            _check_size(self.path, min(start + size + self.needed, there + 1), max(there, start))
+            if start + size + self.needed > there:
+                raise VoxelError(f"{self.path}: is truncated; copy it again")
 
             @contextmanager
             def data() -> Iterator[BinaryIO]:

@@ -295,7 +295,7 @@ def raw(tmp_path, name, values=VALUES, head=b""):
 
 
 def test_a_raw_file_as_it_is_described(tmp_path):
-    values = VALUES.astype(">u2") * 300
+    values = (VALUES.astype(np.uint16) * 300).astype(">u2")
     path = raw(tmp_path, "scan.raw", values, b"header of 16 byt")
     layout = Layout(shape=(9, 7, 6), dtype="uint16", offset=16, byte_order="big")
     image = read_image(path, layout=layout)
@@ -372,10 +372,11 @@ def test_palabos_files_that_do_not_fit(tmp_path, text, shape, message):
 def damages(data):
     """Ten kinds of damage, none of which leaves an image of 6 x 7 x 9 voxels behind."""
     noise = np.random.default_rng(1).integers(0, 256, len(data)).astype(np.uint8).tobytes()
+    quarter = len(data) // 4
     other = b"# a text\n" if data[:1] == b"\x93" else b"\x93NUMPY\x01\x00"
     return {"empty": b"", "a beginning": data[:10], "a third": data[: len(data) // 3], "half": data[: len(data) // 2],
             "without its last fifth": data[: -(len(data) // 5)], "noise": noise, "zeros": bytes(len(data)),
-            "a head of zeros": bytes(32) + data[32:], "a head of noise": noise[:64] + data[64:],
+            "a head of zeros": bytes(quarter) + data[quarter:], "a head of noise": noise[:quarter] + data[quarter:],
             "another kind of file": other + b"of another kind " * 20}  # fmt: skip
 
 
@@ -444,10 +445,10 @@ def test_a_missing_slice_is_said(tmp_path):
 @pytest.mark.parametrize(
     ("save", "message"),
     [
-        (lambda p: hdf5(p / "a.h5", VALUES, dtype=np.complex64), "data of type complex64|name one"),
+        (lambda p: hdf5(p / "a.h5", VALUES.astype(np.complex64)), "name one"),
         (lambda p: nrrd(p / "a.nrrd", np.zeros((2, 2, 2, 2), np.uint8)), "4 dimensions"),
         (lambda p: tiff(p / "a.tif", np.zeros((2, 2, 5, 6), np.uint8)), "4 dimensions"),
-        (lambda p: matlab(p / "a.mat", VALUES.astype(complex)), "complex|numbers|name one"),
+        (lambda p: matlab(p / "a.mat", VALUES.astype(complex)), "data of type complex"),
     ],
 )
 def test_arrays_that_are_no_images(tmp_path, save, message):
