@@ -425,7 +425,7 @@ def test_convert_voxels_relabels(folder):
     "words, message",
     [
         (["nosuch.npy", "rock.npy"], "no such file"),
-        (["seg.npy", "rock.tif"], "are not written"),
+        (["seg.npy", "rock.png"], "are not written"),
         (["seg.npy", "nowhere/rock.npy"], "cannot be written"),
         (["seg.npy", "rock.npy", "--crop", "0-3"], "not of the form"),
         (["seg.npy", "rock.npy", "--crop", "0:3,0:99"], "crop y"),

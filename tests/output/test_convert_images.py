@@ -10,21 +10,20 @@ import pytest
 
 from isphcli.geometry.images.image import VoxelError
 from isphcli.geometry.images.read import read_image
-from isphcli.output.convert_images import convert, write_image
+from isphcli.output.convert_images import Conversion, convert, write_image
 from tests.geometry.images.files import rock
 
 
 def test_convert_grey_values(tmp_path):
     grey = np.array([[-5, 100, 200], [99, 101, 300]], np.int16)[None].repeat(4, 0)
     np.save(tmp_path / "g.npy", grey)
-    found = convert(tmp_path / "g.npy", tmp_path / "o.mhd", threshold=100, voxel_size=2e-6)
+    found = convert(tmp_path / "g.npy", tmp_path / "o.mhd", Conversion(threshold=100, voxel_size=2e-6))
     assert read_image(tmp_path / "o.mhd").values[0].tolist() == [[0, 1, 1], [0, 1, 1]]
     assert found["threshold"] == "grey >= 100 is solid" and found["porosity"] == pytest.approx(1 / 3)
     assert found["percolates"] == {"x": False, "y": True, "z": True} and found["labels"] == {0: 8, 1: 16}
     assert found["voxel_size"] == (2e-6,) * 3 and found["shape"] == {"x": 3, "y": 2, "z": 4}
-    found = convert(
-        tmp_path / "g.npy", tmp_path / "o.npz", threshold=100, invert=True, crop_to=((1, 3), (0, 2), (0, 1))
-    )
+    how = Conversion(threshold=100, invert=True, crop_to=((1, 3), (0, 2), (0, 1)))
+    found = convert(tmp_path / "g.npy", tmp_path / "o.npz", how)
     assert found["porosity"] == 1 and found["threshold"] == "grey < 100 is solid"
 
 
@@ -97,7 +96,7 @@ def test_convert_relabels_and_downsamples_by_majority(tmp_path):
     values[2:, :2] = [[255, 255], [0, 2]]  # half and half: pore
     values[:2, 2:4] = 2
     np.save(tmp_path / "a.npy", values)
-    found = convert(tmp_path / "a.npy", tmp_path / "b.npz", labels={255: 1}, downsample=2, voxel_size=1.0)
+    found = convert(tmp_path / "a.npy", tmp_path / "b.npz", Conversion(labels={255: 1}, downsample=2, voxel_size=1.0))
     image = read_image(tmp_path / "b.npz")
     assert image.values.tolist() == [[1, 2], [0, 0]] and image.spacing == (2, 2)
     assert found["labels"] == {0: 2, 1: 1, 2: 1}
@@ -119,16 +118,16 @@ def test_convert_relabels_and_downsamples_by_majority(tmp_path):
 def test_bad_conversions(tmp_path, options, message):
     np.save(tmp_path / "a.npy", np.ones((3, 3, 3), np.uint8))
     with pytest.raises(VoxelError, match=message):
-        convert(tmp_path / "a.npy", tmp_path / "b.npy", **options)
+        convert(tmp_path / "a.npy", tmp_path / "b.npy", Conversion(**options))
     with pytest.raises(VoxelError, match="not written"):
-        convert(tmp_path / "a.npy", tmp_path / "b.tif")
+        convert(tmp_path / "a.npy", tmp_path / "b.png")
 
 
 def test_a_conversion_says_where_the_voxel_size_is_from(tmp_path):
     np.savez(tmp_path / "a.npz", image=rock() + 1, voxel_size=2e-6)
     found = convert(tmp_path / "a.npz", tmp_path / "b.npz")
     assert found["voxel_size"] == (2e-6,) * 3 and found["voxel_size_from"] == "from a.npz" and found["warnings"] == ()
-    found = convert(tmp_path / "a.npz", tmp_path / "c.npz", voxel_size=(1e-6, 2e-6, 3e-6))
+    found = convert(tmp_path / "a.npz", tmp_path / "c.npz", Conversion(voxel_size=(1e-6, 2e-6, 3e-6)))
     assert found["voxel_size"] == (1e-6, 2e-6, 3e-6)
     assert "given, 1e-06 x 2e-06 x 3e-06 m, is not that" in found["warnings"][0]
     write_image(tmp_path / "d.mhd", rock() + 1, (1.0, 1.0, 1.0))
