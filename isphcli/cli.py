@@ -245,7 +245,7 @@ def load(path: Path, overrides: Iterable[str], out: Path | None = None) -> Case:
 
 def refuse_image(path: Path) -> None:
     """Raise Unusable for an image where a case is asked for, with a case to begin with."""
-    if path.suffix.lower() in CASES and not (path.is_dir() and any(path.iterdir())) or not path.exists():
+    if not path.exists() or (path.is_file() and path.suffix.lower() in CASES):
         return
     from .geometry.images.read import FORMATS, image_shape
 
@@ -650,20 +650,20 @@ def axes_named(text: str) -> tuple[str, ...]:
 @click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
 @click.option("--array", metavar="NAME", help="Which array of a file that holds several (npz, HDF5, VTI, VTK, MATLAB).")
 @click.option("--axes", type=click.Choice(["zyx", "xyz", "zxy", "yxz", "yzx", "xzy"]),
-              help="Directions of the axes of the array of IN, the last one varies fastest. [default: zyx; yxz of MATLAB, "
-              "xyz of Palabos .dat files]")  # fmt: skip
+              help="Directions of the axes of the array of IN, the last one varies fastest. [default: zyx; yxz of "
+              "MATLAB, xyz of Palabos .dat files]")  # fmt: skip
 @click.option("--shape", callback=parser(lambda t: numbers(t, int), "100,100,50"), metavar="X,Y,Z",
-              help="Voxels along x, y, z of a file without a header (raw, dat). [default: as its name says]")  # fmt: skip
+              help="Voxels along x, y, z of a file without a header (raw, dat). [default: by its name]")  # fmt: skip
 @click.option("--dtype", metavar="TYPE", help="Type of the numbers of a raw file, such as uint8 or uint16.")
 @click.option("--offset", type=click.IntRange(0), help="Bytes before the first voxel of a raw file.")
-@click.option("--byte-order", type=click.Choice(["little", "big"]), help="Of the numbers of a raw file. [default: little]")
+@click.option("--byte-order", type=click.Choice(["little", "big"]), help="Of a raw file. [default: little]")
 @click.option("--crop", "crop_to", callback=parser(lambda t: pairs(t, ":"), "0:100,0:100,0:50"), metavar="RANGES",
-              help="Voxels that are kept, x0:x1,y0:y1,z0:z1; the upper ends are left out. Only they are read.")  # fmt: skip
+              help="Voxels that are kept, x0:x1,y0:y1,z0:z1; upper ends left out. Only they are read.")  # fmt: skip
 @click.option("--threshold", callback=parser(threshold_of, "90, 60,120 or otsu"), metavar="T",
-              help="Grey values of T and above are solid (1), those below pore (0). Two values T,U: from U on solid (1), "
-              "between them 2, below T pore (0). otsu: the value that parts the histogram best.")  # fmt: skip
+              help="Grey values of T and above are solid (1), those below pore (0). Two values T,U: from U on solid "
+              "(1), between them 2, below T pore (0). otsu: the value that parts the histogram best.")  # fmt: skip
 @click.option("--invert", is_flag=True,
-              help="With --threshold: grey values below T are solid. Without: the two labels change places.")  # fmt: skip
+              help="With --threshold: grey values below T are solid. Without: two labels change places.")  # fmt: skip
 @click.option("--labels", callback=parser(lambda t: dict(pairs(t, "=")), "255=1,7=0"), metavar="OLD=NEW,...",
               help="Replace voxel values.")  # fmt: skip
 @click.option("--solid", callback=parser(lambda t: numbers(t, int), "1,2"), metavar="VALUE,...", default="1",
@@ -672,7 +672,8 @@ def axes_named(text: str) -> tuple[str, ...]:
 @click.option("--mirror", callback=parser(axes_named, "x or x,y"), metavar="AXES",
               help="Let the mirror image follow along these axes.")  # fmt: skip
 @click.option("--connected", type=click.Choice(["x", "y", "z", "any", "largest"]),
-              help="Keep only the pores that lead through along an axis (any: one of them), or the largest; fill the others.")
+              help="Keep only the pores that lead through along an axis (any: one of them), or the largest; the "
+              "others become solid.")  # fmt: skip
 @click.option(
     "--downsample", type=click.IntRange(1), default=1, metavar="N", help="N x N x N voxels become one."
 )
@@ -685,8 +686,8 @@ def axes_named(text: str) -> tuple[str, ...]:
 def convert_voxels(source: Path, target: Path, picture: bool, force: bool, **options: Any) -> None:
     """Convert an image of rock and say what it holds.
 
-    Reads TIFF, raw, NRRD, HDF5, VTI, VTK, PNG, BMP, MetaImage, npy, npz, Palabos .dat, MATLAB .mat and folders of slices;
-    writes npy, npz, mhd, mha, tif, nrrd and raw. In this order: crop, threshold, invert, labels, trim, mirror,
+    Reads TIFF, raw, NRRD, HDF5, VTI, VTK, PNG, BMP, MetaImage, npy, npz, Palabos .dat, MATLAB .mat and folders of
+    slices; writes npy, npz, mhd, mha, tif, nrrd and raw. In this order: crop, threshold, invert, labels, trim, mirror,
     connected, downsample.
 
     \b
@@ -729,7 +730,8 @@ def image_lines(report: Mapping[str, Any]) -> str:
     if "threshold" in report:
         lines.append(("threshold", report["threshold"]))
     if "trimmed" in report:
-        lines.append(("trimmed", f"{' x '.join(map(str, report['trimmed']))} voxels of solid border ({', '.join(axes)})"))
+        cut = " x ".join(map(str, report["trimmed"]))
+        lines.append(("trimmed", f"{cut} voxels of solid border ({', '.join(axes)})"))
     if "filled" in report:
         lines.append(("filled", f"{report['filled']} voxels of other pores"))
     for value, count in list(report["labels"].items())[:20]:

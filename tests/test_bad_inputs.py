@@ -171,7 +171,8 @@ BAD_CASES = {
 @pytest.mark.parametrize("name", BAD_CASES)
 def test_a_bad_case_is_refused(tmp_path, name):
     text, word = BAD_CASES[name]
-    refused(isph_run(tmp_path, text), *(() if name in ("spheres without room", "a folder without slices") else ("case.yaml",)), word)
+    without_line = name in ("spheres without room", "a folder without slices")
+    refused(isph_run(tmp_path, text), *(() if without_line else ("case.yaml",)), word)
     assert not (tmp_path / "out").exists()
 
 

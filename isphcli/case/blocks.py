@@ -99,8 +99,8 @@ class Voxels:
     ONE_OF: ClassVar = ("labels", "grey")
 
     file: Path = key(
-        "image: TIFF, raw, NRRD, HDF5, VTI, VTK, PNG, BMP, MetaImage, npy, npz, Palabos .dat, MATLAB .mat, or a folder of "
-        "TIFF, PNG or BMP slices (docs/formats.md)",
+        "image: TIFF, raw, NRRD, HDF5, VTI, VTK, PNG, BMP, MetaImage, npy, npz, Palabos .dat, MATLAB .mat, or a "
+        "folder of TIFF, PNG or BMP slices (docs/formats.md)",
         input=True,
         folder=True,
     )
@@ -120,7 +120,9 @@ class Voxels:
         above=0,
         lengths=(2, 3),
     )
-    array: str | None = key("name of the array in a file that holds several (npz, HDF5, VTI, VTK, MATLAB)", default=None)
+    array: str | None = key(
+        "name of the array in a file that holds several (npz, HDF5, VTI, VTK, MATLAB)", default=None
+    )
     axes: str | None = key(
         "directions of the axes of the array, the last one varies fastest. Without it: zyx; yxz of MATLAB files (rows, "
         "columns, slices), xyz of Palabos .dat files",
@@ -128,14 +130,15 @@ class Voxels:
         choices=ORDERS,
     )
     shape: tuple[int, ...] | None = key(
-        "voxels along x, y, z of a file without a header (raw, dat). Without it: as its name or a header beside it has them",
+        "voxels along x, y, z of a file without a header (raw, dat). Without it: as its name or a header beside it "
+        "says",
         default=None,
         at_least=1,
         lengths=(2, 3),
     )
     dtype: str | None = key(
-        "type of the numbers of a raw file. Without it: as its name or a header beside it says, or one or two unsigned bytes "
-        "where its size fits",
+        "type of the numbers of a raw file. Without it: as its name or a header beside it says, or one or two unsigned "
+        "bytes where its size fits",
         default=None,
         choices=DTYPES,
     )

@@ -20,17 +20,16 @@ def thresholded(
     """(labels uint8 of the shape of values, the rule in words) of grey values at one or two thresholds, or 'otsu'.
 
     Values from the (upper) threshold on are SOLID, those below the (lower) one PORE, those of two thresholds in between
-    BETWEEN; `invert` turns solid and pore round. Raises VoxelError where a threshold parts nothing.
+    BETWEEN; `invert` turns solid and pore round. Raises VoxelError where there are not one or two that ascend.
     """
     by_otsu = isinstance(thresholds, str)
     limits = (otsu_threshold(values),) if isinstance(thresholds, str) else tuple(thresholds)
     if len(limits) not in (1, 2) or list(limits) != sorted(set(limits)):
-        raise VoxelError(f"{path}: {len(limits)} thresholds {', '.join(map(str, limits))}; give one, or two that ascend")
+        raise VoxelError(
+            f"{path}: {len(limits)} thresholds {', '.join(map(str, limits))}; give one, or two that ascend"
+        )
     low, high = values.min(), values.max()
-    for limit in limits:
-        if not low < limit <= high:
-            raise VoxelError(f"{path}: the threshold {limit:g} parts nothing: the grey values lie between {low:g} and "
-                             f"{high:g}; try otsu")  # fmt: skip
+    idle = [f"{limit:g}" for limit in limits if not low < limit <= high]
     labels = np.zeros(values.shape, np.uint8)
     bright, dark = (PORE, SOLID) if invert else (SOLID, PORE)
     labels[...] = dark
@@ -39,7 +38,10 @@ def thresholded(
     labels[values >= limits[-1]] = bright
     sign, limit = ("<", limits[0]) if invert else (">=", limits[-1])
     rule = f"grey {sign} {limit}{' (Otsu)' * by_otsu} is solid"
-    return labels, rule + (f", from {limits[0]} to {limits[1]} {BETWEEN}" if len(limits) == 2 else "")
+    rule += f", from {limits[0]} to {limits[1]} {BETWEEN}" if len(limits) == 2 else ""
+    return labels, rule + (
+        f"; {', '.join(idle)} parts nothing: all grey values lie from {low:g} to {high:g}" if idle else ""
+    )
 
 
 def inverted(values: np.ndarray, path: str | Path = "image") -> np.ndarray:
@@ -47,17 +49,23 @@ def inverted(values: np.ndarray, path: str | Path = "image") -> np.ndarray:
     low, high = values.min(), values.max()
     is_low = values == low
     if low == high or not (is_low | (values == high)).all():
-        raise VoxelError(f"{path}: does not hold two labels, which --invert exchanges; give --threshold for grey values, or "
-                         "--labels for others")
+        raise VoxelError(
+            f"{path}: does not hold two labels, which --invert exchanges; give --threshold for grey values, or "
+            "--labels for others"
+        )
     return np.where(is_low, high, low)
 
 
-def trimmed(values: np.ndarray, solids: Sequence[int], path: str | Path = "image") -> tuple[np.ndarray, tuple[int, ...]]:
+def trimmed(
+    values: np.ndarray, solids: Sequence[int], path: str | Path = "image"
+) -> tuple[np.ndarray, tuple[int, ...]]:
     """(the smallest part of an image outside of which all is solid, voxels cut off in all along x, y(, z))."""
     fluid = ~np.isin(values, solids)
     if not fluid.any():
-        raise VoxelError(f"{path}: all voxels are solid (values {', '.join(map(str, solids))}): nothing would be left; name "
-                         "the values that are solid with --solid")
+        raise VoxelError(
+            f"{path}: all voxels are solid (values {', '.join(map(str, solids))}): nothing would be left; name "
+            "the values that are solid with --solid"
+        )
     keep = []
     for axis in range(values.ndim):
         rest = tuple(a for a in range(values.ndim) if a != axis)

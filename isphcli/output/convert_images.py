@@ -86,7 +86,8 @@ def _write_nrrd(path: Path, values: np.ndarray, spacing: Sequence[float] | None)
 
     header: dict[str, Any] = {"encoding": "gzip"}
     if spacing is not None:
-        header |= {"space dimension": values.ndim, "space directions": np.diag(spacing), "space units": ["m"] * values.ndim}
+        dim = values.ndim
+        header |= {"space dimension": dim, "space directions": np.diag(spacing), "space units": ["m"] * dim}
     with replacing(path) as temporary, open(temporary, "wb") as file:
         nrrd.write(file, values, header, index_order="C")
 
@@ -97,14 +98,14 @@ class Conversion:
 
     layout: of the file; crop_to: ranges along x, y(, z). threshold: grey values from it on are solid (1), others pore
     (0); of two, those between are 2; 'otsu'. invert: the other way round; without a threshold two labels are exchanged.
-    labels: {old value: new value}. solid: values that are solid from here on. trim: cut off what is solid outside of the
-    pores. mirror: axes along which the mirror image follows. connected: which pores are kept, see
+    labels: {old value: new value}. solid: values that are solid from here on. trim: cut off what is solid outside of
+    the pores. mirror: axes along which the mirror image follows. connected: which pores are kept, see
     `image_steps.connected_part`. downsample: edge of the blocks that become one voxel, solid if more than half is, then
     the most frequent value; incomplete blocks at the upper ends are cut off. voxel_size: m, of the source image, where
     its file has none or a wrong one.
     """
 
-    layout: Layout = Layout()
+    layout: Layout = field(default_factory=Layout)
     crop_to: Sequence[Sequence[int]] | None = None
     threshold: float | Sequence[float] | str | None = None
     invert: bool = False

@@ -13,8 +13,9 @@ MOST_COLOURS = 8  # labels with a colour of their own; others are drawn as grey 
 MORE = ("#edae49", "#8d6b94", "#d1495b", "#3c3c3c", "#20608c", "#66a182")  # of further values that are not solid
 
 
-def plot_slices(path: str | os.PathLike, values: np.ndarray, solids: Sequence[int], spacing: Sequence[float] | None,
-                title: str = "") -> None:
+def plot_slices(
+    path: str | os.PathLike, values: np.ndarray, solids: Sequence[int], spacing: Sequence[float] | None, title: str = ""
+) -> None:
     """Draw the middle slices across z, y and x of labels [z, y, x], or the one of [y, x]: solids grey, pores coloured.
 
     spacing: edges of a voxel x, y(, z), m, or None; axes are then in voxels.
@@ -34,16 +35,26 @@ def plot_slices(path: str | os.PathLike, values: np.ndarray, solids: Sequence[in
     for axes, one, cut in zip(np.ravel(panels), shown, cuts):
         across = [a for a in (0, 1, 2) if a != (2 - cut if cut is not None else 2)]  # axes x, y, z of the panel
         width, height = (one.shape[1 - k] * edges[a] * scale for k, a in enumerate(across))
-        look = {"cmap": ListedColormap(colours), "norm": BoundaryNorm([v - 0.5 for v in [*found, found[-1] + 1]],
-                len(found))} if few else {"cmap": "gray"}
+        look = (
+            {
+                "cmap": ListedColormap(colours),
+                "norm": BoundaryNorm([v - 0.5 for v in [*found, found[-1] + 1]], len(found)),
+            }
+            if few
+            else {"cmap": "gray"}
+        )
         axes.imshow(one, origin="lower", extent=(0, width, 0, height), interpolation="nearest", **look)
         axes.set_xlabel(f"{'xyz'[across[0]]}, {unit}")
         axes.set_ylabel(f"{'xyz'[across[1]]}, {unit}")
         if cut is not None:
             axes.set_title(f"{'zyx'[cut]} = {values.shape[cut] // 2} of {values.shape[cut]} voxels", fontsize=9)
     if few:
-        figure.legend(handles=[Patch(color=c, label=f"{v} {'solid' if v in solids else 'pore'}")
-                               for v, c in zip(found, colours)], loc="lower center", ncol=len(found), frameon=False)
+        figure.legend(
+            handles=[Patch(color=c, label=f"{v} {'solid' if v in solids else 'pore'}") for v, c in zip(found, colours)],
+            loc="lower center",
+            ncol=len(found),
+            frameon=False,
+        )
     if title:
         figure.suptitle(title, fontsize=10)
     _save(figure, path)

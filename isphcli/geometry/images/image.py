@@ -142,7 +142,7 @@ def _check_colours(path: Path, values: np.ndarray) -> None:
 
 
 def one_grey(path: Path, values: np.ndarray) -> np.ndarray:
-    """The one channel of a picture (..., channels) whose colours are all the same grey, its opacity the same everywhere.
+    """The one channel of a picture (..., channels) whose colours are the same grey, its opacity the same everywhere.
 
     Raises VoxelError where it has colours.
     """
@@ -150,8 +150,8 @@ def one_grey(path: Path, values: np.ndarray) -> np.ndarray:
     rest = values[..., colours.shape[-1] :]
     if (colours == colours[..., :1]).all() and (rest.size == 0 or (rest == rest.flat[0]).all()):
         return colours[..., 0]
-    raise VoxelError(f"{path}: is a picture in colours; save it with one grey value a pixel (8 or 16 bit), or label it by "
-                     "colour first")
+    raise VoxelError(f"{path}: is a picture in colours; save it with one grey value a pixel (8 or 16 bit), or label it "
+                     "by colour first")
 
 
 def _thin(path: Path, shape: tuple[int, ...]) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .hdf5 import open_hdf5
+from .hdf import open_hdf5
 from .image import Layout, Part, Stored, VoxelError, _check_memory, _product
 
 CLASSES = {"uint8": "u1", "int8": "i1", "uint16": "u2", "int16": "i2", "uint32": "u4", "int32": "i4", "uint64": "u8",
@@ -44,6 +44,11 @@ def open_matlab(path: Path, layout: Layout) -> Stored:
 
 def _whole(values: np.ndarray) -> np.ndarray:
     """Doubles that are whole numbers, as MATLAB saves labels unless told otherwise, as integers."""
-    if values.dtype.kind == "f" and np.isfinite(values).all() and (values == np.rint(values)).all() and abs(values).max() < 2**31:
+    if (
+        values.dtype.kind == "f"
+        and np.isfinite(values).all()
+        and (values == np.rint(values)).all()
+        and abs(values).max() < 2**31
+    ):
         return values.astype(np.int32)
     return values

@@ -13,7 +13,18 @@ from typing import Any
 import numpy as np
 
 from ..lengths import metres
-from .image import Layout, Part, Readable, Stored, VoxelError, _check_deflated, _check_size, _product, _sizes, stored_part
+from .image import (
+    Layout,
+    Part,
+    Readable,
+    Stored,
+    VoxelError,
+    _check_deflated,
+    _check_size,
+    _product,
+    _sizes,
+    stored_part,
+)
 
 TYPES = {
     "signed char": "i1", "int8": "i1", "int8_t": "i1", "uchar": "u1", "unsigned char": "u1", "uint8": "u1",
@@ -28,13 +39,13 @@ TYPES = {
 
 
 def open_nrrd(path: Path, layout: Layout) -> Stored:
-    """NRRD: sizes with the fastest axis first; spacings or the lengths of space directions, with their unit if given."""
+    """NRRD: sizes with the fastest axis first; spacings or the lengths of space directions, and their unit."""
     import nrrd
 
     with open(path, "rb") as file:
         try:
             header = nrrd.read_header(file)
-        except Exception as error:  # nrrd.NRRDError, and what else broken text makes it raise
+        except Exception as error:  # whatever broken text makes the library raise
             raise VoxelError(f"{path}: is no NRRD header ({error}); save it again") from None
         start = file.tell()
     shape, dtype = _array(path, header)

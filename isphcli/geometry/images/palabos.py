@@ -18,10 +18,14 @@ def open_palabos(path: Path, layout: Layout) -> Stored:
     """One whole number a voxel, parted by blanks or lines; the sizes are given or stand in the name of the file."""
     shape = layout.shape or of_name(path.stem)[0]
     if shape is None:
-        raise VoxelError(f"{path}: text without a header: give its sizes along x, y, z (geometry.voxels.shape, --shape)")
+        raise VoxelError(
+            f"{path}: text without a header: give its sizes along x, y, z (geometry.voxels.shape, --shape)"
+        )
     array, voxels, size = array_shape(shape, layout.axes or "xyz"), _product(path, shape), os.path.getsize(path)
     if size < 2 * voxels - 1:
-        raise VoxelError(f"{path}: {size} bytes of text cannot hold {' x '.join(map(str, shape))} voxels; correct the shape")
+        raise VoxelError(
+            f"{path}: {size} bytes of text cannot hold {' x '.join(map(str, shape))} voxels; correct the shape"
+        )
 
     def part(keep: Part) -> np.ndarray:
         _check_memory(path, voxels)

@@ -22,7 +22,7 @@ def open_picture(path: Path, layout: Layout) -> Stored:
         mode = picture.mode
     if mode not in TYPES and mode not in CHANNELS:
         raise VoxelError(f"{path}: is a picture of kind {mode}; save it as grey values")
-    note = ()
+    note: tuple[str, ...] = ()
     if mode in CHANNELS:
         note = (f"{path.name}: has {CHANNELS[mode]} channels that hold the same grey; one of them is taken",)
 
@@ -31,5 +31,6 @@ def open_picture(path: Path, layout: Layout) -> Stored:
             values = np.asarray(picture)
         return (values if mode in TYPES else one_grey(path, values))[keep]
 
-    return Stored((height, width), np.dtype(TYPES.get(mode, "u1")), part, info={"format": path.suffix[1:].upper()},
-                  warnings=note)
+    return Stored(
+        (height, width), np.dtype(TYPES.get(mode, "u1")), part, info={"format": path.suffix[1:].upper()}, warnings=note
+    )

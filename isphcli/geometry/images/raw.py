@@ -32,8 +32,8 @@ _WORDS = {
 def open_raw(path: Path, layout: Layout) -> Stored:
     """Values that follow one another in the order of `layout.axes`, x fastest in zyx.
 
-    What the layout does not say is taken from the sizes and the type in the file's name, or from an mhd or nhdr beside it
-    that names it, where they fit its size in bytes. Raises VoxelError with what it might be where nothing tells.
+    What the layout does not say is taken from the sizes and the type in the file's name, or from an mhd or nhdr beside
+    it that names it, where they fit its size in bytes. Raises VoxelError with what it might be where nothing tells.
     """
     size = os.path.getsize(path)
     if layout.shape is None and layout.dtype is None and (header := _header_beside(path)) is not None:
@@ -42,19 +42,25 @@ def open_raw(path: Path, layout: Layout) -> Stored:
     shape = layout.shape or name_shape
     offset = layout.offset or 0
     if shape is None:
-        raise VoxelError(f"{path}: has no header: give its sizes along x, y, z (geometry.voxels.shape, --shape) and its "
-                         f"type (dtype){_cube(size - offset, layout.dtype or name_dtype)}")
+        raise VoxelError(
+            f"{path}: has no header: give its sizes along x, y, z (geometry.voxels.shape, --shape) and its "
+            f"type (dtype){_cube(size - offset, layout.dtype or name_dtype)}"
+        )
     voxels = _product(path, shape)
     dtype = layout.dtype or name_dtype or BY_SIZE.get((size - offset) // voxels if (size - offset) % voxels == 0 else 0)
     sizes = " x ".join(map(str, shape))
     if dtype is None:
-        raise VoxelError(f"{path}: {size - offset} bytes are {(size - offset) / voxels:.4g} for each of {sizes} voxels; "
-                         f"give the type ({', '.join(DTYPES)}: geometry.voxels.dtype, --dtype), and an offset if there "
-                         "is a header")
+        raise VoxelError(
+            f"{path}: {size - offset} bytes are {(size - offset) / voxels:.4g} for each of {sizes} voxels; "
+            f"give the type ({', '.join(DTYPES)}: geometry.voxels.dtype, --dtype), and an offset if there "
+            "is a header"
+        )
     kind = np.dtype(dtype).newbyteorder(">" if layout.byte_order == "big" else "<")
     if offset + voxels * kind.itemsize != size:
-        raise VoxelError(f"{path}: holds {size} bytes; {sizes} voxels of {dtype} after {offset} bytes are "
-                         f"{offset + voxels * kind.itemsize}: correct shape, dtype or offset")
+        raise VoxelError(
+            f"{path}: holds {size} bytes; {sizes} voxels of {dtype} after {offset} bytes are "
+            f"{offset + voxels * kind.itemsize}: correct shape, dtype or offset"
+        )
     _check_size(path, offset + voxels * kind.itemsize, size)
 
     @contextmanager
@@ -65,11 +71,14 @@ def open_raw(path: Path, layout: Layout) -> Stored:
 
     array = array_shape(shape, layout.axes or "zyx")
     asked = [key for key, value in (("shape", layout.shape), ("dtype", layout.dtype)) if value is None]
-    note = () if not asked else (
-        f"{path.name}: {' and '.join(asked)} by its name and size: {sizes} voxels along x, y{', z' * (len(shape) == 3)}, "
-        f"{dtype}" + ("" if kind.itemsize == 1 else f", {layout.byte_order or 'little'} endian"),)
-    return Stored(array, kind, stored_part(path, data, kind, array), info={"format": "raw", "shape": array},
-                  warnings=note)
+    note: tuple[str, ...] = ()
+    if asked:
+        along, order = ", ".join("xyz"[: len(shape)]), layout.byte_order or "little"
+        said = f"{path.name}: {' and '.join(asked)} by its name and size: {sizes} voxels along {along}, {dtype}"
+        note = (said + ("" if kind.itemsize == 1 else f", {order} endian"),)
+    return Stored(
+        array, kind, stored_part(path, data, kind, array), info={"format": "raw", "shape": array}, warnings=note
+    )
 
 
 def array_shape(shape: tuple[int, ...], axes: str) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from .hdf5 import open_hdf5
+from .hdf import open_hdf5
 from .image import (
     Image,
     Layout,
@@ -113,13 +113,18 @@ def open_image(path: str | Path, layout: Layout | None = None) -> Stored:
     return stored
 
 
-def read_image(path: str | Path, array: str | None = None, grey: bool = False, layout: Layout | None = None,
-               crop: Sequence[Sequence[int]] | None = None) -> Image:
+def read_image(
+    path: str | Path,
+    array: str | None = None,
+    grey: bool = False,
+    layout: Layout | None = None,
+    crop: Sequence[Sequence[int]] | None = None,
+) -> Image:
     """Read the part `crop`, ranges [first, end) along x, y(, z), of an image, or all of it.
 
     Values are [z, y, x] or [y, x]: labels, integers of 0 or more in the smallest unsigned type; with `grey`, numbers of
-    any type, integers or floating point (never NaN). array: as in `Layout`, where none is given. Raises VoxelError where
-    the file is no such image, or a picture in colours.
+    any type, integers or floating point (never NaN). array: as in `Layout`, where none is given. Raises VoxelError
+    where the file is no such image, or a picture in colours.
     """
     path = Path(path)
     layout = layout or Layout(array=array)
@@ -139,8 +144,15 @@ def read_image(path: str | Path, array: str | None = None, grey: bool = False, l
         spacing = spacing[: len(axes)]
         if not stored.along_xyz:
             spacing = tuple(spacing[len(axes) - 1 - axes.index(a)] for a in "xyz"[: len(axes)])
-    return Image(values, spacing, stored.spacing_key, axes, stored.shape, stored.info,
-                 (*stored.warnings, *_thin(path, stored.shape)))
+    return Image(
+        values,
+        spacing,
+        stored.spacing_key,
+        axes,
+        stored.shape,
+        stored.info,
+        (*stored.warnings, *_thin(path, stored.shape)),
+    )
 
 
 def image_shape(path: str | Path, array: str | None = None, layout: Layout | None = None) -> tuple[int, ...] | None:

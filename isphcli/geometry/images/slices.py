@@ -17,7 +17,9 @@ OPENERS = {".tif": open_tiff, ".tiff": open_tiff, ".png": open_picture, ".bmp": 
 
 def open_slices(folder: Path, layout: Layout) -> Stored:
     """The pictures of a folder as one image [z, y, x]; all of one format, size and type."""
-    files = sorted((f for f in folder.iterdir() if f.suffix.lower() in OPENERS and not f.name.startswith(".")), key=_order)
+    files = sorted(
+        (f for f in folder.iterdir() if f.suffix.lower() in OPENERS and not f.name.startswith(".")), key=_order
+    )
     if not files:
         raise VoxelError(f"{folder}: is a folder without slices (tif, png or bmp)")
     kinds = sorted({f.suffix.lower() for f in files})
@@ -32,8 +34,10 @@ def open_slices(folder: Path, layout: Layout) -> Stored:
         for k, file in enumerate(files[keep[0]]):
             one = _slice(file)
             if one.shape != first.shape or one.dtype != first.dtype:
-                raise VoxelError(f"{file}: is a slice of {one.shape[::-1]} {one.dtype}, {files[0].name} one of "
-                                 f"{first.shape[::-1]} {first.dtype}; leave slices of one size and type in the folder")
+                raise VoxelError(
+                    f"{file}: is a slice of {one.shape[::-1]} {one.dtype}, {files[0].name} one of "
+                    f"{first.shape[::-1]} {first.dtype}; leave slices of one size and type in the folder"
+                )
             values[k] = one.part(keep[1:])
         return values
 
@@ -62,5 +66,7 @@ def _gaps(files: list[Path]) -> tuple[str, ...]:
     missing = [a + 1 for a, b in itertools.pairwise(numbers) if b > a + 1]
     if not missing or len(missing) > 0.5 * len(files):  # numbered in steps
         return ()
-    return (f"{files[0].parent.name}: slice {missing[0]}{' and others are' * (len(missing) > 1) or ' is'} missing; those "
-            "around are taken for neighbours",)
+    return (
+        f"{files[0].parent.name}: slice {missing[0]}{' and others are' * (len(missing) > 1) or ' is'} missing; those "
+        "around are taken for neighbours",
+    )

@@ -63,9 +63,11 @@ def open_tiff(path: Path, layout: Layout) -> Stored:
                 return (one_grey(path, values) if colours else values)[keep]
             except ValueError as error:
                 if "imagecodecs" in str(error):
-                    raise VoxelError(f"{path}: is compressed with {page.compression.name}, which the package imagecodecs "
-                                     "reads: pip install imagecodecs, or save it with deflate or without "
-                                     "compression") from None
+                    raise VoxelError(
+                        f"{path}: is compressed with {page.compression.name}, which the package imagecodecs "
+                        "reads: pip install imagecodecs, or save it with deflate or without "
+                        "compression"
+                    ) from None
                 raise
 
     plain = not colours and start is not None and compression == 1 and dtype.itemsize * 8 == page.bitspersample

@@ -7,7 +7,7 @@ import os
 import re
 import xml.etree.ElementTree as ElementTree
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -96,9 +96,14 @@ def _harmless(path: Path, text: bytes) -> bytes:
 
 def _chosen(path: Path, piece: ElementTree.Element, name: str | None) -> tuple[str, ElementTree.Element, bool]:
     """(name, element, whether it has a value a cell and not a point) of the array that is meant."""
-    found = [(str(a.get("Name")), a, group == "CellData") for group in ("PointData", "CellData")
-             for a in piece.findall(f"{group}/DataArray")]
-    named = [one for one in found if (one[0] == name if name is not None else one[1].get("NumberOfComponents", "1") == "1")]
+    found = [
+        (str(a.get("Name")), a, group == "CellData")
+        for group in ("PointData", "CellData")
+        for a in piece.findall(f"{group}/DataArray")
+    ]
+    named = [
+        one for one in found if (one[0] == name if name is not None else one[1].get("NumberOfComponents", "1") == "1")
+    ]
     if name is None:
         marked = [g.get("Scalars") for g in piece if g.get("Scalars")]
         named = [one for one in named if one[0] in marked] if len(named) > 1 and len(marked) == 1 else named
@@ -113,16 +118,26 @@ def _chosen(path: Path, piece: ElementTree.Element, name: str | None) -> tuple[s
 class _Source:
     """What reads an array in each of the ways in which it may be stored."""
 
-    def __init__(self, path: Path, dtype: np.dtype, shape: tuple[int, ...], needed: int, length: np.dtype, packed: bool):
-        self.path, self.dtype, self.shape, self.needed, self.length, self.packed = path, dtype, shape, needed, length, packed
+    def __init__(
+        self, path: Path, dtype: np.dtype, shape: tuple[int, ...], needed: int, length: np.dtype, packed: bool
+    ):
+        self.path, self.dtype, self.shape, self.needed, self.length, self.packed = (
+            path,
+            dtype,
+            shape,
+            needed,
+            length,
+            packed,
+        )
 
-    def of_text(self, text: str):  # type: ignore[no-untyped-def]
+    def of_text(self, text: str) -> Callable[[Part], np.ndarray]:
+        """Numbers parted by blanks."""
         words = text.split()
         if len(words) * self.dtype.itemsize != self.needed:
             raise VoxelError(f"{self.path}: holds {len(words)} numbers for {self.shape[::-1]} voxels; save it again")
         return lambda keep: np.array(words).astype(float).astype(self.dtype).reshape(self.shape)[keep]
 
-    def of_base64(self, text: bytes):  # type: ignore[no-untyped-def]
+    def of_base64(self, text: bytes) -> Callable[[Part], np.ndarray]:
         """Length and data may be encoded each for itself, or together."""
 
         def part(keep: Part) -> np.ndarray:
@@ -135,12 +150,15 @@ class _Source:
                 data = _decoded(text, _encoded((3 + blocks) * size), int(head[3:].sum()))
                 return self._shaped(self._inflated(head, data))[keep]
             apart = text[_encoded(size) - 1 : _encoded(size)] == b"="
-            data = _decoded(text, _encoded(size), self.needed) if apart else _decoded(text, 0, size + self.needed)[size:]
+            data = (
+                _decoded(text, _encoded(size), self.needed) if apart else _decoded(text, 0, size + self.needed)[size:]
+            )
             return self._shaped(data)[keep]
 
         return part
 
-    def of_raw(self, start: int):  # type: ignore[no-untyped-def]
+    def of_raw(self, start: int) -> Callable[[Part], np.ndarray]:
+        """Bytes from a place in the file on, their length in front of them."""
         size, there = self.length.itemsize, os.path.getsize(self.path)
         if not self.packed:
             if start + size + self.needed > there:

@@ -34,7 +34,9 @@ def open_vtk(path: Path, layout: Layout) -> Stored:
     """The first array of one number a point or cell of STRUCTURED_POINTS, or the one that is named."""
     with open(path, "rb") as file:
         if not file.readline(256).startswith(b"# vtk DataFile"):
-            raise VoxelError(f"{path}: is no VTK file (its first line should be '# vtk DataFile Version'); save it again")
+            raise VoxelError(
+                f"{path}: is no VTK file (its first line should be '# vtk DataFile Version'); save it again"
+            )
         file.readline(512)
         text = file.readline(64).split() == [b"ASCII"]
         header = _header(path, file)
@@ -90,8 +92,10 @@ def _header(path: Path, file: BinaryIO) -> dict[str, list[str]]:
         if words:
             header[words[0].upper()] = words[1:]
     if header.get("DATASET") != ["STRUCTURED_POINTS"] or len(header.get("DIMENSIONS", [])) != 3:
-        raise VoxelError(f"{path}: holds no image (DATASET {' '.join(header.get('DATASET', ['missing']))}); save it as "
-                         "STRUCTURED_POINTS")
+        raise VoxelError(
+            f"{path}: holds no image (DATASET {' '.join(header.get('DATASET', ['missing']))}); save it as "
+            "STRUCTURED_POINTS"
+        )
     return header
 
 

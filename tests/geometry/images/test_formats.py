@@ -1,4 +1,4 @@
-"""Every format: what was written by a library of the field is read back, whole and in part; what is damaged is refused."""
+"""Every format: what was written by a library of the field is read back, whole and in part; damage is refused."""
 
 import base64
 import bz2
@@ -80,8 +80,12 @@ def vti(path, values, form="raw", packed=False, header="UInt32"):
     kind = {np.dtype("u1"): "UInt8", np.dtype("u2"): "UInt16", np.dtype("f4"): "Float32"}[values.dtype]
     inline = {"ascii": " ".join(map(str, values.ravel())).encode(), "binary": together}.get(form, b"")
     spot = b'format="%s"' % (form.encode() if inline else b"appended") + (b"" if inline else b' offset="0"')
-    end = b"" if inline else b'<AppendedData encoding="%s">\n_%s\n</AppendedData>' % (
-        b"raw" if form == "raw" else b"base64", head + body if form == "raw" else together)
+    end = (
+        b""
+        if inline
+        else b'<AppendedData encoding="%s">\n_%s\n</AppendedData>'
+        % (b"raw" if form == "raw" else b"base64", head + body if form == "raw" else together)
+    )
     nx, ny, nz = values.shape[::-1]
     extent = f"0 {nx} 0 {ny} 0 {nz}".encode()
     path.write_bytes(
@@ -97,25 +101,36 @@ def vtk(path, values, text=False, field=False):
     big = values.astype(values.dtype.newbyteorder(">"))
     kind = {"u1": "unsigned_char", "u2": "unsigned_short"}[values.dtype.str[1:]]
     data = " ".join(map(str, values.ravel())).encode() if text else big.tobytes()
-    head = f"FIELD FieldData 1\nrock 1 {values.size} {kind}" if field else f"SCALARS rock {kind} 1\nLOOKUP_TABLE default"
-    path.write_bytes(f"# vtk DataFile Version 3.0\nrock\n{'ASCII' if text else 'BINARY'}\nDATASET STRUCTURED_POINTS\n"
-                     f"DIMENSIONS {nx} {ny} {nz}\nORIGIN 0 0 0\nSPACING 1e-6 2e-6 3e-6\nPOINT_DATA {values.size}\n"
-                     f"{head}\n".encode() + data + b"\n")
+    head = (
+        f"FIELD FieldData 1\nrock 1 {values.size} {kind}" if field else f"SCALARS rock {kind} 1\nLOOKUP_TABLE default"
+    )
+    path.write_bytes(
+        f"# vtk DataFile Version 3.0\nrock\n{'ASCII' if text else 'BINARY'}\nDATASET STRUCTURED_POINTS\n"
+        f"DIMENSIONS {nx} {ny} {nz}\nORIGIN 0 0 0\nSPACING 1e-6 2e-6 3e-6\nPOINT_DATA {values.size}\n"
+        f"{head}\n".encode()
+        + data
+        + b"\n"
+    )
 
 
 def metaimage(path, values, packed=False):
     kind = {"u1": "MET_UCHAR", "u2": "MET_USHORT"}[values.dtype.str[1:]]
     sizes = " ".join(map(str, values.shape[::-1]))
     data = zlib.compress(values.tobytes()) if packed else values.tobytes()
-    path.write_bytes(f"NDims = 3\nDimSize = {sizes}\nElementType = {kind}\nCompressedData = {packed}\n"
-                     "ElementDataFile = LOCAL\n".encode() + data)
+    path.write_bytes(
+        f"NDims = 3\nDimSize = {sizes}\nElementType = {kind}\nCompressedData = {packed}\n"
+        "ElementDataFile = LOCAL\n".encode()
+        + data
+    )
 
 
 def nhdr(path, values, encoding, pack):
     path.with_suffix(".data").write_bytes(pack(values.tobytes()))
-    path.write_text(f"NRRD0004\ntype: uint{8 * values.itemsize}\ndimension: 3\nsizes: "
-                    f"{' '.join(map(str, values.shape[::-1]))}\nendian: little\nencoding: {encoding}\n"
-                    "data file: rock.data\n")
+    path.write_text(
+        f"NRRD0004\ntype: uint{8 * values.itemsize}\ndimension: 3\nsizes: "
+        f"{' '.join(map(str, values.shape[::-1]))}\nendian: little\nencoding: {encoding}\n"
+        "data file: rock.data\n"
+    )
 
 
 BYTES = {  # name of the file: how it is written, for values of one and two bytes
@@ -248,10 +263,28 @@ def test_sizes_of_voxels_with_their_unit(tmp_path):
     """Edges x, y, z of 1, 2 and 3 micrometres; a TIFF of ImageJ keeps voxels per unit as a fraction."""
     v, expected = VALUES, pytest.approx((1e-6, 2e-6, 3e-6), rel=1e-6)
     tiff(tmp_path / "j.tif", v, imagej=True, resolution=(1.0, 0.5), metadata={"spacing": 3.0, "unit": "um"})
-    tiff(tmp_path / "o.ome.tif", v, metadata={"axes": "ZYX", "PhysicalSizeX": 1000, "PhysicalSizeXUnit": "nm",
-                                             "PhysicalSizeY": 2.0, "PhysicalSizeZ": 0.003, "PhysicalSizeZUnit": "mm"})
-    nrrd(tmp_path / "d.nrrd", v, **{"space directions": np.diag([1e-3, 2e-3, 3e-3]), "space dimension": 3,
-                                   "space units": ["mm"] * 3, "kinds": ["domain"] * 3})
+    tiff(
+        tmp_path / "o.ome.tif",
+        v,
+        metadata={
+            "axes": "ZYX",
+            "PhysicalSizeX": 1000,
+            "PhysicalSizeXUnit": "nm",
+            "PhysicalSizeY": 2.0,
+            "PhysicalSizeZ": 0.003,
+            "PhysicalSizeZUnit": "mm",
+        },
+    )
+    nrrd(
+        tmp_path / "d.nrrd",
+        v,
+        **{
+            "space directions": np.diag([1e-3, 2e-3, 3e-3]),
+            "space dimension": 3,
+            "space units": ["mm"] * 3,
+            "kinds": ["domain"] * 3,
+        },
+    )
     for name in ("j.tif", "o.ome.tif", "d.nrrd"):
         image = voxel_size(tmp_path / name)
         assert image.spacing == expected and not image.spacing_key, name
@@ -305,16 +338,20 @@ def test_a_raw_file_as_it_is_described(tmp_path):
 def test_what_a_name_tells_of_a_raw_file_is_said(tmp_path):
     image = read_image(raw(tmp_path, "rock_9x7x6_16bit.raw", VALUES.astype(np.uint16)))
     assert np.array_equal(image.values, VALUES)
-    assert image.warnings == ("rock_9x7x6_16bit.raw: shape and dtype by its name and size: 9 x 7 x 6 voxels along x, y, z, "
-                              "uint16, little endian",)
+    assert image.warnings == (
+        "rock_9x7x6_16bit.raw: shape and dtype by its name and size: 9 x 7 x 6 voxels along x, y, z, "
+        "uint16, little endian",
+    )
     signed = read_image(raw(tmp_path, "rock_9x7x6_int16.raw", (VALUES.astype(np.int16) - 50)), grey=True)
     assert signed.values.min() == -50 and signed.values.dtype == np.int16
 
 
 def test_a_header_beside_a_raw_file(tmp_path):
     path = raw(tmp_path, "scan.raw")
-    (tmp_path / "scan.mhd").write_text("NDims = 3\nDimSize = 9 7 6\nElementType = MET_UCHAR\n"
-                                       "ElementSpacing = 1e-6 2e-6 3e-6\nElementDataFile = scan.raw\n")
+    (tmp_path / "scan.mhd").write_text(
+        "NDims = 3\nDimSize = 9 7 6\nElementType = MET_UCHAR\n"
+        "ElementSpacing = 1e-6 2e-6 3e-6\nElementDataFile = scan.raw\n"
+    )
     image = read_image(path)
     assert np.array_equal(image.values, VALUES) and image.spacing == (1e-6, 2e-6, 3e-6)
 
@@ -420,8 +457,9 @@ FOLDERS = {
     "a slice of zeros": lambda f: (f / "slice_9.tif").write_bytes(bytes(300)),
     "a stack among slices": lambda f: tiff(f / "slice_9.tif", VALUES),
     "stacks": lambda f: tiff(f / "slice_8.tif", VALUES),
-    "a slice in colours": lambda f: tiff(f / "slice_9.tif", np.random.default_rng(0).integers(
-        0, 255, (7, 9, 3)).astype(np.uint8), photometric="rgb"),
+    "a slice in colours": lambda f: tiff(
+        f / "slice_9.tif", np.random.default_rng(0).integers(0, 255, (7, 9, 3)).astype(np.uint8), photometric="rgb"
+    ),
     "text": lambda f: (f / "slice_8.tif").write_text("a text"),
 }
 
@@ -439,7 +477,8 @@ def test_a_missing_slice_is_said(tmp_path):
     (tmp_path / "scan" / "slice_10.tif").unlink()
     image = read_image(tmp_path / "scan")
     assert len(image.values) == 5 and image.warnings == (
-        "scan: slice 10 is missing; those around are taken for neighbours",)
+        "scan: slice 10 is missing; those around are taken for neighbours",
+    )
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ INSTALL = "the package h5py reads HDF5 files: pip install 'isphcli[images]' (or 
 
 
 def open_hdf5(path: Path, layout: Layout, matlab: bool = False) -> Stored:
-    """The only dataset of 2 or 3 dimensions that holds numbers, or the one that is named; `matlab`: its axes in the order
-    that MATLAB counts them.
+    """The only dataset of 2 or 3 dimensions that holds numbers, or the one that is named; `matlab`: its axes in the
+    order that MATLAB counts them.
 
     Edges of a voxel: the attribute voxel_size (x, y, z, m) or element_size_um (z, y, x, micrometres) of it or the file.
     """
@@ -31,7 +31,9 @@ def open_hdf5(path: Path, layout: Layout, matlab: bool = False) -> Stored:
                 raise VoxelError(f"{path}: holds the datasets {list(found)[:20]}; name one with the key 'array'")
             (name,) = usable
         if name.strip("/") not in found:
-            raise VoxelError(f"{path}: holds the datasets {list(found)[:20]}; there is no '{name}': correct the key 'array'")
+            raise VoxelError(
+                f"{path}: holds the datasets {list(found)[:20]}; there is no '{name}': correct the key 'array'"
+            )
         data = found[name.strip("/")]
         shape, dtype = tuple(map(int, data.shape)), data.dtype
         if dtype.kind not in "buif":
@@ -46,8 +48,9 @@ def open_hdf5(path: Path, layout: Layout, matlab: bool = False) -> Stored:
             values = file[dataset][keep[::-1] if matlab else keep]
         return values.transpose() if matlab else values
 
-    return Stored(shape[::-1] if matlab else shape, dtype, part, spacing, along_xyz=along,
-                  info={"format": "HDF5", "array": name})
+    return Stored(
+        shape[::-1] if matlab else shape, dtype, part, spacing, along_xyz=along, info={"format": "HDF5", "array": name}
+    )
 
 
 def _datasets(file: Any) -> dict[str, Any]:
