@@ -20,7 +20,7 @@ from isphcli.flow.state import State
 from isphcli.geometry.bodies import ShapeError
 from isphcli.output import restart
 from isphcli.output.restart import RestartError, Saved
-from isphcli.scene.spheres import read_spheres
+from isphcli.scene.sphere_files import read_spheres
 
 BENCHMARK = Path(__file__).parent.parent / "benchmarks" / "bad_inputs.py"
 IMAGE = np.array([[[0, 0, 1], [0, 1, 1]], [[0, 0, 0], [0, 0, 1]]], dtype=np.uint8)

@@ -177,10 +177,17 @@ class Spheres:
     ONE_OF: ClassVar = ("file", "random")
 
     file: Path | None = key(
-        "csv of the centres: columns x, y, z and optionally the radius, in this order. A header may say that the last "
-        "is a diameter, and the unit of the lengths, as in x_mm or radius [um]; without one they are in m",
+        "table of the spheres, parted by commas, semicolons, tabs or blanks, or a LAMMPS or LIGGGHTS dump (its last "
+        "step). A header names columns in any order, radius or diameter among them, and perhaps the unit of the lengths, "
+        "as in x_mm or radius [um]; without one they are x, y, z and perhaps the radius, in m",
         default=None,
         input=True,
+    )
+    scale: float | None = key(
+        "length of 1 in the file, such as 1 mm, where no header names a unit. Without it: 1 m",
+        default=None,
+        unit="m",
+        above=0,
     )
     random: int | None = key(
         "number of spheres placed at random (more: from a file)", default=None, at_least=1, at_most=10_000
@@ -285,6 +292,14 @@ class Scene:
     )
     origin: Vector | None = key(
         "lower corner of the box. Without it: zeros", default=None, unit="m", per_axis=True
+    )
+    clear_layer: float | None = key(
+        "thickness of the layer of clear fluid added at each end of the axis of flow of a box that does not repeat "
+        "along it, such as a pack of spheres; the permeability is that of the pack without the layers. Spheres of a file "
+        "whose centre lies beyond the ends are left out. Without it: none",
+        default=None,
+        unit="m",
+        above=0,
     )
     fluid: str | None = key("what fills the box before the shapes. Without it: the first fluid", default=None)
     shapes: tuple[Shape, ...] = key("regions of the box, later ones on top of earlier ones", default=())

@@ -112,11 +112,13 @@ class _Checks:
             return
         geometry = self.case.geometry
         if geometry.voxels:
-            for name in ("origin", "fluid", "shapes", "walls"):
+            for name in ("origin", "clear_layer", "fluid", "shapes", "walls"):
                 if getattr(geometry, name):
                     self.bad(f"geometry.{name}", "belongs to a box, not to voxels", "remove it")
         elif geometry.fluid is not None:
             self._fluid_name(geometry.fluid, "geometry.fluid")
+        if geometry.clear_layer is not None and not self.case.drive:
+            self.bad("geometry.clear_layer", "there is no axis of flow", "give drive, or remove it")
         refused = "exact" if geometry.voxels else "stairs"
         if geometry.wall_distance == refused:
             what = "voxels have no exact walls" if geometry.voxels else "only voxels have stairs"
@@ -341,9 +343,10 @@ class _Checks:
         """In a box a flow from face to face needs a periodic axis; an image gets clear layers instead."""
         if self.case.geometry.box is None or not self.dim or not self.clear("geometry.periodic"):
             return
-        for axis in axes:
+        for axis in axes if self.case.geometry.clear_layer is None else ():
             if axis not in self.case.geometry.periodic:
-                self.bad(path, f"{axis} ends at walls", f"add {axis} to geometry.periodic")
+                fix = f"add {axis} to geometry.periodic, or give geometry.clear_layer"
+                self.bad(path, f"{axis} ends at walls", fix)
 
     def formulas(self) -> None:
         if not self.case.initial or not self.clear("initial") or not self.dim:

@@ -27,8 +27,8 @@ that stands in the table (SI), or in any consistent set; a number with a unit is
 `voxel_size: 2.25 um`, `viscosity: 1 cP`, `tension: 30 mN/m`, `pressure_drop: {x: 1 kPa}`. Every key can be set on the
 command line, `--set particles.spacing=1e-5`; items of lists go by their number, `--set
 geometry.shapes.0.sphere.radius=0.1`; `null` stands for an absent key. Paths of inputs start from the directory of the
-case file, `output.directory` from the working directory. `docs/case.schema.json` gives editors completion and checks: put
-`# yaml-language-server: $schema=<path to it>` at the head of the file.
+case file, `output.directory` from the working directory. `docs/case.schema.json` gives editors completion and checks:
+put `# yaml-language-server: $schema=<path to it>` at the head of the file.
 """
 
 
