@@ -178,8 +178,8 @@ class Spheres:
 
     file: Path | None = key(
         "table of the spheres, parted by commas, semicolons, tabs or blanks, or a LAMMPS or LIGGGHTS dump (its last "
-        "step). A header names columns in any order, radius or diameter among them, and perhaps the unit of the lengths, "
-        "as in x_mm or radius [um]; without one they are x, y, z and perhaps the radius, in m",
+        "step). A header names columns in any order, radius or diameter among them, and perhaps the unit of the "
+        "lengths, as in x_mm or radius [um]; without one they are x, y, z and perhaps the radius, in m",
         default=None,
         input=True,
     )
@@ -295,8 +295,8 @@ class Scene:
     )
     clear_layer: float | None = key(
         "thickness of the layer of clear fluid added at each end of the axis of flow of a box that does not repeat "
-        "along it, such as a pack of spheres; the permeability is that of the pack without the layers. Spheres of a file "
-        "whose centre lies beyond the ends are left out. Without it: none",
+        "along it, such as a pack of spheres; the permeability is that of the pack without the layers. Spheres of a "
+        "file whose centre lies beyond the ends are left out. Without it: none",
         default=None,
         unit="m",
         above=0,

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..geometry.connectivity import report
-from ..geometry.image_steps import connected_part, inverted, thresholded, trimmed
+from ..geometry.image_steps import connected_part, inverted, is_fluid, thresholded, trimmed
 from ..geometry.images.image import SPACING, Layout, VoxelError, _sizes, _smallest
 from ..geometry.images.metaimage import META_TYPES
 from ..geometry.images.read import read_image
@@ -151,7 +151,7 @@ def convert(source: str | Path, target: str | Path, how: Conversion | None = Non
 
         with writing(slices_picture(target)):
             plot_slices(slices_picture(target), values, solids, spacing, target.name)
-    fluid = ~np.isin(values, solids)
+    fluid = is_fluid(values, solids)
     cell = 1.0 if spacing is None else float(np.prod(spacing[: values.ndim]))
     found = report(fluid, (False,) * values.ndim, cell)
     axes = "xyz"[: values.ndim]
