@@ -201,12 +201,13 @@ def run(
     Prints permeability in m2 and millidarcy (mean velocities where there is none), what was warned of, the error
     against the case's reference and where the time went; leaves snapshots, history, summary and pictures in the
     output directory (docs/output.md). A directory that holds results is refused unless --restart or --overwrite is
-    given.
+    given. An image in place of CASE is run as it is: its permeability along x to water, one particle a voxel.
 
     \b
     isph run beadpack.yaml
     isph run beadpack.yaml --set particles.spacing=2e-5 --out out/fine --threads 4
     isph run --restart out/beadpack
+    isph run scan.tif --set geometry.voxels.voxel_size=2.25um
     """
     if (case_file is None) == (restart is None):
         raise click.UsageError("give a CASE, or --restart DIR")
@@ -238,34 +239,52 @@ def load(path: Path, overrides: Iterable[str], out: Path | None = None) -> Case:
 
     from .case.load import load_case
 
-    refuse_image(path)
-    case = load_case(path, tuple(overrides))
+    case = case_of_image(path, tuple(overrides)) if is_image(path) else load_case(path, tuple(overrides))
     return case if out is None else replace(case, output=replace(case.output, directory=out.absolute()))
 
 
-def refuse_image(path: Path) -> None:
-    """Raise Unusable for an image where a case is asked for, with a case to begin with."""
+def is_image(path: Path) -> bool:
+    """Whether there is an image, or a folder of slices, and no case."""
     if not path.exists() or (path.is_file() and path.suffix.lower() in CASES):
-        return
+        return False
     from .geometry.images.read import FORMATS, image_shape
 
-    if not path.is_dir() and path.suffix.lower() not in FORMATS:
+    return image_shape(path) is not None if path.is_dir() else path.suffix.lower() in FORMATS
+
+
+def case_of_image(path: Path, overrides: tuple[str, ...]) -> Case:
+    """A case of an image, with what was assumed on stderr; Unusable, with a case to begin with, where too little is
+    known."""
+    from .geometry.images.image import VoxelError
+    from .scene.first_case import first_case
+
+    try:
+        found = first_case(path, overrides)
+    except VoxelError as error:
+        refuse_image(path, str(error))
+        raise
+    for text in found.assumed:
+        complain(f"assumed: {text}")
+    return found.case
+
+
+def refuse_image(path: Path, reason: str = "") -> None:
+    """Raise Unusable for an image where a case is asked for, with a case to begin with."""
+    if not is_image(path):
         return
+    from .geometry.images.read import image_shape
+    from .scene.first_case import case_text
+
     shape = image_shape(path)
-    if path.is_dir() and shape is None:
+    if reason and shape is None:  # what is wrong with the file is said by its error
         return
     size = "" if shape is None else f" of {' x '.join(map(str, shape[::-1]))} voxels (x, y, z)"
-    axes = "xyz" if shape is None else "xyz"[: len(shape)]
     case = path.with_suffix(".yaml")
+    why = f" {reason}\nOr write" if reason else " Write"
     raise Unusable(
-        f"{path}: is an image{size}, not a case. Write what is to be known about it into a file {case.name} "
-        f"beside it:\n\n"
-        f"geometry:\n"
-        f"  voxels: {{file: '{path.name}', labels: {{solid: 1, water: 0}}, voxel_size: 5.0e-6}}   # m\n"
-        f"particles: {{spacing: 5.0e-6}}   # m: one particle a voxel\n"
-        f"fluids: {{water: {{density: 1000, viscosity: 1.0e-3}}}}   # kg/m3, Pa s\n"
-        f"flow: stokes\n"
-        f"drive: {{axes: [{', '.join(axes)}]}}\n\n"
+        f"{path}: is an image{size}, not a case.{why} what is to be known about it into a file {case.name} beside "
+        f"it:\n\n"
+        f"{case_text(path, axes=', '.join('xyz' if shape is None else 'xyz'[: len(shape)]))}\n"
         f"with the labels and the voxel size of your image (isph convert-voxels says which values it holds, and makes "
         f"labels of grey values), then: isph run {case}"
     )

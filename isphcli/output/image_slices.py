@@ -51,7 +51,7 @@ def plot_slices(
     if few:
         figure.legend(
             handles=[Patch(color=c, label=f"{v} {'solid' if v in solids else 'pore'}") for v, c in zip(found, colours)],
-            loc="lower center",
+            loc="outside lower center",
             ncol=len(found),
             frameon=False,
         )
