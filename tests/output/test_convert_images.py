@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isphcli.geometry.images.image import VoxelError
+from isphcli.geometry.images.image import Layout, VoxelError
 from isphcli.geometry.images.read import read_image
 from isphcli.output.convert_images import Conversion, convert, write_image
 from tests.geometry.images.files import rock
@@ -132,3 +132,58 @@ def test_a_conversion_says_where_the_voxel_size_is_from(tmp_path):
     assert "given, 1e-06 x 2e-06 x 3e-06 m, is not that" in found["warnings"][0]
     write_image(tmp_path / "d.mhd", rock() + 1, (1.0, 1.0, 1.0))
     assert convert(tmp_path / "d.mhd", tmp_path / "e.npz")["voxel_size"] is None
+
+
+BLOCK = np.zeros((6, 7, 9), np.uint8)  # [z, y, x]: a block of solid with two pores in a border of solid
+BLOCK[...] = 1
+BLOCK[2:4, 3, 1:8] = 0  # along x, closed at both ends by the border
+BLOCK[2, 5, 4] = 0
+
+
+def test_the_steps_of_a_conversion_in_their_order(tmp_path):
+    """The border is cut off, so that the long pore reaches the ends; the short one is filled; the mirror image follows."""
+    np.save(tmp_path / "a.npy", BLOCK)
+    how = Conversion(trim=True, mirror=("y",), connected="x", voxel_size=2e-6)
+    found = convert(tmp_path / "a.npy", tmp_path / "b.npz", how)
+    image = read_image(tmp_path / "b.npz")
+    expected = np.ones((2, 6, 7), np.uint8)
+    expected[:, 0] = expected[:, 5] = 0
+    assert np.array_equal(image.values, expected) and image.spacing == (2e-6,) * 3
+    assert found["trimmed"] == (2, 4, 4) and found["filled"] == 2 and found["percolates"]["x"]
+    assert found["read"] == "npy, array 6 x 7 x 9, its axes taken as z, y, x"
+
+
+def test_two_labels_are_exchanged_and_axes_put_in_order(tmp_path):
+    np.save(tmp_path / "a.npy", np.ascontiguousarray(BLOCK.transpose()))
+    found = convert(tmp_path / "a.npy", tmp_path / "b.npy", Conversion(layout=Layout(axes="xyz"), invert=True))
+    assert np.array_equal(np.load(tmp_path / "b.npy"), 1 - BLOCK) and found["shape"] == {"x": 9, "y": 7, "z": 6}
+
+
+@pytest.mark.parametrize("threshold, values", [(50, {0: 3, 1: 6}), ((50, 150), {0: 3, 2: 3, 1: 3}), ("otsu", {0: 3, 1: 6})])
+def test_thresholds_of_two_and_three_phases(tmp_path, threshold, values):
+    np.save(tmp_path / "a.npy", np.array([[10, 11, 12], [140, 141, 142], [180, 181, 182]], np.uint8))
+    assert convert(tmp_path / "a.npy", tmp_path / "b.npy", Conversion(threshold=threshold))["labels"] == values
+
+
+@pytest.mark.parametrize("suffix", ["npy", "npz", "mhd", "mha", "tif", "nrrd", "raw"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("shape", [(5, 6, 7), (6, 7)])
+def test_what_is_written_is_read_back_with_its_voxel_size(tmp_path, suffix, dtype, shape):
+    values = (np.random.default_rng(0).random(shape) * 200).astype(dtype)
+    spacing = (1e-6, 2e-6, 3e-6)[: len(shape)]
+    path = tmp_path / f"a.{suffix}"
+    write_image(path, values, spacing)
+    layout = Layout(shape=shape[::-1], dtype=np.dtype(dtype).name) if suffix == "raw" else None
+    image = read_image(path, grey=True, layout=layout)
+    assert np.array_equal(image.values, values) and image.values.dtype == dtype
+    assert image.spacing == (None if suffix in ("npy", "raw") else pytest.approx(spacing, rel=1e-6))
+
+
+def test_the_picture_is_refused_and_replaced_as_the_image_is(tmp_path):
+    np.save(tmp_path / "a.npy", BLOCK)
+    (tmp_path / "b_slices.png").write_text("mine")
+    with pytest.raises(VoxelError, match=r"b_slices.png: exists; .*--force"):
+        convert(tmp_path / "a.npy", tmp_path / "b.npy", picture=True)
+    assert not (tmp_path / "b.npy").exists() and (tmp_path / "b_slices.png").read_text() == "mine"
+    found = convert(tmp_path / "a.npy", tmp_path / "b.npy", picture=True, force=True)
+    assert Path(found["picture"]).read_bytes().startswith(b"\x89PNG") and found["picture"].endswith("b_slices.png")
