@@ -419,8 +419,8 @@ def test_convert_voxels_of_a_raw_scan_says_what_was_done(folder):
     scan = np.full((4, 6, 8), 200, ">u2")
     scan[1:3, 2:4, :] = 50
     (folder / "scan.raw").write_bytes(b"head" + scan.tobytes())
-    words = ["--shape", "8,6,4", "--dtype", "uint16", "--offset", 4, "--byte-order", "big", "--threshold", "otsu", "--trim",
-             "--connected", "x", "--voxel-size", "2um"]
+    words = ["--shape", "8,6,4", "--dtype", "uint16", "--offset", 4, "--byte-order", "big", "--threshold", "otsu",
+             "--trim", "--connected", "x", "--voxel-size", "2um"]
     done = isph("convert-voxels", "scan.raw", "rock.tif", *words)
     assert done.exit_code == 0, done.output
     for text in ("raw, array 4 x 6 x 8, its axes taken as z, y, x", "8 x 2 x 2 (x, y, z)", "2e-06", "(Otsu) is solid",

@@ -154,7 +154,10 @@ def convert(source: str | Path, target: str | Path, how: Conversion | None = Non
     fluid = is_fluid(values, solids)
     cell = 1.0 if spacing is None else float(np.prod(spacing[: values.ndim]))
     found = report(fluid, (False,) * values.ndim, cell)
-    axes = "xyz"[: values.ndim]
+    axes, labels = "xyz"[: values.ndim], _histogram(values)
+    if not set(labels) & set(solids):
+        notes += (f"no voxel is solid (--solid {','.join(map(str, solids))}): it holds {_counts(labels)}; name the "
+                  "values that are with --solid, or make them 1 with --labels",)  # fmt: skip
     return {
         "file": str(target),
         "read": f"{image.info.get('format', '')}, array {' x '.join(map(str, image.whole))}, its axes taken as "
@@ -169,7 +172,7 @@ def convert(source: str | Path, target: str | Path, how: Conversion | None = Non
         **asdict(found),
         "percolates": dict(zip(axes, found.percolates)),
         "percolating_porosity": dict(zip(axes, found.percolating_porosity)),
-        "labels": _histogram(values),
+        "labels": labels,
     }  # fmt: skip
 
 

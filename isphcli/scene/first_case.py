@@ -12,7 +12,7 @@ from ..case.blocks import Case
 from ..case.load import read_case
 from ..geometry.images.image import Image, VoxelError
 from ..geometry.images.read import read_image
-from ..geometry.images.voxel_size import known_spacing
+from ..geometry.images.voxel_size import COARSE, known_spacing
 from ..geometry.labels import _counts
 from . import memory
 from .image_file import layout_of
@@ -67,6 +67,10 @@ def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
         if known is None:
             raise VoxelError(f"{path}: holds no voxel size; give it, such as --set geometry.voxels.voxel_size=5um")
         size = known
+        if image.spacing_key and max(known) >= COARSE:
+            given = " ".join(f"{s:g}" for s in known)
+            raise VoxelError(f"{path}: its {image.spacing_key}, {given}, has no unit; say what it is, such as --set "
+                             f"geometry.voxels.voxel_size={known[0]:g}um")
         if image.spacing_key:
             assumed.append(f"the voxel size by its {image.spacing_key}, which has no unit: taken as metres")
     shown = f"{size[0]!r}" if len(set(size)) == 1 else f"[{', '.join(repr(float(s)) for s in size)}]"

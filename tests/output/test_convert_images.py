@@ -141,7 +141,7 @@ BLOCK[2, 5, 4] = 0
 
 
 def test_the_steps_of_a_conversion_in_their_order(tmp_path):
-    """The border is cut off, so that the long pore reaches the ends; the short one is filled; the mirror image follows."""
+    """The border is cut off, and the long pore reaches the ends; the short one is filled; the mirror image follows."""
     np.save(tmp_path / "a.npy", BLOCK)
     how = Conversion(trim=True, mirror=("y",), connected="x", voxel_size=2e-6)
     found = convert(tmp_path / "a.npy", tmp_path / "b.npz", how)
@@ -159,7 +159,9 @@ def test_two_labels_are_exchanged_and_axes_put_in_order(tmp_path):
     assert np.array_equal(np.load(tmp_path / "b.npy"), 1 - BLOCK) and found["shape"] == {"x": 9, "y": 7, "z": 6}
 
 
-@pytest.mark.parametrize("threshold, values", [(50, {0: 3, 1: 6}), ((50, 150), {0: 3, 2: 3, 1: 3}), ("otsu", {0: 3, 1: 6})])
+@pytest.mark.parametrize(
+    "threshold, values", [(50, {0: 3, 1: 6}), ((50, 150), {0: 3, 2: 3, 1: 3}), ("otsu", {0: 3, 1: 6})]
+)
 def test_thresholds_of_two_and_three_phases(tmp_path, threshold, values):
     np.save(tmp_path / "a.npy", np.array([[10, 11, 12], [140, 141, 142], [180, 181, 182]], np.uint8))
     assert convert(tmp_path / "a.npy", tmp_path / "b.npy", Conversion(threshold=threshold))["labels"] == values
@@ -187,3 +189,11 @@ def test_the_picture_is_refused_and_replaced_as_the_image_is(tmp_path):
     assert not (tmp_path / "b.npy").exists() and (tmp_path / "b_slices.png").read_text() == "mine"
     found = convert(tmp_path / "a.npy", tmp_path / "b.npy", picture=True, force=True)
     assert Path(found["picture"]).read_bytes().startswith(b"\x89PNG") and found["picture"].endswith("b_slices.png")
+
+
+def test_an_image_without_a_solid_voxel_is_warned_of(tmp_path):
+    np.save(tmp_path / "a.npy", BLOCK * 255)
+    found = convert(tmp_path / "a.npy", tmp_path / "b.npy")
+    assert found["porosity"] == 1
+    assert "no voxel is solid (--solid 1): it holds 0 (15 voxels), 255" in found["warnings"][0]
+    assert convert(tmp_path / "a.npy", tmp_path / "c.npy", Conversion(solid=255))["warnings"] == ()

@@ -64,3 +64,11 @@ def test_what_is_said_is_kept(tmp_path):
 def test_what_an_image_does_not_tell(tmp_path, values, sets, error, message):
     with pytest.raises(error, match=message):
         first_case(saved(tmp_path, values), sets)
+
+
+def test_a_size_without_a_unit_is_not_taken_for_metres(tmp_path):
+    import nrrd
+
+    nrrd.write(str(tmp_path / "rock.nrrd"), DUCT, {"spacings": [5.3] * 3}, index_order="C")
+    with pytest.raises(VoxelError, match=r"its spacings, 5\.3 5\.3 5\.3, has no unit; .*voxel_size=5\.3um"):
+        first_case(tmp_path / "rock.nrrd")
