@@ -11,11 +11,10 @@ import numpy as np
 from ..case.blocks import Case
 from ..case.load import read_case
 from ..geometry.images.image import Image, VoxelError
-from ..geometry.images.read import read_image
 from ..geometry.images.voxel_size import COARSE, known_spacing
 from ..geometry.labels import _counts
 from . import memory
-from .image_file import layout_of
+from .image_file import grey_image, layout_of
 
 FEW = 16  # values: an image of no more holds labels, one of more grey values
 CASE = """\
@@ -54,7 +53,7 @@ def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
     memory.refuse_image(asked)
     spec = asked.geometry.voxels
     assert spec is not None
-    image = read_image(path, grey=True, layout=layout_of(spec), crop=spec.crop)
+    image = grey_image(spec.file, layout_of(spec), spec.crop)
     said = {text.partition("=")[0].strip() for text in overrides}
     values, assumed = "labels: {solid: 1, water: 0}", []
     if not any(key.startswith(("geometry.voxels.labels", "geometry.voxels.grey")) for key in said):

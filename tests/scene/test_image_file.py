@@ -6,6 +6,8 @@ import pytest
 from isphcli.case.load import read_case
 from isphcli.case.yaml import CaseError
 from isphcli.geometry.images.image import VoxelError
+from isphcli.output.convert_images import write_image
+from isphcli.scene import image_file
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.image_file import image_of
 
@@ -67,6 +69,24 @@ def test_only_the_part_that_is_kept_is_read(tmp_path):
     tracemalloc.stop()
     assert values.shape == (10, 9, 8) and values.sum() == values[-1, -1, -1] == 1
     assert peak < 20e6  # bytes: ten layers of the kept rows, one at a time, of 1600 x 9
+
+
+@pytest.mark.parametrize(("name", "times"), [("rock.npy", 1), ("rock.npz", 1), ("rock.nrrd", 1), ("rock.raw", 3)])
+def test_an_image_is_read_once_until_its_file_changes(tmp_path, monkeypatch, name, times):
+    """Not where its data may be in another file than the one that is looked at."""
+    read, real = [], image_file.read_image
+    monkeypatch.setattr(image_file, "read_image", lambda *words, **more: read.append(words) or real(*words, **more))
+    for rock in (ROCK, 1 - ROCK):
+        read.clear()
+        if name == "rock.raw":
+            (tmp_path / name).write_bytes(rock.astype(np.uint8).tobytes())
+        else:
+            write_image(tmp_path / name, rock)
+        spec = case(tmp_path, name, "shape: [9, 7, 6]" if name == "rock.raw" else "").geometry.voxels
+        for _ in range(3):
+            found = image_of(spec).values
+            assert np.array_equal(found, rock) and found.dtype == np.uint8
+        assert len(read) == times
 
 
 def test_the_whole_of_a_large_file_is_refused_before_it_is_read(tmp_path):

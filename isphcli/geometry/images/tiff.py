@@ -16,6 +16,8 @@ import numpy as np
 from ..lengths import metres
 from .image import Layout, Part, Stored, VoxelError, one_grey, stored_part
 
+MOST_PACKED = 5000  # bytes of a picture in a byte of the file: deflate and LZW of one value have 1000 to 1500
+
 if TYPE_CHECKING:
     from tifffile import TiffFile, TiffPageSeries
 
@@ -37,6 +39,9 @@ def open_tiff(path: Path, layout: Layout) -> Stored:
         dtype = dtype.newbyteorder(file.byteorder)
         spacing = _spacing(file, series, len(shape))
         start, compression = series.dataoffset, page.compression
+        chunk = int(np.prod(page.chunks, dtype=object)) * dtype.itemsize
+        if max(int(np.prod(series.shape, dtype=object)) * dtype.itemsize, chunk) > MOST_PACKED * size:
+            raise VoxelError(f"{path}: its header asks for more than {size} bytes can hold; copy it again")
         last = max((p.dataoffsets[-1] + p.databytecounts[-1] for p in series.pages if p and p.dataoffsets), default=0)
         if last > size:
             raise VoxelError(f"{path}: is truncated: its pages go beyond its {size} bytes; copy it again")

@@ -180,7 +180,7 @@ class _Source:
                     raise VoxelError(f"{self.path}: says that it has {blocks} blocks; copy it again")
                 file.seek(start)
                 head = np.frombuffer(file.read((3 + blocks) * size), self.length)
-                return self._shaped(self._inflated(head, file.read(int(head[3:].sum()))))[keep]
+                return self._shaped(self._inflated(head, file.read(min(int(head[3:].sum()), there))))[keep]
 
         return part
 
