@@ -249,7 +249,9 @@ def is_image(path: Path) -> bool:
         return False
     from .geometry.images.read import FORMATS, image_shape
 
-    return image_shape(path) is not None if path.is_dir() else path.suffix.lower() in FORMATS
+    if path.is_dir():  # a folder of results holds pictures too
+        return not (path / "case.yaml").exists() and image_shape(path) is not None
+    return path.suffix.lower() in FORMATS
 
 
 def case_of_image(path: Path, overrides: tuple[str, ...]) -> Case:

@@ -222,6 +222,15 @@ def test_a_pack_gets_clear_layers_and_keeps_its_box(tmp_path):
     assert "clear layers: 1 m at each end of x" in said
 
 
+def test_layers_thinner_than_the_support_are_warned_of(tmp_path):
+    """The support is 2.1 spacings: a layer of one lets the two ends of the pack see each other, not one of three."""
+    from isphcli.preflight.check import check
+
+    said = "two ends of the pack see each other; make geometry.clear_layer larger"
+    assert said in check(pack(tmp_path, 2, ("geometry.clear_layer=0.125",))).text()
+    assert said not in check(pack(tmp_path, 2, ("geometry.clear_layer=0.375",))).text()
+
+
 @pytest.mark.slow
 def test_the_permeability_of_a_pack_alone(tmp_path):
     """The layers are not in it: of two, then four cells of a lattice it nears that of the lattice without end. What is

@@ -66,12 +66,11 @@ def open_tiff(path: Path, layout: Layout) -> Stored:
                     return np.stack([_page(path, series, k, shape[1:], colours)[keep[1:]] for k in wanted])
                 values = series.asarray()
                 return (one_grey(path, values) if colours else values)[keep]
-            except ValueError as error:
-                if "imagecodecs" in str(error):
+            except (AttributeError, ImportError, ValueError) as error:
+                if "imagecodecs" in str(error) or isinstance(error, ImportError):
                     raise VoxelError(
-                        f"{path}: is compressed with {page.compression.name}, which the package imagecodecs "
-                        "reads: pip install imagecodecs, or save it with deflate or without "
-                        "compression"
+                        f"{path}: is stored in a way ({page.compression.name}, {page.bitspersample} bits a voxel) that the "
+                        "package imagecodecs reads: pip install imagecodecs, or save it in 8 or 16 bits, plain or deflate"
                     ) from None
                 raise
 

@@ -4,6 +4,7 @@ import base64
 import bz2
 import gzip
 import struct
+import sys
 import zlib
 
 import numpy as np
@@ -527,6 +528,64 @@ def test_headers_of_vti_that_ask_too_much(tmp_path):
     (tmp_path / "a.vti").write_bytes(data.replace(b"<VTKFile", b'<!DOCTYPE x [<!ENTITY a "b">]><VTKFile', 1))
     with pytest.raises(VoxelError, match="document type"):
         read_image(tmp_path / "a.vti")
+
+
+def accident(rng, data):
+    """Some bytes near the head of a file lost, changed or put in."""
+    data = bytearray(data)
+    for _ in range(rng.integers(1, 4)):
+        at = int(rng.integers(0, min(len(data), 400)))
+        kind = rng.integers(0, 4)
+        if kind == 0:
+            data[at] ^= 1 << int(rng.integers(0, 8))
+        elif kind == 1:
+            del data[at : at + int(rng.integers(1, 9))]
+        elif kind == 2:
+            data[at : at + 4] = b"\xff\xff\xff\xff"
+        else:
+            data[at:at] = b"9999999"
+    return bytes(data)
+
+
+@pytest.mark.parametrize("name", [n for n in DAMAGED if "h5" not in n and "hdf5" not in n and "73" not in n])
+def test_accidents_give_an_image_or_a_clear_error(tmp_path, name):
+    """Headers that ask for more than there is take no memory. (HDF5 is left to its library.)"""
+    path = written(tmp_path, name, VALUES)
+    whole, rng = path.read_bytes(), np.random.default_rng(5)
+    for _ in range(12):
+        path.write_bytes(accident(rng, whole))
+        try:
+            image = read_image(path, grey=True)
+        except VoxelError as error:
+            assert "rock" in str(error) or path.name in str(error)
+        else:
+            assert image.values.ndim in (2, 3) and image.values.nbytes < 10**6
+
+
+def lzw(path):
+    from PIL import Image
+
+    pages = [Image.fromarray(one) for one in VALUES]
+    pages[0].save(path, compression="tiff_lzw", save_all=True, append_images=pages[1:])
+
+
+def test_tiff_with_lzw(tmp_path):
+    pytest.importorskip("imagecodecs")
+    lzw(tmp_path / "a.tif")
+    assert np.array_equal(read_image(tmp_path / "a.tif").values, VALUES)
+
+
+def test_tiff_with_lzw_names_the_package_that_is_missing(tmp_path, monkeypatch):
+    lzw(tmp_path / "a.tif")
+    monkeypatch.setitem(sys.modules, "imagecodecs", None)
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    for name in [name for name in sys.modules if name == "tifffile" or name.startswith("tifffile.")]:
+        monkeypatch.delitem(sys.modules, name)
+    with pytest.raises(VoxelError, match=r"a.tif: is stored in a way \(LZW, 8 bits a voxel\) .*pip install imagecodecs"):
+        read_image(tmp_path / "a.tif")
+    (tmp_path / "a.h5").write_bytes(b"any")
+    with pytest.raises(VoxelError, match="a.h5: the package h5py reads HDF5 files: pip install"):
+        read_image(tmp_path / "a.h5")
 
 
 def test_every_format_is_tested():
