@@ -135,6 +135,8 @@ def read_image(
     part = tuple(keep["xyz".index(a)] for a in axes)
     _check_memory(path, _product(path, [k.stop - k.start for k in part]) * stored.dtype.itemsize)
     values = _clean(path, format_of(path).name, lambda: stored.part(part))
+    if values.shape != tuple(k.stop - k.start for k in part):
+        raise VoxelError(f"{path}: its header says {stored.shape} voxels, and its data do not fit that; copy it again")
     values = values.transpose([axes.index(a) for a in "zyx"[3 - len(axes) :]])
     if values.dtype.byteorder not in "=|":
         values = values.astype(values.dtype.newbyteorder("="))

@@ -69,8 +69,9 @@ def open_tiff(path: Path, layout: Layout) -> Stored:
             except (AttributeError, ImportError, ValueError) as error:
                 if "imagecodecs" in str(error) or isinstance(error, ImportError):
                     raise VoxelError(
-                        f"{path}: is stored in a way ({page.compression.name}, {page.bitspersample} bits a voxel) that the "
-                        "package imagecodecs reads: pip install imagecodecs, or save it in 8 or 16 bits, plain or deflate"
+                        f"{path}: is stored in a way ({page.compression.name}, {page.bitspersample} bits a voxel) that "
+                        "the package imagecodecs reads: pip install imagecodecs, or save it in 8 or 16 bits, plain or "
+                        "with deflate"
                     ) from None
                 raise
 
