@@ -157,10 +157,12 @@ def record_of(case: Case) -> dict[str, Any]:
     said["fluids"] = list(case.fluid_names)
     voxels = case.geometry.voxels
     if voxels is not None:
+        from ..geometry.images.read import axes_of
         from ..scene.image_file import image_of
 
         said["geometry.voxels.file"] = _digest({"image": image_of(voxels).values}).hex()
-        for key in ("array", "axes", "shape", "dtype", "offset", "byte_order", "crop"):  # what lies in the voxels read
+        said["geometry.voxels.axes"] = axes_of(voxels.file, voxels.axes)
+        for key in ("array", "shape", "dtype", "offset", "byte_order"):  # of the file, and not of its voxels
             said.pop(f"geometry.voxels.{key}", None)
     for k, shape in enumerate(case.geometry.shapes):
         if shape.spheres is not None and shape.spheres.file is not None:
