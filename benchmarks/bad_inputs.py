@@ -47,7 +47,7 @@ from isphcli.output.convert_images import write_image
 from isphcli.preflight.check import check
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.place import place_case
-from isphcli.scene.spheres import read_spheres
+from isphcli.scene.sphere_files import read_spheres
 
 LIMIT = 1_500_000_000  # bytes of address space that the inputs may take
 SECONDS = 20  # the largest image here has 100 million voxels

@@ -42,7 +42,7 @@ Exit codes:
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 MILLIDARCY = 9.869233e-16  # m2
 DIGITS = 3  # of a result whose error is not known: 1 % is the best that a lattice of particles has beside walls
-IMAGES = (".npy", ".npz", ".mhd", ".mha", ".raw", ".tif", ".tiff", ".nrrd", ".vtk", ".vti", ".h5", ".png", ".bmp")
+CASES = (".yaml", ".yml", "")
 
 
 class Unusable(ValueError):
@@ -201,12 +201,13 @@ def run(
     Prints permeability in m2 and millidarcy (mean velocities where there is none), what was warned of, the error
     against the case's reference and where the time went; leaves snapshots, history, summary and pictures in the
     output directory (docs/output.md). A directory that holds results is refused unless --restart or --overwrite is
-    given.
+    given. An image in place of CASE is run as it is: its permeability along x to water, one particle a voxel.
 
     \b
     isph run beadpack.yaml
     isph run beadpack.yaml --set particles.spacing=2e-5 --out out/fine --threads 4
     isph run --restart out/beadpack
+    isph run scan.tif --set geometry.voxels.voxel_size=2.25um
     """
     if (case_file is None) == (restart is None):
         raise click.UsageError("give a CASE, or --restart DIR")
@@ -238,34 +239,56 @@ def load(path: Path, overrides: Iterable[str], out: Path | None = None) -> Case:
 
     from .case.load import load_case
 
-    refuse_image(path)
-    case = load_case(path, tuple(overrides))
+    case = case_of_image(path, tuple(overrides)) if is_image(path) else load_case(path, tuple(overrides))
     return case if out is None else replace(case, output=replace(case.output, directory=out.absolute()))
 
 
-def refuse_image(path: Path) -> None:
+def is_image(path: Path) -> bool:
+    """Whether there is an image, or a folder of slices, and no case."""
+    if not path.exists() or (path.is_file() and path.suffix.lower() in CASES):
+        return False
+    from .geometry.images.read import FORMATS, image_shape
+
+    if path.is_dir():  # a folder of results holds pictures too
+        return not (path / "case.yaml").exists() and image_shape(path) is not None
+    return path.suffix.lower() in FORMATS
+
+
+def case_of_image(path: Path, overrides: tuple[str, ...]) -> Case:
+    """A case of an image, with what was assumed on stderr; Unusable, with a case to begin with, where too little is
+    known."""
+    from .geometry.images.image import VoxelError
+    from .scene.first_case import first_case
+
+    try:
+        found = first_case(path, overrides)
+    except VoxelError as error:
+        refuse_image(path, str(error))
+        raise
+    for text in found.assumed:
+        complain(f"assumed: {text}")
+    return found.case
+
+
+def refuse_image(path: Path, reason: str = "") -> None:
     """Raise Unusable for an image where a case is asked for, with a case to begin with."""
-    if path.suffix.lower() not in IMAGES or not path.is_file():
+    if not is_image(path):
         return
     from .geometry.images.read import image_shape
+    from .scene.first_case import case_text
 
     shape = image_shape(path)
+    if reason and shape is None:  # what is wrong with the file is said by its error
+        return
     size = "" if shape is None else f" of {' x '.join(map(str, shape[::-1]))} voxels (x, y, z)"
-    axes = "xyz" if shape is None else "xyz"[: len(shape)]
-    convert = "" if path.suffix.lower() in IMAGES[:4] else (
-        f"\nImages of type {path.suffix.lower()} are not read: save it as npy, npz or mhd first, and name that file."
-    )  # fmt: skip
+    case = path.with_suffix(".yaml")
+    why = f" {reason}\nOr write" if reason else " Write"
     raise Unusable(
-        f"{path}: is an image{size}, not a case. Write what is to be known about it into a file {path.stem}.yaml "
-        f"beside it:\n\n"
-        f"geometry:\n"
-        f"  voxels: {{file: '{path.name}', labels: {{solid: 1, water: 0}}, voxel_size: 5.0e-6}}   # m\n"
-        f"particles: {{spacing: 5.0e-6}}   # m: one particle a voxel\n"
-        f"fluids: {{water: {{density: 1000, viscosity: 1.0e-3}}}}   # kg/m3, Pa s\n"
-        f"flow: stokes\n"
-        f"drive: {{axes: [{', '.join(axes)}]}}\n\n"
+        f"{path}: is an image{size}, not a case.{why} what is to be known about it into a file {case.name} beside "
+        f"it:\n\n"
+        f"{case_text(path, axes=', '.join('xyz' if shape is None else 'xyz'[: len(shape)]))}\n"
         f"with the labels and the voxel size of your image (isph convert-voxels says which values it holds, and makes "
-        f"labels of grey values), then: isph run {path.with_suffix('.yaml')}{convert}"
+        f"labels of grey values), then: isph run {case}"
     )
 
 
@@ -617,61 +640,93 @@ def parser(read: Callable[[str], Any], form: str) -> Callable[[Any, Any, str | N
     return callback
 
 
+def lengths(text: str) -> tuple[float, ...]:
+    """'5um' or '5e-6,5e-6,1e-5' as lengths in m; raises ValueError for what is no length."""
+    from .case.units import number_in
+
+    return tuple(number_in(part, "m") for part in text.split(","))
+
+
 def pairs(text: str, between: str) -> tuple[tuple[int, int], ...]:
     """'a:b,c:d' as ((a, b), (c, d))."""
     split = (part.split(between) for part in text.split(","))
     return tuple((int(first), int(second)) for first, second in split)
 
 
+def threshold_of(text: str) -> str | tuple[float, ...]:
+    """'otsu', or one number or two."""
+    return text if text == "otsu" else numbers(text)
+
+
+def axes_named(text: str) -> tuple[str, ...]:
+    """'x,z' as ('x', 'z')."""
+    found = tuple(text.replace(" ", "").split(","))
+    if not set(found) <= set("xyz") or len(set(found)) < len(found):
+        raise ValueError
+    return found
+
+
 @main.command("convert-voxels", epilog=EXIT_CODES, short_help="Convert an image of rock and say what it holds.")
 @click.argument("source", metavar="IN", type=click.Path(path_type=Path))
 @click.argument("target", metavar="OUT", type=click.Path(path_type=Path))
-@click.option("--threshold", callback=parser(lambda t: numbers(t)[0], "90"), metavar="T",
-              help="Grey values of T and above are solid (1), those below pore (0).")  # fmt: skip
-@click.option("--invert", is_flag=True, help="With --threshold: grey values below T are solid.")
-@click.option("--crop", callback=parser(lambda t: pairs(t, ":"), "0:100,0:100,0:50"), metavar="RANGES",
-              help="Voxels that are kept, x0:x1,y0:y1,z0:z1; the upper ends are left out.")  # fmt: skip
+@click.option("--array", metavar="NAME", help="Which array of a file that holds several (npz, HDF5, VTI, VTK, MATLAB).")
+@click.option("--axes", type=click.Choice(["zyx", "xyz", "zxy", "yxz", "yzx", "xzy"]),
+              help="Directions of the axes of the array of IN, the last one varies fastest. [default: zyx; yxz of "
+              "MATLAB, xyz of Palabos .dat files]")  # fmt: skip
+@click.option("--shape", callback=parser(lambda t: numbers(t, int), "100,100,50"), metavar="X,Y,Z",
+              help="Voxels along x, y, z of a file without a header (raw, dat). [default: by its name]")  # fmt: skip
+@click.option("--dtype", metavar="TYPE", help="Type of the numbers of a raw file, such as uint8 or uint16.")
+@click.option("--offset", type=click.IntRange(0), help="Bytes before the first voxel of a raw file.")
+@click.option("--byte-order", type=click.Choice(["little", "big"]), help="Of a raw file. [default: little]")
+@click.option("--crop", "crop_to", callback=parser(lambda t: pairs(t, ":"), "0:100,0:100,0:50"), metavar="RANGES",
+              help="Voxels that are kept, x0:x1,y0:y1,z0:z1; upper ends left out. Only they are read.")  # fmt: skip
+@click.option("--threshold", callback=parser(threshold_of, "90, 60,120 or otsu"), metavar="T",
+              help="Grey values of T and above are solid (1), those below pore (0). Two values T,U: from U on solid "
+              "(1), between them 2, below T pore (0). otsu: the value that parts the histogram best.")  # fmt: skip
+@click.option("--invert", is_flag=True,
+              help="With --threshold: grey values below T are solid. Without: two labels change places.")  # fmt: skip
 @click.option("--labels", callback=parser(lambda t: dict(pairs(t, "=")), "255=1,7=0"), metavar="OLD=NEW,...",
               help="Replace voxel values.")  # fmt: skip
 @click.option("--solid", callback=parser(lambda t: numbers(t, int), "1,2"), metavar="VALUE,...", default="1",
-              show_default=True, help="Values that are solid, for --downsample and the report.")  # fmt: skip
+              show_default=True, help="Values that are solid, for what follows and the report.")  # fmt: skip
+@click.option("--trim", is_flag=True, help="Cut off the border outside of which all is solid.")
+@click.option("--mirror", callback=parser(axes_named, "x or x,y"), metavar="AXES",
+              help="Let the mirror image follow along these axes.")  # fmt: skip
+@click.option("--connected", type=click.Choice(["x", "y", "z", "any", "largest"]),
+              help="Keep only the pores that lead through along an axis (any: one of them), or the largest; the "
+              "others become solid.")  # fmt: skip
 @click.option(
     "--downsample", type=click.IntRange(1), default=1, metavar="N", help="N x N x N voxels become one."
 )
-@click.option("--voxel-size", callback=parser(numbers, "5e-6 or 5e-6,5e-6,1e-5"), metavar="M",
-              help="Edge of a voxel of IN, m; one number or x,y,z.")  # fmt: skip
-@click.option("--array", metavar="NAME", help="Which array of an npz that holds several.")
-@click.option("--force", is_flag=True, help="Replace OUT (and the raw file of an mhd) where it exists; never IN.")
+@click.option("--voxel-size", callback=parser(lengths, "5e-6, 5um or 5e-6,5e-6,1e-5"), metavar="M",
+              help="Edge of a voxel of IN, m unless a unit is named; one number or x,y,z.")  # fmt: skip
+@click.option("--picture/--no-picture", default=True, help="Draw three slices into OUT_slices.png.  [default: picture]")
+@click.option("--force", is_flag=True,
+              help="Replace OUT (the raw file of an mhd and the picture too) where it exists; never IN.")  # fmt: skip
 @guarded
-def convert_voxels(
-    source: Path,
-    target: Path,
-    threshold: float | None,
-    invert: bool,
-    crop: tuple[tuple[int, int], ...] | None,
-    labels: dict[int, int] | None,
-    solid: tuple[int, ...],
-    downsample: int,
-    voxel_size: tuple[float, ...] | None,
-    array: str | None,
-    force: bool,
-) -> None:
-    """Convert an image of rock (npy, npz, mhd with raw, mha) and say what it holds.
+def convert_voxels(source: Path, target: Path, picture: bool, force: bool, **options: Any) -> None:
+    """Convert an image of rock and say what it holds.
 
-    In this order: crop, threshold, labels, downsample.
+    Reads TIFF, raw, NRRD, HDF5, VTI, VTK, PNG, BMP, MetaImage, npy, npz, Palabos .dat, MATLAB .mat and folders of
+    slices; writes npy, npz, mhd, mha, tif, nrrd and raw. In this order: crop, threshold, invert, labels, trim, mirror,
+    connected, downsample.
 
     \b
-    isph convert-voxels scan.mhd rock.npz --threshold 90
-    isph convert-voxels scan.npy rock.npz --crop 0:200,0:200,0:200 --voxel-size 5.3e-6
-    isph convert-voxels seg.npy rock.mhd --labels 255=1 --downsample 2 --voxel-size 5.3e-6
+    isph convert-voxels scan.tif rock.npz --threshold otsu
+    isph convert-voxels scan.raw rock.npz --shape 1000,1000,1000 --dtype uint16 --crop 0:200,0:200,0:200
+    isph convert-voxels slices/ rock.mhd --threshold 60,120 --connected x --voxel-size 5.3um
+    isph convert-voxels seg.nrrd rock.npz --labels 255=1 --trim --downsample 2
     """
-    if invert and threshold is None:
-        raise click.UsageError("--invert belongs to --threshold")
     set_threads(None)
-    from .output.convert_images import convert
+    from .geometry.images.image import Layout
+    from .geometry.images.raw import DTYPES
+    from .output.convert_images import Conversion, convert
 
-    report = convert(source, target, threshold, invert, crop, labels, solid, downsample, voxel_size, array, force)
-    click.echo(image_lines(report))
+    if options["dtype"] not in (None, *DTYPES):
+        raise click.UsageError(f"--dtype: {options['dtype']} is none of {', '.join(DTYPES)}")
+    layout = Layout(**{name: options.pop(name) for name in ("array", "axes", "shape", "dtype", "offset", "byte_order")})
+    how = Conversion(layout=layout, **{name: value for name, value in options.items() if value is not None})
+    click.echo(image_lines(convert(source, target, how, force, picture)))
 
 
 def image_lines(report: Mapping[str, Any]) -> str:
@@ -680,6 +735,7 @@ def image_lines(report: Mapping[str, Any]) -> str:
     total = sum(report["labels"].values())
     axes = report["percolates"]
     lines = [
+        ("read", report["read"]),
         ("written", report["file"]),
         ("voxels", " x ".join(str(n) for n in report["shape"].values()) + f" ({', '.join(axes)})"),
         (
@@ -689,8 +745,16 @@ def image_lines(report: Mapping[str, Any]) -> str:
         ),
         *(("WARNING", text) for text in report["warnings"]),
     ]
+    if size is not None:
+        edges = (f"{n * s:.4g}" for n, s in zip(report["shape"].values(), size))
+        lines.append(("size", f"{' x '.join(edges)} m ({', '.join(axes)})"))
     if "threshold" in report:
         lines.append(("threshold", report["threshold"]))
+    if "trimmed" in report:
+        cut = " x ".join(map(str, report["trimmed"]))
+        lines.append(("trimmed", f"{cut} voxels of solid border ({', '.join(axes)})"))
+    if "filled" in report:
+        lines.append(("filled", f"{report['filled']} voxels of other pores"))
     for value, count in list(report["labels"].items())[:20]:
         kind = "solid" if value in solid else "pore"
         lines.append((f"value {value}", f"{kind}, {count} voxels, {100 * count / total:.2f} %"))
@@ -709,6 +773,8 @@ def image_lines(report: Mapping[str, Any]) -> str:
         ("through-going", ", ".join(through) if through else "along no axis"),
         ("pockets", f"{report['isolated_pockets']} closed, {report['isolated_volume']:.4g} {unit}"),
     ]
+    if "picture" in report:
+        lines.append(("picture", report["picture"]))
     return table(lines)
 
 

@@ -20,7 +20,7 @@ from isphcli.flow.state import State
 from isphcli.geometry.bodies import ShapeError
 from isphcli.output import restart
 from isphcli.output.restart import RestartError, Saved
-from isphcli.scene.spheres import read_spheres
+from isphcli.scene.sphere_files import read_spheres
 
 BENCHMARK = Path(__file__).parent.parent / "benchmarks" / "bad_inputs.py"
 IMAGE = np.array([[[0, 0, 1], [0, 1, 1]], [[0, 0, 0], [0, 0, 1]]], dtype=np.uint8)
@@ -159,7 +159,7 @@ BAD_CASES = {
     "nan": (GOOD.replace("0.1", ".nan"), "expected a number"),
     "negative": (GOOD.replace("0.1", "-0.1"), "above 0"),
     "too fine": (GOOD.replace("0.1", "1e-300"), "sites"),
-    "a directory as an image": (CASE.format(file="."), "no such file"),
+    "a folder without slices": (CASE.format(file="."), "without slices"),
     "a device as an image": (CASE.format(file="/dev/zero"), "no such file"),
     "a tag that runs code": ("!!python/object/apply:os.system ['true']", "tags"),
     "code as a formula": (GOOD + 'initial: {velocity: ["__import__(\'os\')", "0"]}', "unknown function"),
@@ -171,7 +171,8 @@ BAD_CASES = {
 @pytest.mark.parametrize("name", BAD_CASES)
 def test_a_bad_case_is_refused(tmp_path, name):
     text, word = BAD_CASES[name]
-    refused(isph_run(tmp_path, text), *(("case.yaml",) if name != "spheres without room" else ()), word)
+    without_line = name in ("spheres without room", "a folder without slices")
+    refused(isph_run(tmp_path, text), *(() if without_line else ("case.yaml",)), word)
     assert not (tmp_path / "out").exists()
 
 

@@ -414,6 +414,36 @@ def test_convert_voxels_says_what_it_wrote(folder):
     assert (folder / "rock.npz").exists()
 
 
+def test_convert_voxels_of_a_raw_scan_says_what_was_done(folder):
+    """Layout by options, a size with its unit, steps of the report, a picture beside it."""
+    scan = np.full((4, 6, 8), 200, ">u2")
+    scan[1:3, 2:4, :] = 50
+    (folder / "scan.raw").write_bytes(b"head" + scan.tobytes())
+    words = ["--shape", "8,6,4", "--dtype", "uint16", "--offset", 4, "--byte-order", "big", "--threshold", "otsu",
+             "--trim", "--connected", "x", "--voxel-size", "2um"]
+    done = isph("convert-voxels", "scan.raw", "rock.tif", *words)
+    assert done.exit_code == 0, done.output
+    for text in ("raw, array 4 x 6 x 8, its axes taken as z, y, x", "8 x 2 x 2 (x, y, z)", "2e-06", "(Otsu) is solid",
+                 "1.6e-05 x 4e-06 x 4e-06 m", "0 x 4 x 2 voxels of solid border", "rock_slices.png", "100.00 %"):
+        assert text in done.stdout
+    assert (folder / "rock_slices.png").exists()
+    assert isph("convert-voxels", "rock.tif", "again.npy", "--no-picture").exit_code == 0
+    assert (np.load("again.npy") == 0).all() and not (folder / "again_slices.png").exists()
+
+
+def test_an_image_whose_voxel_size_is_known_runs_by_itself(folder, monkeypatch):
+    image = np.ones((4, 5, 6), np.uint8)
+    image[1:3, 2:4] = 0
+    np.savez("duct.npz", image=image)
+    fake_run(monkeypatch, {"status": "finished"})
+    done = isph("run", "duct.npz", "--set", "geometry.voxels.voxel_size=2um")
+    assert done.exit_code == 0, done.output
+    assert "assumed: voxels of value 1 are solid (80 %), those of 0 pore" in done.stderr
+    assert "assumed: flow along x alone" in done.stderr
+    done = isph("run", "duct.npz")
+    assert done.exit_code == BAD_INPUT and "give it, such as --set geometry.voxels.voxel_size=5um" in done.stderr
+
+
 def test_convert_voxels_relabels(folder):
     np.save("seg.npy", np.array([[0, 255], [255, 255]], np.uint8))
     done = isph("convert-voxels", "seg.npy", "rock.npy", "--labels", "255=1")
@@ -425,7 +455,7 @@ def test_convert_voxels_relabels(folder):
     "words, message",
     [
         (["nosuch.npy", "rock.npy"], "no such file"),
-        (["seg.npy", "rock.tif"], "are not written"),
+        (["seg.npy", "rock.png"], "are not written"),
         (["seg.npy", "nowhere/rock.npy"], "cannot be written"),
         (["seg.npy", "rock.npy", "--crop", "0-3"], "not of the form"),
         (["seg.npy", "rock.npy", "--crop", "0:3,0:99"], "crop y"),
@@ -436,6 +466,14 @@ def test_convert_voxels_relabels(folder):
         (["seg.npy", "rock.npy", "--downsample", "0"], "--downsample"),
         (["seg.npy", "rock.npy", "--downsample", "99"], "downsample 99"),
         (["seg.npy", "rock.npy", "--invert"], "--threshold"),
+        (["seg.npy", "rock.npy", "--threshold", "9,3"], "two that ascend"),
+        (["seg.npy", "rock.npy", "--threshold", "otso"], "not of the form"),
+        (["seg.npy", "rock.npy", "--mirror", "w"], "not of the form"),
+        (["seg.npy", "rock.npy", "--mirror", "z"], "no axis z"),
+        (["seg.npy", "rock.npy", "--connected", "z"], "no pores along 'z'"),
+        (["seg.npy", "rock.npy", "--solid", "0", "--trim"], "all voxels are solid"),
+        (["seg.npy", "rock.npy", "--voxel-size", "5 s"], "not of the form"),
+        (["seg.npy", "rock.npy", "--dtype", "uint9"], "uint9"),
     ],
 )
 def test_convert_voxels_refuses(words, message, folder):

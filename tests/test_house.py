@@ -92,10 +92,10 @@ WITHOUT_TESTS = {  # modules without a file of tests of their own, and what test
     "case.blocks": "declarations: test_reader.py, test_docs.py and test_checks.py beside it read them",
     "flow.state": "data without a function",
     "geometry.protocol": "a protocol: test_shape_geometry.py and test_voxel_geometry.py test its two classes",
-    "geometry.images.image": "test_read.py reads every format",
-    "geometry.images.metaimage": "test_read.py reads every format",
-    "geometry.images.npy": "test_read.py reads every format",
-    "geometry.images.npz": "test_read.py reads every format",
+    **{f"geometry.images.{name}": "test_formats.py and test_read.py read every format" for name in (
+        "hdf", "image", "matlab", "metaimage", "npy", "npz", "nrrd", "palabos", "picture", "raw", "slices", "tiff",
+        "vti", "vtk")},
+    "geometry.lengths": "a table: tests/scene/test_spheres.py and test_formats.py read headers with units",
     "geometry.iso_crossings": "compiled part of iso_surface",
     "geometry.nearest_wall": "compiled part of shape_geometry: its test compares with brute force and labels",
     "geometry.voxel_crossings": "compiled part of voxel_geometry",
@@ -110,7 +110,8 @@ WITHOUT_TESTS = {  # modules without a file of tests of their own, and what test
     "run.steady_case": "test_run.py runs steady cases whole",
     "scene.choose_measures": "test_two_fluid_cases.py runs cases with every measure",
 }
-OF_SEVERAL = {"run.test_failing_runs"}  # tests of what several modules of a room do together
+# tests of what several modules of a room do together
+OF_SEVERAL = {"run.test_failing_runs", "geometry.images.test_formats"}
 
 
 def with_rooms(paths, folder):

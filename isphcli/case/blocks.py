@@ -15,6 +15,8 @@ TimedVector = tuple[Timed, ...]
 AXES = ("x", "y", "z")
 FACES = tuple(f"{axis}_{end}" for axis in AXES for end in ("min", "max"))
 SOLID = "solid"
+ORDERS = ("zyx", "xyz", "zxy", "yxz", "yzx", "xzy")  # of the axes of an image
+DTYPES = ("uint8", "uint16", "uint32", "uint64", "int8", "int16", "int32", "int64", "float32", "float64")
 LATTICES = {2: ("square", "hexagonal"), 3: ("cubic", "bcc")}  # by dimension, the default first
 FLOWS = ("navier_stokes", "stokes")
 SUPPORT, SUPPORT_MOVING_2D = 2.1, 2.3  # defaults, measured: benchmarks/support.py
@@ -96,7 +98,12 @@ class Voxels:
 
     ONE_OF: ClassVar = ("labels", "grey")
 
-    file: Path = key("image file: npy, npz, mhd", input=True)
+    file: Path = key(
+        "image: TIFF, raw, NRRD, HDF5, VTI, VTK, PNG, BMP, MetaImage, npy, npz, Palabos .dat, MATLAB .mat, or a "
+        "folder of TIFF, PNG or BMP slices (docs/formats.md)",
+        input=True,
+        folder=True,
+    )
     labels: Table[tuple[int, ...]] = key(
         "for `solid` and each fluid in the image, the voxel value or values that stand for it",
         default=Table(),
@@ -106,18 +113,38 @@ class Voxels:
     )
     grey: Grey | None = key("how a grey image, which nobody has segmented, is understood", default=None)
     voxel_size: float | Vector | None = key(
-        "edge of a voxel: one number, or one an axis (x, y, z). Without it: that of the file (npz: `voxel_size`, in m; "
-        "mhd: `ElementSpacing`, taken as metres)",
+        "edge of a voxel: one number, or one an axis (x, y, z). Without it: that of the file; where "
+        "that has no unit it is taken as metres",
         default=None,
         unit="m",
         above=0,
         lengths=(2, 3),
     )
-    array: str | None = key("name of the array in an npz that holds several", default=None)
-    axes: str = key(
-        "order of the axes of the array; zyx: x varies fastest, as in raw and mhd images",
-        default="zyx",
-        choices=("zyx", "xyz"),
+    array: str | None = key(
+        "name of the array in a file that holds several (npz, HDF5, VTI, VTK, MATLAB)", default=None
+    )
+    axes: str | None = key(
+        "directions of the axes of the array, the last one varies fastest. Without it: zyx; yxz of MATLAB files (rows, "
+        "columns, slices), xyz of Palabos .dat files",
+        default=None,
+        choices=ORDERS,
+    )
+    shape: tuple[int, ...] | None = key(
+        "voxels along x, y, z of a file without a header (raw, dat). Without it: as its name or a header beside it "
+        "says",
+        default=None,
+        at_least=1,
+        lengths=(2, 3),
+    )
+    dtype: str | None = key(
+        "type of the numbers of a raw file. Without it: as its name or a header beside it says, or one or two unsigned "
+        "bytes where its size fits",
+        default=None,
+        choices=DTYPES,
+    )
+    offset: int | None = key("bytes before the first voxel of a raw file. Without it: none", default=None, at_least=0)
+    byte_order: str | None = key(
+        "byte order of the numbers of a raw file. Without it: little", default=None, choices=("little", "big")
     )
     clear_layer: float | None = key(
         "thickness of the layer of clear fluid added at each end of the axis of flow, where the image is "
@@ -150,10 +177,17 @@ class Spheres:
     ONE_OF: ClassVar = ("file", "random")
 
     file: Path | None = key(
-        "csv of the centres: columns x, y, z and optionally the radius, in this order. A header may say that the last "
-        "is a diameter, and the unit of the lengths, as in x_mm or radius [um]; without one they are in m",
+        "table of the spheres, parted by commas, semicolons, tabs or blanks, or a LAMMPS or LIGGGHTS dump (its last "
+        "step). A header names columns in any order, radius or diameter among them, and perhaps the unit of the "
+        "lengths, as in x_mm or radius [um]; without one they are x, y, z and perhaps the radius, in m",
         default=None,
         input=True,
+    )
+    scale: float | None = key(
+        "length of 1 in the file, such as 1 mm, where no header names a unit. Without it: 1 m",
+        default=None,
+        unit="m",
+        above=0,
     )
     random: int | None = key(
         "number of spheres placed at random (more: from a file)", default=None, at_least=1, at_most=10_000
@@ -258,6 +292,14 @@ class Scene:
     )
     origin: Vector | None = key(
         "lower corner of the box. Without it: zeros", default=None, unit="m", per_axis=True
+    )
+    clear_layer: float | None = key(
+        "thickness of the layer of clear fluid added at each end of the axis of flow of a box that does not repeat "
+        "along it, such as a pack of spheres; the permeability is that of the pack without the layers. Spheres of a "
+        "file whose centre lies beyond the ends are left out. Without it: none",
+        default=None,
+        unit="m",
+        above=0,
     )
     fluid: str | None = key("what fills the box before the shapes. Without it: the first fluid", default=None)
     shapes: tuple[Shape, ...] = key("regions of the box, later ones on top of earlier ones", default=())

@@ -28,6 +28,10 @@ PARAMETERS = {
     "oscillating_slit": ("acceleration", "omega"),
     "oscillating_pipe": ("acceleration", "omega"),
 }
+NAMED_ARRAYS = (".npz", ".h5", ".hdf5", ".vti", ".vtk", ".mat")
+WITHOUT_SIZE = (".npy", ".png", ".bmp", ".dat")  # images that never tell the size of a voxel
+HEADERLESS = {"shape": (".raw", ".bin", ".dat"), "dtype": (".raw", ".bin"), "offset": (".raw", ".bin"),
+              "byte_order": (".raw", ".bin")}  # fmt: skip
 OF_A_FORCE = ("poiseuille", "startup_poiseuille", "two_layer_poiseuille")  # solutions that a given force makes
 FEWEST_STEPS = 10  # in which blocks may return to their volume: each brings back a tenth of what they are off
 MAX_SITES = 1e9  # of the lattice: far above what a machine holds, so the lengths must be mistaken
@@ -108,11 +112,13 @@ class _Checks:
             return
         geometry = self.case.geometry
         if geometry.voxels:
-            for name in ("origin", "fluid", "shapes", "walls"):
+            for name in ("origin", "clear_layer", "fluid", "shapes", "walls"):
                 if getattr(geometry, name):
                     self.bad(f"geometry.{name}", "belongs to a box, not to voxels", "remove it")
         elif geometry.fluid is not None:
             self._fluid_name(geometry.fluid, "geometry.fluid")
+        if geometry.clear_layer is not None and not self.case.drive:
+            self.bad("geometry.clear_layer", "there is no axis of flow", "give drive, or remove it")
         refused = "exact" if geometry.voxels else "stairs"
         if geometry.wall_distance == refused:
             what = "voxels have no exact walls" if geometry.voxels else "only voxels have stairs"
@@ -131,14 +137,19 @@ class _Checks:
             if not set(voxels.labels) - {SOLID}:
                 self.bad(f"{path}.labels", "no voxel is fluid", "add the name of a fluid and its value")
             self._labels_differ(voxels.labels, f"{path}.labels")
-        if voxels.array is not None and voxels.file.suffix != ".npz":
-            self.bad(f"{path}.array", "only an npz holds named arrays", "remove it")
+        suffix = voxels.file.suffix.lower() if voxels.file is not None else ""
+        if voxels.array is not None and suffix not in NAMED_ARRAYS:
+            self.bad(f"{path}.array", f"only {', '.join(NAMED_ARRAYS)} files hold named arrays", "remove it")
+        for name, suffixes in HEADERLESS.items():
+            if getattr(voxels, name) is not None and voxels.file is not None and suffix not in suffixes:
+                self.bad(f"{path}.{name}", f"is of files without a header ({', '.join(suffixes)})", "remove it")
         for axis, (first, end) in zip(AXES, voxels.crop or ()):
             if first >= end:
                 self.bad(f"{path}.crop", f"keeps nothing along {axis}", "each range is [first, end)")
         size = voxels.voxel_size
-        if size is None and voxels.file is not None and voxels.file.suffix.lower() == ".npy":
-            self.bad(f"{path}.voxel_size", "is missing, and an npy holds none", "give the edge of a voxel, in m")
+        if size is None and suffix in WITHOUT_SIZE:
+            self.bad(f"{path}.voxel_size", f"is missing, and a{'n' * (suffix == '.npy')} {suffix[1:]} holds none",
+                     "give the edge of a voxel, in m")
         if voxels.crop and isinstance(size, tuple) and len(size) != len(voxels.crop):
             self.bad(f"{path}.crop", f"has {len(voxels.crop)} ranges, voxel_size has {len(size)} numbers")
 
@@ -332,9 +343,10 @@ class _Checks:
         """In a box a flow from face to face needs a periodic axis; an image gets clear layers instead."""
         if self.case.geometry.box is None or not self.dim or not self.clear("geometry.periodic"):
             return
-        for axis in axes:
+        for axis in axes if self.case.geometry.clear_layer is None else ():
             if axis not in self.case.geometry.periodic:
-                self.bad(path, f"{axis} ends at walls", f"add {axis} to geometry.periodic")
+                fix = f"add {axis} to geometry.periodic, or give geometry.clear_layer"
+                self.bad(path, f"{axis} ends at walls", fix)
 
     def formulas(self) -> None:
         if not self.case.initial or not self.clear("initial") or not self.dim:

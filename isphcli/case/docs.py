@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from . import units
 from .blocks import Case, plain
 from .reader import Declared, Key, Table, describe, is_block, keys_of, options
 
@@ -21,12 +22,13 @@ _INTRODUCTION = """\
 
 Generated from `isphcli/case/blocks.py` by `python -m isphcli.case.docs`: do not edit.
 
-A case is a YAML file of nested blocks. A block that is absent switches its physics off. Units are SI, or
-any consistent set. Every key can be set on the command line, `--set particles.spacing=1e-5`; items of
-lists go by their number, `--set geometry.shapes.0.sphere.radius=0.1`; `null` stands for an absent key.
-Paths of inputs start from the directory of the case file, `output.directory` from the working directory.
-`docs/case.schema.json` gives editors completion and checks: put
-`# yaml-language-server: $schema=<path to it>` at the head of the file.
+A case is a YAML file of nested blocks. A block that is absent switches its physics off. Bare numbers are in the unit
+that stands in the table (SI), or in any consistent set; a number with a unit is converted to that of its key:
+`voxel_size: 2.25 um`, `viscosity: 1 cP`, `tension: 30 mN/m`, `pressure_drop: {x: 1 kPa}`. Every key can be set on the
+command line, `--set particles.spacing=1e-5`; items of lists go by their number, `--set
+geometry.shapes.0.sphere.radius=0.1`; `null` stands for an absent key. Paths of inputs start from the directory of the
+case file, `output.directory` from the working directory. `docs/case.schema.json` gives editors completion and checks:
+put `# yaml-language-server: $schema=<path to it>` at the head of the file.
 """
 
 
@@ -153,6 +155,8 @@ def _option(hint: Any, spec: Key) -> dict[str, Any]:
         return {"enum": list(spec.choices)}
     if spec.formula:
         return {"type": ["string", "number"]}
+    if hint is float and spec.unit:
+        return {"type": ["number", "string"], "pattern": f"^{units.NUMBER}\\s*{units.UNIT}$", **_bounds(spec)}
     return {"type": _JSON_TYPES[hint], **(_bounds(spec) if hint in (int, float) else {})}
 
 

@@ -209,9 +209,9 @@ def walls_move(case: Case) -> bool:
 
 
 def opens(case: Case, axis: int) -> bool:
-    """Whether fluid can leave the box along an axis: it repeats, or is an image with clear layers."""
-    voxels = case.geometry.voxels
-    return "xyz"[axis] in case.geometry.repeats or (voxels is not None and voxels.clear_layer != 0)
+    """Whether fluid can leave the box along an axis: it repeats, or has clear layers."""
+    voxels, layer = case.geometry.voxels, case.geometry.clear_layer
+    return "xyz"[axis] in case.geometry.repeats or (layer is not None if voxels is None else voxels.clear_layer != 0)
 
 
 def why_closed(case: Case, *axes: int) -> str:

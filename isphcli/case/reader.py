@@ -19,7 +19,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from . import expressions
+from . import expressions, units
 from .yaml import Node, Report, Where, as_key, shown
 
 V = TypeVar("V")
@@ -48,6 +48,7 @@ class Key:
     unique: bool = False
     formula: tuple[str, ...] = ()  # text is one for `expressions`, of these variables
     input: bool = False  # a file that must exist
+    folder: bool = False  # which may be a folder
 
 
 def key(doc: str, *, default: Any = MISSING, factory: Any = MISSING, **spec: Any) -> Any:
@@ -264,7 +265,8 @@ class Reader:
 
     def _scalar(self, hint: Any, node: Node, path: str, spec: Key) -> Any:
         kinds = [kind for kind in _SCALARS if kind in options(hint)]
-        if str in kinds and _number(node.text) is None:
+        measured = bool(spec.unit) and units.is_quantity(node.text)
+        if str in kinds and _number(node.text) is None and not (float in kinds and measured):
             kinds = [str]
         if kinds:
             return getattr(self, _CONVERT[kinds[0]])(node, path, spec)
@@ -286,6 +288,8 @@ class Reader:
 
     def _float(self, node: Node, path: str, spec: Key) -> float:
         value = _number(node.text)
+        if value is None and units.is_quantity(node.text):
+            value = self._with_unit(node, path, spec)
         if value is None:
             unit = f", in {spec.unit}" if spec.unit else ""
             raise self._bad(
@@ -303,6 +307,17 @@ class Reader:
                 raise self._bad(node, path, f"must be {words} {limit:g}, found {_found(node)}")
         return value
 
+    def _with_unit(self, node: Node, path: str, spec: Key) -> float:
+        if not spec.unit:
+            raise self._bad(node, path, f"{_found(node)} has a unit, and this number has none", "give the number alone")
+        try:
+            return units.number_in(node.text, spec.unit)
+        except units.UnitError as error:
+            fix = f"give it in {spec.unit} or a unit of the same kind, such as {_example(spec.unit)}"
+            if spec.formula:
+                fix += f"; a formula has a sign between its parts (2*{spec.formula[0]})"
+            raise self._bad(node, path, str(error), fix) from None
+
     def _str(self, node: Node, path: str, spec: Key) -> str:
         text = node.text
         if spec.choices and text not in spec.choices:
@@ -318,7 +333,7 @@ class Reader:
         """Inputs are relative to the case file, outputs to the working directory."""
         base = self.directory if spec.input else Path()
         value = os.path.abspath(base / node.text)
-        if spec.input and not os.path.isfile(value):
+        if spec.input and not os.path.isfile(value) and not (spec.folder and os.path.isdir(value)):
             raise self._bad(node, path, f"no such file: {value}", "paths start from the case file")
         return Path(value)
 
@@ -349,6 +364,14 @@ def suggest(name: str, known: Iterable[str]) -> str:
     known = list(known)
     near = closest(name, known)
     return f"did you mean {near!r}?" if near else f"known are {', '.join(known)}"
+
+
+_EXAMPLES = {"m": "2.25 um", "m/s": "1 mm/s", "m/s2": "9.81 m/s2", "kg/m3": "1 g/cm3", "Pa s": "1 cP", "m2/s": "1 cSt",
+             "N/m": "30 mN/m", "Pa": "1 kPa", "s": "5 ms", "rad/s": "10 rad/s", "degrees": "1.2 rad"}  # fmt: skip
+
+
+def _example(unit: str) -> str:
+    return _EXAMPLES.get(unit, f"1 {unit}")
 
 
 def _number(text: str) -> float | None:

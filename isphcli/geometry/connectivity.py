@@ -38,7 +38,9 @@ def components(fluid: np.ndarray, periodic: tuple[bool, ...]) -> tuple[np.ndarra
     raw, n_raw = ndimage.label(fluid)
     edges = _periodic_edges(raw, periodic)
     n, owner, winding = merge_periodic(n_raw, edges, dim)
-    labels = np.concatenate([[0], owner + 1]).astype(raw.dtype)[raw]
+    labels, owners = raw, np.concatenate([[0], owner + 1]).astype(raw.dtype)
+    for layer in labels if len(edges) else ():  # in place: the labels are the largest array of an image
+        layer[...] = owners[layer]
     percolates = np.zeros((n + 1, dim), dtype=bool)
     percolates[1:] = winding
     for axis in range(dim):
@@ -53,7 +55,9 @@ def report(fluid: np.ndarray, periodic: tuple[bool, ...], cell_volume: float = 1
     """Porosity, components, percolation and pockets of a fluid mask [z, y, x] or [y, x]; see `components`."""
     fluid = np.asarray(fluid, dtype=bool)
     labels, n, percolates = components(fluid, periodic)
-    size = np.bincount(labels.ravel(), minlength=n + 1)
+    size = np.zeros(n + 1, dtype=np.int64)
+    for layer in labels:  # np.bincount makes eight bytes of every cell
+        size += np.bincount(layer.ravel(), minlength=n + 1)
     size[0] = 0
     isolated = np.logical_not(percolates.any(axis=1))
     isolated[0] = False

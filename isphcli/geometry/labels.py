@@ -86,7 +86,9 @@ def apply_labels(
 def _histogram(values: np.ndarray) -> dict[int, int]:
     """{value: voxels}, ascending."""
     if values.dtype.itemsize <= 2 and values.dtype.kind == "u":
-        counts = np.bincount(values.ravel())
+        counts = np.zeros(256**values.dtype.itemsize, np.int64)
+        for layer in values:  # np.bincount makes eight bytes of every voxel
+            counts += np.bincount(layer.ravel(), minlength=len(counts))
         return {int(v): int(counts[v]) for v in np.flatnonzero(counts)}
     found, counts = np.unique(values, return_counts=True)
     return {int(v): int(n) for v, n in zip(found, counts)}

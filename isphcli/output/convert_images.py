@@ -1,109 +1,205 @@
-"""Writes images, and converts them: crop, threshold, relabel, coarsen (`isph convert-voxels`)."""
+"""Writes images, and converts them: from a scan to labels (`isph convert-voxels`)."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..geometry.connectivity import report
-from ..geometry.images.image import SPACING, VoxelError, _sizes, _smallest
+from ..geometry.image_steps import connected_part, inverted, is_fluid, thresholded, trimmed
+from ..geometry.images.image import SPACING, Layout, VoxelError, _sizes, _smallest
 from ..geometry.images.metaimage import META_TYPES
 from ..geometry.images.read import read_image
 from ..geometry.images.voxel_size import known_spacing, voxel_size_of
-from ..geometry.labels import _counts, _histogram, crop
+from ..geometry.labels import _counts, _histogram, mirrored
 from .files import replacing
 
 
 def write_image(path: str | Path, values: np.ndarray, spacing: Sequence[float] | None = None) -> None:
-    """Write an npy, npz, mhd (with a raw file) or mha file; spacing (x, y(, z)) is kept, but not by npy.
+    """Write an image [z, y, x] or [y, x]; spacing (x, y(, z)), m, is kept by all formats but npy and raw.
 
     Each file appears whole or not at all, the raw file before the mhd that names it. What is there is replaced.
     """
     path, values = Path(path), np.ascontiguousarray(values)
-    suffix = path.suffix.lower()
     if values.dtype == bool:
         values = values.astype(np.uint8)
-    if suffix not in (".npy", ".npz", ".mhd", ".mha"):
-        raise VoxelError(f"{path}: '{path.suffix}' images are not written; give npy, npz, mhd or mha")
+    write = _writer(path)
+    with writing(path):
+        write(path, values, spacing)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """What goes wrong while a file is written becomes a VoxelError."""
     try:
-        if suffix == ".npy":
-            with replacing(path) as temporary, open(temporary, "wb") as file:
-                np.save(file, values, allow_pickle=False)
-        elif suffix == ".npz":
-            extra: dict[str, Any] = {} if spacing is None else {SPACING: np.asarray(spacing, dtype=float)}
-            with replacing(path) as temporary, open(temporary, "wb") as file:
-                np.savez_compressed(file, image=values, **extra)
-        else:
-            _write_meta(path, values, spacing)
+        yield
     except OSError as error:
         raise VoxelError(f"{path}: cannot be written ({error.strerror or error}); check the folder") from None
 
 
-def convert(
-    source: str | Path,
-    target: str | Path,
-    threshold: float | None = None,
-    invert: bool = False,
-    crop_to: Sequence[Sequence[int]] | None = None,
-    labels: Mapping[int, int] | None = None,
-    solid: int | Sequence[int] = 1,
-    downsample: int = 1,
-    voxel_size: float | Sequence[float] | None = None,
-    array: str | None = None,
-    force: bool = False,
-) -> dict[str, Any]:
-    """Read, crop, threshold, relabel, coarsen and write an image; returns what it holds.
+def _writer(path: Path) -> Callable[[Path, np.ndarray, Sequence[float] | None], None]:
+    writers = {".npy": _write_npy, ".npz": _write_npz, ".mhd": _write_meta, ".mha": _write_meta, ".tif": _write_tiff,
+               ".tiff": _write_tiff, ".nrrd": _write_nrrd, ".raw": _write_raw}
+    if path.suffix.lower() not in writers:
+        known = ", ".join(suffix[1:] for suffix in writers)
+        raise VoxelError(f"{path}: '{path.suffix}' images are not written; give {known}")
+    return writers[path.suffix.lower()]
 
-    crop_to: ranges along x, y(, z). threshold: a grey value >= threshold is solid (1), the rest pore (0);
-    invert turns that round. labels: {old value: new value}. solid: values that are solid afterwards.
-    downsample: edge of the blocks that become one voxel, solid if more than half is, then the most frequent
-    value; incomplete blocks at the upper ends are cut off. voxel_size: m, of the source image, where its file
-    has none or a wrong one. force: replace the target (an mhd: its raw file too) where it exists.
+
+def _write_npy(path: Path, values: np.ndarray, spacing: Sequence[float] | None) -> None:
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        np.save(file, values, allow_pickle=False)
+
+
+def _write_npz(path: Path, values: np.ndarray, spacing: Sequence[float] | None) -> None:
+    extra: dict[str, Any] = {} if spacing is None else {SPACING: np.asarray(spacing, dtype=float)}
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        np.savez_compressed(file, image=values, **extra)
+
+
+def _write_raw(path: Path, values: np.ndarray, spacing: Sequence[float] | None) -> None:
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        values.astype(values.dtype.newbyteorder("<"), copy=False).tofile(file)
+
+
+def _write_tiff(path: Path, values: np.ndarray, spacing: Sequence[float] | None) -> None:
+    """With the size of a voxel as ImageJ keeps it, in micrometres, where the type is one of ImageJ."""
+    import tifffile
+
+    options: dict[str, Any] = {}
+    if spacing is not None and values.dtype in ("u1", "u2", "f4"):
+        edges = [s * 1e6 for s in spacing]
+        options = {"imagej": True, "resolution": (1.0 / edges[0], 1.0 / edges[1]),
+                   "metadata": {"unit": "um", **({"spacing": edges[2]} if len(edges) == 3 else {})}}
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        tifffile.imwrite(file, values, **options)
+
+
+def _write_nrrd(path: Path, values: np.ndarray, spacing: Sequence[float] | None) -> None:
+    import nrrd
+
+    header: dict[str, Any] = {"encoding": "gzip"}
+    if spacing is not None:
+        dim = values.ndim
+        header |= {"space dimension": dim, "space directions": np.diag(spacing), "space units": ["m"] * dim}
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        nrrd.write(file, values, header, index_order="C")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conversion:
+    """How an image is read and changed, in this order.
+
+    layout: of the file; crop_to: ranges along x, y(, z). threshold: grey values from it on are solid (1), others pore
+    (0); of two, those between are 2; 'otsu'. invert: the other way round; without a threshold two labels are exchanged.
+    labels: {old value: new value}. solid: values that are solid from here on. trim: cut off what is solid outside of
+    the pores. mirror: axes along which the mirror image follows. connected: which pores are kept, see
+    `image_steps.connected_part`. downsample: edge of the blocks that become one voxel, solid if more than half is, then
+    the most frequent value; incomplete blocks at the upper ends are cut off. voxel_size: m, of the source image, where
+    its file has none or a wrong one.
+    """
+
+    layout: Layout = field(default_factory=Layout)
+    crop_to: Sequence[Sequence[int]] | None = None
+    threshold: float | Sequence[float] | str | None = None
+    invert: bool = False
+    labels: Mapping[int, int] = field(default_factory=dict)
+    solid: int | Sequence[int] = 1
+    trim: bool = False
+    mirror: Sequence[str] = ()
+    connected: str | None = None
+    downsample: int = 1
+    voxel_size: float | Sequence[float] | None = None
+
+
+def convert(source: str | Path, target: str | Path, how: Conversion | None = None, force: bool = False,
+            picture: bool = False) -> dict[str, Any]:
+    """Read an image, change and write it; returns what it holds.
+
+    force: replace the target (an mhd: its raw file too) where it exists. picture: draw three slices into
+    `slices_picture` of the target.
 
     Raises VoxelError; nothing was written then. The source is never written over.
     """
+    how, target = how or Conversion(), Path(target)
+    files = [*written_files(target), *([slices_picture(target)] if picture else [])]
     if Path(source).exists():
-        _refuse_input(source, None, target)
-    _refuse_existing(target, force)
-    image = read_image(source, array, grey=threshold is not None)
-    _refuse_input(source, image.info.get("ElementDataFile"), target)
-    values = crop(image.values, crop_to, source)
-    if threshold is not None:
-        values = ((values >= threshold) != invert).astype(np.uint8)
-    values = _relabelled(values, labels or {}, source)
-    solids = sorted({int(v) for v in np.ravel(np.asarray(solid))})
+        _refuse_input(source, None, files)
+    _refuse_existing(files, force)
+    _writer(target)
+    image = read_image(source, grey=how.threshold is not None, layout=how.layout, crop=how.crop_to)
+    _refuse_input(source, image.info.get("ElementDataFile"), files)
+    values, facts = _changed(image.values, how, source)
+    solids = _solids(how)
     spacing, whence, notes = known_spacing(image), "", image.warnings
-    if voxel_size is not None or spacing is not None:
-        given = None if voxel_size is None else _sizes(voxel_size, values.ndim, source)
+    if how.voxel_size is not None or spacing is not None:
+        given = None if how.voxel_size is None else _sizes(how.voxel_size, values.ndim, source)
         edges, whence, more = voxel_size_of(image, given, source)
         spacing, notes = tuple(float(s) for s in edges), notes + more
-    values = _coarsened(values, int(downsample), solids, source)
+    values = _coarsened(values, int(how.downsample), solids, source)
     if spacing is not None:
-        spacing = tuple(s * int(downsample) for s in spacing)
+        spacing = tuple(s * int(how.downsample) for s in spacing)
     write_image(target, values, spacing)
-    fluid = ~np.isin(values, solids)
+    if picture:
+        from .image_slices import plot_slices
+
+        with writing(slices_picture(target)):
+            plot_slices(slices_picture(target), values, solids, spacing, target.name)
+    fluid = is_fluid(values, solids)
     cell = 1.0 if spacing is None else float(np.prod(spacing[: values.ndim]))
     found = report(fluid, (False,) * values.ndim, cell)
-    axes = "xyz"[: values.ndim]
-    rule = f"grey {'<' if invert else '>='} {threshold} is solid"
+    axes, labels = "xyz"[: values.ndim], _histogram(values)
+    if not set(labels) & set(solids):
+        notes += (f"no voxel is solid (--solid {','.join(map(str, solids))}): it holds {_counts(labels)}; name the "
+                  "values that are with --solid, or make them 1 with --labels",)  # fmt: skip
     return {
         "file": str(target),
+        "read": f"{image.info.get('format', '')}, array {' x '.join(map(str, image.whole))}, its axes taken as "
+                f"{', '.join(image.axes)}",
         "shape": dict(zip(axes, values.shape[::-1])),
         "voxel_size": spacing,
         "voxel_size_from": whence,
         "warnings": notes,
-        **({"threshold": rule} if threshold is not None else {}),
+        **facts,
+        **({"picture": str(slices_picture(target))} if picture else {}),
         "solid": solids,
         **asdict(found),
         "percolates": dict(zip(axes, found.percolates)),
         "percolating_porosity": dict(zip(axes, found.percolating_porosity)),
-        "labels": _histogram(values),
-    }
+        "labels": labels,
+    }  # fmt: skip
+
+
+def _solids(how: Conversion) -> list[int]:
+    return sorted({int(v) for v in np.ravel(np.asarray(how.solid))})
+
+
+def _changed(values: np.ndarray, how: Conversion, source: str | Path) -> tuple[np.ndarray, dict[str, Any]]:
+    """The labels before they are made coarser, and what is to be said of the steps."""
+    facts: dict[str, Any] = {}
+    solids = _solids(how)
+    if how.threshold is not None:
+        limits = how.threshold if isinstance(how.threshold, (str, Sequence)) else (how.threshold,)
+        values, facts["threshold"] = thresholded(values, limits, how.invert, source)
+    elif how.invert:
+        values = inverted(values, source)
+    values = _relabelled(values, how.labels, source)
+    if how.trim:
+        values, cut = trimmed(values, solids, source)
+        facts["trimmed"] = cut
+    absent = set(how.mirror) - set("xyz"[: values.ndim])
+    if absent:
+        raise VoxelError(f"{source}: an image of {values.ndim} dimensions has no axis {', '.join(sorted(absent))}")
+    values = mirrored(values, how.mirror)
+    if how.connected is not None:
+        values, facts["filled"] = connected_part(values, solids, how.connected, source)
+    return values, facts
 
 
 def _relabelled(values: np.ndarray, labels: Mapping[int, int], path: str | Path) -> np.ndarray:
@@ -180,16 +276,22 @@ def written_files(path: str | Path) -> list[Path]:
     return [path, path.with_suffix(".raw")] if path.suffix.lower() == ".mhd" else [path]
 
 
-def _refuse_existing(target: str | Path, force: bool) -> None:
-    for path in written_files(target):
+def slices_picture(target: str | Path) -> Path:
+    """Where the picture of three slices of a converted image goes."""
+    target = Path(target)
+    return target.with_name(f"{target.stem}_slices.png")
+
+
+def _refuse_existing(files: Sequence[Path], force: bool) -> None:
+    for path in files:
         if os.path.lexists(path) and not force:
             raise VoxelError(f"{path}: exists; choose another name, or replace it with --force")
 
 
-def _refuse_input(source: str | Path, data_file: str | None, target: str | Path) -> None:
+def _refuse_input(source: str | Path, data_file: str | None, files: Sequence[Path]) -> None:
     """No image is replaced by what is made of it, under whatever name; data_file: of an mhd, beside it."""
     source = Path(source)
     read = [source] if data_file in (None, "LOCAL") else [source, source.parent / str(data_file)]
-    for path in written_files(target):
+    for path in files:
         if any(path.exists() and path.samefile(given) for given in read):
             raise VoxelError(f"{path}: is read from, and cannot be written over; choose another name")

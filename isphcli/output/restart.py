@@ -157,11 +157,13 @@ def record_of(case: Case) -> dict[str, Any]:
     said["fluids"] = list(case.fluid_names)
     voxels = case.geometry.voxels
     if voxels is not None:
-        from ..geometry.images.read import read_image
+        from ..geometry.images.read import axes_of
+        from ..scene.image_file import image_of
 
-        values = np.ascontiguousarray(read_image(voxels.file, voxels.array).values)
-        said["geometry.voxels.file"] = _digest({"image": values}).hex()
-        said.pop("geometry.voxels.array", None)
+        said["geometry.voxels.file"] = _digest({"image": image_of(voxels).values}).hex()
+        said["geometry.voxels.axes"] = axes_of(voxels.file, voxels.axes)
+        for key in ("array", "shape", "dtype", "offset", "byte_order"):  # of the file, and not of its voxels
+            said.pop(f"geometry.voxels.{key}", None)
     for k, shape in enumerate(case.geometry.shapes):
         if shape.spheres is not None and shape.spheres.file is not None:
             with open(shape.spheres.file, "rb") as file:

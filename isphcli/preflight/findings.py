@@ -93,13 +93,14 @@ def resolution_findings(result: CheckReport, geometry: Geometry, lattice: Lattic
                     f"the spacing {spacing:g} does not divide the voxel size {size:g}: particles lie "
                     f"differently to the walls from voxel to voxel; take particles.spacing {fits:.6g}"
                 )
-        layer = float(np.max(geometry.sample_lower - geometry.lower))
-        added = any(p and a not in case.geometry.repeats for a, p in zip(AXES, geometry.periodic))
-        if added and layer < case.support * spacing * (1 - TINY):
-            yield (
-                f"the clear layer, {layer:g}, is thinner than the support {case.support * spacing:.3g}: the "
-                "two ends of the image see each other; make geometry.voxels.clear_layer larger"
-            )
+    layer = float(np.max(geometry.sample_lower - geometry.lower))
+    added = any(p and a not in case.geometry.repeats for a, p in zip(AXES, geometry.periodic))
+    if added and layer < case.support * spacing * (1 - TINY):
+        what, key = ("image", "geometry.voxels.clear_layer") if voxels is not None else ("pack", "geometry.clear_layer")
+        yield (
+            f"the clear layer, {layer:g}, is thinner than the support {case.support * spacing:.3g}: the "
+            f"two ends of the {what} see each other; make {key} larger"
+        )
     stretch = (
         lattice.cell
         / spacing

@@ -68,9 +68,11 @@ def scene_entries(case: Case, geometry: Geometry, particles: Particles, cells: f
     image = None
     lower, upper = sample_box(geometry)
     if case.geometry.voxels is not None:
+        from ..geometry.images.read import axes_of
+
         voxel = np.asarray(geometry.voxel_size)
         image = {"size": np.array([s.stop - s.start for s in sample_voxels(geometry)[::-1]]), "voxel_size": voxel,
-                 "axes": case.geometry.voxels.axes}
+                 "axes": axes_of(case.geometry.voxels.file, case.geometry.voxels.axes)}
     return {"inputs": [f"{name}: {text}" for name, text in geometry.described], "image": image,
             "porosity": cells * particles.site_volume / float(np.prod(upper - lower)),
             "open_axes": seen.open_axes if geometry.has_solid else None, "throats": seen.throats}

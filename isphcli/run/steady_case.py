@@ -109,7 +109,8 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
     automatic = case.refine == "auto"
     with clock("geometry"), progress.stage("geometry", quiet):
         first = build_geometry(case)
-    sealed = first.voxel_size is not None and not all(_periodic_of(case, first.dim))
+    layered = first.voxel_size is not None or case.geometry.clear_layer is not None
+    sealed = layered and not all(_periodic_of(case, first.dim))
     axes = drives(case, first)
     job = Job(case, {axis: first for axis, _ in axes[:1]}, axes, sealed, clock, quiet)
     if job.driven and not any(opens(case, axis) for axis in job.driven):

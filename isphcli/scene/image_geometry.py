@@ -11,11 +11,11 @@ import numpy as np
 
 from ..domain.lattice import ParticleError
 from ..geometry.clear_layer import clear_voxels
-from ..geometry.images.image import VoxelError
-from ..geometry.images.read import read_image
+from ..geometry.images.image import Image, VoxelError
 from ..geometry.images.voxel_size import COARSE, voxel_size_of
-from ..geometry.labels import ClearLayers, apply_labels, crop, faces_that_differ, mirrored
+from ..geometry.labels import ClearLayers, apply_labels, faces_that_differ, mirrored
 from . import memory
+from .image_file import image_of
 
 if TYPE_CHECKING:
     from ..case.blocks import Case, Grey, Voxels
@@ -40,6 +40,11 @@ class Understood:
     denoise: float = 0.0
 
 
+def _along_xyz(image: Image) -> list[int]:
+    """Voxels along x, y(, z) of the whole array in the file."""
+    return [image.whole[image.axes.index(a)] for a in "xyz"[: len(image.axes)]]
+
+
 def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
     """Geometry of the image of a case; axis: of flow, which gets the clear layers, or None.
 
@@ -52,15 +57,13 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
     spec = case.geometry.voxels
     assert spec is not None
     memory.refuse_image(case)
-    image = read_image(spec.file, spec.array, grey=spec.grey is not None)
-    values = image.values.transpose() if spec.axes == "xyz" else image.values
-    whole = values.shape
-    values = mirrored(crop(values, spec.crop, spec.file), case.geometry.mirror)
+    image = image_of(spec)
+    values = mirrored(image.values, case.geometry.mirror)
     periodic = ["xyz"[a] in case.geometry.repeats for a in range(values.ndim)]
     understood = _understood(case, spec, values, periodic)
     labels = understood.labels
     check_dimension(case, labels.ndim)
-    size, whence, odd = voxel_size_of(image, spec.voxel_size, spec.file, spec.axes)
+    size, whence, odd = voxel_size_of(image, spec.voxel_size, spec.file)
     clear = added = 0
     if axis is not None and not periodic[axis]:
         clear = _clear_voxels(case, labels, axis, np.broadcast_to(size, labels.ndim), periodic)
@@ -97,10 +100,10 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
     )
     geometry.described = (
         ("image", f"{_product(labels.shape[::-1])} voxels along {', '.join('xyz'[: labels.ndim])}"
-                  + (f", cropped from {_product(whole[::-1])}" if spec.crop else "")
+                  + (f", cropped from {_product(_along_xyz(image))}" if spec.crop else "")
                   + (f", with the mirror image along {', '.join(case.geometry.mirror)}" if case.geometry.mirror else "")
-                  + f"; {name} is an array {_product(image.values.shape)}, its axes taken as "
-                  + f"{', '.join(spec.axes if labels.ndim == 3 else spec.axes.replace('z', ''))}"),
+                  + f"; {name} is an array {_product(image.whole)}, its axes taken as "
+                  + ", ".join(image.axes)),
         ("voxel size", f"{_product(geometry.voxel_size)} m, {whence}"),
         ("porosity", f"{100 * porosity:.2f} % of the image's voxels ({understood.words})"),
         *understood.described,
@@ -176,8 +179,7 @@ def threshold_of(spec: Voxels) -> float:
     assert spec.grey is not None
     if not isinstance(spec.grey.threshold, str):
         return spec.grey.threshold
-    image = read_image(spec.file, spec.array, grey=True)
-    return otsu_threshold(crop(image.values.transpose() if spec.axes == "xyz" else image.values, spec.crop, spec.file))
+    return otsu_threshold(image_of(spec).values)
 
 
 SI_DENSITY = (300.0, 20_000.0)  # kg/m3 of liquids: a case that has one counts in SI units and not in its own
@@ -189,7 +191,7 @@ def image_voxel_size(spec: Voxels) -> np.ndarray:
     """Edges of a voxel of an image of a case, m: those of the case, else of its file."""
     if spec.voxel_size is not None:
         return np.ravel(spec.voxel_size)
-    return voxel_size_of(read_image(spec.file, spec.array, grey=spec.grey is not None), None, spec.file, spec.axes)[0]
+    return voxel_size_of(image_of(spec), None, spec.file)[0]
 
 
 def _unusual_size(case: Case, size: np.ndarray) -> tuple[str, ...]:

@@ -93,10 +93,11 @@ def refuse_lattice(case: Case, geometry: Geometry, spacing: float) -> None:
 def refuse_image(case: Case) -> None:
     """Raises ParticleError where the wall distances of an image will not fit, by its header: before it is read."""
     from ..geometry.images.read import image_shape
+    from .image_file import layout_of
 
     spec = case.geometry.voxels
     assert spec is not None
-    shape = image_shape(spec.file, spec.array)
+    shape = image_shape(spec.file, layout=layout_of(spec))
     if shape is None:  # what is wrong with the file is said by those who read it
         return
     voxels = math.prod(shape)

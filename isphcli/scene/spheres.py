@@ -1,10 +1,6 @@
-"""Many spheres: read from a file, placed at random, and what is odd about them."""
+"""Many spheres: placed at random, and what is odd about those of a file."""
 
 from __future__ import annotations
-
-import re
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,68 +8,6 @@ from scipy.spatial import cKDTree
 from ..domain.halo import build_halo
 from ..geometry.bodies import ROUND_OFF, ShapeError, Spheres, _nearest_image, _overlaps
 from ..geometry.shape_geometry import ShapeGeometry
-
-
-def read_spheres(
-    path: str | Path, dim: int = 3, radius: float | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Centres (m, dim) and radii (m,) of a CSV file, m; see `spheres_of_file`."""
-    found = spheres_of_file(path, dim, radius)
-    return found.centres, np.broadcast_to(np.asarray(found.radii, float), len(found.centres))
-
-
-def spheres_of_file(path: str | Path, dim: int = 3, radius: float | None = None) -> Spheres:
-    """Balls of a CSV file with columns x, y(, z)[, radius or diameter].
-
-    Lines starting with # are skipped. A header line may be there, after a # too; it names the columns and perhaps their
-    unit, x_mm or radius [um], in which case the lengths are converted to m. Names that are not understood, columns in
-    another order and lengths of which only some have a unit are refused. radius, m, is used where the file has no such
-    column. Raises ShapeError.
-    """
-    path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ShapeError(f"{path}: cannot be read as text ({error}); give rows of x,y,z[,radius]") from None
-    rows: list[list[float]] = []
-    header: _Header | None = None
-    for number, line in enumerate(lines, 1):
-        if not line.strip():
-            continue
-        if line.lstrip().startswith("#"):
-            if not rows and header is None:  # numpy.savetxt puts a # before its header
-                header = _commented_header(line, dim, f"{path}:{number}")
-            continue
-        if ";" in line and "," in line:
-            raise ShapeError(f"{path}:{number}: holds ; and ,: numbers need a decimal point, columns one separator")
-        cells = [c.strip() for c in line.replace(";", ",").split(",")]
-        try:
-            values = [float(c) for c in cells]
-        except ValueError:
-            if not rows and not any(_is_number(c) for c in cells):
-                header = _Header.of(cells, dim, f"{path}:{number}")
-                continue
-            raise ShapeError(
-                f"{path}:{number}: '{line.strip()[:60]}' is not a row of numbers; fix it"
-            ) from None
-        if len(values) not in (dim, dim + 1) or (rows and len(values) != len(rows[0])):
-            want = f"{dim} or {dim + 1}" if not rows else str(len(rows[0]))
-            raise ShapeError(f"{path}:{number}: {len(values)} columns where {want} are expected")
-        if not np.isfinite(values).all():
-            raise ShapeError(f"{path}:{number}: a value is not finite; remove the row or correct it")
-        if header is not None and len(values) != len(header.scale):
-            raise ShapeError(f"{path}:{number}: {len(values)} columns where the header has {len(header.scale)}")
-        rows.append(values)
-    if not rows:
-        raise ShapeError(f"{path}: holds no sphere; give rows of x,y,z[,radius]")
-    table = np.array(rows) * (header.scale if header is not None else 1.0)
-    if table.shape[1] == dim and radius is None:
-        raise ShapeError(f"{path}: has no column of radii; add one or give the key 'radius'")
-    radii = table[:, dim] if table.shape[1] > dim else np.full(len(table), float(radius))  # type: ignore[arg-type]
-    if not (radii > 0).all() or not np.isfinite(table).all():
-        raise ShapeError(f"{path}: radius {radii.min()} is not positive, or a length leaves the range of numbers")
-    return Spheres(np.ascontiguousarray(table[:, :dim]), radii, header.said if header is not None else "")
-
 
 TRIES = 2000  # random places tried for each sphere before there is said to be no room
 MOST_TRIES = 2_000_000  # for all of them: some seconds
@@ -113,71 +47,6 @@ def random_spheres(
     raise ShapeError(
         f"only {placed} of {count} spheres of radius {radius:g} found room at random; ask for fewer or smaller ones"
     )
-
-
-UNITS = {
-    "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "cm": 1e-2, "mm": 1e-3, "millimeter": 1e-3,
-    "millimeters": 1e-3, "millimetre": 1e-3, "millimetres": 1e-3, "um": 1e-6, "\u00b5m": 1e-6, "\u03bcm": 1e-6,
-    "micron": 1e-6, "microns": 1e-6, "micrometer": 1e-6, "micrometers": 1e-6, "micrometre": 1e-6, "micrometres": 1e-6,
-    "nm": 1e-9,
-}  # fmt: skip
-RADIUS, DIAMETER = ("r", "rad", "radius", "radii"), ("d", "dia", "diam", "diameter", "diameters")
-
-
-@dataclass(frozen=True)
-class _Header:
-    """scale: (columns,) factors that make the columns metres and diameters radii; said: what it took, or nothing."""
-
-    scale: np.ndarray
-    said: str
-
-    @classmethod
-    def of(cls, cells: list[str], dim: int, where: str) -> _Header:
-        """Header of the names in a line; raises ShapeError where they are not understood."""
-        found = [_column(cell) for cell in cells]
-        names, shown = [name for name, _ in found], ",".join(cells)[:60]
-        wanted = f"{','.join('xyz'[:dim])}[,radius]"
-        strange = [cell for cell, name in zip(cells, names) if not name]
-        if strange:
-            raise ShapeError(f"{where}: no such column: {', '.join(strange)[:60]}; give {wanted} and no others")
-        if names[:dim] != list("xyz"[:dim]) or names[dim:] not in ([], ["radius"], ["diameter"]):
-            raise ShapeError(f"{where}: the columns are {shown}; give {wanted} in this order")
-        units = [unit for _, unit in found]
-        if None in units and any(units):
-            without = ", ".join(cell for cell, unit in zip(cells, units) if unit is None)
-            raise ShapeError(f"{where}: only some columns have a unit; name that of {without} too, or of none")
-        scale = np.array([1.0 if unit is None else UNITS[unit] for unit in units])
-        said = f"lengths in {', '.join(dict.fromkeys(u for u in units if u))}" if any(units) else ""
-        if any(u is not None and UNITS[u] != 1.0 for u in units):
-            said += " converted to m"
-        if names[-1] == "diameter":
-            scale[-1] /= 2
-            said += f"{', ' if said else ''}diameters halved"
-        return cls(scale, said)
-
-
-def _column(cell: str) -> tuple[str, str | None]:
-    """('x', 'y', 'z', 'radius', 'diameter' or '' for another, its unit or None) of the name of a column."""
-    text = cell.strip().strip("'\"").lower()
-    words = [w for w in re.split(r"[\s_\[\](){}/]+", text) if w]
-    unit = words.pop() if len(words) > 1 and words[-1] in UNITS else None
-    words = [w for w in words if w not in ("centre", "center", "pos", "position", "coordinate", "in", "bead", "sphere")]
-    if len(words) != 1:
-        return "", unit
-    (word,) = words
-    if word in RADIUS or word in DIAMETER:
-        return "radius" if word in RADIUS else "diameter", unit
-    return word if word in ("x", "y", "z") else "", unit
-
-
-def _commented_header(line: str, dim: int, where: str) -> _Header | None:
-    """The header in a comment, if all its words are names of columns."""
-    text = line.lstrip("# \t")
-    for cells in (re.split(r"[,;]", text), text.split()):
-        cells = [c.strip() for c in cells]
-        if len(cells) >= dim and all(_column(c)[0] for c in cells):
-            return _Header.of(cells, dim, where)
-    return None
 
 
 LARGE = 10.0  # radii over the smallest period: then one ball has 8000 images and lengths are in another unit
@@ -222,11 +91,3 @@ def sphere_findings(
         odd.append(f"{name}: {pairs} pairs of spheres overlap, by up to {100 * most:.0f} % of the smaller radius; "
                    "what they share counts once")  # fmt: skip
     return facts, odd
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

@@ -8,24 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isphcli.geometry.images.image import VoxelError
+from isphcli.geometry.images.image import Layout, VoxelError
 from isphcli.geometry.images.read import read_image
-from isphcli.output.convert_images import convert, write_image
+from isphcli.output.convert_images import Conversion, convert, write_image
 from tests.geometry.images.files import rock
 
 
 def test_convert_grey_values(tmp_path):
     grey = np.array([[-5, 100, 200], [99, 101, 300]], np.int16)[None].repeat(4, 0)
     np.save(tmp_path / "g.npy", grey)
-    found = convert(tmp_path / "g.npy", tmp_path / "o.mhd", threshold=100, voxel_size=2e-6)
+    found = convert(tmp_path / "g.npy", tmp_path / "o.mhd", Conversion(threshold=100, voxel_size=2e-6))
     assert read_image(tmp_path / "o.mhd").values[0].tolist() == [[0, 1, 1], [0, 1, 1]]
     assert found["threshold"] == "grey >= 100 is solid" and found["porosity"] == pytest.approx(1 / 3)
     assert found["percolates"] == {"x": False, "y": True, "z": True} and found["labels"] == {0: 8, 1: 16}
     assert found["voxel_size"] == (2e-6,) * 3 and found["shape"] == {"x": 3, "y": 2, "z": 4}
-    found = convert(
-        tmp_path / "g.npy", tmp_path / "o.npz", threshold=100, invert=True, crop_to=((1, 3), (0, 2), (0, 1))
-    )
-    assert found["porosity"] == 1 and found["threshold"] == "grey < 100 is solid"
+    how = Conversion(threshold=100, invert=True, crop_to=((1, 3), (0, 2), (0, 1)))
+    found = convert(tmp_path / "g.npy", tmp_path / "o.npz", how)
+    assert found["porosity"] == 1 and found["threshold"].startswith("grey < 100 is solid; 100 parts nothing")
 
 
 def files(folder):
@@ -97,7 +96,7 @@ def test_convert_relabels_and_downsamples_by_majority(tmp_path):
     values[2:, :2] = [[255, 255], [0, 2]]  # half and half: pore
     values[:2, 2:4] = 2
     np.save(tmp_path / "a.npy", values)
-    found = convert(tmp_path / "a.npy", tmp_path / "b.npz", labels={255: 1}, downsample=2, voxel_size=1.0)
+    found = convert(tmp_path / "a.npy", tmp_path / "b.npz", Conversion(labels={255: 1}, downsample=2, voxel_size=1.0))
     image = read_image(tmp_path / "b.npz")
     assert image.values.tolist() == [[1, 2], [0, 0]] and image.spacing == (2, 2)
     assert found["labels"] == {0: 2, 1: 1, 2: 1}
@@ -119,17 +118,82 @@ def test_convert_relabels_and_downsamples_by_majority(tmp_path):
 def test_bad_conversions(tmp_path, options, message):
     np.save(tmp_path / "a.npy", np.ones((3, 3, 3), np.uint8))
     with pytest.raises(VoxelError, match=message):
-        convert(tmp_path / "a.npy", tmp_path / "b.npy", **options)
+        convert(tmp_path / "a.npy", tmp_path / "b.npy", Conversion(**options))
     with pytest.raises(VoxelError, match="not written"):
-        convert(tmp_path / "a.npy", tmp_path / "b.tif")
+        convert(tmp_path / "a.npy", tmp_path / "b.png")
 
 
 def test_a_conversion_says_where_the_voxel_size_is_from(tmp_path):
     np.savez(tmp_path / "a.npz", image=rock() + 1, voxel_size=2e-6)
     found = convert(tmp_path / "a.npz", tmp_path / "b.npz")
     assert found["voxel_size"] == (2e-6,) * 3 and found["voxel_size_from"] == "from a.npz" and found["warnings"] == ()
-    found = convert(tmp_path / "a.npz", tmp_path / "c.npz", voxel_size=(1e-6, 2e-6, 3e-6))
+    found = convert(tmp_path / "a.npz", tmp_path / "c.npz", Conversion(voxel_size=(1e-6, 2e-6, 3e-6)))
     assert found["voxel_size"] == (1e-6, 2e-6, 3e-6)
     assert "given, 1e-06 x 2e-06 x 3e-06 m, is not that" in found["warnings"][0]
     write_image(tmp_path / "d.mhd", rock() + 1, (1.0, 1.0, 1.0))
     assert convert(tmp_path / "d.mhd", tmp_path / "e.npz")["voxel_size"] is None
+
+
+BLOCK = np.zeros((6, 7, 9), np.uint8)  # [z, y, x]: a block of solid with two pores in a border of solid
+BLOCK[...] = 1
+BLOCK[2:4, 3, 1:8] = 0  # along x, closed at both ends by the border
+BLOCK[2, 5, 4] = 0
+
+
+def test_the_steps_of_a_conversion_in_their_order(tmp_path):
+    """The border is cut off, and the long pore reaches the ends; the short one is filled; the mirror image follows."""
+    np.save(tmp_path / "a.npy", BLOCK)
+    how = Conversion(trim=True, mirror=("y",), connected="x", voxel_size=2e-6)
+    found = convert(tmp_path / "a.npy", tmp_path / "b.npz", how)
+    image = read_image(tmp_path / "b.npz")
+    expected = np.ones((2, 6, 7), np.uint8)
+    expected[:, 0] = expected[:, 5] = 0
+    assert np.array_equal(image.values, expected) and image.spacing == (2e-6,) * 3
+    assert found["trimmed"] == (2, 4, 4) and found["filled"] == 2 and found["percolates"]["x"]
+    assert found["read"] == "npy, array 6 x 7 x 9, its axes taken as z, y, x"
+
+
+def test_two_labels_are_exchanged_and_axes_put_in_order(tmp_path):
+    np.save(tmp_path / "a.npy", np.ascontiguousarray(BLOCK.transpose()))
+    found = convert(tmp_path / "a.npy", tmp_path / "b.npy", Conversion(layout=Layout(axes="xyz"), invert=True))
+    assert np.array_equal(np.load(tmp_path / "b.npy"), 1 - BLOCK) and found["shape"] == {"x": 9, "y": 7, "z": 6}
+
+
+@pytest.mark.parametrize(
+    "threshold, values", [(50, {0: 3, 1: 6}), ((50, 150), {0: 3, 2: 3, 1: 3}), ("otsu", {0: 3, 1: 6})]
+)
+def test_thresholds_of_two_and_three_phases(tmp_path, threshold, values):
+    np.save(tmp_path / "a.npy", np.array([[10, 11, 12], [140, 141, 142], [180, 181, 182]], np.uint8))
+    assert convert(tmp_path / "a.npy", tmp_path / "b.npy", Conversion(threshold=threshold))["labels"] == values
+
+
+@pytest.mark.parametrize("suffix", ["npy", "npz", "mhd", "mha", "tif", "nrrd", "raw"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("shape", [(5, 6, 7), (6, 7)])
+def test_what_is_written_is_read_back_with_its_voxel_size(tmp_path, suffix, dtype, shape):
+    values = (np.random.default_rng(0).random(shape) * 200).astype(dtype)
+    spacing = (1e-6, 2e-6, 3e-6)[: len(shape)]
+    path = tmp_path / f"a.{suffix}"
+    write_image(path, values, spacing)
+    layout = Layout(shape=shape[::-1], dtype=np.dtype(dtype).name) if suffix == "raw" else None
+    image = read_image(path, grey=True, layout=layout)
+    assert np.array_equal(image.values, values) and image.values.dtype == dtype
+    assert image.spacing == (None if suffix in ("npy", "raw") else pytest.approx(spacing, rel=1e-6))
+
+
+def test_the_picture_is_refused_and_replaced_as_the_image_is(tmp_path):
+    np.save(tmp_path / "a.npy", BLOCK)
+    (tmp_path / "b_slices.png").write_text("mine")
+    with pytest.raises(VoxelError, match=r"b_slices.png: exists; .*--force"):
+        convert(tmp_path / "a.npy", tmp_path / "b.npy", picture=True)
+    assert not (tmp_path / "b.npy").exists() and (tmp_path / "b_slices.png").read_text() == "mine"
+    found = convert(tmp_path / "a.npy", tmp_path / "b.npy", picture=True, force=True)
+    assert Path(found["picture"]).read_bytes().startswith(b"\x89PNG") and found["picture"].endswith("b_slices.png")
+
+
+def test_an_image_without_a_solid_voxel_is_warned_of(tmp_path):
+    np.save(tmp_path / "a.npy", BLOCK * 255)
+    found = convert(tmp_path / "a.npy", tmp_path / "b.npy")
+    assert found["porosity"] == 1
+    assert "no voxel is solid (--solid 1): it holds 0 (15 voxels), 255" in found["warnings"][0]
+    assert convert(tmp_path / "a.npy", tmp_path / "c.npy", Conversion(solid=255))["warnings"] == ()

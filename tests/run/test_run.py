@@ -14,7 +14,6 @@ from isphcli.preflight.look import look
 from isphcli.run import steady
 from isphcli.run.run import run_case
 from isphcli.run.time_loop import TimeLoop
-from isphcli.scene import image_geometry
 
 DISK = """
 title: a disk
@@ -187,11 +186,11 @@ def test_only_periodic_scenes_have_a_tensor(tmp_path):
 
 
 def test_an_image_with_a_pressure_drop_is_read_once(tmp_path, monkeypatch):
-    from isphcli.geometry.images.read import read_image
+    from isphcli.scene import image_file
 
     duct(tmp_path)
-    read, real = [], read_image
-    monkeypatch.setattr(image_geometry, "read_image", lambda *words, **more: read.append(words) or real(*words, **more))
+    read, real = [], image_file.read_image
+    monkeypatch.setattr(image_file, "read_image", lambda *words, **more: read.append(words) or real(*words, **more))
     by_drop = run(tmp_path, ROCK, "drive={pressure_drop: {z: 2.0}}", "refine=[0.5e-6]")
     assert len(read) == 1
     # the drop is over the sample and its clear layers, 16 voxels: k is that of any other drive

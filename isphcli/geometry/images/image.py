@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
-MAX_HEADER = 65536  # bytes of a MetaImage header
+MAX_HEADER = 65536  # bytes of a header in text
 MAX_DEFLATE = 1032  # greatest compression of deflate
-SPACING = "voxel_size"  # array of an npz that holds the spacing x, y, z
+SPACING = "voxel_size"  # what holds the edges x, y, z of a voxel, m, in an npz or HDF5 file of ours
+
+Part = tuple[slice, ...]  # [start, stop) along each axis of an array, without steps
 
 
 class VoxelError(ValueError):
@@ -25,14 +28,55 @@ class VoxelError(ValueError):
 
 
 @dataclass(frozen=True)
-class Image:
-    """values: integers [z, y, x] or [y, x]; spacing: edges of a voxel in the order x, y(, z), or None.
+class Layout:
+    """What a file may not say of itself.
 
-    spacing of npz files is in m; a MetaImage does not say its unit. info: format and header; warnings: sentences.
+    array: name of one of several arrays. axes: directions of the axes of the array, the slowest first, such as zyx;
+    None: as the format has them. Of files without a header: shape along x, y(, z), dtype in numpy's words, offset of
+    the first voxel in bytes, byte_order little or big; None where it is to be found out.
+    """
+
+    array: str | None = None
+    axes: str | None = None
+    shape: tuple[int, ...] | None = None
+    dtype: str | None = None
+    offset: int | None = None
+    byte_order: str | None = None
+
+
+@dataclass(frozen=True)
+class Stored:
+    """An image in its file, of which no more than the header is read.
+
+    shape, dtype: of the array in the file. part: reads a part of it. spacing: edges of a voxel along the axes of the
+    array, the last one (x of zyx) first, or None; in m, or where `spacing_key` names the entry of the file that holds
+    them without a unit, in whatever that is. along_xyz: they are along x, y, z whatever the axes. info: format and
+    header; warnings: sentences.
+    """
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    part: Callable[[Part], np.ndarray]
+    spacing: tuple[float, ...] | None = None
+    spacing_key: str = ""
+    along_xyz: bool = False
+    info: dict[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Image:
+    """values: [z, y, x] or [y, x]; spacing: edges of a voxel in the order x, y(, z), or None.
+
+    spacing is in m unless `spacing_key` names the entry of the file that holds it without a unit. axes: directions of
+    the axes of the array in the file, whose shape is `whole`. info: format and header; warnings: sentences.
     """
 
     values: np.ndarray
     spacing: tuple[float, ...] | None = None
+    spacing_key: str = ""
+    axes: str = "zyx"
+    whole: tuple[int, ...] = ()
     info: dict[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
@@ -51,13 +95,6 @@ def _checked(path: Path, values: np.ndarray, grey: bool) -> np.ndarray:
     """Values as the smallest unsigned integers, or an error that says why they are no labels."""
     if values.dtype.kind not in "buif":
         raise VoxelError(f"{path}: holds data of type {values.dtype}; save integers, such as uint8")
-    while values.ndim > 3 and values.shape[0] == 1:
-        values = values[0]
-    _check_colours(path, values)
-    if values.ndim not in (2, 3):
-        raise VoxelError(f"{path}: has {values.ndim} dimensions; an image has 2 or 3")
-    if values.size == 0:
-        raise VoxelError(f"{path}: is empty (shape {values.shape}); give at least one voxel")
     if values.dtype.kind == "f" and np.isnan(values).any():
         raise VoxelError(f"{path}: holds NaN; replace them before the conversion")
     if grey:
@@ -76,18 +113,21 @@ def _checked(path: Path, values: np.ndarray, grey: bool) -> np.ndarray:
 THICK = 8  # a picture is at least so many times as wide as it has channels
 
 
-def _check_colours(path: Path, values: np.ndarray) -> None:
-    """Refuse a picture with channels: colours, or one and the same grey, and perhaps an opacity.
+def _may_be_colours(shape: tuple[int, ...], dtype: np.dtype) -> bool:
+    """Whether the last axis of an array may hold channels.
 
     Only unsigned bytes and floating point are pictures: a scan three voxels thick can be saved in another type.
     """
-    if values.ndim not in (3, 4) or values.shape[-1] not in (3, 4) or values.size == 0:
-        return
-    if values.ndim == 3 and (values.dtype.kind not in "uf" or values.dtype in ("u2", "u4", "u8")):
-        return
-    height, width, channels = values.shape[-3:]
-    if min(height, width) < THICK * channels and values.ndim == 3:
-        return
+    if len(shape) not in (3, 4) or shape[-1] not in (3, 4) or 0 in shape:
+        return False
+    if len(shape) == 4:
+        return True
+    return (dtype.kind == "f" or dtype == "u1") and min(shape[:2]) >= THICK * shape[-1]
+
+
+def _check_colours(path: Path, values: np.ndarray) -> None:
+    """Refuse a picture with channels in its last axis: colours, or one and the same grey, and perhaps an opacity."""
+    channels = values.shape[-1]
     colours = values[..., :3]
     grey = bool((colours == colours[..., :1]).all())
     opaque = channels == 4 and bool((values[..., 3] == values[..., 3].flat[0]).all())
@@ -101,15 +141,28 @@ def _check_colours(path: Path, values: np.ndarray) -> None:
         )
 
 
-def _thin(path: Path, values: np.ndarray) -> tuple[str, ...]:
-    """A warning where an axis may be channels and not voxels."""
-    if values.ndim != 3 or values.shape[0] == 1:  # [1, y, x] is 2D
+def one_grey(path: Path, values: np.ndarray) -> np.ndarray:
+    """The one channel of a picture (..., channels) whose colours are the same grey, its opacity the same everywhere.
+
+    Raises VoxelError where it has colours.
+    """
+    colours = values[..., : values.shape[-1] - (values.shape[-1] % 2 == 0)]
+    rest = values[..., colours.shape[-1] :]
+    if (colours == colours[..., :1]).all() and (rest.size == 0 or (rest == rest.flat[0]).all()):
+        return colours[..., 0]
+    raise VoxelError(f"{path}: is a picture in colours; save it with one grey value a pixel (8 or 16 bit), or label it "
+                     "by colour first")
+
+
+def _thin(path: Path, shape: tuple[int, ...]) -> tuple[str, ...]:
+    """A warning where an axis of an array may be channels and not voxels."""
+    if len(shape) != 3 or shape[0] == 1:  # [1, y, x] is 2D
         return ()
-    thin = [a for a in (0, 2) if values.shape[a] <= 4 and min(np.delete(values.shape, a)) >= THICK * values.shape[a]]
+    thin = [a for a in (0, 2) if shape[a] <= 4 and min(np.delete(shape, a)) >= THICK * shape[a]]
     if len(thin) != 1:
         return ()
     (a,) = thin
-    which, n = ("first", values.shape[a]) if a == 0 else ("last", values.shape[a])
+    which, n = ("first", shape[a]) if a == 0 else ("last", shape[a])
     return (
         f"{path.name}: the {which} axis of the array has {n} entr{'y' if n == 1 else 'ies'} and is taken for an axis "
         f"of space, {n} voxel{'s' * (n > 1)} thick; if it is that of colours, save one number a voxel (an array [y, x] "
@@ -133,17 +186,21 @@ def _memory() -> int:
 
 
 def _check_size(path: Path, needed: int, there: int) -> None:
-    """The header's bytes against the bytes of the file and the memory of the machine."""
-    if needed > _memory():
-        raise VoxelError(
-            f"{path}: the header asks for {needed} bytes, more than half of the memory; crop the image"
-        )
+    """The header's bytes against the bytes of the file."""
     if needed > there:
         raise VoxelError(
             f"{path}: is truncated: {there} bytes of {needed}; copy it again or correct the header"
         )
     if needed < there:
         raise VoxelError(f"{path}: holds {there} bytes where the header says {needed}; correct the header")
+
+
+def _check_memory(path: Path, needed: int) -> None:
+    """The bytes of what is to be read against the memory of the machine."""
+    if needed > _memory():
+        raise VoxelError(
+            f"{path}: the header asks for {needed} bytes, more than half of the memory; crop the image"
+        )
 
 
 def _product(path: Path, shape: Sequence[int]) -> int:
@@ -158,21 +215,88 @@ def _product(path: Path, shape: Sequence[int]) -> int:
     return count
 
 
-def _inflate(path: Path, file: BinaryIO, there: int, needed: int) -> bytearray:
-    """Decompress zlib data of a known size, never more than that."""
-    _check_size(path, needed, max(needed, 0))
-    if needed > MAX_DEFLATE * there + 1024:
-        raise VoxelError(
-            f"{path}: is truncated: {there} compressed bytes cannot hold {needed}; copy it again"
-        )
-    inflater, data = zlib.decompressobj(), bytearray()
-    try:
-        while len(data) < needed and (part := file.read(2**20)):
-            while part and len(data) < needed:
-                data += inflater.decompress(part, needed - len(data))
-                part = inflater.unconsumed_tail
-    except zlib.error as error:
-        raise VoxelError(f"{path}: compressed data is damaged ({error}); copy it again") from None
-    if len(data) < needed:
-        raise VoxelError(f"{path}: is truncated: {len(data)} bytes of {needed}; copy it again")
+class Readable(Protocol):
+    """What parts are read from: any object with `read`."""
+
+    def read(self, n: int, /) -> bytes:
+        """The next n bytes at most."""
+        ...
+
+
+PIECE = 2**22  # bytes that are read at a time where they are only passed over
+
+
+def stored_part(path: Path, open_data: Callable[[], AbstractContextManager[Readable]], dtype: np.dtype,
+                shape: tuple[int, ...], fortran: bool = False) -> Callable[[Part], np.ndarray]:
+    """What reads a part of values that follow one another in a stream, `shape` in C order (`fortran`: the first axis
+    runs fastest), and holds no more of the rest than one layer of the slowest axis.
+
+    open_data: opens the stream at the first value. The part raises VoxelError where the stream ends before it.
+    """
+
+    def part(keep: Part) -> np.ndarray:
+        sizes, ranges = (shape[::-1], keep[::-1]) if fortran else (shape, keep)
+        row = dtype.itemsize * int(np.prod(sizes[2:], dtype=object))
+        layer, first, length = row * sizes[1], row * ranges[1].start, row * (ranges[1].stop - ranges[1].start)
+        values = np.empty([r.stop - r.start for r in ranges], dtype)
+        with open_data() as stream:
+            at = 0
+            for k in range(ranges[0].start, ranges[0].stop):
+                _pass_over(stream, k * layer + first - at)
+                data = _read_all(stream, length)
+                if len(data) < length:
+                    raise VoxelError(f"{path}: is truncated; copy it again")
+                rows = np.frombuffer(data, dtype).reshape(-1, *sizes[2:])
+                values[k - ranges[0].start] = rows[(slice(None), *ranges[2:])]
+                at = k * layer + first + length
+        return values.transpose() if fortran else values
+
+    return part
+
+
+def _pass_over(stream: Readable, count: int) -> None:
+    seek = getattr(stream, "seek", None)
+    if seek is not None and count > PIECE:
+        seek(count, os.SEEK_CUR)
+        return
+    while count > 0 and (data := stream.read(min(count, PIECE))):
+        count -= len(data)
+
+
+def _read_all(stream: Readable, count: int) -> bytes:
+    data = stream.read(count)
+    while len(data) < count and (more := stream.read(count - len(data))):
+        data += more
     return data
+
+
+class Inflated:
+    """Decompresses zlib data of a known size as they are read, never more than asked for."""
+
+    def __init__(self, path: Path, file: BinaryIO):
+        self.path, self.file, self.inflater = path, file, zlib.decompressobj()
+
+    def __enter__(self) -> Inflated:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.file.close()
+
+    def read(self, n: int, /) -> bytes:
+        """The next n bytes at most; raises VoxelError where the data are damaged."""
+        found = bytearray()
+        try:
+            while len(found) < n:
+                given = self.inflater.unconsumed_tail or self.file.read(2**20)
+                more = self.inflater.decompress(given, n - len(found))
+                if not given and not more:
+                    break
+                found += more
+        except zlib.error as error:
+            raise VoxelError(f"{self.path}: compressed data is damaged ({error}); copy it again") from None
+        return bytes(found)
+
+
+def _check_deflated(path: Path, there: int, needed: int) -> None:
+    if needed > MAX_DEFLATE * there + 1024:
+        raise VoxelError(f"{path}: is truncated: {there} compressed bytes cannot hold {needed}; copy it again")

@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
-from .image import MAX_HEADER, VoxelError, _check_size, _inflate, _product, _sizes
+from .image import (
+    MAX_HEADER,
+    Inflated,
+    Layout,
+    Readable,
+    Stored,
+    VoxelError,
+    _check_deflated,
+    _check_size,
+    _product,
+    _sizes,
+    stored_part,
+)
 
 META_TYPES = {
     "MET_CHAR": "i1",
@@ -26,7 +39,7 @@ META_TYPES = {
 }
 
 
-def _read_meta(path: Path, array: str | None) -> tuple[np.ndarray, tuple | None, dict]:
+def open_metaimage(path: Path, layout: Layout) -> Stored:
     """MetaImage: a text header of `Key = value` lines, the data in the same file (LOCAL) or another."""
     with open(path, "rb") as file:
         header, data_start = _meta_header(path, file.read(MAX_HEADER))
@@ -54,17 +67,23 @@ def _read_meta(path: Path, array: str | None) -> tuple[np.ndarray, tuple | None,
     compressed = header.get("CompressedData", "False").lower() == "true"
     if skip == -1 and not compressed:
         skip = there - needed
-    with open(data_path, "rb") as file:
-        file.seek(max(skip, 0))
-        if compressed:
-            data = _inflate(data_path, file, there - max(skip, 0), needed)
-        else:
-            _check_size(data_path, needed, there - max(skip, 0))
-            data = bytearray(file.read(needed))
+    start = max(skip, 0)
+    if compressed:
+        _check_deflated(data_path, there - start, needed)
+    else:
+        _check_size(data_path, needed, there - start)
+
+    @contextmanager
+    def data() -> Iterator[Readable]:
+        with open(data_path, "rb") as file:
+            file.seek(start)
+            yield Inflated(data_path, file) if compressed else file
+
     key = "ElementSpacing" if "ElementSpacing" in header else "ElementSize"
     spacing = _sizes(_meta_numbers(path, header, key, float), len(dims), path) if key in header else None
-    values = np.frombuffer(data, dtype=dtype).reshape(dims[::-1])
-    return values, spacing, {"format": "MetaImage", **header}
+    shape = tuple(dims[::-1])
+    return Stored(shape, dtype, stored_part(data_path, data, dtype, shape), spacing, "ElementSpacing",
+                  info={"format": "MetaImage", **header})
 
 
 def _meta_header(path: Path, head: bytes) -> tuple[dict[str, str], int]:

@@ -1,17 +1,22 @@
-"""Reads npz files: one array of an archive, unpacked only as far as its header allows."""
+"""Reads npz files: one array of an archive, unpacked only as far as it is needed and as its header allows."""
 
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from .image import MAX_DEFLATE, SPACING, VoxelError, _sizes
-from .npy import _read_npy
+from .image import MAX_DEFLATE, SPACING, Layout, Stored, VoxelError, _check_size, _product, _sizes, stored_part
+from .npy import npy_header
 
 
-def _read_npz(path: Path, array: str | None) -> tuple[np.ndarray, tuple | None, dict]:
+def open_npz(path: Path, layout: Layout) -> Stored:
+    """The array of an npz file, or the one that is named."""
+    array = layout.array
     try:
         with zipfile.ZipFile(path) as archive:
             members = {
@@ -23,24 +28,42 @@ def _read_npz(path: Path, array: str | None) -> tuple[np.ndarray, tuple | None, 
             if array not in members:
                 missing = "name one" if array is None else f"there is no '{array}'"
                 raise VoxelError(f"{path}: holds the arrays {names[:20]}; {missing} with the key 'array'")
-            values = _read_member(path, archive, members[array])
+            member = members[array]
+            shape, fortran, dtype = _header(path, archive, member)
             spacing = None
             if SPACING in members and members[SPACING].file_size < 1000:
-                sizes = _read_member(path, archive, members[SPACING])
-                spacing = _sizes(sizes, values.ndim, path) if sizes.dtype.kind in "iuf" else None
+                spacing = _spacing(path, archive, members[SPACING], len(shape))
     except VoxelError:
         raise
     except Exception as error:  # zipfile and zlib raise many kinds for broken archives
         if isinstance(error, OSError) and error.errno:
             raise
         raise VoxelError(f"{path}: is not a whole npz archive ({error}); copy or save it again") from None
-    return values, spacing, {"format": "npz", "array": array}
+
+    @contextmanager
+    def data() -> Iterator[BinaryIO]:
+        with zipfile.ZipFile(path) as archive, archive.open(member) as file:
+            npy_header(path, file)  # type: ignore[arg-type]
+            yield file  # type: ignore[misc]
+
+    info = {"format": "npz", "array": array}
+    return Stored(shape, dtype, stored_part(path, data, dtype, shape, fortran), spacing, along_xyz=True, info=info)
 
 
-def _read_member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+def _header(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[tuple[int, ...], bool, np.dtype]:
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise VoxelError(f"{path}: is compressed in an unknown way; save it with numpy.savez_compressed")
     if member.file_size > MAX_DEFLATE * member.compress_size + 1024:
         raise VoxelError(f"{path}: is damaged (sizes disagree); copy or save it again")
     with archive.open(member) as file:
-        return _read_npy(path, file, member.file_size)  # type: ignore[arg-type]
+        shape, fortran, dtype = npy_header(path, file)  # type: ignore[arg-type]
+        _check_size(path, file.tell() + _product(path, shape) * dtype.itemsize, member.file_size)
+    return shape, fortran, dtype
+
+
+def _spacing(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo, dim: int) -> tuple[float, ...] | None:
+    shape, _, dtype = _header(path, archive, member)
+    with archive.open(member) as file:
+        npy_header(path, file)  # type: ignore[arg-type]
+        sizes: Any = np.frombuffer(file.read(), dtype).reshape(shape)
+    return _sizes(sizes, dim, path) if sizes.dtype.kind in "iuf" else None

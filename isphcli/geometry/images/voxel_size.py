@@ -14,27 +14,26 @@ SAME_SIZE = 1e-3  # relative difference up to which two voxel sizes are one, wri
 
 
 def voxel_size_of(
-    image: Image, given: float | Sequence[float] | None, path: str | Path, axes: str = "zyx"
+    image: Image, given: float | Sequence[float] | None, path: str | Path
 ) -> tuple[np.ndarray, str, tuple[str, ...]]:
     """Edges of a voxel along x, y(, z), m, (1,) or (dim,); where they come from; warnings.
 
-    given: of the case, or None: then that of the file. axes: order of the axes of the array. Raises VoxelError
-    where neither has one.
+    given: of the case, or None: then that of the file. Raises VoxelError where neither has one.
     """
-    spacing, meta = known_spacing(image, axes), image.info.get("format") == "MetaImage"
+    spacing, key = known_spacing(image), image.spacing_key
     name = Path(path).name
     if given is None:
         if spacing is None:
             raise VoxelError(f"{path}: holds no voxel size; give geometry.voxels.voxel_size, in m")
         source = f"from {name}"
-        if not meta:
+        if not key:
             return np.array(spacing), source, ()
-        where = f"{source}, whose ElementSpacing has no unit: taken as metres"
+        where = f"{source}, whose {key} has no unit: taken as metres"
         most = max(spacing)
         if most < COARSE:
             return np.array(spacing), where, ()
         units = [f"{most * size:g} m if it is in {unit}" for unit, size in UNITS.items()]
-        hint = (f"{name}: ElementSpacing {_numbers(spacing)} has no unit and is taken as metres; voxels of rock are "
+        hint = (f"{name}: {key} {_numbers(spacing)} has no unit and is taken as metres; voxels of rock are "
                 f"finer: give the voxel size, {' or '.join(units[:2])} (geometry.voxels.voxel_size, "
                 "--voxel-size)")  # fmt: skip
         return np.array(spacing), where, (hint,)
@@ -45,23 +44,20 @@ def voxel_size_of(
     ratio = np.broadcast_to(size, len(spacing)) / np.array(spacing)
     if np.allclose(ratio, 1.0, rtol=SAME_SIZE, atol=0.0):
         return size, f"{source}, as in {name}", ()
-    for unit, length in UNITS.items() if meta else ():
+    for unit, length in UNITS.items() if key else ():
         if np.allclose(ratio, length, rtol=SAME_SIZE, atol=0.0):
             return size, f"{source}, as in {name} if that is in {unit}", ()
-    unit = " (without a unit)" if meta else " m"
+    unit = " (without a unit)" if key else " m"
     said = (f"the voxel size given, {_numbers(size)} m, is not that of {name}, {_numbers(spacing)}{unit}; the one "
             "given is taken: leave it out (geometry.voxels.voxel_size, --voxel-size) for that of the file")  # fmt: skip
     return size, f"{source}; {name} has {_numbers(spacing)}{unit}", (said,)
 
 
-def known_spacing(image: Image, axes: str = "zyx") -> tuple[float, ...] | None:
-    """Edges of a voxel along x, y(, z) that the file tells, or None; 1 1 1 in a MetaImage stands for not known."""
-    if image.spacing is None:
+def known_spacing(image: Image) -> tuple[float, ...] | None:
+    """Edges of a voxel along x, y(, z) that the file tells, or None; 1 1 1 without a unit stands for not known."""
+    if image.spacing is None or (image.spacing_key and all(s == 1.0 for s in image.spacing)):
         return None
-    spacing = image.spacing[: image.values.ndim]
-    if image.info.get("format") != "MetaImage":
-        return spacing
-    return None if all(s == 1.0 for s in spacing) else spacing[::-1] if axes == "xyz" else spacing
+    return image.spacing
 
 
 def _numbers(sizes: Sequence[float] | np.ndarray) -> str:

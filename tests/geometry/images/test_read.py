@@ -137,7 +137,7 @@ def test_damaged_archives(tmp_path):
         (header(DimSize="4 x 3"), "DimSize"),
         (header(DimSize="-4 3 2"), "negative"),
         (header(DimSize="0 3 2"), "empty"),
-        (header(DimSize="99999 99999 99999"), "memory"),
+        (header(DimSize="99999 99999 99999"), "truncated"),
         (header(ElementType="MET_OTHER"), "ElementType"),
         (header(ElementType="MET_FLOAT") + b"0" * 96, "float32"),
         (header(ElementSpacing="1 0 1") + b"0" * 24, "voxel size"),
@@ -161,8 +161,8 @@ def test_bad_metaimages(tmp_path, text, message):
 
 
 def test_missing_files_and_unknown_suffixes(tmp_path):
-    (tmp_path / "a.tif").write_bytes(b"")
-    for name, message in [("none.npy", "no such file"), ("a.tif", "tif"), (".", "no such file")]:
+    (tmp_path / "a.jpg").write_bytes(b"")
+    for name, message in [("none.npy", "no such file"), ("a.jpg", "jpg"), (".", "folder without slices")]:
         with pytest.raises(VoxelError, match=message):
             read_image(tmp_path / name)
 

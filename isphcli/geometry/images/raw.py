@@ -1,0 +1,112 @@
+"""Reads files without a header: their layout is given, or told by their name or by a header beside them."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from .image import Layout, Stored, VoxelError, _check_size, _product, stored_part
+from .metaimage import open_metaimage
+from .nrrd import open_nrrd
+
+DTYPES = ("uint8", "uint16", "uint32", "uint64", "int8", "int16", "int32", "int64", "float32", "float64")
+HEADERS = {".mhd": open_metaimage, ".nhdr": open_nrrd}
+BY_SIZE = {1: "uint8", 2: "uint16"}  # the only usual ones of their size
+_SIZES = re.compile(r"(?<!\d)(\d{1,5})[xX_×](\d{1,5})(?:[xX_×](\d{1,5}))?(?!\d)")
+_WORDS = {
+    "uint8": "uint8", "u8": "uint8", "uchar": "uint8", "8bit": "uint8", "8bits": "uint8", "byte": "uint8",
+    "uint16": "uint16", "u16": "uint16", "ushort": "uint16", "16bit": "uint16", "16bits": "uint16", "int8": "int8",
+    "int16": "int16", "short": "int16", "int32": "int32", "uint32": "uint32", "float32": "float32", "float": "float32",
+    "32bit": "float32", "f32": "float32", "float64": "float64", "double": "float64", "int64": "int64",
+    "uint64": "uint64",
+}  # fmt: skip
+
+
+def open_raw(path: Path, layout: Layout) -> Stored:
+    """Values that follow one another in the order of `layout.axes`, x fastest in zyx.
+
+    What the layout does not say is taken from the sizes and the type in the file's name, or from an mhd or nhdr beside
+    it that names it, where they fit its size in bytes. Raises VoxelError with what it might be where nothing tells.
+    """
+    size = os.path.getsize(path)
+    if layout.shape is None and layout.dtype is None and (header := _header_beside(path)) is not None:
+        return header
+    name_shape, name_dtype = of_name(path.stem)
+    shape = layout.shape or name_shape
+    offset = layout.offset or 0
+    if shape is None:
+        raise VoxelError(
+            f"{path}: has no header: give its sizes along x, y, z (geometry.voxels.shape, --shape) and its "
+            f"type (dtype){_cube(size - offset, layout.dtype or name_dtype)}"
+        )
+    voxels = _product(path, shape)
+    dtype = layout.dtype or name_dtype or BY_SIZE.get((size - offset) // voxels if (size - offset) % voxels == 0 else 0)
+    sizes = " x ".join(map(str, shape))
+    if dtype is None:
+        raise VoxelError(
+            f"{path}: {size - offset} bytes are {(size - offset) / voxels:.4g} for each of {sizes} voxels; "
+            f"give the type ({', '.join(DTYPES)}: geometry.voxels.dtype, --dtype), and an offset if there "
+            "is a header"
+        )
+    kind = np.dtype(dtype).newbyteorder(">" if layout.byte_order == "big" else "<")
+    if offset + voxels * kind.itemsize != size:
+        raise VoxelError(
+            f"{path}: holds {size} bytes; {sizes} voxels of {dtype} after {offset} bytes are "
+            f"{offset + voxels * kind.itemsize}: correct shape, dtype or offset"
+        )
+    _check_size(path, offset + voxels * kind.itemsize, size)
+
+    @contextmanager
+    def data() -> Iterator[BinaryIO]:
+        with open(path, "rb") as file:
+            file.seek(offset)
+            yield file
+
+    array = array_shape(shape, layout.axes or "zyx")
+    asked = [key for key, value in (("shape", layout.shape), ("dtype", layout.dtype)) if value is None]
+    note: tuple[str, ...] = ()
+    if asked:
+        along, order = ", ".join("xyz"[: len(shape)]), layout.byte_order or "little"
+        said = f"{path.name}: {' and '.join(asked)} by its name and size: {sizes} voxels along {along}, {dtype}"
+        note = (said + ("" if kind.itemsize == 1 else f", {order} endian"),)
+    return Stored(
+        array, kind, stored_part(path, data, kind, array), info={"format": "raw", "shape": array}, warnings=note
+    )
+
+
+def array_shape(shape: tuple[int, ...], axes: str) -> tuple[int, ...]:
+    """Shape of an array with these axes whose sizes along x, y(, z) are given."""
+    return tuple(shape["xyz".index(a)] for a in axes if "xyz".index(a) < len(shape))
+
+
+def of_name(stem: str) -> tuple[tuple[int, ...] | None, str | None]:
+    """Sizes along x, y(, z) and type in a name such as rock_1000x1000x800_uint8, each None where it is not there."""
+    found = _SIZES.findall(stem)
+    sizes = [tuple(int(n) for n in numbers if n) for numbers in found]
+    words = [_WORDS[word] for word in re.split(r"[^a-z0-9]+", stem.lower()) if word in _WORDS]
+    return (max(sizes, key=len) if sizes else None), (words[-1] if words else None)
+
+
+def _header_beside(path: Path) -> Stored | None:
+    for suffix, opened in HEADERS.items():
+        for header in (path.with_suffix(suffix), path.with_name(path.name + suffix)):
+            if header.is_file() and path.name in header.read_bytes()[:65536].decode("latin-1"):
+                return opened(header, Layout())
+    return None
+
+
+def _cube(size: int, dtype: str | None) -> str:
+    """What the number of bytes lets expect of an image with equal sides."""
+    for kind in (dtype,) if dtype else ("uint8", "uint16", "float32"):
+        side = round((size / np.dtype(kind).itemsize) ** (1 / 3))
+        if side > 1 and side**3 * np.dtype(kind).itemsize == size:
+            return f"; its {size} bytes would be {side} x {side} x {side} of {kind}"
+    square = math.isqrt(size)
+    return f"; its {size} bytes would be {square} x {square} of uint8" if square > 1 and square**2 == size else ""

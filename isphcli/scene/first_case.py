@@ -1,0 +1,106 @@
+"""A case from an image alone: the permeability of a scan before anything is written down about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..case.blocks import Case
+from ..case.load import read_case
+from ..geometry.images.image import Image, VoxelError
+from ..geometry.images.voxel_size import COARSE, known_spacing
+from ..geometry.labels import _counts
+from . import memory
+from .image_file import grey_image, layout_of
+
+FEW = 16  # values: an image of no more holds labels, one of more grey values
+CASE = """\
+geometry:
+  voxels: {{file: {file}, {values}, voxel_size: {size}}}   # m
+particles: {{spacing: {spacing}}}   # m: one particle a voxel
+fluids: {{water: {{density: 1000, viscosity: 1.0e-3}}}}   # kg/m3, Pa s
+flow: stokes
+drive: {{axes: [{axes}]}}
+"""
+
+
+@dataclass(frozen=True)
+class FirstCase:
+    """case: as it was read; text: of a case file that says the same; assumed: sentences on what nobody has said."""
+
+    case: Case
+    text: str
+    assumed: tuple[str, ...]
+
+
+def case_text(path: Path, values: str = "labels: {solid: 1, water: 0}", size: str = "5.0e-6", spacing: str = "5.0e-6",
+              axes: str = "x") -> str:
+    """The text of a case of an image."""
+    return CASE.format(file=repr(path.name), values=values, size=size, spacing=spacing, axes=axes)
+
+
+def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
+    """Steady flow of water along x through an image, one particle a voxel; overrides: key=value, as of --set.
+
+    Of two values the higher one is solid; grey values are parted by Otsu's threshold, the bright ones solid. Raises
+    VoxelError where the size of a voxel is not known or there are several labels, CaseError for what overrides say.
+    """
+    case_file = path.with_suffix(".yaml")
+    asked = read_case(case_text(path).encode(), case_file, overrides)
+    memory.refuse_image(asked)
+    spec = asked.geometry.voxels
+    assert spec is not None
+    image = grey_image(spec.file, layout_of(spec), spec.crop)
+    said = {text.partition("=")[0].strip() for text in overrides}
+    values, assumed = "labels: {solid: 1, water: 0}", []
+    if not any(key.startswith(("geometry.voxels.labels", "geometry.voxels.grey")) for key in said):
+        values, sentence = _understood(path, image)
+        assumed.append(sentence)
+    if "geometry.voxels.voxel_size" in said:
+        size = tuple(np.ravel(np.asarray(spec.voxel_size, float)))
+    else:
+        known = known_spacing(image)
+        if known is None:
+            raise VoxelError(f"{path}: holds no voxel size; give it, such as --set geometry.voxels.voxel_size=5um")
+        size = known
+        if image.spacing_key and max(known) >= COARSE:
+            given = " ".join(f"{s:g}" for s in known)
+            raise VoxelError(f"{path}: its {image.spacing_key}, {given}, has no unit; say what it is, such as --set "
+                             f"geometry.voxels.voxel_size={known[0]:g}um")
+        if image.spacing_key:
+            assumed.append(f"the voxel size by its {image.spacing_key}, which has no unit: taken as metres")
+    shown = f"{size[0]!r}" if len(set(size)) == 1 else f"[{', '.join(repr(float(s)) for s in size)}]"
+    text = case_text(path, values, shown.replace("np.float64(", "").replace(")", ""), repr(float(min(size))))
+    if "drive.axes" not in said and not any(key.startswith("drive") for key in said):
+        assumed.append("flow along x alone; others: --set 'drive.axes=[x, y, z]'")
+    return FirstCase(read_case(text.encode(), case_file, overrides), text, tuple(assumed))
+
+
+def _understood(path: Path, image: Image) -> tuple[str, str]:
+    """What the values of an image are taken for: (entry of the case, sentence)."""
+    found, counts = _few(image.values)
+    if len(found) > FEW or image.values.dtype.kind == "f":
+        return ("grey: {threshold: otsu, solid: above}", "grey values, of which the bright ones are solid (Otsu's "
+                "threshold); the other way round: --set geometry.voxels.grey.solid=below")
+    shares = dict(zip(found, counts))
+    if len(found) != 2 or found[0] < 0:
+        raise VoxelError(f"{path}: holds {_counts(shares)}; say which are solid, such as --set "
+                         "'geometry.voxels.labels={solid: 1, water: 0}'")
+    pore, solid = found
+    return (f"labels: {{solid: {solid}, water: {pore}}}",
+            f"voxels of value {solid} are solid ({100 * shares[solid] / image.values.size:.3g} %), those of {pore} "
+            f"pore; the other way round: --set 'geometry.voxels.labels={{solid: {pore}, water: {solid}}}'")
+
+
+def _few(values: np.ndarray) -> tuple[list[int], list[int]]:
+    """The values of an image and their counts, or more than FEW of them where there are more."""
+    found: dict[int, int] = {}
+    for layer in values:
+        if len(found) > FEW or values.dtype.kind == "f":
+            break
+        for value, count in zip(*np.unique(layer, return_counts=True)):
+            found[int(value)] = found.get(int(value), 0) + int(count)
+    return sorted(found), [found[value] for value in sorted(found)]

@@ -1,0 +1,50 @@
+"""The image file of a case: how it is laid out, and the part of it that the case keeps, read once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..geometry.images.image import Image, Layout, _checked
+from ..geometry.images.read import read_image
+
+if TYPE_CHECKING:
+    from ..case.blocks import Voxels
+
+SEVERAL = (".mhd", ".nhdr", ".raw", ".bin")  # whose data or header may be in another file, which can change by itself
+_last: list[tuple[Any, Image]] = []  # the image that was read last: a byte or two a voxel, of 40 that its walls take
+
+
+def layout_of(spec: Voxels) -> Layout:
+    """What a case says of its file beside the path."""
+    return Layout(spec.array, spec.axes, spec.shape, spec.dtype, spec.offset, spec.byte_order)
+
+
+def image_of(spec: Voxels) -> Image:
+    """The part of the image of a case that is kept, [z, y, x] or [y, x]; raises VoxelError."""
+    image = grey_image(spec.file, layout_of(spec), spec.crop)
+    return image if spec.grey is not None else replace(image, values=_checked(spec.file, image.values, grey=False))
+
+
+def grey_image(path: Path, layout: Layout, crop: Sequence[Sequence[int]] | None) -> Image:
+    """A part of an image with the values of its file, which nobody may change; the last one is kept."""
+    known = _identity(path)
+    key = None if known is None else (known, layout, crop)
+    if key is not None and _last and _last[0][0] == key:
+        return _last[0][1]
+    _last.clear()  # before the next one is in memory too
+    image = read_image(path, grey=True, layout=layout, crop=crop)
+    image.values.flags.writeable = False
+    if key is not None:
+        _last.append((key, image))
+    return image
+
+
+def _identity(path: Path) -> tuple[Any, ...] | None:
+    """What changes with a file; None where that is not seen in one file."""
+    if not path.is_file() or path.suffix.lower() in SEVERAL:
+        return None
+    found = path.stat()
+    return path, found.st_mtime_ns, found.st_size, found.st_ino
