@@ -388,6 +388,26 @@ class Interface:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Reservoirs:
+    """What is injected at one end of a scene and leaves at the other: two reservoirs, of one fluid each.
+
+    They are the clear layers of an image, or the two ends of a box that is periodic along the axis. Fluid that leaves
+    one end of the box comes in at the other as the fluid of the reservoir there.
+    """
+
+    axis: str = key("axis from the inlet, at its lower end, to the outlet, at its upper end", choices=AXES)
+    inlet: str = key(
+        "fluid in the reservoir at the lower end: a positive `drive` along the axis injects it (drainage or imbibition, "
+        "as it wets or not)"
+    )
+    outlet: str = key("fluid in the reservoir at the upper end: a negative `drive` brings it back")
+    length: float | None = key(
+        "length of each reservoir along the axis (box). An image has them in its clear layers", default=None, unit="m",
+        above=0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
 class Drive:
     """What makes the fluid move."""
 
@@ -540,6 +560,9 @@ class Case:
     particles: Lattice = key("resolution and arrangement of the particles")
     fluids: Table[Fluid] = key("name: properties of the fluid, one block each")
     interface: Interface | None = key("surface tension, with two fluids", default=None)
+    reservoirs: Reservoirs | None = key(
+        "which fluid is injected at one end and leaves at the other; `drive` says at what pressure or flux", default=None
+    )
     drive: Drive | None = key("what makes the fluid move", default=None)
     initial: Initial | None = key("the state at time zero. Without it: at rest", default=None)
     flow: str = key(

@@ -161,9 +161,11 @@ def driven_axes(case: Case, lengths: np.ndarray) -> list[int]:
 
 
 def flow_axis(case: Case) -> int | None:
-    """Axis of the drive: of its only or its largest component, by what the case says without lengths; None without a
-    drive."""
+    """Axis of the reservoirs; else of the drive: of its only or its largest component, by what the case says without
+    lengths; None without both."""
     drive = case.drive
+    if case.reservoirs is not None:
+        return "xyz".index(case.reservoirs.axis)
     if drive is None:
         return None
     if drive.named_axes:

@@ -87,8 +87,8 @@ class Fluids(Protocol):
     def nu_min(self) -> float:
         """Smallest kinematic viscosity, m2/s."""
 
-    def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
-        """Terms of one configuration. neighbours: all of them, dummies included."""
+    def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:
+        """Terms of one configuration. neighbours: all of them, dummies included; phi: (n,) of `State`."""
 
     def driven_by(self, body: np.ndarray, push: np.ndarray) -> Fluids:
         """The same fluids under a body force and that of a pressure gradient on the first fluid, (dim,) m/s2 each."""
@@ -185,7 +185,7 @@ class OneFluid:
         other.force = body + push
         return other
 
-    def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
+    def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:
         """Terms of one configuration; see `Fluids.terms`."""
         along = balanced_force(ops, self.held) if self.held is not None else None
         viscous = ViscousWeights(self.viscosity, ops.lap, ops.walls)

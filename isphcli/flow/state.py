@@ -24,7 +24,8 @@ class State:
     x, u, u_old: (n, dim) m and m/s; p: (n,) pressure over the density of the first fluid, m2/s2; time: s; dt_old:
     length of the step before, s, 0 before the first. Of a scene that holds a superficial velocity, otherwise None:
     pressure_gradient: over the density of the first fluid, m/s2, that held it; shifting_flux: mean velocity of the
-    shifts that it makes up for (`HeldVelocity`), m/s.
+    shifts that it makes up for (`HeldVelocity`), m/s. Of two fluids between reservoirs, otherwise None: phi: (n,)
+    positive in the first fluid (`seam`), m.
     """
 
     x: np.ndarray
@@ -36,6 +37,7 @@ class State:
     dt_old: float = 0.0
     pressure_gradient: float | None = None
     shifting_flux: float | None = None
+    phi: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from ..operators.wall_operators import WallScene
     from ..output.clock import Clock
     from .one_fluid import Fluids
+    from .seam import Seam
     from .timed_drive import TimedDrive
     from .volume_control import KeptVolume
 
@@ -64,7 +65,8 @@ class Stepper:
     site_volume: m^dim; fluids: what they put into the equations; shifting: coefficient of eq. 8, 0 for none;
     second_order: BDF2 or implicit Euler; solvers: with the hierarchies that are kept, the only changing state;
     bounds: what no step may exceed; held_velocity: the superficial velocity that is held, or None; volume: what keeps
-    the number of particles in blocks, or None; timed_drive: forces and walls that change with time, or None.
+    the number of particles in blocks, or None; timed_drive: forces and walls that change with time, or None; seam: where
+    fluid that leaves one reservoir comes in at the other, or None.
     """
 
     geometry: Geometry
@@ -81,6 +83,7 @@ class Stepper:
     held_velocity: HeldVelocity | None = None
     volume: KeptVolume | None = None
     timed_drive: TimedDrive | None = None
+    seam: Seam | None = None
 
     def __post_init__(self) -> None:
         self.walls: WallScene | None = None
@@ -100,7 +103,7 @@ class Stepper:
 
         def take(state: State, dt: float) -> None:
             with suppress(SolveError, StepError):
-                self.advance(state, self.configure(state.x, state.time), dt)
+                self.advance(state, self.configure(state.x, state.time, state.phi), dt)
 
         self.solvers.rebuild(origins, take)
 
@@ -108,8 +111,9 @@ class Stepper:
         """The fluids under the forces of a time, s."""
         return self.fluids if self.timed_drive is None else self.fluids.driven_by(*self.timed_drive.forces_at(time))
 
-    def configure(self, x: np.ndarray, time: float = 0.0) -> Configuration:
-        """Neighbours and operators of fluid positions x (n, dim); time: s, of forces and walls that change."""
+    def configure(self, x: np.ndarray, time: float = 0.0, phi: np.ndarray | None = None) -> Configuration:
+        """Neighbours and operators of fluid positions x (n, dim); time: s, of forces and walls that change; phi: (n,) of
+        `State`."""
         n = len(x)
         geometry = self.geometry
         if self.walls is not None:
@@ -124,7 +128,7 @@ class Stepper:
             with self.clock("operators"):
                 ops = build_operators(neighbours, particle_volumes(neighbours))
         with self.clock("terms"):
-            terms = self.fluids_at(time).terms(ops, neighbours)
+            terms = self.fluids_at(time).terms(ops, neighbours, phi)
         with self.clock("assembly"):
             # a periodic box full of fluid is one component; pores can be many
             labels = np.zeros(n, np.int32)
@@ -153,13 +157,17 @@ class Stepper:
         terms, stopped = config.terms, 0
         # eqs 4 and 10: the pressure is carried over the whole displacement, with the flow and by the shift
         p = p + terms.density * (terms.pressure_gradient(p) * (displacement - dt * wind)).sum(axis=1)
-        x = wrap(state.x + displacement, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
+        ahead = state.x + displacement
+        x = wrap(ahead, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
         if self.walls is not None:
             # a particle never enters a wall: one that would stays where it is
             inside = self.geometry.phase(x) < 0
             x[inside] = state.x[inside]
             stopped = reduce.count(inside)
-        return replace(state, x=x, u=u, u_old=u_old, p=p), stopped
+        phi = state.phi
+        if self.seam is not None and phi is not None:
+            phi = self.seam.entered(ahead, x, phi)
+        return replace(state, x=x, u=u, u_old=u_old, p=p, phi=phi), stopped
 
     def _shift(self, state: State, config: Configuration, dt: float, wind: np.ndarray | float,
                displacement: np.ndarray) -> np.ndarray | None:
@@ -184,7 +192,7 @@ class Stepper:
         """One step of length dt. Raises SolveError, StepError or RunError."""
         self.solvers.begin(state, dt)
         moved, stopped = self.move(state, config, dt)
-        config = self.configure(moved.x, state.time + dt)
+        config = self.configure(moved.x, state.time + dt, moved.phi)
         ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0
         g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
         # eq. 2 in time: backward differences along the paths
@@ -209,7 +217,8 @@ class Stepper:
             if held is not None:
                 u, p, increment = self._hold(config, system, u, p, g0 / dt, moved.shifting_flux)
                 held += increment
-        new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.shifting_flux)
+        new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.shifting_flux,
+                    moved.phi)
         return StepResult(new, config, dt, config.ops.total_divergence(u), stopped, self.solvers.reports,
                           self.solvers.rebuilt, volume_drift)
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import sys
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..case.forcing import walls_move
+from ..flow.seam import phase_of
 from ..output import folder, progress, restart
 from ..output.files import History, Series, read_history
 from ..references.result import Result
@@ -84,11 +85,15 @@ class MovingRun:
         """What the pressures of a state are multiplied with, kg/m3."""
         return self.stepper.fluids.reference
 
+    def particles_at(self, state: State) -> Particles:
+        """The particles with the fluids that they are of in a state."""
+        return self.particles if state.phi is None else replace(self.particles, phase=phase_of(state.phi))
+
     def snapshot(self, state: State, config: Configuration) -> None:
         """Writes a snapshot, if there are any."""
         if self.series is not None:
             with self.clock("output"):
-                fields = snapshot_of(self.case, self.geometry, self.particles, state.x, state.u,
+                fields = snapshot_of(self.case, self.geometry, self.particles_at(state), state.x, state.u,
                                      state.p * self.pressure_unit, config.ops.total_divergence(state.u))
                 self.series.write(state.step, state.time, *fields)
 
@@ -150,7 +155,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         if Path(resume).resolve() == case.output.directory.resolve():  # elsewhere its files begin anew
             run.since, run.last_step = state.time, state.step
     with progress.stage("neighbours and operators", quiet):
-        config = stepper.configure(state.x, state.time)
+        config = stepper.configure(state.x, state.time, state.phi)
         if saved is not None:
             stepper.rebuild_hierarchies(saved.origins)
     run.directory = folder.prepare(case.output.directory)
@@ -270,8 +275,8 @@ def _finish_march(run: MovingRun, state: State, config: Configuration) -> Summar
     flow = _flow_entries(run, state)
     result = Result(
         x=state.x, velocity=state.u, cell_velocity=state.u, pressure=state.p * run.pressure_unit,
-        time=state.time, spacing=case.particles.spacing, phase=run.particles.phase, permeability=flow["permeability"],
-        geometry=run.geometry, history=history,
+        time=state.time, spacing=case.particles.spacing, phase=run.particles_at(state).phase,
+        permeability=flow["permeability"], geometry=run.geometry, history=history,
     )
     summary: Summary = {
         "status": run.march.outcome,
@@ -317,7 +322,7 @@ def _pictures(run: MovingRun, state: State, permeability: float | None) -> None:
     from ..output.plots import Frame, plot_histories, plot_phases, plot_slice
 
     case, geometry, two = run.case, run.geometry, run.measures is not None
-    phase = run.particles.phase
+    phase = run.particles_at(state).phase
     frame = Frame(geometry.dim, case.particles.spacing, case.title, geometry.lower, geometry.upper, geometry.periodic,
                   geometry.distance if geometry.has_solid else None)
     plot_slice(run.directory / "slice.png", state.x, state.u, frame, permeability=permeability,

@@ -170,6 +170,8 @@ def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:
             terms.append("moving walls")
         if np.any(geometry.slip_length > 0.0):
             terms.append("slip walls")
+    if case.reservoirs is not None:
+        terms.append("reservoirs")
     if any(geometry.periodic):
         terms.append("periodic halo")
     if case.flow == "navier_stokes" and case.particles.shifting > 0.0:

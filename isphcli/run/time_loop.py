@@ -174,7 +174,8 @@ class TimeLoop:
         # einsum: numpy's sums over an axis of two or three entries take five times as long
         total = np.einsum("ij->j", state.u)
         mean = total / (self.fluid_cells or len(state.u))
-        energy = 0.5 * self.site_volume * float((self.density * np.einsum("ij,ij->i", state.u, state.u)).sum())
+        density = self.density if state.phi is None else stepper.fluids.reference * found.config.terms.density
+        energy = 0.5 * self.site_volume * float((density * np.einsum("ij,ij->i", state.u, state.u)).sum())
         fraction = len(state.u) * self.site_volume / self.box_volume
         row = {"step": state.step, "time": state.time, "dt": found.dt, "limit": limit}
         for name in ("velocity", "pressure"):

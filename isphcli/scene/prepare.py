@@ -23,6 +23,7 @@ from .place import place_case
 if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..domain.lattice import Particles
+    from ..flow.seam import Seam
     from ..flow.timed_drive import TimedDrive
     from ..flow.volume_control import KeptVolume
     from ..geometry.protocol import Geometry
@@ -40,7 +41,8 @@ def held_velocity(case: Case, particles: Particles, reference: float, geometry: 
     here = int(outside_sample(particles.x[: particles.n_fluid, axis], lower, upper).sum())
     volumes = particles.site_volume * length / float(np.prod(size))  # of a particle, over the cross section
     porosity = (particles.n_fluid - here) * volumes / (upper - lower)
-    fraction = 1.0  # clear layers are all fluid, whatever number of lattice layers falls into them
+    # clear layers of an image are all fluid, whatever number of lattice layers falls into them
+    fraction = 1.0 if geometry.labels is not None else here * volumes / max(length - (upper - lower), volumes)
     if not here:
         lower, upper, fraction = np.inf, -np.inf, particles.n_fluid * volumes / length
     two = len(np.unique(particles.phase)) > 1
@@ -80,12 +82,26 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
         solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock),
         bounds=bounds(case, geometry, particles, u, held), held_velocity=held,
-        volume=kept_volume(case, geometry, x), timed_drive=drive,
+        volume=kept_volume(case, geometry, x), timed_drive=drive, seam=seam(case, geometry),
     )
     if drive is not None:
         stepper.bounds = replace(stepper.bounds, largest_force=drive.largest_force)
     none_yet = None if held is None else 0.0
-    return State(x, u, u.copy(), np.zeros(n), pressure_gradient=none_yet, shifting_flux=none_yet), stepper, particles
+    state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=none_yet, shifting_flux=none_yet)
+    if stepper.seam is not None:
+        state = replace(state, phi=np.where(particles.phase == 0, spacing, -spacing))
+    return state, stepper, particles
+
+
+def seam(case: Case, geometry: Geometry) -> Seam | None:
+    """The Seam between the two reservoirs of a case, or None."""
+    if case.reservoirs is None:
+        return None
+    from ..flow.seam import Seam
+
+    axis = "xyz".index(case.reservoirs.axis)
+    fluids = (case.fluid_names.index(case.reservoirs.inlet), case.fluid_names.index(case.reservoirs.outlet))
+    return Seam(axis, float(geometry.lower[axis]), float(geometry.upper[axis]), fluids)
 
 
 def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, rate: HeldVelocity | None) -> Bounds:

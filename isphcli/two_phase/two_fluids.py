@@ -24,6 +24,7 @@ import numpy as np
 from numba import njit, prange
 
 from ..flow.one_fluid import Terms, ViscousWeights, balanced_force
+from ..flow.seam import phase_of
 from ..operators.protocol import WallSums
 from .interface_rules import FIRST_PASSES, interface_rules
 from .normals import crossings, near_interface
@@ -90,8 +91,11 @@ class TwoFluids:
         other.body, other.push, other.force = body, push, body + push
         return other
 
-    def terms(self, ops: Operators, neighbours: Neighbourhood) -> Terms:
-        """Terms of one configuration. ops: Operators; neighbours: all of them, dummies included."""
+    def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:
+        """Terms of one configuration. ops: Operators; neighbours: all of them, dummies included; phi: (n,) of `State`,
+        whose sign says which fluid particles are of now, or None."""
+        if phi is not None:
+            return self._of_phase(phase_of(phi)).terms(ops, neighbours)
         reference = self.density[0]
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
         rho = self.density[self.phase] / reference
@@ -125,6 +129,12 @@ class TwoFluids:
         return Terms(weighted, viscous, force, jump, laplacian_of_jump, rho if heavy else 1.0,
                      rules.rotational_viscosity / reference, transposed_stress, smooth, shifts_less,
                      rules.damps_odd_even, along, band)
+
+    def _of_phase(self, phase: np.ndarray) -> TwoFluids:
+        """The same fluids with other particles of each."""
+        other = copy.copy(self)
+        other.phase, other.colour = phase, np.where(phase == 0, 1.0, 0.0)
+        return other
 
     @staticmethod
     def _weigh(ops: Operators, t: np.ndarray, rho: np.ndarray, mu: np.ndarray,
