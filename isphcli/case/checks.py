@@ -17,7 +17,7 @@ from .reader import Key, Table, keys_of, suggest
 from .yaml import Report, Where, as_key, shown
 
 if TYPE_CHECKING:
-    from .blocks import Case, Reservoirs
+    from .blocks import Case, Drive, Reservoirs
 
 # What a reference needs and nothing else in a case tells
 PARAMETERS = {
@@ -310,7 +310,7 @@ class _Checks:
             self.bad("reservoirs.axis", f"the image repeats along {found.axis} and has no clear layers there",
                      f"remove {found.axis} from geometry.{'mirror' if found.axis in scene.mirror else 'periodic'}")
         elif scene.voxels.clear_layer == 0:
-            self.bad("geometry.voxels.clear_layer", "is 0: there are no reservoirs", "leave it out, or give a thickness")
+            self.bad("geometry.voxels.clear_layer", "is 0: no room for reservoirs", "leave it out, or give a thickness")
 
     def drive(self) -> None:
         drive = self.case.drive
@@ -319,12 +319,14 @@ class _Checks:
         pushed = drive.body_force or drive.pressure_drop or drive.superficial_velocity
         if drive.axes is not None and pushed:
             self.bad("drive.axes", "makes its own flow along each axis", "remove the rest of drive")
-        if not (drive.axes or pushed):
-            self.bad("drive", "drives nothing", "give body_force, pressure_drop, superficial_velocity or axes")
+        if not (drive.axes or pushed or drive.steps):
+            self.bad("drive", "drives nothing", "give body_force, pressure_drop, superficial_velocity, steps or axes")
         if drive.axes and self.clear("flow") and self.case.flow != "stokes":
             self.bad("drive.axes", "needs flow: stokes", "use body_force, pressure_drop or superficial_velocity")
         if drive.superficial_velocity is not None:
             self.held_rate(drive)
+        if drive.steps is not None:
+            self.drive_steps(drive)
         self.driven_axes()
         if self.case.reservoirs is not None and self.clear("reservoirs"):
             for name in ("pressure_drop", "superficial_velocity"):
@@ -360,6 +362,19 @@ class _Checks:
         if self.clear("flow") and self.case.flow == "stokes":
             self.bad(path, "needs flow: navier_stokes", "use pressure_drop: the permeability of a steady creeping flow "
                      "does not depend on it")
+
+    def drive_steps(self, drive: Drive) -> None:
+        path, steps = "drive.steps", drive.steps
+        assert steps is not None
+        if self.case.reservoirs is None and self.clear("reservoirs"):
+            self.bad(path, "are between reservoirs, and there are none", "add reservoirs: {axis, inlet, outlet}")
+        if drive.pressure_drop or drive.superficial_velocity or drive.axes:
+            fix = "remove pressure_drop, superficial_velocity and axes"
+            self.bad(path, "are all of the drive along their axis", fix)
+        if steps.window is not None and steps.window > steps.duration:
+            self.bad(f"{path}.window", "is longer than a step", "make it a small part of the duration")
+        if self.clear("time") and self.case.time is not None and self.case.time.steady is not None:
+            self.bad("time.steady", "is of one flow, and the drive has steps", "give drive.steps.settled")
 
     def driven_axes(self) -> None:
         for name in ("pressure_drop", "superficial_velocity", "axes"):
@@ -399,7 +414,7 @@ class _Checks:
             for name in ("time", "initial", "interface"):
                 if getattr(case, name) is not None:
                     self.bad(name, "has no meaning in flow: stokes, which is steady", "remove it")
-        elif case.time is None or (case.time.end is None and case.time.steady is None):
+        elif case.time is None or not (case.time.end or case.time.steady or forcing.drive_steps(case)):
             self.bad("time", "the run would not end", "give time.end or time.steady")
 
     def refine(self) -> None:

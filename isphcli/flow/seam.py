@@ -1,8 +1,9 @@
 """The seam of a periodic loop with a reservoir at either end: fluid that goes over it becomes that of the other one.
 
 A scene that is periodic along an axis needs no open boundary: pressures and velocities go on over the seam, where the
-reservoir at the upper end of the box, the outlet, meets that at its lower end, the inlet. Only which fluid a particle is
-of does not: what leaves the outlet comes in as the fluid of the inlet, and the reverse. The number of particles stays.
+reservoir at the upper end of the box, the outlet, meets that at its lower end, the inlet. Only which fluid a particle
+is of does not: what leaves the outlet comes in as the fluid of the inlet, and the reverse. The number of particles
+stays.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ class Seam:
         return np.rint((ahead[:, self.axis] - x[:, self.axis]) / length).astype(np.int8)
 
     def entered(self, ahead: np.ndarray, x: np.ndarray, phi: np.ndarray) -> np.ndarray:
-        """phi (n,) m, positive in the first fluid, with those over the seam of the fluid of the reservoir that they came
-        into: as far from the other one as they are from the seam. Arguments as those of `crossings`."""
+        """phi (n,) m, positive in the first fluid, with those over the seam of the fluid of the reservoir that they
+        came into: as far from the other one as they are from the seam. Arguments as those of `crossings`."""
         crossed = self.crossings(ahead, x)
         if not crossed.any():
             return phi

@@ -25,7 +25,8 @@ class State:
     length of the step before, s, 0 before the first. Of a scene that holds a superficial velocity, otherwise None:
     pressure_gradient: over the density of the first fluid, m/s2, that held it; shifting_flux: mean velocity of the
     shifts that it makes up for (`HeldVelocity`), m/s. Of two fluids between reservoirs, otherwise None: phi: (n,)
-    positive in the first fluid (`seam`), m.
+    positive in the first fluid (`seam`), m. Of a drive in steps, otherwise None: pressure_gradient: as above, of this
+    step; drive_step: (4,) which one, and what was seen of it (`run.drive_steps`).
     """
 
     x: np.ndarray
@@ -38,6 +39,7 @@ class State:
     pressure_gradient: float | None = None
     shifting_flux: float | None = None
     phi: np.ndarray | None = None
+    drive_step: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

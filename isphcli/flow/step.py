@@ -65,8 +65,8 @@ class Stepper:
     site_volume: m^dim; fluids: what they put into the equations; shifting: coefficient of eq. 8, 0 for none;
     second_order: BDF2 or implicit Euler; solvers: with the hierarchies that are kept, the only changing state;
     bounds: what no step may exceed; held_velocity: the superficial velocity that is held, or None; volume: what keeps
-    the number of particles in blocks, or None; timed_drive: forces and walls that change with time, or None; seam: where
-    fluid that leaves one reservoir comes in at the other, or None.
+    the number of particles in blocks, or None; timed_drive: forces and walls that change with time, or None; seam:
+    where fluid that leaves one reservoir comes in at the other, or None.
     """
 
     geometry: Geometry
@@ -112,8 +112,8 @@ class Stepper:
         return self.fluids if self.timed_drive is None else self.fluids.driven_by(*self.timed_drive.forces_at(time))
 
     def configure(self, x: np.ndarray, time: float = 0.0, phi: np.ndarray | None = None) -> Configuration:
-        """Neighbours and operators of fluid positions x (n, dim); time: s, of forces and walls that change; phi: (n,) of
-        `State`."""
+        """Neighbours and operators of fluid positions x (n, dim); time: s, of forces and walls that change; phi: (n,)
+        of `State`."""
         n = len(x)
         geometry = self.geometry
         if self.walls is not None:
@@ -214,11 +214,11 @@ class Stepper:
                 assert config.terms.along is not None
                 driven = known + held * config.terms.along
             u, p = self._project(config, system, moved.u, driven, p, g0 / dt, expansion)
-            if held is not None:
+            if held is not None and self.held_velocity is not None:
                 u, p, increment = self._hold(config, system, u, p, g0 / dt, moved.shifting_flux)
                 held += increment
         new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.shifting_flux,
-                    moved.phi)
+                    moved.phi, moved.drive_step)
         return StepResult(new, config, dt, config.ops.total_divergence(u), stopped, self.solvers.reports,
                           self.solvers.rebuilt, volume_drift)
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..case.forcing import body_force, held_axis
+from ..case.forcing import body_force, gradient_axis
 from ..flow.one_fluid import OneFluid
 from ..operators.kernel import KERNELS
 
@@ -22,7 +22,7 @@ def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: n
     """OneFluid or TwoFluids: the one place that chooses what an interface needs."""
     present = [case.fluids[case.fluid_names[k]] for k in np.unique(particles.phase)]
     differ = len({(f.density, f.mu) for f in present}) > 1
-    axis = held_axis(case)
+    axis = gradient_axis(case)
     held = None if axis is None else np.eye(geometry.dim)[axis]
     if len(present) == 1 or (case.interface is None and not differ):
         return OneFluid(present[0].density, present[0].nu, force, held)

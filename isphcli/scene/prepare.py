@@ -86,8 +86,12 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     )
     if drive is not None:
         stepper.bounds = replace(stepper.bounds, largest_force=drive.largest_force)
-    none_yet = None if held is None else 0.0
-    state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=none_yet, shifting_flux=none_yet)
+    gradient = None if forcing.gradient_axis(case) is None else 0.0
+    state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=gradient, shifting_flux=None if held is None else 0.0)
+    if forcing.drive_steps(case) is not None:
+        from ..run.drive_steps import begun
+
+        state = replace(state, drive_step=begun(0, 0.0))
     if stepper.seam is not None:
         state = replace(state, phi=np.where(particles.phase == 0, spacing, -spacing))
     return state, stepper, particles
@@ -110,7 +114,11 @@ def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, 
     walls = np.max(geometry.wall_speed, initial=0.0)
     tension = case.interface.tension if case.interface is not None else 0.0
     capillary = np.sqrt(tension / (density.mean() * case.particles.spacing))
-    other = walls + capillary + (SPREAD * rate.speed if rate is not None else 0.0)
+    speed = rate.speed if rate is not None else 0.0
+    steps = forcing.drive_steps(case)
+    if rate is not None and steps is not None and steps.superficial_velocity:
+        speed = max(replace(rate, wanted=wanted).speed for wanted in steps.superficial_velocity)
+    other = walls + capillary + SPREAD * speed
     force = float(forcing.strongest_acceleration(case, geometry.upper - geometry.lower))
     found = Bounds(geometry, particles.site_volume, density, 0.0, force, other)
     return replace(found, start=found.speed(u))

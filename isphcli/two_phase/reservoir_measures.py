@@ -1,0 +1,93 @@
+"""What is measured of two fluids between two reservoirs: capillary pressure, and what is cut off from its reservoir."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..domain import reduce
+from ..flow.seam import phase_of
+from ..geometry.protocol import Geometry, sample_box
+from .measures import LINKED, SELDOM
+
+if TYPE_CHECKING:
+    from ..flow.state import Configuration, State
+
+
+@dataclass(frozen=True)
+class ReservoirMeasures:
+    """axis: of the reservoirs; ends: fluid of the inlet and of the outlet, 0 or 1; names: of both fluids; site_volume:
+    m^dim; pressure(state): (n,) Pa of the particles, with what falls along the axis."""
+
+    axis: int
+    ends: tuple[int, int]
+    names: Sequence[str]
+    geometry: Geometry
+    site_volume: float
+    pressure: Callable[[State], np.ndarray]
+
+    def __call__(self, state: State, config: Configuration, everything: bool = False) -> dict[str, Any]:
+        """Entries of a row of the history; what takes longer only every `SELDOM` steps, unless everything is asked
+        for, and otherwise None."""
+        row: dict[str, Any] = {"capillary_pressure": self.capillary_pressure(state)}
+        everything = everything or state.step % SELDOM == 0
+        for k, name in enumerate(self.names):
+            row[f"trapped_{name}"] = self.trapped(state, config, k) if everything else None
+        return row
+
+    def saturation(self, state: State) -> float:
+        """Of the fluid of the inlet, by particles in the sample."""
+        inside = self._inside(state)
+        return reduce.count(inside & (_phase(state) == self.ends[0])) / max(reduce.count(inside), 1)
+
+    def capillary_pressure(self, state: State) -> float | None:
+        """Mean pressure of the fluid of the inlet in the sample less that of the fluid of the outlet, Pa, what viscous
+        flow takes included; None while one of them is not there."""
+        inside, phase, p = self._inside(state), _phase(state), self.pressure(state)
+        means = []
+        for k in self.ends:
+            mine = inside & (phase == k)
+            if not reduce.any_true(mine):
+                return None
+            means.append(reduce.mean(p[mine]))
+        return float(means[0] - means[1])
+
+    def trapped(self, state: State, config: Configuration, k: int) -> float:
+        """Share of the fluid in the sample that is of fluid k and no longer joined to a reservoir of it: particles of
+        it within LINKED mean distances of each other are joined, but not over the seam."""
+        start, column, row = config.ops.start, config.ops.column, config.ops.neighbours.row
+        x, phase = config.ops.neighbours.x, _phase(state)
+        owner = np.repeat(np.arange(len(start) - 1), np.diff(start))
+        offset = x[row] - x[owner]
+        reach = LINKED * self.site_volume ** (1.0 / self.geometry.dim)
+        over = x[row, self.axis] != x[column, self.axis]
+        joined = (phase[owner] == k) & (phase[column] == k) & ~over & ((offset * offset).sum(axis=1) < reach * reach)
+        n = len(phase)
+        links = csr_matrix((np.ones(joined.sum(), np.int8), (owner[joined], column[joined])), shape=(n, n))
+        part = connected_components(links, directed=False)[1]
+        lower, upper = (corner[self.axis] for corner in sample_box(self.geometry))
+        along, home = state.x[:, self.axis], np.zeros(n, np.bool_)
+        if self.ends[0] == k:
+            home |= along < lower
+        if self.ends[1] == k:
+            home |= along > upper
+        free = np.zeros(n, np.bool_)
+        free[part[home & (phase == k)]] = True
+        inside = self._inside(state)
+        return reduce.count(inside & (phase == k) & ~free[part]) / max(reduce.count(inside), 1)
+
+    def _inside(self, state: State) -> np.ndarray:
+        """Which particles (n,) are in the sample."""
+        lower, upper = (corner[self.axis] for corner in sample_box(self.geometry))
+        along = state.x[:, self.axis]
+        return (along >= lower) & (along <= upper)
+
+
+def _phase(state: State) -> np.ndarray:
+    assert state.phi is not None  # of a scene with reservoirs
+    return phase_of(state.phi)
