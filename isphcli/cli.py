@@ -1,4 +1,4 @@
-"""The command line: `isph run`, `validate`, `convert-voxels`, `keys`.
+"""The command line: `isph run`, `validate`, `convert-voxels`, `relperm`, `keys`.
 
 Nothing but click is imported before a command runs, so that `isph --help` answers at once. Results go to
 stdout, everything else to stderr. Exit codes: see `EXIT_CODES`.
@@ -24,6 +24,7 @@ from .output.environment import find_kernel_cache, settle_streams, stop_printing
 
 if TYPE_CHECKING:
     from .case.blocks import Case
+    from .run.relative_permeability import Relative
 
 OUTSIDE, BAD_INPUT, FAILED, INTERNAL, STOPPED_SHORT, INTERRUPTED = 1, 2, 3, 4, 5, 130
 NOT_READ = 141  # as the shell says it of programs that end with SIGPIPE
@@ -710,6 +711,48 @@ def image_lines(report: Mapping[str, Any]) -> str:
         ("pockets", f"{report['isolated_pockets']} closed, {report['isolated_volume']:.4g} {unit}"),
     ]
     return table(lines)
+
+
+# -- relperm ---------------------------------------------------------------------------------------------
+
+
+@main.command(epilog=EXIT_CODES, short_help="Relative permeability of both fluids of a run.")
+@click.argument("folder", metavar="OUT", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--axis", type=click.Choice(["x", "y", "z"]), help="Of the flow. [default: that of the drive]")
+@click.option("--all", "every", is_flag=True, help="Of every snapshot, as comma-separated values. [default: the last]")
+@threads_option
+@guarded
+def relperm(folder: Path, axis: str | None, every: bool, threads: int | None) -> None:
+    """Relative permeability of both fluids as they lie in a snapshot of the run in OUT, with their saturations.
+
+    A steady solve of each fluid, with the other one as a solid that does not slip, over one of both as a single fluid
+    (docs/two_fluids.md). Nothing is written.
+
+    \b
+    isph relperm out/rock_drainage
+    isph relperm out/rock_drainage --all > relative_permeability.csv
+    """
+    set_threads(threads)
+    from .output.clock import Clock
+    from .run.relative_permeability import relative_permeabilities
+
+    found = relative_permeabilities(folder, Clock(), every, axis)
+    click.echo(relative_table(found) if every else table(relative_lines(found[-1])))
+
+
+def relative_lines(found: Relative) -> list[tuple[str, str]]:
+    """What is printed of one snapshot."""
+    lines = [("time", f"{found.time:g} s"), (f"permeability {found.axis}", permeability(found.permeability))]
+    for name, saturation, relative in zip(found.names, found.saturation, found.relative):
+        lines += [(f"saturation {name}", f"{saturation:.4g}"), (f"k_r {name}", f"{relative:.{DIGITS}g}")]
+    return lines
+
+
+def relative_table(found: Sequence[Relative]) -> str:
+    """Comma-separated values, a line a snapshot."""
+    a, b = found[0].names
+    lines = [f"time,saturation_{a},saturation_{b},k_r_{a},k_r_{b}"]
+    return "\n".join(lines + [",".join(f"{v:.6g}" for v in (f.time, *f.saturation, *f.relative)) for f in found])
 
 
 # -- keys ------------------------------------------------------------------------------------------------

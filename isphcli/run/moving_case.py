@@ -213,7 +213,7 @@ def _program(run: MovingRun, between: ReservoirMeasures) -> DriveProgram:
         for name, column in (("pressure_drop", f"pressure_drop_{'xyz'[between.axis]}"),
                              ("capillary_pressure", "capillary_pressure")):
             values = [past[column] for past in late if past.get(column) is not None]
-            row[name] = float(np.mean(values)) if values else None
+            row[name] = float(np.mean(values)) if values else now.get(name)
         for kind in ("saturation", "ganglia", "trapped"):
             row |= {f"{kind}_{name}": now[f"{kind}_{name}"] for name in measures.names}
         run.tables[CURVE].append(row)

@@ -34,10 +34,15 @@ class ReservoirMeasures:
     def __call__(self, state: State, config: Configuration, everything: bool = False) -> dict[str, Any]:
         """Entries of a row of the history; what takes longer only every `SELDOM` steps, unless everything is asked
         for, and otherwise None."""
-        row: dict[str, Any] = {"capillary_pressure": self.capillary_pressure(state)}
-        everything = everything or state.step % SELDOM == 0
+        if not (everything or state.step % SELDOM == 0):
+            return dict.fromkeys(("capillary_pressure", *(f"trapped_{name}" for name in self.names)))
+        inside, phase = self._inside(state), _phase(state)
+        joined = [self.joined(state, config, k) for k in (0, 1)]
+        held = [inside & mine for mine in joined]
+        row: dict[str, Any] = {"capillary_pressure": self._capillary_pressure(state, held)}
         for k, name in enumerate(self.names):
-            row[f"trapped_{name}"] = self.trapped(state, config, k) if everything else None
+            cut_off = inside & (phase == k) & ~joined[k]
+            row[f"trapped_{name}"] = reduce.count(cut_off) / max(reduce.count(inside), 1)
         return row
 
     def saturation(self, state: State) -> float:
@@ -45,30 +50,27 @@ class ReservoirMeasures:
         inside = self._inside(state)
         return reduce.count(inside & (_phase(state) == self.ends[0])) / max(reduce.count(inside), 1)
 
-    def capillary_pressure(self, state: State) -> float | None:
-        """Mean pressure of the fluid of the inlet in the sample less that of the fluid of the outlet, Pa, what viscous
-        flow takes included; None while one of them is not there."""
-        inside, phase, p = self._inside(state), _phase(state), self.pressure(state)
-        means = []
-        for k in self.ends:
-            mine = inside & (phase == k)
-            if not reduce.any_true(mine):
-                return None
-            means.append(reduce.mean(p[mine]))
-        return float(means[0] - means[1])
+    def _capillary_pressure(self, state: State, joined: Sequence[np.ndarray]) -> float | None:
+        """Mean pressure of the fluid of the inlet in the sample less that of the fluid of the outlet, Pa, of what is
+        joined to its reservoir (n,), what viscous flow takes included; None where there is none of one of them."""
+        first, last = (joined[k] for k in self.ends)
+        if not (reduce.any_true(first) and reduce.any_true(last)):
+            return None
+        p = self.pressure(state)
+        return float(reduce.mean(p[first]) - reduce.mean(p[last]))
 
-    def trapped(self, state: State, config: Configuration, k: int) -> float:
-        """Share of the fluid in the sample that is of fluid k and no longer joined to a reservoir of it: particles of
-        it within LINKED mean distances of each other are joined, but not over the seam."""
+    def joined(self, state: State, config: Configuration, k: int) -> np.ndarray:
+        """Which particles (n,) are of fluid k and joined to a reservoir of it: by particles of it within LINKED mean
+        distances of each other, but not over the seam."""
         start, column, row = config.ops.start, config.ops.column, config.ops.neighbours.row
         x, phase = config.ops.neighbours.x, _phase(state)
         owner = np.repeat(np.arange(len(start) - 1), np.diff(start))
         offset = x[row] - x[owner]
         reach = LINKED * self.site_volume ** (1.0 / self.geometry.dim)
         over = x[row, self.axis] != x[column, self.axis]
-        joined = (phase[owner] == k) & (phase[column] == k) & ~over & ((offset * offset).sum(axis=1) < reach * reach)
+        like = (phase[owner] == k) & (phase[column] == k) & ~over & ((offset * offset).sum(axis=1) < reach * reach)
         n = len(phase)
-        links = csr_matrix((np.ones(joined.sum(), np.int8), (owner[joined], column[joined])), shape=(n, n))
+        links = csr_matrix((np.ones(like.sum(), np.int8), (owner[like], column[like])), shape=(n, n))
         part = connected_components(links, directed=False)[1]
         lower, upper = (corner[self.axis] for corner in sample_box(self.geometry))
         along, home = state.x[:, self.axis], np.zeros(n, np.bool_)
@@ -78,8 +80,7 @@ class ReservoirMeasures:
             home |= along > upper
         free = np.zeros(n, np.bool_)
         free[part[home & (phase == k)]] = True
-        inside = self._inside(state)
-        return reduce.count(inside & (phase == k) & ~free[part]) / max(reduce.count(inside), 1)
+        return (phase == k) & free[part]
 
     def _inside(self, state: State) -> np.ndarray:
         """Which particles (n,) are in the sample."""
