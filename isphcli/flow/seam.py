@@ -2,8 +2,9 @@
 
 A scene that is periodic along an axis needs no open boundary: pressures and velocities go on over the seam, where the
 reservoir at the upper end of the box, the outlet, meets that at its lower end, the inlet. Only which fluid a particle
-is of does not: what leaves the outlet comes in as the fluid of the inlet, and the reverse. The number of particles
-stays.
+is of does not: near the seam all are of the fluid of their reservoir. What leaves the outlet comes in as the fluid of
+the inlet, and the reverse; a bubble that comes to the end of the outlet is gone; the interface at the seam is a plane,
+so that no capillary pressure falls off there. The number of particles stays.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-TINY = 1e-6  # of the length of the box: a particle on the seam itself is this far from it, so that phi has a sign
+TINY = 1e-6  # of the depth of the seam: a particle on the seam itself is this far from it, so that phi has a sign
 
 
 def phase_of(phi: np.ndarray) -> np.ndarray:
@@ -22,28 +23,19 @@ def phase_of(phi: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Seam:
-    """axis: 0, 1 or 2; lower, upper: faces of the box along it, m; fluids: of the inlet, at the lower end, and of the
-    outlet, 0 or 1 each."""
+    """axis: 0, 1 or 2; lower, upper: faces of the box along it, m; depth: up to which a reservoir is of its own fluid
+    whatever comes there, m; fluids: of the inlet, at the lower end, and of the outlet, 0 or 1 each."""
 
     axis: int
     lower: float
     upper: float
+    depth: float
     fluids: tuple[int, int]
 
-    def crossings(self, ahead: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """(n,) int8: 1 of particles that have left the outlet and come into the inlet, -1 of those that went the other
-        way, else 0. ahead: (n, dim) m, before they were brought back into the box; x: (n, dim) m, after."""
-        length = self.upper - self.lower
-        return np.rint((ahead[:, self.axis] - x[:, self.axis]) / length).astype(np.int8)
-
-    def entered(self, ahead: np.ndarray, x: np.ndarray, phi: np.ndarray) -> np.ndarray:
-        """phi (n,) m, positive in the first fluid, with those over the seam of the fluid of the reservoir that they
-        came into: as far from the other one as they are from the seam. Arguments as those of `crossings`."""
-        crossed = self.crossings(ahead, x)
-        if not crossed.any():
-            return phi
-        along = x[:, self.axis]
-        inlet, outlet = (1.0 if fluid == 0 else -1.0 for fluid in self.fluids)
-        least = TINY * (self.upper - self.lower)
-        phi = np.where((crossed > 0) & (inlet * phi <= 0.0), inlet * np.maximum(along - self.lower, least), phi)
-        return np.where((crossed < 0) & (outlet * phi <= 0.0), outlet * np.maximum(self.upper - along, least), phi)
+    def entered(self, x: np.ndarray, phi: np.ndarray) -> np.ndarray:
+        """phi (n,) m, the signed distance to the interface, positive in the first fluid, of particles that have moved
+        to x (n, dim), m, in the box: within `depth` of the seam it is that to the seam."""
+        for fluid, behind in zip(self.fluids, (x[:, self.axis] - self.lower, self.upper - x[:, self.axis])):
+            side = 1.0 if fluid == 0 else -1.0
+            phi = np.where(behind < self.depth, side * np.maximum(behind, TINY * self.depth), phi)
+        return phi

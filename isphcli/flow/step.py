@@ -157,8 +157,7 @@ class Stepper:
         terms, stopped = config.terms, 0
         # eqs 4 and 10: the pressure is carried over the whole displacement, with the flow and by the shift
         p = p + terms.density * (terms.pressure_gradient(p) * (displacement - dt * wind)).sum(axis=1)
-        ahead = state.x + displacement
-        x = wrap(ahead, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
+        x = wrap(state.x + displacement, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
         if self.walls is not None:
             # a particle never enters a wall: one that would stays where it is
             inside = self.geometry.phase(x) < 0
@@ -166,7 +165,7 @@ class Stepper:
             stopped = reduce.count(inside)
         phi = state.phi
         if self.seam is not None and phi is not None:
-            phi = self.seam.entered(ahead, x, phi)
+            phi = self.seam.entered(x, phi)
         return replace(state, x=x, u=u, u_old=u_old, p=p, phi=phi), stopped
 
     def _shift(self, state: State, config: Configuration, dt: float, wind: np.ndarray | float,

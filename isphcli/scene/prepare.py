@@ -105,7 +105,9 @@ def seam(case: Case, geometry: Geometry) -> Seam | None:
 
     axis = "xyz".index(case.reservoirs.axis)
     fluids = (case.fluid_names.index(case.reservoirs.inlet), case.fluid_names.index(case.reservoirs.outlet))
-    return Seam(axis, float(geometry.lower[axis]), float(geometry.upper[axis]), fluids)
+    length = float(geometry.sample_lower[axis] - geometry.lower[axis])
+    depth = min(case.support * case.particles.spacing, 0.5 * length)  # no kernel at the seam sees another interface
+    return Seam(axis, float(geometry.lower[axis]), float(geometry.upper[axis]), depth, fluids)
 
 
 def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, rate: HeldVelocity | None) -> Bounds:
