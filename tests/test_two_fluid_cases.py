@@ -140,8 +140,8 @@ def test_co2_goes_into_the_rock(tmp_path):
 
 @pytest.mark.slow
 def test_co2_is_injected_into_the_rock(tmp_path):
-    """A piece of 16^3 voxels. All that comes over the seam is CO2: brine is lost as the flux says, and of the CO2 that is
-    in the rock nothing but what the flux brought."""
+    """A piece of 16^3 voxels. All that comes over the seam is CO2: in the rock is what the flux brought, and none of it
+    is cut off from the inlet."""
     summary, rows = run("berea_injection", tmp_path, "geometry.voxels.crop=[[40, 56], [40, 56], [40, 56]]",
                         "time.max_steps=50")  # fmt: skip
     pores = summary["porosity"] * (16 * 3e-6) ** 3

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..case.forcing import body_force, gradient_axis
 from ..flow.one_fluid import OneFluid
+from ..geometry.protocol import sample_box
 from ..operators.kernel import KERNELS
 
 if TYPE_CHECKING:
@@ -53,5 +54,15 @@ def _contact(case: Case, geometry: Geometry, particles: Particles, kind: int, su
     assert case.interface is not None
     dummies = particles.x[particles.n_fluid:]
     walls = WallDummies(dummies, np.maximum(-geometry.distance(dummies), 0.0), wall_normals(geometry, dummies, support),
-                        particles.site_volume)
+                        particles.site_volume, _of_reservoirs(case, geometry, dummies))
     return ContactAngle(case.interface.contact_angle, walls, kind, support, case.particles.spacing)
+
+
+def _of_reservoirs(case: Case, geometry: Geometry, dummies: np.ndarray) -> np.ndarray | None:
+    """(n_dummy,) bool, which dummies are of the walls of reservoirs; None without reservoirs. These walls are neutral,
+    so that no capillary pressure falls off in the reservoirs, nor where they meet."""
+    if case.reservoirs is None:
+        return None
+    axis = "xyz".index(case.reservoirs.axis)
+    lower, upper = (corner[axis] for corner in sample_box(geometry))
+    return (dummies[:, axis] < lower) | (dummies[:, axis] > upper)

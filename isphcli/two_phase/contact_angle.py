@@ -55,12 +55,13 @@ class SlipAtLine:
 
 class WallDummies(NamedTuple):
     """x: (n_dummy, dim) m; depth: (n_dummy,) below the wall, m; normal: (n_dummy, dim) of the wall, into the fluid;
-    volume: of each, m^dim."""
+    volume: of each, m^dim; neutral: (n_dummy,) bool, of walls that both fluids wet alike (90 degrees), or None."""
 
     x: np.ndarray
     depth: np.ndarray
     normal: np.ndarray
     volume: float
+    neutral: np.ndarray | None = None
 
 
 class ContactAngle:
@@ -92,6 +93,8 @@ class ContactAngle:
         along -= (along * p).sum(axis=1, keepdims=True) * p  # eq. 20, of the normals around the dummy
         size = np.linalg.norm(along, axis=1)
         meets = size > SIDEWAYS
+        if self.dummies.neutral is not None:
+            meets &= ~self.dummies.neutral[used]
         t = np.where(meets[:, None], along / np.where(size > 0.0, size, 1.0)[:, None], 0.0)
         # eq. 18, on the dummies; the fluid sees them, and no normal is blended (eqs 21-22)
         normal = np.where(meets[:, None], math.sin(self.angle) * t - math.cos(self.angle) * p, 0.0)
