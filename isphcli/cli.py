@@ -374,9 +374,12 @@ def velocity_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def two_fluid_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Saturation, pressure jump and contact angle at the end of a run with two fluids."""
+    """Saturation, pressure jump and contact angle at the end of a run with two fluids; between reservoirs what is
+    trapped too."""
     found = summary.get("two_fluids") or {}
     lines = [(f"saturation {name}", found.get(f"saturation_{name}"), "") for name in case.fluids]
+    lines += [(f"  trapped {name}", found.get(f"trapped_{name}"), "") for name in case.fluids]
+    lines += [("capillary pressure", found.get("capillary_pressure"), " Pa")]
     lines += [("pressure jump", found.get("pressure_jump"), " Pa")]
     lines += [("contact angle", found.get("contact_angle"), f" degrees through {next(iter(case.fluids))}")]
     return [(head, f"{value:.4g}{unit}") for head, value, unit in lines if value is not None]

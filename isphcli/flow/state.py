@@ -26,7 +26,7 @@ class State:
     pressure_gradient: over the density of the first fluid, m/s2, that held it; shifting_flux: mean velocity of the
     shifts that it makes up for (`HeldVelocity`), m/s. Of two fluids between reservoirs, otherwise None: phi: (n,)
     positive in the first fluid (`seam`), m. Of a drive in steps, otherwise None: pressure_gradient: as above, of this
-    step; drive_step: (4,) which one, and what was seen of it (`run.drive_steps`).
+    step; drive_step: (4,) which one, and what was seen of it (`drive_steps.begun`).
     """
 
     x: np.ndarray
