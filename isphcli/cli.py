@@ -722,10 +722,12 @@ def image_lines(report: Mapping[str, Any]) -> str:
 @main.command(epilog=EXIT_CODES, short_help="Relative permeability of both fluids of a run.")
 @click.argument("folder", metavar="OUT", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--axis", type=click.Choice(["x", "y", "z"]), help="Of the flow. [default: that of the drive]")
+@click.option("--part", callback=parser(lambda t: share_of(t), "0.3:1"), default="0:1", metavar="A:B",
+              help="Of the sample along the axis, as shares of its length. [default: 0:1]")  # fmt: skip
 @click.option("--all", "every", is_flag=True, help="Of every snapshot, as comma-separated values. [default: the last]")
 @threads_option
 @guarded
-def relperm(folder: Path, axis: str | None, every: bool, threads: int | None) -> None:
+def relperm(folder: Path, axis: str | None, part: tuple[float, float], every: bool, threads: int | None) -> None:
     """Relative permeability of both fluids as they lie in a snapshot of the run in OUT, with their saturations.
 
     A steady solve of each fluid, with the other one as a solid that does not slip, over one of both as a single fluid
@@ -733,14 +735,23 @@ def relperm(folder: Path, axis: str | None, every: bool, threads: int | None) ->
 
     \b
     isph relperm out/rock_drainage
+    isph relperm out/rock_drainage --part 0:0.5
     isph relperm out/rock_drainage --all > relative_permeability.csv
     """
     set_threads(threads)
     from .output.clock import Clock
     from .run.relative_permeability import relative_permeabilities
 
-    found = relative_permeabilities(folder, Clock(), every, axis)
+    found = relative_permeabilities(folder, Clock(), every, axis, part)
     click.echo(relative_table(found) if every else table(relative_lines(found[-1])))
+
+
+def share_of(text: str) -> tuple[float, float]:
+    """'0.3:1' as (0.3, 1.0); raises ValueError for what is no part of a whole."""
+    first, last = (float(word) for word in text.split(":"))
+    if not 0.0 <= first < last <= 1.0:
+        raise ValueError
+    return first, last
 
 
 def relative_lines(found: Relative) -> list[tuple[str, str]]:

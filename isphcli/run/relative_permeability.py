@@ -52,11 +52,12 @@ class Relative:
     permeability: float
 
 
-def relative_permeabilities(directory: Path, clock: Clock, every: bool = False,
-                            along: str | None = None) -> list[Relative]:
+def relative_permeabilities(directory: Path, clock: Clock, every: bool = False, along: str | None = None,
+                            part: tuple[float, float] = (0.0, 1.0)) -> list[Relative]:
     """Relative permeabilities of the last snapshot of a run, or of every one.
 
-    directory: of the run; along: x, y or z; without it the axis of its reservoirs or of its drive.
+    directory: of the run; along: x, y or z; without it the axis of its reservoirs or of its drive; part: of the sample
+    along that axis, from and to as shares of its length.
     Raises SnapshotError where the folder has none, or no two fluids; NoFlowError where no path leads through the rock;
     SolveError.
     """
@@ -67,7 +68,7 @@ def relative_permeabilities(directory: Path, clock: Clock, every: bool = False,
     geometry = build_geometry(case, axis)
     if axis >= geometry.dim:
         raise SnapshotError(f"{directory}: a 2D scene has no axis {'xyz'[axis]}")
-    sample = Sample(case, geometry, axis, clock)
+    sample = Sample(case, geometry, axis, clock, part)
     whole = sample.permeability(np.full(len(sample.wall), np.inf))
     if whole == 0.0:
         raise NoFlowError(f"no path leads through the sample along {'xyz'[axis]}: its permeability is zero")
@@ -96,14 +97,18 @@ def _read(directory: Path) -> tuple[Case, list[tuple[float, str]]]:
 
 
 class Sample:
-    """What lies between the reservoirs of a run, or the clear layers of its image, as cells of a spacing each.
+    """What lies between the reservoirs of a run, or the clear layers of its image, or a part of it along the axis, as
+    cells of a spacing each.
 
     wall: (n,) distance of the middles of the cells from walls, m; x: (n, dim) m; lower, upper: (dim,) m.
     """
 
-    def __init__(self, case: Case, geometry: Geometry, axis: int, clock: Clock):
+    def __init__(self, case: Case, geometry: Geometry, axis: int, clock: Clock, part: tuple[float, float] = (0.0, 1.0)):
         self.case, self.axis, self.clock, self.spacing = _steady(case, axis), axis, clock, case.particles.spacing
-        self.lower, self.upper = sample_box(geometry)
+        self.lower, self.upper = (corner.copy() for corner in sample_box(geometry))
+        length = self.upper[axis] - self.lower[axis]
+        self.lower[axis] += part[0] * length
+        self.upper[axis] -= (1.0 - part[1]) * length
         self.box = np.where(geometry.periodic, geometry.upper - geometry.lower, 0.0), geometry.lower
         size = self.upper - self.lower
         self.cells = np.maximum(np.rint(size / self.spacing), 1).astype(int)

@@ -45,6 +45,16 @@ def test_a_slug_across_the_channel_stops_both(tmp_path):
     assert found.relative == (0.0, 0.0) and found.saturation == pytest.approx((2 / 3, 1 / 3))
 
 
+@pytest.mark.slow
+def test_a_part_of_the_sample_is_that_between_its_shares(tmp_path):
+    """Beside the slug there is water only: it flows as if it were alone, and the slug's half has what is left of it."""
+    out = left(tmp_path / "out", "{lower: [0, 0], upper: [0.1875, 1]}")
+    (found,) = relative_permeabilities(out, Clock(), part=(0.5, 1.0))
+    assert found.relative == pytest.approx((1.0, 0.0)) and found.saturation == (1.0, 0.0)
+    printed = CliRunner().invoke(main, ["relperm", str(out), "--part", "1:0.5"])
+    assert printed.exit_code == 2 and "is not of the form" in printed.output
+
+
 def test_a_folder_without_snapshots_of_two_fluids_is_refused(tmp_path):
     with pytest.raises(SnapshotError, match=r"has no case.yaml and particles.pvd"):
         relative_permeabilities(tmp_path, Clock())
