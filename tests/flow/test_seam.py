@@ -47,6 +47,14 @@ def test_a_piston_fills_the_sample_with_the_fluid_of_the_end_that_it_comes_from(
     assert state.u[:, 0] == pytest.approx(held, rel=1e-3)
 
 
+def test_fluids_that_differ_in_name_only_change_their_names():
+    """One fluid for the equations; which name a particle has is told all the same."""
+    state, config, *_ = run(PISTON.replace("HELD", "0.25").replace("gas: {density: 1", "gas: {density: 2"))
+    along = state.x[:, 0]
+    sure = np.abs(along - 1.25) > 0.125
+    assert config.terms.density == 1.0 and (phase_of(state.phi)[sure] == (along < 1.25)[sure]).all()
+
+
 PLATES = """
 geometry:
   {box: [3.0e-4, 1.0e-4], periodic: [x], fluid: water, shapes: [{box: {lower: [0, 0], upper: [1.5e-4, 1]}, is: gas}]}

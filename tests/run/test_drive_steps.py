@@ -113,3 +113,13 @@ def test_a_restart_goes_on_within_a_step_with_the_same_bits(tmp_path):
     run(tmp_path / "parts", resume=tmp_path / "parts")
     for name in ("history.csv", "curve.csv"):  # profiles, like snapshots, have the state of the stop too
         assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "parts" / name).read_bytes()
+
+
+def test_a_restart_takes_further_steps(tmp_path):
+    first = "drive.steps.superficial_velocity=[0.25]"
+    run(tmp_path / "whole")
+    run(tmp_path / "parts", first)
+    assert len(read_history(tmp_path / "parts" / "curve.csv")) == 1
+    run(tmp_path / "parts", resume=tmp_path / "parts")
+    one, other = (read_history(tmp_path / name / "curve.csv") for name in ("whole", "parts"))
+    assert one == other and len(one) == 3
