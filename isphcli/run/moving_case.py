@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -62,7 +62,8 @@ class MovingRun:
     measures: of two fluids, else None; cells: `permeability.fluid_cells` of the sample; seen: what was said of the
     scene before; record: of the case, with what restarts have changed (output.restart); since, last_step: time and step
     that a run goes on from whose files are in the same directory, else None; history: a dict a step; between: of two
-    reservoirs, profiles: along the axis of the flow, or None; tables: files of those and of the steps of the drive.
+    reservoirs, profiles: along the axis of the flow, or None; profiled: step of the last one that was written; tables: files of
+    those and of the steps of the drive.
     """
 
     case: Case
@@ -83,6 +84,7 @@ class MovingRun:
     history: list[dict[str, Any]] = field(default_factory=list)
     between: ReservoirMeasures | None = None
     profiles: Profiles | None = None
+    profiled: int | None = None
     tables: dict[str, History] = field(default_factory=dict)
 
     @property
@@ -106,7 +108,8 @@ class MovingRun:
                 fields = snapshot_of(self.case, self.geometry, self.particles_at(state), state.x, state.u,
                                      state.p * self.pressure_unit, config.ops.total_divergence(state.u))
                 self.series.write(state.step, state.time, *fields)
-        if self.profiles is not None:
+        if self.profiles is not None and state.step != self.profiled:
+            self.profiled = state.step
             with self.clock("output"):
                 for row in self.profiles.rows(state, self.particles_at(state).phase):
                     self.tables[PROFILES].append(row)
@@ -186,6 +189,8 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     run.series = series_of(case, run.directory, run.since)
     if run.profiles is not None:
         run.tables[PROFILES] = History(run.directory / PROFILES, run.last_step)
+        if run.tables[PROFILES].rows:
+            run.profiled = read_history(run.directory / PROFILES)[-1]["step"]
     if march.program is not None:
         run.tables[CURVE] = History(run.directory / CURVE, run.last_step)
     return run, state, config
@@ -226,9 +231,11 @@ def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, 
     """The time loop with its files; (state, config) at the end."""
     case, march = run.case, run.march
     assert case.time is not None
-    with History(run.directory / "history.csv", run.last_step) as file, progress.Progress(
+    with ExitStack() as tables, History(run.directory / "history.csv", run.last_step) as file, progress.Progress(
         longest_time(case), case.time.max_steps if longest_time(case) is None else None, case.title, run.quiet
     ) as bar:
+        for table in run.tables.values():
+            tables.enter_context(table)  # closed at the end
         if file.rows:
             run.history = read_history(run.directory / "history.csv")
             if run.measures is not None:

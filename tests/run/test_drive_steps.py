@@ -104,6 +104,7 @@ def test_a_piston_goes_to_and_fro_and_leaves_its_curve(tmp_path):
     assert (tmp_path / "curve.png").stat().st_size > 0 and (tmp_path / "profiles.png").stat().st_size > 0
     late = [row for row in read_history(tmp_path / "profiles.csv") if row["time"] == pytest.approx(2.0)]
     assert [row["saturation_gas"] for row in late] == pytest.approx([1, 1, 1, 1, 0, 0, 0, 0], abs=0.55)
+    assert len(late) == 8 and len(read_history(tmp_path / "profiles.csv")) == 8 * 7  # from 0 to 6 s, each once
     assert late[0]["saturation_gas"] == 1 and late[-1]["saturation_water"] == 1
 
 
