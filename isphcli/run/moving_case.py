@@ -62,8 +62,8 @@ class MovingRun:
     measures: of two fluids, else None; cells: `permeability.fluid_cells` of the sample; seen: what was said of the
     scene before; record: of the case, with what restarts have changed (output.restart); since, last_step: time and step
     that a run goes on from whose files are in the same directory, else None; history: a dict a step; between: of two
-    reservoirs, profiles: along the axis of the flow, or None; profiled: step of the last one that was written; tables: files of
-    those and of the steps of the drive.
+    reservoirs, profiles: along the axis of the flow, or None; profiled: step of the last one that was written; tables:
+    files of those and of the steps of the drive.
     """
 
     case: Case
