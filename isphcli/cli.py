@@ -1,4 +1,4 @@
-"""The command line: `isph run`, `validate`, `convert-voxels`, `keys`.
+"""The command line: `isph run`, `validate`, `convert-voxels`, `relperm`, `keys`.
 
 Nothing but click is imported before a command runs, so that `isph --help` answers at once. Results go to
 stdout, everything else to stderr. Exit codes: see `EXIT_CODES`.
@@ -24,6 +24,7 @@ from .output.environment import find_kernel_cache, settle_streams, stop_printing
 
 if TYPE_CHECKING:
     from .case.blocks import Case
+    from .run.relative_permeability import Relative
 
 OUTSIDE, BAD_INPUT, FAILED, INTERNAL, STOPPED_SHORT, INTERRUPTED = 1, 2, 3, 4, 5, 130
 NOT_READ = 141  # as the shell says it of programs that end with SIGPIPE
@@ -396,9 +397,12 @@ def velocity_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def two_fluid_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Saturation, pressure jump and contact angle at the end of a run with two fluids."""
+    """Saturation, pressure jump and contact angle at the end of a run with two fluids; between reservoirs what is
+    trapped too."""
     found = summary.get("two_fluids") or {}
     lines = [(f"saturation {name}", found.get(f"saturation_{name}"), "") for name in case.fluids]
+    lines += [(f"  trapped {name}", found.get(f"trapped_{name}"), "") for name in case.fluids]
+    lines += [("capillary pressure", found.get("capillary_pressure"), " Pa")]
     lines += [("pressure jump", found.get("pressure_jump"), " Pa")]
     lines += [("contact angle", found.get("contact_angle"), f" degrees through {next(iter(case.fluids))}")]
     return [(head, f"{value:.4g}{unit}") for head, value, unit in lines if value is not None]
@@ -776,6 +780,59 @@ def image_lines(report: Mapping[str, Any]) -> str:
     if "picture" in report:
         lines.append(("picture", report["picture"]))
     return table(lines)
+
+
+# -- relperm ---------------------------------------------------------------------------------------------
+
+
+@main.command(epilog=EXIT_CODES, short_help="Relative permeability of both fluids of a run.")
+@click.argument("folder", metavar="OUT", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--axis", type=click.Choice(["x", "y", "z"]), help="Of the flow. [default: that of the drive]")
+@click.option("--part", callback=parser(lambda t: share_of(t), "0.3:1"), default="0:1", metavar="A:B",
+              help="Of the sample along the axis, as shares of its length. [default: 0:1]")  # fmt: skip
+@click.option("--all", "every", is_flag=True, help="Of every snapshot, as comma-separated values. [default: the last]")
+@threads_option
+@guarded
+def relperm(folder: Path, axis: str | None, part: tuple[float, float], every: bool, threads: int | None) -> None:
+    """Relative permeability of both fluids as they lie in a snapshot of the run in OUT, with their saturations.
+
+    A steady solve of each fluid, with the other one as a solid that does not slip, over one of both as a single fluid
+    (docs/two_fluids.md). Nothing is written.
+
+    \b
+    isph relperm out/rock_drainage
+    isph relperm out/rock_drainage --part 0:0.5
+    isph relperm out/rock_drainage --all > relative_permeability.csv
+    """
+    set_threads(threads)
+    from .output.clock import Clock
+    from .run.relative_permeability import relative_permeabilities
+
+    found = relative_permeabilities(folder, Clock(), every, axis, part)
+    click.echo(relative_table(found) if every else table(relative_lines(found[-1])))
+
+
+def share_of(text: str) -> tuple[float, float]:
+    """'0.3:1' as (0.3, 1.0); raises ValueError for what is no part of a whole."""
+    first, last = (float(word) for word in text.split(":"))
+    if not 0.0 <= first < last <= 1.0:
+        raise ValueError
+    return first, last
+
+
+def relative_lines(found: Relative) -> list[tuple[str, str]]:
+    """What is printed of one snapshot."""
+    lines = [("time", f"{found.time:g} s"), (f"permeability {found.axis}", permeability(found.permeability))]
+    for name, saturation, relative in zip(found.names, found.saturation, found.relative):
+        lines += [(f"saturation {name}", f"{saturation:.4g}"), (f"k_r {name}", f"{relative:.{DIGITS}g}")]
+    return lines
+
+
+def relative_table(found: Sequence[Relative]) -> str:
+    """Comma-separated values, a line a snapshot."""
+    a, b = found[0].names
+    lines = [f"time,saturation_{a},saturation_{b},k_r_{a},k_r_{b}"]
+    return "\n".join(lines + [",".join(f"{v:.6g}" for v in (f.time, *f.saturation, *f.relative)) for f in found])
 
 
 # -- keys ------------------------------------------------------------------------------------------------

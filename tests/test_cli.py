@@ -185,6 +185,14 @@ def test_a_run_without_a_permeability_prints_mean_velocities(monkeypatch):
     assert "x 0.123, y 0 m/s" in out and "x 0.05, y 0 m/s" in out and "permeability" not in out
 
 
+def test_a_run_between_reservoirs_prints_what_is_trapped(monkeypatch):
+    found = {"saturation_water": 0.25, "trapped_water": 0.125, "capillary_pressure": 301.23, "pressure_jump": None}
+    fake_run(monkeypatch, {"two_fluids": found})
+    lines = [line.split() for line in isph("run", "case.yaml").output.splitlines()]
+    assert ["trapped", "water", "0.125"] in lines and ["capillary", "pressure", "301.2", "Pa"] in lines
+    assert not any(line[:2] == ["pressure", "jump"] for line in lines)
+
+
 @pytest.mark.parametrize("status, code", [("steady", 0), ("out of steps", STOPPED_SHORT),
                                           ("not steady at the end", STOPPED_SHORT)])
 def test_a_run_that_stops_short_has_an_exit_code_of_its_own(monkeypatch, status, code):

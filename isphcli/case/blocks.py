@@ -430,6 +430,56 @@ class Interface:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Reservoirs:
+    """What is injected at one end of a scene and leaves at the other: two reservoirs, of one fluid each.
+
+    They are the clear layers of an image, or the two ends of a box that is periodic along the axis. Fluid that leaves
+    one end of the box comes in at the other as the fluid of the reservoir there.
+    """
+
+    axis: str = key("axis from the inlet, at its lower end, to the outlet, at its upper end", choices=AXES)
+    inlet: str = key(
+        "fluid in the reservoir at the lower end: a positive `drive` along the axis injects it (imbibition if it wets "
+        "the rock, else drainage)"
+    )
+    outlet: str = key("fluid in the reservoir at the upper end: a negative `drive` brings it back")
+    length: float | None = key(
+        "length of each reservoir along the axis (box). An image has them in its clear layers", default=None, unit="m",
+        above=0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveSteps:
+    """A drive between reservoirs in steps, up or down; the run ends with the last one and leaves curve.csv."""
+
+    ONE_OF: ClassVar = ("pressure_drop", "superficial_velocity")
+
+    pressure_drop: Vector | None = key(
+        "of each step, the pressure of the inlet less that of the outlet; a negative one brings the other fluid back",
+        default=None,
+        unit="Pa",
+    )
+    superficial_velocity: Vector | None = key(
+        "of each step, the flux that is held, as in `drive.superficial_velocity`", default=None, unit="m/s"
+    )
+    duration: float = key("longest time of a step", unit="s", above=0)
+    settled: float | None = key(
+        "a step is done before its duration when the saturation of the sample has changed by less than this over "
+        "`window`. Without it: every step takes the duration",
+        default=None,
+        above=0,
+        below=1,
+    )
+    window: float | None = key(
+        "time over which the saturation is compared, and pressures are averaged. Without it: a tenth of the duration",
+        default=None,
+        unit="s",
+        above=0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Drive:
     """What makes the fluid move."""
 
@@ -463,6 +513,8 @@ class Drive:
         choices=AXES,
         unique=True,
     )
+
+    steps: DriveSteps | None = key("a drive in steps, between `reservoirs`", default=None)
 
     @property
     def named_axes(self) -> tuple[str, ...]:
@@ -582,6 +634,10 @@ class Case:
     particles: Lattice = key("resolution and arrangement of the particles")
     fluids: Table[Fluid] = key("name: properties of the fluid, one block each")
     interface: Interface | None = key("surface tension, with two fluids", default=None)
+    reservoirs: Reservoirs | None = key(
+        "which fluid is injected at one end and which leaves at the other; `drive` says at what pressure or flux",
+        default=None,
+    )
     drive: Drive | None = key("what makes the fluid move", default=None)
     initial: Initial | None = key("the state at time zero. Without it: at rest", default=None)
     flow: str = key(

@@ -17,7 +17,7 @@ from .reader import Key, Table, keys_of, suggest
 from .yaml import Report, Where, as_key, shown
 
 if TYPE_CHECKING:
-    from .blocks import Case
+    from .blocks import Case, Drive, Reservoirs
 
 # What a reference needs and nothing else in a case tells
 PARAMETERS = {
@@ -53,6 +53,7 @@ def check_case(case: Case, report: Report, places: dict[str, Where]) -> None:
         checks.particles,
         checks.volume,
         checks.interface,
+        checks.reservoirs,
         checks.drive,
         checks.formulas,
         checks.flow,
@@ -71,6 +72,7 @@ def check_dimension(case: Case, dim: int) -> None:
     checks.vectors()
     checks.lattice()
     checks.driven_axes()
+    checks.reservoirs()
     checks.formulas()
     report.raise_if_any()
 
@@ -289,6 +291,38 @@ class _Checks:
         if self.case.interface and self.case.fluids is not None and len(self.case.fluids) != 2:
             self.bad("interface", f"needs two fluids, found {len(self.case.fluids)}")
 
+    def reservoirs(self) -> None:
+        found, path = self.case.reservoirs, "reservoirs"
+        if found is None or not self.clear(path, "geometry.periodic", "geometry.mirror", "geometry.voxels"):
+            return
+        scene = self.case.geometry
+        for name in ("inlet", "outlet"):
+            self._fluid_name(getattr(found, name), f"{path}.{name}")
+        if not self._axes_exist(found.axis, f"{path}.axis"):
+            return
+        if self.case.flow == "stokes":
+            self.bad(path, "has no meaning in flow: stokes, which is steady", "remove it, or use navier_stokes")
+        if scene.voxels is not None:
+            self._reservoirs_of_image(found)
+        elif found.axis not in scene.periodic:
+            self.bad(f"{path}.axis", f"{found.axis} ends at walls", f"add {found.axis} to geometry.periodic")
+        elif found.length is None:
+            self.bad(f"{path}.length", "missing: a box has no clear layers", "give the length of each reservoir, in m")
+        elif self.dim and 2.0 * found.length >= scene.box[AXES.index(found.axis)]:  # type: ignore[index]  # not voxels
+            self.bad(f"{path}.length", "two of them fill the box", "make it smaller")
+
+    def _reservoirs_of_image(self, found: Reservoirs) -> None:
+        scene = self.case.geometry
+        assert scene.voxels is not None
+        if found.length is not None:
+            self.bad("reservoirs.length", "an image has its reservoirs in its clear layers",
+                     "give geometry.voxels.clear_layer")
+        if found.axis in scene.repeats:
+            self.bad("reservoirs.axis", f"the image repeats along {found.axis} and has no clear layers there",
+                     f"remove {found.axis} from geometry.{'mirror' if found.axis in scene.mirror else 'periodic'}")
+        elif scene.voxels.clear_layer == 0:
+            self.bad("geometry.voxels.clear_layer", "is 0: no room for reservoirs", "leave it out, or give a thickness")
+
     def drive(self) -> None:
         drive = self.case.drive
         if drive is None or not self.clear("drive"):
@@ -296,13 +330,20 @@ class _Checks:
         pushed = drive.body_force or drive.pressure_drop or drive.superficial_velocity
         if drive.axes is not None and pushed:
             self.bad("drive.axes", "makes its own flow along each axis", "remove the rest of drive")
-        if not (drive.axes or pushed):
-            self.bad("drive", "drives nothing", "give body_force, pressure_drop, superficial_velocity or axes")
+        if not (drive.axes or pushed or drive.steps):
+            self.bad("drive", "drives nothing", "give body_force, pressure_drop, superficial_velocity, steps or axes")
         if drive.axes and self.clear("flow") and self.case.flow != "stokes":
             self.bad("drive.axes", "needs flow: stokes", "use body_force, pressure_drop or superficial_velocity")
         if drive.superficial_velocity is not None:
             self.held_rate(drive)
+        if drive.steps is not None:
+            self.drive_steps(drive)
         self.driven_axes()
+        if self.case.reservoirs is not None and self.clear("reservoirs"):
+            for name in ("pressure_drop", "superficial_velocity"):
+                if set(getattr(drive, name) or ()) - {self.case.reservoirs.axis}:
+                    self.bad(f"drive.{name}", "drives across the axis of the reservoirs",
+                             f"name {self.case.reservoirs.axis}, or another reservoirs.axis")
         self.of_time(drive.body_force or (), "drive.body_force")
         for name, drop in (drive.pressure_drop or {}).items():
             self.of_time((drop,), f"drive.pressure_drop.{name}", listed=False)
@@ -332,6 +373,19 @@ class _Checks:
         if self.clear("flow") and self.case.flow == "stokes":
             self.bad(path, "needs flow: navier_stokes", "use pressure_drop: the permeability of a steady creeping flow "
                      "does not depend on it")
+
+    def drive_steps(self, drive: Drive) -> None:
+        path, steps = "drive.steps", drive.steps
+        assert steps is not None
+        if self.case.reservoirs is None and self.clear("reservoirs"):
+            self.bad(path, "are between reservoirs, and there are none", "add reservoirs: {axis, inlet, outlet}")
+        if drive.pressure_drop or drive.superficial_velocity or drive.axes:
+            fix = "remove pressure_drop, superficial_velocity and axes"
+            self.bad(path, "are all of the drive along their axis", fix)
+        if steps.window is not None and steps.window > steps.duration:
+            self.bad(f"{path}.window", "is longer than a step", "make it a small part of the duration")
+        if self.clear("time") and self.case.time is not None and self.case.time.steady is not None:
+            self.bad("time.steady", "is of one flow, and the drive has steps", "give drive.steps.settled")
 
     def driven_axes(self) -> None:
         for name in ("pressure_drop", "superficial_velocity", "axes"):
@@ -372,7 +426,7 @@ class _Checks:
             for name in ("time", "initial", "interface"):
                 if getattr(case, name) is not None:
                     self.bad(name, "has no meaning in flow: stokes, which is steady", "remove it")
-        elif case.time is None or (case.time.end is None and case.time.steady is None):
+        elif case.time is None or not (case.time.end or case.time.steady or forcing.drive_steps(case)):
             self.bad("time", "the run would not end", "give time.end or time.steady")
 
     def refine(self) -> None:

@@ -15,7 +15,7 @@ from . import expressions
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
-    from .blocks import Case, Shape, Timed, Wall
+    from .blocks import Case, DriveSteps, Shape, Timed, Wall
 
 SAMPLES = 4000  # times of a run at which formulas are looked at for their largest values
 
@@ -43,7 +43,7 @@ def is_driven(case: Case) -> bool:
 def force_is_given(case: Case) -> bool:
     """Whether a case says what constant force drives it; not where it names axes or a velocity, whose force is up to
     the run, nor where the force changes with time."""
-    return case.drive is None or not (case.drive.named_axes or _of_time(_drive_items(case)))
+    return case.drive is None or not (case.drive.named_axes or case.drive.steps or _of_time(_drive_items(case)))
 
 
 def changes(case: Case) -> bool:
@@ -96,6 +96,7 @@ def strongest_acceleration(case: Case, lengths: np.ndarray, time: float | np.nda
     """Size (...) of the acceleration of the fluid that is accelerated most, m/s2: a pressure drop moves the light one
     more."""
     body, gradient = body_force(case, len(lengths), time), pressure_gradient(case, lengths, time)
+    gradient = gradient + _largest_step(case, lengths)
     densities = {fluid.density for fluid in case.fluids.values()}
     return np.max([np.linalg.norm(body + gradient / density, axis=-1) for density in densities], axis=0)
 
@@ -103,7 +104,8 @@ def strongest_acceleration(case: Case, lengths: np.ndarray, time: float | np.nda
 def largest_acceleration(case: Case, lengths: np.ndarray) -> np.ndarray:
     """Acceleration (dim,) of a run by body force and pressure drops, m/s2, at the time when it is largest."""
     if not _of_time(_drive_items(case)):
-        return acceleration(case, lengths)
+        density = next(iter(case.fluids.values())).density
+        return acceleration(case, lengths) + _largest_step(case, lengths) / density
     forces = acceleration(case, lengths, sample_times(case))
     return forces[np.argmax(np.linalg.norm(forces, axis=1))]
 
@@ -147,6 +149,37 @@ def _values(items: Sequence[Timed], time: float | np.ndarray) -> np.ndarray:
     return np.stack([np.broadcast_to(_value(item, time), np.shape(time)) for item in items], axis=-1)
 
 
+def drive_steps(case: Case) -> DriveSteps | None:
+    """The steps in which a case is driven between its reservoirs, or None."""
+    return case.drive.steps if case.drive is not None else None
+
+
+def _largest_step(case: Case, lengths: np.ndarray) -> np.ndarray:
+    """Pressure gradient (dim,) of the largest pressure drop of all steps, Pa/m; zero without steps of pressure."""
+    steps, gradient = drive_steps(case), np.zeros(len(lengths))
+    if steps is not None and steps.pressure_drop and case.reservoirs is not None:
+        axis = "xyz".index(case.reservoirs.axis)
+        gradient[axis] = max(steps.pressure_drop, key=abs) / lengths[axis]
+    return gradient
+
+
+def longest_time(case: Case) -> float | None:
+    """Time after which a run ends at the latest, s; None where only its steps or a steady state end it."""
+    end, steps = case.time.end if case.time is not None else None, drive_steps(case)
+    if steps is None:
+        return end
+    total = steps.duration * len(steps.pressure_drop or steps.superficial_velocity or ())
+    return total if end is None else min(total, end)
+
+
+def gradient_axis(case: Case) -> int | None:
+    """Axis along which the run sets or finds a pressure gradient of its own (steps, a velocity that is held), or None;
+    the state carries that gradient."""
+    if drive_steps(case) is not None and case.reservoirs is not None:
+        return "xyz".index(case.reservoirs.axis)
+    return held_axis(case)
+
+
 def steady_axes(case: Case) -> list[int]:
     """Axes along which a steady case asks for a flow of its own each."""
     return ["xyz".index(name) for name in (case.drive.axes or ())] if case.drive is not None else []
@@ -156,14 +189,18 @@ def driven_axes(case: Case, lengths: np.ndarray) -> list[int]:
     """Axes along which the drive pushes, the strongest first; lengths: (dim,) edges of the box, m."""
     if case.drive is not None and case.drive.named_axes:
         return ["xyz".index(name) for name in case.drive.named_axes]
+    if drive_steps(case) is not None and case.reservoirs is not None:
+        return ["xyz".index(case.reservoirs.axis)]
     push = np.abs(largest_acceleration(case, lengths))
     return [int(axis) for axis in np.argsort(-push, kind="stable") if push[axis] > 0]
 
 
 def flow_axis(case: Case) -> int | None:
-    """Axis of the drive: of its only or its largest component, by what the case says without lengths; None without a
-    drive."""
+    """Axis of the reservoirs; else of the drive: of its only or its largest component, by what the case says without
+    lengths; None without both."""
     drive = case.drive
+    if case.reservoirs is not None:
+        return "xyz".index(case.reservoirs.axis)
     if drive is None:
         return None
     if drive.named_axes:
@@ -178,7 +215,10 @@ def flow_axis(case: Case) -> int | None:
 
 
 def held_flux(case: Case) -> tuple[int, float] | None:
-    """(axis, superficial velocity that is held along it, m/s), or None."""
+    """(axis, superficial velocity that is held along it, m/s), or None; of steps that of the first one."""
+    steps = drive_steps(case)
+    if steps is not None and steps.superficial_velocity and case.reservoirs is not None:
+        return "xyz".index(case.reservoirs.axis), steps.superficial_velocity[0]
     held = case.drive.superficial_velocity if case.drive is not None else None
     if not held:
         return None
@@ -197,6 +237,7 @@ def in_words(case: Case) -> str:
     if case.drive is None:
         return "no drive"
     held = ["a velocity is held by a pressure drop"] if case.drive.superficial_velocity else []
+    held += ["a drive in steps"] if case.drive.steps is not None else []
     force = "body force that changes with time" if _of_time(_drive_items(case)) else "body force"
     return " and ".join(held + ([force] if case.drive.body_force or not held else []))
 

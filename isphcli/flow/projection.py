@@ -111,8 +111,8 @@ def without_constants(config: Configuration, p: np.ndarray) -> np.ndarray:
 
 def _odd_even(config: Configuration, gradient: np.ndarray, old: np.ndarray, rate: float,
               nu_min: float) -> np.ndarray:
-    """-w (A + div grad) p of `pressure_increment`, (n,), which damps the odd-even part of the pressure. gradient: (n, dim) of p; old: (n,)
-    A p.
+    """-w (A + div grad) p of `pressure_increment`, (n,), which damps the odd-even part of the pressure.
+    gradient: (n, dim) of p; old: (n,) A p.
 
     w is the part of inertia in what a particle sets against a force, rate / (rate + nu sum_j lap_ij), nu that of
     the thinner fluid. Without it, what A sees of p and the gradient does not, its odd-even part, is handed on from

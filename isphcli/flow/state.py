@@ -25,7 +25,8 @@ class State:
     length of the step before, s, 0 before the first. Of a scene that holds a superficial velocity, otherwise None:
     pressure_gradient: over the density of the first fluid, m/s2, that held it; shifting_flux: mean velocity of the
     shifts that it makes up for (`HeldVelocity`), m/s. Of two fluids, otherwise None: phi: (n,) signed distance to their
-    interface, positive in the first one, m.
+    interface, positive in the first one, m. Of a drive in steps, otherwise None: pressure_gradient: as above, of this
+    step; drive_step: (4,) which one, and what was seen of it (`drive_steps.begun`).
     """
 
     x: np.ndarray
@@ -38,6 +39,12 @@ class State:
     pressure_gradient: float | None = None
     shifting_flux: float | None = None
     phi: np.ndarray | None = None
+    drive_step: np.ndarray | None = None
+
+
+def phase_of(phi: np.ndarray) -> np.ndarray:
+    """(n,) int8 fluid of particles, 0 or 1, from `State.phi` (n,), which is positive in the first fluid."""
+    return (phi <= 0.0).astype(np.int8)
 
 
 @dataclass(frozen=True)

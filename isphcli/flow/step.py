@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from ..operators.wall_operators import WallScene
     from ..output.clock import Clock
     from .one_fluid import Fluids
+    from .seam import Seam
     from .timed_drive import TimedDrive
     from .volume_control import KeptVolume
 
@@ -61,7 +62,8 @@ class Stepper:
     site_volume: m^dim; fluids: what they put into the equations; shifting: coefficient of eq. 8, 0 for none;
     second_order: BDF2 or implicit Euler; solvers: with the hierarchies that are kept, the only changing state;
     bounds: what no step may exceed; held_velocity: the superficial velocity that is held, or None; volume: what keeps
-    the number of particles in blocks, or None; timed_drive: forces and walls that change with time, or None.
+    the number of particles in blocks, or None; timed_drive: forces and walls that change with time, or None; seam:
+    where fluid that leaves one reservoir comes in at the other, or None.
     """
 
     geometry: Geometry
@@ -78,6 +80,7 @@ class Stepper:
     held_velocity: HeldVelocity | None = None
     volume: KeptVolume | None = None
     timed_drive: TimedDrive | None = None
+    seam: Seam | None = None
 
     def __post_init__(self) -> None:
         self.walls: WallScene | None = None
@@ -162,6 +165,10 @@ class Stepper:
             inside = self.geometry.phase(x) < 0
             x[inside] = state.x[inside]
             stopped = reduce.count(inside)
+        if self.seam is not None:
+            carried = state.phi if phi is None else phi
+            assert carried is not None  # reservoirs have two fluids
+            phi = self.seam.entered(x, carried)
         return replace(state, x=x, u=u, u_old=u_old, p=p, phi=phi), stopped
 
     def _shift(self, state: State, config: Configuration, dt: float, speed: float,
@@ -207,10 +214,11 @@ class Stepper:
                 assert config.terms.along is not None
                 driven = known + held * config.terms.along
             u, p = self._project(config, system, moved.u, driven, p, g0 / dt, expansion)
-            if held is not None:
+            if held is not None and self.held_velocity is not None:
                 u, p, increment = self._hold(config, system, u, p, g0 / dt, moved.shifting_flux)
                 held += increment
-        new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.shifting_flux, moved.phi)
+        new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.shifting_flux, moved.phi,
+                    moved.drive_step)
         return StepResult(new, config, dt, config.ops.total_divergence(u), stopped, self.solvers.reports,
                           self.solvers.rebuilt, volume_drift)
 

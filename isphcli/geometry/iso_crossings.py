@@ -89,6 +89,8 @@ def _place_of_least(fa, da, fb, db):
     q = 2.0 * (3.0 * (fb - fa) - 2.0 * da - db)
     # p s^2 + q s + da = 0, its root where the second derivative is positive
     root = np.sqrt(max(q * q - 4.0 * p * da, 0.0))
+    if q <= 0.0:  # then p > 0; -2 da / (q + root), the same root, may be 0 / 0 where a field hardly varies
+        return min(max((root - q) / (2.0 * p), 0.0), 1.0) if p > 0.0 else 0.5
     return min(max(-2.0 * da / (q + root), 0.0), 1.0)
 
 

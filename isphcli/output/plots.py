@@ -31,6 +31,7 @@ SPIKE = 5.0  # times the range of most values: what lies farther out is cut off 
 # a lattice is 1 within 3 %, at a plane wall 1/2; a solid begins where it falls under 0.42, so that tubes of
 # one voxel, which reach 0.47, are still drawn.
 _SIGMA, _CUTOFF, _FILLED = 0.5, 1.25, 0.42
+MOST_TIMES = 7  # lines of a picture of profiles
 MOST_ASKED = 100_000  # points of a plane whose distance from walls is asked of the geometry: a second or two
 
 
@@ -211,6 +212,73 @@ def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], t
             axes.legend(frameon=False, fontsize=8)
     for axes in list(grid.flat)[len(panels) :]:
         axes.set_visible(False)
+    if title:
+        figure.suptitle(title, fontweight="bold", color=INK).set_parse_math(False)
+    _save(figure, path)
+
+
+def plot_profiles(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], names: Sequence[str],
+                  title: str = "") -> None:
+    """Draw saturation of the second fluid and pressure along the axis, at up to MOST_TIMES times, the last one dark.
+
+    rows: of profiles.csv; names: of the fluids. Raises ValueError without rows.
+    """
+    from matplotlib import colormaps
+
+    if not rows:
+        raise ValueError(f"{path}: there is no profile")
+    times = sorted({row["time"] for row in rows})
+    kept = [times[k] for k in np.unique(np.linspace(0, len(times) - 1, min(len(times), MOST_TIMES)).astype(int))]
+    along = next(name for name in "xyz" if name in rows[0])
+    factor, unit = _prefix("m", max(abs(row[along]) for row in rows))
+    figure, ((left, right),) = _figure(10.4, 3.6, 1, 2)
+    shades = colormaps["viridis_r"](np.linspace(0.15, 1.0, len(kept)))
+    for time, shade in zip(kept, shades):
+        now = [row for row in rows if row["time"] == time]
+        x = factor * np.array([row[along] for row in now])
+        for axes, key in ((left, f"saturation_{names[1]}"), (right, "pressure")):
+            values = np.array([np.nan if row.get(key) is None else row[key] for row in now], dtype=float)
+            axes.plot(x, values, color=shade, lw=1.4, label=f"{time:.3g} s")
+            axes.grid(color="#e6e6e6", lw=0.6)
+    left.set_ylim(-0.03, 1.03)
+    left.set_ylabel(f"saturation {names[1]}").set_parse_math(False)
+    right.set_ylabel("pressure (Pa)")
+    for axes in (left, right):
+        axes.set_xlabel(f"{along}  ({unit})")
+    right.legend(frameon=False, fontsize=8)
+    if title:
+        figure.suptitle(title, fontweight="bold", color=INK).set_parse_math(False)
+    _save(figure, path)
+
+
+def plot_curve(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], names: Sequence[str],
+               title: str = "") -> None:
+    """Draw capillary pressure and pressure drop over the saturation of the first fluid, with separate parts and what is
+    trapped of both, a point a step of the drive, numbered in their order.
+
+    rows: of curve.csv; names: of the fluids. Raises ValueError without rows.
+    """
+    if not rows:
+        raise ValueError(f"{path}: the curve has no point")
+    saturation = _series(rows, f"saturation_{names[0]}")
+    assert saturation is not None  # a column of every curve
+    figure, ((left, middle, right),) = _figure(14.0, 3.8, 1, 3)
+    panels = ((left, "pressure (Pa)", ("capillary_pressure", "pressure_drop")),
+              (middle, "separate parts", tuple(f"ganglia_{name}" for name in names)),
+              (right, "trapped saturation", tuple(f"trapped_{name}" for name in names)))
+    for axes, label, keys in panels:
+        for key, colour in zip(keys, COLOURS):
+            values = _series(rows, key)
+            if values is not None:
+                _line(axes, saturation, values, colour, key.replace("_", " "))
+        axes.set_xlabel(f"saturation {names[0]}").set_parse_math(False)
+        axes.set_ylabel(label)
+        axes.set_xlim(-0.03, 1.03)
+        for text in axes.legend(frameon=False, fontsize=8).get_texts():
+            text.set_parse_math(False)
+    drops = _series(rows, "pressure_drop")
+    for row, x, y in zip(rows, saturation, drops if drops is not None else ()):
+        left.annotate(f"{row['drive_step']:g}", (x, y), xytext=(3, 3), textcoords="offset points", fontsize=7)
     if title:
         figure.suptitle(title, fontweight="bold", color=INK).set_parse_math(False)
     _save(figure, path)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 NAME = "restart.npz"
 VERSION = 3
 # Keys of the scene; all others are values, but for those that change no flow (IDLE). A wall may move or slip otherwise.
-SCENE = re.compile(r"geometry\b|initial\b|fluids$|particles\.(spacing|lattice|offset|jitter|seed)\b")
+SCENE = re.compile(r"geometry\b|initial\b|reservoirs\b|fluids$|particles\.(spacing|lattice|offset|jitter|seed)\b")
 AT_WALLS = re.compile(r"geometry\.(walls|slip_length|shapes\[\d+\]\.(velocity|angular_velocity|slip_length))\b")
 IDLE = re.compile(r"(title|flow|output|reference|refine|refine_budget)\b")
 

@@ -131,6 +131,7 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
                                 case.particles.spacing).added_viscosity
     starts = case.initial is not None and bool(case.initial.velocity)
     flood = case.initial.flood if case.initial else None
+    ends = case.reservoirs
     return [
         Term("walls", wall, f"distance {case.wall_distance}" if wall else "no solid and no closed face"),
         Term("moving walls", moves, "a wall has a velocity" if moves else "all walls are at rest"),
@@ -152,5 +153,7 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
              "no interface" if not tension else f"{tension.contact_angle:g} degrees" if wall else "no walls"),
         Term("drive", forcing.is_driven(case), forcing.in_words(case)),
         Term("initial velocity", starts, "formula" if starts else "starts at rest"),
+        Term("reservoirs", ends is not None,
+             f"{ends.inlet} at {ends.axis}_min, {ends.outlet} at {ends.axis}_max" if ends else "none"),
         Term("flooding", flood is not None, f"{flood.fluid} from {flood.face}" if flood else "none"),
     ]  # fmt: skip

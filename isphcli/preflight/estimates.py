@@ -97,7 +97,7 @@ def steps(case: Case, flow: Flow | None, widths: Throats | None) -> Steps:
     step = case.time.step or min(
         dt for name, dt in limits.items() if name != "viscous accuracy" or len(limits) == 1
     )
-    end = case.time.end
+    end = forcing.longest_time(case)
     count = None if end is None else max(end / step, 1.0)
     if case.time.steady and widths is not None:
         slowest = min(f.nu for f in fluids)

@@ -137,7 +137,9 @@ def other_findings(result: CheckReport, geometry: Geometry, sites: Sites) -> Ite
 def absent_fluids(case: Case, sites: Sites) -> Iterator[str]:
     """A sentence for each fluid of the case that no site of the lattice is in; one that floods the sample comes
     later."""
-    flooded = case.initial.flood.fluid if case.initial and case.initial.flood else None
+    placed = {case.initial.flood.fluid} if case.initial and case.initial.flood else set()
+    if case.reservoirs is not None:
+        placed |= {case.reservoirs.inlet, case.reservoirs.outlet}
     for k, name in enumerate(case.fluids):
-        if name != flooded and (k >= len(sites.per_fluid) or not sites.per_fluid[k]):
+        if name not in placed and (k >= len(sites.per_fluid) or not sites.per_fluid[k]):
             yield f"fluids.{name} has no particle: the scene runs as one of a single fluid"

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import sys
-from contextlib import suppress
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..case.forcing import walls_move
+from ..case.forcing import drive_steps, longest_time, walls_move
+from ..flow.state import phase_of
 from ..output import folder, progress, restart
 from ..output.files import History, Series, read_history
 from ..references.result import Result
@@ -19,6 +21,8 @@ from ..scene.build_geometry import build_geometry
 from ..scene.prepare import prepare
 from .permeability import darcy, fluid_cells, mean_velocities
 from .results import (
+    CURVE,
+    PROFILES,
     Look,
     Seen,
     absent_fluids,
@@ -44,6 +48,9 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
     from ..output.clock import Clock
     from ..two_phase.measures import Measures
+    from ..two_phase.profiles import Profiles
+    from ..two_phase.reservoir_measures import ReservoirMeasures
+    from .drive_steps import DriveProgram
 
 Summary = dict[str, Any]
 
@@ -54,7 +61,9 @@ class MovingRun:
 
     measures: of two fluids, else None; cells: `permeability.fluid_cells` of the sample; seen: what was said of the
     scene before; record: of the case, with what restarts have changed (output.restart); since, last_step: time and step
-    that a run goes on from whose files are in the same directory, else None; history: a dict a step.
+    that a run goes on from whose files are in the same directory, else None; history: a dict a step; between: of two
+    reservoirs, profiles: along the axis of the flow, or None; profiled: step of the last one that was written; tables:
+    files of those and of the steps of the drive.
     """
 
     case: Case
@@ -73,6 +82,10 @@ class MovingRun:
     last_step: int | None = None
     series: Series | None = None
     history: list[dict[str, Any]] = field(default_factory=list)
+    between: ReservoirMeasures | None = None
+    profiles: Profiles | None = None
+    profiled: int | None = None
+    tables: dict[str, History] = field(default_factory=dict)
 
     @property
     def restart_file(self) -> Path:
@@ -88,7 +101,7 @@ class MovingRun:
         """The particles with the fluids that they are of in a state."""
         if state.phi is None:
             return self.particles
-        return replace(self.particles, phase=(state.phi <= 0.0).astype(np.int8))
+        return replace(self.particles, phase=phase_of(state.phi))
 
     def snapshot(self, state: State, config: Configuration) -> None:
         """Writes a snapshot, if there are any."""
@@ -97,10 +110,17 @@ class MovingRun:
                 fields = snapshot_of(self.case, self.geometry, self.particles_at(state), state.x, state.u,
                                      state.p * self.pressure_unit, config.ops.total_divergence(state.u))
                 self.series.write(state.step, state.time, *fields)
+        if self.profiles is not None and state.step != self.profiled:
+            self.profiled = state.step
+            with self.clock("output"):
+                for row in self.profiles.rows(state, self.particles_at(state).phase):
+                    self.tables[PROFILES].append(row)
 
     def save(self, file: History) -> None:
         """Writes the restart file of the last step of which all is told."""
         if self.march.last is not None:
+            for table in self.tables.values():
+                table.sync()
             file.sync()  # a restart finds every row and every snapshot up to its step
             restart.save(self.restart_file, self.march.last, self.record)
 
@@ -140,12 +160,19 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         if geometry.has_solid:
             march.fluid_cells = fluid_cells(geometry, particles, distance, whole=True)
     measures = None
+    between = profiles = None
     if len(np.unique(particles.phase)) > 1:
-        from ..scene.choose_measures import choose_measures
+        from ..scene.choose_measures import choose_measures, choose_profiles, choose_reservoir_measures
 
         march.measure = measures = choose_measures(case, geometry, particles, stepper.fluids)
+        profiles = choose_profiles(case, geometry, stepper.fluids)
+        between = choose_reservoir_measures(case, geometry, particles, stepper.fluids)
+    if measures is not None and between is not None:
+        march.measure = _both(measures, between)
     run = MovingRun(case, case.output.directory, clock, quiet, geometry, particles, stepper, march, measures, cells,
-                    seen, restart.record_of(case))
+                    seen, restart.record_of(case), between=between, profiles=profiles)
+    if between is not None and drive_steps(case) is not None:
+        march.program = _program(run, between)
     saved = None
     if resume is not None:
         saved = restart.load(Path(resume) / restart.NAME, state, run.record)
@@ -161,16 +188,55 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     run.directory = folder.prepare(case.output.directory)
     write_case(run.directory, case, run.record["changes"])
     run.series = series_of(case, run.directory, run.since)
+    if run.profiles is not None:
+        run.tables[PROFILES] = History(run.directory / PROFILES, run.last_step)
+        if run.tables[PROFILES].rows:
+            run.profiled = read_history(run.directory / PROFILES)[-1]["step"]
+    if march.program is not None:
+        run.tables[CURVE] = History(run.directory / CURVE, run.last_step)
     return run, state, config
+
+
+def _both(measures: Measures, between: ReservoirMeasures) -> Callable[[State, Configuration], dict[str, Any]]:
+    return lambda state, config: measures(state, config) | between(state, config)
+
+
+def _program(run: MovingRun, between: ReservoirMeasures) -> DriveProgram:
+    """The steps of the drive of a run; each writes a row of curve.csv."""
+    from .drive_steps import DriveProgram
+
+    steps, measures, geometry = drive_steps(run.case), run.measures, run.geometry
+    assert steps is not None and measures is not None
+    areal = run.stepper.fluids.reference * float((geometry.upper - geometry.lower)[between.axis])
+
+    def finished(number: int, value: float, settled: bool, state: State, config: Configuration) -> None:
+        late = [past for past in run.history if past["time"] > state.time - program.window * (1.0 + 1e-9)]
+        now = measures(state, config, everything=True) | between(state, config, everything=True)
+        row: dict[str, Any] = {"step": state.step, "time": state.time, "drive_step": number + 1,
+                               "settled": int(settled)}
+        if steps.superficial_velocity:
+            row["superficial_velocity"] = value
+        for name, column in (("pressure_drop", f"pressure_drop_{'xyz'[between.axis]}"),
+                             ("capillary_pressure", "capillary_pressure")):
+            values = [past[column] for past in late if past.get(column) is not None]
+            row[name] = float(np.mean(values)) if values else now.get(name)
+        for kind in ("saturation", "ganglia", "trapped"):
+            row |= {f"{kind}_{name}": now[f"{kind}_{name}"] for name in measures.names}
+        run.tables[CURVE].append(row)
+
+    program = DriveProgram(steps, between.axis, run.stepper, areal, between.saturation, finished)
+    return program
 
 
 def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, Configuration]:
     """The time loop with its files; (state, config) at the end."""
     case, march = run.case, run.march
     assert case.time is not None
-    with History(run.directory / "history.csv", run.last_step) as file, progress.Progress(
-        case.time.end, case.time.max_steps if case.time.end is None else None, case.title, run.quiet
+    with ExitStack() as tables, History(run.directory / "history.csv", run.last_step) as file, progress.Progress(
+        longest_time(case), case.time.max_steps if longest_time(case) is None else None, case.title, run.quiet
     ) as bar:
+        for table in run.tables.values():
+            tables.enter_context(table)  # closed at the end
         if file.rows:
             run.history = read_history(run.directory / "history.csv")
             if run.measures is not None:
@@ -310,16 +376,18 @@ def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state:
 
     case = run.case
     driven = _drive_at_the_end(run, state)[0] is not None
-    moved = driven or walls_move(case) or bool(case.initial and case.initial.velocity)
+    moved = driven or walls_move(case) or bool(case.reservoirs or (case.initial and case.initial.velocity))
     summary["two_fluids"] = summary_of_two(measures, state, config, run.history, moved)
+    if run.between is not None:
+        summary["two_fluids"] |= run.between(state, config, everything=True)
     broken = None if moved else broke_up(measures.names, run.history, summary["two_fluids"])
     if broken:
         summary.setdefault("warnings", []).append(broken)
 
 
 def _pictures(run: MovingRun, state: State, permeability: float | None) -> None:
-    """A slice of the flow, the fluids where there are two, the histories."""
-    from ..output.plots import Frame, plot_histories, plot_phases, plot_slice
+    """A slice of the flow, the fluids where there are two, the histories, profiles, the curve of a drive in steps."""
+    from ..output.plots import Frame, plot_curve, plot_histories, plot_phases, plot_profiles, plot_slice
 
     case, geometry, two = run.case, run.geometry, run.measures is not None
     phase = run.particles_at(state).phase
@@ -330,3 +398,7 @@ def _pictures(run: MovingRun, state: State, permeability: float | None) -> None:
     if two:
         plot_phases(run.directory / "phases.png", state.x, phase, case.fluid_names, frame, walls=geometry.has_solid)
     plot_histories(run.directory / "histories.png", run.history, case.title)
+    for name, plot in ((PROFILES, plot_profiles), (CURVE, plot_curve)):
+        rows = read_history(run.directory / name) if name in run.tables and run.tables[name].rows else []
+        if rows:
+            plot((run.directory / name).with_suffix(".png"), rows, case.fluid_names, case.title)

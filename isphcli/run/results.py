@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import COMPLETE
 from ..case.blocks import Case
-from ..case.forcing import body_force, changes, held_axis
+from ..case.forcing import body_force, changes, drive_steps, held_axis
 from ..case.load import dump_case
 from ..geometry.protocol import Geometry, sample_box, sample_voxels
 from ..output import restart
@@ -28,13 +28,19 @@ if TYPE_CHECKING:
     from .time_loop import TimeLoop
 
 
+PROFILES, CURVE = "profiles.csv", "curve.csv"
+
+
 def files_of(case: Case) -> list[str]:
     """Patterns of all files that a run of the case may write, relative to its directory."""
     moving = case.flow != "stokes"
     names = ["case.yaml", "history.csv", "summary.json", "worst.vtu", *[restart.NAME] * moving]
     if case.output.snapshots:
         names += ["particles.pvd", f"{SNAPSHOTS}/particles_[0-9]*.vtu"]
+    if moving and len(case.fluids) > 1:
+        names += [PROFILES, *[CURVE] * (drive_steps(case) is not None)]
     if case.output.plots:
+        names += [str(Path(name).with_suffix(".png")) for name in names if name in (PROFILES, CURVE)]
         names += ["slice.png", *["phases.png", "histories.png"] * moving]
     return names
 
@@ -167,6 +173,8 @@ def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:
         terms.append("held velocity")
     if driven and (held_axis(case) is None or body_force(case, geometry.dim).any()):
         terms.append("body force")
+    if drive_steps(case) is not None:
+        terms.append("drive in steps")
     if changes(case):
         terms.append("drive that changes with time")
     if geometry.has_solid:
@@ -175,6 +183,8 @@ def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:
             terms.append("moving walls")
         if np.any(geometry.slip_length > 0.0):
             terms.append("slip walls")
+    if case.reservoirs is not None:
+        terms.append("reservoirs")
     if any(geometry.periodic):
         terms.append("periodic halo")
     if case.flow == "navier_stokes" and case.particles.shifting > 0.0:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..flow.state import Configuration, State, StepResult
     from ..flow.step import Stepper
+    from .drive_steps import DriveProgram
 
 VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
 # The first step, as a part of what the limits allow, and the growth of the steps after it (second order needs less
@@ -42,10 +43,12 @@ class TimeLoop:
     measure(state, config): further entries of a row, dict.
     steady: steadiness.Steady of what `observed` says, in a run to a steady state, else None.
     fluid_cells: volume of the fluid in the box over `site_volume`, see `permeability.fluid_cells`, which the mean
-    velocity is taken over; None: over the particles.
+    velocity is taken over; None: over the particles. program: of a drive in steps, which ends the run with its last
+    one, or None.
     """
 
     fluid_cells: float | None = None
+    program: DriveProgram | None = None
 
     def __init__(self, case: Case, stepper: Stepper, site_volume: float, box_volume: float,
                  measure: Callable[[State, Configuration], dict[str, Any]] = lambda state, config: {}):
@@ -69,7 +72,7 @@ class TimeLoop:
             if state.dt_old:
                 acceleration = np.sqrt(((state.u - state.u_old) ** 2).sum(axis=1).max()) / state.dt_old
             else:
-                acceleration = np.linalg.norm(stepper.fluids_at(state.time).force)
+                acceleration = np.linalg.norm(stepper.fluids_at(state.time).force) + abs(state.pressure_gradient or 0.0)
                 speed = max(speed, stepper.held_velocity.speed if stepper.held_velocity is not None else 0.0)
             # u dt + a dt^2 / 2 = cfl dx
             reach = time.cfl * stepper.spacing
@@ -95,14 +98,16 @@ class TimeLoop:
             progress: Callable[[StepResult, str], None]) -> tuple[State, Configuration]:
         """(state, config) at the end. Raises RunError."""
         time = self.time
-        end = time.end if time.end is not None else np.inf
+        end, program = time.end if time.end is not None else np.inf, self.program
+        if program is not None:
+            state = program.begin(state)
         self.last = self._saved(state)
-        while not self._steady_by_now() and state.time < end * (1.0 - 1e-12) and state.step < time.max_steps:
+        while not self._over(state) and state.time < end * (1.0 - 1e-12) and state.step < time.max_steps:
             due = self._next_snapshot(state.time)
             limits = self.limits(state)
             limit = min(limits, key=limits.__getitem__)
             dt = limits[limit]
-            target = min(end, due) - state.time
+            target = min(end, due, program.due(state) if program is not None else np.inf) - state.time
             if dt > target * (1.0 - 1e-9):
                 dt, limit = target, "end"
             elif dt > 0.5 * target:
@@ -114,13 +119,19 @@ class TimeLoop:
             if state.time >= due * (1.0 - 1e-9):
                 snapshot(state, config)
             row(self._row(found, limit) | self.measure(state, config))
+            if program is not None:
+                state = program.after(state, config)
             self.last = self._saved(state)
             progress(found, limit)
         if time.steady is not None:
             self.outcome = "steady" if self._steady_by_now() else "not steady at the end"
-        elif state.step >= time.max_steps and state.time < end * (1.0 - 1e-12):
+        elif state.step >= time.max_steps and state.time < end * (1.0 - 1e-12) and not self._over(state):
             self.outcome = "out of steps"
         return state, config
+
+    def _over(self, state: State) -> bool:
+        """Whether the flow is steady, or all steps of a drive have been taken."""
+        return self._steady_by_now() or (self.program is not None and self.program.done(state))
 
     def _saved(self, state: State) -> Saved:
         kept = tuple(self.steady.kept) if self.steady is not None else ()
@@ -187,6 +198,8 @@ class TimeLoop:
             row["volume_drift"] = found.volume_drift
         if stepper.held_velocity is not None:
             row[f"pressure_drop_{'xyz'[stepper.held_velocity.axis]}"] = stepper.held_velocity.drop(state)
+        elif self.program is not None:
+            row[f"pressure_drop_{'xyz'[self.program.axis]}"] = self.program.drop(state)
         row |= {f"mean_velocity_{a}": float(m) for a, m in zip("xyz", mean)}
         row |= {f"superficial_velocity_{a}": float(m / len(state.u) * fraction) for a, m in zip("xyz", total)}
         if self.steady is not None:

@@ -80,6 +80,9 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
         described.append(("clear layers", f"{sample[0][along] - lower[along]:.6g} m at each end of {'xyz'[along]}"))
     geometry.warnings = tuple(warnings) + geometry.warnings
     geometry.described = tuple(described)
+    if case.reservoirs is not None:
+        along = "xyz".index(case.reservoirs.axis)
+        geometry.sample_lower, geometry.sample_upper = between_reservoirs(lower, upper, along, case.reservoirs.length)
     if walls_change(case):  # what they move at now is that of the start
         for wall, velocities in wall_velocities(case, geometry.dim, sample_times(case)).items():
             turning = geometry.wall_speed[wall] - np.linalg.norm(moves_at[wall])
@@ -116,6 +119,13 @@ def _within(body: Spheres, axis: int, sample: tuple[np.ndarray, np.ndarray], nam
     described.append((name, f"{said} and are left out"))
     radii = np.broadcast_to(np.asarray(body.radii, float), len(centres))
     return Spheres(centres[inside], radii[inside], body.columns)
+
+
+def between_reservoirs(lower: np.ndarray, upper: np.ndarray, axis: int,
+                       length: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (dim,) of what lies between two reservoirs of a length at the ends of an axis of a box, m."""
+    ends = np.eye(len(lower))[axis] * (length or 0.0)
+    return lower + ends, upper - ends
 
 
 def _describe_spheres(file: Path, body: Spheres, lower: np.ndarray, upper: np.ndarray, period: np.ndarray,

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..case.forcing import body_force, held_axis
+from ..case.forcing import body_force, gradient_axis
 from ..flow.one_fluid import OneFluid
+from ..geometry.protocol import sample_box
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -21,7 +22,7 @@ def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: n
     """OneFluid or TwoFluids: the one place that chooses what an interface needs."""
     present = [case.fluids[case.fluid_names[k]] for k in np.unique(particles.phase)]
     differ = len({(f.density, f.mu) for f in present}) > 1
-    axis = held_axis(case)
+    axis = gradient_axis(case)
     held = None if axis is None else np.eye(geometry.dim)[axis]
     if len(present) == 1 or (case.interface is None and not differ):
         return OneFluid(present[0].density, present[0].nu, force, held)
@@ -51,5 +52,16 @@ def _contact(case: Case, geometry: Geometry, particles: Particles, support: floa
 
     assert case.interface is not None
     dummies = particles.x[particles.n_fluid:]
-    walls = WallDummies(dummies, np.maximum(-geometry.distance(dummies), 0.0), wall_normals(geometry, dummies, support))
+    walls = WallDummies(dummies, np.maximum(-geometry.distance(dummies), 0.0), wall_normals(geometry, dummies, support),
+                        _of_reservoirs(case, geometry, dummies))
     return ContactAngle(case.interface.contact_angle, walls, case.particles.spacing)
+
+
+def _of_reservoirs(case: Case, geometry: Geometry, dummies: np.ndarray) -> np.ndarray | None:
+    """(n_dummy,) bool, which dummies are of the walls of reservoirs; None without reservoirs. These walls are neutral,
+    so that no capillary pressure falls off in the reservoirs, nor where they meet."""
+    if case.reservoirs is None:
+        return None
+    axis = "xyz".index(case.reservoirs.axis)
+    lower, upper = (corner[axis] for corner in sample_box(geometry))
+    return (dummies[:, axis] < lower) | (dummies[:, axis] > upper)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..case.forcing import flow_axis, pressure_gradient
 from ..references.two_phase import AMPLITUDES, amplitude
 from ..two_phase.measures import MeasuredFluid, Measures
 
@@ -13,7 +15,10 @@ if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..domain.lattice import Particles
     from ..flow.one_fluid import Fluids
+    from ..flow.state import State
     from ..geometry.protocol import Geometry
+    from ..two_phase.profiles import Profiles
+    from ..two_phase.reservoir_measures import ReservoirMeasures
 
 
 def choose_measures(case: Case, geometry: Geometry, particles: Particles, fluids: Fluids) -> Measures:
@@ -25,3 +30,39 @@ def choose_measures(case: Case, geometry: Geometry, particles: Particles, fluids
             return amplitude(case, x, fraction)
     return Measures(named, particles.phase, geometry, particles.site_volume, fluids.reference, fluids.tension,
                     amplitude_of)
+
+
+def choose_profiles(case: Case, geometry: Geometry, fluids: Fluids) -> Profiles | None:
+    """Profiles along the axis of the reservoirs or of the drive; None of a case without both."""
+    axis = flow_axis(case)
+    if axis is None:
+        return None
+    from ..two_phase.profiles import Profiles
+
+    return Profiles(axis, case.fluid_names, geometry, case.particles.spacing, _pressure(case, geometry, fluids, axis))
+
+
+def choose_reservoir_measures(case: Case, geometry: Geometry, particles: Particles,
+                              fluids: Fluids) -> ReservoirMeasures | None:
+    """What is measured between the reservoirs of a case, or None."""
+    if case.reservoirs is None:
+        return None
+    from ..two_phase.reservoir_measures import ReservoirMeasures
+
+    axis = "xyz".index(case.reservoirs.axis)
+    ends = case.fluid_names.index(case.reservoirs.inlet), case.fluid_names.index(case.reservoirs.outlet)
+    return ReservoirMeasures(axis, ends, case.fluid_names, geometry, particles.site_volume,
+                             _pressure(case, geometry, fluids, axis))
+
+
+def _pressure(case: Case, geometry: Geometry, fluids: Fluids, axis: int) -> Callable[[State], np.ndarray]:
+    """A function that gives the pressure (n,), Pa, of the particles of a state, with what falls along the axis: the
+    state itself holds the part that repeats from box to box."""
+    lengths, lower = geometry.upper - geometry.lower, geometry.lower[axis]
+
+    def pressure(state: State) -> np.ndarray:
+        fall = float(pressure_gradient(case, lengths, state.time)[axis])
+        fall += fluids.reference * (state.pressure_gradient or 0.0)
+        return fluids.reference * state.p - fall * (state.x[:, axis] - lower)
+
+    return pressure

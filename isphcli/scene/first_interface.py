@@ -27,7 +27,7 @@ def first_interface(case: Case, geometry: Geometry, particles: Particles, steppe
     x, phase = particles.x[: particles.n_fluid], particles.phase
     reach = reach_of(stepper.support, stepper.spacing)
     flood = case.initial.flood if case.initial is not None else None
-    phi = geometry.interface_distance(x) if flood is None else None
+    phi = geometry.interface_distance(x) if flood is None and case.reservoirs is None else None
     if phi is not None:
         return np.clip(phi, -reach, reach)
     return from_labels(stepper, x, phase, reach)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -26,10 +27,22 @@ def place_case(case: Case, geometry: Geometry, spacing: float) -> Particles:
     asked = case.particles
     particles = place(geometry, lattice_at(case, geometry, spacing), case.support * spacing, asked.jitter, spacing,
                       asked.seed)
-    if case.initial is None or case.initial.flood is None:
-        return particles
-    flood = case.initial.flood
-    return flooded(particles, geometry, case.fluid_names.index(flood.fluid), flood.face, flood.saturation)
+    flood = case.initial.flood if case.initial is not None else None
+    if flood is not None:
+        particles = flooded(particles, geometry, case.fluid_names.index(flood.fluid), flood.face, flood.saturation)
+    if case.reservoirs is not None:
+        fluids = tuple(case.fluid_names.index(name) for name in (case.reservoirs.inlet, case.reservoirs.outlet))
+        particles = filled(particles, geometry, "xyz".index(case.reservoirs.axis), fluids)
+    return particles
+
+
+def filled(particles: Particles, geometry: Geometry, axis: int, fluids: Sequence[int]) -> Particles:
+    """The particles, those below the sample along an axis of fluid fluids[0], those above it of fluid fluids[1]."""
+    along = particles.x[: particles.n_fluid, axis]
+    lower, upper = (corner[axis] for corner in sample_box(geometry))
+    phase = particles.phase.copy()
+    phase[along < lower], phase[along > upper] = fluids
+    return replace(particles, phase=phase)
 
 
 def flooded(particles: Particles, geometry: Geometry, fluid: int, face: str, saturation: float) -> Particles:

@@ -24,6 +24,7 @@ from .place import place_case
 if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..domain.lattice import Particles
+    from ..flow.seam import Seam
     from ..flow.timed_drive import TimedDrive
     from ..flow.volume_control import KeptVolume
     from ..geometry.protocol import Geometry
@@ -41,7 +42,8 @@ def held_velocity(case: Case, particles: Particles, reference: float, geometry: 
     here = int(outside_sample(particles.x[: particles.n_fluid, axis], lower, upper).sum())
     volumes = particles.site_volume * length / float(np.prod(size))  # of a particle, over the cross section
     porosity = (particles.n_fluid - here) * volumes / (upper - lower)
-    fraction = 1.0  # clear layers are all fluid, whatever number of lattice layers falls into them
+    # clear layers of an image are all fluid, whatever number of lattice layers falls into them
+    fraction = 1.0 if geometry.labels is not None else here * volumes / max(length - (upper - lower), volumes)
     if not here:
         lower, upper, fraction = np.inf, -np.inf, particles.n_fluid * volumes / length
     two = len(np.unique(particles.phase)) > 1
@@ -81,18 +83,38 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
         solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock),
         bounds=bounds(case, geometry, particles, u, held), held_velocity=held,
-        volume=kept_volume(case, geometry, x), timed_drive=drive,
+        volume=kept_volume(case, geometry, x), timed_drive=drive, seam=seam(case, geometry),
     )
     if drive is not None:
         stepper.bounds = replace(stepper.bounds, largest_force=drive.largest_force)
-    none_yet, phi = None if held is None else 0.0, None
+    gradient, phi = None if forcing.gradient_axis(case) is None else 0.0, None
     if not isinstance(fluids, OneFluid):
         from .first_interface import first_interface
 
         with clock("geometry"):
             phi = first_interface(case, geometry, particles, stepper)
-    state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=none_yet, shifting_flux=none_yet, phi=phi)
+    elif stepper.seam is not None:  # fluids that differ in name only
+        phi = np.where(particles.phase == 0, spacing, -spacing)
+    state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=gradient, shifting_flux=None if held is None else 0.0,
+                  phi=phi)
+    if forcing.drive_steps(case) is not None:
+        from ..run.drive_steps import begun
+
+        state = replace(state, drive_step=begun(0, 0.0))
     return state, stepper, particles
+
+
+def seam(case: Case, geometry: Geometry) -> Seam | None:
+    """The Seam between the two reservoirs of a case, or None."""
+    if case.reservoirs is None:
+        return None
+    from ..flow.seam import Seam
+
+    axis = "xyz".index(case.reservoirs.axis)
+    fluids = (case.fluid_names.index(case.reservoirs.inlet), case.fluid_names.index(case.reservoirs.outlet))
+    length = float(geometry.sample_lower[axis] - geometry.lower[axis])
+    depth = min(case.support * case.particles.spacing, 0.5 * length)  # no kernel at the seam sees another interface
+    return Seam(axis, float(geometry.lower[axis]), float(geometry.upper[axis]), depth, fluids)
 
 
 def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, rate: HeldVelocity | None) -> Bounds:
@@ -101,7 +123,11 @@ def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, 
     walls = np.max(geometry.wall_speed, initial=0.0)
     tension = case.interface.tension if case.interface is not None else 0.0
     capillary = np.sqrt(tension / (density.mean() * case.particles.spacing))
-    other = walls + capillary + (SPREAD * rate.speed if rate is not None else 0.0)
+    speed = rate.speed if rate is not None else 0.0
+    steps = forcing.drive_steps(case)
+    if rate is not None and steps is not None and steps.superficial_velocity:
+        speed = max(replace(rate, wanted=wanted).speed for wanted in steps.superficial_velocity)
+    other = walls + capillary + SPREAD * speed
     force = float(forcing.strongest_acceleration(case, geometry.upper - geometry.lower))
     found = Bounds(geometry, particles.site_volume, 0.0, force, other)
     return replace(found, start=found.speed(u, density))

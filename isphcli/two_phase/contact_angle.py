@@ -4,7 +4,7 @@ Eqs 18-22 turn the normals of the fluid near a wall towards the contact angle; a
 settles at 84. Here the fit of `quadratic_fit` takes the angle in, as a boundary condition: with theta measured
 through the first fluid and p the normal of the wall, into the fluid,
 
-    p . grad phi = -cos(theta)     at the wall points below which dummies lie, near the line where phi = 0 meets the wall.
+    p . grad phi = -cos(theta)     at the wall points above the dummies, near the line where phi = 0 meets the wall.
 
 Normals and curvature beside the wall, and the smoothing of phi, follow from the fit: no normal is turned by hand.
 """
@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
+from ..flow.state import phase_of
 from ..operators.kernel import shape
-from .interface import phase_of
 from .quadratic_fit import QuadraticFit, SlopesAtWalls, quadratic_fit
 
 if TYPE_CHECKING:
@@ -58,11 +58,13 @@ class SlipAtLine:
 
 
 class WallDummies(NamedTuple):
-    """x: (n_dummy, dim) m; depth: (n_dummy,) below the wall, m; normal: (n_dummy, dim) of the wall, into the fluid."""
+    """x: (n_dummy, dim) m; depth: (n_dummy,) below the wall, m; normal: (n_dummy, dim) of the wall, into the fluid;
+    neutral: (n_dummy,) bool, of walls that both fluids wet alike (90 degrees), or None."""
 
     x: np.ndarray
     depth: np.ndarray
     normal: np.ndarray
+    neutral: np.ndarray | None = None
 
 
 class ContactAngle:
@@ -70,6 +72,13 @@ class ContactAngle:
 
     def __init__(self, angle: float, dummies: WallDummies, spacing: float):
         self.angle, self.dummies, self.spacing = math.radians(angle), dummies, spacing
+
+    def _slope_of(self, dummy: np.ndarray) -> np.ndarray:
+        """p . grad phi at the wall points above dummies (m,)."""
+        slope = np.full(len(dummy), -math.cos(self.angle))
+        if self.dummies.neutral is not None:
+            slope[self.dummies.neutral[dummy]] = 0.0
+        return slope
 
     def at_walls(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray,
                  free: QuadraticFit) -> QuadraticFit:
@@ -88,7 +97,7 @@ class ContactAngle:
         part = np.maximum(1.0 - (distance / (NEAR_LINE * self.spacing)) ** 2, 0.0) ** 2
         touched = np.zeros(len(phi), np.bool_)
         touched[particle[part[dummy] > 0.0]] = True
-        slopes = SlopesAtWalls(start, offset, normal, np.full(len(dummy), -math.cos(self.angle)), WEIGHT * part[dummy])
+        slopes = SlopesAtWalls(start, offset, normal, self._slope_of(dummy), WEIGHT * part[dummy])
         bound = quadratic_fit(ops.neighbours, phi, known, touched, slopes)
         return QuadraticFit(*(np.where(touched if old.ndim == 1 else touched[:, None], new, old)
                               for old, new in zip(free, bound)))

@@ -26,6 +26,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..domain import reduce
+from ..flow.state import phase_of
 from ..operators.kernel import shape
 from .quadratic_fit import QuadraticFit, no_slopes, quadratic_fit
 
@@ -70,11 +71,6 @@ class Interface:
     def phase(self) -> np.ndarray:
         """(n,) int8 fluid of each particle."""
         return phase_of(self.phi)
-
-
-def phase_of(phi: np.ndarray) -> np.ndarray:
-    """(n,) int8 fluid of particles, 0 or 1, from their signed distances (n,)."""
-    return (phi <= 0.0).astype(np.int8)
 
 
 def reach_of(support: float, spacing: float) -> float:

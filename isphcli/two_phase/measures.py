@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..domain import reduce
+from ..flow.state import phase_of
 from ..geometry.protocol import Geometry, sample_box
 
 if TYPE_CHECKING:
@@ -62,6 +63,8 @@ class Measures:
     def __call__(self, state: State, config: Configuration, everything: bool = False) -> dict[str, Any]:
         """Entries of a row of the history; what takes longer (ganglia, contact angle) only every `SELDOM` steps, unless
         everything is asked for, and otherwise None."""
+        if state.phi is not None:
+            self.phase = phase_of(state.phi)
         volume = config.ops.volume[: len(state.x)]
         volume = volume * (self.site_volume * reduce.number(volume) / reduce.total(volume))
         row = self._fluids(state, config, volume)

@@ -1,6 +1,6 @@
 """A quadratic function fitted to a field of the particles by least squares over the support, with slopes at walls.
 
-    phi(x) ~ a + g . d + d . H d / 2,     d = x - x_i,     weight (1 - d^2 / support^2)^2 of each neighbour and of itself;
+    phi(x) ~ a + g . d + d . H d / 2,     d = x - x_i,     weight (1 - d^2 / support^2)^2 of each neighbour and itself;
 
 a wall point asks in the same sum for its slope along the normal p of the wall: support (p . (g + H d) - slope) with the
 weight of a neighbour there. Third derivatives are what the value a differs from phi by, so that a smooth field is kept

@@ -8,7 +8,7 @@ import pytest
 from isphcli.case.load import load_case
 from isphcli.case.yaml import CaseError
 from isphcli.scene.build_geometry import build_geometry
-from tests.case.texts import BEADS, MINIMAL, SHAPES, problems
+from tests.case.texts import BEADS, MINIMAL, SHAPES, problems, read
 
 
 @pytest.mark.parametrize(
@@ -142,3 +142,40 @@ def test_a_case_must_fit_the_dimensions_of_its_image(old, new, message, tmp_path
     (tmp_path / "case.yaml").write_text(IMAGE.replace(old, new))
     with pytest.raises(CaseError, match=re.escape(message)):
         build_geometry(load_case(tmp_path / "case.yaml"))
+
+
+LOOP = """\
+geometry: {box: [4, 1], periodic: [x, y]}
+particles: {spacing: 0.1}
+fluids: {water: {density: 1, viscosity: 1}, gas: {density: 1, viscosity: 1}}
+reservoirs: {axis: x, inlet: gas, outlet: water, length: 1}
+drive: {steps: {pressure_drop: [1, 2], duration: 1}}
+time: {}
+"""
+SCAN = "geometry={voxels: {file: beads.npz, labels: {solid: 1, water: 0}, voxel_size: 1CLEAR}, periodic: [AXES]}"
+
+
+def test_reservoirs_and_steps_need_no_end():
+    assert read(LOOP).reservoirs.length == 1
+
+
+@pytest.mark.parametrize("overrides, message", [
+    (["reservoirs.inlet=oil"], "reservoirs.inlet: 'oil' is not a fluid of this case"),
+    (["reservoirs.axis=z"], "reservoirs.axis: a 2D scene has no axis z"),
+    (["geometry.periodic=[y]"], "reservoirs.axis: x ends at walls; add x to geometry.periodic"),
+    (["reservoirs.length=2"], "reservoirs.length: two of them fill the box"),
+    (["reservoirs.length=null"], "reservoirs.length: missing: a box has no clear layers"),
+    (["flow=stokes"], "reservoirs: has no meaning in flow: stokes"),
+    (["drive={pressure_drop: {y: 1}}", "time.end=1"], "drive.pressure_drop: drives across the axis of the reservoirs"),
+    (["reservoirs=null"], "drive.steps: are between reservoirs, and there are none"),
+    (["drive.pressure_drop={x: 1}"], "drive.steps: are all of the drive along their axis"),
+    (["drive.steps.superficial_velocity=[1]"], "drive.steps: pressure_drop and superficial_velocity exclude"),
+    (["drive.steps.window=2"], "drive.steps.window: is longer than a step"),
+    (["time.steady=0.1"], "time.steady: is of one flow, and the drive has steps"),
+    ([SCAN.replace("CLEAR", "").replace("AXES", "y")], "reservoirs.length: an image has its reservoirs in its clear"),
+    ([SCAN.replace("CLEAR", "").replace("AXES", "x"), "reservoirs.length=null"], "the image repeats along x"),
+    ([SCAN.replace("CLEAR", ", clear_layer: 0").replace("AXES", "y"), "reservoirs.length=null"],
+     "geometry.voxels.clear_layer: is 0: no room for reservoirs"),
+])  # fmt: skip
+def test_reservoirs_that_cannot_be(overrides, message):
+    assert any(message in line for line in problems(LOOP, *overrides)), problems(LOOP, *overrides)

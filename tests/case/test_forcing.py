@@ -132,3 +132,19 @@ def test_why_nothing_flows_names_the_axes_and_what_to_do():
     assert forcing.opens(case, 0) and not forcing.opens(case, 2)
     assert "along y and z: both faces are walls; add y and z to geometry.periodic" in forcing.why_closed(case, 1, 2)
     assert "no fluid path leads through the scene along x" in forcing.why_closed(case, 0)
+
+
+def test_steps_are_a_drive_along_the_axis_of_the_reservoirs():
+    """Their force is up to the run, and the largest one, -16 Pa over 4 m and 8 or 2 kg/m3, bounds what it may do."""
+    sets = ["reservoirs={axis: z, inlet: oil, outlet: water, length: 1}"]
+    case = the_case("drive: {steps: {pressure_drop: [8, -16], duration: 3}}", *sets, "time={}")
+    lengths = np.array([2.0, 1.0, 4.0])
+    assert forcing.flow_axis(case) == forcing.gradient_axis(case) == 2 and forcing.driven_axes(case, lengths) == [2]
+    assert forcing.longest_time(case) == 6.0 and forcing.held_flux(case) is None and not forcing.force_is_given(case)
+    assert forcing.strongest_acceleration(case, lengths) == 2.0
+    assert forcing.largest_acceleration(case, lengths).tolist() == [0, 0, -0.5]
+    assert not forcing.acceleration(case, lengths).any() and forcing.in_words(case).startswith("a drive in steps")
+    flux = the_case("drive: {steps: {superficial_velocity: [3, 4], duration: 3}}", *sets, "time={end: 5}")
+    assert forcing.held_flux(flux) == (2, 3.0) and forcing.longest_time(flux) == 5.0
+    still = the_case("", *sets)
+    assert forcing.flow_axis(still) == 2 and forcing.gradient_axis(still) is None

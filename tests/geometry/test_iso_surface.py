@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from isphcli.geometry.faces import Walls
+from isphcli.geometry.iso_crossings import _place_of_least
 from isphcli.geometry.iso_surface import ImageField, IsoSurfaceGeometry
 from isphcli.geometry.labels import ClearLayers
 from tests.geometry.fields import phases, plane, sphere, waves
@@ -192,3 +193,12 @@ def test_two_dimensions():
 def test_a_field_of_another_shape_is_refused():
     with pytest.raises(ValueError):
         IsoSurfaceGeometry(np.zeros((3, 3, 3), np.int8), ImageField(np.ones((3, 3, 4))), 1.0, ROUND)
+
+
+@pytest.mark.parametrize("cubic, place", [
+    ((1.0, -1.0, 1.0, 1.0), 0.5),  # a parabola
+    ((0.0, -1e-30, 1.0, 5.0), 4 / 9),  # s^2 (3 s - 2), with a slope at 0 that is round-off beside the rest
+])
+def test_the_least_value_between_two_slopes(cubic, place):
+    """Grey images are cut off at their brightest value: the field of a saturated image is flat but for round-off."""
+    assert _place_of_least(*cubic) == pytest.approx(place, rel=1e-9)

@@ -54,7 +54,8 @@ def test_a_fixed_step_is_taken_after_a_first_shorter_one():
 def test_snapshots_are_written_at_their_times_and_the_run_ends_at_its_own():
     march, state = loop(FALL)
     times, rows = [], []
-    end, _ = march.run(state, march.stepper.configure(state.x, phi=state.phi), lambda s, _: times.append(s.time), rows.append,
+    config = march.stepper.configure(state.x, phi=state.phi)
+    end, _ = march.run(state, config, lambda s, _: times.append(s.time), rows.append,
                        lambda *_: None)
     assert times == pytest.approx([0.1, 0.2], rel=1e-12) and end.time == pytest.approx(0.25, rel=1e-12)
     assert [row["step"] for row in rows] == list(range(1, end.step + 1))

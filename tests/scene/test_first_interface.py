@@ -18,7 +18,7 @@ def test_the_distance_of_a_shape_is_exact():
 def test_a_later_shape_lies_on_top():
     """A ring: water in a disk of oil."""
     text = drop(dx=1 / 32).replace("is: a}]", "is: a}, {sphere: {centre: [0.5, 0.5], radius: 0.12}, is: b}]")
-    _, _, state, _, particles = scene(text)
+    _, _, state, _, _particles = scene(text)
     r = np.linalg.norm(state.x - 0.5, axis=1)
     exact = np.minimum(0.3 - r, r - 0.12)
     near = np.abs(exact) < 4 / 32
@@ -29,7 +29,7 @@ def test_a_later_shape_lies_on_top():
                                          (layers(1 / 16, mu=2), lambda x: 0.5 - x[:, 1])])
 def test_labels_alone_say_it_to_a_part_of_a_spacing(text, place):
     """A third of a spacing at most, an eighth root mean square: labels alone do not say more."""
-    case, _, state, stepper, particles = scene(text)
+    _case, _, state, stepper, particles = scene(text)
     reach = np.abs(state.phi).max()
     phi = from_labels(stepper, state.x, particles.phase, reach)
     near, spacing = np.abs(state.phi) < 1.5 * stepper.spacing, stepper.spacing

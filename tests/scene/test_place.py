@@ -47,6 +47,29 @@ def test_flooding_of_an_image_counts_the_sample():
     assert (particles.phase[x[:, 0] > geometry.sample_upper[0]] == 0).all()
 
 
+def test_reservoirs_of_a_box_lie_at_its_ends():
+    """Over what the shapes say, and the sample is what lies between them."""
+    sets = ["geometry={box: [1, 0.5], periodic: [x, y], fluid: brine}",
+            "reservoirs={axis: x, inlet: co2, outlet: brine, length: 0.2}",
+            "geometry.shapes=[{box: {lower: [0.5, 0], upper: [1, 1]}, is: co2}]"]
+    case, particles = particles_of(FLOOD, *sets)
+    along, geometry = particles.x[: particles.n_fluid, 0], build_geometry(case)
+    assert ((particles.phase == 1) == ((along < 0.2) | ((along > 0.5) & (along < 0.8)))).all()
+    assert geometry.sample_lower.tolist() == [0.2, 0.0] and geometry.sample_upper.tolist() == [0.8, 0.5]
+
+
+def test_reservoirs_of_an_image_lie_in_its_clear_layers():
+    """Which all hold the first fluid without; an image is driven along their axis whatever else drives it."""
+    case = load_case(CASES / "berea_drainage.yaml", [
+        "geometry.voxels.crop=[[40, 60], [40, 60], [40, 60]]", "initial=null", "drive={body_force: [0, 0, -9.81]}",
+        "reservoirs={axis: x, inlet: co2, outlet: brine}"])  # fmt: skip
+    geometry = build_geometry(case)
+    particles = place_case(case, geometry, case.particles.spacing)
+    along = particles.x[: particles.n_fluid, 0]
+    assert geometry.sample_lower[0] == pytest.approx(1.8e-5)
+    assert ((particles.phase == 1) == (along < 1.8e-5)).all() and (along > geometry.sample_upper[0]).any()
+
+
 @pytest.mark.parametrize("override, message", [
     ("initial.flood={fluid: oil, from: x_min, saturation: 0.3}", "'oil' is not a fluid of this case"),
     ("initial.flood={fluid: co2, from: z_min, saturation: 0.3}", "a 2D scene has no axis z"),

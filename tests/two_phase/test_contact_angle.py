@@ -53,7 +53,7 @@ time: {end: 0.1}
 """
     heights = []
     for length in ("0", "0.1"):
-        state, _, particles, _ = run(text.replace("LENGTH", length))
+        state, _, _particles, _ = run(text.replace("LENGTH", length))
         heights.append(float(state.x[state.phi > 0, 1].mean()))
     start = 4 * 0.25 / (3 * np.pi)  # centre of half a disk
     assert heights[1] < heights[0] - 0.05 * (start - heights[0]) and heights[0] < start

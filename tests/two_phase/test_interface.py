@@ -47,7 +47,7 @@ def test_the_curvature_of_a_disk_converges(jitter, order):
 
 def test_volume_fractions_add_up_to_the_disk():
     """Whatever the thickness of the layer over which they change: its curvature is allowed for."""
-    state, config, interface = interface_of(drop(dx=1 / 24, jitter=0.1))
+    _, config, interface = interface_of(drop(dx=1 / 24, jitter=0.1))
     volume = config.ops.volume / config.ops.volume.sum()
     assert volume @ interface.fraction == pytest.approx(np.pi * 0.09, rel=3e-3)
     _, config, interface = interface_of(drop(dx=1 / 24))
@@ -72,8 +72,8 @@ def test_volumes_are_those_of_before_piece_by_piece():
 
 
 def test_a_step_takes_roughness_out_and_leaves_a_disk_alone():
-    """What a quadratic function does not fit of a noise of a tenth of a spacing falls to less than a third within ten
-    passes of a fifth (0.8^10 is 0.11, 0.25 measured); an exact disk moves by 5e-3 spacings at most, as its third derivatives say."""
+    """What a quadratic function does not fit of a noise of a tenth of a spacing falls to less than a third in ten
+    passes of a fifth (0.8^10 is 0.11, 0.25 measured); an exact disk moves by 5e-3 spacings at most: third derivatives."""
     state, config, interface = interface_of(drop(dx=1 / 32, jitter=0.1))
     spacing, near = interface.spacing, np.abs(state.phi) < interface.spacing
     noise = 0.1 * spacing * np.random.default_rng(0).standard_normal(len(state.phi))

@@ -46,8 +46,8 @@ def test_curvature_is_that_of_the_surface_not_of_the_level(dim, inside):
 
 
 def test_a_slope_at_a_wall_is_part_of_the_fit():
-    """Particles above y = 0.5 alone see phi = x; the wall asks for a slope of 0.3: the fit beside it leans that way, and
-    far from it knows nothing of it."""
+    """Particles above y = 0.5 alone see phi = x; the wall asks for a slope of 0.3: the fit beside it leans that way,
+    and far from it knows nothing of it."""
     neighbours = cloud(2)
     x = neighbours.x[: neighbours.n]
     above = (x[:, 1] > 0.5) & np.all(np.abs(x - 0.5) < 0.4, axis=1)

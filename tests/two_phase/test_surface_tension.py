@@ -76,7 +76,7 @@ def test_a_drop_at_rest_comes_to_rest():
     text = drop(radius=0.5, dx=1 / 16, mu=0.018257, time="{end: 8, capillary: 4}")
     text = text.replace("box: [1, 1]", "box: [1.625, 1.625]")
     text = text.replace("[0.5, 0.5]", "[0.8125, 0.8125]").replace("viscosity: 0.05", "viscosity: 0.018257")
-    state, stepper, _, rows = run(text)
+    state, _stepper, _, rows = run(text)
     times, energy = np.array([row["time"] for row in rows]), np.array([row["kinetic_energy"] for row in rows])
     assert energy[-1] <= energy[np.searchsorted(times, 1.0)]
     assert np.linalg.norm(state.u, axis=1).max() * 0.018257 < 2e-5

@@ -1,0 +1,36 @@
+"""The seam of a periodic loop with a reservoir at either end: fluid that goes over it becomes that of the other one.
+
+A scene that is periodic along an axis needs no open boundary: pressures and velocities go on over the seam, where the
+reservoir at the upper end of the box, the outlet, meets that at its lower end, the inlet. Only which fluid a particle
+is of does not: near the seam all are of the fluid of their reservoir. What leaves the outlet comes in as the fluid of
+the inlet, and the reverse; a bubble that comes to the end of the outlet is gone; the interface at the seam is a plane,
+so that no capillary pressure falls off there. The number of particles stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+TINY = 1e-6  # of the depth of the seam: a particle on the seam itself is this far from it, so that phi has a sign
+
+
+@dataclass(frozen=True)
+class Seam:
+    """axis: 0, 1 or 2; lower, upper: faces of the box along it, m; depth: up to which a reservoir is of its own fluid
+    whatever comes there, m; fluids: of the inlet, at the lower end, and of the outlet, 0 or 1 each."""
+
+    axis: int
+    lower: float
+    upper: float
+    depth: float
+    fluids: tuple[int, int]
+
+    def entered(self, x: np.ndarray, phi: np.ndarray) -> np.ndarray:
+        """phi (n,) m, the signed distance to the interface, positive in the first fluid, of particles that have moved
+        to x (n, dim), m, in the box: within `depth` of the seam it is that to the seam."""
+        for fluid, behind in zip(self.fluids, (x[:, self.axis] - self.lower, self.upper - x[:, self.axis])):
+            side = 1.0 if fluid == 0 else -1.0
+            phi = np.where(behind < self.depth, side * np.maximum(behind, TINY * self.depth), phi)
+        return phi

@@ -1,0 +1,171 @@
+"""Relative permeability of both fluids of a snapshot: a steady solve of each, with the other one as solid, over one of
+both as a single fluid.
+
+The other fluid is a solid that does not slip: at small capillary numbers tension holds the interface where it is, and
+what one fluid moves of the other beyond it is small where that is trapped, or many times more viscous. Where the other
+one is far less viscous and flows along (a film of water under gas), k_r comes out too small: between plates S^3
+in place of S^2 (3 - S) / 2. With the viscosities of both the interface would move during the solve, and k_r would be
+that of a flow, not of a distribution of the fluids.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..case.blocks import Drive
+from ..case.forcing import flow_axis
+from ..case.load import load_case
+from ..case.reader import Table
+from ..geometry.clear_layer import clear_voxels
+from ..geometry.protocol import Geometry, sample_box
+from ..output.files import read_pvd, read_vtu
+from ..scene.build_geometry import build_geometry
+from .steady import NoFlowError, build_scene, solve_axis
+
+if TYPE_CHECKING:
+    from ..case.blocks import Case
+    from ..output.clock import Clock
+
+LEAST = 0.1  # spacings: a particle is at least this far from the interface, of which its fluid says the side
+REACH = 4.0  # spacings up to which the distance to the interface is known; the spline of the wall reads no farther
+
+
+class SnapshotError(ValueError):
+    """A folder without what relative permeabilities are made of."""
+
+
+@dataclass(frozen=True)
+class Relative:
+    """One snapshot: time, s; axis of the flow; names of both fluids; their saturations in the sample; their relative
+    permeabilities, 0 of one that no path of its own leads through; permeability: m2, of both as a single fluid."""
+
+    time: float
+    axis: str
+    names: tuple[str, str]
+    saturation: tuple[float, float]
+    relative: tuple[float, float]
+    permeability: float
+
+
+def relative_permeabilities(directory: Path, clock: Clock, every: bool = False, along: str | None = None,
+                            part: tuple[float, float] = (0.0, 1.0)) -> list[Relative]:
+    """Relative permeabilities of the last snapshot of a run, or of every one.
+
+    directory: of the run; along: x, y or z; without it the axis of its reservoirs or of its drive; part: of the sample
+    along that axis, from and to as shares of its length.
+    Raises SnapshotError where the folder has none, or no two fluids; NoFlowError where no path leads through the rock;
+    SolveError.
+    """
+    case, entries = _read(directory)
+    axis = flow_axis(case) if along is None else "xyz".index(along)
+    if axis is None:
+        raise SnapshotError(f"{directory}: nothing drives a flow along one axis; name it with --axis")
+    geometry = build_geometry(case, axis)
+    if axis >= geometry.dim:
+        raise SnapshotError(f"{directory}: a 2D scene has no axis {'xyz'[axis]}")
+    sample = Sample(case, geometry, axis, clock, part)
+    whole = sample.permeability(np.full(len(sample.wall), np.inf))
+    if whole == 0.0:
+        raise NoFlowError(f"no path leads through the sample along {'xyz'[axis]}: its permeability is zero")
+    found = []
+    for time, file in entries if every else entries[-1:]:
+        x, fields = read_vtu(directory / file)
+        fluid = fields["phase"] >= 0
+        x, phase = x[fluid][:, : geometry.dim], fields["phase"][fluid]
+        inside = np.all((x >= sample.lower) & (x <= sample.upper), axis=1)
+        share = float((phase[inside] == 0).mean()) if inside.any() else 0.0
+        sides = [sample.distance_from_the_other(x, phase, k) for k in (0, 1)]
+        first, second = (sample.permeability(side) / whole for side in sides)
+        found.append(Relative(time, "xyz"[axis], (case.fluid_names[0], case.fluid_names[1]),
+                              (share, 1.0 - share), (first, second), whole))
+    return found
+
+
+def _read(directory: Path) -> tuple[Case, list[tuple[float, str]]]:
+    """(case, [(time, file) of a snapshot]) of the folder of a run."""
+    if not (directory / "case.yaml").is_file() or not (directory / "particles.pvd").is_file():
+        raise SnapshotError(f"{directory}: has no case.yaml and particles.pvd; name the folder of a run with snapshots")
+    case, entries = load_case(directory / "case.yaml"), read_pvd(directory / "particles.pvd")
+    if len(case.fluids) != 2 or not entries or "phase" not in case.output.fields:
+        raise SnapshotError(f"{directory}: has no snapshot of two fluids (fluids, output.fields)")
+    return case, entries
+
+
+class Sample:
+    """What lies between the reservoirs of a run, or the clear layers of its image, or a part of it along the axis, as
+    cells of a spacing each.
+
+    wall: (n,) distance of the middles of the cells from walls, m; x: (n, dim) m; lower, upper: (dim,) m.
+    """
+
+    def __init__(self, case: Case, geometry: Geometry, axis: int, clock: Clock, part: tuple[float, float] = (0.0, 1.0)):
+        self.case, self.axis, self.clock, self.spacing = _steady(case, axis), axis, clock, case.particles.spacing
+        self.lower, self.upper = (corner.copy() for corner in sample_box(geometry))
+        length = self.upper[axis] - self.lower[axis]
+        self.lower[axis] += part[0] * length
+        self.upper[axis] -= (1.0 - part[1]) * length
+        self.box = np.where(geometry.periodic, geometry.upper - geometry.lower, 0.0), geometry.lower
+        size = self.upper - self.lower
+        self.cells = np.maximum(np.rint(size / self.spacing), 1).astype(int)
+        self.edges = size / self.cells
+        ends = self.lower[axis] == geometry.lower[axis] and self.upper[axis] == geometry.upper[axis]
+        self.periodic = [bool(p) and (a != axis or ends) for a, p in enumerate(geometry.periodic)]
+        middles = [low + (np.arange(n) + 0.5) * edge for low, n, edge in zip(self.lower, self.cells, self.edges)]
+        # x varies fastest: arrays of cells are [z, y, x]
+        self.x = np.stack([a.ravel() for a in np.meshgrid(*middles[::-1], indexing="ij")][::-1], axis=1)
+        far = REACH * self.spacing
+        self.wall = np.clip(geometry.distance(self.x), -far, far) if geometry.has_solid else np.full(len(self.x), far)
+
+    def distance_from_the_other(self, x: np.ndarray, phase: np.ndarray, k: int) -> np.ndarray:
+        """(n,) m, signed distance of the cells from the other fluid than k, positive in fluid k. x: (m, dim) m, phase:
+        (m,) of the particles."""
+        box, origin = self.box
+        far, side = REACH * self.spacing, np.full(len(self.x), np.inf)
+        trees = [cKDTree(x[mine] - origin, boxsize=box) if mine.any() else None for mine in (phase == k, phase != k)]
+        to_mine, to_other = (np.full(len(self.x), np.inf) if tree is None else tree.query(self.x - origin)[0]
+                             for tree in trees)
+        nearest = np.where(to_mine <= to_other, to_other, to_mine)
+        side = np.clip(nearest - 0.5 * self.spacing, LEAST * self.spacing, far)
+        return np.where(to_mine <= to_other, side, -side)
+
+    def permeability(self, distance: np.ndarray) -> float:
+        """Of what is off the walls and off another fluid, m2; distance: (n,) m from that. 0 without a path."""
+        from ..geometry.faces import Walls
+        from ..geometry.iso_surface import ImageField, IsoSurfaceGeometry
+        from ..geometry.labels import ClearLayers
+        from ..geometry.voxel_geometry import VoxelGeometry
+
+        field = np.minimum(self.wall, distance).reshape(self.cells[::-1])
+        labels = np.where(field > 0.0, 0, -1).astype(np.int8)
+        scene, axis = self.case.geometry, self.axis
+        clear = 0
+        if not self.periodic[axis]:
+            apart = int(np.ceil(self.case.support * self.spacing / self.edges[axis] - 1e-6))
+            clear = max(clear_voxels(labels >= 0, axis, self.edges, self.periodic), apart)
+        layers, walls = ClearLayers(axis, clear) if clear else None, Walls(scene.slip_length)
+        if self.case.wall_distance == "stairs":
+            geometry: VoxelGeometry = VoxelGeometry(labels, self.edges, self.periodic, layers, walls)
+        else:
+            geometry = IsoSurfaceGeometry(labels, ImageField(field), self.edges, self.periodic, layers, walls)
+        try:
+            built = build_scene(self.case, geometry, self.spacing, self.clock, [axis])
+            flow = solve_axis(self.case, built, axis, np.eye(geometry.dim)[axis], self.clock)
+        except NoFlowError:
+            return 0.0
+        assert flow.permeability is not None  # of a flow along an axis
+        return max(float(flow.permeability[axis]), 0.0)
+
+
+def _steady(case: Case, axis: int) -> Case:
+    """The case of a steady flow of its first fluid along an axis, with the walls and the spacing of a run."""
+    name = case.fluid_names[0]
+    # supports of moving particles are chosen for a curvature
+    particles = replace(case.particles, support=None, jitter=0.0, keep_volume=0.0, offset=None)
+    return replace(case, flow="stokes", fluids=Table({name: case.fluids[name]}), particles=particles, time=None,
+                   drive=Drive(axes=("xyz"[axis],)), interface=None, initial=None, reservoirs=None, reference=None)
+

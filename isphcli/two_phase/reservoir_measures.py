@@ -1,0 +1,94 @@
+"""What is measured of two fluids between two reservoirs: capillary pressure, and what is cut off from its reservoir."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..domain import reduce
+from ..flow.state import phase_of
+from ..geometry.protocol import Geometry, sample_box
+from .measures import LINKED, SELDOM
+
+if TYPE_CHECKING:
+    from ..flow.state import Configuration, State
+
+
+@dataclass(frozen=True)
+class ReservoirMeasures:
+    """axis: of the reservoirs; ends: fluid of the inlet and of the outlet, 0 or 1; names: of both fluids; site_volume:
+    m^dim; pressure(state): (n,) Pa of the particles, with what falls along the axis."""
+
+    axis: int
+    ends: tuple[int, int]
+    names: Sequence[str]
+    geometry: Geometry
+    site_volume: float
+    pressure: Callable[[State], np.ndarray]
+
+    def __call__(self, state: State, config: Configuration, everything: bool = False) -> dict[str, Any]:
+        """Entries of a row of the history; what takes longer only every `SELDOM` steps, unless everything is asked
+        for, and otherwise None."""
+        if not (everything or state.step % SELDOM == 0):
+            return dict.fromkeys(("capillary_pressure", *(f"trapped_{name}" for name in self.names)))
+        inside, phase = self._inside(state), _phase(state)
+        joined = [self.joined(state, config, k) for k in (0, 1)]
+        held = [inside & mine for mine in joined]
+        row: dict[str, Any] = {"capillary_pressure": self._capillary_pressure(state, held)}
+        for k, name in enumerate(self.names):
+            cut_off = inside & (phase == k) & ~joined[k]
+            row[f"trapped_{name}"] = reduce.count(cut_off) / max(reduce.count(inside), 1)
+        return row
+
+    def saturation(self, state: State) -> float:
+        """Of the fluid of the inlet, by particles in the sample."""
+        inside = self._inside(state)
+        return reduce.count(inside & (_phase(state) == self.ends[0])) / max(reduce.count(inside), 1)
+
+    def _capillary_pressure(self, state: State, joined: Sequence[np.ndarray]) -> float | None:
+        """Mean pressure of the fluid of the inlet in the sample less that of the fluid of the outlet, Pa, of what is
+        joined to its reservoir (n,), what viscous flow takes included; None where there is none of one of them."""
+        first, last = (joined[k] for k in self.ends)
+        if not (reduce.any_true(first) and reduce.any_true(last)):
+            return None
+        p = self.pressure(state)
+        return float(reduce.mean(p[first]) - reduce.mean(p[last]))
+
+    def joined(self, state: State, config: Configuration, k: int) -> np.ndarray:
+        """Which particles (n,) are of fluid k and joined to a reservoir of it: by particles of it within LINKED mean
+        distances of each other, but not over the seam."""
+        start, column, row = config.ops.start, config.ops.column, config.ops.neighbours.row
+        x, phase = config.ops.neighbours.x, _phase(state)
+        owner = np.repeat(np.arange(len(start) - 1), np.diff(start))
+        offset = x[row] - x[owner]
+        reach = LINKED * self.site_volume ** (1.0 / self.geometry.dim)
+        over = x[row, self.axis] != x[column, self.axis]
+        like = (phase[owner] == k) & (phase[column] == k) & ~over & ((offset * offset).sum(axis=1) < reach * reach)
+        n = len(phase)
+        links = csr_matrix((np.ones(like.sum(), np.int8), (owner[like], column[like])), shape=(n, n))
+        part = connected_components(links, directed=False)[1]
+        lower, upper = (corner[self.axis] for corner in sample_box(self.geometry))
+        along, home = state.x[:, self.axis], np.zeros(n, np.bool_)
+        if self.ends[0] == k:
+            home |= along < lower
+        if self.ends[1] == k:
+            home |= along > upper
+        free = np.zeros(n, np.bool_)
+        free[part[home & (phase == k)]] = True
+        return (phase == k) & free[part]
+
+    def _inside(self, state: State) -> np.ndarray:
+        """Which particles (n,) are in the sample."""
+        lower, upper = (corner[self.axis] for corner in sample_box(self.geometry))
+        along = state.x[:, self.axis]
+        return (along >= lower) & (along <= upper)
+
+
+def _phase(state: State) -> np.ndarray:
+    assert state.phi is not None  # of a scene with reservoirs
+    return phase_of(state.phi)

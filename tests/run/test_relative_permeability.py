@@ -1,0 +1,64 @@
+"""Relative permeability: layers between plates against their formula, fluids that no path leads through."""
+
+import pytest
+from click.testing import CliRunner
+
+from isphcli.case.load import read_case
+from isphcli.cli import main
+from isphcli.output.clock import Clock
+from isphcli.run.relative_permeability import SnapshotError, relative_permeabilities
+from isphcli.run.run import run_case
+
+LAYERS = """
+geometry: {box: [0.375, 1], periodic: [x], fluid: water, shapes: [{box: BOX, is: oil}]}
+particles: {spacing: 0.0625}
+fluids: {water: {density: 2, viscosity: 0.5}, oil: {density: 2, viscosity: 0.1}}
+drive: {body_force: [1, 0]}
+time: {end: 0.001, max_steps: 1}
+output: {plots: false}
+"""
+
+
+def left(directory, box, *sets):
+    text = LAYERS.replace("BOX", box)
+    run_case(read_case(text.encode(), "case.yaml", (f"output.directory={directory}", *sets)), quiet=True)
+    return directory
+
+
+@pytest.mark.slow
+def test_layers_between_plates_carry_the_cubes_of_their_shares(tmp_path):
+    """Plane Poiseuille flow is exact on a lattice (tests of the operators); sums over 6 and 10 rows in place of
+    integrals are corrected beside walls along it. What is left is the wall, a zero of a spline."""
+    out = left(tmp_path / "out", "{lower: [-1, 0.375], upper: [2, 2]}")
+    (found,) = relative_permeabilities(out, Clock())
+    assert found.axis == "x" and found.saturation == pytest.approx((0.375, 0.625))
+    assert found.permeability == pytest.approx(1 / 12, rel=2e-3)
+    assert found.relative == pytest.approx((0.375**3, 0.625**3), rel=5e-3)
+    printed = CliRunner().invoke(main, ["relperm", str(out), "--all"]).stdout.splitlines()
+    assert printed[0] == "time,saturation_water,saturation_oil,k_r_water,k_r_oil" and len(printed) == 3
+    assert float(printed[-1].split(",")[4]) == pytest.approx(found.relative[1], rel=1e-4)
+
+
+@pytest.mark.slow
+def test_a_slug_across_the_channel_stops_both(tmp_path):
+    (found,) = relative_permeabilities(left(tmp_path / "out", "{lower: [0.125, 0], upper: [0.25, 1]}"), Clock())
+    assert found.relative == (0.0, 0.0) and found.saturation == pytest.approx((2 / 3, 1 / 3))
+
+
+@pytest.mark.slow
+def test_a_part_of_the_sample_is_that_between_its_shares(tmp_path):
+    """Beside the slug there is water only: it flows as if it were alone, and the slug's half has what is left of it."""
+    out = left(tmp_path / "out", "{lower: [0, 0], upper: [0.1875, 1]}")
+    (found,) = relative_permeabilities(out, Clock(), part=(0.5, 1.0))
+    assert found.relative == pytest.approx((1.0, 0.0)) and found.saturation == (1.0, 0.0)
+    printed = CliRunner().invoke(main, ["relperm", str(out), "--part", "1:0.5"])
+    assert printed.exit_code == 2 and "is not of the form" in printed.output
+
+
+def test_a_folder_without_snapshots_of_two_fluids_is_refused(tmp_path):
+    with pytest.raises(SnapshotError, match=r"has no case.yaml and particles.pvd"):
+        relative_permeabilities(tmp_path, Clock())
+    bare = left(tmp_path / "bare", "{lower: [-1, 0.375], upper: [2, 2]}", "output.fields=[velocity]")
+    with pytest.raises(SnapshotError, match=r"no snapshot of two fluids"):
+        relative_permeabilities(bare, Clock())
+    assert CliRunner().invoke(main, ["relperm", str(bare)]).exit_code == 2
