@@ -32,7 +32,7 @@ BYTES_ROW = {"stokes": 250, "navier_stokes": 0}  # of a particle, beside its pai
 VECTORS = 25  # Krylov vectors of a usual steady solve; those of a long restart are allocated but never touched
 BYTES_PARTICLE = 200  # positions, fields and work arrays of a particle of any kind
 # Of an image while its geometry is built, from the peaks of random bodies of 64^3 to 192^3 voxels at 47588b5: labels 39 to
-# 44 (of which 32 to 35 stay), grey values 36 to 48, `wall_distance: stairs` 19 to 23
+# 44 (of which 32 to 35 stay), grey values 36 to 48 (sharpened too), `wall_distance: stairs` 19 to 23
 BYTES_VOXEL = 40
 BYTES_PROGRAM = 2e8  # Python and its libraries
 SAMPLE = 10_000  # points at which the fluid of a lattice is counted before it is placed
