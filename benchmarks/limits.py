@@ -67,14 +67,16 @@ def main():
     asked = parser.parse_args()
     real, seen = Bounds.check, []
 
-    def check(self, old, new, config, divergence, dt):
-        volume = config.ops.volume[: len(new.x)] / self.site_volume
+    def check(self, old, found):
+        new, dt = found.state, found.dt
+        volume = found.config.ops.volume[: len(new.x)] / self.site_volume
+        force = self.force if self.largest_force is None else self.largest_force(new.time)
         with np.errstate(all="ignore"):
-            allowed = self.speed(old.u) + self.force * dt + self.other
+            allowed = self.speed(old.u) + force * dt + self.other
             growth = self.speed(new.u) / allowed if allowed > 0.0 else 0.0
-        seen.append((growth, np.abs(divergence).max() * dt, volume.min(), volume.max()))
+        seen.append((growth, np.abs(found.divergence).max() * dt, volume.min(), volume.max()))
         if not asked.free:
-            real(self, old, new, config, divergence, dt)
+            real(self, old, found)
 
     Bounds.check = check
     print(f"{'':38}{'shifting':>9}{'growth':>9}{'div dt':>9}{'volume':>13}{'steps':>7}  outcome")

@@ -61,7 +61,7 @@ def main(*names):
             for make in chosen.values():
                 errors = [100.0 * (permeability(make(image, blur), 1) / k - 1.0) for image, k in zip(images, truths)]
                 cells.append(f"{np.mean(errors):+.1f} ({np.sqrt(np.mean(np.square(errors))):.1f})")
-            print(f"| {blur:g} | {noise:g} | {min(guesses):.2f} to {max(guesses):.2f} | " + " | ".join(cells) + " |",
+            print(f"| {blur:.1f} | {noise:g} | {min(guesses):.2f} to {max(guesses):.2f} | " + " | ".join(cells) + " |",
                   flush=True)
 
 

@@ -54,7 +54,7 @@ def measure(name):
     geometry = build_geometry(case)
     scene = build_scene(case, geometry, case.particles.spacing, Clock())
     middle = time.process_time()
-    axis, force = drives(case, geometry.dim)[0]
+    axis, force = drives(case, geometry)[0]
     axis = 0 if axis is None else axis
     flow = solve_axis(case, scene, axis, force, Clock())
     end = time.process_time()

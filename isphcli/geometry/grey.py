@@ -15,8 +15,8 @@ from .spline import slopes, spline_coefficients
 BINS = 1024  # of the histogram of Otsu's threshold: its step is a thousandth of the range of grey values
 VOXEL = 1.0 / 12.0  # square voxels: variance of the place in a voxel, which a scan is averaged over
 # voxel^4: how much of the square of the Laplacian is worth that of the misfit. Of scans with blurs of 0 to 0.8 voxel
-# and noise of 0 to 10 % of the contrast k errs by -1 to 9 %, with 3e-3 by 3 to 11 %; after three iterations of van
-# Cittert by -62 to 10 %, because noise closes the pores (benchmarks/scanner.py, docs/design_notes.md)
+# and noise of 0 to 10 % of the contrast k errs by -6 to 3 %, with 3e-3 by 1 to 4 %, with 3e-4 by -34 to 2 %, because
+# noise closes the pores (benchmarks/scanner.py auto, docs/design_notes.md)
 ROUGHNESS = 1e-3
 UNBLURRED = 0.17  # square voxels: 1/12 of the voxel, the rest of the spline; what an image without blur shows
 TWO_VALUED = 0.75  # least share of the variance between the classes where an image counts as one of two grey values

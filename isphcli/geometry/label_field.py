@@ -8,7 +8,7 @@ side that its label says, then filtered by C / (C + NOISE), C the spectrum of th
 Slits of 2, 3 and 5 voxels keep their width within 0.1 voxels; sharp corners become round.
 
 benchmarks/walls_from_labels.py compares it with Gaussian averages of the labels, on bodies whose truth is known: an
-average over half a voxel leaves the staircase as roughness, of which finer particles see more, and k falls by 3.5 %
+average over half a voxel leaves the staircase as roughness, of which finer particles see more, and k falls by 3.4 %
 from one particle a voxel to two; a wider one opens the throats.
 """
 

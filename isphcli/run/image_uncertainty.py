@@ -34,34 +34,50 @@ def by_threshold(case: Case, axes: Iterable[tuple[int | None, np.ndarray]], know
     if off is None:
         return None
     own = threshold_of(case.geometry.voxels)
-    thresholds = [own - off, own, own + off]
-    found: dict[str, list[float]] = {}
-    for axis, force in axes:
-        if axis is None or axis not in known:
-            continue
-        name = "xyz"[axis]
-        try:
-            low, high = (_permeability(case, at, axis, force, clock, quiet) for at in (thresholds[0], thresholds[2]))
-        except (SolveError, ParticleError) as error:
-            warnings.append(f"geometry.voxels.grey.uncertainty: no permeability along {name} with it: {error}")
-            continue
-        found[name] = [low, known[axis], high]
-    return {"thresholds": thresholds, "permeability": found}
+    driven = [(axis, force) for axis, force in axes if axis is not None and axis in known]
+    beside: list[dict[int, float]] = []  # {axis: m2} at the lower and the upper threshold
+    for threshold in (own - off, own + off):
+        found, failed = _permeabilities(case, threshold, driven, clock, quiet)
+        for axis, error in failed.items():
+            warnings.append("geometry.voxels.grey.uncertainty: no permeability along "
+                            f"{'xyz'[axis]} with it: {error}")
+        driven = [(axis, force) for axis, force in driven if axis in found]
+        beside.append(found)
+    low, high = beside
+    return {"thresholds": [own - off, own, own + off],
+            "permeability": {"xyz"[axis]: [low[axis], known[axis], high[axis]] for axis, _ in driven}}
 
 
-def _permeability(case: Case, threshold: float, axis: int, force: np.ndarray, clock: Clock, quiet: bool) -> float:
-    """m2 along an axis at another threshold; 0 where nothing flows."""
+def _permeabilities(case: Case, threshold: float, axes: Iterable[tuple[int, np.ndarray]], clock: Clock,
+                    quiet: bool) -> tuple[dict[int, float], dict[int, Exception]]:
+    """({axis: m2, 0 where nothing flows}, {axis: why its solve failed}) at another threshold.
+
+    An image that repeats along all axes has one geometry and one set of matrices for all of them.
+    """
     voxels = case.geometry.voxels
     assert voxels is not None and voxels.grey is not None
     grey = replace(voxels.grey, threshold=threshold, uncertainty=None, fluids=Table())  # a steady solve has one fluid
     other = replace(case, geometry=replace(case.geometry, voxels=replace(voxels, grey=grey)))
-    with progress.stage(f"flow along {'xyz'[axis]} at threshold {threshold:g}", quiet):
-        with clock("geometry"):
-            geometry = build_geometry(other, axis)
-        try:
-            scene = steady.build_scene(other, geometry, case.particles.spacing, clock, (axis,))
-        except steady.NoPathError:
-            return 0.0
-        flow = steady.solve_axis(other, scene, axis, force, clock)
-    assert flow.permeability is not None
-    return max(float(flow.permeability[axis]), 0.0)
+    found: dict[int, float] = {}
+    failed: dict[int, Exception] = {}
+    scene: steady.SteadyScene | None = None
+    for axis, force in axes:
+        with progress.stage(f"flow along {'xyz'[axis]} at threshold {threshold:g}", quiet):
+            try:
+                if scene is None or not all(a in case.geometry.repeats for a in "xyz"[: scene.geometry.dim]):
+                    scene = None  # frees the matrices of the axis before
+                    with clock("geometry"):
+                        geometry = build_geometry(other, axis)
+                    scene = steady.build_scene(other, geometry, case.particles.spacing, clock, (axis,))
+                elif not scene.percolates[:, axis].any():
+                    raise steady.NoPathError
+                flow = steady.solve_axis(other, scene, axis, force, clock)
+            except steady.NoPathError:
+                found[axis] = 0.0
+                continue
+            except (SolveError, ParticleError) as error:
+                failed[axis] = error
+                continue
+        assert flow.permeability is not None
+        found[axis] = max(float(flow.permeability[axis]), 0.0)
+    return found, failed

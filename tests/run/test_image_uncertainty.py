@@ -39,6 +39,14 @@ def test_a_threshold_moves_the_walls_of_a_slit(tmp_path):
     assert (low / own, high / own) == pytest.approx(((7.5 / 8) ** 3, (8.5 / 8) ** 3), rel=5e-3)
 
 
+def test_axes_of_an_image_that_repeats_share_their_matrices(tmp_path):
+    """Along x and z a slit is the same; the tolerance is that of the solver, 1e-6."""
+    found = solved(tmp_path, "0", "x, z", "geometry.periodic=[x, y, z]")["permeability_by_threshold"]["permeability"]
+    low, own, high = found["x"]
+    assert found["z"] == pytest.approx(found["x"], rel=1e-5)
+    assert (low / own, high / own) == pytest.approx(((7.5 / 8) ** 3, (8.5 / 8) ** 3), rel=5e-3)
+
+
 def test_without_an_uncertainty_nothing_is_solved_beside(tmp_path):
     assert solved(tmp_path, "0", "x", "geometry.voxels.grey.uncertainty=null")["permeability_by_threshold"] is None
 
