@@ -50,17 +50,17 @@ def isph(*words):
 
 
 def fake_run(monkeypatch, outcome):
-    """`isphcli.run` whose `run_case` raises `outcome` or returns it; returns the list of its calls."""
+    """`isphcli.run` whose `solve_case` raises `outcome` or returns it; returns the list of its calls."""
     calls = []
 
-    def run_case(case, quiet=False, resume=None, overwrite=False, look=None):
+    def solve_case(case, quiet=False, resume=None, overwrite=False, look=None):
         calls.append((case, quiet))
         if isinstance(outcome, BaseException):
             raise outcome
-        return outcome
+        return outcome, None
 
     module = types.ModuleType("isphcli.run.run")
-    module.run_case = run_case
+    module.solve_case = solve_case
     monkeypatch.setitem(sys.modules, "isphcli.run.run", module)
     return calls
 

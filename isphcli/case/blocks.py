@@ -511,7 +511,15 @@ class Output:
     )
     dummies: bool = key("write the particles in the solids too", default=False)
     snapshots: bool = key("write snapshots", default=True)
-    plots: bool = key("draw pictures", default=True)
+    grid: float | str | None = key(
+        "snapshots on a grid too (VTI, of velocity, pressure, phase and what is solid), for streamlines and to set "
+        "beside the image: its spacing, or auto: the voxels of an image, else the spacing of the particles. Without it: none",
+        default=None,
+        unit="m",
+        above=0,
+        choices=("auto",),
+    )
+    plots: bool = key("draw pictures, and report.html around them", default=True)
     restart_every: int | None = key(
         "steps between restart files. Without it: at the end only", default=None, at_least=1
     )

@@ -12,7 +12,7 @@ import csv
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TextIO
 from xml.sax.saxutils import quoteattr
@@ -146,10 +146,14 @@ class Series:
 
         x and fields: see `write_vtu`. A step that was written before is replaced.
         """
+        return self.add(step, time, "vtu", lambda path: write_vtu(path, x, fields))
+
+    def add(self, step: int, time: float, suffix: str, write: Callable[[Path], None]) -> Path:
+        """As `write`, of a file of another kind, which `write` makes."""
         if not math.isfinite(time):
             raise NotFiniteError(f"{self.name}: the time of step {step} is {time}; nothing was written")
-        file = f"{SNAPSHOTS}/{self.name}_{step:06d}.vtu"
-        write_vtu(self.directory / file, x, fields)
+        file = f"{SNAPSHOTS}/{self.name}_{step:06d}.{suffix}"
+        write(self.directory / file)
         self.entries = [e for e in self.entries if e[1] != file] + [(float(time), file)]
         write_text(self.path, _pvd(self.entries))
         return self.directory / file

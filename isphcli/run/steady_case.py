@@ -23,7 +23,19 @@ from . import steady
 from .expected_error import expected, scan_of, wall_of
 from .permeability import EDGE, extrapolate
 from .refinement import Solved, further_spacings
-from .results import Look, Seen, counts_of, finish, mean_max, scene_entries, series_of, snapshot_of, terms_of
+from .results import (
+    Look,
+    Seen,
+    counts_of,
+    finish,
+    grids_of,
+    mean_max,
+    scene_entries,
+    series_of,
+    snapshot_of,
+    terms_of,
+    write_grid,
+)
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -73,8 +85,8 @@ class Job:
         return self.driven if not self.sealed else [] if axis is None else [axis]
 
 
-def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> dict[str, Any]:
-    """Solves a steady case, leaves its files and returns the summary; see `run.run_case`."""
+def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[dict[str, Any], Result]:
+    """Solves a steady case and leaves its files; see `run.solve_case`."""
     case, axes, found, seen = _solve(case, clock, quiet, look)
     summary, result = _sum_up(case, axes, found, seen)
     main = _main(found.flows)
@@ -91,6 +103,8 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> dict
         if series is not None:
             series.write(0, 0.0, *snapshot_of(case, main.geometry, main.particles, result.x, main.velocity,
                                               main.pressure))
+        write_grid(grids_of(case, directory), case, main.geometry, main.particles, (0, 0.0),
+                   (result.x, main.velocity, main.pressure), main.spacing)
         with History(directory / "history.csv") as file:
             for row in found.history:
                 file.append(row)
