@@ -1,4 +1,4 @@
-"""The command line: `isph run`, `validate`, `convert-voxels`, `keys`.
+"""The command line: `isph init`, `run`, `validate`, `convert-voxels`, `report`, `examples`, `keys`.
 
 Nothing but click is imported before a command runs, so that `isph --help` answers at once. Results go to
 stdout, everything else to stderr. Exit codes: see `EXIT_CODES`.
@@ -139,9 +139,11 @@ def main() -> None:
     A case is a YAML file; `isph keys` lists what can stand in it. Units are SI or any consistent set.
 
     \b
+    isph init scan.npy --voxel-size 5e-6     a commented case to begin with
     isph validate --check-only case.yaml     what a run would do, need and cost
     isph run case.yaml                       run it; results go to out/case
     isph convert-voxels scan.npy rock.npz --threshold 90 --voxel-size 5e-6
+    isph examples                            the cases that come with it
     """
 
 
@@ -380,14 +382,12 @@ def settings(texts: Iterable[str]) -> tuple[tuple[str, tuple[str, ...]], ...]:
 
 
 def default_cases() -> tuple[Path, ...]:
-    """The cases of the folder `cases` here or beside the package."""
-    for folder in (Path("cases"), Path(__file__).parents[1] / "cases"):
-        if found := tuple(sorted(folder.glob("*.yaml"))):
-            return found
-    raise Unusable(
-        "no CASE given, and no folder 'cases' here or beside the package (it is part of the source, not of "
-        "an installed isphcli); name a case file"
-    )
+    """The cases of the folder `cases` here, else those that come with the package."""
+    if found := tuple(sorted(Path("cases").glob("*.yaml"))):
+        return found
+    from .case.examples import example_files
+
+    return example_files()
 
 
 def has_module(name: str) -> bool:
@@ -524,13 +524,111 @@ def image_lines(report: Mapping[str, Any]) -> str:
     return table(lines)
 
 
+# -- init, examples, report ---------------------------------------------------------------------------------
+
+
+@main.command(epilog=EXIT_CODES, short_help="Write a commented case to begin with.")
+@click.argument("source", metavar="[IMAGE | SPHERES.csv]", type=click.Path(path_type=Path), required=False)
+@click.argument("target", metavar="[CASE]", type=click.Path(path_type=Path), required=False)
+@click.option("--drop", is_flag=True, help="A drop in a throat, two fluids, in place of a file: --drop [CASE].")
+@click.option("--voxel-size", callback=parser(numbers, "5e-6 or 5e-6,5e-6,1e-5"), metavar="M",
+              help="Edge of a voxel of IMAGE, m; one number or x,y,z.")  # fmt: skip
+@click.option("--radius", type=click.FloatRange(0, min_open=True), metavar="M",
+              help="Radius of all SPHERES, m, where the file has no column for it.")  # fmt: skip
+@guarded
+def init(source: Path | None, target: Path | None, drop: bool, voxel_size: tuple[float, ...] | None,
+         radius: float | None) -> None:  # fmt: skip
+    """Write a commented case for an image, a csv of spheres, or a drop in a throat; say what was assumed.
+
+    The case goes beside its data, under the name of the file; a file that is there is never replaced.
+
+    \b
+    isph init scan.npy --voxel-size 2.25e-6
+    isph init pack.csv my_pack.yaml --radius 2.5e-4
+    isph init --drop drop.yaml
+    """
+    if (source is None and not drop) or (drop and target is not None):
+        raise click.UsageError("give an IMAGE or SPHERES.csv, or --drop")
+    set_threads(None)
+    from .scene import new_case
+
+    path = (source or Path("drop.yaml")) if drop else target or source.with_suffix(".yaml")  # type: ignore[union-attr]
+    if path.exists():
+        raise Unusable(f"{path}: is there already; name another file for the case")
+    if drop:
+        made = new_case.case_for_drop()
+    elif source.suffix.lower() in (".csv", ".txt"):  # type: ignore[union-attr]
+        made = new_case.case_for_spheres(source, path.parent, radius)  # type: ignore[arg-type]
+    else:
+        made = new_case.case_for_image(source, path.parent, voxel_size)  # type: ignore[arg-type]
+    path.write_text(made.text, encoding="utf-8")
+    for note in made.notes:
+        complain(f"note: {note}")
+    click.echo(f"{path} written; now: isph validate --check-only {path}")
+
+
+@main.command(epilog=EXIT_CODES, short_help="List the cases that come with isph, or copy one.")
+@click.argument("name", required=False)
+@click.option("--copy", "folder", type=click.Path(path_type=Path, file_okay=False), metavar="DIR",
+              help="Copy the case and its data into DIR. [default: only its text is printed]")  # fmt: skip
+@guarded
+def examples(name: str | None, folder: Path | None) -> None:
+    """List the cases that come with isph; print one, or copy it with its data.
+
+    \b
+    isph examples
+    isph examples berea
+    isph examples berea --copy .
+    """
+    if name is None:
+        if folder is not None:
+            raise click.UsageError("name the example that is to be copied")
+        from .case.examples import described_examples
+
+        click.echo(table(described_examples()))
+        return
+    from .case.examples import copy_example, example_file
+
+    if folder is None:
+        click.echo(example_file(name).read_text(encoding="utf-8"), nl=False)
+        return
+    written = copy_example(name, folder)
+    for path in written:
+        complain(f"written: {path}")
+    click.echo(f"now: isph run {written[0]}")
+
+
+@main.command(epilog=EXIT_CODES, short_help="One HTML page of a run, or of several side by side.")
+@click.argument("directories", metavar="OUT...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--to", "target", type=click.Path(path_type=Path, dir_okay=False), default="report.html",
+              metavar="FILE", show_default=True, help="The page to write.")  # fmt: skip
+@click.option("--force", is_flag=True, help="Replace FILE where it exists.")
+@guarded
+def report(directories: tuple[Path, ...], target: Path, force: bool) -> None:
+    """Write one HTML page of the runs in OUT...: of one what was asked, the answer, warnings, pictures and how to
+    repeat it; of several what differs between their cases and results, side by side.
+
+    A run leaves the page of its own as report.html beside its results.
+
+    \b
+    isph report out/coarse out/fine --to comparison.html
+    """
+    if target.exists() and not force:
+        raise Unusable(f"{target}: is there already; name another file with --to, or replace it with --force")
+    from .output.report import write_report
+
+    write_report(target, directories)
+    click.echo(f"{target} written")
+
+
 # -- keys ------------------------------------------------------------------------------------------------
 
 
 @main.command(epilog=EXIT_CODES)
 @click.argument("words", metavar="[NAME | WORD...]", nargs=-1)
+@click.option("--schema", is_flag=True, help="Print the JSON schema of a case, for editors.")
 @guarded
-def keys(words: tuple[str, ...]) -> None:
+def keys(words: tuple[str, ...], schema: bool) -> None:
     """List the keys of a case, or find them.
 
     What is no name of a key or block is looked for in the names, their choices and explanations; of several words
@@ -543,8 +641,11 @@ def keys(words: tuple[str, ...]) -> None:
     isph keys gravity
     isph keys contact angle
     """
-    from .case.docs import keys_page
+    from .case.docs import keys_page, schema_text
 
+    if schema:
+        click.echo(schema_text(), nl=False)
+        return
     known = list(documented_keys(keys_page()))
     asked = " ".join(words)
     found = [cells for cells in known if stands_below(asked, cells[0])]

@@ -22,6 +22,7 @@ SUPPORT_TENSION_2D = 2.8  # curvature of a disk: bias -1 % with 2.3 (docs/method
 WALL_DISTANCES = ("exact", "smooth", "stairs")
 KERNELS = ("wendland_c2", "wendland_c4", "quintic_spline")
 FIELDS = ("velocity", "pressure", "phase", "distance", "divergence")
+MEASURES = ("formation_factor",)
 REFERENCE_KINDS = (
     "slit",
     "couette",
@@ -513,7 +514,8 @@ class Output:
     snapshots: bool = key("write snapshots", default=True)
     grid: float | str | None = key(
         "snapshots on a grid too (VTI, of velocity, pressure, phase and what is solid), for streamlines and to set "
-        "beside the image: its spacing, or auto: the voxels of an image, else the spacing of the particles. Without it: none",
+        "beside the image: its spacing, or auto: the voxels of an image, else the spacing of the particles. Without "
+        "it: none",
         default=None,
         unit="m",
         above=0,
@@ -571,6 +573,13 @@ class Case:
         default=600.0,
         unit="s",
         above=0,
+    )
+    measure: tuple[str, ...] = key(
+        "what is measured beside the permeability, along the same axes (stokes): formation_factor, the electric "
+        "resistance over that of the fluid alone, and with it the effective diffusivity, by one more solve an axis",
+        default=(),
+        choices=MEASURES,
+        unique=True,
     )
     output: Output = key("what the run leaves behind", default=Output())
     reference: Reference | None = key("what `isph validate` compares with", default=None)

@@ -29,8 +29,8 @@ SUMMARY_KEYS = (
     "title", "status", "message", "restarts", "warnings", "dimension", "particles", "inputs", "image",
     "porosity", "open_axes", "throats", "terms", "steps", "time",
     "permeability", "permeability_error", "permeability_image_error", "permeability_range", "permeability_range_from",
-    "permeability_by_spacing", "permeability_by_threshold", "permeability_tensor", "superficial_velocity",
-    "mean_velocity", "pressure_drop",
+    "permeability_by_spacing", "permeability_by_threshold", "permeability_tensor", "tortuosity", "formation_factor",
+    "effective_diffusivity", "superficial_velocity", "mean_velocity", "speed", "wall_shear", "pressure_drop",
     "two_fluids", "mass_error", "max_divergence", "iterations", "errors", "cpu_seconds", "wall_seconds",
     "peak_memory_bytes", "threads", "versions",
 )  # fmt: skip

@@ -156,8 +156,8 @@ def write_vti(path: str | os.PathLike, grid: Grid, time: float | None = None) ->
     entries, blobs, offset = [], [], 0
     for name, values in grid.arrays.items():
         data, components = _columns(require_finite(name, values), len(grid.cell))
-        key = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(UNITS.get(name, ""))}</InformationKey>'
-        key = key if name in UNITS else ""
+        key = "" if name not in UNITS else (
+            f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(UNITS[name])}</InformationKey>')
         entries.append(f'        <DataArray type="{TYPES[data.dtype.str[1:]]}" Name={quoteattr(name)} '
                        f'NumberOfComponents="{components}" format="appended" offset="{offset}">{key}</DataArray>\n')
         blobs.append(_compressed(data.tobytes()))

@@ -19,6 +19,7 @@ def closing_lines(case: Case, summary: Mapping[str, Any], directory: Path | None
     lines = [*scene_lines(summary), *permeability_lines(summary)]
     if summary.get("permeability") is None:
         lines += velocity_lines(summary)
+    lines += measure_lines(summary)
     lines += two_fluid_lines(case, summary)
     if case.flow == "stokes" and summary.get("mass_error") is not None:
         lines += [("mass error", f"{summary['mass_error']:.1e} between slices across the flow")]
@@ -100,6 +101,19 @@ def velocity_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
             least = 10.0**-DIGITS * max(abs(v) for v in values)  # what is less is what is left by the others
             shown = (f"{a} {v if abs(v) >= least else 0:.{DIGITS}g}" for a, v in zip("xyz", values))
             lines.append((key.replace("_", " "), ", ".join(shown) + " m/s"))
+    return lines
+
+
+def measure_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Tortuosity, formation factor, and the shear at the walls of a steady flow."""
+    lines = []
+    for key, more in (("tortuosity", "mean speed over mean velocity along the axis"),
+                      ("formation_factor", "resistance over that of the fluid alone")):
+        lines += [(f"{key.replace('_', ' ')}{axis}", f"{value:.{DIGITS}g} ({more})")
+                  for axis, value in per_axis(summary.get(key))]
+    shear = summary.get("wall_shear")
+    if shear is not None:
+        lines.append(("wall shear", f"mean {shear['mean']:.{DIGITS}g} Pa, 95 % below {shear['q95']:.{DIGITS}g} Pa"))
     return lines
 
 

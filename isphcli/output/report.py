@@ -18,7 +18,7 @@ from typing import Any
 
 import yaml
 
-from .lines import per_axis, permeability_lines, scene_lines, shown_error, time_lines, velocity_lines
+from .lines import measure_lines, per_axis, permeability_lines, scene_lines, shown_error, time_lines, velocity_lines
 
 PICTURES = {"slice.png": "Speed of the flow", "phases.png": "The fluids", "histories.png": "Histories"}
 STYLE = """
@@ -109,10 +109,7 @@ def answer_lines(run: Run) -> list[tuple[str, str]]:
     for name, value in (summary.get("two_fluids") or {}).items():
         if isinstance(value, float) and name.startswith(("saturation_", "pressure_jump", "contact_angle")):
             lines.append((name.replace("_", " "), f"{value:.4g}"))
-    if summary.get("tortuosity") is not None:
-        lines += [(f"tortuosity{axis}", f"{value:.4g}") for axis, value in per_axis(summary["tortuosity"])]
-    if summary.get("formation_factor") is not None:
-        lines += [(f"formation factor{axis}", f"{value:.4g}") for axis, value in per_axis(summary["formation_factor"])]
+    lines += measure_lines(summary)
     errors = {k: v for k, v in (summary.get("errors") or {}).items() if k != "main"}
     return lines + [(f"error {name}", shown_error(value, None)) for name, value in errors.items()]
 
@@ -138,7 +135,8 @@ def _permeabilities(run: Run) -> list[tuple[str, float]]:
 
 def _warnings(run: Run) -> list[str]:
     found = [str(text) for text in run.summary.get("warnings") or ()]
-    return found + [str(run.summary["message"])] * bool(run.summary.get("message"))
+    message = run.summary.get("message")
+    return [*found, str(message)] if message else found
 
 
 def _of_one(run: Run) -> str:

@@ -19,6 +19,7 @@ from ..output import restart
 from ..output.clock import Clock
 from ..output.files import SNAPSHOTS, Series, write_summary, write_text
 from ..output.machine import peak_memory, versions
+from .flow_measures import inside_sample, speed_distribution
 
 if TYPE_CHECKING:
     from ..domain.lattice import Particles
@@ -106,6 +107,9 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
             except CompareError as error:
                 incomparable = error
                 summary["message"] = "; ".join(filter(None, [summary["message"], f"no errors: {error}"]))
+    if "speed" not in summary:
+        inside = inside_sample(result.geometry, result.x)
+        summary["speed"] = speed_distribution(result.cell_velocity[inside])
     import numba
 
     effective = replace(case, output=replace(case.output, directory=directory))
