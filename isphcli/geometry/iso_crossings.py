@@ -89,7 +89,9 @@ def _place_of_least(fa, da, fb, db):
     q = 2.0 * (3.0 * (fb - fa) - 2.0 * da - db)
     # p s^2 + q s + da = 0, its root where the second derivative is positive
     root = np.sqrt(max(q * q - 4.0 * p * da, 0.0))
-    return min(max(-2.0 * da / (q + root), 0.0), 1.0)
+    # of the two ways to write it that which does not subtract: q + root may be zero for a negative q and a small da
+    place = -2.0 * da / (q + root) if q > 0.0 else (root - q) / (2.0 * p)
+    return min(max(place, 0.0), 1.0)
 
 
 @njit(cache=True)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from isphcli.geometry.iso_crossings import _place_of_least
 from isphcli.geometry.iso_surface import IsoSurfaceGeometry
 from tests.geometry.fields import phases, plane, sphere, waves
 
@@ -190,3 +191,12 @@ def test_two_dimensions():
 def test_a_field_of_another_shape_is_refused():
     with pytest.raises(ValueError):
         IsoSurfaceGeometry(np.zeros((3, 3, 3), np.int8), np.ones((3, 3, 4)), 1.0, ROUND)
+
+
+def test_the_least_value_of_a_cubic_that_starts_flat():
+    """A slope of round-off at the start: the quadratic formula then subtracts equal numbers and divides by zero."""
+    value, slope, last, rise = 1.0, -1e-18, 0.5, 3.0
+    t = np.linspace(0.0, 1.0, 10001)
+    fall = last - value
+    cubic = value + slope * t + (3 * fall - 2 * slope - rise) * t**2 + (slope + rise - 2 * fall) * t**3
+    assert _place_of_least(value, slope, last, rise) == pytest.approx(t[np.argmin(cubic)], abs=1e-4)
