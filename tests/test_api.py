@@ -10,7 +10,7 @@ import pytest
 
 import isphcli
 from isphcli.case.yaml import CaseError
-from isphcli.output.files import read_vtu
+from isphcli.output.files import read_pvd, read_vtu
 
 SLIT = {
     "title": "slit",
@@ -103,12 +103,17 @@ def test_a_run_with_a_folder_leaves_what_the_command_leaves(tmp_path):
 
 
 def test_moving_particles_go_on_from_a_restart(tmp_path):
-    case = {**SLIT, "flow": "navier_stokes", "drive": {"body_force": [1.0, 0.0]}, "time": {"end": 1.0, "max_steps": 2}}
+    case = {**SLIT, "flow": "navier_stokes", "drive": {"body_force": [1.0, 0.0]}, "time": {"end": 1.0, "max_steps": 2},
+            "output": {"grid": "auto"}}
     first = isphcli.run(case, out=tmp_path / "out", quiet=True)
     assert not first.complete and any("max_steps" in text for text in first.warnings)
     longer = isphcli.run(case, overrides=["time.max_steps=4"], out=tmp_path / "out", restart=tmp_path / "out",
                          quiet=True)
     assert len(longer.history) == 4 and longer.summary["steps"] == 4
+    # grids of the same times as the particles, also after the restart
+    grids, particles = (read_pvd(tmp_path / "out" / f"{name}.pvd") for name in ("grid", "particles"))
+    assert [(t, f.replace("grid", "particles").replace("vti", "vtu")) for t, f in grids] == particles
+    assert len(grids) == 3 and all((tmp_path / "out" / file).is_file() for _, file in grids)
 
 
 def slit_image(axis):
