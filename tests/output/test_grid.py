@@ -8,8 +8,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from isphcli import api
 from isphcli.case.load import read_case
 from isphcli.domain.lattice import make_lattice
+from isphcli.output.files import read_pvd
 from isphcli.output.grid import Grid, make_grid, write_vti
 from isphcli.scene.build_geometry import build_geometry
 
@@ -131,3 +133,24 @@ def test_streamlines_at_once(tmp_path):
                              integration_direction="forward")
     points = np.asarray(line.points)
     assert points[-1, 0] > 10.0 and np.abs(points[:, 1] - 2.6 - 0.25 * (points[:, 0] - 1.5)).max() < 1e-6
+
+
+def test_streamlines_round_a_sphere(tmp_path):
+    """Of the file as a run leaves it: lines go round the sphere, and nearly all of them reach the other side of the box.
+    Between middles that all lie in the solid the velocity is zero: no line is farther in than the diagonal of a cell."""
+    pyvista = pytest.importorskip("pyvista")
+    case = {
+        "geometry": {"box": [1.0, 1.0, 1.0], "periodic": ["x", "y", "z"],
+                     "shapes": [{"sphere": {"centre": [0.5, 0.5, 0.5], "radius": 0.3}, "is": "solid"}]},
+        "particles": {"spacing": 1 / 16}, "fluids": {"water": {"density": 1.0, "viscosity": 1.0}}, "flow": "stokes",
+        "drive": {"axes": ["x"]}, "output": {"grid": "auto", "plots": False, "snapshots": False},
+    }
+    api.run(case, out=tmp_path / "out", quiet=True, check=False)
+    (_, file), = read_pvd(tmp_path / "out/grid.pvd")
+    image = pyvista.read(tmp_path / "out" / file)
+    lines = image.streamlines(vectors="velocity", source_center=(0.05, 0.5, 0.5), source_radius=0.3, n_points=50,
+                              integration_direction="forward")
+    points = np.asarray(lines.points)
+    assert np.linalg.norm(points - 0.5, axis=1).min() > 0.3 - 3**0.5 / 16
+    ends = [lines.get_cell(i).points[-1, 0] for i in range(lines.n_cells)]
+    assert len(ends) > 30 and np.mean(np.array(ends) > 0.9) > 0.9
