@@ -11,6 +11,7 @@ Nothing heavy is imported before a function is called. docs/python.md shows more
 from __future__ import annotations
 
 import contextlib
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -177,7 +178,9 @@ def run(case: Case | Mapping[str, Any] | str | Path, *, out: str | Path | None =
     VoxelError, ShapeError, ParticleError, NoFlowError, FolderError, RestartError) for a case that cannot run, before
     anything is written, and SolveError, StepError or RunError for one that had to stop.
     """
-    settle_threads(threads)
+    note = settle_threads(threads)
+    if note and not quiet:
+        print(note, file=sys.stderr, flush=True)
     asked = load_case(case, overrides)
     from .run.run import solve_case
 
@@ -213,7 +216,6 @@ def permeability(image: np.ndarray, *, voxel_size: float | Sequence[float], axis
 
     Raises ValueError for an image or values that cannot be used, and what `run` raises.
     """
-    settle_threads(threads)
     import numpy as np
 
     image = np.asarray(image)
