@@ -1,5 +1,33 @@
-"""isphcli: flow through rock and other complex solids by consistent implicit incompressible SPH."""
+"""isphcli: flow through rock and other complex solids by consistent implicit incompressible SPH.
+
+In Python (docs/python.md): `isphcli.run(case)`, `isphcli.permeability(image, voxel_size=...)`,
+`isphcli.load_case(...)`. Nothing heavy is imported before one of them is called.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .api import RunResult, load_case, permeability, run
 
 __version__ = "0.1.0"
+__all__ = ["COMPLETE", "RunResult", "__version__", "load_case", "permeability", "run"]
 
 COMPLETE = ("finished", "steady")  # status of a run that has what was asked for
+
+
+def __getattr__(name: str) -> Any:
+    if name == "run":
+        import importlib
+
+        return importlib.import_module("isphcli.run")  # the package of this name, which can be called
+    if name in __all__:
+        from . import api
+
+        return getattr(api, name)
+    raise AttributeError(f"module 'isphcli' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

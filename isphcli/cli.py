@@ -1,4 +1,4 @@
-"""The command line: `isph run`, `validate`, `convert-voxels`, `relperm`, `keys`.
+"""The command line: `isph init`, `run`, `validate`, `convert-voxels`, `relperm`, `report`, `examples`, `keys`.
 
 Nothing but click is imported before a command runs, so that `isph --help` answers at once. Results go to
 stdout, everything else to stderr. Exit codes: see `EXIT_CODES`.
@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import COMPLETE, __version__
-from .output.environment import find_kernel_cache, settle_streams, stop_printing
+from . import __version__
+from .output.environment import settle_streams, settle_threads, stop_printing
+from .output.lines import DIGITS, permeability, table
 
 if TYPE_CHECKING:
     from .case.blocks import Case
@@ -40,9 +41,6 @@ Exit codes:
   5    the run stopped short: not steady, or out of steps before its end; what it left is written (run)
   130  interrupted
 """
-BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-MILLIDARCY = 9.869233e-16  # m2
-DIGITS = 3  # of a result whose error is not known: 1 % is the best that a lattice of particles has beside walls
 CASES = (".yaml", ".yml", "")
 
 
@@ -51,25 +49,10 @@ class Unusable(ValueError):
 
 
 def set_threads(threads: int | None, quiet: bool = False) -> None:
-    """Threads of the numba kernels, one of BLAS unless the environment says otherwise, and a folder for kernels.
-
-    BLAS threads spin while they wait and were measured to triple the time of a solve. To be called before
-    numpy is imported; a number given where numba runs already changes that instead.
-    """
-    for name in BLAS_THREADS:
-        os.environ.setdefault(name, "1")
-    # threads that spin between kernels take the cores from everything else on the machine
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    if "numba" not in sys.modules and (note := find_kernel_cache()) and not quiet:
+    """`environment.settle_threads`, what it has to say on stderr unless `quiet`."""
+    note = settle_threads(threads)
+    if note and not quiet:
         complain(note)
-    if threads is None:
-        return
-    if "numba" in sys.modules:
-        import numba
-
-        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
-    else:
-        os.environ["NUMBA_NUM_THREADS"] = str(threads)
 
 
 # -- errors become one message and an exit code ----------------------------------------------------------
@@ -157,9 +140,11 @@ def main() -> None:
     A case is a YAML file; `isph keys` lists what can stand in it. Units are SI or any consistent set.
 
     \b
+    isph init scan.npy --voxel-size 5e-6     a commented case to begin with
     isph validate --check-only case.yaml     what a run would do, need and cost
     isph run case.yaml                       run it; results go to out/case
     isph convert-voxels scan.npy rock.npz --threshold 90 --voxel-size 5e-6
+    isph examples                            the cases that come with it
     """
 
 
@@ -217,19 +202,19 @@ def run(
     set_threads(threads, quiet)
     case = load(case_file or restart / "case.yaml", overrides, out or restart)  # type: ignore[operator]
     check_directory(directory_of(case))
-    from .preflight.look import look
-    from .run.run import run_case
+    from . import api
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: with a restart file
     try:
-        summary = run_case(case, quiet=quiet, resume=restart, overwrite=overwrite, look=look)
+        found = api.run(case, out=directory_of(case), quiet=quiet, restart=restart, overwrite=overwrite,
+                        threads=threads)
     except KeyboardInterrupt as interrupt:
         if restart is not None and getattr(interrupt, "restart", None) is None:  # before it wrote one itself
             interrupt.restart = restart / "restart.npz"  # type: ignore[attr-defined]
         raise
-    click.echo(closing_lines(case, summary))
-    if summary.get("status", "finished") not in COMPLETE:
-        click.echo(f"stopped short: {summary.get('message') or summary['status']}", err=True)
+    click.echo(str(found))
+    if not found.complete:
+        click.echo(f"stopped short: {found.summary.get('message') or found.summary['status']}", err=True)
         return STOPPED_SHORT
     return 0
 
@@ -306,180 +291,6 @@ def check_directory(path: Path) -> None:
         raise Unusable(f"{there}: is a file; choose another output directory with --out")
     if not os.access(there, os.W_OK | os.X_OK):
         raise Unusable(f"{there}: cannot be written to; choose another output directory with --out")
-
-
-def closing_lines(case: Case, summary: Mapping[str, Any]) -> str:
-    """What is printed at the end of a run."""
-    lines = [*scene_lines(summary), *permeability_lines(summary)]
-    if summary.get("permeability") is None:
-        lines += velocity_lines(summary)
-    lines += two_fluid_lines(case, summary)
-    if case.flow == "stokes" and summary.get("mass_error") is not None:
-        lines += [("mass error", f"{summary['mass_error']:.1e} between slices across the flow")]
-    lines += [("warning", text) for text in summary.get("warnings") or ()]
-    lines += [*reference_lines(case, summary), *time_lines(summary)]
-    directory = directory_of(case)
-    lines += [("results", str(directory))]
-    lines += [("picture", str(path)) for path in sorted(directory.glob("*.png"))]
-    if summary.get("message"):
-        lines += [("note", str(summary["message"]))]
-    return table(lines)
-
-
-def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What was run: the image, its porosity, the axes along which pores lead through, the throats."""
-    throats = summary.get("throats")
-    lines = [tuple(text.split(": ", 1)) for text in summary.get("inputs") or ()]
-    if summary.get("porosity") is not None:
-        lines += [("porosity", f"{100 * summary['porosity']:.{DIGITS}g} % (cells that walls cut with their part)")]
-    if summary.get("open_axes") is not None:
-        lines += [("open axes", ", ".join(summary["open_axes"]) or "none: no pore leads through the scene")]
-    if throats:
-        lines += [("throats", f"median {throats['median']:.1f} particles wide, 10 % below {throats['narrow']:.1f}")]
-    return lines
-
-
-def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Permeability, m2 and mD: one number, one an axis, or the tensor; digits as far as the error bar says."""
-    bars = dict(per_axis(summary.get("permeability_error")))
-    given = summary.get("permeability_range")
-    ranges: dict[str, Any] = {"": given} if given else {}
-    if isinstance(given, Mapping):
-        ranges = {f" {axis}": ends for axis, ends in given.items()}
-    lines = []
-    for axis, k in per_axis(summary.get("permeability")):
-        bar = bars.get(axis)
-        lines.append((f"permeability{axis}", permeability(k, digits_within(k, bar))))
-        if bar is not None:
-            lines.append((f"  +-{axis}", permeability(bar, 2)))
-        if axis in ranges:
-            low, high = ranges[axis]
-            lines.append((f"  range{axis}", f"{low:.{DIGITS}g} to {high:.{DIGITS}g} m2"))
-    if summary.get("permeability_range_from"):
-        lines.append(("  range from", summary["permeability_range_from"]))
-    lines += threshold_lines(summary.get("permeability_by_threshold"))
-    tensor = summary.get("permeability_tensor")
-    if tensor is not None:
-        heads = ["tensor, m2"] + [""] * (len(tensor) - 1)
-        lines += [(head, " ".join(f"{k:10.{DIGITS - 1}e}" for k in row)) for head, row in zip(heads, tensor)]
-    return lines
-
-
-def threshold_lines(known: Mapping[str, Any] | None) -> list[tuple[str, str]]:
-    """What the uncertainty of the threshold of a grey image does to the permeability along each axis."""
-    if known is None:
-        return []
-    lower, own, upper = known["thresholds"]
-    lines = []
-    for axis, (low, k, high) in known["permeability"].items():
-        change = " and ".join(f"{100 * (other / k - 1):+.2g} %" for other in (low, high))
-        lines.append((f"  threshold {axis}", f"{change} at {lower:g}, {upper:g} in place of {own:g}"))
-    return lines
-
-
-def digits_within(value: float, error: float | None) -> int:
-    """Significant digits down to the first one of the error; DIGITS where it is not known."""
-    if not error or not value:
-        return DIGITS
-    return min(max(math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 1, 1), 6)
-
-
-def velocity_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Mean velocity of the fluid and superficial velocity of the sample along each axis, m/s."""
-    lines = []
-    for key in ("mean_velocity", "superficial_velocity"):
-        values = [v for _, v in per_axis(None if summary.get(key) is None else list(summary[key]))]
-        if values:
-            least = 10.0**-DIGITS * max(abs(v) for v in values)  # what is less is what is left by the others
-            shown = (f"{a} {v if abs(v) >= least else 0:.{DIGITS}g}" for a, v in zip("xyz", values))
-            lines.append((key.replace("_", " "), ", ".join(shown) + " m/s"))
-    return lines
-
-
-def two_fluid_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Saturation, pressure jump and contact angle at the end of a run with two fluids; between reservoirs what is
-    trapped too."""
-    found = summary.get("two_fluids") or {}
-    lines = [(f"saturation {name}", found.get(f"saturation_{name}"), "") for name in case.fluids]
-    lines += [(f"  trapped {name}", found.get(f"trapped_{name}"), "") for name in case.fluids]
-    lines += [("capillary pressure", found.get("capillary_pressure"), " Pa")]
-    lines += [("pressure jump", found.get("pressure_jump"), " Pa")]
-    lines += [("contact angle", found.get("contact_angle"), f" degrees through {next(iter(case.fluids))}")]
-    return [(head, f"{value:.4g}{unit}") for head, value, unit in lines if value is not None]
-
-
-def per_axis(value: Any) -> list[tuple[str, float]]:
-    """(' x', value) of each axis; ('', value) of a single number; values that are None left out."""
-    if value is None:
-        return []
-    if isinstance(value, Mapping):
-        return [(f" {axis}", k) for axis, k in value.items() if k is not None]
-    if isinstance(value, (list, tuple)):
-        return [(f" {axis}", k) for axis, k in zip("xyz", value) if k is not None]
-    return [("", value)]
-
-
-def permeability(k: float, digits: int = DIGITS) -> str:
-    """1.23e-12 m2 = 1250 mD."""
-    if not k:
-        return "0 m2 = 0 mD"
-    return f"{k:.{digits - 1}e} m2 = {float(f'{k / MILLIDARCY:.{digits}g}'):g} mD"
-
-
-def reference_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """The published value, and the errors that the run found against the reference."""
-    reference = case.reference
-    if reference is None:
-        return []
-    lines = []
-    is_permeability = reference.kind == "permeability"
-    for axis, value in per_axis(reference.value):
-        shown = f"{value:g} m2 = {value / MILLIDARCY:.4g} mD" if is_permeability else f"{value:.6g}"
-        lines.append((f"published{axis}", shown))
-    if reference.source:
-        lines.append(("  source", reference.source))
-    errors = dict(summary.get("errors") or {})
-    main = errors.pop("main", None)
-    for name, error in errors.items():
-        bound = reference.tolerance if name == main or len(errors) == 1 else None
-        lines.append((f"error {name}", shown_error(error, bound)))
-    if is_permeability and not errors:
-        published = per_axis(reference.value)
-        for axis, k in per_axis(summary.get("permeability")):
-            expected = published[0][1] if len(published) == 1 else dict(published).get(axis)
-            if expected:
-                lines.append((f"error{axis}", shown_error(k / expected - 1, reference.tolerance)))
-    return lines
-
-
-def shown_error(error: Any, tolerance: float | None) -> str:
-    """A relative error in per cent, and the bound on it."""
-    if not isinstance(error, (int, float)):
-        return str(error)
-    return f"{100 * error:+.3g} %" + (f" (bound {100 * tolerance:.3g} %)" if tolerance else "")
-
-
-def time_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """CPU and wall seconds, and their split."""
-    lines = []
-    for name, key in (("wall", "wall_seconds"), ("cpu", "cpu_seconds")):
-        split = summary.get(key)
-        if isinstance(split, Mapping):
-            parts = ", ".join(
-                f"{part} {s:.2f}" for part, s in split.items() if part != "total" and s >= 0.005
-            )
-            total = split.get("total", sum(split.values()))
-            lines.append((f"{name} time", f"{total:.2f} s" + (f" ({parts})" if parts else "")))
-        elif split is not None:
-            lines.append((f"{name} time", f"{split:.2f} s"))
-    return lines
-
-
-def table(lines: Iterable[tuple[str, str]]) -> str:
-    """Names and values in two columns."""
-    lines = list(lines)
-    width = max((len(name) for name, _ in lines), default=0)
-    return "\n".join(f"{name:{width}}  {value}".rstrip() for name, value in lines)
 
 
 # -- validate --------------------------------------------------------------------------------------------
@@ -595,14 +406,12 @@ def settings(texts: Iterable[str]) -> tuple[tuple[str, tuple[str, ...]], ...]:
 
 
 def default_cases() -> tuple[Path, ...]:
-    """The cases of the folder `cases` here or beside the package."""
-    for folder in (Path("cases"), Path(__file__).parents[1] / "cases"):
-        if found := tuple(sorted(folder.glob("*.yaml"))):
-            return found
-    raise Unusable(
-        "no CASE given, and no folder 'cases' here or beside the package (it is part of the source, not of "
-        "an installed isphcli); name a case file"
-    )
+    """The cases of the folder `cases` here, else those that come with the package."""
+    if found := tuple(sorted(Path("cases").glob("*.yaml"))):
+        return found
+    from .case.examples import example_files
+
+    return example_files()
 
 
 def has_module(name: str) -> bool:
@@ -835,13 +644,111 @@ def relative_table(found: Sequence[Relative]) -> str:
     return "\n".join(lines + [",".join(f"{v:.6g}" for v in (f.time, *f.saturation, *f.relative)) for f in found])
 
 
+# -- init, examples, report ---------------------------------------------------------------------------------
+
+
+@main.command(epilog=EXIT_CODES, short_help="Write a commented case to begin with.")
+@click.argument("source", metavar="[IMAGE | SPHERES.csv]", type=click.Path(path_type=Path), required=False)
+@click.argument("target", metavar="[CASE]", type=click.Path(path_type=Path), required=False)
+@click.option("--drop", is_flag=True, help="A drop in a throat, two fluids, in place of a file: --drop [CASE].")
+@click.option("--voxel-size", callback=parser(numbers, "5e-6 or 5e-6,5e-6,1e-5"), metavar="M",
+              help="Edge of a voxel of IMAGE, m; one number or x,y,z.")  # fmt: skip
+@click.option("--radius", type=click.FloatRange(0, min_open=True), metavar="M",
+              help="Radius of all SPHERES, m, where the file has no column for it.")  # fmt: skip
+@guarded
+def init(source: Path | None, target: Path | None, drop: bool, voxel_size: tuple[float, ...] | None,
+         radius: float | None) -> None:  # fmt: skip
+    """Write a commented case for an image, a csv of spheres, or a drop in a throat; say what was assumed.
+
+    The case goes beside its data, under the name of the file; a file that is there is never replaced.
+
+    \b
+    isph init scan.npy --voxel-size 2.25e-6
+    isph init pack.csv my_pack.yaml --radius 2.5e-4
+    isph init --drop drop.yaml
+    """
+    if (source is None and not drop) or (drop and target is not None):
+        raise click.UsageError("give an IMAGE or SPHERES.csv, or --drop")
+    set_threads(None)
+    from .scene import new_case
+
+    path = (source or Path("drop.yaml")) if drop else target or source.with_suffix(".yaml")  # type: ignore[union-attr]
+    if path.exists():
+        raise Unusable(f"{path}: is there already; name another file for the case")
+    if drop:
+        made = new_case.case_for_drop()
+    elif source.suffix.lower() in (".csv", ".txt"):  # type: ignore[union-attr]
+        made = new_case.case_for_spheres(source, path.parent, radius)  # type: ignore[arg-type]
+    else:
+        made = new_case.case_for_image(source, path.parent, voxel_size)  # type: ignore[arg-type]
+    path.write_text(made.text, encoding="utf-8")
+    for note in made.notes:
+        complain(f"note: {note}")
+    click.echo(f"{path} written; now: isph validate --check-only {path}")
+
+
+@main.command(epilog=EXIT_CODES, short_help="List the cases that come with isph, or copy one.")
+@click.argument("name", required=False)
+@click.option("--copy", "folder", type=click.Path(path_type=Path, file_okay=False), metavar="DIR",
+              help="Copy the case and its data into DIR. [default: only its text is printed]")  # fmt: skip
+@guarded
+def examples(name: str | None, folder: Path | None) -> None:
+    """List the cases that come with isph; print one, or copy it with its data.
+
+    \b
+    isph examples
+    isph examples berea
+    isph examples berea --copy .
+    """
+    if name is None:
+        if folder is not None:
+            raise click.UsageError("name the example that is to be copied")
+        from .case.examples import described_examples
+
+        click.echo(table(described_examples()))
+        return
+    from .case.examples import copy_example, example_file
+
+    if folder is None:
+        click.echo(example_file(name).read_text(encoding="utf-8"), nl=False)
+        return
+    written = copy_example(name, folder)
+    for path in written:
+        complain(f"written: {path}")
+    click.echo(f"now: isph run {written[0]}")
+
+
+@main.command(epilog=EXIT_CODES, short_help="One HTML page of a run, or of several side by side.")
+@click.argument("directories", metavar="OUT...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--to", "target", type=click.Path(path_type=Path, dir_okay=False), default="report.html",
+              metavar="FILE", show_default=True, help="The page to write.")  # fmt: skip
+@click.option("--force", is_flag=True, help="Replace FILE where it exists.")
+@guarded
+def report(directories: tuple[Path, ...], target: Path, force: bool) -> None:
+    """Write one HTML page of the runs in OUT...: of one what was asked, the answer, warnings, pictures and how to
+    repeat it; of several what differs between their cases and results, side by side.
+
+    A run leaves the page of its own as report.html beside its results.
+
+    \b
+    isph report out/coarse out/fine --to comparison.html
+    """
+    if target.exists() and not force:
+        raise Unusable(f"{target}: is there already; name another file with --to, or replace it with --force")
+    from .output.report import write_report
+
+    write_report(target, directories)
+    click.echo(f"{target} written")
+
+
 # -- keys ------------------------------------------------------------------------------------------------
 
 
 @main.command(epilog=EXIT_CODES)
 @click.argument("words", metavar="[NAME | WORD...]", nargs=-1)
+@click.option("--schema", is_flag=True, help="Print the JSON schema of a case, for editors.")
 @guarded
-def keys(words: tuple[str, ...]) -> None:
+def keys(words: tuple[str, ...], schema: bool) -> None:
     """List the keys of a case, or find them.
 
     What is no name of a key or block is looked for in the names, their choices and explanations; of several words
@@ -854,8 +761,11 @@ def keys(words: tuple[str, ...]) -> None:
     isph keys gravity
     isph keys contact angle
     """
-    from .case.docs import keys_page
+    from .case.docs import keys_page, schema_text
 
+    if schema:
+        click.echo(schema_text(), nl=False)
+        return
     known = list(documented_keys(keys_page()))
     asked = " ".join(words)
     found = [cells for cells in known if stands_below(asked, cells[0])]

@@ -19,6 +19,8 @@ from isphcli.cli import BAD_INPUT, FAILED, INTERNAL, INTERRUPTED, OUTSIDE, STOPP
 from isphcli.output.files import NotFiniteError
 from isphcli.solvers.krylov import SolveError
 
+from .paths import CASES
+
 CASE = """\
 title: slit
 geometry: {box: [1, 0.5], periodic: [x]}
@@ -50,17 +52,17 @@ def isph(*words):
 
 
 def fake_run(monkeypatch, outcome):
-    """`isphcli.run` whose `run_case` raises `outcome` or returns it; returns the list of its calls."""
+    """`isphcli.run` whose `solve_case` raises `outcome` or returns it; returns the list of its calls."""
     calls = []
 
-    def run_case(case, quiet=False, resume=None, overwrite=False, look=None):
+    def solve_case(case, quiet=False, resume=None, overwrite=False, look=None):
         calls.append((case, quiet))
         if isinstance(outcome, BaseException):
             raise outcome
-        return outcome
+        return outcome, None
 
     module = types.ModuleType("isphcli.run.run")
-    module.run_case = run_case
+    module.solve_case = solve_case
     monkeypatch.setitem(sys.modules, "isphcli.run.run", module)
     return calls
 
@@ -611,3 +613,68 @@ def test_an_interrupted_run_is_one_line(folder):
     # Python ends itself with the signal where it met code that was compiled from a string: 130 for a shell
     assert running.returncode in (INTERRUPTED, -signal.SIGINT) and not stdout
     assert stderr.splitlines()[-1] == "interrupted" and "Traceback" not in stderr
+
+
+# -- init, examples, report ------------------------------------------------------------------------------
+
+
+def test_init_writes_a_case_that_can_be_checked(folder):
+    image = np.zeros((4, 6, 8), np.uint8)
+    image[:, :2] = 1
+    np.save("scan.npy", image)
+    done = isph("init", "scan.npy", "--voxel-size", "2e-6")
+    assert done.exit_code == 0 and "isph validate --check-only scan.yaml" in done.output, done.output
+    assert "1 is taken as solid" in done.stderr
+    assert isph("validate", "--check-only", "scan.yaml").exit_code == 0
+    before = (folder / "scan.yaml").read_text()
+    done = isph("init", "scan.npy")
+    assert done.exit_code == BAD_INPUT and "is there already" in done.output
+    assert (folder / "scan.yaml").read_text() == before
+
+
+def test_init_of_spheres_and_of_a_drop(folder):
+    (folder / "pack.csv").write_text("x,y,z\n0,0,0\n1,1,1\n")
+    assert isph("init", "pack.csv", "mine.yaml", "--radius", "0.5").exit_code == 0 and (folder / "mine.yaml").exists()
+    assert isph("init", "pack.csv").exit_code == BAD_INPUT  # no radius anywhere
+    assert isph("init", "--drop").exit_code == 0 and (folder / "drop.yaml").exists()
+    assert isph("init").exit_code == BAD_INPUT and isph("init", "--drop", "a.yaml", "b.yaml").exit_code == BAD_INPUT
+    assert isph("init", "missing.npy").exit_code == BAD_INPUT
+
+
+def test_examples_are_listed_printed_and_copied(folder):
+    listed = isph("examples").output
+    assert "berea " in listed and "Berea sandstone" in listed
+    assert isph("examples", "slit").output == (CASES / "slit.yaml").read_text()
+    done = isph("examples", "grey_blobs", "--copy", "new")
+    assert done.exit_code == 0 and f"isph run {Path('new/grey_blobs.yaml')}" in done.output
+    assert isph("validate", "--check-only", "new/grey_blobs.yaml").exit_code == 0
+    assert isph("examples", "slitt").exit_code == BAD_INPUT and isph("examples", "--copy", "x").exit_code == BAD_INPUT
+
+
+def test_validate_without_cases_here_takes_those_of_the_package(folder):
+    assert [path.stem for path in cli.default_cases()] == sorted(path.stem for path in CASES.glob("*.yaml"))
+    (folder / "cases").mkdir()
+    (folder / "cases/mine.yaml").write_text(CASE)
+    assert cli.default_cases() == (Path("cases/mine.yaml"),)
+
+
+def test_report_of_runs(folder):
+    for name in ("a", "b"):
+        (folder / name).mkdir()
+        (folder / name / "summary.json").write_text('{"title": "Run ' + name + '", "status": "finished"}')
+        (folder / name / "case.yaml").write_text(CASE)
+    assert isph("report", "a").exit_code == 0 and "Run a" in (folder / "report.html").read_text()
+    assert isph("report", "a", "b").exit_code == BAD_INPUT and "Run b" not in (folder / "report.html").read_text()
+    assert isph("report", "a", "b", "--force").exit_code == 0 and "Run b" in (folder / "report.html").read_text()
+    done = isph("report", "nowhere", "--to", "other.html")
+    assert done.exit_code == BAD_INPUT and "name the folder of a run" in done.output and not Path("other.html").exists()
+
+
+def test_the_schema_is_that_of_the_documents():
+    assert isph("keys", "--schema").output == (CASES.parent / "docs/case.schema.json").read_text()
+
+
+def test_completion_knows_the_commands():
+    env = {"_ISPH_COMPLETE": "bash_complete", "COMP_WORDS": "isph re", "COMP_CWORD": "1"}
+    done = program(code="from isphcli.cli import main; main(prog_name='isph')", env=env)
+    assert done.stdout.split() == [b"plain,report"]

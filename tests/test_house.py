@@ -42,8 +42,8 @@ def forbidden(one, other):
         return "physics knows nothing of cases, scenes, files and runs"
     if here == "flow" and there == "two_phase":
         return "the flow of one fluid knows nothing of two"
-    if there == "preflight" and here not in ("preflight", "validation", "cli"):
-        return "only validation and cli.py import what is asked before a run"
+    if there == "preflight" and here not in ("preflight", "validation", "cli", "api"):
+        return "only validation and the two doors, cli.py and api.py, import what is asked before a run"
     return ""
 
 

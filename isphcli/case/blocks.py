@@ -24,6 +24,7 @@ SUPPORT_TENSION_2D = 2.8  # curvature of a disk: bias -1 % with 2.3 (docs/method
 WALL_DISTANCES = ("exact", "smooth", "stairs")
 KERNELS = ("wendland_c2", "wendland_c4", "quintic_spline")
 FIELDS = ("velocity", "pressure", "phase", "distance", "divergence")
+MEASURES = ("formation_factor",)
 REFERENCE_KINDS = (
     "slit",
     "couette",
@@ -605,7 +606,16 @@ class Output:
     )
     dummies: bool = key("write the particles in the solids too", default=False)
     snapshots: bool = key("write snapshots", default=True)
-    plots: bool = key("draw pictures", default=True)
+    grid: float | str | None = key(
+        "snapshots on a grid too (VTI, of velocity, pressure, phase and what is solid), for streamlines and to set "
+        "beside the image: its spacing, or auto: the voxels of an image, else the spacing of the particles. Without "
+        "it: none",
+        default=None,
+        unit="m",
+        above=0,
+        choices=("auto",),
+    )
+    plots: bool = key("draw pictures, and report.html around them", default=True)
     restart_every: int | None = key(
         "steps between restart files. Without it: at the end only", default=None, at_least=1
     )
@@ -661,6 +671,13 @@ class Case:
         default=600.0,
         unit="s",
         above=0,
+    )
+    measure: tuple[str, ...] = key(
+        "what is measured beside the permeability, along the same axes (stokes): formation_factor, the electric "
+        "resistance over that of the fluid alone, and with it the effective diffusivity, by one more solve an axis",
+        default=(),
+        choices=MEASURES,
+        unique=True,
     )
     output: Output = key("what the run leaves behind", default=Output())
     reference: Reference | None = key("what `isph validate` compares with", default=None)

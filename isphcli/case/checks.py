@@ -58,6 +58,7 @@ def check_case(case: Case, report: Report, places: dict[str, Where]) -> None:
         checks.formulas,
         checks.flow,
         checks.refine,
+        checks.measure,
         checks.reference,
     ):
         check()
@@ -440,6 +441,12 @@ class _Checks:
         for i, spacing in enumerate(further):
             if self.dim:
                 self._spacing_fits(spacing, f"refine.{i}")
+
+    def measure(self) -> None:
+        if not self.case.measure or not self.clear("measure", "flow", "drive"):
+            return
+        if self.case.flow != "stokes":
+            self.bad("measure", "needs flow: stokes", "remove it")
 
     def reference(self) -> None:
         reference = self.case.reference

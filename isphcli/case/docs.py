@@ -49,11 +49,16 @@ def schema() -> dict[str, Any]:
     }
 
 
+def schema_text() -> str:
+    """The schema as it is written to its file."""
+    return json.dumps(schema(), indent=1) + "\n"
+
+
 def generated() -> dict[Path, str]:
     """The text that each generated file should have."""
     return {
         DOCS / "keys.md": keys_page(),
-        DOCS / "case.schema.json": json.dumps(schema(), indent=1) + "\n",
+        DOCS / "case.schema.json": schema_text(),
     }
 
 

@@ -13,11 +13,46 @@ import shutil
 import stat
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 # what is written instead of a character that an output does not have; all others as escapes, \u5ca9
 _PLAIN = {"≥": ">=", "≤": "<=", "→": "->", "←": "<-", "…": "...", "²": "2", "³": "3", "µ": "u", "μ": "u"}
 _ERRORS = "isph-plain"
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+
+
+def settle_threads(threads: int | None) -> str | None:
+    """Threads of the numba kernels, one of BLAS unless the environment says otherwise, and a folder for kernels; what
+    is to be said of that folder, or None.
+
+    BLAS threads spin while they wait and were measured to triple the time of a solve. To be called before numpy is
+    imported; `one_blas_thread` is for a BLAS that is there already. A number given where numba runs already changes
+    that instead.
+    """
+    for name in BLAS_THREADS:
+        os.environ.setdefault(name, "1")
+    # threads that spin between kernels take the cores from everything else on the machine
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    note = find_kernel_cache() if "numba" not in sys.modules else None
+    if threads is None:
+        return note
+    if "numba" in sys.modules:
+        import numba
+
+        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+    else:
+        os.environ["NUMBA_NUM_THREADS"] = str(threads)
+    return note
+
+
+@contextlib.contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """One thread of BLAS in the block, also where numpy was imported before this package, as notebooks do."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, user_api="blas"):
+        yield
 
 
 def settle_streams() -> None:

@@ -12,7 +12,7 @@ import csv
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TextIO
 from xml.sax.saxutils import quoteattr
@@ -29,8 +29,8 @@ SUMMARY_KEYS = (
     "title", "status", "message", "restarts", "warnings", "dimension", "particles", "inputs", "image",
     "porosity", "open_axes", "throats", "terms", "steps", "time",
     "permeability", "permeability_error", "permeability_image_error", "permeability_range", "permeability_range_from",
-    "permeability_by_spacing", "permeability_by_threshold", "permeability_tensor", "superficial_velocity",
-    "mean_velocity", "pressure_drop",
+    "permeability_by_spacing", "permeability_by_threshold", "permeability_tensor", "tortuosity", "formation_factor",
+    "effective_diffusivity", "superficial_velocity", "mean_velocity", "speed", "wall_shear", "pressure_drop",
     "two_fluids", "mass_error", "max_divergence", "iterations", "errors", "cpu_seconds", "wall_seconds",
     "peak_memory_bytes", "threads", "versions",
 )  # fmt: skip
@@ -146,10 +146,14 @@ class Series:
 
         x and fields: see `write_vtu`. A step that was written before is replaced.
         """
+        return self.add(step, time, "vtu", lambda path: write_vtu(path, x, fields))
+
+    def add(self, step: int, time: float, suffix: str, write: Callable[[Path], None]) -> Path:
+        """As `write`, of a file of another kind, which `write` makes."""
         if not math.isfinite(time):
             raise NotFiniteError(f"{self.name}: the time of step {step} is {time}; nothing was written")
-        file = f"{SNAPSHOTS}/{self.name}_{step:06d}.vtu"
-        write_vtu(self.directory / file, x, fields)
+        file = f"{SNAPSHOTS}/{self.name}_{step:06d}.{suffix}"
+        write(self.directory / file)
         self.entries = [e for e in self.entries if e[1] != file] + [(float(time), file)]
         write_text(self.path, _pvd(self.entries))
         return self.directory / file

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import sys
 
-LIBRARIES = ("isphcli", "numpy", "scipy", "numba", "pyamg", "meshio", "matplotlib", "pyyaml", "click", "rich")
+LIBRARIES = ("isphcli", "numpy", "scipy", "numba", "pyamg", "meshio", "matplotlib", "pyyaml", "click", "rich",
+             "threadpoolctl")
 
 
 def peak_memory() -> int | None:

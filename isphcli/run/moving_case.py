@@ -29,6 +29,7 @@ from .results import (
     added_viscosity,
     counts_of,
     finish,
+    grids_of,
     mean_max,
     scene_entries,
     series_of,
@@ -37,6 +38,7 @@ from .results import (
     terms_of,
     terms_of_two,
     write_case,
+    write_grid,
 )
 from .time_loop import TimeLoop
 
@@ -81,6 +83,7 @@ class MovingRun:
     since: float | None = None
     last_step: int | None = None
     series: Series | None = None
+    grids: Series | None = None
     history: list[dict[str, Any]] = field(default_factory=list)
     between: ReservoirMeasures | None = None
     profiles: Profiles | None = None
@@ -115,6 +118,9 @@ class MovingRun:
             with self.clock("output"):
                 for row in self.profiles.rows(state, self.particles_at(state).phase):
                     self.tables[PROFILES].append(row)
+        with self.clock("output"):
+            write_grid(self.grids, self.case, self.geometry, self.particles_at(state), (state.step, state.time),
+                       (state.x, state.u, state.p * self.pressure_unit), self.case.particles.spacing)
 
     def save(self, file: History) -> None:
         """Writes the restart file of the last step of which all is told."""
@@ -125,8 +131,9 @@ class MovingRun:
             restart.save(self.restart_file, self.march.last, self.record)
 
 
-def run_moving(case: Case, clock: Clock, quiet: bool, resume: str | Path | None, look: Look | None) -> Summary:
-    """Runs a case of moving particles, leaves its files and returns the summary; see `run.run_case`."""
+def run_moving(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
+               look: Look | None) -> tuple[Summary, Result]:
+    """Runs a case of moving particles and leaves its files; see `run.solve_case`."""
     run, state, config = _prepared(case, clock, quiet, resume, look)
     if run.last_step is None:
         run.snapshot(state, config)
@@ -194,6 +201,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
             run.profiled = read_history(run.directory / PROFILES)[-1]["step"]
     if march.program is not None:
         run.tables[CURVE] = History(run.directory / CURVE, run.last_step)
+    run.grids = grids_of(case, run.directory, run.since)
     return run, state, config
 
 
@@ -258,7 +266,7 @@ def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, 
 
         try:
             state, config = march.run(state, config, run.snapshot, row, show)
-            series = run.series
+            series = run.series or run.grids
             if series is None or not series.entries or series.entries[-1][0] < state.time:
                 run.snapshot(state, config)
         finally:
@@ -335,8 +343,8 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
     }
 
 
-def _finish_march(run: MovingRun, state: State, config: Configuration) -> Summary:
-    """The summary of a run that has ended, its pictures, and its errors against the reference."""
+def _finish_march(run: MovingRun, state: State, config: Configuration) -> tuple[Summary, Result]:
+    """The summary and the flow of a run that has ended, its pictures, and its errors against the reference."""
     case, history = run.case, run.history
     flow = _flow_entries(run, state)
     result = Result(

@@ -19,6 +19,7 @@ from ..output import restart
 from ..output.clock import Clock
 from ..output.files import SNAPSHOTS, Series, write_summary, write_text
 from ..output.machine import peak_memory, versions
+from .flow_measures import inside_sample, speed_distribution
 
 if TYPE_CHECKING:
     from ..domain.lattice import Particles
@@ -37,11 +38,13 @@ def files_of(case: Case) -> list[str]:
     names = ["case.yaml", "history.csv", "summary.json", "worst.vtu", *[restart.NAME] * moving]
     if case.output.snapshots:
         names += ["particles.pvd", f"{SNAPSHOTS}/particles_[0-9]*.vtu"]
+    if case.output.grid is not None:
+        names += ["grid.pvd", f"{SNAPSHOTS}/grid_[0-9]*.vti"]
     if moving and len(case.fluids) > 1:
         names += [PROFILES, *[CURVE] * (drive_steps(case) is not None)]
     if case.output.plots:
         names += [str(Path(name).with_suffix(".png")) for name in names if name in (PROFILES, CURVE)]
-        names += ["slice.png", *["phases.png", "histories.png"] * moving]
+        names += ["slice.png", "report.html", *["phases.png", "histories.png"] * moving]
     return names
 
 
@@ -98,9 +101,10 @@ def stopped_short(case: Case, march: TimeLoop, state: State, directory: Path) ->
     return f"{what}; {cause}. Go on with: isph run --restart {shlex.quote(str(directory))} --set {key}=..."
 
 
-def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result, clock: Clock) -> dict[str, Any]:
-    """Errors against the reference, the effective case and summary.json, which is left too where there is nothing to
-    compare: CompareError comes after it."""
+def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
+           clock: Clock) -> tuple[dict[str, Any], Result]:
+    """(summary, result): errors against the reference, the effective case and summary.json, which is left too where
+    there is nothing to compare: CompareError comes after it."""
     errors = incomparable = None
     if case.reference is not None:
         with clock("reference"):
@@ -111,6 +115,9 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
             except CompareError as error:
                 incomparable = error
                 summary["message"] = "; ".join(filter(None, [summary["message"], f"no errors: {error}"]))
+    if "speed" not in summary:
+        inside = inside_sample(result.geometry, result.x)
+        summary["speed"] = speed_distribution(result.cell_velocity[inside])
     import numba
 
     effective = replace(case, output=replace(case.output, directory=directory))
@@ -132,12 +139,40 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
         raise incomparable
     summary["directory"] = str(directory)
     summary["pictures"] = sorted(str(p) for p in Path(directory).glob("*.png"))
-    return summary
+    if case.output.plots:
+        from ..output.report import write_report
+
+        write_report(directory / "report.html", [directory])
+    return summary, result
 
 
 def series_of(case: Case, directory: Path, resume_time: float | None = None) -> Series | None:
     """The series of snapshots of a run, None where none are asked for; resume_time: s, of a run that goes on."""
     return Series(directory, resume_time=resume_time) if case.output.snapshots else None
+
+
+def grids_of(case: Case, directory: Path, resume_time: float | None = None) -> Series | None:
+    return Series(directory, "grid", resume_time) if case.output.grid is not None else None
+
+
+def write_grid(series: Series | None, case: Case, geometry: Geometry, particles: Particles, moment: tuple[int, float],
+               flow: tuple[np.ndarray, np.ndarray, np.ndarray], spacing: float) -> None:
+    """Writes a snapshot on a grid, if there are any. moment: step and time, s; flow: positions, velocities and
+    pressures of the fluid particles; spacing: of the particles, m."""
+    if series is None:
+        return
+    from ..output.grid import make_grid, write_vti
+
+    cell: float | np.ndarray | None = None
+    if not isinstance(case.output.grid, str):
+        cell = case.output.grid
+    elif geometry.voxel_size is not None:
+        cell = geometry.voxel_size
+    x, velocity, pressure = flow
+    step, time = moment
+    fields = {"velocity": velocity, "pressure": pressure, "phase": particles.phase}
+    grid = make_grid(geometry, x, fields, spacing, cell)
+    series.add(step, time, "vti", lambda path: write_vti(path, grid, time))
 
 
 def snapshot_of(case: Case, geometry: Geometry, particles: Particles, x: np.ndarray, velocity: np.ndarray,

@@ -10,15 +10,23 @@ from typing import TYPE_CHECKING, Any
 from ..case.yaml import CaseError, Problem
 from ..output import folder, progress, restart
 from ..output.clock import Clock
+from ..output.environment import one_blas_thread
 from .results import Look, files_of
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
+    from ..references.result import Result
 
 
 def run_case(case: Case, quiet: bool = False, resume: str | Path | None = None, overwrite: bool = False,
              look: Look | None = None) -> dict[str, Any]:
-    """Runs a case and leaves its files (docs/output.md) in case.output.directory. Returns the summary (dict).
+    """`solve_case`, of which it returns the summary alone."""
+    return solve_case(case, quiet, resume, overwrite, look)[0]
+
+
+def solve_case(case: Case, quiet: bool = False, resume: str | Path | None = None, overwrite: bool = False,
+               look: Look | None = None) -> tuple[dict[str, Any], Result]:
+    """Runs a case and leaves its files (docs/output.md) in case.output.directory. Returns (summary, flow at the end).
 
     resume: directory whose restart.npz a run of moving particles goes on from.
     overwrite: replace results that the directory holds, those files that its manifest names.
@@ -37,10 +45,11 @@ def run_case(case: Case, quiet: bool = False, resume: str | Path | None = None, 
         restart.require(Path(resume) / restart.NAME)
     goes_on = resume is not None and Path(resume).resolve() == directory.resolve()
     with folder.Folder(directory, files_of(case), str(case.path) if case.path else None, goes_on, overwrite):
-        return _run(case, quiet, resume, look)
+        with one_blas_thread():
+            return _run(case, quiet, resume, look)
 
 
-def _run(case: Case, quiet: bool, resume: str | Path | None, look: Look | None) -> dict[str, Any]:
+def _run(case: Case, quiet: bool, resume: str | Path | None, look: Look | None) -> tuple[dict[str, Any], Result]:
     clock = Clock()
     if case.flow == "stokes":
         with clock("compile"), _compile_listener(clock):  # imports of what the flow needs, and nothing else

@@ -21,6 +21,7 @@ from ..operators.wall_operators import WallScene
 from ..scene import memory
 from ..scene.place import place_case
 from ..solvers.krylov import Limits
+from .flow_measures import wall_shear
 from .permeability import darcy, fluid_cells, mean_velocities
 
 if TYPE_CHECKING:
@@ -51,7 +52,8 @@ class StokesResult:
     axis: 0, 1, 2 or None where the walls drive the flow; velocity (n, dim) m/s of the particles; cell_velocity
     (n, dim) m/s, its mean over their cells of the lattice; pressure (n,) Pa; superficial, mean, permeability: see
     `run/permeability.py`; divergence, mass_error: see `_mass`; halo, narrow (particles in pores that the lattice does
-    not resolve), components, isolated_pockets, cells: of the scene that it was solved in.
+    not resolve), components, isolated_pockets, cells: of the scene that it was solved in; shear: see
+    `flow_measures.wall_shear`; diffusivity: effective over that of the fluid, where it was asked for.
     """
 
     axis: int | None
@@ -72,6 +74,8 @@ class StokesResult:
     components: int
     isolated_pockets: int
     cells: float
+    shear: dict[str, float] | None
+    diffusivity: float | None = None
 
 
 @dataclass
@@ -163,7 +167,8 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
     with clock("krylov"):
         asked = case.solver
         flow = system.solve(force, Limits(asked.tolerance, asked.restart, asked.max_iterations), watch)
-    cell_velocity = flow.velocity + _quadrature(scene, flow, force, fluid.nu)
+    laplacian = (system.ops.gradient_p(flow.pressure) - system.balanced_force(force)) / fluid.nu
+    cell_velocity = flow.velocity + _quadrature(scene, laplacian)
     superficial, mean = mean_velocities(geometry, particles.x[: particles.n_fluid], cell_velocity,
                                         particles.site_volume, scene.cells)
     permeability = None if axis is None else darcy(geometry, superficial, axis, force, fluid.nu)
@@ -171,16 +176,30 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
                  flow.pressure * fluid.density, superficial, mean, permeability,
                  *_mass(scene, flow, cell_velocity, axis), flow.report, scene.halo,
                  int(reduce.total(system.ops.narrow)), system.count, int((~scene.percolates.any(axis=1)).sum()),
-                 scene.cells)
+                 scene.cells, wall_shear(geometry, particles.x[: particles.n_fluid], flow.velocity, laplacian,
+                                         (system.spacing, fluid.mu)))
 
 
-def _quadrature(scene: SteadyScene, flow: StokesFlow, force: np.ndarray, nu: float) -> np.ndarray:
+def solve_diffusion(case: Case, scene: SteadyScene, axis: int, clock: Clock, watch: Watch | None = None) -> float:
+    """Effective diffusivity along an axis over that of the fluid; see `flow.diffusion`. Raises SolveError."""
+    from ..flow.diffusion import DiffusionSystem
+    from .flow_measures import effective_diffusivity
+
+    x, system = scene.particles.x[: scene.particles.n_fluid], scene.system
+    with clock("preconditioner"):
+        diffusion = DiffusionSystem(system.ops, scene.geometry, x, system.spacing, system.means)
+    with clock("krylov"):
+        asked = case.solver
+        flux = diffusion.solve(axis, Limits(asked.tolerance, asked.restart, asked.max_iterations), watch)
+    return effective_diffusivity(scene.geometry, x, flux, scene.cells, scene.particles.site_volume, axis)
+
+
+def _quadrature(scene: SteadyScene, laplacian: np.ndarray) -> np.ndarray:
     """Difference between the mean of the velocity over a cell of the lattice and its value in the middle: the share of
     `_edge_shares` of dx^2 / 24 lap u, which follows from the momentum balance."""
     if scene.edge_shares is None:
-        return np.zeros_like(flow.velocity)
-    lap = (scene.system.ops.gradient_p(flow.pressure) - scene.system.balanced_force(force)) / nu
-    return lap * (scene.edge_shares * (scene.system.spacing**2 / 24.0))[:, None]
+        return np.zeros_like(laplacian)
+    return laplacian * (scene.edge_shares * (scene.system.spacing**2 / 24.0))[:, None]
 
 
 def _edge_shares(geometry: Geometry, x: np.ndarray, distance: np.ndarray, dx: float) -> np.ndarray | None:

@@ -21,9 +21,22 @@ from ..scene.place import lattice_at
 from ..solvers.krylov import SolveError
 from . import steady
 from .expected_error import expected, scan_of, wall_of
+from .flow_measures import inside_sample, speed_distribution, tortuosity
 from .permeability import EDGE, extrapolate
 from .refinement import Solved, further_spacings
-from .results import Look, Seen, counts_of, finish, mean_max, scene_entries, series_of, snapshot_of, terms_of
+from .results import (
+    Look,
+    Seen,
+    counts_of,
+    finish,
+    grids_of,
+    mean_max,
+    scene_entries,
+    series_of,
+    snapshot_of,
+    terms_of,
+    write_grid,
+)
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -73,8 +86,8 @@ class Job:
         return self.driven if not self.sealed else [] if axis is None else [axis]
 
 
-def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> dict[str, Any]:
-    """Solves a steady case, leaves its files and returns the summary; see `run.run_case`."""
+def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[dict[str, Any], Result]:
+    """Solves a steady case and leaves its files; see `run.solve_case`."""
     case, axes, found, seen = _solve(case, clock, quiet, look)
     summary, result = _sum_up(case, axes, found, seen)
     main = _main(found.flows)
@@ -91,6 +104,8 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> dict
         if series is not None:
             series.write(0, 0.0, *snapshot_of(case, main.geometry, main.particles, result.x, main.velocity,
                                               main.pressure))
+        write_grid(grids_of(case, directory), case, main.geometry, main.particles, (0, 0.0),
+                   (result.x, main.velocity, main.pressure), main.spacing)
         with History(directory / "history.csv") as file:
             for row in found.history:
                 file.append(row)
@@ -202,6 +217,9 @@ def _solve_one_axis(job: Job, scene: steady.SteadyScene, axis: int | None, force
         found.closed[axis, spacing] = f"the flow along {'xyz'[axis]} is zero; check the drive and what is solid"
         return
     found.flows[axis, spacing] = flow
+    if "formation_factor" in job.case.measure and axis is not None:
+        with progress.stage(f"diffusion along {'xyz'[axis]}", job.quiet) as stage:
+            flow.diffusivity = steady.solve_diffusion(job.case, scene, axis, job.clock, _watch(stage))
     found.history.append({"step": len(found.history) + 1, "spacing": spacing,
                           "axis": "xyz"[axis] if axis is not None else "",
                           "iterations_stokes": flow.report.iterations, "residual_stokes": flow.report.residual,
@@ -324,6 +342,7 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
         "permeability_by_spacing": ({along.name: along.by_spacing for along in results}
                                     if len(case.spacings) > 1 else None),
         "permeability_tensor": tensor,
+        **_measures(case, flows),
         "superficial_velocity": main.superficial,
         "mean_velocity": main.mean,
         "mass_error": max(flow.mass_error for flow in flows.values()),
@@ -333,6 +352,30 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
         "isolated_pockets": main.isolated_pockets,
     }
     return summary, result
+
+
+def _measures(case: Case, flows: Flows) -> dict[str, Any]:
+    """Entries of the summary on the flows at the finest spacing: tortuosity, formation factor, and of the flow that is
+    written the distribution of the speed and the wall shear."""
+    finest = min(h for _, h in flows)
+    driven = {axis: flow for (axis, h), flow in sorted(flows.items(), key=str) if axis is not None and h == finest}
+    ways, factors = {}, {}
+    for axis, flow in driven.items():
+        inside = inside_sample(flow.geometry, flow.particles.x[: flow.particles.n_fluid])
+        ways["xyz"[axis]] = tortuosity(flow.cell_velocity[inside], axis)
+        if flow.diffusivity:
+            factors["xyz"[axis]] = 1.0 / flow.diffusivity
+    main = _main(flows)
+    inside = inside_sample(main.geometry, main.particles.x[: main.particles.n_fluid])
+    single = len(driven) == 1
+    diffusivities = {axis: 1.0 / factor for axis, factor in factors.items()}
+    return {
+        "tortuosity": _alone(ways, single) or None,
+        "formation_factor": _alone(factors, single) or None,
+        "effective_diffusivity": _alone(diffusivities, single) or None,
+        "speed": speed_distribution(main.cell_velocity[inside]),
+        "wall_shear": main.shear,
+    }
 
 
 def _alone(by_axis: dict[str, Any], single: bool) -> Any:

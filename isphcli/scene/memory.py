@@ -23,9 +23,9 @@ BYTES_PAIR = {
     ("navier_stokes", False): 150,
 }
 # Of a pair, in matrices and hierarchies. stokes: with the rest 3.1 kB a particle seen all round; the peaks, less those of
-# the program, dummies and image, were 2.8 (sphere array of 64 spacings), 2.7 (64^3 voxels of Berea at two particles a
-# voxel), 3.3 and 3.2 kB (the whole cube at one and two): benchmarks/stokes.py at dd704aa, and cases/berea.yaml with
-# refine=[1.5e-6] there, 19.1 GB
+# the program, dummies and image, were 2.8 (sphere array of 64 spacings), 2.7 (64^3 voxels of Berea at two particles
+# a voxel), 3.3 and 3.2 kB (the whole cube at one and two): benchmarks/stokes.py at dd704aa, and cases/berea.yaml
+# with refine=[1.5e-6] there, 19.1 GB
 BYTES_MATRIX = {"stokes": 40, "navier_stokes": 18}
 # Of a pair, what a second fluid adds to moving particles: weighted operators, the transposed stress, normals. The peaks
 # of 60,000 particles with a drop less those without, on 2026-11-22: 71 and 83 (2D, 3D), beside walls 131 and 109
@@ -33,8 +33,8 @@ BYTES_SECOND_FLUID = 110
 BYTES_ROW = {"stokes": 450, "navier_stokes": 0}  # of a particle, beside its pairs
 VECTORS = 25  # Krylov vectors of a usual steady solve; those of a long restart are allocated but never touched
 BYTES_PARTICLE = 200  # positions, fields and work arrays of a particle of any kind
-# Of an image while its geometry is built, from the peaks of random bodies of 64^3 to 192^3 voxels at 47588b5: labels 39 to
-# 44 (of which 32 to 35 stay), grey values 36 to 48 (sharpened too), `wall_distance: stairs` 19 to 23
+# Of an image while its geometry is built, from the peaks of random bodies of 64^3 to 192^3 voxels at 47588b5: labels 39
+# to 44 (of which 32 to 35 stay), grey values 36 to 48 (sharpened too), `wall_distance: stairs` 19 to 23
 BYTES_VOXEL = 40
 BYTES_PROGRAM = 2e8  # Python and its libraries
 SAMPLE = 10_000  # points at which the fluid of a lattice is counted before it is placed

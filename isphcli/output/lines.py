@@ -1,0 +1,203 @@
+"""What is said of a run on the terminal, in Python and in reports: names and values, from the summary."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ..case.blocks import Case
+
+MILLIDARCY = 9.869233e-16  # m2
+DIGITS = 3  # of a result whose error is not known: 1 % is the best that a lattice of particles has beside walls
+
+
+def closing_lines(case: Case, summary: Mapping[str, Any], directory: Path | None) -> str:
+    """What is said at the end of a run; directory: of its files, if they were kept."""
+    lines = [*scene_lines(summary), *permeability_lines(summary)]
+    if summary.get("permeability") is None:
+        lines += velocity_lines(summary)
+    lines += measure_lines(summary)
+    lines += two_fluid_lines(case, summary)
+    if case.flow == "stokes" and summary.get("mass_error") is not None:
+        lines += [("mass error", f"{summary['mass_error']:.1e} between slices across the flow")]
+    lines += [("warning", text) for text in summary.get("warnings") or ()]
+    lines += [*reference_lines(case, summary), *time_lines(summary)]
+    if directory is not None:
+        lines += [("results", str(directory))]
+        lines += [("picture", str(path)) for path in sorted(directory.glob("*.png"))]
+        lines += [("report", str(path)) for path in directory.glob("report.html")]
+    if summary.get("message"):
+        lines += [("note", str(summary["message"]))]
+    return table(lines)
+
+
+def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What was run: the image, its porosity, the axes along which pores lead through, the throats."""
+    throats = summary.get("throats")
+    lines = [tuple(text.split(": ", 1)) for text in summary.get("inputs") or ()]
+    if summary.get("porosity") is not None:
+        lines += [("porosity", f"{100 * summary['porosity']:.{DIGITS}g} % (cells that walls cut with their part)")]
+    if summary.get("open_axes") is not None:
+        lines += [("open axes", ", ".join(summary["open_axes"]) or "none: no pore leads through the scene")]
+    if throats:
+        lines += [("throats", f"median {throats['median']:.1f} particles wide, 10 % below {throats['narrow']:.1f}")]
+    return lines
+
+
+def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Permeability, m2 and mD: one number, one an axis, or the tensor; digits as far as the error bar says."""
+    bars = dict(per_axis(summary.get("permeability_error")))
+    given = summary.get("permeability_range")
+    ranges: dict[str, Any] = {"": given} if given else {}
+    if isinstance(given, Mapping):
+        ranges = {f" {axis}": ends for axis, ends in given.items()}
+    lines = []
+    for axis, k in per_axis(summary.get("permeability")):
+        bar = bars.get(axis)
+        lines.append((f"permeability{axis}", permeability(k, digits_within(k, bar))))
+        if bar is not None:
+            lines.append((f"  +-{axis}", permeability(bar, 2)))
+        if axis in ranges:
+            low, high = ranges[axis]
+            lines.append((f"  range{axis}", f"{low:.{DIGITS}g} to {high:.{DIGITS}g} m2"))
+    if summary.get("permeability_range_from"):
+        lines.append(("  range from", summary["permeability_range_from"]))
+    lines += threshold_lines(summary.get("permeability_by_threshold"))
+    tensor = summary.get("permeability_tensor")
+    if tensor is not None:
+        heads = ["tensor, m2"] + [""] * (len(tensor) - 1)
+        lines += [(head, " ".join(f"{k:10.{DIGITS - 1}e}" for k in row)) for head, row in zip(heads, tensor)]
+    return lines
+
+
+def threshold_lines(known: Mapping[str, Any] | None) -> list[tuple[str, str]]:
+    """What the uncertainty of the threshold of a grey image does to the permeability along each axis."""
+    if known is None:
+        return []
+    lower, own, upper = known["thresholds"]
+    lines = []
+    for axis, (low, k, high) in known["permeability"].items():
+        change = " and ".join(f"{100 * (other / k - 1):+.2g} %" for other in (low, high))
+        lines.append((f"  threshold {axis}", f"{change} at {lower:g}, {upper:g} in place of {own:g}"))
+    return lines
+
+
+def digits_within(value: float, error: float | None) -> int:
+    """Significant digits down to the first one of the error; DIGITS where it is not known."""
+    if not error or not value:
+        return DIGITS
+    return min(max(math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 1, 1), 6)
+
+
+def velocity_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Mean velocity of the fluid and superficial velocity of the sample along each axis, m/s."""
+    lines = []
+    for key in ("mean_velocity", "superficial_velocity"):
+        values = [v for _, v in per_axis(None if summary.get(key) is None else list(summary[key]))]
+        if values:
+            least = 10.0**-DIGITS * max(abs(v) for v in values)  # what is less is what is left by the others
+            shown = (f"{a} {v if abs(v) >= least else 0:.{DIGITS}g}" for a, v in zip("xyz", values))
+            lines.append((key.replace("_", " "), ", ".join(shown) + " m/s"))
+    return lines
+
+
+def measure_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Tortuosity, formation factor, and the shear at the walls of a steady flow."""
+    lines = []
+    for key, more in (("tortuosity", "mean speed over mean velocity along the axis"),
+                      ("formation_factor", "resistance over that of the fluid alone")):
+        lines += [(f"{key.replace('_', ' ')}{axis}", f"{value:.{DIGITS}g} ({more})")
+                  for axis, value in per_axis(summary.get(key))]
+    shear = summary.get("wall_shear")
+    if shear is not None:
+        lines.append(("wall shear", f"mean {shear['mean']:.{DIGITS}g} Pa, 95 % below {shear['q95']:.{DIGITS}g} Pa"))
+    return lines
+
+
+def two_fluid_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Saturation, pressure jump and contact angle at the end of a run with two fluids; between reservoirs what is
+    trapped too."""
+    found = summary.get("two_fluids") or {}
+    lines = [(f"saturation {name}", found.get(f"saturation_{name}"), "") for name in case.fluids]
+    lines += [(f"  trapped {name}", found.get(f"trapped_{name}"), "") for name in case.fluids]
+    lines += [("capillary pressure", found.get("capillary_pressure"), " Pa")]
+    lines += [("pressure jump", found.get("pressure_jump"), " Pa")]
+    lines += [("contact angle", found.get("contact_angle"), f" degrees through {next(iter(case.fluids))}")]
+    return [(head, f"{value:.4g}{unit}") for head, value, unit in lines if value is not None]
+
+
+def per_axis(value: Any) -> list[tuple[str, float]]:
+    """(' x', value) of each axis; ('', value) of a single number; values that are None left out."""
+    if value is None:
+        return []
+    if isinstance(value, Mapping):
+        return [(f" {axis}", k) for axis, k in value.items() if k is not None]
+    if isinstance(value, (list, tuple)):
+        return [(f" {axis}", k) for axis, k in zip("xyz", value) if k is not None]
+    return [("", value)]
+
+
+def permeability(k: float, digits: int = DIGITS) -> str:
+    """1.23e-12 m2 = 1250 mD."""
+    if not k:
+        return "0 m2 = 0 mD"
+    return f"{k:.{digits - 1}e} m2 = {float(f'{k / MILLIDARCY:.{digits}g}'):g} mD"
+
+
+def reference_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The published value, and the errors that the run found against the reference."""
+    reference = case.reference
+    if reference is None:
+        return []
+    lines = []
+    is_permeability = reference.kind == "permeability"
+    for axis, value in per_axis(reference.value):
+        shown = f"{value:g} m2 = {value / MILLIDARCY:.4g} mD" if is_permeability else f"{value:.6g}"
+        lines.append((f"published{axis}", shown))
+    if reference.source:
+        lines.append(("  source", reference.source))
+    errors = dict(summary.get("errors") or {})
+    main = errors.pop("main", None)
+    for name, error in errors.items():
+        bound = reference.tolerance if name == main or len(errors) == 1 else None
+        lines.append((f"error {name}", shown_error(error, bound)))
+    if is_permeability and not errors:
+        published = per_axis(reference.value)
+        for axis, k in per_axis(summary.get("permeability")):
+            expected = published[0][1] if len(published) == 1 else dict(published).get(axis)
+            if expected:
+                lines.append((f"error{axis}", shown_error(k / expected - 1, reference.tolerance)))
+    return lines
+
+
+def shown_error(error: Any, tolerance: float | None) -> str:
+    """A relative error in per cent, and the bound on it."""
+    if not isinstance(error, (int, float)):
+        return str(error)
+    return f"{100 * error:+.3g} %" + (f" (bound {100 * tolerance:.3g} %)" if tolerance else "")
+
+
+def time_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """CPU and wall seconds, and their split."""
+    lines = []
+    for name, key in (("wall", "wall_seconds"), ("cpu", "cpu_seconds")):
+        split = summary.get(key)
+        if isinstance(split, Mapping):
+            parts = ", ".join(
+                f"{part} {s:.2f}" for part, s in split.items() if part != "total" and s >= 0.005
+            )
+            total = split.get("total", sum(split.values()))
+            lines.append((f"{name} time", f"{total:.2f} s" + (f" ({parts})" if parts else "")))
+        elif split is not None:
+            lines.append((f"{name} time", f"{split:.2f} s"))
+    return lines
+
+
+def table(lines: Iterable[tuple[str, str]]) -> str:
+    """Names and values in two columns."""
+    lines = list(lines)
+    width = max((len(name) for name, _ in lines), default=0)
+    return "\n".join(f"{name:{width}}  {value}".rstrip() for name, value in lines)

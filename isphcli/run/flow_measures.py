@@ -1,0 +1,87 @@
+"""What is measured of a flow beside its permeability: tortuosity, speeds, wall shear, effective diffusivity."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..geometry.protocol import sample_box
+from ..geometry.wall_normals import wall_normals
+
+if TYPE_CHECKING:
+    from ..geometry.protocol import Geometry
+
+SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)  # of the fluid, slowest first, whose speeds are told
+# Wall distances over the spacing of the particles whose shear is that of the wall: one layer, so that all parts of a
+# wall count alike, and none so near that the error of its speed is divided by a small distance
+LAYER = (0.3, 1.3)
+
+
+def inside_sample(geometry: Geometry, x: np.ndarray) -> np.ndarray:
+    """(n,) bool: within the rock itself, of an image without its clear layers."""
+    lower, upper = sample_box(geometry)
+    return np.all((x >= lower) & (x <= upper), axis=1)
+
+
+def tortuosity(velocity: np.ndarray, axis: int) -> float | None:
+    """Mean length of the ways of the fluid over that of the sample: mean speed over mean velocity along the axis
+    (Koponen, Kataja and Timonen 1996, Phys. Rev. E 54, 406; Duda, Koza and Matyka 2011, Phys. Rev. E 84, 036319).
+
+    velocity: (n, dim) m/s, of equal volumes. None where nothing flows along the axis.
+    """
+    along = abs(float(velocity[:, axis].mean())) if len(velocity) else 0.0
+    speed = float(np.linalg.norm(velocity, axis=1).mean()) if len(velocity) else 0.0
+    return speed / along if along > 1e-12 * speed else None
+
+
+def speed_distribution(velocity: np.ndarray) -> dict[str, float] | None:
+    """`mean` of the speed, m/s, and its quantiles `q05` to `q95`: the speed that this share of the fluid stays below.
+    velocity: (n, dim) m/s, of equal volumes. None without fluid."""
+    if not len(velocity):
+        return None
+    speed = np.linalg.norm(velocity, axis=1)
+    quantiles = np.quantile(speed, SHARES)
+    return {"mean": float(speed.mean()), **{f"q{100 * s:02.0f}": float(q) for s, q in zip(SHARES, quantiles)}}
+
+
+def wall_shear(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, laplacian: np.ndarray,
+               scale: tuple[float, float]) -> dict[str, float] | None:
+    """`mean`, `median` and `q95` of the shear stress at walls, Pa.
+
+    x, velocity: (n, dim) m, m/s; laplacian: (n, dim) of the velocity, 1/(m s); scale: spacing, m, and dynamic
+    viscosity, Pa s. Of the particles within LAYER of a wall, tangential to it: with u(d) = s d + lap u d^2 / 2 the
+    slope at the wall is s = u/d - lap u d/2, exact for parabolas. None where walls move or slip, or there is no such
+    particle.
+    """
+    spacing, viscosity = scale
+    if not geometry.has_solid or np.any(geometry.wall_speed) or np.any(geometry.slip_length > 0.0):
+        return None
+    distance = geometry.distance(x) / spacing
+    near = (distance > LAYER[0]) & (distance <= LAYER[1])
+    if not near.any():
+        return None
+    d, normal = distance[near, None] * spacing, wall_normals(geometry, x[near], spacing)
+    slope = velocity[near] / d - 0.5 * d * laplacian[near]
+    slope -= np.einsum("nk,nk->n", slope, normal)[:, None] * normal
+    stress = viscosity * np.linalg.norm(slope, axis=1)
+    median, high = np.quantile(stress, (0.5, 0.95))
+    return {"mean": float(stress.mean()), "median": float(median), "q95": float(high)}
+
+
+def effective_diffusivity(geometry: Geometry, x: np.ndarray, flux: np.ndarray, cells: float, site_volume: float,
+                          axis: int) -> float:
+    """Diffusivity of the sample over that of the fluid along an axis; the formation factor is its inverse.
+
+    x: (n, dim) m; flux: (n, dim) of a unit gradient over the whole box (`flow.diffusion`); cells: volume of the fluid
+    in the sample over site_volume, m^dim. Clear layers are resistances in series, whose own is taken off.
+    """
+    lower, upper = sample_box(geometry)
+    inside = inside_sample(geometry, x)
+    if not inside.any():
+        return 0.0
+    porosity = cells * site_volume / float(np.prod(upper - lower))
+    mean = float(flux[inside, axis].mean()) * porosity
+    length, sample = float((geometry.upper - geometry.lower)[axis]), float((upper - lower)[axis])
+    left = length - mean * (length - sample)  # of the drop, over the sample
+    return mean * sample / left if left > 0.0 else 0.0

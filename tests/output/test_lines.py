@@ -1,0 +1,22 @@
+"""What is said of a run, from its summary."""
+
+from isphcli.output.lines import digits_within, measure_lines, permeability_lines, table
+
+
+def test_digits_go_as_far_as_the_error_bar_says():
+    assert digits_within(1.2345e-12, 2e-14) == 3 and digits_within(1.2345e-12, 2e-13) == 2
+    assert digits_within(1.0, None) == 3
+    lines = permeability_lines({"permeability": {"x": 1.2345e-12}, "permeability_error": {"x": 2e-13}})
+    assert lines[0] == ("permeability x", "1.2e-12 m2 = 1300 mD")
+
+
+def test_measures_that_are_there():
+    lines = dict(measure_lines({"tortuosity": {"x": 1.25, "y": None}, "formation_factor": 12.0,
+                                "wall_shear": {"mean": 0.5, "median": 0.4, "q95": 1.5}}))
+    assert list(lines) == ["tortuosity x", "formation factor", "wall shear"]
+    assert lines["wall shear"] == "mean 0.5 Pa, 95 % below 1.5 Pa" and lines["formation factor"].startswith("12 ")
+    assert measure_lines({}) == []
+
+
+def test_two_columns():
+    assert table([("a", "1"), ("long", "2")]) == "a     1\nlong  2"
