@@ -22,10 +22,10 @@ BYTES_PAIR = {
     ("navier_stokes", True): 310,
     ("navier_stokes", False): 150,
 }
-# Of a pair, in matrices and hierarchies. stokes: with the rest 3.1 kB a particle seen all round; the peaks, less those of
-# the program, dummies and image, were 2.8 (sphere array of 64 spacings), 2.7 (64^3 voxels of Berea at two particles
-# a voxel), 3.3 and 3.2 kB (the whole cube at one and two): benchmarks/stokes.py at dd704aa, and cases/berea.yaml
-# with refine=[1.5e-6] there, 19.1 GB
+# Of a pair, in matrices and hierarchies. stokes: with the rest 3.1 kB a particle seen all round; the peaks, less
+# those of the program, dummies and image, were 2.8 (sphere array of 64 spacings), 2.7 (64^3 voxels of Berea at two
+# particles a voxel), 3.3 and 3.2 kB (the whole cube at one and two): benchmarks/stokes.py at dd704aa, and
+# cases/berea.yaml with refine=[1.5e-6] there, 19.1 GB
 BYTES_MATRIX = {"stokes": 40, "navier_stokes": 18}
 # Of a pair, what a second fluid adds to moving particles: weighted operators, the transposed stress, normals. The peaks
 # of 60,000 particles with a drop less those without, on 2026-11-22: 71 and 83 (2D, 3D), beside walls 131 and 109

@@ -73,7 +73,7 @@ def test_volumes_are_those_of_before_piece_by_piece():
 
 def test_a_step_takes_roughness_out_and_leaves_a_disk_alone():
     """What a quadratic function does not fit of a noise of a tenth of a spacing falls to less than a third in ten
-    passes of a fifth (0.8^10 is 0.11, 0.25 measured); an exact disk moves by 5e-3 spacings at most (third derivatives)."""
+    passes of a fifth (0.8^10 is 0.11, 0.25 measured); an exact disk moves by 5e-3 spacings at most."""
     state, config, interface = interface_of(drop(dx=1 / 32, jitter=0.1))
     spacing, near = interface.spacing, np.abs(state.phi) < interface.spacing
     noise = 0.1 * spacing * np.random.default_rng(0).standard_normal(len(state.phi))
