@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from isphcli.flow.seam import Seam, phase_of
+from isphcli.flow.seam import Seam
+from isphcli.flow.state import phase_of
 from tests.flow.runs import run
 
 BEHIND = np.array([[-0.9, 0.5], [-1.0, 0.5], [2.75, 0.5], [1.0, 0.1], [-0.2, 0.9]])  # of a box from -1 to 3
