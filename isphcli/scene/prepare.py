@@ -93,6 +93,8 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
 
         with clock("geometry"):
             phi = first_interface(case, geometry, particles, stepper)
+            if stepper.seam is None:
+                fluids.share = share_at_start(stepper, x, phi)
     elif stepper.seam is not None:  # fluids that differ in name only
         phi = np.where(particles.phase == 0, spacing, -spacing)
     state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=gradient, shifting_flux=None if held is None else 0.0,
@@ -102,6 +104,15 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
 
         state = replace(state, drive_step=begun(0, 0.0))
     return state, stepper, particles
+
+
+def share_at_start(stepper: Stepper, x: np.ndarray, phi: np.ndarray) -> float:
+    """Share of the first fluid in the volume of the particles x (n, dim)."""
+    from ..two_phase.interface import Interface, share_of
+
+    config = stepper.configure(x, 0.0, phi)
+    assert isinstance(config.terms.interface, Interface)
+    return share_of(config.terms.interface, config.ops)
 
 
 def seam(case: Case, geometry: Geometry) -> Seam | None:

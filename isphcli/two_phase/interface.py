@@ -11,7 +11,8 @@ Colours alone cannot hold an interface: roughness of two or three spacings costs
 curvature sees it, and drops came apart. A field need not have any. In each step a part of what the quadratic function
 does not fit is taken out of phi, and |grad phi| is brought towards one; an interface that is smooth over a support is
 moved by neither (errors of fourth order). What that changes of the volume of the first fluid is given back along the
-interface, to each connected piece its own: bubbles do not feed each other.
+interface, to each connected piece its own: bubbles do not feed each other. What the errors of the motion itself change
+over many steps is made up for at the same rate, along all of the interface.
 """
 
 from __future__ import annotations
@@ -115,9 +116,13 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     return Interface(phi, fit, reach, spacing, volume_fraction(phi, spacing) - bent, strength, normal, curvature)
 
 
-def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: float) -> np.ndarray:
+def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: float,
+            share: float | None = None) -> np.ndarray:
     """phi (n,) of the particles after a step: smoother by a part of its roughness, |grad phi| nearer to one, with the
-    volumes that the fluids had before, and shifted by dr (n, dim), m, or None. ops: Operators before the step."""
+    volumes that the fluids had before, and shifted by dr (n, dim), m, or None.
+
+    ops: Operators before the step; share: of the first fluid in the volume of all particles, to be kept, or None.
+    """
     phi, fit, reach = interface.phi, interface.fit, interface.reach
     known = np.abs(phi) < reach
     size = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
@@ -131,21 +136,31 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     beyond, value = _extended(ops.neighbours, phi, fit.slope, known)
     there = np.sign(phi) * np.clip(np.sign(phi) * value, reach - spacing, reach)
     new[beyond] = there[beyond]
-    new = with_volumes_of(phi, np.clip(new, -reach, reach), ops, spacing)
+    lost = 0.0 if share is None else (share - share_of(interface, ops)) * float(reduce.total(ops.volume))
+    new = with_volumes_of(phi, np.clip(new, -reach, reach), ops, spacing, part * lost)
     if dr is not None:
         new += np.einsum("ij,ij->i", fit.slope, dr)  # eq. 9
     return new
 
 
-def with_volumes_of(before: np.ndarray, phi: np.ndarray, ops: Operators, spacing: float) -> np.ndarray:
+def share_of(interface: Interface, ops: Operators) -> float:
+    """Share of the first fluid in the volume of all particles."""
+    return float(reduce.dot(ops.volume, interface.fraction) / reduce.total(ops.volume))
+
+
+def with_volumes_of(before: np.ndarray, phi: np.ndarray, ops: Operators, spacing: float,
+                    more: float = 0.0) -> np.ndarray:
     """phi (n,) moved along the normals by one length for each connected piece of the interface, so that the volume of
-    the first fluid round it is that of `before` (n,)."""
+    the first fluid round it is that of `before` (n,), and `more`, m^dim, spread evenly over all of it."""
     band = np.flatnonzero((fraction_slope(phi, spacing) > 0.0) | (fraction_slope(before, spacing) > 0.0))
     if len(band) == 0:
         return phi
     count, piece = _pieces(ops.neighbours, band)
     volume = ops.volume[band]
     wanted = reduce.total_by(piece, volume * volume_fraction(before[band], spacing), count)
+    if more:
+        area = reduce.total_by(piece, volume * fraction_slope(before[band], spacing), count)
+        wanted += more * area / max(area.sum(), np.finfo(float).tiny)
     shift = np.zeros(count)
     for _ in range(ITERATIONS):
         now = phi[band] + shift[piece]

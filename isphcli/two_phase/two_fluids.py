@@ -56,6 +56,7 @@ class TwoFluids:
     SurfaceTension or None; contact: contact_angle.ContactAngle or None; line: contact_angle.SlipAtLine or None."""
 
     first_passes = FIRST_PASSES
+    share: float | None = None  # of the first fluid in the volume of all particles, which is kept; None: fluid comes in
 
     def __init__(self, density: Sequence[float] | np.ndarray, viscosity: Sequence[float] | np.ndarray,
                  forces: TwoFluidForces, spacing: float, tension: SurfaceTension | None = None,
@@ -96,7 +97,7 @@ class TwoFluids:
             ways += dt * math.sqrt(self.tension.tension / (self.density.mean() * self.spacing**3))
         interface = config.terms.interface
         assert isinstance(interface, Interface)
-        return carried(interface, config.ops, dr, min(RATE * ways, MOST))
+        return carried(interface, config.ops, dr, min(RATE * ways, MOST), self.share)
 
     def relabelled(self, p: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
         """p (n,) m2/s2; see `Fluids.relabelled`."""
