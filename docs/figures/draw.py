@@ -278,7 +278,7 @@ def interface_crossing() -> Figure:
 
 
 def contact_angle() -> Figure:
-    """A drop on a wall: the interface that the dummies carry on into it at the asked angle, with their normals."""
+    """A drop on a wall: the asked angle, and the normal of the interface where it meets the wall."""
     figure, (axes,) = panels(1, 4.6, 3.0)
     theta, contact = np.radians(60.0), np.array([0.0, 0.0])
     radius = 5.0
@@ -287,18 +287,15 @@ def contact_angle() -> Figure:
     above = x[:, 1] > 0
     drop = above & (np.linalg.norm(x - centre, axis=1) < radius)
     along = np.array([np.cos(theta), -np.sin(theta)])  # the tangent of the interface at the wall, into the wall
-    normal = np.array([-np.sin(theta), -np.cos(theta)])  # t sin(theta) - p cos(theta): into the first fluid
-    carried = ~above & ((x - contact) @ normal > 0)
+    normal = np.array([-np.sin(theta), -np.cos(theta)])  # into the first fluid
     axes.axhspan(-3.2, 0, color=SOLID, lw=0)
     arc = np.linspace(np.pi / 2 - theta, np.pi / 2 + 0.35, 30)
     axes.plot(centre[0] + radius * np.cos(arc), centre[1] + radius * np.sin(arc), color=INK, lw=1.3)
     axes.plot(*np.stack([contact, contact + 3.2 / np.sin(theta) * along]).T, color=INK, lw=1.1, ls="--")
     dots(axes, x[drop], FLUID, 5)
     dots(axes, x[above & ~drop], OTHER, 5)
-    dots(axes, x[carried], FLUID, 5, hollow=True)
-    dots(axes, x[~above & ~carried], OTHER, 5, hollow=True)
-    for at in x[~above & (abs((x - contact) @ normal) < 1.6)]:
-        arrow(axes, at, at + 0.95 * normal, DUMMY)
+    dots(axes, x[~above], INK, 5, hollow=True)
+    arrow(axes, contact, contact + 1.6 * normal, DUMMY)
     turn = np.linspace(np.pi - theta + np.arcsin(1.9 / (2 * radius)), np.pi, 16)
     axes.plot(1.9 * np.cos(turn), 1.9 * np.sin(turn), color=INK, lw=0.9)
     axes.text(-1.0, 0.6, "θ", fontsize=11, ha="center", va="center")

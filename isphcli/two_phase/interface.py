@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from .contact_angle import ContactAngle
 
 THICKNESS = 1.5  # spacings: half of the thickness over which the volume fraction of the first fluid goes from 0 to 1
-SMOOTHINGS = 3  # kernel averages of the curvature along the interface
+SMOOTHINGS = 1  # kernel averages of the curvature along the interface
 SPREAD = 1.0 / 3.0 - 2.0 / math.pi**2  # variance of the slope of the volume fraction, of the square of THICKNESS
 RATE = 0.1  # part of the roughness that is taken out in the capillary time of a spacing, or on the way of one
 MOST = 0.5  # part that is taken out in one step, however long it is
