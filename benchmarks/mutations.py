@@ -78,8 +78,8 @@ MUTATIONS = (
              "(0.5 * mu[i] + 0.5 * mu[j])", TWO_FLUIDS),
     Mutation("tension_factor", "factor", "nine tenths of the pressure jump of the interface",
              "two_phase.surface_tension", "jump = tension * (", "jump = 0.9 * tension * (", TWO_FLUIDS),
-    Mutation("curvature_sign", "sign", "normals turn the other way along the interface",
-             "two_phase.surface_tension", "kappa[i] = -_divergence(", "kappa[i] = _divergence(", TWO_FLUIDS),
+    Mutation("curvature_sign", "sign", "curvature of the interface with the other sign",
+             "two_phase.quadratic_fit", "curvature[i] = _curvature(", "curvature[i] = -_curvature(", TWO_FLUIDS),
 )  # fmt: skip
 
 
