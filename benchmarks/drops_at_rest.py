@@ -1,10 +1,10 @@
 """Do drops at rest hold, and come to rest: a table of scenes to t = 20 sqrt(rho D^3 / sigma).
 
-usage: python benchmarks/drops_at_rest.py [NAME ...]     (rows of SCENES; all of them without one, two CPU hours)
+usage: python benchmarks/drops_at_rest.py [NAME ...]     (rows of SCENES; all of them without one)
 
-A drop of diameter D = 1, density and tension 1, the Laplace number rho sigma D / mu^2 that of the thicker fluid, in a
-periodic box of 1.6 D. Printed: parts at the end, capillary number of the largest speed at t = 1 (the largest from 0.9 to
-1.1) and at the end (the largest of the last twentieth), pressure jump and volume over the exact ones, CPU seconds
+A drop of diameter D = 1, density and tension 1, the Laplace number rho sigma D / mu^2 that of the thicker fluid, in
+a periodic box of 1.6 D. Printed: parts at the end, capillary number of the largest speed at t = 1 (the largest from 0.9
+to 1.1) and at the end (the largest of the last twentieth), pressure jump and volume over the exact ones, CPU seconds
 without compilation.
 """
 
@@ -21,7 +21,8 @@ from isphcli.run.run import run_case
 
 # name: Laplace number, spacings across, density and viscosity outside over those of the drop, and what else
 SCENES = {
-    **{f"La {la:g}, {c:g} x": dict(laplace=la, capillary=c) for la in (12, 120, 300, 1250, 3000, 12000, 1e6) for c in (1, 4)},
+    **{f"La {la:g}, {c:g} x": dict(laplace=la, capillary=c)
+       for la in (12, 120, 300, 1250, 3000, 12000, 1e6) for c in (1, 4)},
     "12 across": dict(across=12, capillary=4), "24 across": dict(across=24, capillary=4),
     "32 across": dict(across=32, capillary=4), "square": dict(square=True, capillary=4),
     "jitter 10 %": dict(jitter=0.1, capillary=4),
@@ -59,16 +60,18 @@ def main(*names):
     for name in names or SCENES:
         asked = SCENES[name]
         with tempfile.TemporaryDirectory() as folder:
-            text = case_of(**asked)
-            summary = run_case(read_case(text.encode(), "drop.yaml", (*QUIET, f"output.directory={folder}")), quiet=True)
+            case = read_case(case_of(**asked).encode(), "drop.yaml", (*QUIET, f"output.directory={folder}"))
+            summary = run_case(case, quiet=True)
             rows = read_history(f"{folder}/history.csv")
         dim, end = asked.get("dim", 2), rows[-1]["time"]
         early = max(r["capillary_number"] for r in rows if 0.9 < r["time"] < 1.1)
         late = max(r["capillary_number"] for r in rows if r["time"] > 0.95 * end)
         found, cpu = summary["two_fluids"], summary["cpu_seconds"]
         exact = math.pi / 4 if dim == 2 else math.pi / 6
-        print(f"| {name} | {found['ganglia_drop']} | {early:.1e} | {late:.1e} | {found['pressure_jump'] / (2 * (dim - 1)):.4f} "
-              f"| {found['volume_drop'] / exact:.4f} | {cpu['total'] - cpu.get('compile', 0.0):.0f} |", flush=True)
+        jump = found["pressure_jump"] / (2 * (dim - 1))
+        volume, seconds = found["volume_drop"] / exact, cpu["total"] - cpu.get("compile", 0.0)
+        print(f"| {name} | {found['ganglia_drop']} | {early:.1e} | {late:.1e} | {jump:.4f} | {volume:.4f} | "
+              f"{seconds:.0f} |", flush=True)
 
 
 if __name__ == "__main__":

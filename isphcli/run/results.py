@@ -152,6 +152,7 @@ def series_of(case: Case, directory: Path, resume_time: float | None = None) -> 
 
 
 def grids_of(case: Case, directory: Path, resume_time: float | None = None) -> Series | None:
+    """The series of snapshots on a grid of a case, or None."""
     return Series(directory, "grid", resume_time) if case.output.grid is not None else None
 
 

@@ -93,7 +93,8 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
 
         with clock("geometry"):
             phi = first_interface(case, geometry, particles, stepper)
-            if stepper.seam is None:
+            # beside walls volumes of particles depend on how the dummies lie: fluid that comes into a pore is no more
+            if stepper.seam is None and not geometry.has_solid:
                 fluids.share = share_at_start(stepper, x, phi)
     elif stepper.seam is not None:  # fluids that differ in name only
         phi = np.where(particles.phase == 0, spacing, -spacing)

@@ -4,7 +4,8 @@ Eqs 18-22 turn the normals of the fluid near a wall towards the contact angle; a
 settles at 84. Here the fit of `quadratic_fit` takes the angle in, as a boundary condition: with theta measured
 through the first fluid and p the normal of the wall, into the fluid,
 
-    p . grad phi = -cos(theta)     at the wall points above the dummies, near the line where phi = 0 meets the wall.
+    p . grad phi = -cos(theta) |grad phi|     at the wall points above the dummies, near the line where phi = 0 meets
+                                              the wall, |grad phi| that of the fit without them.
 
 Normals and curvature beside the wall, and the smoothing of phi, follow from the fit: no normal is turned by hand.
 """
@@ -74,7 +75,7 @@ class ContactAngle:
         self.angle, self.dummies, self.spacing = math.radians(angle), dummies, spacing
 
     def _slope_of(self, dummy: np.ndarray) -> np.ndarray:
-        """p . grad phi at the wall points above dummies (m,)."""
+        """p . n at the wall points above dummies (m,)."""
         slope = np.full(len(dummy), -math.cos(self.angle))
         if self.dummies.neutral is not None:
             slope[self.dummies.neutral[dummy]] = 0.0
@@ -93,11 +94,12 @@ class ContactAngle:
         particle = np.repeat(np.arange(len(phi)), np.diff(start))
         offset = neighbours.x[at] + self.dummies.depth[dummy][:, None] * normal - neighbours.x[particle]
         count = len(self.dummies.x)
-        distance = _at_wall_points(particle, offset, dummy, count, free.value, free.slope, neighbours)
+        distance, steepness = _at_wall_points(particle, offset, dummy, count, free, neighbours)
         part = np.maximum(1.0 - (distance / (NEAR_LINE * self.spacing)) ** 2, 0.0) ** 2
         touched = np.zeros(len(phi), np.bool_)
         touched[particle[part[dummy] > 0.0]] = True
-        slopes = SlopesAtWalls(start, offset, normal, self._slope_of(dummy), WEIGHT * part[dummy])
+        # in place of eqs 18-22
+        slopes = SlopesAtWalls(start, offset, normal, steepness[dummy] * self._slope_of(dummy), WEIGHT * part[dummy])
         bound = quadratic_fit(ops.neighbours, phi, known, touched, slopes)
         return QuadraticFit(*(np.where(touched if old.ndim == 1 else touched[:, None], new, old)
                               for old, new in zip(free, bound)))
@@ -135,19 +137,22 @@ def _seen(neighbours, mark, shallow, n):
 
 
 @njit(cache=True, error_model="numpy")
-def _at_wall_points(particle, offset, dummy, count, value, slope, neighbours):
-    """phi (count,), m, at the wall point above each dummy: kernel average of what the particles that see it make of
-    theirs; infinite where none does."""
+def _at_wall_points(particle, offset, dummy, count, fit, neighbours):
+    """phi (count,), m, and |grad phi| at the wall point above each dummy: kernel averages of what the particles that
+    see it make of theirs; infinite and zero where none does."""
     dim = offset.shape[1]
-    total, out = np.zeros(count), np.zeros(count)
+    total, out, steepness = np.zeros(count), np.zeros(count), np.zeros(count)
     for p in range(len(particle)):
-        i, r2, there = particle[p], 0.0, value[particle[p]]
+        i, r2, square, there = particle[p], 0.0, 0.0, fit.value[particle[p]]
         for k in range(dim):
             r2 += offset[p, k] ** 2
-            there += slope[i, k] * offset[p, k]
+            square += fit.slope[i, k] ** 2
+            there += fit.slope[i, k] * offset[p, k]
         w = shape(neighbours.kind, math.sqrt(r2) / neighbours.support)
         total[dummy[p]] += w
         out[dummy[p]] += w * there
+        steepness[dummy[p]] += w * math.sqrt(square)
     for d in range(count):
         out[d] = out[d] / total[d] if total[d] > 0.0 else np.inf
-    return out
+        steepness[d] = steepness[d] / total[d] if total[d] > 0.0 else 0.0
+    return out, steepness

@@ -11,8 +11,8 @@ Colours alone cannot hold an interface: roughness of two or three spacings costs
 curvature sees it, and drops came apart. A field need not have any. In each step a part of what the quadratic function
 does not fit is taken out of phi, and |grad phi| is brought towards one; an interface that is smooth over a support is
 moved by neither (errors of fourth order). What that changes of the volume of the first fluid is given back along the
-interface, to each connected piece its own: bubbles do not feed each other. What the errors of the motion itself change
-over many steps is made up for at the same rate, along all of the interface.
+interface, to each connected piece its own: bubbles do not feed each other. Without walls, what the errors of the
+motion change over many steps is made up for at the same rate, along all of the interface.
 """
 
 from __future__ import annotations
@@ -112,7 +112,8 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     sharpest = (ops.dim - 1) / spacing
     curvature = averages(seen, weight * ops.volume, np.clip(fit.curvature, -sharpest, sharpest), SMOOTHINGS)
     # over a layer of this thickness round a drop the mean of a fraction has that of the curvature beside it
-    bent = 0.5 * SPREAD * (THICKNESS * spacing) ** 2 * curvature * strength
+    resolved = np.clip(curvature, -0.5 * sharpest, 0.5 * sharpest)
+    bent = 0.5 * SPREAD * (THICKNESS * spacing) ** 2 * resolved * strength
     return Interface(phi, fit, reach, spacing, volume_fraction(phi, spacing) - bent, strength, normal, curvature)
 
 

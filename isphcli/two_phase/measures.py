@@ -97,12 +97,11 @@ class Measures:
         sample = reduce.total(volume[inside])
         for name, mask, part, k in zip(self.names, masks, parts, (0, 1)):
             u, there = state.u[mask], part > 0.0
-            velocity = reduce.dot(part, state.u) / reduce.total(part)
             row[f"volume_{name}"] = float(reduce.total(part))
             row[f"saturation_{name}"] = float(reduce.total(part[inside]) / sample)
             self.centres[k] = centre = self._centre(state.x[there], part[there], self.centres[k])
             row |= {f"centre_{a}_{name}": c for a, c in zip("xyz", centre)}
-            row |= {f"velocity_{a}_{name}": float(v) for a, v in zip("xyz", velocity)}
+            row |= {f"velocity_{a}_{name}": float(v) for a, v in zip("xyz", reduce.mean(u))}
             square = reduce.total((u * u).ravel())
             row[f"kinetic_energy_{name}"] = float(0.5 * self.density[k] * self.site_volume * square)
         return row

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..domain import reduce
 from ..geometry.protocol import Geometry
 
 if TYPE_CHECKING:
@@ -35,8 +36,8 @@ class Profiles:
         along = (state.x[:, self.axis] - lower) / length
         slices, p = np.clip((along * count).astype(int), 0, count - 1), self.pressure(state)
         masks = [np.ones(len(p), np.bool_), *(phase == k for k in (0, 1))]
-        numbers = [np.bincount(slices[mask], minlength=count) for mask in masks]
-        sums = [np.bincount(slices[mask], p[mask], count) for mask in masks]
+        numbers = [reduce.total_by(slices[mask], labels=count) for mask in masks]
+        sums = [reduce.total_by(slices[mask], p[mask], count) for mask in masks]
         for k in range(count):
             row: dict[str, Any] = {"step": state.step, "time": state.time, name: lower + (k + 0.5) * length / count}
             for fluid, number in zip(self.names, numbers[1:]):

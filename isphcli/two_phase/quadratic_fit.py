@@ -1,11 +1,10 @@
 """A quadratic function fitted to a field of the particles by least squares over the support, with slopes at walls.
 
-    phi(x) ~ a + g . d + d . H d / 2,     d = x - x_i,     weight (1 - d^2 / support^2)^2 of each neighbour and itself;
+    phi(x) ~ a + g . d + d . H d / 2,     d = x - x_i,     weight W(d) of each neighbour and of the particle itself;
 
 a wall point asks in the same sum for its slope along the normal p of the wall: support (p . (g + H d) - slope) with the
 weight of a neighbour there. Third derivatives are what the value a differs from phi by, so that a smooth field is kept
-to fourth order in the support, and roughness shorter than the support is not. The kernel itself is no weight for this:
-it is so steep that in 3D, with ten coefficients, the fit nearly goes through every value.
+to fourth order in the support, and roughness shorter than the support is not.
 """
 
 from __future__ import annotations
@@ -15,6 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit, prange
+
+from ..operators.kernel import shape
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
@@ -64,7 +65,7 @@ def quadratic_fit(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray,
 @njit(cache=True, parallel=True, error_model="numpy")
 def _fit(neighbours, phi, known, wanted, walls):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
-    support = neighbours.support
+    kind, support = neighbours.kind, neighbours.support
     wall_start, offset, normal, wall_slope, wall_weight = walls
     n, dim = len(start) - 1, x.shape[1]
     size = 1 + dim + dim * (dim + 1) // 2
@@ -73,7 +74,8 @@ def _fit(neighbours, phi, known, wanted, walls):
         if not wanted[i]:
             continue
         moments, right, basis = np.zeros((size, size)), np.zeros(size), np.empty(size)
-        moments[0, 0] = 1.0
+        own = shape(kind, 0.0)
+        moments[0, 0] = own
         for p in range(start[i], start[i + 1]):
             if known[column[p]]:
                 r2 = 0.0
@@ -82,15 +84,15 @@ def _fit(neighbours, phi, known, wanted, walls):
                     r2 += basis[1 + k] ** 2
                 basis[0] = 1.0
                 _products(basis, dim)
-                _add(moments, right, basis, max(1.0 - r2, 0.0) ** 2, phi[column[p]] - phi[i])
+                _add(moments, right, basis, shape(kind, math.sqrt(r2)), phi[column[p]] - phi[i])
         for p in range(wall_start[i], wall_start[i + 1]):
             r2 = 0.0
             for k in range(dim):
                 r2 += (offset[p, k] / support) ** 2
             _slopes(basis, offset[p], normal[p], support)
-            _add(moments, right, basis, wall_weight[p] * max(1.0 - r2, 0.0) ** 2, support * wall_slope[p])
+            _add(moments, right, basis, wall_weight[p] * shape(kind, math.sqrt(r2)), support * wall_slope[p])
         for a in range(1, size):
-            moments[a, a] += RIDGE if a > dim else RIDGE_FIRST
+            moments[a, a] += own * (RIDGE if a > dim else RIDGE_FIRST)
         _solve(moments, right)
         value[i] = phi[i] + right[0]
         for k in range(dim):
@@ -176,5 +178,6 @@ def _curvature(c, dim, support, value):
         gauss = (gx * gx * (yy * zz - yz * yz) + gy * gy * (xx * zz - xz * xz) + gz * gz * (xx * yy - xy * xy)
                  + 2.0 * (gx * gy * (xz * yz - xy * zz) + gx * gz * (xy * yz - xz * yy)
                           + gy * gz * (xy * xz - yz * xx))) / (square * square) * scale * scale
+    # in place of eq. 23: at the interface, not at the particle
     distance = value / (size * scale)
     return (kappa + 2.0 * distance * gauss) / max(1.0 + distance * (kappa + distance * gauss), FLATTEST)

@@ -30,7 +30,6 @@ from .interface_rules import FIRST_PASSES, interface_rules
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
-    from ..flow.state import Configuration
     from ..operators.pair_weights import Operators
     from ..operators.wall_operators import WallChange
     from .contact_angle import ContactAngle
@@ -56,7 +55,7 @@ class TwoFluids:
     SurfaceTension or None; contact: contact_angle.ContactAngle or None; line: contact_angle.SlipAtLine or None."""
 
     first_passes = FIRST_PASSES
-    share: float | None = None  # of the first fluid in the volume of all particles, which is kept; None: fluid comes in
+    share: float | None = None  # of the first fluid in the volume of all particles, where it is kept: without walls
 
     def __init__(self, density: Sequence[float] | np.ndarray, viscosity: Sequence[float] | np.ndarray,
                  forces: TwoFluidForces, spacing: float, tension: SurfaceTension | None = None,
@@ -90,14 +89,14 @@ class TwoFluids:
         other.body, other.push, other.force = body, push, body + push
         return other
 
-    def carried(self, config: Configuration, dr: np.ndarray | None, dt: float, speed: float) -> np.ndarray:
+    def carried(self, ops: Operators, terms: Terms, dr: np.ndarray | None, dt: float, speed: float) -> np.ndarray:
         """phi (n,) after a step; see `Fluids.carried`."""
         ways = speed * dt / self.spacing
         if self.tension is not None:
             ways += dt * math.sqrt(self.tension.tension / (self.density.mean() * self.spacing**3))
-        interface = config.terms.interface
+        interface = terms.interface
         assert isinstance(interface, Interface)
-        return carried(interface, config.ops, dr, min(RATE * ways, MOST), self.share)
+        return carried(interface, ops, dr, min(RATE * ways, MOST), self.share)
 
     def relabelled(self, p: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
         """p (n,) m2/s2; see `Fluids.relabelled`."""
