@@ -102,10 +102,10 @@ class Fluids(Protocol):
     def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:
         """Terms of one configuration. neighbours: all of them, dummies included; phi: (n,) of `State`."""
 
-    def carried(self, ops: Operators, terms: Terms, dr: np.ndarray | None, dt: float,
+    def carried(self, ops: Operators, terms: Terms, u: np.ndarray, dr: np.ndarray | None, dt: float,
                 speed: float) -> np.ndarray | None:
         """`State.phi` after a step of dt, s, from a configuration with these operators and terms; None of one fluid.
-        dr: (n, dim) shifts, m, or None; speed: largest one, m/s."""
+        u: (n, dim) m/s; dr: (n, dim) shifts, m, or None; speed: largest one, m/s."""
 
     def relabelled(self, p: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
         """The pressure p (n,) with the jump of those particles that have come into the other fluid."""
@@ -209,7 +209,8 @@ class OneFluid:
         return Terms(ops, viscous, balanced_force(ops, self.force), bulk=self.viscosity, along=along,
                      excess=laplacian_excess(ops))
 
-    def carried(self, ops: Operators, terms: Terms, dr: np.ndarray | None, dt: float, speed: float) -> None:
+    def carried(self, ops: Operators, terms: Terms, u: np.ndarray, dr: np.ndarray | None, dt: float,
+                speed: float) -> None:
         """Nothing: there is no interface."""
 
     def relabelled(self, p: np.ndarray, before: Terms, now: Terms) -> np.ndarray:

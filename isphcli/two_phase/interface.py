@@ -42,6 +42,7 @@ SPREAD = 1.0 / 3.0 - 2.0 / math.pi**2  # variance of the slope of the volume fra
 RATE = 0.1  # part of the roughness that is taken out in the capillary time of a spacing, or on the way of one
 MOST = 0.5  # part that is taken out in one step, however long it is
 SLOWER = 0.1  # part of that part by which |grad phi| comes nearer to one
+LARGEST_STRETCH = 0.2  # of a step, relative: it would be wrong at the walls of an impulsive start
 ITERATIONS = 4  # of Newton's method for the volumes; the second is of round-off already
 
 
@@ -67,6 +68,14 @@ class Interface:
     def colour(self) -> np.ndarray:
         """(n,) 1 of particles of the first fluid, else 0 (eq. 15, the same for all particles)."""
         return (self.phi > 0.0).astype(float)
+
+    def strain(self, gradient: np.ndarray) -> np.ndarray:
+        """n . grad u . n (n,), 1/s, at which a flow of velocity gradient (n, dim, dim) parts the levels of phi; n that
+        of the slope of phi, zero where it is not known."""
+        g = self.fit.slope
+        size = np.einsum("ij,ij->i", g, g)
+        along = np.einsum("ni,nij,nj->n", g, gradient, g)
+        return np.divide(along, size, out=np.zeros_like(size), where=size > 0.0)
 
     @property
     def phase(self) -> np.ndarray:
@@ -118,11 +127,13 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
 
 
 def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: float,
-            share: float | None = None) -> np.ndarray:
+            share: float | None = None, stretch: np.ndarray | float = 0.0, moved: float = 0.0) -> np.ndarray:
     """phi (n,) of the particles after a step: smoother by a part of its roughness, |grad phi| nearer to one, with the
     volumes that the fluids had before, and shifted by dr (n, dim), m, or None.
 
-    ops: Operators before the step; share: of the first fluid in the volume of all particles, to be kept, or None.
+    ops: Operators before the step; share: of the first fluid in the volume of all particles, to be kept, or None;
+    stretch: (n,) or 0, by which the flow parts the levels of phi in the step, relative: they are numbered anew; moved:
+    part of what |grad phi| differs from one that is made up for because particles have moved.
     """
     phi, fit, reach = interface.phi, interface.fit, interface.reach
     known = np.abs(phi) < reach
@@ -131,8 +142,10 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     # the slope is brought to one as an explicit step of an advection away from the interface would do it: it has to be
     # slower than the smoothing that keeps it stable
     stretched = averages(ops.neighbours, np.where(known, ops.volume, 0.0), np.clip(size, 0.0, 2.0), SMOOTHINGS) - 1.0
-    change = np.clip(fit.value - phi, -spacing, spacing) - SLOWER * phi * stretched
-    new = np.where(known, phi + part * change, phi)
+    change = np.clip(fit.value - phi, -spacing, spacing)
+    slower = SLOWER * part + moved
+    factor = 1.0 + np.clip(stretch, -LARGEST_STRETCH, LARGEST_STRETCH) - slower * stretched
+    new = np.where(known, factor * phi + part * change, phi)
     # particles that the interface comes near to, by less than a spacing a step, know their distance from those that do
     beyond, value = _extended(ops.neighbours, phi, fit.slope, known)
     there = np.sign(phi) * np.clip(np.sign(phi) * value, reach - spacing, reach)

@@ -24,6 +24,7 @@ import numpy as np
 from numba import njit, prange
 
 from ..flow.one_fluid import Terms, ViscousWeights, balanced_force
+from ..operators.apply import gradient_one_sided
 from ..operators.protocol import WallSums
 from .interface import MOST, RATE, Interface, carried, crossings, find_interface, near_interface
 from .interface_rules import FIRST_PASSES, interface_rules
@@ -89,14 +90,17 @@ class TwoFluids:
         other.body, other.push, other.force = body, push, body + push
         return other
 
-    def carried(self, ops: Operators, terms: Terms, dr: np.ndarray | None, dt: float, speed: float) -> np.ndarray:
+    def carried(self, ops: Operators, terms: Terms, u: np.ndarray, dr: np.ndarray | None, dt: float,
+                speed: float) -> np.ndarray:
         """phi (n,) after a step; see `Fluids.carried`."""
-        ways = speed * dt / self.spacing
+        moved = speed * dt / self.spacing
+        ways = moved
         if self.tension is not None:
             ways += dt * math.sqrt(self.tension.tension / (self.density.mean() * self.spacing**3))
         interface = terms.interface
         assert isinstance(interface, Interface)
-        return carried(interface, ops, dr, min(RATE * ways, MOST), self.share)
+        stretch = dt * interface.strain(gradient_one_sided(ops, u))
+        return carried(interface, ops, dr, min(RATE * ways, MOST), self.share, stretch, min(RATE * moved, MOST))
 
     def relabelled(self, p: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
         """p (n,) m2/s2; see `Fluids.relabelled`."""
