@@ -72,7 +72,8 @@ time: {end: 1}
 @pytest.mark.slow
 def test_a_drop_at_rest_comes_to_rest():
     """Laplace number 3000, 16 across, four capillary steps: drops of labels alone came apart at t = 7 with a capillary
-    number of 1e-3. To t = 8 sqrt(rho D^3 / sigma): 2e-5 at most, the energy no larger than half as much again as at t = 1."""
+    number of 1e-3. To t = 8 sqrt(rho D^3 / sigma) it is 2e-5 at most, and the energy at most half as much again as
+    at t = 1."""
     text = drop(radius=0.5, dx=1 / 16, mu=0.018257, time="{end: 8, capillary: 4}")
     text = text.replace("box: [1, 1]", "box: [1.625, 1.625]")
     text = text.replace("[0.5, 0.5]", "[0.8125, 0.8125]").replace("viscosity: 0.05", "viscosity: 0.018257")
