@@ -23,10 +23,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit, prange
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 
 from ..domain import reduce
+from ..domain.components import pair_components
 from ..flow.state import phase_of
 from ..operators.kernel import shape
 from .quadratic_fit import QuadraticFit, no_slopes, quadratic_fit
@@ -196,8 +195,8 @@ def _pieces(neighbours: Neighbourhood, band: np.ndarray) -> tuple[int, np.ndarra
     pairs = np.repeat(start[band] - np.cumsum(count) + count, count) + np.arange(count.sum())
     owner, other = np.repeat(np.arange(len(band)), count), number[column[pairs]]
     inside = other >= 0
-    graph = csr_matrix((np.ones(inside.sum(), np.int8), (owner[inside], other[inside])), shape=(len(band),) * 2)
-    return connected_components(graph, directed=False)
+    rows = np.concatenate([[0], np.cumsum(reduce.total_by(owner[inside], labels=len(band)))])
+    return pair_components(rows, other[inside])
 
 
 @njit(cache=True, parallel=True)

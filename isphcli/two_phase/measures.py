@@ -11,17 +11,17 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..domain import reduce
+from ..domain.components import pair_components
 from ..flow.state import phase_of
 from ..geometry.protocol import Geometry, sample_box
 
 if TYPE_CHECKING:
     from ..flow.one_fluid import FluidInterface, Tension
     from ..flow.state import Configuration, State
+    from ..operators.pair_weights import Operators
 
 Centre = list[float | None]  # (dim,) m, None along a periodic axis that a fluid lies all round
 
@@ -171,17 +171,9 @@ class Measures:
 
     def ganglia(self, config: Configuration, k: int) -> int:
         """Number of the separate parts of fluid k."""
-        start, column = config.ops.start, config.ops.column
-        x, owner = config.ops.neighbours.x, np.repeat(np.arange(len(start) - 1), np.diff(start))
-        phase = self.phase_at(config)
-        like = (phase[owner] == k) & (phase[column] == k)
-        owner, column, row = owner[like], column[like], config.ops.neighbours.row[like]
-        offset = x[row] - x[owner]
-        near = (offset * offset).sum(axis=1) < (LINKED * self.distance) ** 2
-        number = np.cumsum(phase == k) - 1
-        n = int((phase == k).sum())
-        links = csr_matrix((np.ones(near.sum(), np.int8), (number[owner[near]], number[column[near]])), shape=(n, n))
-        return int(connected_components(links, directed=False)[0])
+        mine = self.phase_at(config) == k
+        parts, _ = pair_components(config.ops.start, config.ops.column, linked(config.ops, mine, self.distance))
+        return parts - reduce.count(~mine)  # each particle of the other fluid is a part of its own
 
     def contact_angle(self, config: Configuration) -> float | None:
         """Degrees through the first fluid between a flat wall and the circle or sphere through the interface near it;
@@ -270,6 +262,16 @@ class Measures:
         inner = np.linalg.norm(x[near] - centre, axis=1) < radius
         first = phase[near] == 0
         return reduce.count(inner == first) > reduce.count(inner != first)
+
+
+def linked(ops: Operators, mine: np.ndarray, distance: float) -> np.ndarray:
+    """(n_pairs,) bool, pairs of the particles `mine` (n,) within LINKED times their mean distance, m, of each other."""
+    owner = np.repeat(np.arange(ops.n), np.diff(ops.start))
+    pairs = np.flatnonzero(mine[owner] & mine[ops.column])
+    offset = ops.neighbours.x[ops.neighbours.row[pairs]] - ops.neighbours.x[owner[pairs]]
+    found = np.zeros(len(owner), np.bool_)
+    found[pairs] = (offset * offset).sum(axis=1) < (LINKED * distance) ** 2
+    return found
 
 
 def _interface(config: Configuration) -> FluidInterface:

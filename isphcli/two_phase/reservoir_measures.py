@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 
 from ..domain import reduce
+from ..domain.components import pair_components
 from ..flow.state import phase_of
 from ..geometry.protocol import Geometry, sample_box
-from .measures import LINKED, SELDOM
+from .measures import SELDOM, linked
 
 if TYPE_CHECKING:
     from ..flow.state import Configuration, State
@@ -62,25 +61,20 @@ class ReservoirMeasures:
     def joined(self, state: State, config: Configuration, k: int) -> np.ndarray:
         """Which particles (n,) are of fluid k and joined to a reservoir of it: by particles of it within LINKED mean
         distances of each other, but not over the seam."""
-        start, column, row = config.ops.start, config.ops.column, config.ops.neighbours.row
-        x, phase = config.ops.neighbours.x, _phase(state)
-        owner = np.repeat(np.arange(len(start) - 1), np.diff(start))
-        offset = x[row] - x[owner]
-        reach = LINKED * self.site_volume ** (1.0 / self.geometry.dim)
-        over = x[row, self.axis] != x[column, self.axis]
-        like = (phase[owner] == k) & (phase[column] == k) & ~over & ((offset * offset).sum(axis=1) < reach * reach)
-        n = len(phase)
-        links = csr_matrix((np.ones(like.sum(), np.int8), (owner[like], column[like])), shape=(n, n))
-        part = connected_components(links, directed=False)[1]
+        ops, mine = config.ops, _phase(state) == k
+        x, column = ops.neighbours.x, ops.column
+        over = x[ops.neighbours.row, self.axis] != x[column, self.axis]
+        joined = linked(ops, mine, self.site_volume ** (1.0 / self.geometry.dim)) & ~over
+        part = pair_components(ops.start, column, joined)[1]
         lower, upper = (corner[self.axis] for corner in sample_box(self.geometry))
-        along, home = state.x[:, self.axis], np.zeros(n, np.bool_)
+        along, home = state.x[:, self.axis], np.zeros(len(mine), np.bool_)
         if self.ends[0] == k:
             home |= along < lower
         if self.ends[1] == k:
             home |= along > upper
-        free = np.zeros(n, np.bool_)
-        free[part[home & (phase == k)]] = True
-        return (phase == k) & free[part]
+        free = np.zeros(len(mine), np.bool_)
+        free[part[home & mine]] = True
+        return mine & free[part]
 
     def _inside(self, state: State) -> np.ndarray:
         """Which particles (n,) are in the sample."""
