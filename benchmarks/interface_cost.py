@@ -14,14 +14,13 @@ from measuring import QUIET, Timed  # sets the number of threads before numba is
 
 from isphcli.case.load import load_case
 from isphcli.run.run import run_case
-from isphcli.two_phase import contact_angle, interface, surface_tension, two_fluids
+from isphcli.two_phase import surface_tension, two_fluids
 
 TIMED = (
-    (two_fluids, ("carried", "crossings", "_weights", "_thickened", "_transposed_stress_tensors", "near_interface")),
+    (two_fluids, ("find_interface", "carried", "crossings", "_weights", "_thickened", "_transposed_stress_tensors",
+                  "near_interface")),
     (two_fluids.TransposedStress, ("add",)),
-    (interface, ("quadratic_fit", "averages")),
     (surface_tension, ("_jump",)),
-    (contact_angle, ("quadratic_fit",)),
 )
 
 

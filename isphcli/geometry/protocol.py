@@ -61,6 +61,12 @@ class Geometry(Protocol):
         ...
 
 
+def inside_sample(geometry: Geometry, x: np.ndarray) -> np.ndarray:
+    """(n,) bool: which points (n, dim) are within the rock itself, of an image without its clear layers."""
+    lower, upper = sample_box(geometry)
+    return np.all((x >= lower) & (x <= upper), axis=1)
+
+
 def sample_voxels(geometry: Geometry) -> tuple[slice, ...]:
     """Part of the labels [z, y, x] or [y, x] of an image without its clear layers."""
     assert geometry.voxel_size is not None

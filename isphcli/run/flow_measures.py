@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry.protocol import sample_box
+from ..geometry.protocol import inside_sample, sample_box
 from ..geometry.wall_normals import wall_normals
 
 if TYPE_CHECKING:
@@ -16,12 +16,6 @@ SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)  # of the fluid, slowest first, whose spe
 # Wall distances over the spacing of the particles whose shear is that of the wall: one layer, so that all parts of a
 # wall count alike, and none so near that the error of its speed is divided by a small distance
 LAYER = (0.3, 1.3)
-
-
-def inside_sample(geometry: Geometry, x: np.ndarray) -> np.ndarray:
-    """(n,) bool: within the rock itself, of an image without its clear layers."""
-    lower, upper = sample_box(geometry)
-    return np.all((x >= lower) & (x <= upper), axis=1)
 
 
 def tortuosity(velocity: np.ndarray, axis: int) -> float | None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry.protocol import Geometry, sample_box
+from ..geometry.protocol import Geometry, inside_sample, sample_box
 from ..references.ducts import duct_permeability
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def mean_velocities(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, sit
     velocity is taken over: the flux over the volume of the fluid. Without it: over the particles.
     """
     lower, upper = sample_box(geometry)
-    inside = np.all((x >= lower) & (x <= upper), axis=1)
+    inside = inside_sample(geometry, x)
     total = velocity[inside].sum(axis=0)
     return total * (site_volume / np.prod(upper - lower)), total / (cells or max(int(inside.sum()), 1))
 

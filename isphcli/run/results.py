@@ -14,12 +14,12 @@ from .. import COMPLETE
 from ..case.blocks import Case
 from ..case.forcing import body_force, changes, drive_steps, held_axis
 from ..case.load import dump_case
-from ..geometry.protocol import Geometry, sample_box, sample_voxels
+from ..geometry.protocol import Geometry, inside_sample, sample_box, sample_voxels
 from ..output import restart
 from ..output.clock import Clock
 from ..output.files import SNAPSHOTS, Series, write_summary, write_text
 from ..output.machine import peak_memory, versions
-from .flow_measures import inside_sample, speed_distribution
+from .flow_measures import speed_distribution
 
 if TYPE_CHECKING:
     from ..domain.lattice import Particles
@@ -164,11 +164,7 @@ def write_grid(series: Series | None, case: Case, geometry: Geometry, particles:
         return
     from ..output.grid import make_grid, write_vti
 
-    cell: float | np.ndarray | None = None
-    if not isinstance(case.output.grid, str):
-        cell = case.output.grid
-    elif geometry.voxel_size is not None:
-        cell = geometry.voxel_size
+    cell = geometry.voxel_size if isinstance(case.output.grid, str) else case.output.grid
     x, velocity, pressure = flow
     step, time = moment
     fields = {"velocity": velocity, "pressure": pressure, "phase": particles.phase}

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..case.forcing import drives, opens, why_closed
 from ..case.yaml import CaseError, Problem
+from ..geometry.protocol import inside_sample
 from ..output import folder, progress
 from ..output.files import History
 from ..references.result import Result
@@ -21,7 +22,7 @@ from ..scene.place import lattice_at
 from ..solvers.krylov import SolveError
 from . import steady
 from .expected_error import expected, scan_of, wall_of
-from .flow_measures import inside_sample, speed_distribution, tortuosity
+from .flow_measures import speed_distribution, tortuosity
 from .permeability import EDGE, extrapolate
 from .refinement import Solved, further_spacings
 from .results import (

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..domain.halo import wrap
 from ..domain.lattice import Lattice, ParticleError, Particles, make_lattice
-from ..geometry.protocol import Geometry, sample_box
+from ..geometry.protocol import Geometry, inside_sample, sample_box
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -54,7 +54,7 @@ def flooded(particles: Particles, geometry: Geometry, fluid: int, face: str, sat
     x = particles.x[: particles.n_fluid]
     lower, upper = sample_box(geometry)
     depth = side * x[:, axis]
-    inside = np.sort(depth[np.all((x >= lower) & (x <= upper), axis=1)])
+    inside = np.sort(depth[inside_sample(geometry, x)])
     if not len(inside):
         raise ParticleError("no fluid particle in the sample: there is nothing to flood; "
                             f"check {what_is_solid(geometry)}, or take a smaller particles.spacing")

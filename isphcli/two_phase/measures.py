@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from ..domain import reduce
 from ..domain.components import pair_components
 from ..flow.state import phase_of
-from ..geometry.protocol import Geometry, sample_box
+from ..geometry.protocol import Geometry, inside_sample
 
 if TYPE_CHECKING:
     from ..flow.one_fluid import FluidInterface, Tension
@@ -58,7 +58,6 @@ class Measures:
         self.site_volume, self.amplitude = site_volume, amplitude
         self.distance = site_volume ** (1.0 / geometry.dim)
         self.centres: list[Centre | None] = [None, None]
-        self.lower, self.upper = sample_box(geometry)
 
     def __call__(self, state: State, config: Configuration, everything: bool = False) -> dict[str, Any]:
         """Entries of a row of the history; what takes longer (ganglia, contact angle) only every `SELDOM` steps, unless
@@ -93,7 +92,7 @@ class Measures:
         masks = [phase == k for k in (0, 1)]
         first = masks[0].astype(float) if interface is None else interface.fraction
         parts = [volume * first, volume * (1.0 - first)]
-        inside = np.all((state.x >= self.lower) & (state.x <= self.upper), axis=1)
+        inside = inside_sample(self.geometry, state.x)
         sample = reduce.total(volume[inside])
         for name, mask, part, k in zip(self.names, masks, parts, (0, 1)):
             u, there = state.u[mask], part > 0.0

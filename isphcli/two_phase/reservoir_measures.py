@@ -11,7 +11,7 @@ import numpy as np
 from ..domain import reduce
 from ..domain.components import pair_components
 from ..flow.state import phase_of
-from ..geometry.protocol import Geometry, sample_box
+from ..geometry.protocol import Geometry, inside_sample, sample_box
 from .measures import SELDOM, linked
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class ReservoirMeasures:
         for, and otherwise None."""
         if not (everything or state.step % SELDOM == 0):
             return dict.fromkeys(("capillary_pressure", *(f"trapped_{name}" for name in self.names)))
-        inside, phase = self._inside(state), _phase(state)
+        inside, phase = inside_sample(self.geometry, state.x), _phase(state)
         joined = [self.joined(state, config, k) for k in (0, 1)]
         held = [inside & mine for mine in joined]
         row: dict[str, Any] = {"capillary_pressure": self._capillary_pressure(state, held)}
@@ -46,7 +46,7 @@ class ReservoirMeasures:
 
     def saturation(self, state: State) -> float:
         """Of the fluid of the inlet, by particles in the sample."""
-        inside = self._inside(state)
+        inside = inside_sample(self.geometry, state.x)
         return reduce.count(inside & (_phase(state) == self.ends[0])) / max(reduce.count(inside), 1)
 
     def _capillary_pressure(self, state: State, joined: Sequence[np.ndarray]) -> float | None:
@@ -75,12 +75,6 @@ class ReservoirMeasures:
         free = np.zeros(len(mine), np.bool_)
         free[part[home & mine]] = True
         return mine & free[part]
-
-    def _inside(self, state: State) -> np.ndarray:
-        """Which particles (n,) are in the sample."""
-        lower, upper = (corner[self.axis] for corner in sample_box(self.geometry))
-        along = state.x[:, self.axis]
-        return (along >= lower) & (along <= upper)
 
 
 def _phase(state: State) -> np.ndarray:

@@ -79,7 +79,6 @@ ALLOWED = {
     ("two_phase.interface_rules", "np.mean(viscosity)"): FLUIDS,
     ("two_phase.interface_rules", "density.min()"): FLUIDS,
     ("two_phase.interface_rules", "(viscosity / density).min()"): FLUIDS,
-    ("two_phase.measures", "np.all((state.x >= self.lower) & (state.x <= self.upper), axis=1)"): OWN,
     ("two_phase.measures", "(state.u * state.u).sum(axis=1)"): OWN,
     ("two_phase.measures", "(offset * offset).sum(axis=1)"): OWN,
     ("two_phase.measures", "((b - a) ** 2).sum(axis=1)"): OWN,
