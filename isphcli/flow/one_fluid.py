@@ -45,10 +45,6 @@ class FluidInterface(Protocol):
         """(n,) 1/m, positive round a drop of the first fluid."""
 
     @property
-    def normal(self) -> np.ndarray:
-        """(n, dim) into the first fluid, zero where the strength is."""
-
-    @property
     def strength(self) -> np.ndarray:
         """(n,) gradient of the volume fraction, 1/m."""
 

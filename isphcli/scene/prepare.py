@@ -92,10 +92,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         from .first_interface import first_interface
 
         with clock("geometry"):
-            phi = first_interface(case, geometry, particles, stepper)
-            # beside walls volumes of particles depend on how the dummies lie: fluid that comes into a pore is no more
-            if stepper.seam is None and not geometry.has_solid:
-                fluids.share = share_at_start(stepper, x, phi)
+            phi, fluids.share = first_interface(case, geometry, particles, stepper)
     elif stepper.seam is not None:  # fluids that differ in name only
         phi = np.where(particles.phase == 0, spacing, -spacing)
     state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=gradient, shifting_flux=None if held is None else 0.0,
@@ -105,15 +102,6 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
 
         state = replace(state, drive_step=begun(0, 0.0))
     return state, stepper, particles
-
-
-def share_at_start(stepper: Stepper, x: np.ndarray, phi: np.ndarray) -> float:
-    """Share of the first fluid in the volume of the particles x (n, dim)."""
-    from ..two_phase.interface import Interface, share_of
-
-    config = stepper.configure(x, 0.0, phi)
-    assert isinstance(config.terms.interface, Interface)
-    return share_of(config.terms.interface, config.ops)
 
 
 def seam(case: Case, geometry: Geometry) -> Seam | None:

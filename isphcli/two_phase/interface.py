@@ -49,32 +49,29 @@ ITERATIONS = 4  # of Newton's method for the volumes; the second is of round-off
 class Interface:
     """The interface of one configuration; lengths in m.
 
-    phi: (n,) signed distance, up to `reach` on either side; fit: QuadraticFit to it; reach, spacing: m; fraction: (n,)
-    volume fraction of the first fluid; strength: (n,) its gradient, 1/m; normal: (n, dim) into the first fluid, zero
-    where the strength is; curvature: (n,) 1/m, averaged along the interface.
+    phi: (n,) signed distance, up to `reach` on either side; fit: QuadraticFit to it; steepness: (n,) size of its slope;
+    reach, spacing: m; fraction: (n,) volume fraction of the first fluid; strength: (n,) its gradient, 1/m; curvature:
+    (n,) 1/m, averaged along the interface.
     """
 
     phi: np.ndarray
     fit: QuadraticFit
+    steepness: np.ndarray
     reach: float
     spacing: float
     fraction: np.ndarray
     strength: np.ndarray
-    normal: np.ndarray
     curvature: np.ndarray
+
+    @property
+    def normal(self) -> np.ndarray:
+        """(n, dim) into the first fluid, zero where phi is not known."""
+        return self.fit.slope / np.where(self.steepness > 0.0, self.steepness, 1.0)[:, None]
 
     @property
     def colour(self) -> np.ndarray:
         """(n,) 1 of particles of the first fluid, else 0 (eq. 15, the same for all particles)."""
         return (self.phi > 0.0).astype(float)
-
-    def strain(self, gradient: np.ndarray) -> np.ndarray:
-        """n . grad u . n (n,), 1/s, at which a flow of velocity gradient (n, dim, dim) parts the levels of phi; n that
-        of the slope of phi, zero where it is not known."""
-        g = self.fit.slope
-        size = np.einsum("ij,ij->i", g, g)
-        along = np.einsum("ni,nij,nj->n", g, gradient, g)
-        return np.divide(along, size, out=np.zeros_like(size), where=size > 0.0)
 
     @property
     def phase(self) -> np.ndarray:
@@ -111,9 +108,8 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     fit = quadratic_fit(seen, phi, known, known, no_slopes(ops.n, ops.dim))
     if contact is not None:
         fit = contact.at_walls(ops, neighbours, phi, known, fit)
-    size = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
-    strength = fraction_slope(phi, spacing) * size
-    normal = np.where((strength > 0.0)[:, None], fit.slope / np.where(size > 0.0, size, 1.0)[:, None], 0.0)
+    steepness = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
+    strength = fraction_slope(phi, spacing) * steepness
     # the curvature does not change along the normals: any weight that ends within the support will do
     weight = np.where(known, np.maximum(1.0 - (phi / seen.support) ** 2, 0.0) ** 2, 0.0)
     # no drop is smaller than the spacing
@@ -122,7 +118,7 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     # over a layer of this thickness round a drop the mean of a fraction has that of the curvature beside it
     resolved = np.clip(curvature, -0.5 * sharpest, 0.5 * sharpest)
     bent = 0.5 * SPREAD * (THICKNESS * spacing) ** 2 * resolved * strength
-    return Interface(phi, fit, reach, spacing, volume_fraction(phi, spacing) - bent, strength, normal, curvature)
+    return Interface(phi, fit, steepness, reach, spacing, volume_fraction(phi, spacing) - bent, strength, curvature)
 
 
 def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: float,
@@ -134,13 +130,12 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     stretch: (n,) or 0, by which the flow parts the levels of phi in the step, relative: they are numbered anew; moved:
     part of what |grad phi| differs from one that is made up for because particles have moved.
     """
-    phi, fit, reach = interface.phi, interface.fit, interface.reach
+    phi, fit, reach, spacing = interface.phi, interface.fit, interface.reach, interface.spacing
     known = np.abs(phi) < reach
-    size = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
-    spacing = interface.spacing
     # the slope is brought to one as an explicit step of an advection away from the interface would do it: it has to be
     # slower than the smoothing that keeps it stable
-    stretched = averages(ops.neighbours, np.where(known, ops.volume, 0.0), np.clip(size, 0.0, 2.0), SMOOTHINGS) - 1.0
+    steepness = np.clip(interface.steepness, 0.0, 2.0)
+    stretched = averages(ops.neighbours, np.where(known, ops.volume, 0.0), steepness, SMOOTHINGS) - 1.0
     change = np.clip(fit.value - phi, -spacing, spacing)
     slower = SLOWER * part + moved
     factor = 1.0 + np.clip(stretch, -LARGEST_STRETCH, LARGEST_STRETCH) - slower * stretched
@@ -154,6 +149,11 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     if dr is not None:
         new += np.einsum("ij,ij->i", fit.slope, dr)  # eq. 9
     return new
+
+
+def strain(interface: Interface, ops: Operators, u: np.ndarray) -> np.ndarray:
+    """n . grad u . n (n,), 1/s, at which the velocity u (n, dim) parts the levels of phi; zero where n is not known."""
+    return _strain(ops.start, ops.column, ops.grad_p, interface.fit.slope, u)
 
 
 def share_of(interface: Interface, ops: Operators) -> float:
@@ -222,6 +222,26 @@ def crossings(start, column, phi):
             if (phi[j] > 0.0) != (phi[i] > 0.0):
                 t[p] = phi[i] / (phi[i] - phi[j])
     return t
+
+
+@njit(cache=True, parallel=True)
+def _strain(start, column, grad, slope, u):
+    n, dim = slope.shape
+    out = np.zeros(n)
+    for i in prange(n):
+        square = 0.0
+        for k in range(dim):
+            square += slope[i, k] ** 2
+        if square > 0.0:
+            total = 0.0
+            for p in range(start[i], start[i + 1]):
+                weight, apart = 0.0, 0.0
+                for k in range(dim):
+                    weight += grad[p, k] * slope[i, k]
+                    apart += (u[column[p], k] - u[i, k]) * slope[i, k]
+                total += weight * apart
+            out[i] = total / square
+    return out
 
 
 @njit(cache=True, parallel=True, error_model="numpy")

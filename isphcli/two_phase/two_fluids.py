@@ -24,9 +24,8 @@ import numpy as np
 from numba import njit, prange
 
 from ..flow.one_fluid import Terms, ViscousWeights, balanced_force
-from ..operators.apply import gradient_one_sided
 from ..operators.protocol import WallSums
-from .interface import MOST, RATE, Interface, carried, crossings, find_interface, near_interface
+from .interface import MOST, RATE, Interface, carried, crossings, find_interface, near_interface, strain
 from .interface_rules import FIRST_PASSES, interface_rules
 
 if TYPE_CHECKING:
@@ -99,7 +98,7 @@ class TwoFluids:
             ways += dt * math.sqrt(self.tension.tension / (self.density.mean() * self.spacing**3))
         interface = terms.interface
         assert isinstance(interface, Interface)
-        stretch = dt * interface.strain(gradient_one_sided(ops, u))
+        stretch = dt * strain(interface, ops, u)
         return carried(interface, ops, dr, min(RATE * ways, MOST), self.share, stretch, min(RATE * moved, MOST))
 
     def relabelled(self, p: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
@@ -118,11 +117,12 @@ class TwoFluids:
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
         rho = self.density[interface.phase] / reference
         mu = self.mu[interface.phase] / reference
-        near = near_interface(ops.start, ops.column, interface.colour)
         weighted, viscous, transposed_stress, smooth = ops, ViscousWeights(mu[0], ops.lap, ops.walls), None, None
         if heavy or thick:
             t = crossings(ops.start, ops.column, phi)
             weighted, viscous = self._weigh(ops, t, rho, mu, heavy)
+        if thick or self.added_viscosity > 0.0:
+            near = near_interface(ops.start, ops.column, interface.colour)
         if self.added_viscosity > 0.0:
             share = self.added_viscosity / reference / (viscous.factor * rho)
             viscous = replace(viscous, weight=_thickened(ops.start, ops.column, ops.lap, viscous.weight, near, share))

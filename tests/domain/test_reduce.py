@@ -71,8 +71,6 @@ ALLOWED = {
     ("two_phase.contact_angle", "sees[owner].all(axis=1)"): FLUIDS,
     ("two_phase.interface", "np.einsum('ij,ij->i', fit.slope, fit.slope)"): OWN,
     ("two_phase.interface", "np.einsum('ij,ij->i', fit.slope, dr)"): OWN,
-    ("two_phase.interface", "np.einsum('ij,ij->i', g, g)"): OWN,
-    ("two_phase.interface", "np.einsum('ni,nij,nj->n', g, gradient, g)"): OWN,
     ("two_phase.interface", "area.sum()"): "over the connected pieces of the interface, of which every process has all",
     ("two_phase.interface", "count.sum()"): GATHERED,
     ("two_phase.interface_rules", "np.mean(density)"): FLUIDS,
