@@ -130,3 +130,15 @@ def faces_that_differ(solid: np.ndarray, periodic: Sequence[bool]) -> tuple[str,
                 "out of geometry.periodic, or name it in geometry.mirror"
             )
     return tuple(said)
+
+
+def few_values(values: np.ndarray, most: int) -> tuple[list[int], list[int]]:
+    """The values of an image of integers or bools, in order, and their counts; where there are more than `most`, more
+    than so many of them. None of real numbers."""
+    found: dict[int, int] = {}
+    for layer in values:
+        if len(found) > most or values.dtype.kind == "f":
+            break
+        for value, count in zip(*np.unique(layer, return_counts=True)):
+            found[int(value)] = found.get(int(value), 0) + int(count)
+    return sorted(found), [found[value] for value in sorted(found)]

@@ -12,7 +12,7 @@ from ..case.blocks import Case
 from ..case.load import read_case
 from ..geometry.images.image import Image, VoxelError
 from ..geometry.images.voxel_size import COARSE, known_spacing
-from ..geometry.labels import _counts
+from ..geometry.labels import _counts, few_values
 from . import memory
 from .image_file import grey_image, layout_of
 
@@ -81,7 +81,7 @@ def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
 
 def _understood(path: Path, image: Image) -> tuple[str, str]:
     """What the values of an image are taken for: (entry of the case, sentence)."""
-    found, counts = _few(image.values)
+    found, counts = few_values(image.values, FEW)
     if len(found) > FEW or image.values.dtype.kind == "f":
         return ("grey: {threshold: otsu, solid: above}", "grey values, of which the bright ones are solid (Otsu's "
                 "threshold); the other way round: --set geometry.voxels.grey.solid=below")
@@ -93,14 +93,3 @@ def _understood(path: Path, image: Image) -> tuple[str, str]:
     return (f"labels: {{solid: {solid}, water: {pore}}}",
             f"voxels of value {solid} are solid ({100 * shares[solid] / image.values.size:.3g} %), those of {pore} "
             f"pore; the other way round: --set 'geometry.voxels.labels={{solid: {pore}, water: {solid}}}'")
-
-
-def _few(values: np.ndarray) -> tuple[list[int], list[int]]:
-    """The values of an image and their counts, or more than FEW of them where there are more."""
-    found: dict[int, int] = {}
-    for layer in values:
-        if len(found) > FEW or values.dtype.kind == "f":
-            break
-        for value, count in zip(*np.unique(layer, return_counts=True)):
-            found[int(value)] = found.get(int(value), 0) + int(count)
-    return sorted(found), [found[value] for value in sorted(found)]

@@ -33,6 +33,7 @@ def case_for_image(file: Path, folder: Path, voxel_size: float | Sequence[float]
     """
     from ..geometry.images.read import read_image
     from ..geometry.images.voxel_size import known_spacing
+    from ..geometry.labels import few_values
 
     image = read_image(file, grey=True)
     values = image.values
@@ -47,11 +48,10 @@ def case_for_image(file: Path, folder: Path, voxel_size: float | Sequence[float]
     shape = " x ".join(map(str, values.shape[::-1]))
     axes = ", ".join("xyz"[: values.ndim])
     whole = values.dtype.kind in "iub"
-    labels = np.unique(values) if whole else np.empty(0)
+    labels, counts = few_values(values, FEW)
     if whole and len(labels) <= FEW:
-        counts = [int((values == label).sum()) for label in labels]
-        solid = 1 if 1 in labels and len(labels) == 2 else int(labels[int(np.argmax(counts))])
-        pores = [int(label) for label in labels if label != solid]
+        solid = 1 if 1 in labels and len(labels) == 2 else labels[int(np.argmax(counts))]
+        pores = [label for label in labels if label != solid]
         shares = ", ".join(f"{label} {100 * count / values.size:.1f} %" for label, count in zip(labels, counts))
         water = pores[0] if len(pores) == 1 else pores
         meaning = f"    labels: {{solid: {solid}, water: {water}}}   # CHECK which is solid: of the voxels {shares}\n"
