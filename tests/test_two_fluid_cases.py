@@ -93,7 +93,7 @@ def test_a_drop_on_a_tilted_wall_meets_its_angle(tmp_path):
 
 
 def test_a_capillary_wave_swings(tmp_path):
-    """24 a wavelength: the crest turns at the time of the exact solution to 10 %; 16, 4 and 0.6 % at 16, 32 and 64."""
+    """24 a wavelength: the crest turns at the time of the exact solution to 10 %; 6.6 and 0.4 % at 16 and 32."""
     summary, _ = run("capillary_wave", tmp_path, "particles.spacing=0.04166667", "time.end=0.4")
     assert abs(summary["errors"]["first_zero_relative"]) < 0.1
 
