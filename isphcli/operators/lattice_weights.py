@@ -23,6 +23,7 @@ import scipy.sparse as sp
 from numba import njit, prange
 
 from ..domain import reduce
+from ..domain.exchange import NO_EXCHANGE, Exchange
 from .crossings import MEETS_WALL, WallStencils
 from .kernel import normalisation, slope
 from .moments import (
@@ -48,7 +49,8 @@ MOST_OFFSETS = 255  # more, and every pair keeps an offset of its own: particles
 
 
 class LatticePairs(NamedTuple):
-    """The pairs of fluid particles in sight as kernels take them; columns are owners.
+    """The pairs of fluid particles in sight as kernels take them; columns are owners, those of remote particles (see
+    `domain/exchange.py`) n and more.
 
     start: (n + 1,); column: (n_pairs,) int32; offset_id: (n_pairs,) number of the offset of the pair. Of the m offsets:
     step (m, dim) x_j - x_i, m; first_moment (m, 3) a; second_moment (m, 6) T; pair_laplacian (m,) w / s.
@@ -68,7 +70,8 @@ class Factors(NamedTuple):
 
     laplace: (n, 9) L and b, 1/m2; gradient: (n, dim, dim) M and gradient_p Q, 1/m; scale: (n,) c, 1/m2; k_tensor:
     (n, dim, 6) K, 1/m, or (0, dim, 6) for gradients of first order; k_tensor_p, the same of the pressure gradient away
-    from walls, (0, dim, 6) on a lattice, where it vanishes.
+    from walls, (0, dim, 6) on a lattice, where it vanishes. gradient_p and k_tensor_p have the rows of remote particles
+    too, for the adjoint.
     """
 
     laplace: np.ndarray
@@ -85,7 +88,7 @@ class LatticeWeights:
 
     pairs, tensors: see there; walls: sums over the neighbours beyond walls; deficient: particles that fell back on a
     simpler correction; narrow: (n,) bool, particles in pores that the lattice does not resolve, whose divergence is the
-    adjoint one (`divergence_and_rhie_chow`).
+    adjoint one (`divergence_and_rhie_chow`); exchange: where the values of remote particles come from.
     """
 
     pairs: LatticePairs
@@ -93,6 +96,7 @@ class LatticeWeights:
     walls: WallSums
     deficient: int
     narrow: np.ndarray
+    exchange: Exchange = NO_EXCHANGE
 
     @property
     def n(self) -> int:
@@ -116,6 +120,7 @@ class LatticeWeights:
 
     def gradient_p(self, p: np.ndarray) -> np.ndarray:
         """Pressure gradient (n, dim) of p (n,)."""
+        p = self.exchange.forward(p)
         gradient = _gradient_p(self.pairs, self.tensors.gradient_p, p)
         if len(self.tensors.k_tensor_p):
             gradient -= _second_order(self.pairs, self.tensors.k_tensor_p, p)
@@ -131,29 +136,36 @@ class LatticeWeights:
         return divergence_and_rhie_chow(self, u, (zero, u), (1.0, 0.0)) + self.walls.div_velocity
 
 
-def build_lattice_weights(stencils: WallStencils, order: int = 1) -> tuple[LatticeWeights, np.ndarray]:
+def build_lattice_weights(stencils: WallStencils, order: int = 1,
+                          exchange: Exchange = NO_EXCHANGE) -> tuple[LatticeWeights, np.ndarray]:
     """(LatticeWeights, row of each pair in the table of positions). order: of the velocity gradient, 1 (eq. 5) or 2."""
     everyone, walls, links, volume = stencils.neighbours, stencils.walls, stencils.links, stencils.volume
     x, n = everyone.x, everyone.n
     start, row = _in_sight(everyone.start, everyone.row, links.link)
     offset_id, step, count = _offsets(x, start, row, 1e-6 * everyone.support)
-    on_lattice = count <= MOST_OFFSETS and reduce.smallest(volume) == reduce.largest(volume)
+    largest = reduce.largest(volume)
+    on_lattice = reduce.largest(np.array([count])) <= MOST_OFFSETS and reduce.smallest(volume) == largest
     if on_lattice:
-        step, weight = step[:count].copy(), np.full(count, volume[0])
+        step, weight = step[:count].copy(), np.full(count, largest)
     else:
         offset_id = np.arange(len(row), dtype=np.int32)
         step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[everyone.owner[row]]
     first_moment, second_moment, pair_laplacian = _offset_weights(step, weight, everyone.kind, everyone.support)
     deficient, narrow, tensors, sums = _factors(everyone, links, volume, order, walls, not on_lattice)
     pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
+    laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p = tensors
+    gradient_p = exchange.forward(gradient_p)
+    if not on_lattice and order == 2:
+        k_tensor_p = exchange.forward(k_tensor_p)
+    factors = Factors(laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p)
     wall_sums = WallSums(*boundary_sums(sums))
-    return LatticeWeights(pairs, Factors(*tensors), wall_sums, int(reduce.total(deficient)), narrow), row
+    return LatticeWeights(pairs, factors, wall_sums, int(reduce.total(deficient)), narrow, exchange), row
 
 
 def velocity_matrix(ops: LatticeWeights, dx: float, dtype: type = float) -> sp.csr_matrix:
-    """-dx^2 lap, walls included, in canonical CSR form."""
+    """-dx^2 lap, walls included, in canonical CSR form; columns of remote particles are the last ones."""
     entries = _velocity_entries(ops.pairs, ops.tensors.laplace, ops.walls.lap, dx * dx, np.dtype(dtype).type(0))
-    return _canonical(ops.n, *entries)
+    return _canonical(ops, *entries)
 
 
 def conductance_matrix(ops: LatticeWeights, w: np.ndarray, dx: float) -> sp.csr_matrix:
@@ -163,11 +175,12 @@ def conductance_matrix(ops: LatticeWeights, w: np.ndarray, dx: float) -> sp.csr_
     the wall is that of its neighbours. With harmonic means, which cut it off from them, beads that touch took twice the
     iterations. The diagonal is raised by `GROUND`.
     """
-    return _canonical(ops.n, *_conductance_entries(ops.pairs, ops.tensors.scale, w, dx * dx))
+    w = ops.exchange.forward(w)
+    return _canonical(ops, *_conductance_entries(ops.pairs, ops.tensors.scale, w, dx * dx))
 
 
-def _canonical(n: int, start: np.ndarray, column: np.ndarray, entries: np.ndarray) -> sp.csr_matrix:
-    matrix = sp.csr_matrix((entries, column, start), shape=(n, n))
+def _canonical(ops: LatticeWeights, start: np.ndarray, column: np.ndarray, entries: np.ndarray) -> sp.csr_matrix:
+    matrix = sp.csr_matrix((entries, column, start), shape=(ops.n, ops.n + ops.exchange.remote))
     matrix.sum_duplicates()
     return matrix
 
@@ -184,11 +197,13 @@ def divergence_and_rhie_chow(ops: LatticeWeights, u: np.ndarray, pressure: tuple
     in other directions than the walls, and the consistent divergence of a pressure gradient have the wrong sign; that
     of the adjoint has not.
     """
-    return _divergence_and_rhie_chow(ops.pairs, ops.tensors, (ops.walls.div, ops.narrow), u, pressure, factors)
+    u, p, grad_p = (ops.exchange.forward(values) for values in (u, *pressure))
+    return _divergence_and_rhie_chow(ops.pairs, ops.tensors, (ops.walls.div, ops.narrow), u, (p, grad_p), factors)
 
 
 def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: np.ndarray, grad_p: np.ndarray) -> None:
     """-dx^2 lap u + dx grad p into out (n, dim), grad p into grad_p (n, dim)."""
+    u, p = ops.exchange.forward(u), ops.exchange.forward(p)
     _momentum(ops.pairs, ops.tensors, ops.walls.lap, dx, (u, p), out, grad_p)
     if len(ops.tensors.k_tensor_p):
         more = _second_order(ops.pairs, ops.tensors.k_tensor_p, p)
@@ -198,7 +213,7 @@ def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: 
 
 def symmetric_laplacian(ops: LatticeWeights, f: np.ndarray) -> np.ndarray:
     """sum_j symmetric_ij (f_j - f_i), (n,)."""
-    return _symmetric(ops.pairs, ops.tensors.scale, f)
+    return _symmetric(ops.pairs, ops.tensors.scale, ops.exchange.forward(f))
 
 
 # --- building ----------------------------------------------------------------------------------------------------
@@ -432,7 +447,7 @@ def _momentum(pairs, tensors, wall_lap, dx, unknowns, out, grad_p):
     first_moment, second_moment = pairs.first_moment, pairs.second_moment
     laplace, gradient_p = tensors.laplace, tensors.gradient_p
     u, p = unknowns
-    n, dim = u.shape
+    n, dim = len(start) - 1, u.shape[1]
     for i in prange(n):
         s0 = s1 = s2 = v0 = v1 = v2 = 0.0
         u0, u1, u2, pi = u[i, 0], u[i, 1], u[i, 2] if dim == 3 else 0.0, p[i]
@@ -466,7 +481,7 @@ def _divergence_and_rhie_chow(pairs, tensors, walls, u, pressure, factors):
     wall_div, narrow = walls
     p, grad_p = pressure
     a, b = factors
-    n, dim = u.shape
+    n, dim = len(start) - 1, u.shape[1]
     out = np.empty(n)
     for i in prange(n):
         divergence, odd_even, adjoint = 0.0, 0.0, narrow[i]
@@ -496,7 +511,7 @@ def _divergence_and_rhie_chow(pairs, tensors, walls, u, pressure, factors):
 @njit(cache=True, parallel=True)
 def _gradient_p(pairs, gradient_p, p):
     start, column, offset_id, first_moment = pairs.start, pairs.column, pairs.offset_id, pairs.first_moment
-    n, dim = len(p), gradient_p.shape[1]
+    n, dim = len(start) - 1, gradient_p.shape[1]
     out = np.empty((n, dim))
     for i in prange(n):
         s0 = s1 = s2 = 0.0
@@ -516,7 +531,7 @@ def _gradient_p(pairs, gradient_p, p):
 def _second_order(pairs, k_tensor_p, p):
     """K_i : sum_j T (p_j - p_i), (n, dim)."""
     start, column, offset_id, second_moment = pairs.start, pairs.column, pairs.offset_id, pairs.second_moment
-    n, dim = len(p), k_tensor_p.shape[1]
+    n, dim = len(start) - 1, k_tensor_p.shape[1]
     out = np.zeros((n, dim))
     for i in prange(n):
         for q in range(start[i], start[i + 1]):
@@ -550,8 +565,9 @@ def _potential_gradient(pairs, gradient_p, k_tensor_p, force):
 @njit(cache=True, parallel=True)
 def _symmetric(pairs, scale, f):
     start, column, offset_id, pair_laplacian = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
-    out = np.empty(len(f))
-    for i in prange(len(f)):
+    n = len(start) - 1
+    out = np.empty(n)
+    for i in prange(n):
         s = 0.0
         for q in range(start[i], start[i + 1]):
             s += pair_laplacian[offset_id[q]] * (f[column[q]] - f[i])

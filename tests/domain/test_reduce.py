@@ -26,8 +26,14 @@ MATRIX = "a row of a matrix takes a particle and its neighbours"
 WALLS = "over the walls, of which every process has all"
 GATHERED = "over points, particles or links that one process will have to gather: there are few, or it is seldom done"
 TIMES = "over times at which a force or a wall is looked at"
+RANKS = "over the processes, or of this one alone before they are joined"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
+    ("domain.components", "joined.max(initial=-1)"): RANKS,
+    ("domain.components", "labels.max(initial=-1)"): RANKS,
+    ("domain.exchange", "give.sum()"): RANKS,
+    ("domain.exchange", "np.bincount(owner, minlength=comm.size)"): RANKS,
+    ("domain.exchange", "np.prod(values.shape[1:])"): AXES,
     ("domain.lattice", "self.counts.prod()"): AXES,
     ("domain.lattice", "self.counts[1:].prod()"): AXES,
     ("domain.lattice", "self.cell.prod()"): AXES,
