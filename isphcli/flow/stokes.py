@@ -24,8 +24,8 @@ from ..operators.lattice_weights import (
     symmetric_laplacian,
     velocity_matrix,
 )
-from ..solvers.krylov import Limits, Report, SolveError, Watch, gmres_from_the_right
-from ..solvers.multigrid import BlockCycle, cycle, hierarchy
+from ..solvers.engine import ONE_PROCESS, Engine
+from ..solvers.krylov import Limits, Report, SolveError, Watch
 
 TAU = 0.05  # strength of S (trials before 2026-11-22)
 # The Schur complement falls from 1 for long pressure modes to 0.2 for those that alternate from particle to particle,
@@ -49,16 +49,18 @@ class StokesSystem:
     """Matrices of one lattice; every right-hand side shares them.
 
     ops: LatticeWeights (without walls no steady flow exists);
-    spacing: m; viscosity: kinematic, m2/s.
+    spacing: m; viscosity: kinematic, m2/s; engine: what solves the linear systems.
     """
 
-    def __init__(self, ops: LatticeWeights, spacing: float, viscosity: float, tau: float = TAU):
+    def __init__(self, ops: LatticeWeights, spacing: float, viscosity: float, tau: float = TAU,
+                 engine: Engine = ONE_PROCESS):
         self.ops, self.spacing, self.viscosity, self.tau = ops, spacing, viscosity, tau
         self.dim = ops.dim
-        self.count, labels = pair_components(ops.start, ops.column)
+        self.engine = engine
+        self.count, labels = pair_components(ops.start, ops.column, exchange=ops.exchange)
         self.means = ComponentMeans(labels)
-        self._velocity = BlockCycle(hierarchy(velocity_matrix(ops, spacing), STRENGTH), CYCLES)
-        self._darcy = cycle(hierarchy(self._conductance()))
+        self._velocity = engine.block_cycle(velocity_matrix(ops, spacing), ops.exchange, STRENGTH, CYCLES)
+        self._darcy = engine.cycle(self._conductance(), ops.exchange)
 
     def _conductance(self) -> sp.csr_matrix:
         """-div(w grad) of the pressure, w the response of the velocity to a unit force without pressure.
@@ -123,10 +125,9 @@ class StokesSystem:
         forces[:] = self.balanced_force(force) * (self.spacing**2 / self.viscosity)
         forces += self.spacing**2 * ops.walls.lap_velocity
         mass[:] = self.means.remove(-self.spacing * ops.walls.div_velocity)
-        solution, report = gmres_from_the_right(self.apply, rhs, self.precondition, limits, watch=watch)
+        solution, report = self.engine.gmres(self.apply, rhs, self.precondition, limits, watch=watch)
         if not report.converged:
-            solution, report = gmres_from_the_right(self.apply, rhs, self.precondition, limits.times(2), solution,
-                                                    watch)
+            solution, report = self.engine.gmres(self.apply, rhs, self.precondition, limits.times(2), solution, watch)
         if not report.converged:
             error = SolveError("Stokes", report)
             forces, mass = self.split(np.abs(rhs - self.apply(solution)) / reduce.largest(np.abs(rhs)))

@@ -14,6 +14,7 @@ from .. import COMPLETE
 from ..case.blocks import Case
 from ..case.forcing import body_force, changes, drive_steps, held_axis
 from ..case.load import dump_case
+from ..domain.communicator import current
 from ..geometry.protocol import Geometry, inside_sample, sample_box, sample_voxels
 from ..output import restart
 from ..output.clock import Clock
@@ -37,7 +38,7 @@ def files_of(case: Case) -> list[str]:
     moving = case.flow != "stokes"
     names = ["case.yaml", "history.csv", "summary.json", "worst.vtu", *[restart.NAME] * moving]
     if case.output.snapshots:
-        names += ["particles.pvd", f"{SNAPSHOTS}/particles_[0-9]*.vtu"]
+        names += ["particles.pvd", f"{SNAPSHOTS}/particles_[0-9]*.vtu", f"{SNAPSHOTS}/particles_[0-9]*.pvtu"]
     if case.output.grid is not None:
         names += ["grid.pvd", f"{SNAPSHOTS}/grid_[0-9]*.vti"]
     if moving and len(case.fluids) > 1:
@@ -195,7 +196,9 @@ def snapshot_of(case: Case, geometry: Geometry, particles: Particles, x: np.ndar
 
 def counts_of(particles: Particles, halo: int) -> dict[str, int]:
     """Entry `particles` of the summary; halo: rows that are periodic images; left_out: sites that no fluid sees."""
-    return {"fluid": particles.n_fluid, "dummy": particles.n_dummy, "halo": halo, "left_out": particles.left_out}
+    fluid, dummy, images, left_out = current().sum(
+        np.array([particles.n_fluid, particles.n_dummy, halo, particles.left_out])).tolist()
+    return {"fluid": fluid, "dummy": dummy, "halo": images, "left_out": left_out}
 
 
 def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:

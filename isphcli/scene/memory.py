@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..domain.communicator import current
 from ..domain.lattice import MOST, ParticleError
 
 if TYPE_CHECKING:
@@ -91,7 +92,12 @@ def refuse_lattice(case: Case, geometry: Geometry, spacing: float) -> None:
     phase = geometry.phase(points)
     fluid = sites * float((phase >= 0).mean())
     need = estimate(case, geometry.dim, geometry.has_solid, fluid, 0, two=len(np.unique(phase[phase >= 0])) > 1)
-    refuse(sum(need.values()), f"about {fluid:.3g} fluid particles", too_large(case))
+    refuse(_of_this_machine(sum(need.values())), f"about {fluid:.3g} fluid particles", too_large(case))
+
+
+def _of_this_machine(need: float) -> float:
+    """What the processes on this machine need of the bytes that all processes of a scene do."""
+    return need * current().here / current().size
 
 
 def refuse_image(case: Case) -> None:
@@ -125,7 +131,7 @@ def refuse_pores(case: Case, labels: np.ndarray, voxel_size: np.ndarray, clear: 
         return
     fluid = (int(np.count_nonzero(labels >= 0)) + clear) * particles
     need = estimate(case, labels.ndim, True, fluid, 0, labels.size + clear, two=int(labels.max()) > 0)
-    refuse(sum(need.values()), f"about {fluid:.3g} fluid particles", too_large(case))
+    refuse(_of_this_machine(sum(need.values())), f"about {fluid:.3g} fluid particles", too_large(case))
 
 
 def refuse(need: float, what: str, fix: str) -> None:
