@@ -35,6 +35,20 @@ class Share:
     exchange: Exchange
 
 
+class Node(NamedTuple):
+    """A brick while it is cut: that of the processes from `first` to before `end`, and its corners (dim,), m."""
+
+    first: int
+    end: int
+    lower: np.ndarray
+    upper: np.ndarray
+
+    @property
+    def several(self) -> bool:
+        """Whether it is to be cut."""
+        return self.end - self.first > 1
+
+
 class Level(NamedTuple):
     """One level of the tree: of each of its bricks the axis and place of its cut, and the number of its first part in
     the next level; whole: not cut any more."""
@@ -54,28 +68,29 @@ class Cut:
 
     def __init__(self, x: np.ndarray, lower: np.ndarray, upper: np.ndarray):
         self.levels: list[Level] = []
-        nodes = [(0, current().size, np.array(lower, float), np.array(upper, float))]  # processes first to end, corners
+        nodes = [Node(0, current().size, np.array(lower, float), np.array(upper, float))]
         of = np.zeros(len(x), np.int64)
-        while any(end - first > 1 for first, end, _, _ in nodes):
-            axis = np.array([int(np.argmax(high - low)) for _, _, low, high in nodes])
+        while any(node.several for node in nodes):
+            axis = np.array([int(np.argmax(node.upper - node.lower)) for node in nodes])
             along = x[np.arange(len(x)), axis[of]]
-            share = np.array([(end - first) // 2 / (end - first) if end - first > 1 else 0.5
-                              for first, end, _, _ in nodes])
-            corners = [np.array([node[side][a] for node, a in zip(nodes, axis)]) for side in (2, 3)]
-            place = _quantiles(along, of, share, *corners)
-            parts, starts = [], []
-            for (first, end, low, high), a, cut in zip(nodes, axis, place):
+            share = np.array([(node.end - node.first) // 2 / (node.end - node.first) for node in nodes])
+            low, high = (np.array([corner[a] for corner, a in zip(corners, axis)])
+                         for corners in ([node.lower for node in nodes], [node.upper for node in nodes]))
+            place = _quantiles(along, of, share, low, high)
+            parts: list[Node] = []
+            starts = []
+            for node, a, cut in zip(nodes, axis, place):
                 starts.append(len(parts))
-                if end - first == 1:
-                    parts.append((first, end, low, high))
+                if not node.several:
+                    parts.append(node)
                     continue
-                middle, below, above = first + (end - first) // 2, high.copy(), low.copy()
+                middle, below, above = (node.first + node.end) // 2, node.upper.copy(), node.lower.copy()
                 below[a] = above[a] = cut
-                parts += [(first, middle, low, below), (middle, end, above, high)]
-            level = Level(axis, place, np.array(starts), np.array([end - first == 1 for first, end, _, _ in nodes]))
+                parts += [Node(node.first, middle, node.lower, below), Node(middle, node.end, above, node.upper)]
+            level = Level(axis, place, np.array(starts), np.array([not node.several for node in nodes]))
             self.levels.append(level)
             of, nodes = _descend(level, of, along), parts
-        self.bricks = np.array([[low, high] for _, _, low, high in nodes])
+        self.bricks = np.array([[node.lower, node.upper] for node in nodes])
 
     def owner(self, x: np.ndarray) -> np.ndarray:
         """(n,) process of each place x (n, dim), m."""

@@ -62,7 +62,7 @@ def whole(case: Case, result: Result) -> Result:
     array of the length of the scene that a run has."""
     if current().size == 1 or case.reference is None or case.reference.kind in BY_PERMEABILITY:
         return result
-    fields = {}
+    fields: dict[str, Any] = {}
     for name in ("x", "velocity", "cell_velocity", "pressure", "phase"):
         found = current().gather(getattr(result, name))
         fields[name] = getattr(result, name) if found is None else np.concatenate(found)

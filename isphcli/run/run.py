@@ -52,7 +52,7 @@ def solve_case(case: Case, quiet: bool = False, resume: str | Path | None = None
     with ExitStack() as held:
         name = str(case.path) if case.path else None
         place = folder.Folder(directory, files_of(case), name, goes_on, overwrite)
-        on_first(lambda: None if held.enter_context(place) else None)
+        on_first(lambda: bool(held.enter_context(place)))
         if current().size > 1:  # the check reads the whole image
             look, quiet = None, quiet or current().rank > 0
         with one_blas_thread():

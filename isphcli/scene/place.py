@@ -197,4 +197,5 @@ def _near_brick(geometry: Geometry, lattice: Lattice, support: float, cut: Cut) 
         parts.append((image[kept], site[kept], owner[kept], phase[kept], shift[kept]))
     none = (np.zeros((0, dim)), np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.int8),
             np.zeros((0, dim), np.int8))
-    return _Sites(*(np.concatenate(group) for group in zip(none, *parts)), left_out)
+    image, site, owner, phase, shift = (np.concatenate(group) for group in zip(none, *parts))
+    return _Sites(image, site, owner, phase, shift, left_out)

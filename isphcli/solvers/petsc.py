@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..domain import reduce
-from ..domain.communicator import INSTALL, RanksError, Ranks, current
+from ..domain.communicator import INSTALL, Ranks, RanksError, current
 from ..domain.exchange import Exchange
 from .krylov import Apply, Limits, Report, Watch, report_of
 
