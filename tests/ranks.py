@@ -30,6 +30,7 @@ geometry:
 particles: {spacing: 0.05}
 fluids: {water: {density: 1, viscosity: 1}}
 flow: stokes
+drive: {axes: [x]}
 """
 TEXTS = {"thin": BARS.format(length="0.2"), "long": BARS.format(length="2.0"), "tube": TUBE}
 FILES = {"berea": ("berea", BEREA), "spheres": ("sphere_array", ["drive.axes=[x]"]), "tubes": ("two_tubes", []),
@@ -101,6 +102,8 @@ def main(folder, engine):
 
     join(launched())
     out = Path(folder)
+    if current().rank == 0:
+        out.mkdir(exist_ok=True)
     first = current().rank == 0
     for name, case in cases():
         case = replace(case, solver=replace(case.solver, engine=engine), output=replace(case.output, plots=False))

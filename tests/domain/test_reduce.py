@@ -26,16 +26,22 @@ MATRIX = "a row of a matrix takes a particle and its neighbours"
 WALLS = "over the walls, of which every process has all"
 GATHERED = "over points, particles or links that one process will have to gather: there are few, or it is seldom done"
 TIMES = "over times at which a force or a wall is looked at"
+BINS = "histograms of the particles of this process, which are added up over all of them"
 RANKS = "over the processes, or of this one alone before they are joined"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
     ("domain.components", "joined.max(initial=-1)"): RANKS,
     ("domain.components", "labels.max(initial=-1)"): RANKS,
+    ("domain.cut", "(upto < (share * whole)[:, None]).sum(axis=1)"): BINS,
+    ("domain.cut", "counts.sum(axis=1)"): BINS,
+    ("domain.cut", "current().sum(counts.reshape(k, BINS))"): BINS,
+    ("domain.cut", "np.argmax(node.upper - node.lower)"): AXES,
+    ("domain.cut", "np.bincount(of[inside] * BINS + bin_of[inside].astype(np.int64), minlength=k * BINS)"): BINS,
     ("domain.exchange", "give.sum()"): RANKS,
     ("domain.exchange", "np.bincount(owner, minlength=comm.size)"): RANKS,
     ("domain.exchange", "np.prod(values.shape[1:])"): AXES,
     ("domain.lattice", "self.counts.prod()"): AXES,
-    ("domain.lattice", "self.counts[1:].prod()"): AXES,
+    ("domain.lattice", "math.prod((len(r) for r in rest))"): AXES,
     ("domain.lattice", "self.cell.prod()"): AXES,
     ("domain.lattice", "np.log10((length + 2.0 * margin) / cell).sum()"): AXES,
     ("domain.neighbours", "cells.prod()"): AXES,
