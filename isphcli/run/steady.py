@@ -111,6 +111,8 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
     with clock("geometry"):
         memory.refuse_lattice(case, geometry, spacing)
         particles = place_case(case, geometry, spacing)
+        if particles.share is not None:
+            geometry = geometry.within(particles.share.lower, particles.share.upper, support)
     n = particles.n_fluid
     need = memory.estimate(case, geometry.dim, True, n, particles.n_dummy)
     most = float(reduce.largest(np.array([sum(need.values())])))

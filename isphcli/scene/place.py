@@ -124,11 +124,13 @@ def place_share(geometry: Geometry, lattice: Lattice, support: float) -> Particl
     ranks, box = current(), (geometry.lower, geometry.upper, geometry.periodic)
     counts, dim = lattice.counts, geometry.dim
     first, end = np.zeros(dim, int), counts.copy()
-    first[0], end[0] = ranks.rank * int(counts[0]) // ranks.size, (ranks.rank + 1) * int(counts[0]) // ranks.size
+    deep = int(counts[-1])  # slabs across the last axis, the first one of images: contiguous in their files
+    first[-1], end[-1] = ranks.rank * deep // ranks.size, (ranks.rank + 1) * deep // ranks.size
     found, inside = [np.zeros((0, dim))], 0
+    slab = geometry.within(lattice.corner + first * lattice.cell, lattice.corner + end * lattice.cell, 0.0)
     for index in lattice.cells(first, end):
         x = wrap(lattice.at(index), *box)
-        found.append(x[geometry.phase(x) >= 0])
+        found.append(x[slab.phase(x) >= 0])
         inside += int(np.all((x >= geometry.lower) & (x <= geometry.upper), axis=1).sum())
     x = np.concatenate(found)
     if reduce.number(x) == 0:
@@ -137,7 +139,7 @@ def place_share(geometry: Geometry, lattice: Lattice, support: float) -> Particl
     around = np.array(geometry.periodic)
     cut = Cut(x, np.where(around, geometry.lower, np.minimum(geometry.lower, lattice.corner)),
               np.where(around, geometry.upper, np.maximum(geometry.upper, lattice.corner + counts * lattice.cell)))
-    del x, found
+    del x, found, slab
     near = _near_brick(geometry, lattice, support, cut)
     own, remote, foreign = near.here & (near.phase >= 0), near.there & (near.phase >= 0), near.there & (near.phase < 0)
     exchange = NeighbourExchange(ranks.raw, near.site[remote], near.owner[remote], near.site[own])  # type: ignore[attr-defined]
@@ -173,6 +175,7 @@ class _Sites:
 
 def _near_brick(geometry: Geometry, lattice: Lattice, support: float, cut: Cut) -> _Sites:
     lower, upper = cut.bricks[current().rank]
+    geometry = geometry.within(lower, upper, support)
     around, counts, dim = np.array(geometry.periodic), lattice.counts, geometry.dim
     reach = support * (1.0 + 1e-9)
     first = np.floor((lower - support - lattice.corner) / lattice.cell).astype(int) - 1
