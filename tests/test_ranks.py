@@ -84,12 +84,12 @@ def test_the_flow_is_that_of_one_process(found, name, engine, ranks):
     k, other = (np.array([*v.values()] if isinstance(v, dict) else v) for v in (
         one["permeability"], several["permeability"]))
     assert other == pytest.approx(k, rel=1e-5)
-    for key in ("components", "isolated_pockets", "open_axes", "image"):
+    for key in ("components", "isolated_pockets", "open_axes", "image", "inputs"):
         assert several[key] == one[key]
     for key in ("fluid", "dummy", "left_out"):
         assert several["particles"][key] == one["particles"][key]
     assert several["porosity"] == pytest.approx(one["porosity"], rel=1e-12)
-    for key in ("tortuosity", "formation_factor", "speed", "wall_shear", "errors"):
+    for key in ("tortuosity", "formation_factor", "speed", "wall_shear", "errors", "permeability_range"):
         measured, wanted = flat(several[key]), flat(one[key])
         assert measured.keys() == wanted.keys()
         # slow fluid has few digits: errors of a velocity are of the tolerance of the fastest
@@ -101,9 +101,11 @@ def test_the_flow_is_that_of_one_process(found, name, engine, ranks):
 
 
 def flat(entry, name=""):
-    """Numbers of a nested entry by their keys."""
+    """Numbers of a nested entry by their keys and places."""
     if isinstance(entry, dict):
         return {k: v for key, value in entry.items() for k, v in flat(value, f"{name}.{key}").items()}
+    if isinstance(entry, list):
+        return {k: v for number, value in enumerate(entry) for k, v in flat(value, f"{name}.{number}").items()}
     return {name: entry} if isinstance(entry, (int, float)) and not isinstance(entry, bool) else {}
 
 

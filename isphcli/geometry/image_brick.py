@@ -29,11 +29,14 @@ Read = Callable[[Sequence[tuple[int, int]]], np.ndarray]  # labels int8 [z, y, x
 @dataclass(frozen=True)
 class LabelsInFile:
     """The labels of an image in its file. shape: voxels along x, y(, z); fluid: how many are fluid; read: reads a part
-    as int8, -1 solid, else the index of a fluid."""
+    as int8, -1 solid, else the index of a fluid. walls: share of the neighbours along the axes, the last and the first
+    voxel too, of which one is solid; straight: all slices across one of the axes are the same."""
 
     shape: tuple[int, ...]
     fluid: int
     read: Read
+    walls: float = 0.0
+    straight: bool = False
 
     def part(self, first: np.ndarray, end: np.ndarray, layers: ClearLayers | None) -> np.ndarray:
         """int8 [z, y, x] or [y, x] of the voxels from `first` to before `end` along x, y(, z) of the image with its
@@ -63,7 +66,7 @@ class ImageBrick(VoxelGeometry):
 
     def __init__(self, image: LabelsInFile, voxel_size: float | Sequence[float] | np.ndarray, periodic: Sequence[bool],
                  layers: ClearLayers | None = None, walls: Walls = AT_REST):
-        self._image, self._layers = image, layers
+        self.image, self._layers = image, layers
         self.labels = None
         self._set_box(image.shape[::-1], voxel_size, periodic, layers, walls)
         solid = image.fluid < int(np.prod(image.shape))
@@ -92,7 +95,7 @@ class ImageBrick(VoxelGeometry):
         first, end = np.where(around, first, np.maximum(first, 0)), np.where(around, end, np.minimum(end, whole))
         every = end - first >= whole
         first, end = np.where(every, 0, first), np.where(every, whole, end)
-        labels = self._image.part(first, end, self._layers)
+        labels = self.image.part(first, end, self._layers)
         found._grid = labels if self.dim == 3 else labels[None]
         # a side that is cut lies farther from what is asked for than any distance that is
         found._around = np.array([*(around & every), True][:3])

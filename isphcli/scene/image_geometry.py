@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ from ..geometry.clear_layer import clear_voxels
 from ..geometry.images.image import Image, VoxelError
 from ..geometry.images.read import image_shape, read_image
 from ..geometry.images.voxel_size import COARSE, voxel_size_of
-from ..geometry.labels import ClearLayers, _histogram, apply_labels, faces_that_differ, mirrored
+from ..geometry.labels import ClearLayers, _histogram, apply_labels, faces_that_differ, mirrored, unlike_next
 from . import memory
 from .image_file import image_of, layout_of
 
@@ -152,7 +152,10 @@ def _brick_geometry(case: Case, spec: Voxels, axis: int | None, walls: Walls) ->
     labelled(slab.values[:0])  # what does not fit the case is said here
     solid = {int(v) for v in np.ravel(np.asarray(spec.labels.get("solid", ())))}
     fluid = sum(count for value, count in found.items() if value not in solid)
-    in_file = LabelsInFile(tuple(map(int, shape)), fluid, lambda ranges: labelled(part(ranges).values))
+    def read(ranges: Sequence[tuple[int, int]]) -> np.ndarray:
+        return labelled(part(ranges).values)
+
+    in_file = LabelsInFile(tuple(map(int, shape)), fluid, read, *_of_slabs(read, shape, (low, high)))
     check_dimension(case, dim)
     periodic = ["xyz"[a] in case.geometry.repeats for a in range(dim)]
     size, whence, odd = voxel_size_of(slab, spec.voxel_size, spec.file)
@@ -172,6 +175,28 @@ def _brick_geometry(case: Case, spec: Voxels, axis: int | None, walls: Walls) ->
     geometry.described = (_described_image(case, spec, tuple(map(int, shape)), slab),
                           *_described_size(geometry, whence, porosity, words, (clear, axis)))
     return geometry
+
+
+def _of_slabs(read: Callable[[Sequence[tuple[int, int]]], np.ndarray], shape: np.ndarray,
+              slab: tuple[int, int]) -> tuple[float, bool]:
+    """`walls` and `straight` of `LabelsInFile`, of which each process looks at the slices from slab[0] to before
+    slab[1] across the last of the axes x, y(, z)."""
+    (low, high), deep = slab, int(shape[-1])
+
+    def slices(first: int, end: int) -> np.ndarray:
+        return read([*((0, int(n)) for n in shape[:-1]), (first, end)]) >= 0
+
+    unlike, same = 0, np.ones(len(shape), np.int64)
+    if low < high:
+        pores = slices(low, high)
+        following = np.concatenate([pores, slices(high % deep, high % deep + 1)])
+        unlike = int(np.count_nonzero(unlike_next(following, 0, False)))
+        unlike += sum(int(np.count_nonzero(unlike_next(pores, axis, True))) for axis in range(1, pores.ndim))
+        same[0] = np.all(pores == slices(0, 1))
+        same[1:] = [np.all(pores == np.take(pores, [0], axis)) for axis in range(1, pores.ndim)]
+    walls = current().sum(unlike) / (len(shape) * int(np.prod(shape)))
+    everywhere = current().sum(same) == current().size
+    return float(walls), len(shape) == 2 or bool(everywhere.any())
 
 
 def _described_image(case: Case, spec: Voxels, shape: Sequence[int], image: Image) -> tuple[str, str]:
