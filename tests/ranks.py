@@ -32,7 +32,17 @@ fluids: {water: {density: 1, viscosity: 1}}
 flow: stokes
 drive: {axes: [x]}
 """
-TEXTS = {"thin": BARS.format(length="0.2"), "long": BARS.format(length="2.0"), "tube": TUBE}
+FEW = """
+geometry:
+  box: [0.4, 1.0, 1.0]
+  periodic: [x, y, z]
+  shapes: [{box: {lower: [-1, 0.0, 0.0], upper: [2, 0.1, 0.1]}, outside: true, is: solid}]
+particles: {spacing: 0.1}
+fluids: {water: {density: 1, viscosity: 1}}
+flow: stokes
+drive: {axes: [x]}
+"""  # a row of four particles: some processes have none
+TEXTS = {"thin": BARS.format(length="0.2"), "long": BARS.format(length="2.0"), "tube": TUBE, "few": FEW}
 FILES = {"berea": ("berea", BEREA), "spheres": ("sphere_array", ["drive.axes=[x]"]), "tubes": ("two_tubes", []),
          "smooth": ("berea", [*BEREA, "geometry.wall_distance=smooth"])}
 
@@ -107,7 +117,7 @@ def main(folder, engine):
     first = current().rank == 0
     for name, case in cases():
         case = replace(case, solver=replace(case.solver, engine=engine), output=replace(case.output, plots=False))
-        field = applied(case) if name in ("berea", "thin", "long", "tube") else None
+        field = applied(case) if name in (*TEXTS, "berea") else None
         found = api.run(case, out=out / name, quiet=True, check=False)
         if first:
             text = {key: value for key, value in found.summary.items() if key not in ("directory", "pictures")}

@@ -16,7 +16,7 @@ INSTALL = """\
   a cluster with PETSc:  its modules of MPI and petsc4py, then pip install isphcli
   Debian, Ubuntu:        apt-get install python3-petsc4py-real python3-mpi4py, then isphcli in a venv with
                          --system-site-packages
-  Linux, Python >= 3.12: pip install mpi4py mpich dolfinx-solver-real isphcli
+  Linux, Python >= 3.12: pip install "isphcli[mpi]"
 (docs/clusters.md)"""
 
 

@@ -27,7 +27,7 @@ def test_several_processes_without_mpi4py_are_told_three_ways(monkeypatch):
     monkeypatch.setitem(sys.modules, "mpi4py", None)
     with pytest.raises(RanksError, match="2 processes were started, and mpi4py is not there") as caught:
         communicator.join(2)
-    assert all(way in str(caught.value) for way in ("apt-get install", "pip install mpi4py", "modules of MPI"))
+    assert all(way in str(caught.value) for way in ("apt-get install", "isphcli[mpi]", "modules of MPI"))
     assert communicator.current().size == 1
 
 

@@ -14,4 +14,4 @@ def test_one_process_needs_no_petsc(monkeypatch):
     assert engine.engine_of("auto") is engine.ONE_PROCESS
     with pytest.raises(RanksError, match="petsc4py is not there") as caught:
         engine.engine_of("petsc")
-    assert all(way in str(caught.value) for way in ("apt-get install", "pip install mpi4py", "modules of MPI"))
+    assert all(way in str(caught.value) for way in ("apt-get install", "isphcli[mpi]", "modules of MPI"))
