@@ -39,6 +39,18 @@ def test_both_engines_solve_the_same_system():
     assert second.iterations <= 2 * first.iterations
 
 
+def test_without_hypre():
+    """GAMG, of PETSc itself, is a preconditioner too: the wheels have no hypre."""
+    from isphcli.solvers.petsc import GAMG
+
+    engine = engine_of("petsc")
+    engine.settings = GAMG
+    matrix, rhs = small()
+    x, report = solved(engine, Limits(1e-10, 50, 100))
+    assert report.converged and report.iterations <= 25
+    assert np.linalg.norm(rhs - matrix @ x) <= 1.01e-10 * np.linalg.norm(rhs)
+
+
 def test_a_block_is_its_columns():
     """In 2D the third column is zero, and stays so."""
     matrix, rhs = small()
