@@ -26,7 +26,7 @@ try:
 except ImportError as error:
     raise RanksError(f"solver.engine: petsc4py is not there ({error}); to install it:\n{INSTALL}") from None
 
-# Chosen by the iterations and seconds of Berea sandstone, 64^3 and 128^3 voxels, on 1 to 4 ranks: 19 to 21 iterations.
+# By trials on Berea sandstone of 64^3 and 128^3 voxels, in 1 to 4 processes, before 2026-11-29.
 # PMIS with long-range interpolation keeps hierarchies of rows with 60 entries sparse; Gauss-Seidel one way in each
 # half of the cycle costs 0.6 of hypre's default, both ways. GAMG without aggressive levels saves 4 iterations of 23 and
 # triples the set-up: its triple product.
