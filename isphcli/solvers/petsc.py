@@ -64,6 +64,10 @@ class Petsc:
     def cycle(self, matrix: sp.csr_matrix, exchange: Exchange) -> Apply:
         """See `engine.Engine`."""
         whole = self._aij(matrix, exchange)
+        del matrix  # PETSc has its own
+        return self._cycle_of(whole)
+
+    def _cycle_of(self, whole: Any) -> Apply:
         preconditioner = PETSc.PC().create(self.comm)
         prefix = f"isph{next(_number)}_"
         options = PETSc.Options()
@@ -73,6 +77,8 @@ class Petsc:
         preconditioner.setOperators(whole)
         preconditioner.setFromOptions()
         preconditioner.setUp()
+        for key in self.settings:  # PETSc complains at its end of those that a version of it does not know
+            options.delValue(prefix + key)
         right, found = whole.createVecs()
 
         def apply(b: np.ndarray) -> np.ndarray:
@@ -84,7 +90,9 @@ class Petsc:
 
     def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float, cycles: int) -> Apply:
         """See `engine.Engine`: one cycle, one right-hand side after the other."""
-        once = self.cycle(matrix, exchange)
+        whole = self._aij(matrix, exchange)
+        del matrix
+        once = self._cycle_of(whole)
 
         def apply(b: np.ndarray) -> np.ndarray:
             out = np.zeros_like(b)
