@@ -147,6 +147,14 @@ def test_what_is_not_distributed_is_refused_once(tmp_path):
     assert "without mpiexec" in done.stderr and not (tmp_path / "out").exists()
 
 
+def test_errors_of_rank_0_are_those_of_all(tmp_path):
+    """It alone looks into the folder, which holds a file of somebody else."""
+    (tmp_path / "summary.json").write_text("mine")
+    done = start("-m", "isphcli", "run", CASES / "two_tubes.yaml", "--out", tmp_path, "--quiet", ranks=2)
+    assert done.returncode != 0 and done.stderr.count("is there already") == 1
+    assert (tmp_path / "summary.json").read_text() == "mine"
+
+
 def test_a_launcher_of_another_mpi_is_refused(tmp_path):
     done = start("-m", "isphcli", "run", CASES / "two_tubes.yaml", "--out", tmp_path / "out", PMI_SIZE="3",
                  OMPI_COMM_WORLD_SIZE="3")

@@ -7,6 +7,7 @@ only must not: the others would wait for it.
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
@@ -180,10 +181,21 @@ def on_first(function: Callable[[], Any]) -> Any:
             found = function()
         except Exception as caught:  # it is raised below, on all ranks
             error = caught
-    error = ranks.first(error)
-    if error is not None:
-        raise error
+    told = ranks.first(None if error is None else _for_others(error))
+    if told is not None:
+        raise error or told
     return ranks.first(found)
+
+
+def _for_others(error: Exception) -> Exception:
+    """An error as it can be sent: itself, or its text where it cannot be built from what it holds."""
+    try:
+        copy = pickle.loads(pickle.dumps(error))
+        if str(copy) == str(error):
+            return copy
+    except Exception:  # whatever the constructor of another class makes of it
+        pass
+    return RanksError(str(error))
 
 
 def as_first(values: Iterator[Any]) -> Iterator[Any]:

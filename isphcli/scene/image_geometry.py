@@ -77,7 +77,7 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
         what, fix = f"clear layers of {clear} voxels", "take a smaller geometry.voxels.clear_layer; it is in metres"
     else:
         what, fix = f"the wall distances of {labels.size + added:,} voxels", memory.CROP
-    memory.refuse((labels.size + added) * memory.BYTES_VOXEL, what, fix)
+    memory.refuse((labels.size + added) * memory.BYTES_VOXEL * current().here, what, fix)
     unusual = _unusual_size(case, np.broadcast_to(size, labels.ndim))
     try:
         memory.refuse_pores(case, labels, size, added)

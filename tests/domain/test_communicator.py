@@ -23,6 +23,19 @@ def test_errors_of_rank_0_are_raised():
     assert communicator.on_first(lambda: 7) == 7
 
 
+class Odd(ValueError):
+    """One that is not built from its text."""
+
+    def __init__(self, one, two):
+        super().__init__(f"{one} and {two}")
+
+
+def test_every_error_can_be_sent_to_other_processes():
+    assert isinstance(communicator._for_others(OSError("full")), OSError)
+    told = communicator._for_others(Odd("a", "b"))
+    assert str(told) == "a and b" and isinstance(told, ValueError)
+
+
 def test_several_processes_without_mpi4py_are_told_three_ways(monkeypatch):
     monkeypatch.setitem(sys.modules, "mpi4py", None)
     with pytest.raises(RanksError, match="2 processes were started, and mpi4py is not there") as caught:
