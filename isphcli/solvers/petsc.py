@@ -121,7 +121,8 @@ class Petsc:
         if norm == 0.0:
             return np.zeros_like(rhs), Report(0, 0.0, limits.tolerance, "zero right-hand side")
         size = (len(rhs), reduce.number(rhs))
-        system = PETSc.Mat().createPython((size, size), _Shell(apply), comm=self.comm)
+        shells = _Shell(apply), _Shell(precondition)
+        system = PETSc.Mat().createPython((size, size), shells[0], comm=self.comm)
         system.setUp()
         krylov = PETSc.KSP().create(self.comm)
         krylov.setOperators(system)
@@ -130,7 +131,7 @@ class Petsc:
         krylov.setInitialGuessNonzero(True)
         inner = krylov.getPC()
         inner.setType("python")
-        inner.setPythonContext(_Shell(precondition))
+        inner.setPythonContext(shells[1])
         iterations = 0
         if watch is not None:
             def each(_: Any, iteration: int, residual: float) -> None:
@@ -146,7 +147,13 @@ class Petsc:
             left = limits.max_iterations - iterations
             krylov.setGMRESRestart(min(limits.restart, left))
             krylov.setTolerances(rtol=0.0, atol=limits.tolerance * norm, divtol=1e10, max_it=left)
-            krylov.solve(right, found)
+            try:
+                krylov.solve(right, found)
+            except PETSc.Error:
+                for shell in shells:
+                    if shell.error is not None:
+                        raise shell.error from None
+                raise
             iterations += krylov.getIterationNumber()
             before, residual = residual, reduce.norm(rhs - apply(found.array_r.copy())) / norm
             if not residual < before:  # also where it is not finite
@@ -159,11 +166,14 @@ class _Shell:
 
     def __init__(self, function: Apply):
         self.function = function
+        self.error: BaseException | None = None  # PETSc tells only that there was one
 
     def mult(self, _: Any, x: Any, y: Any) -> None:
         """y = A x."""
-        y.array[:] = self.function(x.array_r)
+        try:
+            y.array[:] = self.function(x.array_r)
+        except BaseException as error:
+            self.error = error
+            raise
 
-    def apply(self, _: Any, x: Any, y: Any) -> None:
-        """y = B x."""
-        y.array[:] = self.function(x.array_r)
+    apply = mult  # y = B x
