@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 NEAR_LINE = 2.0  # spacings: wall points are given the angle less and less up to this distance from the interface
 SHALLOW = 1.01  # spacings: dummies deeper than this have wall points that others have too
+SHALLOWEST = 0.25  # sine of the angle to the wall below which a contact line is not looked for farther along the wall
 WEIGHT = 1.0  # of a slope at a wall point, times the support, over that of a value of a neighbour there
 
 
@@ -94,8 +95,10 @@ class ContactAngle:
         particle = np.repeat(np.arange(len(phi)), np.diff(start))
         offset = neighbours.x[at] + self.dummies.depth[dummy][:, None] * normal - neighbours.x[particle]
         count = len(self.dummies.x)
-        distance, steepness = _at_wall_points(particle, offset, dummy, count, free, neighbours)
-        part = np.maximum(1.0 - (distance / (NEAR_LINE * self.spacing)) ** 2, 0.0) ** 2
+        distance, gradient, steepness = _at_wall_points(particle, offset, dummy, count, free, neighbours)
+        way, length = _to_the_line(distance, gradient, self.dummies.normal)
+        part = np.maximum(1.0 - (length / (NEAR_LINE * self.spacing)) ** 2, 0.0) ** 2
+        offset += way[dummy]
         touched = np.zeros(len(phi), np.bool_)
         touched[particle[part[dummy] > 0.0]] = True
         # in place of eqs 18-22
@@ -103,6 +106,16 @@ class ContactAngle:
         bound = quadratic_fit(ops.neighbours, phi, known, touched, slopes)
         return QuadraticFit(*(np.where(touched if old.ndim == 1 else touched[:, None], new, old)
                               for old, new in zip(free, bound)))
+
+
+def _to_the_line(distance: np.ndarray, gradient: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Ways (n, dim) along the wall from wall points of phi `distance` (n,) to where phi is zero, and their lengths (n,),
+    m; gradient: (n, dim) of phi; normal: (n, dim) of the wall."""
+    along = gradient - np.einsum("ij,ij->i", gradient, normal)[:, None] * normal
+    square = np.maximum(np.einsum("ij,ij->i", along, along), SHALLOWEST**2 * np.einsum("ij,ij->i", gradient, gradient))
+    length = np.divide(np.abs(distance), np.sqrt(square), out=np.full_like(distance, np.inf), where=square > 0.0)
+    way = np.divide(-distance, square, out=np.zeros_like(distance), where=np.isfinite(length))
+    return way[:, None] * along, length
 
 
 @njit(cache=True)
@@ -138,10 +151,11 @@ def _seen(neighbours, mark, shallow, n):
 
 @njit(cache=True, error_model="numpy")
 def _at_wall_points(particle, offset, dummy, count, fit, neighbours):
-    """phi (count,), m, and |grad phi| at the wall point above each dummy: kernel averages of what the particles that
-    see it make of theirs; infinite and zero where none does."""
+    """phi (count,), m, its gradient (count, dim) and |grad phi| at the wall point above each dummy: kernel averages of
+    what the particles that see it make of theirs; infinite and zero where none does."""
     dim = offset.shape[1]
     total, out, steepness = np.zeros(count), np.zeros(count), np.zeros(count)
+    gradient = np.zeros((count, dim))
     for p in range(len(particle)):
         i, r2, square, there = particle[p], 0.0, 0.0, fit.value[particle[p]]
         for k in range(dim):
@@ -152,7 +166,11 @@ def _at_wall_points(particle, offset, dummy, count, fit, neighbours):
         total[dummy[p]] += w
         out[dummy[p]] += w * there
         steepness[dummy[p]] += w * math.sqrt(square)
+        for k in range(dim):
+            gradient[dummy[p], k] += w * fit.slope[i, k]
     for d in range(count):
+        for k in range(dim):
+            gradient[d, k] = gradient[d, k] / total[d] if total[d] > 0.0 else 0.0
         out[d] = out[d] / total[d] if total[d] > 0.0 else np.inf
         steepness[d] = steepness[d] / total[d] if total[d] > 0.0 else 0.0
-    return out, steepness
+    return out, gradient, steepness
