@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 # too few neighbours are in sight to resolve a derivative it is zero, and where they are its error is of this size.
 RIDGE = 1e-6
 RIDGE_FIRST = 1e-9
+MOST_BENT = 1.0  # times 1 / support: curvature up to which the terms of higher order are taken
 FLATTEST = 0.25  # 1 + kappa d + K d^2 of a particle at distance d is above zero but at the centre of a drop
 
 
@@ -73,27 +74,42 @@ def _fit(neighbours, phi, known, wanted, walls):
     for i in prange(n):
         if not wanted[i]:
             continue
-        moments, right, basis = np.zeros((size, size)), np.zeros(size), np.empty(size)
+        moments, basis, d = np.zeros((size, size)), np.empty(size), np.empty(dim)
+        right, shape_of, more = np.zeros(size), np.empty((dim, dim)), np.zeros(size)
+        unit, slopes = np.empty(dim), np.empty(dim)
         own = shape(kind, 0.0)
         moments[0, 0] = own
         for p in range(start[i], start[i + 1]):
             if known[column[p]]:
-                r2 = 0.0
-                for k in range(dim):
-                    basis[1 + k] = (x[row[p], k] - x[i, k]) / support
-                    r2 += basis[1 + k] ** 2
-                basis[0] = 1.0
-                _products(basis, dim)
-                _add(moments, right, basis, shape(kind, math.sqrt(r2)), phi[column[p]] - phi[i])
+                w = _weight(d, x, row[p], i, support, kind)
+                _values(basis, d)
+                _add(moments, right, basis, w, phi[column[p]] - phi[i])
         for p in range(wall_start[i], wall_start[i + 1]):
-            r2 = 0.0
-            for k in range(dim):
-                r2 += (offset[p, k] / support) ** 2
-            _slopes(basis, offset[p], normal[p], support)
-            _add(moments, right, basis, wall_weight[p] * shape(kind, math.sqrt(r2)), support * wall_slope[p])
+            w = wall_weight[p] * _weight(d, offset, p, -1, support, kind)
+            _slopes(basis, d, normal[p])
+            _add(moments, right, basis, w, support * wall_slope[p])
         for a in range(1, size):
             moments[a, a] += own * (RIDGE if a > dim else RIDGE_FIRST)
+        _factors(moments)
         _solve(moments, right)
+        # what a quadratic function cannot have of a distance follows from it, and is taken off in a second fit
+        steepness = _levels(right, unit, shape_of)
+        for p in range(start[i], start[i + 1]):
+            if known[column[p]]:
+                w = _weight(d, x, row[p], i, support, kind)
+                _values(basis, d)
+                _add_right(more, basis, -w * steepness * _beyond(d, unit, shape_of, slopes))
+        for p in range(wall_start[i], wall_start[i + 1]):
+            w = wall_weight[p] * _weight(d, offset, p, -1, support, kind)
+            _slopes(basis, d, normal[p])
+            _beyond(d, unit, shape_of, slopes)
+            along = 0.0
+            for k in range(dim):
+                along += slopes[k] * normal[p, k]
+            _add_right(more, basis, -w * steepness * along)
+        _solve(moments, more)
+        for a in range(size):
+            right[a] += more[a]
         value[i] = phi[i] + right[0]
         for k in range(dim):
             slope[i, k] = right[1 + k] / support
@@ -102,26 +118,38 @@ def _fit(neighbours, phi, known, wanted, walls):
 
 
 @njit(cache=True, inline="always")
-def _products(basis, dim):
-    """Behind 1 and d: d_a d_a / 2 and d_a d_b, the upper half row by row."""
+def _weight(d, x, j, i, support, kind):
+    """Kernel at d (dim,) = (x_j - x_i) / support, which is written; x_i is zero for i = -1."""
+    r2 = 0.0
+    for k in range(len(d)):
+        d[k] = (x[j, k] - (x[i, k] if i >= 0 else 0.0)) / support
+        r2 += d[k] ** 2
+    return shape(kind, math.sqrt(r2))
+
+
+@njit(cache=True, inline="always")
+def _values(basis, d):
+    """The terms of the quadratic function at d: 1, d_a, and d_a d_a / 2 and d_a d_b, the upper half row by row."""
+    dim = len(d)
+    basis[0] = 1.0
     v = 1 + dim
     for a in range(dim):
+        basis[1 + a] = d[a]
         for b in range(a, dim):
-            basis[v] = basis[1 + a] * basis[1 + b] * (0.5 if a == b else 1.0)
+            basis[v] = d[a] * d[b] * (0.5 if a == b else 1.0)
             v += 1
 
 
-@njit(cache=True)
-def _slopes(basis, offset, normal, support):
-    """What each term of the quadratic function adds to its slope along a normal (dim,), times the support."""
-    dim = len(normal)
+@njit(cache=True, inline="always")
+def _slopes(basis, d, normal):
+    """Their slopes along a normal (dim,), times the support."""
+    dim = len(d)
     basis[0] = 0.0
     v = 1 + dim
     for a in range(dim):
         basis[1 + a] = normal[a]
         for b in range(a, dim):
-            da, db = offset[a] / support, offset[b] / support
-            basis[v] = normal[a] * da if a == b else normal[a] * db + normal[b] * da
+            basis[v] = normal[a] * d[a] if a == b else normal[a] * d[b] + normal[b] * d[a]
             v += 1
 
 
@@ -134,16 +162,28 @@ def _add(moments, right, basis, w, f):
             moments[a, b] += wa * basis[b]
 
 
+@njit(cache=True, inline="always")
+def _add_right(right, basis, f):
+    for a in range(len(right)):
+        right[a] += f * basis[a]
+
+
 @njit(cache=True, error_model="numpy")
-def _solve(lower, right):
-    """right (m,) becomes the solution of a symmetric positive system whose lower half is given; Cholesky's factors."""
-    m = len(right)
-    for k in range(m):
+def _factors(lower):
+    """A symmetric positive matrix (m, m), whose lower half is given, becomes its Cholesky factor."""
+    for k in range(len(lower)):
         for c in range(k + 1):
             rest = lower[k, c]
             for e in range(c):
                 rest -= lower[k, e] * lower[c, e]
             lower[k, c] = rest / lower[c, c] if c < k else math.sqrt(rest)
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(lower, right):
+    """right (m,) becomes the solution of the system whose Cholesky factor is given."""
+    m = len(right)
+    for k in range(m):
         rest = right[k]
         for e in range(k):
             rest -= lower[k, e] * right[e]
@@ -153,6 +193,69 @@ def _solve(lower, right):
         for e in range(k + 1, m):
             rest -= lower[e, k] * right[e]
         right[k] = rest / lower[k, k]
+
+
+@njit(cache=True, error_model="numpy")
+def _levels(c, unit, shape_of):
+    """|g| of coefficients c, with unit (dim,) = g / |g| and shape_of (dim, dim), the second derivatives over |g| along
+    the levels of phi: the second fundamental form of the level, at most MOST_BENT in size."""
+    dim = len(unit)
+    steepness = 0.0
+    for a in range(dim):
+        steepness += c[1 + a] ** 2
+    steepness = math.sqrt(steepness)
+    over = 1.0 / steepness if steepness > 0.0 else 0.0
+    v = 1 + dim
+    for a in range(dim):
+        unit[a] = c[1 + a] * over
+        for b in range(a, dim):
+            shape_of[a, b] = c[v] * over
+            shape_of[b, a] = shape_of[a, b]
+            v += 1
+    across, both = np.zeros(dim), 0.0
+    for a in range(dim):
+        for b in range(dim):
+            across[a] += shape_of[a, b] * unit[b]
+        both += unit[a] * across[a]
+    square = 0.0
+    for a in range(dim):
+        for b in range(dim):
+            shape_of[a, b] += both * unit[a] * unit[b] - across[a] * unit[b] - unit[a] * across[b]
+            square += shape_of[a, b] ** 2
+    if square > MOST_BENT**2:
+        for a in range(dim):
+            for b in range(dim):
+                shape_of[a, b] *= MOST_BENT / math.sqrt(square)
+    return steepness
+
+
+@njit(cache=True, error_model="numpy")
+def _beyond(d, n, h, slopes):
+    """Terms of third and fourth order at d (dim,) of a distance whose level has the normal n (dim,) and the form
+    h (dim, dim), unchanged along it, and their slopes (dim,), which are written:
+
+    -(n . d) d . h h d / 2 + (n . d)^2 d . h h h d / 2 - (d . h d)(d . h h d) / 8."""
+    dim = len(d)
+    along, q2, q3, q4 = 0.0, 0.0, 0.0, 0.0
+    h1, h2 = np.zeros(dim), np.zeros(dim)
+    for a in range(dim):
+        along += n[a] * d[a]
+        for b in range(dim):
+            h1[a] += h[a, b] * d[b]
+    for a in range(dim):
+        q2 += d[a] * h1[a]
+        q3 += h1[a] * h1[a]
+        for b in range(dim):
+            h2[a] += h[a, b] * h1[b]
+    for a in range(dim):
+        q4 += h1[a] * h2[a]
+        h3 = 0.0
+        for b in range(dim):
+            h3 += h[a, b] * h2[b]
+        slopes[a] = along * along * h3 - along * h2[a] - 0.25 * (q3 * h1[a] + q2 * h2[a])
+    for a in range(dim):
+        slopes[a] += n[a] * (along * q4 - 0.5 * q3)
+    return 0.5 * along * (along * q4 - q3) - 0.125 * q2 * q3
 
 
 @njit(cache=True, error_model="numpy")
