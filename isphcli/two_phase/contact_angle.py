@@ -103,7 +103,7 @@ class ContactAngle:
         touched[particle[part[dummy] > 0.0]] = True
         # in place of eqs 18-22
         slopes = SlopesAtWalls(start, offset, normal, steepness[dummy] * self._slope_of(dummy), WEIGHT * part[dummy])
-        bound = quadratic_fit(ops.neighbours, phi, known, touched, slopes)
+        bound = quadratic_fit(ops.neighbours, phi, known, touched, free.slope, slopes)
         return QuadraticFit(*(np.where(touched if old.ndim == 1 else touched[:, None], new, old)
                               for old, new in zip(free, bound)))
 

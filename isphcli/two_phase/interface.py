@@ -27,8 +27,9 @@ from numba import njit, prange
 from ..domain import reduce
 from ..domain.components import pair_components
 from ..flow.state import phase_of
+from ..operators.apply import gradient_one_sided
 from ..operators.kernel import shape
-from .quadratic_fit import QuadraticFit, no_slopes, quadratic_fit
+from .quadratic_fit import QuadraticFit, no_slopes, own_gradient, quadratic_fit
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
@@ -105,7 +106,8 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     seen = ops.neighbours
     reach = reach_of(seen.support, spacing)
     known = np.abs(phi) < reach
-    fit = quadratic_fit(seen, phi, known, known, no_slopes(ops.n, ops.dim))
+    gradient = own_gradient(seen, phi, known, gradient_one_sided(ops, phi[:, None])[:, 0])
+    fit = quadratic_fit(seen, phi, known, known, gradient, no_slopes(ops.n, ops.dim))
     if contact is not None:
         fit = contact.at_walls(ops, neighbours, phi, known, fit)
     steepness = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))

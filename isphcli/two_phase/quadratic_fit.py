@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 RIDGE = 1e-6
 RIDGE_FIRST = 1e-9
 MOST_BENT = 1.0  # times 1 / support: curvature up to which the terms of higher order are taken
+PASSES = 2
+STEEP = 0.5  # |grad phi| below which phi has no direction: half way between two interfaces
 FLATTEST = 0.25  # 1 + kappa d + K d^2 of a particle at distance d is above zero but at the centre of a drop
 
 
@@ -57,14 +59,27 @@ def no_slopes(n: int, dim: int) -> SlopesAtWalls:
 
 
 def quadratic_fit(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, wanted: np.ndarray,
-                  walls: SlopesAtWalls) -> QuadraticFit:
+                  gradient: np.ndarray, walls: SlopesAtWalls) -> QuadraticFit:
     """QuadraticFit of the particles `wanted` (n,), from those that are `known` (n,); elsewhere the value is phi (n,),
-    m, and slope and curvature are zero. neighbours: of the fluid particles."""
-    return QuadraticFit(*_fit(neighbours, phi, known, wanted, walls))
+    m, and slope and curvature are zero. neighbours: of the fluid particles; gradient: (n, dim) of phi, roughly."""
+    return QuadraticFit(*_fit(neighbours, phi, known, wanted, directions(gradient), walls))
+
+
+def directions(gradient: np.ndarray) -> np.ndarray:
+    """Unit vectors (n, dim) along gradients of phi (n, dim), shorter where these are below STEEP."""
+    size = np.sqrt(np.einsum("ij,ij->i", gradient, gradient))
+    return gradient / np.maximum(size, STEEP)[:, None]
+
+
+def own_gradient(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """Gradient (n, dim) of phi (n,), over the neighbours that have the same interface."""
+    for _ in range(PASSES):
+        gradient = _linear(neighbours, phi, known, directions(gradient))
+    return gradient
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def _fit(neighbours, phi, known, wanted, walls):
+def _fit(neighbours, phi, known, wanted, direction, walls):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
     wall_start, offset, normal, wall_slope, wall_weight = walls
@@ -81,7 +96,7 @@ def _fit(neighbours, phi, known, wanted, walls):
         moments[0, 0] = own
         for p in range(start[i], start[i + 1]):
             if known[column[p]]:
-                w = _weight(d, x, row[p], i, support, kind)
+                w = _weight(d, x, row[p], i, support, kind) * _alike(direction, i, column[p])
                 _values(basis, d)
                 _add(moments, right, basis, w, phi[column[p]] - phi[i])
         for p in range(wall_start[i], wall_start[i + 1]):
@@ -96,7 +111,7 @@ def _fit(neighbours, phi, known, wanted, walls):
         steepness = _levels(right, unit, shape_of)
         for p in range(start[i], start[i + 1]):
             if known[column[p]]:
-                w = _weight(d, x, row[p], i, support, kind)
+                w = _weight(d, x, row[p], i, support, kind) * _alike(direction, i, column[p])
                 _values(basis, d)
                 _add_right(more, basis, -w * steepness * _beyond(d, unit, shape_of, slopes))
         for p in range(wall_start[i], wall_start[i + 1]):
@@ -125,6 +140,37 @@ def _weight(d, x, j, i, support, kind):
         d[k] = (x[j, k] - (x[i, k] if i >= 0 else 0.0)) / support
         r2 += d[k] ** 2
     return shape(kind, math.sqrt(r2))
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def _linear(neighbours, phi, known, direction):
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    kind, support = neighbours.kind, neighbours.support
+    n, dim = direction.shape
+    out = np.zeros((n, dim))
+    for i in prange(n):
+        if known[i]:
+            moments, right, d = np.zeros((dim, dim)), np.zeros(dim), np.empty(dim)
+            for p in range(start[i], start[i + 1]):
+                if known[column[p]]:
+                    w = _weight(d, x, row[p], i, support, kind) * _alike(direction, i, column[p])
+                    _add(moments, right, d, w, phi[column[p]] - phi[i])
+            for k in range(dim):
+                moments[k, k] += RIDGE_FIRST
+            _factors(moments)
+            _solve(moments, right)
+            for k in range(dim):
+                out[i, k] = right[k] / support
+    return out
+
+
+@njit(cache=True, inline="always")
+def _alike(direction, i, j):
+    """Of 0 to 1: whether the distances of two particles are to the same side of the same interface."""
+    cosine = 0.0
+    for k in range(direction.shape[1]):
+        cosine += direction[i, k] * direction[j, k]
+    return 0.25 * (1.0 + cosine) ** 2
 
 
 @njit(cache=True, inline="always")
