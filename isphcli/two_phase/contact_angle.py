@@ -109,8 +109,8 @@ class ContactAngle:
 
 
 def _to_the_line(distance: np.ndarray, gradient: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ways (n, dim) along the wall from wall points of phi `distance` (n,) to where phi is zero, and their lengths (n,),
-    m; gradient: (n, dim) of phi; normal: (n, dim) of the wall."""
+    """Ways (n, dim) along the wall from wall points to where phi is zero, and their lengths (n,), m; distance: (n,) phi
+    of the points, m; gradient: (n, dim) of phi; normal: (n, dim) of the wall."""
     along = gradient - np.einsum("ij,ij->i", gradient, normal)[:, None] * normal
     square = np.maximum(np.einsum("ij,ij->i", along, along), SHALLOWEST**2 * np.einsum("ij,ij->i", gradient, gradient))
     length = np.divide(np.abs(distance), np.sqrt(square), out=np.full_like(distance, np.inf), where=square > 0.0)

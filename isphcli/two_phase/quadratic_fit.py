@@ -1,6 +1,6 @@
 """A distance fitted to a field of the particles by least squares over the support, with slopes at walls.
 
-    phi(x) ~ a + g . d + d . H d / 2 + C(d),    d = x - x_i,    weight W(d) of each neighbour and of the particle itself;
+    phi(x) ~ a + g . d + d . H d / 2 + C(d),    d = x - x_i,    weight W(d) of each neighbour and of the particle;
 
 a wall point asks in the same sum for its slope along the normal p of the wall: support (p . (g + H d) - slope) with the
 weight of a neighbour there. C are the terms of third and fourth order that a distance has (|grad phi| does not change
@@ -79,8 +79,8 @@ def directions(gradient: np.ndarray) -> np.ndarray:
 
 
 def own_gradient(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """Gradient (n, dim) of phi (n,), m, of the particles that are `known` (n,), over the neighbours whose distance is to
-    the same interface; gradient: over all of them."""
+    """Gradient (n, dim) of phi (n,), m, over the neighbours whose distance is to the same interface, of the particles
+    that are `known` (n,); gradient: over all of them."""
     return _linear(neighbours, phi, known, directions(gradient))
 
 

