@@ -10,11 +10,13 @@ to fourth order in the support, and roughness shorter than the support is not.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from ..domain.row_threads import over_rows
 from ..operators.kernel import shape
 
 if TYPE_CHECKING:
@@ -59,21 +61,32 @@ def quadratic_fit(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray,
                   walls: SlopesAtWalls) -> QuadraticFit:
     """QuadraticFit of the particles `wanted` (n,), from those that are `known` (n,); elsewhere the value is phi (n,),
     m, and slope and curvature are zero. neighbours: of the fluid particles."""
-    return QuadraticFit(*_fit(neighbours, phi, known, wanted, walls))
+    n, dim = neighbours.n, neighbours.x.shape[1]
+    fit = QuadraticFit(phi.copy(), np.zeros((n, dim)), np.zeros(n))
+    over_rows(_fit, n, neighbours, phi, (known, wanted), walls, fit, work=partial(_scratch, dim))
+    return fit
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def _fit(neighbours, phi, known, wanted, walls):
+def _scratch(dim: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Moments, right-hand side and terms of the quadratic function of one particle."""
+    size = 1 + dim + dim * (dim + 1) // 2
+    return np.empty((size, size)), np.empty(size), np.empty(size)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fit(rows, work, neighbours, phi, which, walls, fit):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
     wall_start, offset, normal, wall_slope, wall_weight = walls
-    n, dim = len(start) - 1, x.shape[1]
-    size = 1 + dim + dim * (dim + 1) // 2
-    value, slope, curvature = phi.copy(), np.zeros((n, dim)), np.zeros(n)
-    for i in prange(n):
+    (moments, right, basis), (known, wanted), (value, slope, curvature) = work, which, fit
+    dim, size = x.shape[1], len(right)
+    for i in range(rows[0], rows[1]):
         if not wanted[i]:
             continue
-        moments, right, basis = np.zeros((size, size)), np.zeros(size), np.empty(size)
+        for a in range(size):
+            right[a] = 0.0
+            for b in range(size):
+                moments[a, b] = 0.0
         own = shape(kind, 0.0)
         moments[0, 0] = own
         for p in range(start[i], start[i + 1]):
@@ -98,7 +111,6 @@ def _fit(neighbours, phi, known, wanted, walls):
         for k in range(dim):
             slope[i, k] = right[1 + k] / support
         curvature[i] = _curvature(right, dim, support, value[i])
-    return value, slope, curvature
 
 
 @njit(cache=True, inline="always")
