@@ -3,77 +3,99 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from ..domain.neighbours import Neighbourhood
+from ..domain.row_threads import over_rows
 
 
-@njit(cache=True, parallel=True)
-def laplacian(start, column, lap, f):
+def laplacian(start: np.ndarray, column: np.ndarray, lap: np.ndarray, f: np.ndarray) -> np.ndarray:
     """Laplacian of f (n, c) with weights lap (n_pairs,), (n, c)."""
-    n, width = f.shape
-    result = np.zeros((n, width))
-    for i in prange(n):
-        for p in range(start[i], start[i + 1]):
-            j = column[p]
-            for c in range(width):
-                result[i, c] += lap[p] * (f[j, c] - f[i, c])  # eq. 6
+    n = len(start) - 1
+    result = np.zeros((n, f.shape[1]))
+    over_rows(_laplacian, n, start, column, lap, f, result)
     return result
 
 
-@njit(cache=True, parallel=True)
-def gradient(start, column, grad, f):
+def gradient(start: np.ndarray, column: np.ndarray, grad: np.ndarray, f: np.ndarray) -> np.ndarray:
     """d f_c / d x_k of f (n, c) with weights grad (n_pairs, dim), (n, c, dim)."""
-    n, width = f.shape
-    dim = grad.shape[1]
-    result = np.zeros((n, width, dim))
-    for i in prange(n):
-        for p in range(start[i], start[i + 1]):
-            j = column[p]
-            for c in range(width):
-                d = f[j, c] - f[i, c]
-                for k in range(dim):
-                    result[i, c, k] += grad[p, k] * d  # eq. 5
+    n = len(start) - 1
+    result = np.zeros((n, f.shape[1], grad.shape[1]))
+    over_rows(_gradient, n, start, column, grad, f, result)
     return result
 
 
-@njit(cache=True, parallel=True)
-def gradient_of_scalar(start, column, grad, f):
+def gradient_of_scalar(start: np.ndarray, column: np.ndarray, grad: np.ndarray, f: np.ndarray) -> np.ndarray:
     """Gradient (n, dim) of f (n,)."""
-    n, dim = len(f), grad.shape[1]
-    result = np.zeros((n, dim))
-    for i in prange(n):
+    n = len(start) - 1
+    result = np.zeros((n, grad.shape[1]))
+    over_rows(_gradient_of_scalar, n, start, column, grad, f, result)
+    return result
+
+
+def divergence(start: np.ndarray, column: np.ndarray, grad: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Divergence (n,) of u (n, dim)."""
+    n = len(start) - 1
+    result = np.empty(n)
+    over_rows(_divergence, n, start, column, grad, u, result)
+    return result
+
+
+def gradient_of_potential(neighbours: Neighbourhood, grad: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Gradient (n, dim) of the potential force . x, which no periodic box holds: of its differences over the pairs."""
+    out = np.zeros((neighbours.n, len(force)))
+    over_rows(_gradient_of_potential, neighbours.n, neighbours, grad, force, out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _laplacian(rows, start, column, lap, f, result):
+    for i in range(rows[0], rows[1]):
+        for p in range(start[i], start[i + 1]):
+            j = column[p]
+            for c in range(f.shape[1]):
+                result[i, c] += lap[p] * (f[j, c] - f[i, c])  # eq. 6
+
+
+@njit(cache=True, nogil=True)
+def _gradient(rows, start, column, grad, f, result):
+    for i in range(rows[0], rows[1]):
+        for p in range(start[i], start[i + 1]):
+            j = column[p]
+            for c in range(f.shape[1]):
+                d = f[j, c] - f[i, c]
+                for k in range(grad.shape[1]):
+                    result[i, c, k] += grad[p, k] * d  # eq. 5
+
+
+@njit(cache=True, nogil=True)
+def _gradient_of_scalar(rows, start, column, grad, f, result):
+    for i in range(rows[0], rows[1]):
         for p in range(start[i], start[i + 1]):
             d = f[column[p]] - f[i]
-            for k in range(dim):
+            for k in range(grad.shape[1]):
                 result[i, k] += grad[p, k] * d  # eq. 5
-    return result
 
 
-@njit(cache=True, parallel=True)
-def divergence(start, column, grad, u):
-    """Divergence (n,) of u (n, dim)."""
-    n, dim = u.shape
-    result = np.zeros(n)
-    for i in prange(n):
+@njit(cache=True, nogil=True)
+def _divergence(rows, start, column, grad, u, result):
+    for i in range(rows[0], rows[1]):
         s = 0.0
         for p in range(start[i], start[i + 1]):
             j = column[p]
-            for k in range(dim):
+            for k in range(grad.shape[1]):
                 s += grad[p, k] * (u[j, k] - u[i, k])  # the trace of eq. 5
         result[i] = s
-    return result
 
 
-@njit(cache=True, parallel=True)
-def gradient_of_potential(neighbours, grad, force):
-    """Gradient (n, dim) of the potential force . x, which no periodic box holds: of its differences over the pairs."""
+@njit(cache=True, nogil=True)
+def _gradient_of_potential(rows, neighbours, grad, force, out):
     start, row, x = neighbours.start, neighbours.row, neighbours.x
-    n, dim = len(start) - 1, len(force)
-    out = np.zeros((n, dim))
-    for i in prange(n):
+    dim = len(force)
+    for i in range(rows[0], rows[1]):
         for q in range(start[i], start[i + 1]):
             rise = 0.0
             for k in range(dim):
                 rise += force[k] * (x[row[q], k] - x[i, k])
             for k in range(dim):
                 out[i, k] += grad[q, k] * rise
-    return out

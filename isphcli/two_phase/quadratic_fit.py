@@ -15,11 +15,13 @@ to another interface and are left out: the fit is that of a particle's own one.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from ..domain.row_threads import over_rows
 from ..operators.kernel import shape
 
 if TYPE_CHECKING:
@@ -69,7 +71,10 @@ def quadratic_fit(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray,
                   gradient: np.ndarray, walls: SlopesAtWalls) -> QuadraticFit:
     """QuadraticFit of the particles `wanted` (n,), from those that are `known` (n,); elsewhere the value is phi (n,),
     m, and slope and curvature are zero. neighbours: of the fluid particles; gradient: (n, dim) of phi, roughly."""
-    return QuadraticFit(*_fit(neighbours, phi, known, wanted, directions(gradient), walls))
+    n, dim = neighbours.n, neighbours.x.shape[1]
+    fit = QuadraticFit(phi.copy(), np.zeros((n, dim)), np.zeros(n))
+    over_rows(_fit, n, neighbours, phi, (known, wanted), directions(gradient), walls, fit, work=partial(_scratch, dim))
+    return fit
 
 
 def directions(gradient: np.ndarray) -> np.ndarray:
@@ -81,23 +86,50 @@ def directions(gradient: np.ndarray) -> np.ndarray:
 def own_gradient(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """Gradient (n, dim) of phi (n,), m, over the neighbours whose distance is to the same interface, of the particles
     that are `known` (n,); gradient: over all of them."""
-    return _linear(neighbours, phi, known, directions(gradient))
+    n, dim = gradient.shape
+    out = np.zeros((n, dim))
+    over_rows(_linear, n, neighbours, phi, known, directions(gradient), out,
+              work=lambda: (np.empty((dim, dim)), np.empty(dim), np.empty(dim)))
+    return out
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def _fit(neighbours, phi, known, wanted, direction, walls):
+class Scratch(NamedTuple):
+    """Of one particle: the system of the quadratic function and its second right-hand side, the terms of the function,
+    and what a level of phi is like: its normal, its form, and vectors of the terms of higher order."""
+
+    moments: np.ndarray
+    right: np.ndarray
+    more: np.ndarray
+    basis: np.ndarray
+    d: np.ndarray
+    unit: np.ndarray
+    form: np.ndarray
+    slopes: np.ndarray
+    once: np.ndarray
+    twice: np.ndarray
+
+
+def _scratch(dim: int) -> Scratch:
+    size = 1 + dim + dim * (dim + 1) // 2
+    return Scratch(np.empty((size, size)), *(np.empty(size) for _ in range(3)), np.empty(dim), np.empty(dim),
+                   np.empty((dim, dim)), *(np.empty(dim) for _ in range(3)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fit(rows, work, neighbours, phi, which, direction, walls, fit):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
     wall_start, offset, normal, wall_slope, wall_weight = walls
-    n, dim = len(start) - 1, x.shape[1]
-    size = 1 + dim + dim * (dim + 1) // 2
-    value, slope, curvature = phi.copy(), np.zeros((n, dim)), np.zeros(n)
-    for i in prange(n):
+    moments, right, more, basis, d = work.moments, work.right, work.more, work.basis, work.d
+    (known, wanted), (value, slope, curvature) = which, fit
+    dim, size = x.shape[1], len(right)
+    for i in range(rows[0], rows[1]):
         if not wanted[i]:
             continue
-        moments, basis, d = np.zeros((size, size)), np.empty(size), np.empty(dim)
-        right, shape_of, more = np.zeros(size), np.empty((dim, dim)), np.zeros(size)
-        unit, slopes = np.empty(dim), np.empty(dim)
+        for a in range(size):
+            right[a], more[a] = 0.0, 0.0
+            for b in range(size):
+                moments[a, b] = 0.0
         own = shape(kind, 0.0)
         moments[0, 0] = own
         for p in range(start[i], start[i + 1]):
@@ -114,19 +146,19 @@ def _fit(neighbours, phi, known, wanted, direction, walls):
         _factors(moments)
         _solve(moments, right)
         # what a quadratic function cannot have of a distance follows from it, and is taken off in a second fit
-        steepness = _levels(right, unit, shape_of)
+        steepness = _levels(right, work)
         for p in range(start[i], start[i + 1]):
             if known[column[p]]:
                 w = _weight(d, x, row[p], i, support, kind) * _alike(direction, i, column[p])
                 _values(basis, d)
-                _add_right(more, basis, -w * steepness * _beyond(d, unit, shape_of, slopes))
+                _add_right(more, basis, -w * steepness * _beyond(work))
         for p in range(wall_start[i], wall_start[i + 1]):
             w = wall_weight[p] * _weight(d, offset, p, -1, support, kind)
             _slopes(basis, d, normal[p])
-            _beyond(d, unit, shape_of, slopes)
+            _beyond(work)
             along = 0.0
             for k in range(dim):
-                along += slopes[k] * normal[p, k]
+                along += work.slopes[k] * normal[p, k]
             _add_right(more, basis, -w * steepness * along)
         _solve(moments, more)
         for a in range(size):
@@ -135,7 +167,6 @@ def _fit(neighbours, phi, known, wanted, direction, walls):
         for k in range(dim):
             slope[i, k] = right[1 + k] / support
         curvature[i] = _curvature(right, dim, support, value[i])
-    return value, slope, curvature
 
 
 @njit(cache=True, inline="always")
@@ -148,26 +179,26 @@ def _weight(d, x, j, i, support, kind):
     return shape(kind, math.sqrt(r2))
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def _linear(neighbours, phi, known, direction):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _linear(rows, work, neighbours, phi, known, direction, out):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
-    n, dim = direction.shape
-    out = np.zeros((n, dim))
-    for i in prange(n):
+    moments, right, d = work
+    dim = len(d)
+    for i in range(rows[0], rows[1]):
         if known[i]:
-            moments, right, d = np.zeros((dim, dim)), np.zeros(dim), np.empty(dim)
+            for a in range(dim):
+                right[a] = 0.0
+                for b in range(dim):
+                    moments[a, b] = RIDGE_FIRST if a == b else 0.0
             for p in range(start[i], start[i + 1]):
                 if known[column[p]]:
                     w = _weight(d, x, row[p], i, support, kind) * _alike(direction, i, column[p])
                     _add(moments, right, d, w, phi[column[p]] - phi[i])
-            for k in range(dim):
-                moments[k, k] += RIDGE_FIRST
             _factors(moments)
             _solve(moments, right)
-            for k in range(dim):
-                out[i, k] = right[k] / support
-    return out
+            for a in range(dim):
+                out[i, a] = right[a] / support
 
 
 @njit(cache=True, inline="always")
@@ -248,9 +279,10 @@ def _solve(lower, right):
 
 
 @njit(cache=True, error_model="numpy")
-def _levels(c, unit, shape_of):
-    """|g| of coefficients c, with unit (dim,) = g / |g| and shape_of (dim, dim), the second derivatives over |g| along
-    the levels of phi: the second fundamental form of the level, at most MOST_BENT in size."""
+def _levels(c, work):
+    """|g| of coefficients c. Written: unit = g / |g| and form, the second derivatives over |g| along the levels of phi:
+    the second fundamental form of the level, at most MOST_BENT in size."""
+    unit, form, across = work.unit, work.form, work.once
     dim = len(unit)
     steepness = 0.0
     for a in range(dim):
@@ -261,50 +293,52 @@ def _levels(c, unit, shape_of):
     for a in range(dim):
         unit[a] = c[1 + a] * over
         for b in range(a, dim):
-            shape_of[a, b] = c[v] * over
-            shape_of[b, a] = shape_of[a, b]
+            form[a, b] = c[v] * over
+            form[b, a] = form[a, b]
             v += 1
-    across, both = np.zeros(dim), 0.0
+    both, square = 0.0, 0.0
     for a in range(dim):
+        across[a] = 0.0
         for b in range(dim):
-            across[a] += shape_of[a, b] * unit[b]
+            across[a] += form[a, b] * unit[b]
         both += unit[a] * across[a]
-    square = 0.0
     for a in range(dim):
         for b in range(dim):
-            shape_of[a, b] += both * unit[a] * unit[b] - across[a] * unit[b] - unit[a] * across[b]
-            square += shape_of[a, b] ** 2
+            form[a, b] += both * unit[a] * unit[b] - across[a] * unit[b] - unit[a] * across[b]
+            square += form[a, b] ** 2
     if square > MOST_BENT**2:
         for a in range(dim):
             for b in range(dim):
-                shape_of[a, b] *= MOST_BENT / math.sqrt(square)
+                form[a, b] *= MOST_BENT / math.sqrt(square)
     return steepness
 
 
 @njit(cache=True, error_model="numpy")
-def _beyond(d, n, h, slopes):
-    """Terms of third and fourth order at d (dim,) of a distance whose level has the normal n (dim,) and the form
-    h (dim, dim), unchanged along it, and their slopes (dim,), which are written:
+def _beyond(work):
+    """Terms of third and fourth order of a distance at d, with n the normal (unit) and h the form of its level,
+    unchanged along it; their slopes are written:
 
     -(n . d) d . h h d / 2 + (n . d)^2 d . h h h d / 2 - (d . h d)(d . h h d) / 8."""
+    d, n, h, slopes, once, twice = work.d, work.unit, work.form, work.slopes, work.once, work.twice
     dim = len(d)
     along, q2, q3, q4 = 0.0, 0.0, 0.0, 0.0
-    h1, h2 = np.zeros(dim), np.zeros(dim)
     for a in range(dim):
         along += n[a] * d[a]
+        once[a] = 0.0
         for b in range(dim):
-            h1[a] += h[a, b] * d[b]
+            once[a] += h[a, b] * d[b]
     for a in range(dim):
-        q2 += d[a] * h1[a]
-        q3 += h1[a] * h1[a]
+        q2 += d[a] * once[a]
+        q3 += once[a] * once[a]
+        twice[a] = 0.0
         for b in range(dim):
-            h2[a] += h[a, b] * h1[b]
+            twice[a] += h[a, b] * once[b]
     for a in range(dim):
-        q4 += h1[a] * h2[a]
-        h3 = 0.0
+        q4 += once[a] * twice[a]
+        thrice = 0.0
         for b in range(dim):
-            h3 += h[a, b] * h2[b]
-        slopes[a] = along * along * h3 - along * h2[a] - 0.25 * (q3 * h1[a] + q2 * h2[a])
+            thrice += h[a, b] * twice[b]
+        slopes[a] = along * along * thrice - along * twice[a] - 0.25 * (q3 * once[a] + q2 * twice[a])
     for a in range(dim):
         slopes[a] += n[a] * (along * q4 - 0.5 * q3)
     return 0.5 * along * (along * q4 - q3) - 0.125 * q2 * q3

@@ -26,6 +26,7 @@ MATRIX = "a row of a matrix takes a particle and its neighbours"
 WALLS = "over the walls, of which every process has all"
 GATHERED = "over points, particles or links that one process will have to gather: there are few, or it is seldom done"
 TIMES = "over times at which a force or a wall is looked at"
+SCRATCH = "length of scratch arrays, which every process makes for its own rows"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
     ("domain.lattice", "self.counts.prod()"): AXES,
@@ -33,6 +34,8 @@ ALLOWED = {
     ("domain.lattice", "self.cell.prod()"): AXES,
     ("domain.lattice", "np.log10((length + 2.0 * margin) / cell).sum()"): AXES,
     ("domain.neighbours", "cells.prod()"): AXES,
+    ("domain.neighbours", "np.diff(start).max(initial=0)"): SCRATCH,
+    ("domain.neighbours", "(first[reach:] - first[:-reach]).max(initial=0)"): SCRATCH,
     ("flow.diffusion", "np.any(div != 0.0, axis=1)"): OWN,
     ("flow.diffusion", "np.einsum('nk,nk->n', div[beside], normal)"): OWN,
     ("flow.one_fluid", "force.any()"): AXES,
@@ -58,6 +61,7 @@ ALLOWED = {
     ("flow.volume_control", "np.prod(np.where(corner, beyond, 1.0 - beyond), axis=1)"): OWN,
     ("operators.protocol", "np.einsum('nkm,nm->nk', self.slip, u)"): OWN,
     ("operators.protocol", "np.einsum('nk,nk->n', self.div, u)"): OWN,
+    ("operators.wall_weights", "np.any(slip_length > 0.0)"): WALLS,
     ("operators.wall_operators", "np.any(geometry.slip_length > 0.0)"): WALLS,
     ("solvers.kept_hierarchies", "matrix @ x"): MATRIX,
     ("solvers.multigrid", "level.R @ (b - level.A @ x)"): MATRIX,
