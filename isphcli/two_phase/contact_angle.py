@@ -4,8 +4,13 @@ Eqs 18-22 turn the normals of the fluid near a wall towards the contact angle; a
 settles at 84. Here the fit of `quadratic_fit` takes the angle in, as a boundary condition: with theta measured
 through the first fluid and p the normal of the wall, into the fluid,
 
-    p . grad phi = -cos(theta) |grad phi|     at the wall points above the dummies, near the line where phi = 0 meets
-                                              the wall, |grad phi| that of the fit without them.
+    p . grad phi = -cos(theta) |grad phi| / (1 - kappa phi)     at the wall points above the dummies, near the line where
+                                                                phi = 0 meets the wall,
+
+|grad phi| and kappa those of the fit without them. The angle is that of the interface: the other levels of the distance
+to a round interface have the same centre, and meet the wall at other angles. Without kappa the curvature beside walls
+was 20 % off at every resolution, and the largest spurious velocities were there. In space kappa is half of the mean
+curvature's, that of a cap; of an interface that is round in one direction alone half of the correction is missed.
 
 Normals and curvature beside the wall, and the smoothing of phi, follow from the fit: no normal is turned by hand.
 """
@@ -29,7 +34,6 @@ if TYPE_CHECKING:
 
 NEAR_LINE = 2.0  # spacings: wall points are given the angle less and less up to this distance from the interface
 SHALLOW = 1.01  # spacings: dummies deeper than this have wall points that others have too
-SHALLOWEST = 0.25  # sine of the angle to the wall below which a contact line is not looked for farther along the wall
 WEIGHT = 1.0  # of a slope at a wall point, times the support, over that of a value of a neighbour there
 
 
@@ -95,27 +99,18 @@ class ContactAngle:
         particle = np.repeat(np.arange(len(phi)), np.diff(start))
         offset = neighbours.x[at] + self.dummies.depth[dummy][:, None] * normal - neighbours.x[particle]
         count = len(self.dummies.x)
-        distance, gradient, steepness = _at_wall_points(particle, offset, dummy, count, free, neighbours)
-        way, length = _to_the_line(distance, gradient, self.dummies.normal)
-        part = np.maximum(1.0 - (length / (NEAR_LINE * self.spacing)) ** 2, 0.0) ** 2
-        offset += way[dummy]
+        distance, steepness, curvature = _at_wall_points(particle, offset, dummy, count, free, neighbours)
+        part = np.maximum(1.0 - (distance / (NEAR_LINE * self.spacing)) ** 2, 0.0) ** 2
+        sharpest = 0.5 / (NEAR_LINE * self.spacing)  # kappa phi stays below a half
+        bent = np.clip(curvature / (ops.dim - 1), -sharpest, sharpest) * np.where(part > 0.0, distance, 0.0)
+        steepness /= 1.0 - bent
         touched = np.zeros(len(phi), np.bool_)
         touched[particle[part[dummy] > 0.0]] = True
         # in place of eqs 18-22
         slopes = SlopesAtWalls(start, offset, normal, steepness[dummy] * self._slope_of(dummy), WEIGHT * part[dummy])
-        bound = quadratic_fit(ops.neighbours, phi, known, touched, free.slope, slopes)
+        bound = quadratic_fit(ops.neighbours, phi, known, touched, free.slope, self.spacing, slopes)
         return QuadraticFit(*(np.where(touched if old.ndim == 1 else touched[:, None], new, old)
                               for old, new in zip(free, bound)))
-
-
-def _to_the_line(distance: np.ndarray, gradient: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ways (n, dim) along the wall from wall points to where phi is zero, and their lengths (n,), m; distance: (n,) phi
-    of the points, m; gradient: (n, dim) of phi; normal: (n, dim) of the wall."""
-    along = gradient - np.einsum("ij,ij->i", gradient, normal)[:, None] * normal
-    square = np.maximum(np.einsum("ij,ij->i", along, along), SHALLOWEST**2 * np.einsum("ij,ij->i", gradient, gradient))
-    length = np.divide(np.abs(distance), np.sqrt(square), out=np.full_like(distance, np.inf), where=square > 0.0)
-    way = np.divide(-distance, square, out=np.zeros_like(distance), where=np.isfinite(length))
-    return way[:, None] * along, length
 
 
 @njit(cache=True)
@@ -151,11 +146,11 @@ def _seen(neighbours, mark, shallow, n):
 
 @njit(cache=True, error_model="numpy")
 def _at_wall_points(particle, offset, dummy, count, fit, neighbours):
-    """phi (count,), m, its gradient (count, dim) and |grad phi| at the wall point above each dummy: kernel averages of
-    what the particles that see it make of theirs; infinite and zero where none does."""
+    """phi (count,), m, |grad phi| and the curvature of phi = 0, 1/m, at the wall point above each dummy: kernel averages
+    of what the particles that see it make of theirs; infinite and zero where none does."""
     dim = offset.shape[1]
     total, out, steepness = np.zeros(count), np.zeros(count), np.zeros(count)
-    gradient = np.zeros((count, dim))
+    curvature = np.zeros(count)
     for p in range(len(particle)):
         i, r2, square, there = particle[p], 0.0, 0.0, fit.value[particle[p]]
         for k in range(dim):
@@ -166,11 +161,9 @@ def _at_wall_points(particle, offset, dummy, count, fit, neighbours):
         total[dummy[p]] += w
         out[dummy[p]] += w * there
         steepness[dummy[p]] += w * math.sqrt(square)
-        for k in range(dim):
-            gradient[dummy[p], k] += w * fit.slope[i, k]
+        curvature[dummy[p]] += w * fit.curvature[i]
     for d in range(count):
-        for k in range(dim):
-            gradient[d, k] = gradient[d, k] / total[d] if total[d] > 0.0 else 0.0
+        curvature[d] = curvature[d] / total[d] if total[d] > 0.0 else 0.0
         out[d] = out[d] / total[d] if total[d] > 0.0 else np.inf
         steepness[d] = steepness[d] / total[d] if total[d] > 0.0 else 0.0
-    return out, gradient, steepness
+    return out, steepness, curvature

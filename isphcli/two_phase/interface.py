@@ -107,8 +107,8 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     seen = ops.neighbours
     reach = reach_of(seen.support, spacing)
     known = np.abs(phi) < reach
-    gradient = own_gradient(seen, phi, known, gradient_one_sided(ops, phi[:, None])[:, 0])
-    fit = quadratic_fit(seen, phi, known, known, gradient, no_slopes(ops.n, ops.dim))
+    gradient = own_gradient(seen, phi, known, gradient_one_sided(ops, phi[:, None])[:, 0], spacing)
+    fit = quadratic_fit(seen, phi, known, known, gradient, spacing, no_slopes(ops.n, ops.dim))
     if contact is not None:
         fit = contact.at_walls(ops, neighbours, phi, known, fit)
     steepness = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))

@@ -68,12 +68,14 @@ def no_slopes(n: int, dim: int) -> SlopesAtWalls:
 
 
 def quadratic_fit(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, wanted: np.ndarray,
-                  gradient: np.ndarray, walls: SlopesAtWalls) -> QuadraticFit:
+                  gradient: np.ndarray, spacing: float, walls: SlopesAtWalls) -> QuadraticFit:
     """QuadraticFit of the particles `wanted` (n,), from those that are `known` (n,); elsewhere the value is phi (n,),
-    m, and slope and curvature are zero. neighbours: of the fluid particles; gradient: (n, dim) of phi, roughly."""
+    m, and slope and curvature are zero. neighbours: of the fluid particles; gradient: (n, dim) of phi, roughly;
+    spacing: m."""
     n, dim = neighbours.n, neighbours.x.shape[1]
     fit = QuadraticFit(phi.copy(), np.zeros((n, dim)), np.zeros(n))
-    over_rows(_fit, n, neighbours, phi, (known, wanted), directions(gradient), walls, fit, work=partial(_scratch, dim))
+    over_rows(_fit, n, neighbours, phi, (known, wanted), directions(gradient), spacing / neighbours.support, walls, fit,
+              work=partial(_scratch, dim))
     return fit
 
 
@@ -83,12 +85,13 @@ def directions(gradient: np.ndarray) -> np.ndarray:
     return gradient / np.maximum(size, STEEP)[:, None]
 
 
-def own_gradient(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+def own_gradient(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, gradient: np.ndarray,
+                 spacing: float) -> np.ndarray:
     """Gradient (n, dim) of phi (n,), m, over the neighbours whose distance is to the same interface, of the particles
     that are `known` (n,); gradient: over all of them."""
     n, dim = gradient.shape
     out = np.zeros((n, dim))
-    over_rows(_linear, n, neighbours, phi, known, directions(gradient), out,
+    over_rows(_linear, n, neighbours, phi, known, directions(gradient), spacing / neighbours.support, out,
               work=lambda: (np.empty((dim, dim)), np.empty(dim), np.empty(dim)))
     return out
 
@@ -116,7 +119,7 @@ def _scratch(dim: int) -> Scratch:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fit(rows, work, neighbours, phi, which, direction, walls, fit):
+def _fit(rows, work, neighbours, phi, which, direction, spacing, walls, fit):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
     wall_start, offset, normal, wall_slope, wall_weight = walls
@@ -134,7 +137,7 @@ def _fit(rows, work, neighbours, phi, which, direction, walls, fit):
         moments[0, 0] = own
         for p in range(start[i], start[i + 1]):
             if known[column[p]]:
-                w = _weight(d, x, row[p], i, support, kind) * _alike(direction, i, column[p])
+                w = _weight(d, x, row[p], i, support, kind) * _alike(direction, i, column[p], d, 0.5 * (phi[i] + phi[column[p]]) / support, spacing)
                 _values(basis, d)
                 _add(moments, right, basis, w, phi[column[p]] - phi[i])
         for p in range(wall_start[i], wall_start[i + 1]):
@@ -149,7 +152,7 @@ def _fit(rows, work, neighbours, phi, which, direction, walls, fit):
         steepness = _levels(right, work)
         for p in range(start[i], start[i + 1]):
             if known[column[p]]:
-                w = _weight(d, x, row[p], i, support, kind) * _alike(direction, i, column[p])
+                w = _weight(d, x, row[p], i, support, kind) * _alike(direction, i, column[p], d, 0.5 * (phi[i] + phi[column[p]]) / support, spacing)
                 _values(basis, d)
                 _add_right(more, basis, -w * steepness * _beyond(work))
         for p in range(wall_start[i], wall_start[i + 1]):
@@ -180,7 +183,7 @@ def _weight(d, x, j, i, support, kind):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _linear(rows, work, neighbours, phi, known, direction, out):
+def _linear(rows, work, neighbours, phi, known, direction, spacing, out):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
     moments, right, d = work
@@ -193,7 +196,7 @@ def _linear(rows, work, neighbours, phi, known, direction, out):
                     moments[a, b] = RIDGE_FIRST if a == b else 0.0
             for p in range(start[i], start[i + 1]):
                 if known[column[p]]:
-                    w = _weight(d, x, row[p], i, support, kind) * _alike(direction, i, column[p])
+                    w = _weight(d, x, row[p], i, support, kind) * _alike(direction, i, column[p], d, 0.5 * (phi[i] + phi[column[p]]) / support, spacing)
                     _add(moments, right, d, w, phi[column[p]] - phi[i])
             _factors(moments)
             _solve(moments, right)
@@ -202,12 +205,15 @@ def _linear(rows, work, neighbours, phi, known, direction, out):
 
 
 @njit(cache=True, inline="always")
-def _alike(direction, i, j):
-    """Of 0 to 1: whether the distances of two particles are to the same interface, by the angle between them."""
-    cosine = 0.0
-    for k in range(direction.shape[1]):
+def _alike(direction, i, j, d, mean, spacing):
+    """Of 0 to 1: whether the distances of two particles are to the same interface, by the angle between them and by phi
+    where they would meet; d (dim,), the mean of phi and the spacing in units of the support."""
+    cosine, edge = 0.0, mean
+    for k in range(len(d)):
         cosine += direction[i, k] * direction[j, k]
-    return (0.5 * (1.0 + cosine)) ** APART
+        edge += 0.25 * (direction[i, k] - direction[j, k]) * d[k]
+    apart = min((edge / spacing) ** 2, 1.0)
+    return 1.0 - apart * (1.0 - (0.5 * (1.0 + cosine)) ** APART)
 
 
 @njit(cache=True, inline="always")

@@ -33,16 +33,16 @@ def test_normals_of_a_disk_point_into_it():
     assert ((interface.normal * inward).sum(axis=1)[band] > 1.0 - 1e-4).all()
 
 
-@pytest.mark.parametrize("jitter, order", [(0.0, 1.7), (0.1, 1.1)])
-def test_the_curvature_of_a_disk_converges(jitter, order):
-    """Largest error over the band at 16, 24 and 32 across: of second order on a lattice, 1.2 measured off it."""
-    across, errors = (16, 24, 32), []
-    for n in across:
+@pytest.mark.parametrize("jitter", [0.0, 0.1])
+def test_the_curvature_of_a_disk_is_exact_but_for_the_ridge(jitter):
+    """Largest error over the band: 7e-4 at 10 across, where terms of fifth order count, and from 16 across on the
+    1.2e-4 of the ridge in the fit and what jitter makes of it."""
+    errors = []
+    for n in (10, 16, 24):
         _, _, interface = interface_of(drop(dx=0.6 / n, jitter=jitter).replace("box: [1, 1]", "box: [1.05, 1.05]"))
         band = interface.strength > 0.0
         errors.append(np.abs(interface.curvature[band] * 0.3 - 1.0).max())
-    assert errors[0] < 0.02
-    assert -np.polyfit(np.log(across), np.log(errors), 1)[0] > order
+    assert errors[0] < 1e-3 and max(errors[1:]) < 3e-4
 
 
 def test_volume_fractions_add_up_to_the_disk():

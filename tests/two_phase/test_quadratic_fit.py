@@ -26,7 +26,7 @@ def test_a_plane_is_its_own_fit(dim):
     g = 0.8 * unit(np.random.default_rng(1).normal(size=dim))
     middle, everywhere = np.all(np.abs(x - 0.5) < 0.2, axis=1), np.ones(neighbours.n, np.bool_)
     slopes = np.tile(g, (neighbours.n, 1))
-    fit = quadratic_fit(neighbours, x @ g, everywhere, middle, slopes, no_slopes(neighbours.n, dim))
+    fit = quadratic_fit(neighbours, x @ g, everywhere, middle, slopes, SPACING[dim], no_slopes(neighbours.n, dim))
     assert np.abs(fit.value - x @ g)[middle].max() < 1e-8 and np.abs(fit.slope - g)[middle].max() < 1e-6
     assert np.abs(fit.curvature[middle]).max() < 1e-6 / SPACING[dim]
     assert not fit.slope[~middle].any() and np.array_equal(fit.value[~middle], (x @ g)[~middle])
@@ -51,7 +51,7 @@ def test_curvature_is_that_of_the_surface_not_of_the_level(dim, inside, half, ax
     gradient[:, :axes] = -inside * unit(arm)
     seen = (x[:, 1] > 0.5) if half else np.ones(neighbours.n, np.bool_)
     wanted = np.all(np.abs(x - 0.5) < 0.1, axis=1) & seen
-    fit = quadratic_fit(neighbours, phi, seen, wanted, gradient, no_slopes(neighbours.n, dim))
+    fit = quadratic_fit(neighbours, phi, seen, wanted, gradient, SPACING[dim], no_slopes(neighbours.n, dim))
     rel = {(2, False): 5e-4, (2, True): 6e-3, (3, False): 5e-3, (3, True): 0.02}[dim, half]
     assert fit.curvature[wanted] == pytest.approx(inside * (axes - 1) / 0.4, rel=rel)
     assert np.abs(fit.value - phi)[wanted].max() < (5e-4 if half else 1e-4) * SPACING[dim]
@@ -70,12 +70,12 @@ def test_a_distance_is_fitted_to_its_own_interface(dim):
     off = np.abs(x[:, 0] - 0.5) / SPACING[dim]
     rough = exact * np.clip(0.3 + 0.5 * off, 0.0, 1.0)[:, None]
     near = known & (off > 0.3) & (off < 3.0) & np.all(np.abs(x - 0.5) < 0.3, axis=1)
-    gradient = own_gradient(neighbours, phi, known, rough)
+    gradient = own_gradient(neighbours, phi, known, rough, SPACING[dim])
     assert np.abs(gradient - exact)[near].max() < 0.01
-    fit = quadratic_fit(neighbours, phi, known, near, gradient, no_slopes(neighbours.n, dim))
+    fit = quadratic_fit(neighbours, phi, known, near, gradient, SPACING[dim], no_slopes(neighbours.n, dim))
     assert np.abs(fit.slope - exact)[near].max() < 0.01
     assert np.abs(fit.value - phi)[near].max() < 0.01 * SPACING[dim]
-    across = quadratic_fit(neighbours, phi, known, near, np.tile(np.eye(dim)[0], (neighbours.n, 1)),
+    across = quadratic_fit(neighbours, phi, known, near, np.tile(np.eye(dim)[0], (neighbours.n, 1)), SPACING[dim],
                            no_slopes(neighbours.n, dim))
     assert np.abs(across.slope - exact)[near].max() > 0.3
 
@@ -93,7 +93,7 @@ def test_a_slope_at_a_wall_is_part_of_the_fit():
     offset = np.stack([np.zeros(len(beside)), 0.5 - x[beside, 1]], axis=1)
     walls = SlopesAtWalls(start, offset, np.tile([0.0, 1.0], (len(beside), 1)), np.full(len(beside), 0.3),
                           np.full(len(beside), 1e3))
-    fit = quadratic_fit(neighbours, x[:, 0], above, above, np.tile([1.0, 0.0], (neighbours.n, 1)), walls)
+    fit = quadratic_fit(neighbours, x[:, 0], above, above, np.tile([1.0, 0.0], (neighbours.n, 1)), SPACING[2], walls)
     assert fit.slope[beside, 1] == pytest.approx(0.3, abs=0.05)
     far = above & (x[:, 1] > 0.6) & np.all(np.abs(x - 0.5) < 0.25, axis=1)
     assert np.abs(fit.slope[far] - [1.0, 0.0]).max() < 1e-4
