@@ -4,8 +4,8 @@ Eqs 18-22 turn the normals of the fluid near a wall towards the contact angle; a
 settles at 84. Here the fit of `quadratic_fit` takes the angle in, as a boundary condition: with theta measured
 through the first fluid and p the normal of the wall, into the fluid,
 
-    p . grad phi = -cos(theta) |grad phi| / (1 - kappa phi)     at the wall points above the dummies, near the line where
-                                                                phi = 0 meets the wall,
+    p . grad phi = -cos(theta) |grad phi| / (1 - kappa phi)     at the wall points above the dummies, near the line
+                                                                where phi = 0 meets the wall,
 
 |grad phi| and kappa those of the fit without them. The angle is that of the interface: the other levels of the distance
 to a round interface have the same centre, and meet the wall at other angles. Without kappa the curvature beside walls
@@ -146,8 +146,8 @@ def _seen(neighbours, mark, shallow, n):
 
 @njit(cache=True, error_model="numpy")
 def _at_wall_points(particle, offset, dummy, count, fit, neighbours):
-    """phi (count,), m, |grad phi| and the curvature of phi = 0, 1/m, at the wall point above each dummy: kernel averages
-    of what the particles that see it make of theirs; infinite and zero where none does."""
+    """phi (count,), m, |grad phi| and the curvature, 1/m, of the interface at the wall point above each dummy: kernel
+    averages of what the particles that see it make of theirs; infinite and zero where none does."""
     dim = offset.shape[1]
     total, out, steepness = np.zeros(count), np.zeros(count), np.zeros(count)
     curvature = np.zeros(count)

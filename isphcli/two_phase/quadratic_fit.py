@@ -114,8 +114,8 @@ class Scratch(NamedTuple):
 
 def _scratch(dim: int) -> Scratch:
     size = 1 + dim + dim * (dim + 1) // 2
-    return Scratch(np.empty((size, size)), *(np.empty(size) for _ in range(3)), np.empty(dim), np.empty(dim),
-                   np.empty((dim, dim)), *(np.empty(dim) for _ in range(3)))
+    return Scratch(np.empty((size, size)), np.empty(size), np.empty(size), np.empty(size), np.empty(dim),
+                   np.empty(dim), np.empty((dim, dim)), np.empty(dim), np.empty(dim), np.empty(dim))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -137,7 +137,7 @@ def _fit(rows, work, neighbours, phi, which, direction, spacing, walls, fit):
         moments[0, 0] = own
         for p in range(start[i], start[i + 1]):
             if known[column[p]]:
-                w = _weight(d, x, row[p], i, support, kind) * _alike(direction, i, column[p], d, 0.5 * (phi[i] + phi[column[p]]) / support, spacing)
+                w = _weight(d, x, row[p], i, support, kind) * _alike(direction, phi, i, column[p], d, support, spacing)
                 _values(basis, d)
                 _add(moments, right, basis, w, phi[column[p]] - phi[i])
         for p in range(wall_start[i], wall_start[i + 1]):
@@ -152,7 +152,7 @@ def _fit(rows, work, neighbours, phi, which, direction, spacing, walls, fit):
         steepness = _levels(right, work)
         for p in range(start[i], start[i + 1]):
             if known[column[p]]:
-                w = _weight(d, x, row[p], i, support, kind) * _alike(direction, i, column[p], d, 0.5 * (phi[i] + phi[column[p]]) / support, spacing)
+                w = _weight(d, x, row[p], i, support, kind) * _alike(direction, phi, i, column[p], d, support, spacing)
                 _values(basis, d)
                 _add_right(more, basis, -w * steepness * _beyond(work))
         for p in range(wall_start[i], wall_start[i + 1]):
@@ -196,7 +196,7 @@ def _linear(rows, work, neighbours, phi, known, direction, spacing, out):
                     moments[a, b] = RIDGE_FIRST if a == b else 0.0
             for p in range(start[i], start[i + 1]):
                 if known[column[p]]:
-                    w = _weight(d, x, row[p], i, support, kind) * _alike(direction, i, column[p], d, 0.5 * (phi[i] + phi[column[p]]) / support, spacing)
+                    w = _weight(d, x, row[p], i, support, kind) * _alike(direction, phi, i, column[p], d, support, spacing)
                     _add(moments, right, d, w, phi[column[p]] - phi[i])
             _factors(moments)
             _solve(moments, right)
@@ -205,10 +205,11 @@ def _linear(rows, work, neighbours, phi, known, direction, spacing, out):
 
 
 @njit(cache=True, inline="always")
-def _alike(direction, i, j, d, mean, spacing):
+def _alike(direction, phi, i, j, d, support, spacing):
     """Of 0 to 1: whether the distances of two particles are to the same interface, by the angle between them and by phi
-    where they would meet; d (dim,), the mean of phi and the spacing in units of the support."""
-    cosine, edge = 0.0, mean
+    where they would meet: an edge nearer to the interface than a spacing is its own. d: (dim,), like the spacing in
+    units of the support."""
+    cosine, edge = 0.0, 0.5 * (phi[i] + phi[j]) / support
     for k in range(len(d)):
         cosine += direction[i, k] * direction[j, k]
         edge += 0.25 * (direction[i, k] - direction[j, k]) * d[k]
