@@ -196,7 +196,8 @@ def _linear(rows, work, neighbours, phi, known, direction, spacing, out):
                     moments[a, b] = RIDGE_FIRST if a == b else 0.0
             for p in range(start[i], start[i + 1]):
                 if known[column[p]]:
-                    w = _weight(d, x, row[p], i, support, kind) * _alike(direction, phi, i, column[p], d, support, spacing)
+                    w = _weight(d, x, row[p], i, support, kind)
+                    w *= _alike(direction, phi, i, column[p], d, support, spacing)
                     _add(moments, right, d, w, phi[column[p]] - phi[i])
             _factors(moments)
             _solve(moments, right)
