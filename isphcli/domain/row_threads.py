@@ -29,11 +29,26 @@ def over_rows(kernel: Callable[..., Any], n: int, *arguments: Any, work: Callabl
         return kernel(rows, *arguments) if work is None else kernel(rows, work(), *arguments)
 
     threads = get_num_threads()
-    ranges = min(RANGES * threads, n // FEWEST) if threads > 1 else 1
-    if ranges < 2:
-        return [call((0, n))]
-    bounds = [(k * n // ranges, (k + 1) * n // ranges) for k in range(ranges)]
-    return list(_pool(threads).map(call, bounds))
+    ranges = max(min(RANGES * threads, n // FEWEST), 1) if threads > 1 else 1
+    return _share_out(call, cut(n, ranges))
+
+
+def over_blocks(kernel: Callable[..., Any], blocks: list[tuple[int, int]], *arguments: Any) -> None:
+    """Calls kernel((begin, end), *arguments) for blocks of rows. A row may depend on the rows of its own block: results
+    depend on the blocks, not on the threads that share them out."""
+    _share_out(lambda rows: kernel(rows, *arguments), blocks)
+
+
+def cut(n: int, parts: int) -> list[tuple[int, int]]:
+    """The rows 0 to n in so many ranges (begin, end)."""
+    return [(k * n // parts, (k + 1) * n // parts) for k in range(parts)]
+
+
+def _share_out(call: Callable[[tuple[int, int]], Any], ranges: list[tuple[int, int]]) -> list[Any]:
+    threads = get_num_threads()
+    if threads == 1 or len(ranges) == 1:
+        return [call(rows) for rows in ranges]
+    return list(_pool(threads).map(call, ranges))
 
 
 @lru_cache(maxsize=1)
