@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from numba import njit
 
-from ..domain.row_threads import cut, over_blocks, over_rows
+from ..domain.row_threads import over_blocks, over_rows
 
 if TYPE_CHECKING:
     from pyamg.multilevel import MultilevelSolver
@@ -86,7 +86,7 @@ class BlockCycle:
     def __init__(self, levels: MultilevelSolver, count: int):
         self.count = count if len(levels.levels) > 1 else 1  # the coarsest is solved exactly
         self.levels = [(_csr(single(level.A)), _csr(level.P), _csr(level.R)) for level in levels.levels[:-1]]
-        self.blocks = [cut(len(a[0]) - 1, BLOCKS if len(a[0]) > SMALL else 1) for a, _, _ in self.levels]
+        self.blocks = [_edges(len(a[0]) - 1) for a, _, _ in self.levels]
         self.coarse = _pseudo_inverse(levels.levels[-1].A)
 
     def __call__(self, b: np.ndarray) -> np.ndarray:
@@ -113,7 +113,7 @@ class BlockCycle:
         if k + 1 < len(self.levels):
             y += self._descend(k + 1, self._residual(k + 1, coarse, y))
         over_rows(_add_product3, len(x), p, y, x)
-        if len(blocks) > 1:
+        if len(blocks) > 2:
             other[:] = x
         over_blocks(_backward3, blocks, a, b, x, other)
         return x
@@ -124,6 +124,11 @@ def single(matrix: sp.csr_matrix) -> sp.csr_matrix:
     matrix = matrix.tocsr().astype(np.float32)
     matrix.sort_indices()
     return matrix
+
+
+def _edges(n: int) -> np.ndarray:
+    """Where the blocks of n rows begin, and n."""
+    return np.linspace(0, n, 1 + (BLOCKS if n > SMALL else 1)).astype(np.int64)
 
 
 def _csr(matrix: sp.csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -142,56 +147,60 @@ def _pseudo_inverse(matrix: sp.csr_matrix) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _forward3(rows, matrix, b, x):
-    """One forward Gauss-Seidel sweep from zero over a block of rows into x."""
+def _forward3(blocks, edges, matrix, b, x):
+    """One forward Gauss-Seidel sweep from zero over blocks of rows into x."""
     indptr, indices, data = matrix
-    for i in range(rows[0], rows[1]):
-        s0, s1, s2, diagonal = b[i, 0], b[i, 1], b[i, 2], 1.0
-        for q in range(indptr[i], indptr[i + 1]):
-            j, a = indices[q], data[q]
-            if j >= i:
-                diagonal = float(a)
-                break
-            if j >= rows[0]:
-                s0 -= a * x[j, 0]
-                s1 -= a * x[j, 1]
-                s2 -= a * x[j, 2]
-        x[i, 0], x[i, 1], x[i, 2] = s0 / diagonal, s1 / diagonal, s2 / diagonal
+    for block in range(blocks[0], blocks[1]):
+        begin = edges[block]
+        for i in range(begin, edges[block + 1]):
+            s0, s1, s2, diagonal = b[i, 0], b[i, 1], b[i, 2], 1.0
+            for q in range(indptr[i], indptr[i + 1]):
+                j, a = indices[q], data[q]
+                if j >= i:
+                    diagonal = float(a)
+                    break
+                if j >= begin:
+                    s0 -= a * x[j, 0]
+                    s1 -= a * x[j, 1]
+                    s2 -= a * x[j, 2]
+            x[i, 0], x[i, 1], x[i, 2] = s0 / diagonal, s1 / diagonal, s2 / diagonal
 
 
 @njit(cache=True, nogil=True)
-def _rest3(rows, matrix, x, rest):
+def _rest3(blocks, edges, matrix, x, rest):
     """What that sweep leaves of the right-hand side: later columns have changed, and those of other blocks."""
     indptr, indices, data = matrix
-    for i in range(rows[0], rows[1]):
-        s0 = s1 = s2 = 0.0
-        for q in range(indptr[i + 1] - 1, indptr[i] - 1, -1):
-            j, a = indices[q], data[q]
-            if j > i or j < rows[0]:
-                s0 -= a * x[j, 0]
-                s1 -= a * x[j, 1]
-                s2 -= a * x[j, 2]
-            elif rows[0] == 0:
-                break
-        rest[i, 0], rest[i, 1], rest[i, 2] = s0, s1, s2
+    for block in range(blocks[0], blocks[1]):
+        begin = edges[block]
+        for i in range(begin, edges[block + 1]):
+            s0 = s1 = s2 = 0.0
+            for q in range(indptr[i + 1] - 1, indptr[i] - 1, -1):
+                j, a = indices[q], data[q]
+                if j > i or j < begin:
+                    s0 -= a * x[j, 0]
+                    s1 -= a * x[j, 1]
+                    s2 -= a * x[j, 2]
+            rest[i, 0], rest[i, 1], rest[i, 2] = s0, s1, s2
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _backward3(rows, matrix, b, x, before):
-    """One backward Gauss-Seidel sweep over a block of rows of x; before: x of the other blocks."""
+def _backward3(blocks, edges, matrix, b, x, before):
+    """One backward Gauss-Seidel sweep over blocks of rows of x; before: x of the other blocks."""
     indptr, indices, data = matrix
-    for i in range(rows[1] - 1, rows[0] - 1, -1):
-        s0, s1, s2, diagonal = b[i, 0], b[i, 1], b[i, 2], 1.0
-        for q in range(indptr[i], indptr[i + 1]):
-            j, a = indices[q], data[q]
-            if j == i:
-                diagonal = float(a)
-            else:
-                known = x if rows[0] <= j < rows[1] else before
-                s0 -= a * known[j, 0]
-                s1 -= a * known[j, 1]
-                s2 -= a * known[j, 2]
-        x[i, 0], x[i, 1], x[i, 2] = s0 / diagonal, s1 / diagonal, s2 / diagonal
+    for block in range(blocks[0], blocks[1]):
+        begin, end = edges[block], edges[block + 1]
+        for i in range(end - 1, begin - 1, -1):
+            s0, s1, s2, diagonal = b[i, 0], b[i, 1], b[i, 2], 1.0
+            for q in range(indptr[i], indptr[i + 1]):
+                j, a = indices[q], data[q]
+                if j == i:
+                    diagonal = float(a)
+                else:
+                    known = x if begin <= j < end else before
+                    s0 -= a * known[j, 0]
+                    s1 -= a * known[j, 1]
+                    s2 -= a * known[j, 2]
+            x[i, 0], x[i, 1], x[i, 2] = s0 / diagonal, s1 / diagonal, s2 / diagonal
 
 
 @njit(cache=True, nogil=True)

@@ -55,7 +55,7 @@ def test_the_bits_of_block_cycles_do_not_depend_on_the_threads(monkeypatch):
     _, ops = operators(2, 64, 2.1)
     matrix = assemble(ops.start, ops.column, ops.lap, 100.0, 1.0)
     cycles = multigrid.BlockCycle(hierarchy(matrix), 2)
-    assert len(cycles.blocks[0]) == multigrid.BLOCKS
+    assert len(cycles.blocks[0]) == multigrid.BLOCKS + 1
     b = np.random.default_rng(3).standard_normal((ops.n, 3))
     found = []
     for threads in (1, 2, 3, 8):
