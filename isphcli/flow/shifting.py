@@ -97,14 +97,16 @@ def _carry(rows, pairs, f, slope, dr, second, out):
             for k in range(dim):
                 out[i, c] += slope[i, c, k] * dr[i, k]  # eq. 9
         if second[i]:
-            for p in range(start[i], start[i + 1]):
-                j = column[p]
-                along = 0.0
-                for k in range(dim):
-                    along += grad[p, k] * dr[i, k]
-                for c in range(width):
-                    bend = 0.0
-                    for k in range(dim):
-                        bend += (slope[j, c, k] - slope[i, c, k]) * dr[i, k]
-                    out[i, c] += 0.5 * along * bend  # beyond eq. 9: the second derivative
+            d0, d1, d2 = dr[i, 0], dr[i, 1], 0.0 if dim == 2 else dr[i, 2]
+            for c in range(width):
+                total, g0, g1, g2 = out[i, c], slope[i, c, 0], slope[i, c, 1], slope[i, c, dim - 1]
+                for p in range(start[i], start[i + 1]):
+                    j = column[p]
+                    along = grad[p, 0] * d0 + grad[p, 1] * d1
+                    bend = (slope[j, c, 0] - g0) * d0 + (slope[j, c, 1] - g1) * d1
+                    if dim == 3:
+                        along += grad[p, 2] * d2
+                        bend += (slope[j, c, 2] - g2) * d2
+                    total += 0.5 * along * bend  # beyond eq. 9: the second derivative
+                out[i, c] = total
     return out

@@ -21,6 +21,7 @@ from ..operators.lattice_weights import (
     conductance_matrix,
     divergence_and_rhie_chow,
     momentum,
+    nearest_matrix,
     symmetric_laplacian,
     velocity_matrix,
 )
@@ -57,7 +58,8 @@ class StokesSystem:
         self.dim = ops.dim
         self.count, labels = pair_components(ops.start, ops.column)
         self.means = ComponentMeans(labels)
-        self._velocity = BlockCycle(hierarchy(velocity_matrix(ops, spacing), STRENGTH), CYCLES)
+        matrix = nearest_matrix(ops, spacing) if ops.on_lattice else velocity_matrix(ops, spacing)
+        self._velocity = BlockCycle(hierarchy(matrix, STRENGTH), CYCLES)
         self._darcy = cycle(hierarchy(self._conductance()))
 
     def _conductance(self) -> sp.csr_matrix:

@@ -43,6 +43,8 @@ from .wall_weights import add_wall_pair, boundary_sums, meet_walls, new_boundary
 # Share by which diagonals of the conductances are raised. Pressure is known up to a constant in each component; in a
 # pocket smaller than an aggregate the coarse matrices hold nothing but that constant and divide by round-off.
 GROUND = 1e-6
+NEAREST = 1.02  # of the smallest squared distance on a lattice: the nearest neighbours
+SAME = 1e-9  # of the largest entry: tensors of whole neighbourhoods differ by round-off of the positions, 1e-13
 MOST_OFFSETS = 255  # more, and every pair keeps an offset of its own: particles off a lattice
 
 
@@ -78,13 +80,26 @@ class Factors(NamedTuple):
     k_tensor_p: np.ndarray
 
 
+class WholeRows(NamedTuple):
+    """Particles that see every offset and no wall have the same weights: kept once, as kernels take them.
+
+    mask: (n,) bool; laplacian: (m,) weights of the m offsets, 1/m2; gradient: (m, 3) of the velocity gradient, 1/m;
+    half_step: (m, 3) half the step times `pair_laplacian`, of any particle. In 2D third columns are zero.
+    """
+
+    mask: np.ndarray
+    laplacian: np.ndarray
+    gradient: np.ndarray
+    half_step: np.ndarray
+
+
 @dataclass(frozen=True)
 class LatticeWeights:
     """The operators of the fluid particles of a steady solve, of the protocol `DiscreteOperators`.
 
     pairs, tensors: see there; walls: sums over the neighbours beyond walls; deficient: particles that fell back on a
     simpler correction; narrow: (n,) bool, particles in pores that the lattice does not resolve, whose divergence is the
-    adjoint one (`divergence_and_rhie_chow`).
+    adjoint one (`divergence_and_rhie_chow`); whole: see `WholeRows`.
     """
 
     pairs: LatticePairs
@@ -92,6 +107,7 @@ class LatticeWeights:
     walls: WallSums
     deficient: int
     narrow: np.ndarray
+    whole: WholeRows
 
     @property
     def n(self) -> int:
@@ -112,6 +128,11 @@ class LatticeWeights:
     def column(self) -> np.ndarray:
         """(n_pairs,) int32 particles that the neighbours are or image."""
         return self.pairs.column
+
+    @property
+    def on_lattice(self) -> bool:
+        """Whether pairs share offsets."""
+        return self.pairs.offset_id.dtype == np.uint8
 
     def gradient_p(self, p: np.ndarray) -> np.ndarray:
         """Pressure gradient (n, dim) of p (n,)."""
@@ -154,13 +175,55 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1) -> tuple[Latti
                           work=partial(new_workspace, everyone))
     pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
     wall_sums = WallSums(*boundary_sums(sums))
-    return LatticeWeights(pairs, tensors, wall_sums, int(reduce.total(np.array(deficient))), narrow), row
+    whole = _whole_rows(pairs, tensors, wall_sums, on_lattice)
+    return LatticeWeights(pairs, tensors, wall_sums, int(reduce.total(np.array(deficient))), narrow, whole), row
+
+
+def _whole_rows(pairs: LatticePairs, tensors: Factors, walls: WallSums, on_lattice: bool) -> WholeRows:
+    """WholeRows of a lattice, whose tensors differ by round-off alone; off a lattice none is whole."""
+    n, (m, dim) = len(pairs.start) - 1, pairs.step.shape
+    half_step = np.zeros((m, 3))
+    half_step[:, :dim] = 0.5 * pairs.pair_laplacian[:, None] * pairs.step
+    laplacian, gradient = np.zeros(m), np.zeros((m, 3))
+    mask = np.zeros(n, np.bool_)
+    if on_lattice:
+        full = np.flatnonzero((np.diff(pairs.start) == m) & (walls.lap == 0.0))
+        if len(full):
+            one, first, second = full[0], pairs.first_moment, pairs.second_moment
+            laplacian = second @ tensors.laplace[one, :6] - first @ tensors.laplace[one, 6:]
+            gradient[:, :dim] = first[:, :dim] @ tensors.gradient[one].T
+            if len(tensors.k_tensor):
+                gradient[:, :dim] -= second @ tensors.k_tensor[one].T
+            mask[full] = True
+            for tensor, scale in ((tensors.laplace, tensors.laplace), (tensors.gradient, tensors.gradient),
+                                  (tensors.k_tensor, tensors.gradient)):
+                if len(tensor):
+                    apart = np.abs(tensor[full] - tensor[one]).reshape(len(full), -1).max(axis=1)
+                    mask[full] &= apart <= SAME * np.abs(scale[one]).max()
+    return WholeRows(mask, laplacian, gradient, half_step)
 
 
 def velocity_matrix(ops: LatticeWeights, dx: float, dtype: type = float) -> sp.csr_matrix:
     """-dx^2 lap, walls included, in canonical CSR form."""
     matrix = _empty_matrix(ops, np.dtype(dtype))
     over_rows(_velocity_entries, ops.n, ops.pairs, ops.tensors.laplace, ops.walls.lap, dx * dx, matrix)
+    return _canonical(ops.n, *matrix)
+
+
+def nearest_matrix(ops: LatticeWeights, dx: float) -> sp.csr_matrix:
+    """-dx^2 lap of the nearest neighbours on a lattice alone, canonical CSR: 7 entries a row on a cubic one, for 33.
+
+    Each weighs 2 dim / (number in a whole neighbourhood) dx^2 / distance^2, which is exact for quadratic functions
+    there; what walls add is as in `velocity_matrix`. It is symmetric, and as a preconditioner as good.
+    """
+    square = (ops.pairs.step**2).sum(axis=1)
+    near = square < NEAREST * square.min()
+    weight = np.where(near, 2.0 * ops.dim / np.count_nonzero(near) * dx * dx / square, 0.0)
+    first = np.zeros(ops.n + 1, np.int32)
+    over_rows(_count_near, ops.n, ops.pairs, weight, first[1:])
+    np.cumsum(first, out=first)
+    matrix = first, np.empty(first[-1], np.int32), np.empty(first[-1])
+    over_rows(_near_entries, ops.n, ops.pairs, weight, ops.walls.lap, dx * dx, matrix)
     return _canonical(ops.n, *matrix)
 
 
@@ -204,13 +267,14 @@ def divergence_and_rhie_chow(ops: LatticeWeights, u: np.ndarray, pressure: tuple
     """
     out = np.empty(ops.n)
     walls = ops.walls.div, ops.narrow
-    over_rows(_divergence_and_rhie_chow, ops.n, (ops.pairs, ops.tensors), walls, u, pressure, factors, out)
+    weights = ops.pairs, ops.tensors, ops.whole
+    over_rows(_divergence_and_rhie_chow, ops.n, weights, walls, u, pressure, factors, out)
     return out
 
 
 def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: np.ndarray, grad_p: np.ndarray) -> None:
     """-dx^2 lap u + dx grad p into out (n, dim), grad p into grad_p (n, dim)."""
-    over_rows(_momentum, ops.n, (ops.pairs, ops.tensors), ops.walls.lap, dx, (u, p), out, grad_p)
+    over_rows(_momentum, ops.n, (ops.pairs, ops.tensors, ops.whole), ops.walls.lap, dx, (u, p), out, grad_p)
     if len(ops.tensors.k_tensor_p):
         more = _second_order(ops.pairs, ops.tensors.k_tensor_p, p)
         grad_p -= more
@@ -428,6 +492,29 @@ def _velocity_entries(rows, pairs, laplace, wall_lap, area, matrix):
 
 
 @njit(cache=True, nogil=True)
+def _count_near(rows, pairs, weight, count):
+    for i in range(rows[0], rows[1]):
+        found = 1
+        for q in range(pairs.start[i], pairs.start[i + 1]):
+            found += weight[pairs.offset_id[q]] > 0.0
+        count[i] = found
+
+
+@njit(cache=True, nogil=True)
+def _near_entries(rows, pairs, weight, wall_lap, area, matrix):
+    first, index, entries = matrix
+    for i in range(rows[0], rows[1]):
+        at, total = first[i] + 1, area * max(wall_lap[i], 0.0)
+        for q in range(pairs.start[i], pairs.start[i + 1]):
+            a = weight[pairs.offset_id[q]]
+            if a > 0.0:
+                index[at], entries[at] = pairs.column[q], -a
+                total += a
+                at += 1
+        index[first[i]], entries[first[i]] = i, total if total > 0.0 else 1.0
+
+
+@njit(cache=True, nogil=True)
 def _conductance_entries(rows, pairs, scale, w, area, matrix):
     start, column, offset_id, pair_laplacian = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
     first, index, entries = matrix
@@ -446,71 +533,102 @@ def _conductance_entries(rows, pairs, scale, w, area, matrix):
 # --- applying ----------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True, nogil=True)
+# In 2D the third column is the second again, times what is zero in 2D.
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _momentum(rows, weights, wall_lap, dx, unknowns, out, grad_p):
-    pairs, tensors = weights
+    (pairs, tensors, whole), (u, p) = weights, unknowns
     start, column, offset_id = pairs.start, pairs.column, pairs.offset_id
-    first_moment, second_moment = pairs.first_moment, pairs.second_moment
-    laplace, gradient_p = tensors.laplace, tensors.gradient_p
-    u, p = unknowns
-    dim = u.shape[1]
+    first, second, laplace, gradient_p = pairs.first_moment, pairs.second_moment, tensors.laplace, tensors.gradient_p
+    dim, last = u.shape[1], u.shape[1] - 1
     for i in range(rows[0], rows[1]):
         s0 = s1 = s2 = v0 = v1 = v2 = 0.0
-        u0, u1, u2, pi = u[i, 0], u[i, 1], u[i, 2] if dim == 3 else 0.0, p[i]
-        for q in range(start[i], start[i + 1]):
-            j, t = column[q], offset_id[q]
-            dp = p[j] - pi
-            s0 += first_moment[t, 0] * dp
-            s1 += first_moment[t, 1] * dp
-            s2 += first_moment[t, 2] * dp
-            a = _lap_weight(laplace, i, second_moment, first_moment, t)
-            v0 += a * (u[j, 0] - u0)
-            v1 += a * (u[j, 1] - u1)
-            if dim == 3:
-                v2 += a * (u[j, 2] - u2)
+        u0, u1, u2, pi = u[i, 0], u[i, 1], u[i, last], p[i]
+        if whole.mask[i]:
+            for q in range(start[i], start[i + 1]):
+                j, t = np.uint32(column[q]), np.uint32(offset_id[q])
+                dp, a = p[j] - pi, whole.laplacian[t]
+                s0, s1, s2 = s0 + first[t, 0] * dp, s1 + first[t, 1] * dp, s2 + first[t, 2] * dp
+                v0, v1, v2 = v0 + a * (u[j, 0] - u0), v1 + a * (u[j, 1] - u1), v2 + a * (u[j, last] - u2)
+        else:
+            l0, l1, l2, l3, l4 = laplace[i, 0], laplace[i, 1], laplace[i, 2], laplace[i, 3], laplace[i, 4]
+            l5, b0, b1, b2 = laplace[i, 5], laplace[i, 6], laplace[i, 7], laplace[i, 8]
+            for q in range(start[i], start[i + 1]):
+                j, t = np.uint32(column[q]), np.uint32(offset_id[q])
+                x0, x1, x2, dp = first[t, 0], first[t, 1], first[t, 2], p[j] - pi
+                s0, s1, s2 = s0 + x0 * dp, s1 + x1 * dp, s2 + x2 * dp
+                a = (l0 * second[t, 0] + l1 * second[t, 1] + l2 * second[t, 2] + l3 * second[t, 3] + l4 * second[t, 4]
+                     + l5 * second[t, 5] - b0 * x0 - b1 * x1 - b2 * x2)  # eq. 6 in factors, as `_lap_weight`
+                v0, v1, v2 = v0 + a * (u[j, 0] - u0), v1 + a * (u[j, 1] - u1), v2 + a * (u[j, last] - u2)
         for k in range(dim):
-            grad_p[i, k] = gradient_p[i, k, 0] * s0 + gradient_p[i, k, 1] * s1
-            if dim == 3:
-                grad_p[i, k] += gradient_p[i, k, 2] * s2
-        out[i, 0] = dx * dx * (wall_lap[i] * u0 - v0) + dx * grad_p[i, 0]
-        out[i, 1] = dx * dx * (wall_lap[i] * u1 - v1) + dx * grad_p[i, 1]
-        if dim == 3:
-            out[i, 2] = dx * dx * (wall_lap[i] * u2 - v2) + dx * grad_p[i, 2]
+            g = gradient_p[i, k, 0] * s0 + gradient_p[i, k, 1] * s1 + (gradient_p[i, k, 2] * s2 if dim == 3 else 0.0)
+            grad_p[i, k] = g
+            v = v0 if k == 0 else v1 if k == 1 else v2
+            out[i, k] = dx * dx * (wall_lap[i] * u[i, k] - v) + dx * g
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _divergence_and_rhie_chow(rows, weights, walls, u, pressure, factors, out):
-    pairs, tensors = weights
-    start, column, offset_id, step = pairs.start, pairs.column, pairs.offset_id, pairs.step
-    first_moment, second_moment, pair_laplacian = pairs.first_moment, pairs.second_moment, pairs.pair_laplacian
-    gradient, scale, k_tensor = tensors.gradient, tensors.scale, tensors.k_tensor
-    gradient_p, k_tensor_p = tensors.gradient_p, tensors.k_tensor_p
-    wall_div, narrow = walls
-    p, grad_p = pressure
-    a, b = factors
-    dim = u.shape[1]
+    (pairs, tensors, whole), (wall_div, narrow), (p, grad_p), (a, b) = weights, walls, pressure, factors
+    start, column, offset_id = pairs.start, pairs.column, pairs.offset_id
+    half, weight = whole.half_step, pairs.pair_laplacian
+    dim, last = u.shape[1], u.shape[1] - 1
     for i in range(rows[0], rows[1]):
-        divergence, odd_even, adjoint = 0.0, 0.0, narrow[i]
-        for k in range(dim):
-            divergence -= wall_div[i, k] * u[i, k]
+        odd_even, divergence, pi = 0.0, 0.0, p[i]
+        q0, q1, q2, u0, u1, u2 = grad_p[i, 0], grad_p[i, 1], grad_p[i, last], u[i, 0], u[i, 1], u[i, last]
         for q in range(start[i], start[i + 1]):
-            j, t = column[q], offset_id[q]
-            missed = p[j] - p[i]
+            j, t = np.uint32(column[q]), np.uint32(offset_id[q])
+            odd_even += (weight[t] * (p[j] - pi) - half[t, 0] * (q0 + grad_p[j, 0]) - half[t, 1] * (q1 + grad_p[j, 1])
+                         - half[t, 2] * (q2 + grad_p[j, last]))
+        if whole.mask[i]:
+            g = whole.gradient
+            for q in range(start[i], start[i + 1]):
+                j, t = np.uint32(column[q]), np.uint32(offset_id[q])
+                divergence += g[t, 0] * (u[j, 0] - u0) + g[t, 1] * (u[j, 1] - u1) + g[t, 2] * (u[j, last] - u2)
+        else:
             for k in range(dim):
-                missed -= 0.5 * (grad_p[i, k] + grad_p[j, k]) * step[t, k]
-                if adjoint:  # a_ji V_j = -a_ij V_i, T_ji V_j = T_ij V_i
-                    for m in range(dim):
-                        divergence += first_moment[t, m] * (
-                            gradient_p[i, k, m] * u[i, k] + gradient_p[j, k, m] * u[j, k])
-                    if len(k_tensor_p) > 0:
-                        for v in range(6):
-                            divergence -= second_moment[t, v] * (
-                                k_tensor_p[i, k, v] * u[i, k] - k_tensor_p[j, k, v] * u[j, k])
+                divergence -= wall_div[i, k] * u[i, k]
+                if narrow[i]:
+                    divergence += _adjoint_flux(pairs, tensors, i, k, u)
                 else:
-                    g = _grad_weight(gradient, k_tensor, i, k, second_moment, first_moment, t)
-                    divergence += g * (u[j, k] - u[i, k])
-            odd_even += pair_laplacian[t] * missed
-        out[i] = a * divergence + b * scale[i] * odd_even
+                    divergence += _slope_along(pairs, tensors, i, k, u)
+        out[i] = a * divergence + b * tensors.scale[i] * odd_even
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _slope_along(pairs, tensors, i, k, u):
+    """d u_k / d x_k of particle i: moments of the differences first, the tensors once."""
+    first, second = pairs.first_moment, pairs.second_moment
+    m0 = m1 = m2 = t0 = t1 = t2 = t3 = t4 = t5 = 0.0
+    for q in range(pairs.start[i], pairs.start[i + 1]):
+        j, t = np.uint32(pairs.column[q]), np.uint32(pairs.offset_id[q])
+        d = u[j, k] - u[i, k]
+        m0, m1, m2 = m0 + first[t, 0] * d, m1 + first[t, 1] * d, m2 + first[t, 2] * d
+        t0, t1, t2 = t0 + second[t, 0] * d, t1 + second[t, 1] * d, t2 + second[t, 2] * d
+        t3, t4, t5 = t3 + second[t, 3] * d, t4 + second[t, 4] * d, t5 + second[t, 5] * d
+    g = tensors.gradient[i, k]
+    slope = g[0] * m0 + g[1] * m1 + (g[2] * m2 if len(g) == 3 else 0.0)
+    if len(tensors.k_tensor) > 0:
+        c = tensors.k_tensor[i, k]
+        slope -= c[0] * t0 + c[1] * t1 + c[2] * t2 + c[3] * t3 + c[4] * t4 + c[5] * t5
+    return slope
+
+
+@njit(cache=True, error_model="numpy")
+def _adjoint_flux(pairs, tensors, i, k, u):
+    """Part of component k in the adjoint divergence of particle i: a_ji V_j = -a_ij V_i, T_ji V_j = T_ij V_i."""
+    first, second = pairs.first_moment, pairs.second_moment
+    gradient_p, k_tensor_p = tensors.gradient_p, tensors.k_tensor_p
+    flux = 0.0
+    for q in range(pairs.start[i], pairs.start[i + 1]):
+        j, t = pairs.column[q], pairs.offset_id[q]
+        for m in range(u.shape[1]):
+            flux += first[t, m] * (gradient_p[i, k, m] * u[i, k] + gradient_p[j, k, m] * u[j, k])
+        if len(k_tensor_p) > 0:
+            for v in range(6):
+                flux -= second[t, v] * (k_tensor_p[i, k, v] * u[i, k] - k_tensor_p[j, k, v] * u[j, k])
+    return flux
 
 
 @njit(cache=True, nogil=True)

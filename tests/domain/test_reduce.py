@@ -27,6 +27,8 @@ WALLS = "over the walls, of which every process has all"
 GATHERED = "over points, particles or links that one process will have to gather: there are few, or it is seldom done"
 TIMES = "over times at which a force or a wall is looked at"
 SCRATCH = "length of scratch arrays, which every process makes for its own rows"
+TENSOR = "over the entries of a tensor"
+OFFSETS = "of the offsets of a lattice and the tensors of one particle"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
     ("domain.lattice", "self.counts.prod()"): AXES,
@@ -61,6 +63,15 @@ ALLOWED = {
     ("flow.volume_control", "np.prod(np.where(corner, beyond, 1.0 - beyond), axis=1)"): OWN,
     ("operators.protocol", "np.einsum('nkm,nm->nk', self.slip, u)"): OWN,
     ("operators.protocol", "np.einsum('nk,nk->n', self.div, u)"): OWN,
+    ("operators.lattice_weights", "np.abs(tensor[full] - tensor[one]).reshape(len(full), -1).max(axis=1)"): TENSOR,
+    ("operators.lattice_weights", "np.abs(scale[one]).max()"): TENSOR,
+    ("operators.lattice_weights", "(ops.pairs.step ** 2).sum(axis=1)"): OFFSETS,
+    ("operators.lattice_weights", "square.min()"): OFFSETS,
+    ("operators.lattice_weights", "np.count_nonzero(near)"): OFFSETS,
+    ("operators.lattice_weights", "second @ tensors.laplace[one, :6]"): OFFSETS,
+    ("operators.lattice_weights", "first @ tensors.laplace[one, 6:]"): OFFSETS,
+    ("operators.lattice_weights", "first[:, :dim] @ tensors.gradient[one].T"): OFFSETS,
+    ("operators.lattice_weights", "second @ tensors.k_tensor[one].T"): OFFSETS,
     ("operators.wall_weights", "np.any(slip_length > 0.0)"): WALLS,
     ("operators.wall_operators", "np.any(geometry.slip_length > 0.0)"): WALLS,
     ("solvers.kept_hierarchies", "matrix @ x"): MATRIX,
@@ -69,8 +80,6 @@ ALLOWED = {
     ("solvers.multigrid", "levels.levels[k + 1].A @ y"): MATRIX,
     ("solvers.multigrid", "level.P @ y"): MATRIX,
     ("solvers.multigrid", "self.coarse @ b"): "the coarsest system, of which every process will have all",
-    ("solvers.multigrid", "r @ rest"): MATRIX,
-    ("solvers.multigrid", "p @ y"): MATRIX,
     ("two_phase.contact_angle", "owner.max()"): "the number of rows of the table of positions of this process",
     ("two_phase.contact_angle", "sees[owner].all(axis=1)"): FLUIDS,
     ("two_phase.interface", "np.einsum('ij,ij->i', fit.slope, fit.slope)"): OWN,
