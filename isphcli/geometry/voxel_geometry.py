@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 from numba import get_num_threads, njit, prange
+from scipy import ndimage
 
 from .faces import AT_REST, Walls, face_distance
 from .labels import ClearLayers, with_clear_layers
@@ -33,6 +34,7 @@ class VoxelGeometry:
     warnings: tuple[str, ...] = ()
     described: tuple[tuple[str, str], ...] = ()
     wall_spin: np.ndarray | None = None
+    _microporous: np.ndarray | None = None  # see `fill_with`
 
     def __init__(
         self,
@@ -90,6 +92,21 @@ class VoxelGeometry:
     def phase(self, x: np.ndarray) -> np.ndarray:
         """(n,) int8: label of the voxel that holds each point; -1 in solids and beyond non-periodic faces."""
         return _phases(self._grid, self._around, self._points(x))
+
+    def fill_with(self, microporous: np.ndarray, layers: ClearLayers | None) -> None:
+        """Tells which microporous rock voxels are filled with: int8 as `labels` without layers, -1 for none. Solids
+        take what the nearest voxel of fluid has: a smooth wall may leave fluid in them."""
+        filled = with_clear_layers(microporous, layers, -1).reshape(self._grid.shape).astype(np.int8)
+        if self._solid == 1:
+            nearest = ndimage.distance_transform_edt(self._grid < 0, self._voxel[::-1], False, True)
+            filled = filled[tuple(nearest)]
+        self._microporous = np.ascontiguousarray(filled)
+
+    def microporous(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int8: index of the microporous rock of the voxel that holds each point, -1 in clear fluid."""
+        if self._microporous is None:
+            return np.full(len(x), -1, dtype=np.int8)
+        return _phases(self._microporous, self._around, self._points(x))
 
     def interface_distance(self, x: np.ndarray) -> None:
         """None: labels say which fluid is where."""

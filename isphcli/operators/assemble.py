@@ -4,11 +4,11 @@ import numpy as np
 import scipy.sparse as sp
 
 
-def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: float, scale: float,
+def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: float | np.ndarray, scale: float,
              diagonal: np.ndarray | None = None) -> sp.csr_matrix:
     """The matrix  shift - scale * L  in canonical CSR form, L f_i = sum_j w_ij (f_j - f_i) - diagonal_i f_i.
 
-    weights: (n_pairs,); shift, scale: numbers; diagonal: (n,) wall sums or None.
+    weights: (n_pairs,); shift: a number or (n,); scale: a number; diagonal: (n,) wall sums or None.
     """
     n = len(start) - 1
     total = row_sums(start, weights)

@@ -1,0 +1,74 @@
+"""The list of forces that a case may have beside its drive, `FORCES`: what each is called, makes, and needs.
+
+A new force is its key in `blocks.py` and one entry of `FORCES`, with the functions that the entry names. All else asks
+the list: both flows, the check of the case, `isph check`, the limits of steps, and `terms` of summary.json. The drive
+itself, uniform forces and what may be held or change with time, is read in `forcing.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..flow.forces import Force
+
+if TYPE_CHECKING:
+    from ..geometry.protocol import Geometry
+    from .blocks import Case
+
+Problems = Iterator[tuple[str, str, str]]  # (path of a key, what is wrong, what to do)
+
+
+class Known(NamedTuple):
+    """An entry of the list.
+
+    name: of the term, as of `Force`; make: the force of a case in its geometry, None where the case has none; wrong:
+    what must hold between the keys, of a case and its dimension, None before an image is read; without: why a case has
+    none, for `isph check`.
+    """
+
+    name: str
+    make: Callable[[Case, Geometry], Force | None]
+    wrong: Callable[[Case, int | None], Problems]
+    without: str
+
+
+def _microporous(case: Case, geometry: Geometry) -> Force | None:
+    """Brinkman's drag -nu / k u of rock whose pores are too small to be resolved, of permeability k."""
+    if not case.microporous:
+        return None
+    inverse = np.array([*(1.0 / rock.permeability for rock in case.microporous.values()), 0.0])  # the last: clear fluid
+    words = ", ".join(f"{name} of {rock.permeability:g} m2" for name, rock in case.microporous.items())
+    return Force(MICROPOROUS, words, resistance=lambda x: inverse[geometry.microporous(x)])
+
+
+def _wrong_microporous(case: Case, dim: int | None) -> Problems:
+    if not case.microporous:
+        return
+    if case.flow != "stokes":
+        yield "microporous", "needs flow: stokes", "remove it, or solve for the steady flow"
+    if case.measure:
+        yield "measure", "knows no microporous rock, whose resistance to diffusion is not given", "remove it"
+    for name in case.microporous:
+        if name in (*case.fluids, "solid"):
+            yield "microporous", f"{name} is the name of a fluid or of solids", "give it another name"
+
+
+MICROPOROUS = "microporous drag"
+FORCES = (
+    Known(MICROPOROUS, _microporous, _wrong_microporous, "no region is microporous"),
+)  # fmt: skip
+
+
+def forces_of(case: Case, geometry: Geometry) -> tuple[Force, ...]:
+    """The forces of a case, in the order of the list."""
+    found = (known.make(case, geometry) for known in FORCES)
+    return tuple(force for force in found if force is not None)
+
+
+def wrong_with_forces(case: Case, dim: int | None) -> Problems:
+    """What is wrong with the keys of the forces of a case; dim: of its scene, None before an image is read."""
+    for known in FORCES:
+        yield from known.wrong(case, dim)
