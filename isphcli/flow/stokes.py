@@ -107,7 +107,8 @@ class StokesSystem:
         if self.drag is None:
             return divergence_and_rhie_chow(self.ops, u, (p, grad_p), (dx, -tau * dx * dx))
         odd_even = divergence_and_rhie_chow(self.ops, np.zeros_like(u), (p, grad_p), (0.0, -tau * dx * dx))
-        return divergence_and_rhie_chow(self.ops, u, (zero, np.zeros_like(u)), (dx, 0.0)) + odd_even / (1.0 + tau * self.drag)
+        div = divergence_and_rhie_chow(self.ops, u, (zero, np.zeros_like(u)), (dx, 0.0))
+        return div + odd_even / (1.0 + tau * self.drag)  # tau is 1 / the diagonal of -dx^2 lap, which the drag adds to
 
     def laplacian(self, flow: StokesFlow, force: Sequence[float] | np.ndarray) -> np.ndarray:
         """Laplacian (n, dim) of the velocity of a flow under `force`, 1/(m s), by the balance of momentum."""
