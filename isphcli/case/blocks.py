@@ -302,6 +302,13 @@ class Scene:
         unit="m",
         above=0,
     )
+    depth: float | None = key(
+        "distance of the two plates between which a 2D scene lies, as in an etched micromodel: velocities are means "
+        "over it, and the plates resist by 12 nu / depth2. Without it: none",
+        default=None,
+        unit="m",
+        above=0,
+    )
     fluid: str | None = key("what fills the box before the shapes. Without it: the first fluid", default=None)
     shapes: tuple[Shape, ...] = key("regions of the box, later ones on top of earlier ones", default=())
     periodic: tuple[str, ...] = key(

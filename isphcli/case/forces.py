@@ -54,18 +54,33 @@ def _wrong_microporous(case: Case, dim: int | None) -> Problems:
     for name, rock in case.microporous.items():
         if case.particles.spacing**2 / rock.permeability > MOST_DRAG:
             least = case.particles.spacing**2 / MOST_DRAG
-            yield ("microporous", f"{name} is too tight for the spacing: the least that a solve copes with is {least:.2g} m2",
+            yield ("microporous", f"{name} is too tight for the spacing, which admits {least:.2g} m2 and more",
                    "call it solid, or take a smaller particles.spacing")
         if name in (*case.fluids, "solid"):
             yield "microporous", f"{name} is the name of a fluid or of solids", "give it another name"
 
 
+def _plates(case: Case, geometry: Geometry) -> Force | None:
+    """Drag -12 nu / depth^2 u of two plates, u the mean over their distance (Hele-Shaw 1898)."""
+    depth = case.geometry.depth
+    if depth is None:
+        return None
+    return Force(PLATES, f"{depth:g} m apart", resistance=lambda x: np.full(len(x), 12.0 / depth**2))
+
+
+def _wrong_plates(case: Case, dim: int | None) -> Problems:
+    if case.geometry.depth is not None and dim == 3:
+        yield "geometry.depth", "is of a 2D scene", "remove it"
+
+
+PLATES = "drag of two plates"
 MICROPOROUS = "microporous drag"
 # Square of the spacing over the permeability of microporous rock, at most. Blobs of 30 % of an image of 32^3 voxels
 # took 17 iterations at 4, 27 at 40, 59 at 400, and at 4000 missed the tolerance after 800 (trials of 2026-11-29)
 MOST_DRAG = 400.0
 FORCES = (
     Known(MICROPOROUS, _microporous, _wrong_microporous, "no region is microporous"),
+    Known(PLATES, _plates, _wrong_plates, "no geometry.depth"),
 )  # fmt: skip
 
 
