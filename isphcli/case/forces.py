@@ -1,8 +1,8 @@
 """The list of forces that a case may have beside its drive, `FORCES`: what each is called, makes, and needs.
 
-A new force is its key in case/blocks.py and one entry of `FORCES`, with the functions that the entry names. All else asks
-the list: both flows, the check of the case, `isph check`, the limits of steps, and `terms` of summary.json. The drive
-itself, uniform forces and what may be held or change with time, is read in case/forcing.py.
+A new force is its key in case/blocks.py and one entry of `FORCES`, with the functions that the entry names. All else
+asks the list: both flows, the check of the case, `isph check`, the limits of steps, and `terms` of summary.json. The
+drive itself, uniform forces and what may be held or change with time, is read in case/forcing.py.
 """
 
 from __future__ import annotations
