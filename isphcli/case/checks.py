@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import expressions, forcing
 from .blocks import AXES, LATTICES, SOLID, Grey, Shape
+from .forces import wrong_with_forces
 from .reader import Key, Table, keys_of, suggest
 from .yaml import Report, Where, as_key, shown
 
@@ -53,6 +54,7 @@ def check_case(case: Case, report: Report, places: dict[str, Where]) -> None:
         checks.particles,
         checks.volume,
         checks.interface,
+        checks.forces,
         checks.reservoirs,
         checks.drive,
         checks.formulas,
@@ -75,6 +77,7 @@ def check_dimension(case: Case, dim: int) -> None:
     checks.driven_axes()
     checks.reservoirs()
     checks.formulas()
+    checks.forces()
     report.raise_if_any()
 
 
@@ -136,7 +139,7 @@ class _Checks:
         elif self.clear(f"{path}.labels"):
             for name in voxels.labels:
                 if name != SOLID:
-                    self._fluid_name(name, f"{path}.labels.{as_key(name)}")
+                    self._filling_name(name, f"{path}.labels.{as_key(name)}")
             if not set(voxels.labels) - {SOLID}:
                 self.bad(f"{path}.labels", "no voxel is fluid", "add the name of a fluid and its value")
             self._labels_differ(voxels.labels, f"{path}.labels")
@@ -162,7 +165,7 @@ class _Checks:
         before: tuple[float, float] | None = None
         for name, (first, end) in sorted((grey.fluids or {}).items(), key=lambda entry: entry[1]):
             where = f"{path}.fluids.{as_key(name)}"
-            self._fluid_name(name, where)
+            self._filling_name(name, where)
             if first >= end:
                 self.bad(where, "holds no grey value", "each range is [from, to)")
             elif before is not None and first < before[1]:
@@ -222,7 +225,7 @@ class _Checks:
     def _filling(self, shape: Shape, path: str) -> None:
         if shape.what == SOLID:
             return
-        self._fluid_name(shape.what, f"{path}.is", extra=(SOLID,))
+        self._filling_name(shape.what, f"{path}.is", extra=(SOLID,))
         for name in ("velocity", "angular_velocity", "slip_length"):
             if getattr(shape, name) is not None:
                 self.bad(f"{path}.{name}", "only solids have one", "remove it, or write is: solid")
@@ -291,6 +294,11 @@ class _Checks:
     def interface(self) -> None:
         if self.case.interface and self.case.fluids is not None and len(self.case.fluids) != 2:
             self.bad("interface", f"needs two fluids, found {len(self.case.fluids)}")
+
+    def forces(self) -> None:
+        if self.clear("fluids", "geometry", "flow", "microporous"):
+            for problem in wrong_with_forces(self.case, self.dim):
+                self.bad(*problem)
 
     def reservoirs(self) -> None:
         found, path = self.case.reservoirs, "reservoirs"
@@ -462,6 +470,11 @@ class _Checks:
             if name not in reference.parameters:
                 fix = f"add parameters: {{{name}: ...}}"
                 self.bad("reference.parameters", f"kind {reference.kind} needs {name}", fix)
+
+    def _filling_name(self, name: str, path: str, extra: tuple[str, ...] = ()) -> None:
+        """A fluid, or microporous rock."""
+        if name not in (self.case.microporous or ()):
+            self._fluid_name(name, path, (*extra, *(self.case.microporous or ())))
 
     def _fluid_name(self, name: str, path: str, extra: tuple[str, ...] = ()) -> None:
         if self.case.fluids is not None and name not in self.case.fluids:

@@ -110,6 +110,14 @@ class ShapeGeometry:
             phase[seam] = np.where(beside < -1, -1, phases[beside + 1])
         return phase
 
+    def microporous(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int8: index of the microporous rock of the shape on top, -1 in clear fluid and solids."""
+        x = self._wrapped(x)
+        found = np.full(len(x), -1, dtype=np.int8)
+        for shape in self.shapes:
+            found[shape.signed_distance(x, self.period) <= self.round_off] = shape.microporous
+        return found
+
     def interface_distance(self, x: np.ndarray) -> np.ndarray:
         """(n,) signed distance to where fluids 0 and 1 meet, m, > 0 in fluid 0; solids lie on it and end nothing.
 

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 from numba import njit
+from scipy import ndimage
 
 from ..domain.row_threads import over_rows
 from .faces import AT_REST, Walls, face_distance
@@ -34,6 +35,7 @@ class VoxelGeometry:
     warnings: tuple[str, ...] = ()
     described: tuple[tuple[str, str], ...] = ()
     wall_spin: np.ndarray | None = None
+    _microporous: np.ndarray | None = None  # see `fill_with`
 
     def __init__(
         self,
@@ -90,10 +92,28 @@ class VoxelGeometry:
 
     def phase(self, x: np.ndarray) -> np.ndarray:
         """(n,) int8: label of the voxel that holds each point; -1 in solids and beyond non-periodic faces."""
+        return self._labels_at(x, self._grid)
+
+    def _labels_at(self, x: np.ndarray, grid: np.ndarray) -> np.ndarray:
         u = self._points(x)
-        phase = np.empty(len(u), dtype=np.int8)
-        over_rows(_put_phases, len(u), self._grid, self._around, u, phase)
-        return phase
+        label = np.empty(len(u), dtype=np.int8)
+        over_rows(_put_phases, len(u), grid, self._around, u, label)
+        return label
+
+    def fill_with(self, microporous: np.ndarray, layers: ClearLayers | None) -> None:
+        """Tells which microporous rock voxels are filled with: int8 as `labels` without layers, -1 for none. Solids
+        take what the nearest voxel of fluid has: a smooth wall may leave fluid in them."""
+        filled = with_clear_layers(microporous, layers, -1).reshape(self._grid.shape).astype(np.int8)
+        if self._solid == 1:
+            nearest = ndimage.distance_transform_edt(self._grid < 0, self._voxel[::-1], False, True)
+            filled = filled[tuple(nearest)]
+        self._microporous = np.ascontiguousarray(filled)
+
+    def microporous(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int8: index of the microporous rock of the voxel that holds each point, -1 in clear fluid."""
+        if self._microporous is None:
+            return np.full(len(x), -1, dtype=np.int8)
+        return self._labels_at(x, self._microporous)
 
     def interface_distance(self, x: np.ndarray) -> None:
         """None: labels say which fluid is where."""

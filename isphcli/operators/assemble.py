@@ -9,11 +9,11 @@ from numba import njit
 from ..domain.row_threads import over_rows
 
 
-def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: float, scale: float,
+def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: float | np.ndarray, scale: float,
              diagonal: np.ndarray | None = None) -> sp.csr_matrix:
     """The matrix  shift - scale * L  in canonical CSR form, L f_i = sum_j w_ij (f_j - f_i) - diagonal_i f_i.
 
-    weights: (n_pairs,); shift, scale: numbers; diagonal: (n,) wall sums or None.
+    weights: (n_pairs,); shift: a number or (n,); scale: a number; diagonal: (n,) wall sums or None.
     """
     n, size = len(start) - 1, len(column) + len(start) - 1
     # scipy takes 4-byte row pointers only together with 4-byte columns

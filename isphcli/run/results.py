@@ -12,6 +12,7 @@ import numpy as np
 
 from .. import COMPLETE
 from ..case.blocks import Case
+from ..case.forces import forces_of
 from ..case.forcing import body_force, changes, drive_steps, held_axis
 from ..case.load import dump_case
 from ..geometry.protocol import Geometry, inside_sample, sample_box, sample_voxels
@@ -205,6 +206,7 @@ def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:
         terms.append("held velocity")
     if driven and (held_axis(case) is None or body_force(case, geometry.dim).any()):
         terms.append("body force")
+    terms += [force.name for force in forces_of(case, geometry)]
     if drive_steps(case) is not None:
         terms.append("drive in steps")
     if changes(case):

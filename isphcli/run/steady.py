@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..case.forces import forces_of
 from ..case.forcing import why_closed
 from ..domain import reduce
 from ..domain.components import pair_components
@@ -121,7 +122,7 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
         raise NoPathError(why_closed(case, *needs))
     with clock("preconditioner"):
         nu = next(iter(case.fluids.values())).nu
-        system = StokesSystem(ops, spacing, nu)
+        system = StokesSystem(ops, spacing, nu, forces=forces_of(case, geometry), x=particles.x[:n])
     with clock("geometry"):
         cells = fluid_cells(geometry, particles, distance)
         edge_shares = _edge_shares(geometry, particles.x[:n], distance[:n], spacing)
@@ -167,7 +168,7 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
     with clock("krylov"):
         asked = case.solver
         flow = system.solve(force, Limits(asked.tolerance, asked.restart, asked.max_iterations), watch)
-    laplacian = (system.ops.gradient_p(flow.pressure) - system.balanced_force(force)) / fluid.nu
+    laplacian = system.laplacian(flow, force)
     cell_velocity = flow.velocity + _quadrature(scene, laplacian)
     superficial, mean = mean_velocities(geometry, particles.x[: particles.n_fluid], cell_velocity,
                                         particles.site_volume, scene.cells)

@@ -24,13 +24,14 @@ import numpy as np
 from numba import njit
 
 from ..domain.row_threads import over_rows
-from ..flow.one_fluid import Terms, ViscousWeights, balanced_force
+from ..flow.one_fluid import Terms, ViscousWeights, balanced_force, with_forces
 from ..operators.protocol import WallSums
 from .interface import MOST, RATE, Interface, carried, crossings, find_interface, near_interface, strain
 from .interface_rules import FIRST_PASSES, interface_rules
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
+    from ..flow.forces import Force
     from ..operators.pair_weights import Operators
     from ..operators.wall_operators import WallChange
     from .contact_angle import ContactAngle
@@ -43,12 +44,14 @@ class TwoFluidForces(NamedTuple):
     """What moves two fluids.
 
     body: (dim,) force on both, m/s2; push: (dim,) that of a pressure gradient on the first fluid, m/s2, which moves the
-    other as its density lets it; held: (dim,) unit vector along which a velocity is held, or None.
+    other as its density lets it; held: (dim,) unit vector along which a velocity is held, or None; beside: the forces
+    that are not of the drive.
     """
 
     body: np.ndarray
     push: np.ndarray
     held: np.ndarray | None = None
+    beside: Sequence[Force] = ()
 
 
 class TwoFluids:
@@ -63,7 +66,7 @@ class TwoFluids:
                  contact: ContactAngle | None = None, line: WallChange | None = None):
         self.density = np.array(density, float)
         self.mu = np.array(viscosity, float)
-        self.body, self.push, self.held = forces
+        self.body, self.push, self.held, self.forces = forces
         self.force = self.body + self.push
         self.spacing, self.tension, self.contact, self.line = spacing, tension, contact, line
         self.rules = interface_rules(self.density, self.mu, 0.0 if tension is None else tension.tension, spacing)
@@ -145,8 +148,9 @@ class TwoFluids:
             else:
                 jump = tension_force
         rules = self.rules
-        return Terms(weighted, viscous, force, jump, laplacian_of_jump, rho if heavy else 1.0,
-                     rules.rotational_viscosity / reference, transposed_stress, smooth, along, interface)
+        terms = Terms(weighted, viscous, force, jump, laplacian_of_jump, rho if heavy else 1.0,
+                      rules.rotational_viscosity / reference, transposed_stress, smooth, along, interface)
+        return with_forces(terms, self.forces, neighbours.x[: ops.n], mu / rho)
 
     @staticmethod
     def _weigh(ops: Operators, t: np.ndarray, rho: np.ndarray, mu: np.ndarray,
