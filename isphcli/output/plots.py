@@ -36,6 +36,18 @@ MOST_ASKED = 100_000  # points of a plane whose distance from walls is asked of 
 
 
 @dataclass(frozen=True)
+class Key:
+    """What the colours of a picture mean.
+
+    scale: (label, colour map, power of the value that it follows, highest value), from zero, or None; colours: (name,
+    colour) of what has one of its own.
+    """
+
+    scale: tuple[str, Any, float, float] | None = None
+    colours: Sequence[tuple[str, str]] = ()
+
+
+@dataclass(frozen=True)
 class Frame:
     """The scene that a picture is of.
 
@@ -92,7 +104,7 @@ def plot_slice(path: str | os.PathLike, x: np.ndarray, velocity: np.ndarray, fra
     if not (filled > _FILLED).any():
         raise ValueError(f"{path}: no fluid in the plane {'xyz'[normal or 0]} = {position:.4g}")
 
-    factor, unit = _prefix(frame.units[0], float(np.max(box[1] - box[0])))
+    factor, unit = prefix(frame.units[0], float(np.max(box[1] - box[0])))
     extent = [factor * v for v in (box[0][0], box[1][0], box[0][1], box[1][1])]
     aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
     width, height = (6.4, 6.4 * aspect) if aspect <= 1.3 else (8.0 / aspect, 8.0)
@@ -136,7 +148,7 @@ def plot_phases(path: str | os.PathLike, x: np.ndarray, phase: np.ndarray, names
         filled[:] = 1.0
     elif frame.wall_distance is not None:
         filled = _fill_by_distance(filled.shape, box, (dim, (a, b), normal, middle), frame.wall_distance, spacing)
-    factor, unit = _prefix("m", float(np.max(box[1] - box[0])))
+    factor, unit = prefix("m", float(np.max(box[1] - box[0])))
     extent = [factor * v for v in (box[0][0], box[1][0], box[0][1], box[1][1])]
     aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
     width, height = (6.4, 6.4 * aspect) if aspect <= 1.3 else (8.0 / aspect, 8.0)
@@ -159,32 +171,46 @@ def plot_phases(path: str | os.PathLike, x: np.ndarray, phase: np.ndarray, names
 
 
 def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
-    """Draw time step, iterations, residuals, velocity and the measures of two fluids over time (or over the step).
+    """Draw velocity, energy, pressures and the measures of two fluids over time (or over the step).
 
-    rows: of history.csv, as `files.read_history` returns them. Columns are found by their first word: `dt`,
-    `iterations_*`, `residual_*` with `divergence`, `max_divergence` and `change`, `mean_velocity*`,
-    `superficial_velocity*`, `pressure_drop*`, `kinetic_energy*`, and those of two fluids: `pressure_jump`,
-    `saturation_*`, ... A panel without data is left out. Raises ValueError if nothing is left.
+    rows: of history.csv, as `files.read_history` returns them. Columns are found by their first word (`PHYSICAL`). A
+    panel without data is left out. Raises ValueError if nothing is left.
     """
+    _draw_columns(path, rows, title, PHYSICAL)
+
+
+def plot_numerics(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
+    """Draw time step, iterations, residuals and divergence (`NUMERICAL`), as `plot_histories` does the rest."""
+    _draw_columns(path, rows, title, NUMERICAL)
+
+
+# label of a panel, first words of its columns, whether it is logarithmic
+Panels = Sequence[tuple[str, tuple[str, ...], bool]]
+PHYSICAL: Panels = (
+    ("mean velocity (m/s)", ("mean_velocity",), False),
+    ("superficial velocity (m/s)", ("superficial_velocity",), False),
+    ("pressure drop (Pa)", ("pressure_drop",), False),
+    ("kinetic energy (J, J/m in 2D)", ("kinetic_energy",), False),
+    ("pressure jump (Pa)", ("pressure_jump",), False),
+    ("saturation", ("saturation",), False),
+    ("centre (m)", ("centre",), False),
+    ("circularity", ("circularity",), False),
+    ("capillary number", ("capillary_number",), True),
+    ("contact angle (degrees)", ("contact_angle",), False),
+)
+NUMERICAL: Panels = (
+    ("time step (s)", ("dt",), False),
+    ("iterations", ("iterations",), False),
+    ("residual, divergence", ("residual", "divergence", "max_divergence", "change"), True),
+)
+
+
+def _draw_columns(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], title: str, wanted: Panels) -> None:
     by_time = sum(row.get("time") is not None for row in rows) > 1 and rows[-1]["time"] > rows[0]["time"]
     key = "time" if by_time else "step"
     coordinate = np.array([row.get(key, i) for i, row in enumerate(rows)], dtype=float)
     panels = []
-    for label, words, log in (
-        ("time step (s)", ("dt",), False),
-        ("iterations", ("iterations",), False),
-        ("residual, divergence", ("residual", "divergence", "max_divergence", "change"), True),
-        ("mean velocity (m/s)", ("mean_velocity",), False),
-        ("superficial velocity (m/s)", ("superficial_velocity",), False),
-        ("pressure drop (Pa)", ("pressure_drop",), False),
-        ("kinetic energy (J, J/m in 2D)", ("kinetic_energy",), False),
-        ("pressure jump (Pa)", ("pressure_jump",), False),
-        ("saturation", ("saturation",), False),
-        ("centre (m)", ("centre",), False),
-        ("circularity", ("circularity",), False),
-        ("capillary number", ("capillary_number",), True),
-        ("contact angle (degrees)", ("contact_angle",), False),
-    ):
+    for label, words, log in wanted:
         lines = {
             name: values for name in _columns(rows, words) if (values := _series(rows, name)) is not None
         }
@@ -230,7 +256,7 @@ def plot_profiles(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], na
     times = sorted({row["time"] for row in rows})
     kept = [times[k] for k in np.unique(np.linspace(0, len(times) - 1, min(len(times), MOST_TIMES)).astype(int))]
     along = next(name for name in "xyz" if name in rows[0])
-    factor, unit = _prefix("m", max(abs(row[along]) for row in rows))
+    factor, unit = prefix("m", max(abs(row[along]) for row in rows))
     figure, ((left, right),) = _figure(10.4, 3.6, 1, 2)
     shades = colormaps["viridis_r"](np.linspace(0.15, 1.0, len(kept)))
     for time, shade in zip(kept, shades):
@@ -281,6 +307,43 @@ def plot_curve(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], names
         left.annotate(f"{row['drive_step']:g}", (x, y), xytext=(3, 3), textcoords="offset points", fontsize=7)
     if title:
         figure.suptitle(title, fontweight="bold", color=INK).set_parse_math(False)
+    _save(figure, path)
+
+
+def frame_picture(path: str | os.PathLike, image: np.ndarray, frame: Frame, key: Key) -> None:
+    """A picture of a scene in 3D with its title, the size of its box and what its colours mean.
+
+    image: (height, width, 3) uint8; white margins are cut off.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import PowerNorm
+    from matplotlib.patches import Patch
+
+    ink = np.nonzero((image < 250).any(axis=2))
+    if len(ink[0]):
+        rows, columns = (slice(max(int(i.min()) - 8, 0), int(i.max()) + 9) for i in ink)
+        image = image[rows, columns]
+    aspect = image.shape[0] / image.shape[1]
+    figure, ((axes,),) = _figure(9.0, 7.4 * aspect + 1.0)
+    axes.imshow(image, interpolation="lanczos")
+    axes.set_axis_off()
+    size = np.asarray(frame.upper) - np.asarray(frame.lower)
+    factor, unit = prefix(frame.units[0], float(size.max()))
+    second = f"box {' × '.join(f'{factor * s:.3g}' for s in size)} {unit}".rstrip()
+    if frame.flow_axis is not None:
+        second += f"    flow along {'xyz'[frame.flow_axis]}"
+    _headline(axes, frame.title, second)
+    if key.scale is not None:
+        label, colours, power, high = key.scale
+        bar = figure.colorbar(ScalarMappable(PowerNorm(power, 0.0, high), colours), ax=axes, fraction=0.035, pad=0.02,
+                              shrink=0.8, extend="max")
+        bar.set_label(label)
+        bar.outline.set_linewidth(0.4)
+    if key.colours:
+        patches = [Patch(facecolor=colour, edgecolor="#8f8b84", lw=0.6, label=name) for name, colour in key.colours]
+        legend = axes.legend(handles=patches, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+        for text in legend.get_texts():
+            text.set_parse_math(False)
     _save(figure, path)
 
 
@@ -399,12 +462,12 @@ def _draw_speed(axes: Axes, speed: np.ndarray, filled: np.ndarray, extent: Any,
     from matplotlib.colors import Normalize, PowerNorm
 
     fluid = speed[filled > _FILLED]
-    factor, unit = _prefix(unit, float(np.quantile(fluid, 0.995)))
+    factor, unit = prefix(unit, float(np.quantile(fluid, 0.995)))
     top, usual = factor * float(np.quantile(fluid, 0.995)), factor * float(np.median(fluid))
     channels = usual < 0.2 * top
     norm = PowerNorm(0.5, 0, top) if channels else Normalize(0, factor * fluid.max() or 1.0)
     picture = axes.imshow(
-        factor * speed, origin="lower", extent=extent, cmap=_map(), norm=norm, interpolation="bilinear"
+        factor * speed, origin="lower", extent=extent, cmap=flow_map(), norm=norm, interpolation="bilinear"
     )
     if filled.min() < _FILLED:
         axes.contourf(filled, [-1, _FILLED], extent=extent, colors=[SOLID], zorder=2)
@@ -430,7 +493,7 @@ def _draw_interfaces(axes: Axes, smooth: np.ma.MaskedArray, extent: Any, colour:
         axes.contour(smooth, levels, extent=extent, colors=colour, linewidths=1.6, zorder=4)
 
 
-def _map() -> Colormap:
+def flow_map() -> Colormap:
     """Perceptually uniform; without the near-white end that the grey solids are close to."""
     from matplotlib import colormaps
     from matplotlib.colors import LinearSegmentedColormap
@@ -461,9 +524,9 @@ def _round_down(value: float) -> float:
 # -- parts of every picture ------------------------------------------------------------------------------
 
 
-def _prefix(unit: str, size: float) -> tuple[float, str]:
-    """Factor and name of the unit that makes `size` 1 to 1000; only m and m/s have prefixes."""
-    if unit not in ("m", "m/s") or size <= 0:
+def prefix(unit: str, size: float) -> tuple[float, str]:
+    """Factor and name of the unit that makes `size` 1 to 1000; only m, m/s and Pa have prefixes."""
+    if unit not in ("m", "m/s", "Pa") or size <= 0:
         return 1.0, unit
     for factor, prefix in ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p")):
         if size * factor >= 1:

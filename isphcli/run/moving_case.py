@@ -28,6 +28,8 @@ from .results import (
     absent_fluids,
     added_viscosity,
     counts_of,
+    draw_distributions,
+    draw_in_3d,
     finish,
     grids_of,
     mean_max,
@@ -394,8 +396,17 @@ def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state:
 
 
 def _pictures(run: MovingRun, state: State, permeability: float | None) -> None:
-    """A slice of the flow, the fluids where there are two, the histories, profiles, the curve of a drive in steps."""
-    from ..output.plots import Frame, plot_curve, plot_histories, plot_phases, plot_profiles, plot_slice
+    """A slice of the flow, the fluids where there are two, both in 3D, speeds and pores, the histories, profiles, the
+    curve of a drive in steps; apart from them what is numerical."""
+    from ..output.plots import (
+        Frame,
+        plot_curve,
+        plot_histories,
+        plot_numerics,
+        plot_phases,
+        plot_profiles,
+        plot_slice,
+    )
 
     case, geometry, two = run.case, run.geometry, run.measures is not None
     phase = run.particles_at(state).phase
@@ -403,9 +414,13 @@ def _pictures(run: MovingRun, state: State, permeability: float | None) -> None:
                   geometry.distance if geometry.has_solid else None)
     plot_slice(run.directory / "slice.png", state.x, state.u, frame, permeability=permeability,
                phase=phase if two else None)
+    flow = {"x": state.x, "velocity": state.u} | ({"phase": phase} if two else {})
+    draw_in_3d(run.directory, frame, geometry, flow, run.seen.warnings, case.fluid_names if two else ())
+    draw_distributions(run.directory, case, geometry, state.x, state.u, case.particles.spacing)
     if two:
         plot_phases(run.directory / "phases.png", state.x, phase, case.fluid_names, frame, walls=geometry.has_solid)
     plot_histories(run.directory / "histories.png", run.history, case.title)
+    plot_numerics(run.directory / "numerics.png", run.history, case.title)
     for name, plot in ((PROFILES, plot_profiles), (CURVE, plot_curve)):
         rows = read_history(run.directory / name) if name in run.tables and run.tables[name].rows else []
         if rows:

@@ -108,8 +108,8 @@ def test_histories(tmp_path):
     "size, factor, unit", [(3.8e-4, 1e6, "µm"), (0.014, 1e3, "mm"), (2.0, 1.0, "m"), (0.0, 1.0, "m")]
 )
 def test_prefix(size, factor, unit):
-    assert plots._prefix("m", size) == (factor, unit)
-    assert plots._prefix("", size) == (1.0, "")
+    assert plots.prefix("m", size) == (factor, unit)
+    assert plots.prefix("", size) == (1.0, "")
 
 
 def test_permeability_in_both_units():

@@ -5,7 +5,7 @@ import pytest
 
 from isphcli import api
 from isphcli.case.load import read_case
-from isphcli.run.flow_measures import effective_diffusivity, speed_distribution, tortuosity, wall_shear
+from isphcli.run.flow_measures import effective_diffusivity, speed_distribution, tortuosity, wall_stress
 from isphcli.scene.build_geometry import build_geometry
 
 SLIT = {
@@ -72,4 +72,4 @@ def test_no_shear_of_walls_that_slip():
            b"drive: {axes: [x]}\nfluids: {water: {density: 1, viscosity: 1}}\n"
     geometry = build_geometry(read_case(text, "case.yaml"))
     x = np.array([[0.5, 0.125]])
-    assert wall_shear(geometry, x, np.ones((1, 2)), np.zeros((1, 2)), (0.25, 1.0)) is None
+    assert wall_stress(geometry, x, np.ones((1, 2)), np.zeros((1, 2)), (0.25, 1.0)) is None
