@@ -341,7 +341,7 @@ def frame_picture(path: str | os.PathLike, image: np.ndarray, frame: Frame, key:
         bar.outline.set_linewidth(0.4)
     if key.colours:
         patches = [Patch(facecolor=colour, edgecolor="#8f8b84", lw=0.6, label=name) for name, colour in key.colours]
-        legend = axes.legend(handles=patches, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+        legend = axes.legend(handles=patches, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=3, frameon=False)
         for text in legend.get_texts():
             text.set_parse_math(False)
     _save(figure, path)

@@ -283,9 +283,11 @@ def _draw_shear(pv: Any, plotter: Any, grid: Any, scene: Scene3D) -> dict[str, A
     walls = grid.contour([0.0], scalars="wall")
     top = float(np.quantile(stress, 0.98)) or 1.0
     if walls.n_points:
-        reach = 2.0 * float(scene.cell.max())
-        away, near = cKDTree(points).query(np.asarray(walls.points), k=4, distance_upper_bound=reach)
-        weight = np.where(np.isfinite(away), 1.0 / np.maximum(away, 0.05 * reach) ** 2, 0.0)
+        tree = cKDTree(points)
+        apart = float(np.median(tree.query(points, k=2)[0][:, 1])) if len(points) > 1 else float(scene.cell.max())
+        # of the walls of pockets without particles nothing is known: they are shown without shear
+        away, near = tree.query(np.asarray(walls.points), k=4, distance_upper_bound=3.0 * apart)
+        weight = np.where(np.isfinite(away), 1.0 / np.maximum(away, 0.1 * apart) ** 2, 0.0)
         known = np.append(stress, 0.0)[near]
         walls.point_data["stress"] = (weight * known).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
         plotter.add_mesh(walls, scalars="stress", clim=(0.0, top), cmap=STRESS_MAP, show_scalar_bar=False,
@@ -299,12 +301,13 @@ def _draw_fluids(pv: Any, plotter: Any, grid: Any, scene: Scene3D) -> dict[str, 
     fluid = grid.clip_scalar(scalars="wall", value=0.0, invert=False)
     if not fluid.n_cells:
         return {}
-    body = fluid.clip_scalar(scalars="phase", value=0.5, invert=False).extract_surface()
-    if body.n_points:
-        plotter.add_mesh(body, color=PHASES[1], smooth_shading=False, specular=0.1, ambient=0.35)
-    front = fluid.contour([0.5], scalars="phase")
-    if front.n_points:
-        plotter.add_mesh(front, color=COLOURS[1], smooth_shading=False, specular=0.1, ambient=0.35)
+    body = fluid.clip_scalar(scalars="phase", value=0.5, invert=False).extract_surface().triangulate()
+    if body.n_cells:
+        of_each = np.asarray(body.point_data["phase"])[body.faces.reshape(-1, 4)[:, 1:]]
+        front = of_each.max(axis=1) < 0.5 + 1e-4  # the other cells are where the fluid ends at walls or at the box
+        for cells, colour in ((~front, PHASES[1]), (front, COLOURS[1])):
+            if cells.any():
+                plotter.add_mesh(body.extract_cells(cells), color=colour, specular=0.1, ambient=0.35)
     return {}
 
 
