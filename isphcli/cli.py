@@ -1,4 +1,5 @@
-"""The command line: `isph init`, `run`, `validate`, `convert-voxels`, `relperm`, `report`, `examples`, `keys`.
+"""The command line: `isph init`, `run`, `validate`, `convert-voxels`, `relperm`, `report`,
+`film`, `examples`, `keys`.
 
 Nothing but click is imported before a command runs, so that `isph --help` answers at once. Results go to
 stdout, everything else to stderr. Exit codes: see `EXIT_CODES`.
@@ -63,7 +64,7 @@ def exit_code(error: BaseException) -> int:
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED
     names = {cls.__name__ for cls in type(error).__mro__}  # without importing what did not run
-    if names & {"SolveError", "StepError", "RunError", "NotFiniteError", "CompareError", "LinAlgError"}:
+    if names & {"SolveError", "StepError", "RunError", "NotFiniteError", "CompareError", "LinAlgError", "RenderError"}:
         return FAILED
     if isinstance(error, (OSError, MemoryError)):
         return FAILED
@@ -739,6 +740,41 @@ def report(directories: tuple[Path, ...], target: Path, force: bool) -> None:
 
     write_report(target, directories)
     click.echo(f"{target} written")
+
+
+# -- film ------------------------------------------------------------------------------------------------
+
+
+@main.command(epilog=EXIT_CODES, short_help="A film of the snapshots of a run, gif or mp4.")
+@click.argument("folder", metavar="OUT", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--to", "target", type=click.Path(path_type=Path, dir_okay=False), default="film.gif", metavar="FILE",
+              show_default=True, help="The film: .gif, or .mp4 (needs imageio[ffmpeg]).")  # fmt: skip
+@click.option("--rate", type=click.FloatRange(0, 50, min_open=True), default=10.0, show_default=True,
+              help="Frames a second.")  # fmt: skip
+@click.option("--view", type=click.Choice(["plane", "3d"]), default="plane", show_default=True,
+              help="The middle plane, or rock cut open.")  # fmt: skip
+@click.option("--force", is_flag=True, help="Replace FILE where it exists.")
+@quiet_option
+@guarded
+def film(folder: Path, target: Path, rate: float, view: str, force: bool, quiet: bool) -> None:
+    """Make a film of the snapshots of the run in OUT: of two fluids where each of them is, of one its speed.
+
+    A frame a snapshot: `output.every` of the case says how often one is taken.
+
+    \b
+    isph film out/rock_drainage
+    isph film out/rock_drainage --to drainage.mp4 --rate 20 --view 3d
+    """
+    if target.exists() and not force:
+        raise Unusable(f"{target}: is there already; name another file with --to, or replace it with --force")
+    set_threads(None)
+    from .run.film import make_film
+
+    def seen(number: int, total: int) -> None:
+        if number == total or number % 10 == 0:
+            complain(f"frame {number} of {total}")
+
+    click.echo(f"{target} written, {make_film(folder, target, rate, view, None if quiet else seen)} frames")
 
 
 # -- keys ------------------------------------------------------------------------------------------------

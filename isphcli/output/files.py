@@ -82,6 +82,15 @@ def write_vtu(path: str | os.PathLike, x: np.ndarray, fields: Mapping[str, np.nd
     """
     import meshio
 
+    x, data = field_arrays(Path(path), x, fields)
+    mesh = meshio.Mesh(x, [("vertex", np.arange(len(x)).reshape(-1, 1))], point_data=data)
+    with replacing(path) as temporary:
+        meshio.vtu.write(temporary, mesh, binary=True, compression="zlib")
+
+
+def field_arrays(path: Path, x: np.ndarray,
+                 fields: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Points (n, 3) and fields of a snapshot as they are written; arguments and errors as those of `write_vtu`."""
     x = require_finite("x", np.asarray(x, dtype=np.float64))
     n = len(x)
     if n == 0:
@@ -99,9 +108,7 @@ def write_vtu(path: str | os.PathLike, x: np.ndarray, fields: Mapping[str, np.nd
         elif values.dtype == bool:
             values = values.astype(np.int8)
         data[name] = _three(values) if values.ndim == 2 else np.ascontiguousarray(values)
-    mesh = meshio.Mesh(_three(x), [("vertex", np.arange(n).reshape(n, 1))], point_data=data)
-    with replacing(path) as temporary:
-        meshio.vtu.write(temporary, mesh, binary=True, compression="zlib")
+    return _three(x), data
 
 
 def read_vtu(path: str | os.PathLike) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -177,6 +184,30 @@ def read_pvd(path: str | os.PathLike) -> list[tuple[float, str]]:
     return [
         (float(e.get("timestep", "nan")), e.get("file", "")) for e in ElementTree.parse(path).iter("DataSet")
     ]
+
+
+def read_series(directory: str | os.PathLike, name: str = "particles") -> list[tuple[float, str]]:
+    """(time, file relative to the folder) of each snapshot of a series, of either format; empty without one."""
+    folder = Path(directory)
+    if (folder / f"{name}.pvd").is_file():
+        return read_pvd(folder / f"{name}.pvd")
+    if (folder / f"{name}.xdmf").is_file():
+        from xml.etree import ElementTree
+
+        grids = ElementTree.parse(folder / f"{name}.xdmf").iter("Grid")
+        return [(float(when.get("Value", "nan")), file.rpartition(":")[0]) for grid in grids
+                if (when := grid.find("Time")) is not None
+                for file in [next((i.text or "").strip() for i in grid.iter("DataItem") if i.get("Format") == "HDF")]]
+    return []
+
+
+def read_snapshot(path: str | os.PathLike) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Points (n, 3) and fields of a snapshot of particles, VTU or HDF5."""
+    if Path(path).suffix == ".h5":
+        from .xdmf import read_h5
+
+        return read_h5(path)
+    return read_vtu(path)
 
 
 class History:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 RESOLVED = 4.0  # spacings across a pore, from which on a steady flow in it is resolved (docs/method.md 8)
-SPEEDS = 60  # bins of speeds
+SPEEDS = 60  # bins of speeds at most
 MOST_SPEEDS = 0.999  # share of the fluid up to which speeds are drawn
 
 
@@ -78,7 +78,8 @@ def plot_distributions(path: str | os.PathLike, velocity: np.ndarray, spacing: f
     axes, speed = panels[-1], np.linalg.norm(velocity, axis=1)
     top = float(np.quantile(speed, MOST_SPEEDS)) or 1.0
     factor, unit = prefix("m/s", top)
-    share, edges = np.histogram(factor * speed, bins=SPEEDS, range=(0.0, factor * top))
+    bins = int(np.clip(np.sqrt(len(speed)), 8, SPEEDS))
+    share, edges = np.histogram(factor * speed, bins=bins, range=(0.0, factor * top))
     axes.stairs(share / len(speed), edges, color=COLOURS[0], fill=True, alpha=0.75)
     axes.set_yscale("log" if share.max() > 20 * max(np.median(share), 1) else "linear")
     for value, name, colour in ((speed.mean(), "mean", COLOURS[1]), (np.median(speed), "median", INK)):

@@ -54,7 +54,8 @@ class Frame:
     dim: 2 or 3; spacing: of the particles; lower, upper: (dim,) box; without them that of the particles; periodic: of
     each axis; wall_distance: of points (m, dim), signed, m: solids are drawn where they are, without it where no
     particle is; flow_axis: without it that of the largest mean component; plane: (normal axis, position), without it
-    the mid-plane with more fluid in it of the two, moved to the nearest particles; units: of length and velocity;
+    the mid-plane with more fluid in it of the two, moved to the nearest particles; note: a few words under the title;
+    top: of the scale of speeds, m/s, without it by the speeds; units: of length and velocity;
     ("m", "m/s") are written with the prefix that fits, others, such as ("", ""), as they are.
     """
 
@@ -67,6 +68,8 @@ class Frame:
     wall_distance: Callable[[np.ndarray], np.ndarray] | None = None
     flow_axis: int | None = None
     plane: tuple[int, float] | None = None
+    note: str = ""
+    top: float | None = None
     units: tuple[str, str] = ("m", "m/s")
 
     def box(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -111,12 +114,13 @@ def plot_slice(path: str | os.PathLike, x: np.ndarray, velocity: np.ndarray, fra
     figure, ((axes,),) = _figure(width + 1.7, height + 1.15)
     if "phase" in images:
         _draw_interfaces(axes, _smooth(images["phase"], filled, wrap), extent, "white")
-    picture, unit_speed = _draw_speed(axes, images["speed"], filled, extent, frame.units[1])
+    picture, unit_speed = _draw_speed(axes, images["speed"], filled, extent, frame.units[1], frame.top)
     _colour_bar(figure, axes, picture, unit_speed)
     axes.set_xlabel("xyz"[shown[0]] + (f"  ({unit})" if unit else ""))
     axes.set_ylabel("xyz"[shown[1]] + (f"  ({unit})" if unit else ""))
     where = "" if normal is None else f"plane {'xyz'[normal]} = {factor * position:.4g} {unit}".rstrip()
-    _headline(axes, frame.title, "    ".join(part for part in (_permeability(permeability), where) if part))
+    parts = (frame.note, _permeability(permeability), where)
+    _headline(axes, frame.title, "    ".join(part for part in parts if part))
     if shown[0] == axis and abs(flow[axis]) > 0.05 * speed.mean() and speed.max() > 0:
         arrow = "flow →" if flow[axis] > 0 else "← flow"
         axes.annotate(arrow, (1, 1.015), xycoords="axes fraction", ha="right", va="bottom", color="#6b6b6b")
@@ -162,7 +166,7 @@ def plot_phases(path: str | os.PathLike, x: np.ndarray, phase: np.ndarray, names
     axes.set_xlabel("xyz"[a] + f"  ({unit})")
     axes.set_ylabel("xyz"[b] + f"  ({unit})")
     where = "" if normal is None else f"plane {'xyz'[normal]} = {factor * middle:.4g} {unit}"
-    _headline(axes, frame.title, where)
+    _headline(axes, frame.title, "    ".join(filter(None, (frame.note, where))))
     patches = [Patch(color=colour, label=name) for colour, name in zip(PHASES, names)]
     axes.legend(handles=patches, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     for text in axes.get_legend().get_texts():
@@ -245,7 +249,8 @@ def _draw_columns(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], ti
 
 def plot_profiles(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], names: Sequence[str],
                   title: str = "") -> None:
-    """Draw saturation of the second fluid and pressure along the axis, at up to MOST_TIMES times, the last one dark.
+    """Draw saturation of the second fluid, pressure and flux along the axis, at up to MOST_TIMES times, the last one
+    dark, and how far the flux at the last one is spread.
 
     rows: of profiles.csv; names: of the fluids. Raises ValueError without rows.
     """
@@ -257,19 +262,27 @@ def plot_profiles(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], na
     kept = [times[k] for k in np.unique(np.linspace(0, len(times) - 1, min(len(times), MOST_TIMES)).astype(int))]
     along = next(name for name in "xyz" if name in rows[0])
     factor, unit = prefix("m", max(abs(row[along]) for row in rows))
-    figure, ((left, right),) = _figure(10.4, 3.6, 1, 2)
+    with_flux = any(row.get("superficial_velocity") is not None for row in rows)
+    figure, ((left, right, *more),) = _figure(10.4 + 5.0 * with_flux, 3.6, 1, 2 + with_flux)
+    keys = [(left, f"saturation_{names[1]}"), (right, "pressure"), *((axes, "superficial_velocity") for axes in more)]
     shades = colormaps["viridis_r"](np.linspace(0.15, 1.0, len(kept)))
     for time, shade in zip(kept, shades):
         now = [row for row in rows if row["time"] == time]
         x = factor * np.array([row[along] for row in now])
-        for axes, key in ((left, f"saturation_{names[1]}"), (right, "pressure")):
+        for axes, key in keys:
             values = np.array([np.nan if row.get(key) is None else row[key] for row in now], dtype=float)
             axes.plot(x, values, color=shade, lw=1.4, label=f"{time:.3g} s")
             axes.grid(color="#e6e6e6", lw=0.6)
     left.set_ylim(-0.03, 1.03)
     left.set_ylabel(f"saturation {names[1]}").set_parse_math(False)
     right.set_ylabel("pressure (Pa)")
-    for axes in (left, right):
+    for axes in more:
+        axes.set_ylabel("superficial velocity (m/s)")
+        flux = values[np.isfinite(values)]  # of the last time
+        if len(flux) and flux.mean() != 0.0:
+            spread = float(flux.std() / abs(flux.mean()))
+            axes.set_title(f"spread of the slices at the end: {spread:.1e} of the mean", fontsize=9, color=INK)
+    for axes, _ in keys:
         axes.set_xlabel(f"{along}  ({unit})")
     right.legend(frameon=False, fontsize=8)
     if title:
@@ -332,7 +345,7 @@ def frame_picture(path: str | os.PathLike, image: np.ndarray, frame: Frame, key:
     second = f"box {' × '.join(f'{factor * s:.3g}' for s in size)} {unit}".rstrip()
     if frame.flow_axis is not None:
         second += f"    flow along {'xyz'[frame.flow_axis]}"
-    _headline(axes, frame.title, second)
+    _headline(axes, frame.title, "    ".join(filter(None, (frame.note, second))))
     if key.scale is not None:
         label, colours, power, high = key.scale
         bar = figure.colorbar(ScalarMappable(PowerNorm(power, 0.0, high), colours), ax=axes, fraction=0.035, pad=0.02,
@@ -456,16 +469,18 @@ def _carried_on(points: np.ndarray, offset: np.ndarray, values: Mapping[str, np.
     return points, offset[index], {name: value[index] for name, value in values.items()}
 
 
-def _draw_speed(axes: Axes, speed: np.ndarray, filled: np.ndarray, extent: Any,
-                unit: str) -> tuple[Any, str]:
+def _draw_speed(axes: Axes, speed: np.ndarray, filled: np.ndarray, extent: Any, unit: str,
+                largest: float | None = None) -> tuple[Any, str]:
     """The picture itself: solids grey with an edge, fluid from dark (slow) to bright (fast)."""
     from matplotlib.colors import Normalize, PowerNorm
 
     fluid = speed[filled > _FILLED]
-    factor, unit = prefix(unit, float(np.quantile(fluid, 0.995)))
-    top, usual = factor * float(np.quantile(fluid, 0.995)), factor * float(np.median(fluid))
-    channels = usual < 0.2 * top
-    norm = PowerNorm(0.5, 0, top) if channels else Normalize(0, factor * fluid.max() or 1.0)
+    most = float(np.quantile(fluid, 0.995)) if largest is None else largest
+    factor, unit = prefix(unit, most)
+    top, usual = factor * most, factor * float(np.median(fluid))
+    channels = largest is None and usual < 0.2 * top
+    highest = top if largest is not None else factor * fluid.max() or 1.0
+    norm = PowerNorm(0.5, 0, top) if channels else Normalize(0, highest)
     picture = axes.imshow(
         factor * speed, origin="lower", extent=extent, cmap=flow_map(), norm=norm, interpolation="bilinear"
     )

@@ -19,6 +19,7 @@ from ..references.result import Result
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.prepare import prepare
+from .flow_measures import profile_rows
 from .permeability import darcy, fluid_cells, mean_velocities
 from .results import (
     CURVE,
@@ -118,8 +119,10 @@ class MovingRun:
         if self.profiles is not None and state.step != self.profiled:
             self.profiled = state.step
             with self.clock("output"):
-                for row in self.profiles.rows(state, self.particles_at(state).phase):
-                    self.tables[PROFILES].append(row)
+                layers = profile_rows(self.geometry, state.x, (state.u, state.p), self.profiles.axis, 0.0,
+                                      (self.profiles.thickness, self.particles.site_volume))
+                for row, layer in zip(self.profiles.rows(state, self.particles_at(state).phase), layers):
+                    self.tables[PROFILES].append(row | {"superficial_velocity": layer["superficial_velocity"]})
         with self.clock("output"):
             write_grid(self.grids, self.case, self.geometry, self.particles_at(state), (state.step, state.time),
                        (state.x, state.u, state.p * self.pressure_unit), self.case.particles.spacing)

@@ -37,10 +37,10 @@ def files_of(case: Case) -> list[str]:
     """Patterns of all files that a run of the case may write, relative to its directory."""
     moving = case.flow != "stokes"
     names = ["case.yaml", "history.csv", "summary.json", "worst.vtu", *[restart.NAME] * moving]
-    if case.output.snapshots:
-        names += ["particles.pvd", f"{SNAPSHOTS}/particles_[0-9]*.vtu"]
-    if case.output.grid is not None:
-        names += ["grid.pvd", f"{SNAPSHOTS}/grid_[0-9]*.vti"]
+    lists, *suffixes = ("xdmf", "h5", "h5") if case.output.format == "xdmf" else ("pvd", "vtu", "vti")
+    for name, suffix, wanted in zip(("particles", "grid"), suffixes,
+                                    (case.output.snapshots, case.output.grid is not None)):
+        names += [f"{name}.{lists}", f"{SNAPSHOTS}/{name}_[0-9]*.{suffix}"] * wanted
     if len(case.fluids) > 1 or not moving:
         names += [PROFILES, *[CURVE] * (drive_steps(case) is not None)]
     if case.output.plots:
@@ -194,12 +194,20 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
 
 def series_of(case: Case, directory: Path, resume_time: float | None = None) -> Series | None:
     """The series of snapshots of a run, None where none are asked for; resume_time: s, of a run that goes on."""
-    return Series(directory, resume_time=resume_time) if case.output.snapshots else None
+    return _series(case, directory, "particles", resume_time) if case.output.snapshots else None
 
 
 def grids_of(case: Case, directory: Path, resume_time: float | None = None) -> Series | None:
     """The series of snapshots on a grid of a case, or None."""
-    return Series(directory, "grid", resume_time) if case.output.grid is not None else None
+    return _series(case, directory, "grid", resume_time) if case.output.grid is not None else None
+
+
+def _series(case: Case, directory: Path, name: str, resume_time: float | None) -> Series:
+    if case.output.format == "xdmf":
+        from ..output.xdmf import XdmfSeries
+
+        return XdmfSeries(directory, name, resume_time)
+    return Series(directory, name, resume_time)
 
 
 def write_grid(series: Series | None, case: Case, geometry: Geometry, particles: Particles, moment: tuple[int, float],
@@ -215,7 +223,13 @@ def write_grid(series: Series | None, case: Case, geometry: Geometry, particles:
     step, time = moment
     fields = {"velocity": velocity, "pressure": pressure, "phase": particles.phase}
     grid = make_grid(geometry, x, fields, spacing, cell)
-    series.add(step, time, "vti", lambda path: write_vti(path, grid, time))
+    if case.output.format == "xdmf":
+        from ..output.xdmf import XdmfSeries
+
+        assert isinstance(series, XdmfSeries)
+        series.write_grid(step, time, grid)
+    else:
+        series.add(step, time, "vti", lambda path: write_vti(path, grid, time))
 
 
 def snapshot_of(case: Case, geometry: Geometry, particles: Particles, x: np.ndarray, velocity: np.ndarray,
