@@ -30,7 +30,8 @@ SUMMARY_KEYS = (
     "porosity", "open_axes", "throats", "terms", "steps", "time",
     "permeability", "permeability_error", "permeability_image_error", "permeability_range", "permeability_range_from",
     "permeability_by_spacing", "permeability_by_threshold", "permeability_tensor", "tortuosity", "formation_factor",
-    "effective_diffusivity", "superficial_velocity", "mean_velocity", "speed", "wall_shear", "pressure_drop",
+    "formation_factor_error", "effective_diffusivity", "effective_diffusivity_error",
+    "superficial_velocity", "mean_velocity", "speed", "wall_shear", "pressure_drop",
     "two_fluids", "mass_error", "max_divergence", "iterations", "errors", "cpu_seconds", "wall_seconds",
     "peak_memory_bytes", "threads", "versions",
 )  # fmt: skip

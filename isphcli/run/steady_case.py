@@ -367,12 +367,15 @@ def _measures(case: Case, flows: Flows) -> dict[str, Any]:
     written the distribution of the speed and the wall shear."""
     finest = min(h for _, h in flows)
     driven = {axis: flow for (axis, h), flow in sorted(flows.items(), key=str) if axis is not None and h == finest}
-    ways, factors = {}, {}
+    ways, factors, bars = {}, {}, {}
     for axis, flow in driven.items():
         inside = inside_sample(flow.geometry, flow.particles.x[: flow.particles.n_fluid])
         ways["xyz"[axis]] = tortuosity(flow.cell_velocity[inside], axis)
         if flow.diffusivity:
             factors["xyz"[axis]] = 1.0 / flow.diffusivity
+            known = {h: other.diffusivity for (a, h), other in flows.items() if a == axis and other.diffusivity}
+            if len(known) > 1:  # by the rule of k: of the same particles beside the same walls
+                bars["xyz"[axis]] = extrapolate(list(known), [1.0 / d for d in known.values()])[1]
     main = _main(flows)
     inside = inside_sample(main.geometry, main.particles.x[: main.particles.n_fluid])
     single = len(driven) == 1
@@ -380,7 +383,9 @@ def _measures(case: Case, flows: Flows) -> dict[str, Any]:
     return {
         "tortuosity": _alone(ways, single) or None,
         "formation_factor": _alone(factors, single) or None,
+        "formation_factor_error": _alone(bars, single) or None,
         "effective_diffusivity": _alone(diffusivities, single) or None,
+        "effective_diffusivity_error": _alone({a: bar / factors[a] ** 2 for a, bar in bars.items()}, single) or None,
         "speed": speed_distribution(main.cell_velocity[inside]),
         "wall_shear": main.shear,
     }
