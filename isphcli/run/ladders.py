@@ -21,6 +21,7 @@ from .run import solve_case
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
+    from ..geometry.protocol import Geometry
 
 Said = Callable[[str], None]
 SHARES = (0.25, 0.375, 0.5, 0.75, 1.0)  # of the shortest side of an image: edges of the parts that are looked at
@@ -246,13 +247,15 @@ def representative_volume(case: Case, out: Path, each: int = 3, quiet: bool = Tr
             row["porosity"] = float(summary["porosity"])
             k = summary["permeability"]
             row["permeability"] = float(k["xyz"[axis]] if isinstance(k, dict) else k)
+            assert flow.geometry.voxel_size is not None
             row["edge"] = part.voxels * float(np.min(flow.geometry.voxel_size))
         except NoFlowError:
             from ..scene.build_geometry import build_geometry
 
             geometry = build_geometry(run, axis)
-            assert geometry.voxel_size is not None
-            row["edge"] = part.voxels * float(np.min(geometry.voxel_size))
+            size = geometry.voxel_size
+            assert size is not None
+            row["edge"] = part.voxels * float(np.min(size))
             row["porosity"] = _porosity(geometry)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
@@ -267,11 +270,13 @@ def representative_volume(case: Case, out: Path, each: int = 3, quiet: bool = Tr
     return rows
 
 
-def _porosity(geometry: Any) -> float:
+def _porosity(geometry: Geometry) -> float:
     """Share of the voxels of the sample that are fluid."""
     from ..geometry.protocol import sample_voxels
 
-    return float((np.asarray(geometry.labels)[sample_voxels(geometry)] >= 0).mean())
+    labels = geometry.labels
+    assert labels is not None  # of an image
+    return float((labels[sample_voxels(geometry)] >= 0).mean())
 
 
 def _put(case: Case, directory: Path) -> Case:
