@@ -202,7 +202,8 @@ def test_an_image_without_a_solid_voxel_is_warned_of(tmp_path):
 @pytest.mark.parametrize("suffix, options", [
     (".raw", {"threshold": 120.0}), (".npz", {"threshold": (80.0, 160.0), "invert": True}),
     (".mhd", {"threshold": 120.0, "downsample": 2}), (".mha", {"labels": {3: 1, 200: 7}, "solid": (1, 7)}),
-    (".npy", {"crop_to": ((3, 19), (0, 15), (2, 22)), "threshold": 100.0}), (".npy", {"solid": (3, 9), "downsample": 3}),
+    (".npy", {"crop_to": ((3, 19), (0, 15), (2, 22)), "threshold": 100.0}),
+    (".npy", {"solid": (3, 9), "downsample": 3}),
 ])  # fmt: skip
 def test_slabs_give_what_the_whole_gives(tmp_path, monkeypatch, suffix, options):
     """File and report, of an image of 24 layers in slabs of two to six."""
