@@ -4,6 +4,7 @@ them, what is numerical: k against spacing, convergence of the solver, spread of
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -152,7 +153,7 @@ def _draw_spacings(axes: Axes, found: Numerics) -> None:
         style = {"x": "-", "y": "--", "z": ":"}[axis]
         axes.plot(factor * h, k, color=colour, lw=1.4, ls=style, marker="o", ms=4, label=f"k along {axis}")
         if axis in found.value:
-            at = finest if np.isclose(found.value[axis], known[finest], rtol=1e-12) else 0.0
+            at = finest if math.isclose(found.value[axis], known[finest], rel_tol=1e-12) else 0.0
             axes.errorbar([factor * at], [found.value[axis]], [found.bar.get(axis, 0.0)], color=colour, marker="s",
                           ms=6, mfc="white", capsize=4, lw=1.4, label=f"result along {axis}, with its bar")
     axes.set_xlim(left=-0.05 * factor * max(h for known in found.by_spacing.values() for h in known))

@@ -141,7 +141,7 @@ def _hand_over(scene: Scene3D, names: Sequence[str], folder: Path) -> dict[str, 
     if scene.shear is not None:
         arrays["points"], arrays["stress"] = scene.shear
     np.savez(folder / "scene.npz", **arrays)
-    command = [sys.executable, "-m", "isphcli.output.render", str(folder), *names]
+    command = [sys.executable, "-W", "ignore", "-m", "isphcli.output.render", str(folder), *names]
     root = str(Path(__file__).resolve().parents[2])
     path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
     # windows of another machine's screen are not for pictures in files
