@@ -155,7 +155,7 @@ def _hand_over(scene: Scene3D, names: Sequence[str], folder: Path) -> dict[str, 
         raise RenderError(str(error)) from None
     answer = folder / "facts.json"
     if done.returncode or not answer.is_file():
-        said = [line for line in done.stderr.splitlines() if line.strip()]
+        said = [line.strip() for line in done.stderr.splitlines() if line.strip()]
         raise RenderError(said[-1] if said else f"it ended with code {done.returncode}")
     return json.loads(answer.read_text(encoding="utf-8"))
 

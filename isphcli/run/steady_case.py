@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from ..output.clock import Clock
     from ..solvers.krylov import Watch
 
+DIFFUSION = 1.0  # order of the error of the formation factor beside round obstacles (docs/method.md 8)
+
 Drives = list[tuple[int | None, np.ndarray]]  # (axis or None, acceleration (dim,), m/s2), see `drives`
 Flows = dict[tuple[int | None, float], steady.StokesResult]  # by axis and spacing, m
 Closed = dict[tuple[int | None, float], str | None]  # why nothing flows, None: no path
@@ -374,8 +376,8 @@ def _measures(case: Case, flows: Flows) -> dict[str, Any]:
         if flow.diffusivity:
             factors["xyz"[axis]] = 1.0 / flow.diffusivity
             known = {h: other.diffusivity for (a, h), other in flows.items() if a == axis and other.diffusivity}
-            if len(known) > 1:  # by the rule of k: of the same particles beside the same walls
-                bars["xyz"[axis]] = extrapolate(list(known), [1.0 / d for d in known.values()])[1]
+            if len(known) > 1:
+                bars["xyz"[axis]] = extrapolate(list(known), [1.0 / d for d in known.values()], power=DIFFUSION)[1]
     main = _main(flows)
     inside = inside_sample(main.geometry, main.particles.x[: main.particles.n_fluid])
     single = len(driven) == 1
