@@ -12,8 +12,9 @@ import numpy as np
 
 from ..case.forcing import flow_axis
 from ..case.load import load_case
-from ..output.files import read_series, read_snapshot, replacing
+from ..output.files import replacing
 from ..output.plots import Frame, plot_phases, plot_slice
+from ..output.snapshots import read_series, read_snapshot
 from ..scene.build_geometry import build_geometry
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from ..case.load import load_case
 from ..case.reader import Table
 from ..geometry.clear_layer import clear_voxels
 from ..geometry.protocol import Geometry, sample_box
-from ..output.files import read_series, read_snapshot
+from ..output.snapshots import read_series, read_snapshot
 from ..scene.build_geometry import build_geometry
 from .steady import NoFlowError, build_scene, solve_axis
 

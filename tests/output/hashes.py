@@ -8,7 +8,8 @@ CELLS = (9, 12)  # rows and columns of the mean colours that are compared
 def coarse(image):
     """Mean colours (9, 12, 3), 0 to 1, of an image (height, width, 3) of bytes."""
     rows, columns = (np.array_split(np.arange(n), k) for n, k in zip(image.shape, CELLS))
-    return np.array([[image[r[0] : r[-1] + 1, c[0] : c[-1] + 1].mean(axis=(0, 1)) for c in columns] for r in rows]) / 255
+    cells = [[image[r[0] : r[-1] + 1, c[0] : c[-1] + 1].mean(axis=(0, 1)) for c in columns] for r in rows]
+    return np.array(cells) / 255
 
 
 def digits(image):

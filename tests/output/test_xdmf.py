@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from isphcli import api
-from isphcli.output.files import NotFiniteError, read_series, read_snapshot
+from isphcli.output.files import NotFiniteError
 from isphcli.output.grid import Grid
+from isphcli.output.snapshots import read_series, read_snapshot
 
 h5py = pytest.importorskip("h5py")
 from isphcli.output.xdmf import XdmfSeries, read_h5  # noqa: E402
