@@ -677,4 +677,4 @@ def test_the_schema_is_that_of_the_documents():
 def test_completion_knows_the_commands():
     env = {"_ISPH_COMPLETE": "bash_complete", "COMP_WORDS": "isph re", "COMP_CWORD": "1"}
     done = program(code="from isphcli.cli import main; main(prog_name='isph')", env=env)
-    assert done.stdout.split() == [b"plain,relperm", b"plain,report"]
+    assert done.stdout.split() == [b"plain,relperm", b"plain,report", b"plain,rev"]

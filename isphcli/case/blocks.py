@@ -618,6 +618,11 @@ class Output:
     fields: tuple[str, ...] = key(
         "fields in the snapshots", default=("velocity", "pressure", "phase"), choices=FIELDS, unique=True
     )
+    format: str = key(
+        "of the snapshots, those on a grid too: vtk (VTU and VTI with .pvd) or xdmf (HDF5 with .xdmf; it needs h5py)",
+        default="vtk",
+        choices=("vtk", "xdmf"),
+    )
     dummies: bool = key("write the particles in the solids too", default=False)
     snapshots: bool = key("write snapshots", default=True)
     grid: float | str | None = key(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import is_dataclass
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from . import expressions, forcing
@@ -62,6 +63,7 @@ def check_case(case: Case, report: Report, places: dict[str, Where]) -> None:
         checks.refine,
         checks.measure,
         checks.reference,
+        checks.format,
     ):
         check()
 
@@ -96,6 +98,11 @@ class _Checks:
         while place not in self.places:
             place = place.rpartition(".")[0]
         self.report.add(self.places[place], path, message, fix)
+
+    def format(self) -> None:
+        """Said before hours of a run whose files could not be written."""
+        if self.case.output.format == "xdmf" and find_spec("h5py") is None:
+            self.bad("output.format", "xdmf needs h5py, which is not installed", "pip install h5py, or take vtk")
 
     def fluids(self) -> None:
         if self.case.fluids is None:
