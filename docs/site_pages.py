@@ -1,7 +1,7 @@
 """Pages of the site that are not files of docs/: a hook of mkdocs, which mkdocs.yml names.
 
-What docs/ links to outside of itself comes along under its own path: Markdown as a page, a case as a page that shows it,
-all else as a file. The options of the commands are those that click prints; notebooks become pages, with what they
+What docs/ links to outside of itself comes along under its own path: Markdown as a page, a case as a page that shows
+it, all else as a file. The options of the commands are those that click prints; notebooks become pages, with what they
 print and draw where `ISPH_NOTEBOOKS` names a folder with copies that were run.
 """
 
@@ -63,7 +63,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         target = resolved(source, found[1])
         return found[1] if target is None else posixpath.relpath(in_site(target), posixpath.dirname(here) or ".")
 
-    items = re.sub(r"(?<=\n\n) {2,3}(?=\S)", "    ", markdown)  # GitHub asks for less in front of an item's paragraphs
+    items = re.sub(r"(?m)^( {2,3}\S.*\n)(?=\d+\. )", r"\1\n", markdown)  # GitHub asks for less space around the
+    items = re.sub(r"(?<=\n\n) {2,3}(?=\S)", "    ", items)  # paragraphs of an item
     return LINK.sub(moved, items)
 
 
