@@ -83,7 +83,8 @@ def test_what_notebooks_print_and_draw_is_shown(tmp_path, monkeypatch):
     spec.loader.exec_module(hook)
     outputs = [{"name": "stdout", "text": ["k = 1\n"]}, {"name": "stderr", "text": ["done in 2 s"]},
                {"data": {"image/png": "aGk=", "text/plain": ["<Figure>"]}}]
-    cells = [{"cell_type": "markdown", "source": ["# Rock"]}, {"cell_type": "code", "source": ["f()"], "outputs": outputs}]
+    cells = [{"cell_type": "markdown", "source": ["# Rock"]},
+             {"cell_type": "code", "source": ["f()"], "outputs": outputs}]
     text, pictures = hook.notebook_page({"cells": cells}, "rock")
     assert text.startswith("# Rock\n\n```python\nf()\n```\n\n```text\nk = 1\n```\n\n![") and "done in" not in text
     assert pictures == {"rock_0.png": b"hi"} and "Figure" not in text
@@ -93,6 +94,6 @@ def test_words_are_spelled_well(monkeypatch, capsys):
     from codespell_lib import main
 
     monkeypatch.chdir(ROOT)
-    texts = [*(path for path in ROOT.glob("*.md")), *(ROOT / "docs").glob("*.md"), *(ROOT / "notebooks").glob("*.ipynb"),
-             *(ROOT / "cases").glob("*.yaml")]
+    folders = ("*.md", "docs/*.md", "notebooks/*.ipynb", "cases/*.yaml")
+    texts = [path for pattern in folders for path in ROOT.glob(pattern)]
     assert main(*map(str, texts)) == 0, capsys.readouterr().out

@@ -20,7 +20,7 @@ COLOURS = 96  # of the palette, with which a picture takes some 50 kB
 PICTURES = {  # {name of a case: (picture of its run, what is changed in it so that it takes a minute at most)}
     "berea": ("slice.png", ("geometry.voxels.crop=[[0,64],[0,64],[0,64]]",)),
     "grey_blobs": ("slice.png", ("particles.spacing=1.5e-6",)),
-    "bead_pack": ("slice.png", ()),
+    "sphere_array": ("slice.png", ()),
     "cylinder_array": ("slice.png", ()),
     "taylor_couette": ("slice.png", ()),
     "lid_driven_cavity": ("slice.png", ()),
