@@ -1,9 +1,12 @@
 """The documentation site is built without a warning, needs no network to be read, and is spelled well."""
 
+import ast
 import re
 from html.parser import HTMLParser
 
 import pytest
+
+from isphcli.case.load import load_case
 
 from .paths import ROOT
 
@@ -97,3 +100,17 @@ def test_words_are_spelled_well(monkeypatch, capsys):
     folders = ("*.md", "docs/*.md", "notebooks/*.ipynb", "cases/*.yaml")
     texts = [path for pattern in folders for path in ROOT.glob(pattern)]
     assert main(*map(str, texts)) == 0, capsys.readouterr().out
+
+
+def test_pictures_are_drawn_shown_and_small():
+    """docs/gallery/draw.py draws each, docs/gallery.md shows it beside its case; together they keep below 1 MB."""
+    program = ast.parse((ROOT / "docs/gallery/draw.py").read_text(encoding="utf-8"))
+    table = next(node for node in program.body if isinstance(node, ast.Assign) and node.targets[0].id == "PICTURES")
+    drawn = ast.literal_eval(table.value)
+    there = {path.stem: path.stat().st_size for path in (ROOT / "docs/gallery").glob("*.png")}
+    shown = (ROOT / "docs/gallery.md").read_text(encoding="utf-8")
+    pairs = re.findall(r"\[Case\]\(\.\./cases/(\w+)\.yaml\)[^!]*!\[[^\]]+\]\(gallery/(\w+)\.png\)", shown)
+    assert set(drawn) == set(there) == {case for case, _ in pairs} and all(case == name for case, name in pairs)
+    assert sum(there.values()) < 1e6
+    for case, (_, changes) in drawn.items():
+        load_case(ROOT / f"cases/{case}.yaml", changes)
