@@ -30,6 +30,15 @@ FORMULA = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.DO
 BESIDE = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")  # pages that are not in docs/
 
 
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Pages of docs/ that the navigation of mkdocs.yml does not name stand at its end."""
+    named = re.findall(r"[\w/]+\.md", repr(config.nav))
+    others = sorted(path.name for path in (ROOT / "docs").glob("*.md") if path.name not in named)
+    if others:
+        config.nav.append({"More": others})
+    return config
+
+
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Adds the generated pages, and what is linked to outside of docs/."""
 
