@@ -11,7 +11,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from isphcli.case.load import load_case
+from isphcli.case.load import load_case, read_case
 from isphcli.cli import main
 
 from .paths import CASES, ROOT
@@ -116,3 +116,15 @@ def test_short_commands_run(path, folder):
 def test_some_of_each_ran():
     """After the ones above, in the order of the file."""
     assert RAN >= {"examples", "keys", "init", "validate", "convert-voxels"}
+
+
+def test_cases_of_the_documents_can_be_read():
+    """Whole cases that are shown; parts of cases have no fluids."""
+    seen = 0
+    for path in TEXTS:
+        for text in re.findall(r"^```yaml\n(.*?)^```$", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
+            blocks = {line.split()[0] for line in text.splitlines() if line}
+            if {"geometry:", "particles:", "fluids:", "drive:"} <= blocks:
+                read_case(text.encode(), CASES / "shown.yaml", ())
+                seen += 1
+    assert seen >= 3
