@@ -81,6 +81,8 @@ def test_every_command_can_be_typed(folder, monkeypatch):
             if len(words) > 1 or words[0] not in main.commands:  # a name alone speaks of the command
                 parsed(words)
         except click.ClickException as error:
+            if isinstance(error, click.MissingParameter) and WORDS & set(words):
+                continue  # a heading, which leaves options out
             wrong.append(f"{file}: isph {' '.join(words)}: {error.format_message()}")
         wrong += [f"{file}: {word} is not there" for word in words
                   if word.startswith("cases/") and not (ROOT / word).exists()]
