@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import __version__
 from .output.environment import settle_streams, settle_threads, stop_printing
 from .output.lines import DIGITS, permeability, table
 
@@ -131,10 +130,20 @@ class Program(click.Group):
         return super().main(*args, **options)
 
 
+def show_version(context: click.Context, _: click.Parameter, asked: bool) -> None:
+    """Prints the version; it is read only here, since that takes longer than all else of `isph --help`."""
+    if asked and not context.resilient_parsing:
+        from . import __version__
+
+        click.echo(f"isph, version {__version__}")
+        context.exit()
+
+
 @click.group(
     cls=Program, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}, epilog=EXIT_CODES
 )
-@click.version_option(__version__, prog_name="isph")
+@click.option("--version", is_flag=True, expose_value=False, is_eager=True, callback=show_version,
+              help="Show the version and exit.")  # fmt: skip
 def main() -> None:
     """Flow through rock, bead packs and other complex solids by incompressible SPH.
 
