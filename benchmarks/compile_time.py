@@ -17,9 +17,9 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 folder = tempfile.TemporaryDirectory()
 os.environ["NUMBA_CACHE_DIR"] = folder.name
 
-from numba.core import event
+from numba.core import event  # noqa: E402
 
-from isphcli import load_case, run
+from isphcli import load_case, run  # noqa: E402
 
 MOST = 20  # functions that are named
 

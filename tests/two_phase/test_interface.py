@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isphcli.two_phase.interface import carried, crossings, volume_fraction, with_volumes_of
+from isphcli.two_phase.interface import carried, crossings, near_interface, volume_fraction, with_volumes_of
 from tests.two_phase.scenes import drop, layers, scene
 
 
@@ -58,6 +58,43 @@ def test_volume_fractions_add_up_to_the_disk():
 
 TWO_DISKS = drop().replace("shapes: [", "shapes: [{sphere: {centre: [0.2, 0.2], radius: 0.1}, is: a}, ").replace(
     "[0.5, 0.5], radius: 0.3", "[0.66, 0.66], radius: 0.25")
+
+
+PAIR = """
+geometry:
+  box: [3, 2]
+  periodic: [x, y]
+  fluid: b
+  shapes:
+    - {{sphere: {{centre: [{left}, 1], radius: 0.5}}, is: a}}
+    - {{sphere: {{centre: [{right}, 1], radius: 0.5}}, is: a}}
+particles: {{spacing: 0.0625}}
+fluids: {{a: {{density: 1, viscosity: 0.03}}, b: {{density: 1, viscosity: 0.03}}}}
+interface: {{tension: 1}}
+time: {{end: 1}}
+"""
+
+
+def pair_of_bubbles(gap):
+    """Interface of two bubbles of 8 spacings in radius, so many spacings apart, and the particles that see it."""
+    half = 0.5 + 0.03125 * gap
+    _, config, interface = interface_of(PAIR.format(left=1.5 - half, right=1.5 + half))
+    return interface, near_interface(config.ops.start, config.ops.column, interface.colour)
+
+
+def test_bubbles_three_spacings_apart_do_not_feel_each_other():
+    """Where the distance has an edge between them too the curvature is that of one: 8e-4 measured. A fit across the
+    edge has half of it there, and they are drawn together."""
+    interface, near = pair_of_bubbles(3)
+    assert near.sum() > 150
+    assert interface.curvature[near] == pytest.approx(2.0, rel=2e-3)
+
+
+def test_bubbles_that_touch_become_one():
+    """Overlapping by half a spacing: the neck is curved the other way, by more than the bubbles are, so that it opens."""
+    interface, near = pair_of_bubbles(-0.5)
+    assert interface.curvature[near].min() < -4.0
+    assert np.median(interface.curvature[near]) == pytest.approx(2.0, rel=2e-3)
 
 
 def test_volumes_are_those_of_before_piece_by_piece():
