@@ -14,12 +14,10 @@ import time
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
-folder = tempfile.TemporaryDirectory()
-os.environ["NUMBA_CACHE_DIR"] = folder.name
 
-from numba.core import event  # noqa: E402
+from numba.core import config, event
 
-from isphcli import load_case, run  # noqa: E402
+from isphcli import load_case, run
 
 MOST = 20  # functions that are named
 
@@ -46,7 +44,9 @@ class Listener(event.Listener):
 def main(case, *overrides):
     listener = Listener()
     event.register("numba:compile", listener)
-    run(load_case(case, overrides), quiet=True, check=False)
+    with tempfile.TemporaryDirectory() as folder:
+        config.CACHE_DIR = folder
+        run(load_case(case, overrides), quiet=True, check=False)
     print(f"{case}: {sum(listener.seconds.values()):.1f} CPU s for {sum(listener.count.values())} functions")
     for name, seconds in listener.seconds.most_common(MOST):
         print(f"{seconds:7.2f} s  {listener.count[name]:3d} x {name}")
