@@ -4,7 +4,8 @@
 
 Kinds: case files (mutations of those in cases/ and of a few small ones, of two fluids as well; then read, written,
 read again, checked as `isph validate --check-only` does, and their particles placed), images (npy, npz, mhd with raw,
-mha; then labelled), lists of spheres and restart files. A mutation flips, cuts, doubles or inserts bytes, or replaces a
+mha; then labelled), the formats that libraries read (TIFF, raw, NRRD, HDF5, VTI, VTK, PNG, BMP, MATLAB, Palabos text),
+lists and dumps of spheres, and restart files. A mutation flips, cuts, doubles or inserts bytes, or replaces a
 word or number by one of a list of evil ones; some inputs are made evil from the start (huge, negative and overflowing
 sizes, other types and byte orders, NaN, zip bombs, anchors), some are random bytes. All of it runs in one process whose
 address space is limited to `LIMIT` more than it had; an alarm ends an input after `SECONDS`. Counted: clean errors
@@ -39,7 +40,7 @@ from isphcli.case.yaml import CaseError
 from isphcli.domain.lattice import ParticleError
 from isphcli.flow.state import State
 from isphcli.geometry.bodies import ShapeError
-from isphcli.geometry.images.image import VoxelError
+from isphcli.geometry.images.image import Layout, VoxelError
 from isphcli.geometry.images.read import read_image
 from isphcli.geometry.labels import apply_labels
 from isphcli.output import restart
@@ -290,6 +291,68 @@ class Images:
             apply_labels(found.values, labels, ["water"], path)
 
 
+class Formats(Images):
+    """The formats that libraries read: TIFF, raw, NRRD, HDF5, VTI, VTK, PNG, BMP, MATLAB and Palabos text."""
+
+    def __init__(self, folder):
+        import h5py
+        import meshio  # noqa: F401  # what others of the package bring along counts as memory before
+        import tifffile
+        from PIL import Image
+        from scipy import io as matlab
+
+        from isphcli.output.grid import Grid, write_vti
+
+        values = np.random.default_rng(0).integers(0, 3, (4, 5, 6), dtype=np.uint8)
+        at = folder / "formats"
+        at.mkdir()
+        write_image(at / "a.tif", values, (1e-6, 1e-6, 2e-6))
+        tifffile.imwrite(at / "b.tif", values.astype(np.uint16), compression="zlib", bigtiff=True)
+        write_image(at / "a.nrrd", values, (1e-6, 1e-6, 2e-6))
+        with h5py.File(at / "a.h5", "w") as file:
+            file.create_dataset("image", data=values, chunks=(2, 5, 6), compression="gzip")
+        write_vti(at / "a.vti", Grid(np.zeros(3), np.full(3, 1e-6), {"solid": values}))
+        head = ("# vtk DataFile Version 3.0\nrock\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS 6 5 4\nORIGIN 0 0 0\n"
+                "SPACING 1e-6 1e-6 1e-6\nPOINT_DATA 120\nSCALARS rock unsigned_char 1\nLOOKUP_TABLE default\n")
+        (at / "a.vtk").write_bytes(head.encode() + values.tobytes())
+        for suffix in ("png", "bmp"):
+            Image.fromarray(values.repeat(8, 1).repeat(8, 2)[0]).save(at / f"a.{suffix}")
+        matlab.savemat(at / "a.mat", {"rock": values})
+        (at / "a.dat").write_text(" ".join(map(str, values.ravel())))
+        self.seeds = [(path.suffix[1:], path.read_bytes()) for path in sorted(at.iterdir())]
+        self.raw = values.tobytes()
+
+    def make(self, rng):
+        suffix, data = rng.choice([*self.seeds, ("raw", self.raw)])
+        if rng.random() < 0.1:
+            return suffix, data[: rng.choice((0, 4, 16))] + rng.randbytes(rng.choice((0, 60, 3000)))
+        if suffix in ("nrrd", "vti", "vtk", "dat") and rng.random() < 0.5:
+            return suffix, evil_words(rng, data.decode("latin-1")).encode("latin-1", "replace")
+        return suffix, mutated(rng, data)
+
+    def use(self, path):
+        if path.suffix == ".raw":
+            read_image(path, layout=Layout(shape=(6, 5, 4)))
+        else:
+            super().use(path)
+
+
+class Dumps:
+    """Dumps of LAMMPS and LIGGGHTS."""
+
+    def __init__(self, folder):
+        rows = "".join(f"{k} 1 {k}.5 2e-3 -3.25 {k + 1}\n" for k in range(20))
+        self.seed = ("ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n20\nITEM: BOX BOUNDS pp pp pp\n0 25\n-1 1\n-4 0\n"
+                     f"ITEM: ATOMS id type x y z radius\n{rows}").encode()
+
+    def make(self, rng):
+        return "dump", mutated(rng, self.seed) if rng.random() < 0.5 else evil_words(rng, self.seed.decode()).encode()
+
+    def use(self, path):
+        centres, radii = read_spheres(path)
+        assert np.isfinite(centres).all() and (np.asarray(radii) > 0).all()
+
+
 class Spheres:
     def __init__(self, folder):
         self.seed = b"x,y,z,radius\n" + b"".join(b"%d.5,2e-3,-3.25,%d\n" % (k, k + 1) for k in range(20))
@@ -319,7 +382,8 @@ class Restarts:
         assert np.array_equal(restart.load(path, self.state).state.x, self.state.x)
 
 
-KINDS = {"cases": (Cases, 5), "images": (Images, 4), "spheres": (Spheres, 1), "restarts": (Restarts, 1)}
+KINDS = {"cases": (Cases, 5), "images": (Images, 4), "formats": (Formats, 4), "spheres": (Spheres, 1),
+         "dumps": (Dumps, 1), "restarts": (Restarts, 1)}
 
 
 class Hang(BaseException):

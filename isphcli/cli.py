@@ -1,4 +1,5 @@
-"""The command line: `isph init`, `run`, `validate`, `convert-voxels`, `relperm`, `report`, `examples`, `keys`.
+"""The command line: `isph init`, `run`, `validate`, `convert-voxels`, `relperm`, `report`,
+`film`, `examples`, `keys`.
 
 Nothing but click is imported before a command runs, so that `isph --help` answers at once. Results go to
 stdout, everything else to stderr. Exit codes: see `EXIT_CODES`.
@@ -20,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import __version__
 from .output.environment import launched, settle_streams, settle_threads, stop_printing
 from .output.lines import DIGITS, permeability, table
 
@@ -65,7 +65,7 @@ def exit_code(error: BaseException) -> int:
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED
     names = {cls.__name__ for cls in type(error).__mro__}  # without importing what did not run
-    if names & {"SolveError", "StepError", "RunError", "NotFiniteError", "CompareError", "LinAlgError"}:
+    if names & {"SolveError", "StepError", "RunError", "NotFiniteError", "CompareError", "LinAlgError", "RenderError"}:
         return FAILED
     if isinstance(error, (OSError, MemoryError)):
         return FAILED
@@ -159,10 +159,20 @@ class Program(click.Group):
         return super().main(*args, **options)
 
 
+def show_version(context: click.Context, _: click.Parameter, asked: bool) -> None:
+    """Prints the version; it is read only here, since that takes longer than all else of `isph --help`."""
+    if asked and not context.resilient_parsing:
+        from . import __version__
+
+        click.echo(f"isph, version {__version__}")
+        context.exit()
+
+
 @click.group(
     cls=Program, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}, epilog=EXIT_CODES
 )
-@click.version_option(__version__, prog_name="isph")
+@click.option("--version", is_flag=True, expose_value=False, is_eager=True, callback=show_version,
+              help="Show the version and exit.")  # fmt: skip
 def main() -> None:
     """Flow through rock, bead packs and other complex solids by incompressible SPH.
 
@@ -775,6 +785,146 @@ def report(directories: tuple[Path, ...], target: Path, force: bool) -> None:
 
     write_report(target, directories)
     click.echo(f"{target} written")
+
+
+# -- ladders ---------------------------------------------------------------------------------------------
+
+
+def ladder_folder(path: Path, out: Path | None, kind: str, overwrite: bool) -> Path:
+    """Where a ladder of runs goes; Unusable where something is there that may not be replaced."""
+    folder = out or Path("out", f"{path.stem}_{kind}")
+    check_directory(folder)
+    if folder.exists() and any(folder.iterdir()) and not overwrite:
+        raise Unusable(f"{folder}: is not empty; name another folder with --out, or replace its results with "
+                       "--overwrite")
+    return folder.absolute()
+
+
+def ladder_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """--out, --overwrite, --threads, --set and --quiet of a command that runs a case several times."""
+    for option in (quiet_option, set_option, threads_option,
+                   click.option("--overwrite", is_flag=True, help="Replace the results that the folder holds."),
+                   click.option("--out", type=click.Path(path_type=Path), help="Folder. [default: out/CASE_COMMAND]")):
+        function = option(function)
+    return function
+
+
+@main.command(epilog=EXIT_CODES, short_help="Permeability and inertia (Forchheimer) over a ladder of forces.")
+@click.argument("case_file", metavar="CASE", type=click.Path(path_type=Path))
+@click.option("--factors", callback=parser(numbers, "1,10,30,100"), default="1,10,30,100", metavar="F,...",
+              show_default=True, help="What the force of the case is multiplied with.")  # fmt: skip
+@ladder_options
+@guarded
+def forchheimer(case_file: Path, factors: tuple[float, ...], out: Path | None, overwrite: bool, threads: int | None,
+                overrides: tuple[str, ...], quiet: bool) -> None:
+    """Run CASE (navier_stokes, time.steady) with its force times each factor, and fit force = nu U / k + beta U^2.
+
+    \b
+    isph forchheimer array.yaml --factors 1,30,100,300
+    """
+    set_threads(threads, quiet)
+    from .run import ladders
+
+    folder = ladder_folder(case_file, out, "forchheimer", overwrite)
+    found = ladders.forchheimer(load(case_file, overrides), factors, folder, quiet, overwrite,
+                                None if quiet else complain)
+    lines = [("permeability", permeability(found.permeability)), ("beta", f"{found.beta:.{DIGITS}g} 1/m")]
+    if found.errors is not None:
+        lines[1:1] = [("  +-", f"{found.errors[0]:.2g} m2, by the scatter about the law")]
+        lines.append(("  +-", f"{found.errors[1]:.2g} 1/m"))
+    ends = f"{found.rows[0]['reynolds']:.3g} to {found.rows[-1]['reynolds']:.3g}"
+    click.echo(table([*lines, ("Reynolds", f"{ends} (U sqrt(k) / nu)"), ("results", str(folder))]))
+
+
+@main.command(epilog=EXIT_CODES, short_help="Slip of gas (Klinkenberg) over a ladder of slip lengths.")
+@click.argument("case_file", metavar="CASE", type=click.Path(path_type=Path))
+@click.option("--slip-lengths", callback=parser(lengths, "0,1e-7,2e-7"), required=True, metavar="M,...",
+              help="Slip lengths of the walls, m unless a unit is named.")  # fmt: skip
+@ladder_options
+@guarded
+def klinkenberg(case_file: Path, slip_lengths: tuple[float, ...], out: Path | None, overwrite: bool,
+                threads: int | None, overrides: tuple[str, ...], quiet: bool) -> None:
+    """Run CASE (stokes) with walls of several slip lengths s, and fit k(s) = k (1 + c s + ...).
+
+    A gas whose slip length is S / p at the pressure p has the factor of Klinkenberg b = c S.
+
+    \b
+    isph klinkenberg rock.yaml --slip-lengths 0,50nm,100nm
+    """
+    set_threads(threads, quiet)
+    from .run import ladders
+
+    folder = ladder_folder(case_file, out, "klinkenberg", overwrite)
+    found = ladders.klinkenberg(load(case_file, overrides), slip_lengths, folder, quiet, overwrite,
+                                None if quiet else complain)
+    click.echo(table([("permeability", permeability(found.permeability) + " without slip"),
+                      ("slope c", f"{found.slope:.{DIGITS}g} 1/m: b = c times slip length times pressure"),
+                      ("results", str(folder))]))
+
+
+@main.command(epilog=EXIT_CODES, short_help="Porosity and k of growing parts of an image (representative volume).")
+@click.argument("case_file", metavar="CASE | IMAGE", type=click.Path(path_type=Path))
+@click.option("--each", type=click.IntRange(1), default=3, show_default=True, help="Cubes of every edge.")
+@ladder_options
+@guarded
+def rev(case_file: Path, each: int, out: Path | None, overwrite: bool, threads: int | None,
+        overrides: tuple[str, ...], quiet: bool) -> None:
+    """Solve growing cubes of an image, and say from which edge on porosity and permeability change no more.
+
+    \b
+    isph rev rock.yaml
+    isph rev scan.tif --set geometry.voxels.voxel_size=2.25um --each 5
+    """
+    set_threads(threads, quiet)
+    from .run import ladders
+
+    folder = ladder_folder(case_file, out, "rev", overwrite)
+    rows = ladders.representative_volume(load(case_file, overrides), folder, each, True, None if quiet else complain)
+    click.echo("voxels  edge, m     cubes  porosity            k, m2")
+    for edge in sorted({row["voxels"] for row in rows}):
+        of_edge = [row for row in rows if row["voxels"] == edge]
+        shown = []
+        for name in ("porosity", "permeability"):
+            values = [row[name] for row in of_edge]
+            mean = sum(values) / len(values)
+            shown.append(f"{mean:.3g} ({min(values):.3g} to {max(values):.3g})")
+        click.echo(f"{edge:<7d} {of_edge[0]['edge']:<11.3g} {len(of_edge):<6d} {shown[0]:<19} {shown[1]}")
+    click.echo(f"results  {folder}")
+
+
+# -- film ------------------------------------------------------------------------------------------------
+
+
+@main.command(epilog=EXIT_CODES, short_help="A film of the snapshots of a run, gif or mp4.")
+@click.argument("folder", metavar="OUT", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--to", "target", type=click.Path(path_type=Path, dir_okay=False), default="film.gif", metavar="FILE",
+              show_default=True, help="The film: .gif, or .mp4 (needs imageio[ffmpeg]).")  # fmt: skip
+@click.option("--rate", type=click.FloatRange(0, 50, min_open=True), default=10.0, show_default=True,
+              help="Frames a second.")  # fmt: skip
+@click.option("--view", type=click.Choice(["plane", "3d"]), default="plane", show_default=True,
+              help="The middle plane, or rock cut open.")  # fmt: skip
+@click.option("--force", is_flag=True, help="Replace FILE where it exists.")
+@quiet_option
+@guarded
+def film(folder: Path, target: Path, rate: float, view: str, force: bool, quiet: bool) -> None:
+    """Make a film of the snapshots of the run in OUT: of two fluids where each of them is, of one its speed.
+
+    A frame a snapshot: `output.every` of the case says how often one is taken.
+
+    \b
+    isph film out/rock_drainage
+    isph film out/rock_drainage --to drainage.mp4 --rate 20 --view 3d
+    """
+    if target.exists() and not force:
+        raise Unusable(f"{target}: is there already; name another file with --to, or replace it with --force")
+    set_threads(None)
+    from .run.film import make_film
+
+    def seen(number: int, total: int) -> None:
+        if number == total or number % 10 == 0:
+            complain(f"frame {number} of {total}")
+
+    click.echo(f"{target} written, {make_film(folder, target, rate, view, None if quiet else seen)} frames")
 
 
 # -- keys ------------------------------------------------------------------------------------------------

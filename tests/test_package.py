@@ -1,7 +1,8 @@
 """What is installed: every room of the package, and what its files need."""
 
+import re
 import tomllib
-from pathlib import Path
+from importlib import metadata
 
 from isphcli import __version__
 from isphcli.output.machine import LIBRARIES
@@ -27,10 +28,13 @@ def test_all_cases_and_data_are_installed():
     assert ROOT / "isphcli/py.typed" in data
 
 
-def test_one_version_everywhere():
-    cited = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    assert PROJECT["project"]["version"] == __version__ and f"version: {__version__}\n" in cited
-    assert f"## {__version__}" in Path(ROOT, "CHANGELOG.md").read_text(encoding="utf-8")
+def test_the_version_is_that_of_the_tags():
+    """Without tags it is one before the first release. CITATION and CHANGELOG name the release that is next or last."""
+    cited = re.search(r"^version: ([\d.]+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)[1]
+    newest = re.search(r"^## ([\d.]+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)[1]
+    assert PROJECT["project"]["dynamic"] == ["version"] and "version" not in PROJECT["project"]
+    assert newest == cited and PROJECT["tool"]["setuptools_scm"]["fallback_version"].startswith(cited)
+    assert __version__ == metadata.version("isphcli")
 
 
 def test_versions_of_all_libraries_are_kept():

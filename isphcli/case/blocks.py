@@ -106,7 +106,7 @@ class Voxels:
         folder=True,
     )
     labels: Table[tuple[int, ...]] = key(
-        "for `solid` and each fluid in the image, the voxel value or values that stand for it",
+        "for `solid`, each fluid and each microporous rock in the image, the voxel value or values that stand for it",
         default=Table(),
         single=True,
         unique=True,
@@ -243,7 +243,7 @@ class Shape:
     cylinder: Cylinder | None = key("a circular cylinder", default=None)
     half_space: HalfSpace | None = key("one side of a plane", default=None)
     outside: bool = key("the region is the outside of the shape", default=False)
-    what: str = key("what fills the region: `solid` or the name of a fluid", name="is")
+    what: str = key("what fills the region: `solid`, or the name of a fluid or of microporous rock", name="is")
     velocity: TimedVector | None = key(
         "velocity of the wall, if solid; an entry may be a formula of t, as in drive. Without it: at rest",
         default=None,
@@ -298,6 +298,13 @@ class Scene:
         "thickness of the layer of clear fluid added at each end of the axis of flow of a box that does not repeat "
         "along it, such as a pack of spheres; the permeability is that of the pack without the layers. Spheres of a "
         "file whose centre lies beyond the ends are left out. Without it: none",
+        default=None,
+        unit="m",
+        above=0,
+    )
+    depth: float | None = key(
+        "distance of the two plates between which a 2D scene lies, as in an etched micromodel: velocities are means "
+        "over it, and the plates resist by 12 nu / depth2. Without it: none",
         default=None,
         unit="m",
         above=0,
@@ -407,6 +414,13 @@ class Fluid:
         if self.kinematic_viscosity is not None:
             return self.kinematic_viscosity
         return self.mu / self.density
+
+
+@dataclass(frozen=True, kw_only=True)
+class Microporous:
+    """Rock whose pores are too small to be resolved: fluid seeps through it, held back by Brinkman's drag."""
+
+    permeability: float = key("permeability of the rock itself", unit="m2", above=0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -608,6 +622,11 @@ class Output:
     fields: tuple[str, ...] = key(
         "fields in the snapshots", default=("velocity", "pressure", "phase"), choices=FIELDS, unique=True
     )
+    format: str = key(
+        "of the snapshots, those on a grid too: vtk (VTU and VTI with .pvd) or xdmf (HDF5 with .xdmf; it needs h5py)",
+        default="vtk",
+        choices=("vtk", "xdmf"),
+    )
     dummies: bool = key("write the particles in the solids too", default=False)
     snapshots: bool = key("write snapshots", default=True)
     grid: float | str | None = key(
@@ -647,6 +666,12 @@ class Case:
     geometry: Scene = key("where there is fluid and where there is solid")
     particles: Lattice = key("resolution and arrangement of the particles")
     fluids: Table[Fluid] = key("name: properties of the fluid, one block each")
+    microporous: Table[Microporous] = key(
+        "name: rock with pores below the resolution (stokes), one block each. Names stand where those of fluids do: in "
+        "`geometry.voxels.labels` or `grey.fluids`, or `is` of a shape; the first fluid is what seeps through it, and "
+        "`porosity` counts it as pores",
+        default=Table(),
+    )
     interface: Interface | None = key("surface tension, with two fluids", default=None)
     reservoirs: Reservoirs | None = key(
         "which fluid is injected at one end and which leaves at the other; `drive` says at what pressure or flux",
@@ -698,6 +723,10 @@ class Case:
     def fluid_names(self) -> tuple[str, ...]:
         """In case order: `phase` of a particle is the index into them."""
         return tuple(self.fluids)
+
+    def phase_of(self, name: str) -> int:
+        """Index of the fluid that a name stands for, -1 of `solid`; in microporous rock it is the first one."""
+        return -1 if name == SOLID else 0 if name in self.microporous else self.fluid_names.index(name)
 
     @property
     def spacings(self) -> tuple[float, ...]:

@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import is_dataclass
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from . import expressions, forcing
 from .blocks import AXES, LATTICES, SOLID, Grey, Shape
+from .forces import wrong_with_forces
 from .reader import Key, Table, keys_of, suggest
 from .yaml import Report, Where, as_key, shown
 
@@ -53,6 +55,7 @@ def check_case(case: Case, report: Report, places: dict[str, Where]) -> None:
         checks.particles,
         checks.volume,
         checks.interface,
+        checks.forces,
         checks.reservoirs,
         checks.drive,
         checks.formulas,
@@ -60,6 +63,7 @@ def check_case(case: Case, report: Report, places: dict[str, Where]) -> None:
         checks.refine,
         checks.measure,
         checks.reference,
+        checks.format,
     ):
         check()
 
@@ -75,6 +79,7 @@ def check_dimension(case: Case, dim: int) -> None:
     checks.driven_axes()
     checks.reservoirs()
     checks.formulas()
+    checks.forces()
     report.raise_if_any()
 
 
@@ -93,6 +98,11 @@ class _Checks:
         while place not in self.places:
             place = place.rpartition(".")[0]
         self.report.add(self.places[place], path, message, fix)
+
+    def format(self) -> None:
+        """Said before hours of a run whose files could not be written."""
+        if self.case.output.format == "xdmf" and find_spec("h5py") is None:
+            self.bad("output.format", "xdmf needs h5py, which is not installed", "pip install h5py, or take vtk")
 
     def fluids(self) -> None:
         if self.case.fluids is None:
@@ -136,7 +146,7 @@ class _Checks:
         elif self.clear(f"{path}.labels"):
             for name in voxels.labels:
                 if name != SOLID:
-                    self._fluid_name(name, f"{path}.labels.{as_key(name)}")
+                    self._filling_name(name, f"{path}.labels.{as_key(name)}")
             if not set(voxels.labels) - {SOLID}:
                 self.bad(f"{path}.labels", "no voxel is fluid", "add the name of a fluid and its value")
             self._labels_differ(voxels.labels, f"{path}.labels")
@@ -162,7 +172,7 @@ class _Checks:
         before: tuple[float, float] | None = None
         for name, (first, end) in sorted((grey.fluids or {}).items(), key=lambda entry: entry[1]):
             where = f"{path}.fluids.{as_key(name)}"
-            self._fluid_name(name, where)
+            self._filling_name(name, where)
             if first >= end:
                 self.bad(where, "holds no grey value", "each range is [from, to)")
             elif before is not None and first < before[1]:
@@ -222,7 +232,7 @@ class _Checks:
     def _filling(self, shape: Shape, path: str) -> None:
         if shape.what == SOLID:
             return
-        self._fluid_name(shape.what, f"{path}.is", extra=(SOLID,))
+        self._filling_name(shape.what, f"{path}.is", extra=(SOLID,))
         for name in ("velocity", "angular_velocity", "slip_length"):
             if getattr(shape, name) is not None:
                 self.bad(f"{path}.{name}", "only solids have one", "remove it, or write is: solid")
@@ -291,6 +301,11 @@ class _Checks:
     def interface(self) -> None:
         if self.case.interface and self.case.fluids is not None and len(self.case.fluids) != 2:
             self.bad("interface", f"needs two fluids, found {len(self.case.fluids)}")
+
+    def forces(self) -> None:
+        if self.clear("fluids", "geometry", "flow", "microporous"):
+            for problem in wrong_with_forces(self.case, self.dim):
+                self.bad(*problem)
 
     def reservoirs(self) -> None:
         found, path = self.case.reservoirs, "reservoirs"
@@ -462,6 +477,11 @@ class _Checks:
             if name not in reference.parameters:
                 fix = f"add parameters: {{{name}: ...}}"
                 self.bad("reference.parameters", f"kind {reference.kind} needs {name}", fix)
+
+    def _filling_name(self, name: str, path: str, extra: tuple[str, ...] = ()) -> None:
+        """A fluid, or microporous rock."""
+        if name not in (self.case.microporous or ()):
+            self._fluid_name(name, path, (*extra, *(self.case.microporous or ())))
 
     def _fluid_name(self, name: str, path: str, extra: tuple[str, ...] = ()) -> None:
         if self.case.fluids is not None and name not in self.case.fluids:

@@ -7,6 +7,7 @@ without it that of the start, 0.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -278,3 +279,14 @@ def _listed(axes: Sequence[int]) -> str:
     """'x', 'x and y' or 'x, y and z'."""
     *names, last = ("xyz"[axis] for axis in axes)
     return f"{', '.join(names)} and {last}" if names else last
+
+
+def scaled(case: Case, factor: float) -> Case:
+    """The case with the forces that it gives, body force and pressure drops, times a factor; formulas stay."""
+    drive = case.drive
+    if drive is None:
+        return case
+    force = drive.body_force and tuple(f if isinstance(f, str) else factor * f for f in drive.body_force)
+    drops = drive.pressure_drop and type(drive.pressure_drop)(
+        {name: drop if isinstance(drop, str) else factor * drop for name, drop in drive.pressure_drop.items()})
+    return replace(case, drive=replace(drive, body_force=force, pressure_drop=drops))

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-CHUNKS = 64  # rows are handed to threads in this many pieces, each with a scratch row
+from .row_threads import over_rows
+
 FINE = 3  # cells are this much shorter along x, where those in line are contiguous: fewer pairs tried in vain
 
 
@@ -52,6 +53,11 @@ class Neighbourhood(NamedTuple):
         """Number of fluid particles."""
         return len(self.start) - 1
 
+    @property
+    def longest(self) -> int:
+        """Neighbours that a particle has at most."""
+        return _longest(self.start)
+
 
 class CellList(NamedTuple):
     """The rows of a table of positions sorted by cell, as kernels take them.
@@ -92,12 +98,19 @@ def find_pairs(x: np.ndarray, n: int, support: float) -> Pairs:
     width = np.maximum((upper - lower) / cells, narrowest) * (1.0 + 1e-12)
     order, first, cell, sorted_x = _bin(x, lower, 1.0 / width, cells)
     grid = CellList(order, first, cell, sorted_x, cells)
-    counts = _count(x, grid, n, support * support)
     start = np.zeros(n + 1, dtype=np.int64)
-    np.cumsum(counts, out=start[1:])
+    over_rows(_count, n, x, grid, support * support, start[1:])
+    np.cumsum(start, out=start)
     index = np.empty(start[-1], dtype=np.int32)
-    _fill(x, grid, n, support * support, start, index)
+    reach = min(2 * FINE + 1, cells[0])
+    longest = _longest(start), int((first[reach:] - first[:-reach]).max(initial=0))
+    over_rows(_fill, n, x, grid, support * support, longest, start, index)
     return Pairs(start, index)
+
+
+def _longest(start: np.ndarray) -> int:
+    """Entries of the longest row."""
+    return int(np.diff(start).max(initial=0))
 
 
 @njit(cache=True)
@@ -185,46 +198,36 @@ def _fill_run(run, point, sorted_x, order, reach2, scratch, found):
     return np.int64(found)
 
 
-@njit(cache=True, parallel=True)
-def _count(x, grid, n, reach2):
-    """Neighbours of each of the first n rows, (n,)."""
-    counts = np.empty(n, np.int64)
+@njit(cache=True, nogil=True)
+def _count(rows, x, grid, reach2, counts):
+    """Neighbours of rows of x (n_rows, dim) into counts (n,)."""
     first, cell, cells = grid.first, grid.cell, grid.cells
     sorted_x = grid.x[0], grid.x[1], grid.x[2]
-    for chunk in prange(CHUNKS):
-        runs = np.empty((9, 2), np.int64)
-        for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
-            found = -1  # the particle itself is not its neighbour
-            x2 = x[i, 2] if x.shape[1] == 3 else 0.0
-            for r in range(_runs(cell[i, 0], cell[i, 1], cell[i, 2], first, cells, runs)):
-                found += _count_run(runs[r, 0], runs[r, 1], (x[i, 0], x[i, 1], x2), sorted_x, reach2)
-            counts[i] = found
-    return counts
+    runs = np.empty((9, 2), np.int64)
+    for i in range(rows[0], rows[1]):
+        found = -1  # the particle itself is not its neighbour
+        x2 = x[i, 2] if x.shape[1] == 3 else 0.0
+        for r in range(_runs(cell[i, 0], cell[i, 1], cell[i, 2], first, cells, runs)):
+            found += _count_run(runs[r, 0], runs[r, 1], (x[i, 0], x[i, 1], x2), sorted_x, reach2)
+        counts[i] = found
 
 
-@njit(cache=True, parallel=True)
-def _fill(x, grid, n, reach2, start, index):
+@njit(cache=True, nogil=True)
+def _fill(rows, x, grid, reach2, longest, start, index):
+    """Those neighbours into index. longest: of all rows, the most neighbours; of all runs, the most rows."""
     order, first, cell, cells = grid.order, grid.first, grid.cell, grid.cells
     sorted_x = grid.x[0], grid.x[1], grid.x[2]
-    longest = 0
-    for i in range(n):
-        longest = max(longest, start[i + 1] - start[i])
-    widest = 0  # rows of a run, at most
-    reach = min(2 * FINE + 1, cells[0])
-    for c in range(len(first) - reach):
-        widest = max(widest, first[c + reach] - first[c])
-    for chunk in prange(CHUNKS):
-        runs = np.empty((9, 2), np.int64)
-        row = np.empty(longest + 2, np.int32)  # with the particle itself, and a place to write to in vain
-        inside = np.empty(widest, np.uint8)
-        for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
-            found = 0
-            x2 = x[i, 2] if x.shape[1] == 3 else 0.0
-            for r in range(_runs(cell[i, 0], cell[i, 1], cell[i, 2], first, cells, runs)):
-                found = _fill_run((runs[r, 0], runs[r, 1]), (x[i, 0], x[i, 1], x2), sorted_x, order, reach2,
-                                  (row, inside), found)
-            at = start[i]
-            for k in range(found):
-                if row[k] != i:
-                    index[at] = row[k]
-                    at += 1
+    runs = np.empty((9, 2), np.int64)
+    row = np.empty(longest[0] + 2, np.int32)  # with the particle itself, and a place to write to in vain
+    inside = np.empty(longest[1], np.uint8)
+    for i in range(rows[0], rows[1]):
+        found = 0
+        x2 = x[i, 2] if x.shape[1] == 3 else 0.0
+        for r in range(_runs(cell[i, 0], cell[i, 1], cell[i, 2], first, cells, runs)):
+            found = _fill_run((runs[r, 0], runs[r, 1]), (x[i, 0], x[i, 1], x2), sorted_x, order, reach2,
+                              (row, inside), found)
+        at = start[i]
+        for k in range(found):
+            if row[k] != i:
+                index[at] = row[k]
+                at += 1

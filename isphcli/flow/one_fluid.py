@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from ..domain import reduce
 from ..operators.apply import laplacian
 from ..operators.fourth_order import laplacian_excess
+from .forces import Force, acceleration_of, resistance_of
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
@@ -70,7 +73,8 @@ class Fluids(Protocol):
 
     force: (dim,) m/s2, on the first fluid; held: (dim,) unit vector along which a velocity is held, or None; line: what
     walls do near a contact line, or None; first_passes: through the equations in the first step, which has no pressure
-    to go on from; added_viscosity: dynamic, Pa s, of an interface that would hardly damp with its own, else 0.
+    to go on from; added_viscosity: dynamic, Pa s, of an interface that would hardly damp with its own, else 0; forces:
+    beside the drive.
     """
 
     force: np.ndarray
@@ -78,6 +82,7 @@ class Fluids(Protocol):
     line: WallChange | None
     first_passes: int
     added_viscosity: float
+    forces: Sequence[Force]
 
     @property
     def tension(self) -> Tension | None:
@@ -136,7 +141,8 @@ class Terms:
     where the velocity has no kink, or None;
     along: (dim,) or (n, dim), what a unit pressure gradient along the axis of a held velocity accelerates by, or None;
     interface: of two fluids, or None;
-    excess: (n,) m2, c of `viscous_solve`, or None where the velocity has kinks and forces jump.
+    excess: (n,) m2, c of `viscous_solve`, or None where the velocity has kinks and forces jump; drag: (n,) 1/s, -drag u
+    of what resists (`Force`), or None.
     """
 
     ops: Operators
@@ -151,6 +157,12 @@ class Terms:
     along: np.ndarray | None = None
     interface: FluidInterface | None = None
     excess: np.ndarray | None = None
+    drag: np.ndarray | None = None
+
+    @property
+    def least_drag(self) -> float:
+        """The drag that acts everywhere, 1/s: in the projection it adds to inertia."""
+        return 0.0 if self.drag is None else reduce.smallest(self.drag)
 
     def sharpened(self, right: np.ndarray) -> np.ndarray:
         """right + c L right of `viscous_solve`: accelerations (n, dim), m/s2, as they stand in eq. 2."""
@@ -170,17 +182,31 @@ def balanced_force(ops: DiscreteOperators, force: np.ndarray) -> np.ndarray:
     return ops.potential_gradient(force)
 
 
+def with_forces(terms: Terms, forces: Sequence[Force], x: np.ndarray, nu: np.ndarray | float) -> Terms:
+    """The terms with those of forces beside the drive. x: (n, dim) particles, m; nu: kinematic viscosity there, (n,) or
+    a number, m2/s."""
+    acceleration, resistance = acceleration_of(forces, x), resistance_of(forces, x)
+    if acceleration is not None:
+        terms = replace(terms, force=terms.force + acceleration)
+    if resistance is not None:
+        terms = replace(terms, drag=nu * resistance, excess=None)
+    return terms
+
+
 class OneFluid:
     """A single fluid, or two that differ in name only. reference: density, kg/m3; viscosity: kinematic,
-    m2/s; force: (dim,) m/s2; held: (dim,) unit vector along which a velocity is held, or None."""
+    m2/s; force: (dim,) m/s2; held: (dim,) unit vector along which a velocity is held, or None; forces: beside the
+    drive."""
 
     tension: Tension | None = None
     line: WallChange | None = None
     first_passes = 3
     added_viscosity = 0.0
 
-    def __init__(self, reference: float, viscosity: float, force: np.ndarray, held: np.ndarray | None = None):
+    def __init__(self, reference: float, viscosity: float, force: np.ndarray, held: np.ndarray | None = None,
+                 forces: Sequence[Force] = ()):
         self.reference, self.viscosity, self.force, self.held = reference, viscosity, force, held
+        self.forces = forces
 
     @property
     def nu_max(self) -> float:
@@ -202,8 +228,9 @@ class OneFluid:
         """Terms of one configuration; see `Fluids.terms`."""
         along = balanced_force(ops, self.held) if self.held is not None else None
         viscous = ViscousWeights(self.viscosity, ops.lap, ops.walls)
-        return Terms(ops, viscous, balanced_force(ops, self.force), bulk=self.viscosity, along=along,
-                     excess=laplacian_excess(ops))
+        terms = Terms(ops, viscous, balanced_force(ops, self.force), bulk=self.viscosity, along=along,
+                      excess=laplacian_excess(ops))
+        return with_forces(terms, self.forces, neighbours.x[: ops.n], self.viscosity)
 
     def carried(self, ops: Operators, terms: Terms, u: np.ndarray, dr: np.ndarray | None, dt: float,
                 speed: float) -> None:

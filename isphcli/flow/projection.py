@@ -35,12 +35,13 @@ class PressureSystem:
     step to step. Scenes with walls therefore take div grad itself, the odd-even mode added, preconditioned by the
     Laplacian.
 
-    laplacian: (n, n) matrix of the preconditioner; apply(p, gradient): A p of a pressure p (n,) and its gradient
-    (n, dim); scale: (n,) by what the diagonal of A exceeds that of the Laplacian, or None.
+    laplacian: (n, n) matrix of the preconditioner; apply(p): A p of a pressure p (n,), with its gradient (n, dim) where
+    that is known: without walls nothing reads it; scale: (n,) by what the diagonal of A exceeds that of the Laplacian,
+    or None.
     """
 
     laplacian: sp.csr_matrix
-    apply: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    apply: Callable[..., np.ndarray]
     scale: np.ndarray | None
 
 
@@ -50,7 +51,7 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
     with solvers.clock("assembly"):
         matrix = assemble(ops.start, ops.column, terms.ops.lap_p, 0.0, 1.0)
     if ops.walls is None:  # eq. 3 by the Laplacian of eq. 6
-        return PressureSystem(matrix, lambda p, gradient: matrix @ p, None)
+        return PressureSystem(matrix, lambda p, gradient=None: matrix @ p, None)
     from ..operators.div_grad import diagonal, div_grad_rhie_chow
 
     assert terms.ops.walls is not None
@@ -58,7 +59,12 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
     with solvers.clock("assembly"):
         exact, own = diagonal(ops, symmetric, terms.ops.grad_p), matrix.diagonal()
         scale = np.where(exact > own, exact / np.where(own > 0.0, own, 1.0), 1.0)
-    return PressureSystem(matrix, lambda p, gradient: div_grad_rhie_chow(ops, symmetric, p, gradient), scale)
+
+    def apply(p: np.ndarray, gradient: np.ndarray | None = None) -> np.ndarray:
+        gradient = terms.ops.gradient_p(p) if gradient is None else gradient
+        return div_grad_rhie_chow(ops, symmetric, p, gradient)
+
+    return PressureSystem(matrix, apply, scale)
 
 
 def pressure_increment(config: Configuration, system: PressureSystem, div: np.ndarray,
@@ -85,10 +91,10 @@ def pressure_increment(config: Configuration, system: PressureSystem, div: np.nd
 def solve_pressure(config: Configuration, system: PressureSystem, right: np.ndarray, tolerance: float,
                    solvers: KeptHierarchies) -> np.ndarray:
     """q (n,) of A q = right without the constant of each component (eqs 25-26). Raises SolveError."""
-    means, weighted, scale = config.means, config.terms.ops, system.scale
+    means, scale = config.means, system.scale
 
     def apply(q: np.ndarray) -> np.ndarray:
-        return means.remove(system.apply(q, weighted.gradient_p(q)))  # eq. 25: P A q
+        return means.remove(system.apply(q))  # eq. 25: P A q
 
     def remove_constants(once: Apply) -> Apply:
         return lambda v: means.remove(once(v if scale is None else means.remove(v / scale)))

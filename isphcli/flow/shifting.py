@@ -11,9 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from ..domain.neighbours import Neighbourhood
+from ..domain.row_threads import over_rows
 from ..operators.apply import gradient_one_sided, total_gradient
 from ..operators.pair_weights import Operators
 
@@ -26,7 +27,9 @@ def shift(neighbours: Neighbourhood, largest_speed: float, dt: float, coefficien
     dr_i = C U_max dt sum_j (rbar_i / r_ij)^2 e_ij with rbar_i the mean neighbour distance. neighbours: all of them,
     dummies included.
     """
-    return _shift(neighbours, coefficient * largest_speed * dt, LONGEST * spacing)
+    out = np.zeros((neighbours.n, neighbours.x.shape[1]))
+    over_rows(_shift, neighbours.n, neighbours, coefficient * largest_speed * dt, LONGEST * spacing, out)
+    return out
 
 
 def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -46,15 +49,16 @@ def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray
             whole = np.concatenate([total_gradient(ops, np.ascontiguousarray(u)) for u in velocities], axis=1)
             slope = np.where(known[:, None, None], whole, slope)
         second = second & (known | ~walls.near_wall)
-    return _carry(ops.start, ops.column, ops.grad_p, fields, slope, dr, second)
+    out = fields.copy()
+    over_rows(_carry, ops.n, (ops.start, ops.column, ops.grad_p), fields, slope, dr, second, out)
+    return out
 
 
-@njit(cache=True, parallel=True)
-def _shift(neighbours, amount, longest):
+@njit(cache=True, nogil=True)
+def _shift(rows, neighbours, amount, longest, out):
     x, start, index = neighbours.x, neighbours.start, neighbours.row
-    n, dim = len(start) - 1, x.shape[1]
-    out = np.zeros((n, dim))
-    for i in prange(n):
+    dim = x.shape[1]
+    for i in range(rows[0], rows[1]):
         mean = 0.0
         for p in range(start[i], start[i + 1]):
             r2 = 0.0
@@ -84,24 +88,25 @@ def _shift(neighbours, amount, longest):
     return out
 
 
-@njit(cache=True, parallel=True)
-def _carry(start, column, grad, f, slope, dr, second):
-    n, width = f.shape
-    dim = grad.shape[1]
-    out = f.copy()
-    for i in prange(n):
+@njit(cache=True, nogil=True)
+def _carry(rows, pairs, f, slope, dr, second, out):
+    start, column, grad = pairs
+    width, dim = f.shape[1], grad.shape[1]
+    for i in range(rows[0], rows[1]):
         for c in range(width):
             for k in range(dim):
                 out[i, c] += slope[i, c, k] * dr[i, k]  # eq. 9
         if second[i]:
-            for p in range(start[i], start[i + 1]):
-                j = column[p]
-                along = 0.0
-                for k in range(dim):
-                    along += grad[p, k] * dr[i, k]
-                for c in range(width):
-                    bend = 0.0
-                    for k in range(dim):
-                        bend += (slope[j, c, k] - slope[i, c, k]) * dr[i, k]
-                    out[i, c] += 0.5 * along * bend  # beyond eq. 9: the second derivative
+            d0, d1, d2 = dr[i, 0], dr[i, 1], 0.0 if dim == 2 else dr[i, 2]
+            for c in range(width):
+                total, g0, g1, g2 = out[i, c], slope[i, c, 0], slope[i, c, 1], slope[i, c, dim - 1]
+                for p in range(start[i], start[i + 1]):
+                    j = column[p]
+                    along = grad[p, 0] * d0 + grad[p, 1] * d1
+                    bend = (slope[j, c, 0] - g0) * d0 + (slope[j, c, 1] - g1) * d1
+                    if dim == 3:
+                        along += grad[p, 2] * d2
+                        bend += (slope[j, c, 2] - g2) * d2
+                    total += 0.5 * along * bend  # beyond eq. 9: the second derivative
+                out[i, c] = total
     return out

@@ -230,6 +230,7 @@ class Stepper:
         gradient = terms.pressure_gradient(p)
         driven = known - gradient
         u_star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, driven, guess, self.solvers)  # eq. 2
+        rate += terms.least_drag
         div = ops.total_divergence(u_star) - expansion
         q = pressure_increment(config, system, div, (p, gradient), rate, self.fluids.nu_min, self.solvers)
         u = u_star - terms.ops.gradient_p(q) / rate  # eq. 3
@@ -252,6 +253,7 @@ class Stepper:
             along = np.ascontiguousarray(np.broadcast_to(terms.along, u.shape))
             u_star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), solvers,
                                    False)
+            rate += terms.least_drag
             div = ops.total_divergence(u_star)
             if ops.walls is not None:
                 div -= ops.walls.div_velocity

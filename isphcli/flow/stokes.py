@@ -1,9 +1,10 @@
 """Steady creeping flow on the fixed lattice: one coupled solve for velocity and pressure.
 
-    -nu lap u + grad p / rho = f,        div u + S p = 0
+    -nu lap u + nu r u + grad p / rho = f,        div u + S p = 0
 
 in the scaled unknowns u and P = p dx / (rho nu), each equation multiplied by dx^2 / nu and dx, so that all entries
-are of order one whatever the units. S damps the odd-even pressure mode: see `operators.div_grad`.
+are of order one whatever the units. S damps the odd-even pressure mode: see `operators.div_grad`. r is what resists the
+fluid beside its viscosity, the inverse of a permeability (`flow/forces.py`).
 """
 
 from __future__ import annotations
@@ -21,11 +22,13 @@ from ..operators.lattice_weights import (
     conductance_matrix,
     divergence_and_rhie_chow,
     momentum,
+    nearest_matrix,
     symmetric_laplacian,
     velocity_matrix,
 )
 from ..solvers.engine import ONE_PROCESS, Engine
 from ..solvers.krylov import Limits, Report, SolveError, Watch
+from .forces import Force, acceleration_of, resistance_of
 
 TAU = 0.05  # strength of S (trials before 2026-11-22)
 # The Schur complement falls from 1 for long pressure modes to 0.2 for those that alternate from particle to particle,
@@ -49,17 +52,26 @@ class StokesSystem:
     """Matrices of one lattice; every right-hand side shares them.
 
     ops: LatticeWeights (without walls no steady flow exists);
-    spacing: m; viscosity: kinematic, m2/s; engine: what solves the linear systems.
+    spacing: m; viscosity: kinematic, m2/s; forces: at the particles x (n, dim), m, beside the force of each flow;
+    engine: what solves the linear systems.
     """
 
     def __init__(self, ops: LatticeWeights, spacing: float, viscosity: float, tau: float = TAU,
+                 forces: Sequence[Force] = (), x: np.ndarray | None = None,
                  engine: Engine = ONE_PROCESS):
         self.ops, self.spacing, self.viscosity, self.tau = ops, spacing, viscosity, tau
-        self.dim = ops.dim
-        self.engine = engine
+        self.dim, self.engine = ops.dim, engine
+        self.acceleration = acceleration_of(forces, x) if x is not None else None
+        self.resistance = resistance_of(forces, x) if x is not None else None
+        self.drag = None if self.resistance is None else spacing**2 * self.resistance
         self.count, labels = pair_components(ops.start, ops.column, exchange=ops.exchange)
         self.means = ComponentMeans(labels)
-        self._velocity = engine.block_cycle(velocity_matrix(ops, spacing), ops.exchange, STRENGTH, CYCLES)
+        matrix = nearest_matrix(ops, spacing) if ops.on_lattice else velocity_matrix(ops, spacing)
+        if self.drag is not None:
+            own = np.arange(ops.n + 1)
+            matrix = matrix + sp.csr_matrix((self.drag, own[:-1], own), shape=matrix.shape)
+        self._velocity = engine.block_cycle(matrix, ops.exchange, STRENGTH, CYCLES)
+        del matrix
         self._darcy = engine.cycle(self._conductance(), ops.exchange)
 
     def _conductance(self) -> sp.csr_matrix:
@@ -68,7 +80,9 @@ class StokesSystem:
         In a pore of width h, w is about h^2 / 12: pressure modes much longer than the pore is wide obey Darcy's law,
         and the Schur complement of the coupled system is this operator there, the identity for short modes.
         """
-        w = np.maximum(self._velocity(np.ones((self.ops.n, 3)))[:, 0], 1e-3)
+        # of a strong drag w is its inverse
+        least = 1e-3 if self.drag is None else 1e-3 / np.maximum(1.0, 1e-2 * self.drag)
+        w = np.maximum(self._velocity(np.ones((self.ops.n, 3)))[:, 0], least)
         return conductance_matrix(self.ops, w, self.spacing)
 
     def split(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -86,9 +100,30 @@ class StokesSystem:
         momentum(self.ops, u, p, dx, forces, grad_p)  # eq. 1 without inertia
         if self.ops.walls.slip is not None:
             forces -= dx**2 * np.einsum("nkm,nm->nk", self.ops.walls.slip, u)
-        both = divergence_and_rhie_chow(self.ops, u, (p, grad_p), (dx, -self.tau * dx * dx))
+        if self.drag is not None:
+            forces += self.drag[:, None] * u
+        both = self._mass(u, p, grad_p)
         mass[:] = self.means.remove(both)  # eq. 25
         return out
+
+    def _mass(self, u: np.ndarray, p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
+        """dx div u - tau dx^2 S p, (n,); where a drag holds the fluid back, S by as much less as pressure moves it."""
+        dx, tau, zero = self.spacing, self.tau, np.zeros(self.ops.n)
+        if self.drag is None:
+            return divergence_and_rhie_chow(self.ops, u, (p, grad_p), (dx, -tau * dx * dx))
+        odd_even = divergence_and_rhie_chow(self.ops, np.zeros_like(u), (p, grad_p), (0.0, -tau * dx * dx))
+        div = divergence_and_rhie_chow(self.ops, u, (zero, np.zeros_like(u)), (dx, 0.0))
+        return div + odd_even / (1.0 + tau * self.drag)  # tau is 1 / the diagonal of -dx^2 lap, which the drag adds to
+
+    def laplacian(self, flow: StokesFlow, force: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Laplacian (n, dim) of the velocity of a flow under `force`, 1/(m s), by the balance of momentum."""
+        found = (self.ops.gradient_p(flow.pressure) - self._driven(force)) / self.viscosity
+        return found if self.resistance is None else found + self.resistance[:, None] * flow.velocity
+
+    def _driven(self, force: Sequence[float] | np.ndarray) -> np.ndarray:
+        """(n, dim) m/s2 of a force (dim,) and those that act beside it."""
+        along = self.balanced_force(force)
+        return along if self.acceleration is None else along + self.acceleration
 
     def precondition(self, v: np.ndarray) -> np.ndarray:
         """Block-triangular: the inverse Schur complement as the sum of its limits (Cahouet and Chabard), for short
@@ -122,7 +157,7 @@ class StokesSystem:
         ops = self.ops
         rhs = np.zeros(ops.n * (self.dim + 1))
         forces, mass = self.split(rhs)
-        forces[:] = self.balanced_force(force) * (self.spacing**2 / self.viscosity)
+        forces[:] = self._driven(force) * (self.spacing**2 / self.viscosity)
         forces += self.spacing**2 * ops.walls.lap_velocity
         mass[:] = self.means.remove(-self.spacing * ops.walls.div_velocity)
         solution, report = self.engine.gmres(self.apply, rhs, self.precondition, limits, watch=watch)

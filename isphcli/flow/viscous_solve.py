@@ -11,7 +11,8 @@ Mehrstellenverfahren, for particles), so that
     (1 + c L) (g0 / dt u* - right) = nu L u*,      c_i = sum_j L_ij r_ij^4 / (8 dim (dim + 2)),
 
 which is the same matrix with nu - c g0 / dt in the place of nu, and right + c L right on the right. c is zero beside
-walls, where `right` has no values on the other side, and in scenes of two fluids (`operators/fourth_order.py`).
+walls, where `right` has no values on the other side, and in scenes of two fluids (`operators/fourth_order.py`). Forces
+that resist (`flow/forces.py`) add their drag to g0 / dt on the left; with them c is left out.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, driv
         if terms.excess is not None:
             weights, scale = weights * np.repeat(scale - rate * terms.excess, np.diff(ops.start)), 1.0
             wall_lap = viscous.factor * wall_lap if wall_lap is not None else None
-        matrix = assemble(ops.start, ops.column, weights, rate, scale, wall_lap)
+        shift = rate if terms.drag is None else rate + terms.drag
+        matrix = assemble(ops.start, ops.column, weights, shift, scale, wall_lap)
         slip = walls.slip if walls is not None else None
     stiff = nu_max > JACOBI_LIMIT * rate * spacing**2
     right = terms.sharpened(driven)

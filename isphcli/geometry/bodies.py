@@ -179,7 +179,8 @@ class HalfSpace:
 
 @dataclass(frozen=True)
 class Shape:
-    """A body and what fills it: phase -1 for solid, else index of a fluid; `outside` fills its complement."""
+    """A body and what fills it: phase -1 for solid, else index of a fluid; `outside` fills its complement.
+    microporous: index of the rock that the fluid seeps through, -1 for clear fluid."""
 
     body: Body
     phase: int = -1
@@ -187,6 +188,7 @@ class Shape:
     velocity: Sequence[float] | np.ndarray | None = None  # of the wall, m/s; None: at rest
     slip_length: float | None = None  # m; None: that of the geometry
     angular_velocity: float | None = None  # rad/s of a cylinder about its axis, of a disk about its centre
+    microporous: int = -1
 
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
         """(n,) distance of x (n, dim) to the surface, m, < 0 in what the shape fills; period (dim,): m."""

@@ -72,6 +72,68 @@ def report(fluid: np.ndarray, periodic: tuple[bool, ...], cell_volume: float = 1
     )
 
 
+class SlabConnectivity:
+    """`report` of a mask [z, y, x] that is not periodic and comes slab by slab along z: what is kept of a slab are the
+    sizes of its parts and its last layer."""
+
+    def __init__(self) -> None:
+        self.count = self.cells = 0  # parts and cells so far
+        self.sizes: list[np.ndarray] = []
+        self.edges = [np.empty((0, 2), np.int64)]  # parts that touch across the faces of slabs
+        self.faces: list[tuple[list[np.ndarray], list[np.ndarray]]] = [([], []), ([], []), ([], [])]  # of x, y, z
+        self.last: np.ndarray | None = None
+
+    def add(self, fluid: np.ndarray) -> None:
+        """The next slab, bool [z, y, x]."""
+        labels, n = ndimage.label(fluid)
+        size = np.zeros(n + 1, np.int64)
+        for layer in labels:
+            size += np.bincount(layer.ravel(), minlength=n + 1)
+        self.sizes.append(size[1:])
+        ends = ((labels[:, :, 0], labels[:, :, -1]), (labels[:, 0], labels[:, -1]))
+        for (lower, upper), (first, last) in zip(self.faces, ends):
+            lower.append(self._numbers(first))
+            upper.append(self._numbers(last))
+        if self.last is None:
+            self.faces[2][0].append(self._numbers(labels[0]))
+        else:
+            both = (self.last >= 0) & (labels[0] > 0)
+            pairs = np.stack([self.last[both], labels[0][both].astype(np.int64) - 1 + self.count], axis=1)
+            self.edges.append(np.unique(pairs, axis=0))
+        self.last = np.where(labels[-1] > 0, labels[-1].astype(np.int64) - 1 + self.count, -1)
+        self.count += n
+        self.cells += fluid.size
+
+    def _numbers(self, face: np.ndarray) -> np.ndarray:
+        """Numbers among all parts of those on a face of the slab."""
+        found = np.unique(face)
+        return found[found > 0].astype(np.int64) - 1 + self.count
+
+    def report(self, cell_volume: float = 1.0) -> Connectivity:
+        """Of all slabs; see `report`."""
+        assert self.last is not None
+        self.faces[2][1].append(np.unique(self.last[self.last >= 0]))
+        edges = np.concatenate(self.edges)
+        graph = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(self.count, self.count))
+        n, owner = connected_components(graph, directed=False) if self.count else (0, np.empty(0, int))
+        size = np.bincount(owner, np.concatenate(self.sizes), n).astype(np.int64)
+        percolates = np.zeros((n, 3), bool)
+        for axis, ends in enumerate(self.faces):
+            lower, upper = (owner[np.concatenate(found)] for found in ends)
+            percolates[np.intersect1d(lower, upper), axis] = True
+        isolated = ~percolates.any(axis=1)
+        cells = max(self.cells, 1)
+        return Connectivity(
+            porosity=float(size.sum() / cells),
+            components=int(n),
+            percolates=tuple(bool(p) for p in np.ravel(percolates.any(axis=0))),
+            percolating_porosity=tuple(float(s) for s in size @ percolates / cells),
+            isolated_pockets=int(isolated.sum()),
+            isolated_volume=float(size[isolated].sum() * cell_volume),
+            largest_share=float(size.max(initial=0) / max(size.sum(), 1)),
+        )
+
+
 def percolating(fluid: np.ndarray, periodic: tuple[bool, ...], axis: int) -> np.ndarray:
     """Mask (shape of fluid) of the fluid in components that percolate along the axis (0 x, 1 y, 2 z)."""
     labels, _, percolates = components(fluid, periodic)

@@ -11,11 +11,11 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
-from numba import get_num_threads
 
+from ..domain.row_threads import over_rows
 from .faces import AT_REST, Walls
 from .labels import ClearLayers
-from .voxel_crossings import first_faces
+from .voxel_crossings import put_first_faces
 from .voxel_geometry import VoxelGeometry
 
 # voxels round what is asked for. Bricks of 64^3 voxels of Berea sandstone have the distances of the whole image bit for
@@ -109,8 +109,9 @@ class ImageBrick(VoxelGeometry):
         if not self.has_solid:
             return np.ones(len(xi))
         corner = self.lower + self._first * self.voxel_size
-        return first_faces(self._grid, self._around, xi, xj, corner, self.voxel_size,
-                           get_num_threads())
+        t = np.empty(len(xi))
+        over_rows(put_first_faces, len(xi), self._grid, self._around, (xi, xj), corner, self.voxel_size, t)
+        return t
 
     def _points(self, x: np.ndarray) -> np.ndarray:
         """Voxel coordinates (n, 3) in the part that is held."""

@@ -6,7 +6,7 @@ Voxel coordinates: see `voxel_geometry`.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from .spline import value_and_slope
 from .voxel_lookup import LEAST_T
@@ -15,20 +15,18 @@ REACH = 0.75  # voxels: longest part of a segment between two values. Twice as m
 CLOSE_T = 1e-7  # of a part of a segment: error at which the search for a zero ends
 
 
-@njit(cache=True, parallel=True)
-def first_zeros(c, around, xi, xj, lower, size, chunks):
-    """(n,) fraction t in (0, 1] of the way from xi to xj, (n, dim) m, to the first zero or face; 1 without one."""
-    n, dim = xi.shape
-    t = np.empty(n)
-    for chunk in prange(chunks):
-        u, v = np.full(3, 0.5), np.full(3, 0.5)
-        for k in range(chunk * n // chunks, (chunk + 1) * n // chunks):
-            for a in range(dim):
-                u[a] = (xi[k, a] - lower[a]) / size[a]
-                v[a] = (xj[k, a] - lower[a]) / size[a]
-            first = min(first_zero(c, around, 1.0, u, v), _first_face(c.shape, around, u, v))
-            t[k] = min(max(first, LEAST_T), 1.0)
-    return t
+@njit(cache=True, nogil=True)
+def put_first_zeros(rows, c, around, ends, lower, size, t):
+    """Fraction in (0, 1] of the way from xi to xj, (n, dim) m, to the first zero or face into t (n,); 1 without one."""
+    xi, xj = ends
+    u, v = np.empty(3), np.empty(3)
+    u[2] = v[2] = 0.5
+    for k in range(rows[0], rows[1]):
+        for a in range(xi.shape[1]):
+            u[a] = (xi[k, a] - lower[a]) / size[a]
+            v[a] = (xj[k, a] - lower[a]) / size[a]
+        first = min(first_zero(c, around, 1.0, u, v), _first_face(c.shape, around, u, v))
+        t[k] = min(max(first, LEAST_T), 1.0)
 
 
 @njit(cache=True)

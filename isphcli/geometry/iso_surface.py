@@ -11,12 +11,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import get_num_threads, njit, prange
+from numba import njit
 from scipy import ndimage
 
+from ..domain.row_threads import over_rows
 from .faces import AT_REST, Walls
 from .grey import sharpen
-from .iso_crossings import first_zero, first_zeros
+from .iso_crossings import first_zero, put_first_zeros
 from .label_field import most_probable_field
 from .labels import ClearLayers, with_clear_layers
 from .protocol import sample_voxels
@@ -114,14 +115,18 @@ class IsoSurfaceGeometry(VoxelGeometry):
 
     def phase(self, x: np.ndarray) -> np.ndarray:
         """(n,) int8: index of the fluid where the field is positive, -1 elsewhere and beyond non-periodic faces."""
-        return _phases(self._spline, self._fluid, self._around, self._points(x))
+        u = self._points(x)
+        phase = np.empty(len(u), dtype=np.int8)
+        over_rows(_put_phases, len(u), self._spline, self._fluid, self._around, u, phase)
+        return phase
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         """(n,) signed distance to the wall, m; its sign agrees with `phase`."""
         u = self._points(x)
         if not self.has_solid:
             return np.full(len(u), np.inf)
-        d = _distances(self._spline, self._distance_of_centres, self._around, self._voxel, u, get_num_threads())
+        d = np.empty(len(u))
+        over_rows(_put_distances, len(u), self._spline, self._distance_of_centres, self._around, self._voxel, u, d)
         return np.where(np.abs(d) > 1e20, np.copysign(np.inf, d), d * self._unit)
 
     def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
@@ -130,7 +135,9 @@ class IsoSurfaceGeometry(VoxelGeometry):
         xi, xj = np.asarray(xi, dtype=float), np.asarray(xj, dtype=float)
         if not self.has_solid:
             return np.ones(len(xi))
-        return first_zeros(self._spline, self._around, xi, xj, self.lower, self.voxel_size, get_num_threads())
+        t = np.empty(len(xi))
+        over_rows(put_first_zeros, len(xi), self._spline, self._around, (xi, xj), self.lower, self.voxel_size, t)
+        return t
 
 
 @njit(cache=True, inline="always")
@@ -146,26 +153,21 @@ def _inside(c, n):
     return n - 1 if c == n else _voxel_of(c)
 
 
-@njit(cache=True, parallel=True)
-def _phases(c, fluid, around, u):
-    phase = np.empty(len(u), dtype=np.int8)
-    for k in prange(len(u)):
+@njit(cache=True, nogil=True)
+def _put_phases(rows, c, fluid, around, u, phase):
+    for k in range(rows[0], rows[1]):
         value, _, _, _ = value_and_slope(c, around, u[k, 0], u[k, 1], u[k, 2])
         phase[k] = _fluid_at(fluid, around, u[k, 0], u[k, 1], u[k, 2]) if value > 0.0 else -1
-    return phase
 
 
-@njit(cache=True, parallel=True)
-def _distances(c, edt, around, voxel, u, chunks):
-    """Distances (n,) of points u (n, 3), units of `voxel`: along the slope to the zero; far off, as between voxels."""
-    n = len(u)
-    d = np.empty(n)
-    for chunk in prange(chunks):
-        end = np.empty(3)
-        for k in range(chunk * n // chunks, (chunk + 1) * n // chunks):
-            d[k] = join_faces(_distance(c, edt, around, voxel, u[k], end), c.shape, around, voxel, u[k, 0], u[k, 1],
-                              u[k, 2])
-    return d
+@njit(cache=True, nogil=True)
+def _put_distances(rows, c, edt, around, voxel, u, d):
+    """Distances of points u (n, 3), units of `voxel`, into d (n,): along the slope to the zero; far off, as between
+    voxels."""
+    end = np.empty(3)
+    for k in range(rows[0], rows[1]):
+        d[k] = join_faces(_distance(c, edt, around, voxel, u[k], end), c.shape, around, voxel, u[k, 0], u[k, 1],
+                          u[k, 2])
 
 
 @njit(cache=True)

@@ -17,9 +17,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from scipy.special import ndtri
 
+from ..domain.row_threads import over_rows
 from .labels import unlike_next
 from .modes import Modes
 
@@ -85,23 +86,25 @@ def _share_kept(modes: Modes, length: float) -> np.ndarray:
     return (c / (c + NOISE)).astype(np.float32)
 
 
-@njit(cache=True, parallel=True)
-def _lifted(field, sign, noise):
+def _lifted(field: np.ndarray, sign: np.ndarray, noise: float) -> np.ndarray:
     """Expected value of the noisy field where its sign is known: f + s noise phi(z) / Phi(z), z = s f / noise."""
-    out = np.empty_like(field)
-    for layer in prange(field.shape[0]):
-        for y in range(field.shape[1]):
-            for x in range(field.shape[2]):
-                f, s = field[layer, y, x], sign[layer, y, x]
-                z = s * f / noise
-                if z > CERTAIN:
-                    more = 0.0
-                elif z < -5.0 * CERTAIN:
-                    more = -z  # the limit of the quotient
-                else:
-                    more = math.exp(-0.5 * z * z) / (math.sqrt(0.5 * math.pi) * math.erfc(-z / math.sqrt(2.0)))
-                out[layer, y, x] = f + s * noise * more
+    out = np.empty(field.shape, field.dtype)
+    over_rows(_put_lifted, field.size, field.reshape(-1), sign.reshape(-1), noise, out.reshape(-1))
     return out
+
+
+@njit(cache=True, nogil=True)
+def _put_lifted(rows, field, sign, noise, out):
+    for k in range(rows[0], rows[1]):
+        f, s = field[k], sign[k]
+        z = s * f / noise
+        if z > CERTAIN:
+            more = 0.0
+        elif z < -5.0 * CERTAIN:
+            more = -z  # the limit of the quotient
+        else:
+            more = math.exp(-0.5 * z * z) / (math.sqrt(0.5 * math.pi) * math.erfc(-z / math.sqrt(2.0)))
+        out[k] = f + s * noise * more
 
 
 def _turns(ahead: np.ndarray, following: np.ndarray, field: np.ndarray) -> float:
@@ -109,9 +112,13 @@ def _turns(ahead: np.ndarray, following: np.ndarray, field: np.ndarray) -> float
     return float(np.vdot(ahead - following, following - field))
 
 
-@njit(cache=True, parallel=True)
-def _ahead(following, field, share):
-    out = np.empty_like(following)
-    for layer in prange(following.shape[0]):
-        out[layer] = following[layer] + share * (following[layer] - field[layer])
+def _ahead(following: np.ndarray, field: np.ndarray, share: np.float32) -> np.ndarray:
+    out = np.empty(following.shape, following.dtype)
+    over_rows(_put_ahead, field.size, following.reshape(-1), field.reshape(-1), share, out.reshape(-1))
     return out
+
+
+@njit(cache=True, nogil=True)
+def _put_ahead(rows, following, field, share, out):
+    for k in range(rows[0], rows[1]):
+        out[k] = following[k] + share * (following[k] - field[k])

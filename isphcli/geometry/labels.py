@@ -11,6 +11,7 @@ import numpy as np
 
 from .images.image import VoxelError
 
+FEW = 16  # values: an image of no more holds labels, one of more grey values
 
 def crop(
     values: np.ndarray, ranges: Sequence[Sequence[int]] | None, path: str | Path = "image"
@@ -134,13 +135,33 @@ def faces_that_differ(solid: np.ndarray, periodic: Sequence[bool]) -> tuple[str,
     return tuple(said)
 
 
-def few_values(values: np.ndarray, most: int) -> tuple[list[int], list[int]]:
-    """The values of an image of integers or bools, in order, and their counts; where there are more than `most`, more
-    than so many of them. None of real numbers."""
+class LabelGuess(NamedTuple):
+    """What the values of an image are taken for where nobody has said it: solid, pores: values; shares: {value: voxels}
+    of all of them, ascending."""
+
+    solid: int
+    pores: list[int]
+    shares: dict[int, int]
+
+
+def guess_labels(values: np.ndarray) -> LabelGuess | None:
+    """Of an image of at most `FEW` integers or bools: of two values the higher one is solid, else the most frequent
+    one. None of more values and of real numbers: they are grey."""
+    shares = _few_values(values)
+    if shares is None:
+        return None
+    solid = max(shares) if len(shares) == 2 else max(shares, key=shares.__getitem__)
+    return LabelGuess(solid, [value for value in shares if value != solid], shares)
+
+
+def _few_values(values: np.ndarray) -> dict[int, int] | None:
+    """{value: voxels}, ascending, of an image of few integers or bools, else None."""
+    if values.dtype.kind == "f":
+        return None
     found: dict[int, int] = {}
     for layer in values:
-        if len(found) > most or values.dtype.kind == "f":
-            break
         for value, count in zip(*np.unique(layer, return_counts=True)):
             found[int(value)] = found.get(int(value), 0) + int(count)
-    return sorted(found), [found[value] for value in sorted(found)]
+        if len(found) > FEW:
+            return None
+    return dict(sorted(found.items()))

@@ -11,7 +11,7 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from scipy.spatial.transform import Rotation
 
 from .bodies import BALL, BLOCK, CYLINDER, HALF_SPACE
@@ -114,12 +114,11 @@ ROUND_ABOUT = _directions()
 ROUND_ABOUT_2D = np.array([[np.cos(a), np.sin(a), 0.0] for a in (np.arange(16) + 0.3) * np.pi / 8])
 
 
-@njit(cache=True, parallel=True)
-def _beside(x, grid):
-    """A fluid shape (-1: what fills the box) beside each point, -2 if there is solid beside it too."""
-    found = np.empty(len(x), np.int64)
+@njit(cache=True, nogil=True)
+def _put_beside(rows, x, grid, found):
+    """A fluid shape (-1: what fills the box) beside each point, -2 if there is solid beside it too, into found (n,)."""
     ways, step = ROUND_ABOUT_2D if grid.dim == 2 else ROUND_ABOUT, grid.probe
-    for k in prange(len(x)):
+    for k in range(rows[0], rows[1]):
         beside = -2
         for w in range(len(ways)):
             top = _topmost(
@@ -130,7 +129,6 @@ def _beside(x, grid):
                 break
             beside = max(beside, top)
         found[k] = beside
-    return found
 
 
 @njit(cache=True)
@@ -323,32 +321,22 @@ def _meets(p, m, wanted, near, grid):
     return False
 
 
-@njit(cache=True, parallel=True)
-def _walls_near(x, bound, known, grid, chunks):
-    """Signed distance (n,) to the nearest wall and its index (n,).
+@njit(cache=True, nogil=True)
+def _put_walls(rows, x, d, wall, grid):
+    """Put the signed distance to the nearest wall and its index in place of lower bounds d (n,) and the indices (n,) of
+    the surfaces that they are to.
 
-    x: (n, 3) in the box or beyond closed faces; bound, known: (n,) signed lower bound of the distance and the index
-    of the surface it is to. Walls are where there is solid beside fluid. The nearest point of them is the foot of
-    x on one surface, on the line where two meet or on a point of three: those of the surfaces near by are tried.
+    x: (n, 3) in the box or beyond closed faces. Walls are where there is solid beside fluid. The nearest point of them
+    is the foot of x on one surface, on the line where two meet or on a point of three: those of the surfaces near by
+    are tried.
     """
-    n = len(x)
-    d, wall = bound.copy(), known.copy()
-    for chunk in prange(chunks):
-        first, last = chunk * n // chunks, (chunk + 1) * n // chunks
-        _put_walls(x[first:last], d[first:last], wall[first:last], grid)
-    return d, wall
-
-
-@njit(cache=True)
-def _put_walls(x, d, wall, grid):
-    """Put the distance to the nearest wall and its index in place of the bounds d (n,) and the indices (n,)."""
     dim, step = grid.dim, grid.probe
     size = np.sqrt(((grid.edge[:dim] * grid.counts[:dim]) ** 2).sum())
     near = Near(np.zeros((MOST_SURFACES + 1, 9)), np.zeros(MOST_SURFACES), np.zeros(9), np.zeros(3), np.zeros(3),
                 np.zeros(3, np.int64), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
     p, at = np.zeros(3), np.zeros(3)
     ways, away = ROUND_ABOUT_2D if dim == 2 else ROUND_ABOUT, 4.0 * step
-    for k in range(len(x)):
+    for k in range(rows[0], rows[1]):
         at[:], p[:] = x[k], 0.0
         least = abs(d[k])
         wanted = d[k] > 0.0  # in fluid solid is looked for, in a solid fluid

@@ -48,6 +48,10 @@ class Geometry(Protocol):
         """(n,) int8: -1 in a solid, otherwise the index of the fluid."""
         ...
 
+    def microporous(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int8: index of the microporous rock that fluid seeps through, -1 in clear fluid and solids."""
+        ...
+
     def distance(self, x: np.ndarray) -> np.ndarray:
         """(n,) signed distance to the wall, > 0 in fluid; +inf where there is no wall at all."""
         ...

@@ -8,7 +8,7 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from .bodies import BALL, BLOCK, CYLINDER, HALF_SPACE, ROUND_OFF
 
@@ -102,25 +102,15 @@ class Line(NamedTuple):
     local: np.ndarray
 
 
-@njit(cache=True, parallel=True)
-def _crossings(xi, xj, grid, chunks):
-    """Fraction (n,) of the way from xi to xj (n, dim) to the first wall; grid: a `shape_geometry.PieceGrid`."""
-    n = len(xi)
-    t = np.empty(n)
-    for chunk in prange(chunks):
-        first, last = chunk * n // chunks, (chunk + 1) * n // chunks
-        _put_crossings(xi[first:last], xj[first:last], grid, t[first:last])
-    return t
-
-
-@njit(cache=True)
-def _put_crossings(xi, xj, grid, t):
-    n, dim = xi.shape
+@njit(cache=True, nogil=True)
+def _put_crossings(rows, xi, xj, grid, t):
+    """Fraction of the way from xi to xj (n, dim) to the first wall into t (n,); grid: a `shape_geometry.PieceGrid`."""
+    dim = xi.shape[1]
     lower, edge, counts, around = grid.lower, grid.edge, grid.counts, grid.around
     line = Line(np.zeros(3), np.zeros(3), np.zeros((3, 3), np.int64), np.zeros(3), np.zeros(3))
     x, dx = line.x, line.dx
     chords, owner = np.zeros((32, 2)), np.zeros(32, np.int64)
-    for k in range(n):
+    for k in range(rows[0], rows[1]):
         end, r2 = 1.0, 0.0
         for a in range(dim):
             x[a], dx[a] = xi[k, a], xj[k, a] - xi[k, a]

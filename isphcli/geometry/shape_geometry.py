@@ -6,12 +6,12 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import get_num_threads
 
+from ..domain.row_threads import over_rows
 from .bodies import ROUND_OFF, Cylinder, HalfSpace, Shape, ShapeError, Sphere, _check_body
 from .faces import AT_REST, Walls, face_distance
-from .nearest_wall import PROBE, _beside, _in_3d, _walls_near
-from .segment_walls import CELLS_A_PIECE, _crossings, _extent, _fill_cells, _images
+from .nearest_wall import PROBE, _in_3d, _put_beside, _put_walls
+from .segment_walls import CELLS_A_PIECE, _extent, _fill_cells, _images, _put_crossings
 
 
 class ShapeGeometry:
@@ -107,10 +107,20 @@ class ShapeGeometry:
         phase[face_distance(x, self.lower, self.upper, self.periodic)[0] <= self.round_off] = -1
         seam &= phase < 0
         if seam.any():
-            beside = _beside(_in_3d(x[seam]), self._pieces())
+            points = _in_3d(x[seam])
+            beside = np.empty(len(points), np.int64)
+            over_rows(_put_beside, len(points), points, self._pieces(), beside)
             phases = np.array([self.fluid, *(s.phase for s in self.shapes)], dtype=np.int8)
             phase[seam] = np.where(beside < -1, -1, phases[beside + 1])
         return phase
+
+    def microporous(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int8: index of the microporous rock of the shape on top, -1 in clear fluid and solids."""
+        x = self._wrapped(x)
+        found = np.full(len(x), -1, dtype=np.int8)
+        for shape in self.shapes:
+            found[shape.signed_distance(x, self.period) <= self.round_off] = shape.microporous
+        return found
 
     def interface_distance(self, x: np.ndarray) -> np.ndarray:
         """(n,) signed distance to where fluids 0 and 1 meet, m, > 0 in fluid 0; solids lie on it and end nothing.
@@ -149,7 +159,9 @@ class ShapeGeometry:
         xi, xj = np.asarray(xi, float), np.asarray(xj, float)
         if not self.has_solid or not len(xi):
             return np.ones(len(xi))
-        return _crossings(xi, xj, self._pieces(), get_num_threads())
+        t = np.empty(len(xi))
+        over_rows(_put_crossings, len(xi), xi, xj, self._pieces(), t)
+        return t
 
     def _pieces(self) -> PieceGrid:
         if self._grid is None:
@@ -188,7 +200,9 @@ class ShapeGeometry:
         is_wall = np.concatenate([np.ones(1 + 2 * self.dim, dtype=bool), bare])
         ask = np.flatnonzero(np.isfinite(d) & ((d <= self.round_off) | ~is_wall[wall]))
         if len(ask) and self.shapes:
-            d[ask], wall[ask] = _walls_near(_in_3d(x[ask]), d[ask], wall[ask], self._pieces(), get_num_threads())
+            near, owner = d[ask], wall[ask]
+            over_rows(_put_walls, len(ask), _in_3d(x[ask]), near, owner, self._pieces())
+            d[ask], wall[ask] = near, owner
         return d, wall
 
 

@@ -7,8 +7,10 @@ zero is a smooth surface; trilinear interpolation has facets of the size of a vo
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from scipy import ndimage
+
+from ..domain.row_threads import over_rows
 
 
 def spline_coefficients(field: np.ndarray, around: np.ndarray) -> np.ndarray:
@@ -107,11 +109,15 @@ def value_and_slope(c, around, ux, uy, uz):
     return value, dx, dy, dz
 
 
-@njit(cache=True, parallel=True)
-def slopes(c, around, u):
+def slopes(c: np.ndarray, around: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Slopes per voxel (n,) of the spline with coefficients c at points u (n, 3), in voxel coordinates x, y, z."""
     out = np.empty(len(u))
-    for k in prange(len(u)):
+    over_rows(_put_slopes, len(u), c, around, u, out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _put_slopes(rows, c, around, u, out):
+    for k in range(rows[0], rows[1]):
         _, dx, dy, dz = value_and_slope(c, around, u[k, 0], u[k, 1], u[k, 2])
         out[k] = np.sqrt(dx * dx + dy * dy + dz * dz)
-    return out

@@ -6,26 +6,24 @@ Voxel coordinates: see `voxel_geometry`.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from .voxel_lookup import LEAST_T, TIE, _label, _voxel_of
 
 
-@njit(cache=True, parallel=True)
-def first_faces(grid, around, xi, xj, lower, size, chunks):
-    """(n,) fraction t in (0, 1] of the way from xi to xj, (n, dim) m, to the first solid voxel; 1 without one."""
-    n, dim = xi.shape
-    t = np.empty(n)
-    for chunk in prange(chunks):
-        walk = np.empty((3, 3), np.int64)
-        face, u, v = np.empty(3), np.full(3, 0.5), np.full(3, 0.5)
-        for k in range(chunk * n // chunks, (chunk + 1) * n // chunks):
-            for a in range(dim):
-                u[a] = (xi[k, a] - lower[a]) / size[a]
-                v[a] = (xj[k, a] - lower[a]) / size[a]
-            first = _march(grid, around, u, v, walk, face)
-            t[k] = min(max(first, LEAST_T), 1.0)
-    return t
+@njit(cache=True, nogil=True)
+def put_first_faces(rows, grid, around, ends, lower, size, t):
+    """Fraction in (0, 1] of the way from xi to xj, (n, dim) m, to the first solid voxel into t (n,); 1 without one."""
+    xi, xj = ends
+    walk = np.empty((3, 3), np.int64)
+    face, u, v = np.empty(3), np.empty(3), np.empty(3)
+    u[2] = v[2] = 0.5
+    for k in range(rows[0], rows[1]):
+        for a in range(xi.shape[1]):
+            u[a] = (xi[k, a] - lower[a]) / size[a]
+            v[a] = (xj[k, a] - lower[a]) / size[a]
+        first = _march(grid, around, u, v, walk, face)
+        t[k] = min(max(first, LEAST_T), 1.0)
 
 
 @njit(cache=True)

@@ -10,13 +10,15 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from numba import get_num_threads, njit, prange
+from numba import njit
+from scipy import ndimage
 
+from ..domain.row_threads import over_rows
 from .faces import AT_REST, Walls, face_distance
 from .labels import ClearLayers, with_clear_layers
-from .voxel_crossings import first_faces
+from .voxel_crossings import put_first_faces
 from .voxel_lookup import FAR, _label, _voxel_of
-from .wall_distance import signed_centre_distance, stairs_distances
+from .wall_distance import put_stairs_distances, signed_centre_distance
 
 
 class VoxelGeometry:
@@ -33,6 +35,7 @@ class VoxelGeometry:
     warnings: tuple[str, ...] = ()
     described: tuple[tuple[str, str], ...] = ()
     wall_spin: np.ndarray | None = None
+    _microporous: np.ndarray | None = None  # see `fill_with`
 
     def __init__(
         self,
@@ -99,7 +102,28 @@ class VoxelGeometry:
 
     def phase(self, x: np.ndarray) -> np.ndarray:
         """(n,) int8: label of the voxel that holds each point; -1 in solids and beyond non-periodic faces."""
-        return _phases(self._grid, self._around, self._points(x))
+        return self._labels_at(x, self._grid)
+
+    def _labels_at(self, x: np.ndarray, grid: np.ndarray) -> np.ndarray:
+        u = self._points(x)
+        label = np.empty(len(u), dtype=np.int8)
+        over_rows(_put_phases, len(u), grid, self._around, u, label)
+        return label
+
+    def fill_with(self, microporous: np.ndarray, layers: ClearLayers | None) -> None:
+        """Tells which microporous rock voxels are filled with: int8 as `labels` without layers, -1 for none. Solids
+        take what the nearest voxel of fluid has: a smooth wall may leave fluid in them."""
+        filled = with_clear_layers(microporous, layers, -1).reshape(self._grid.shape).astype(np.int8)
+        if self._solid == 1:
+            nearest = ndimage.distance_transform_edt(self._grid < 0, self._voxel[::-1], False, True)
+            filled = filled[tuple(nearest)]
+        self._microporous = np.ascontiguousarray(filled)
+
+    def microporous(self, x: np.ndarray) -> np.ndarray:
+        """(n,) int8: index of the microporous rock of the voxel that holds each point, -1 in clear fluid."""
+        if self._microporous is None:
+            return np.full(len(x), -1, dtype=np.int8)
+        return self._labels_at(x, self._microporous)
 
     def interface_distance(self, x: np.ndarray) -> None:
         """None: labels say which fluid is where."""
@@ -109,7 +133,8 @@ class VoxelGeometry:
         u = self._points(x)
         if not self.has_solid:
             return np.full(len(u), np.inf)
-        d = stairs_distances(self._grid, self._field, self._around, self._voxel, u)
+        d = np.empty(len(u))
+        over_rows(put_stairs_distances, len(u), self._grid, self._field, self._around, self._voxel, u, d)
         return np.where(np.abs(d) > 1e20, np.copysign(np.inf, d), d * self._unit)
 
     def wall(self, x: np.ndarray) -> np.ndarray:
@@ -128,7 +153,9 @@ class VoxelGeometry:
         xi, xj = np.asarray(xi, dtype=float), np.asarray(xj, dtype=float)
         if not self.has_solid:
             return np.ones(len(xi))
-        return first_faces(self._grid, self._around, xi, xj, self.lower, self.voxel_size, get_num_threads())
+        t = np.empty(len(xi))
+        over_rows(put_first_faces, len(xi), self._grid, self._around, (xi, xj), self.lower, self.voxel_size, t)
+        return t
 
     def _points(self, x: np.ndarray) -> np.ndarray:
         """Voxel coordinates (n, 3); the layer of a 2D image has z = 1/2."""
@@ -138,9 +165,7 @@ class VoxelGeometry:
         return u
 
 
-@njit(cache=True, parallel=True)
-def _phases(grid, around, u):
-    phase = np.empty(len(u), dtype=np.int8)
-    for k in prange(len(u)):
+@njit(cache=True, nogil=True)
+def _put_phases(rows, grid, around, u, phase):
+    for k in range(rows[0], rows[1]):
         phase[k] = _label(grid, around, _voxel_of(u[k, 0]), _voxel_of(u[k, 1]), _voxel_of(u[k, 2]))
-    return phase

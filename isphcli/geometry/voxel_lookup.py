@@ -10,7 +10,7 @@ FAR = np.float32(1e30)
 LEAST_T = 1e-9  # of a segment: crossing of a wall that passes through its first point
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy")
 def _label(grid, around, ix, iy, iz):
     """Label of voxel (ix, iy, iz), wrapped along periodic axes, -1 outside along the others."""
     nz, ny, nx = grid.shape

@@ -8,8 +8,9 @@ Voxel coordinates: see `voxel_geometry`.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from ..domain.row_threads import over_rows
 from .voxel_lookup import FAR, _label, _voxel_of
 
 
@@ -34,23 +35,24 @@ def nearest_centre(target: np.ndarray, voxel: np.ndarray, around: np.ndarray) ->
         shape = np.moveaxis(squares, axis, 2).shape
         f = np.ascontiguousarray(np.moveaxis(squares, axis, 2)).reshape(-1, n)
         g = np.ascontiguousarray(np.moveaxis(steps, axis, 2)).reshape(-1, n)
-        _lower_envelopes(f, g, float(voxel[2 - axis]), bool(around[2 - axis]))
+        over_rows(_lower_envelopes, len(f), f, g, float(voxel[2 - axis]), bool(around[2 - axis]))
         squares = np.moveaxis(f.reshape(shape), 2, axis)
         steps = np.moveaxis(g.reshape(shape), 2, axis)
     half = np.where(steps > 0, 0.5 / np.sqrt(np.maximum(steps, 1)), 0)
     return np.ascontiguousarray(np.sqrt(squares) * (1 - half), dtype=np.float32)
 
 
-@njit(cache=True, parallel=True)
-def _lower_envelopes(f, g, h, periodic):
+@njit(cache=True, nogil=True)
+def _lower_envelopes(rows, f, g, h, periodic):
     """One pass of the distance transform of Felzenszwalb and Huttenlocher (2012), in place: row by row
     f[q] = min over p of f[p] + h^2 (q - p)^2, and g[q] = g[p] + (q - p)^2 with the p that gives it."""
-    lines, n = f.shape
-    for line in prange(lines):
-        first, last = (-n, 2 * n) if periodic else (0, n)
-        value, step = f[line].copy(), g[line].copy()
-        place = np.empty(last - first, dtype=np.int64)
-        start = np.empty(last - first)
+    n = f.shape[1]
+    first, last = (-n, 2 * n) if periodic else (0, n)
+    value, step = np.empty_like(f[0]), np.empty_like(f[0])
+    place, start = np.empty(last - first, dtype=np.int64), np.empty(last - first)
+    for line in range(rows[0], rows[1]):
+        for q in range(n):
+            value[q], step[q] = f[line, q], g[line, q]
         k = -1
         for p in range(first, last):
             fp = value[p % n]
@@ -148,12 +150,10 @@ def _stairs(grid, around, voxel, ux, uy, uz, far):
     return d if fluid else -d
 
 
-@njit(cache=True, parallel=True)
-def stairs_distances(grid, field, around, voxel, u):
-    """Distances (n,) to the faces of solid voxels at points u (n, 3)."""
-    d = np.empty(len(u))
-    for k in prange(len(u)):
+@njit(cache=True, nogil=True)
+def put_stairs_distances(rows, grid, field, around, voxel, u, d):
+    """Distances to the faces of solid voxels at points u (n, 3) into d (n,)."""
+    for k in range(rows[0], rows[1]):
         ux, uy, uz = u[k, 0], u[k, 1], u[k, 2]
         far = join_faces(interpolate(field, around, ux, uy, uz), grid.shape, around, voxel, ux, uy, uz)
         d[k] = _stairs(grid, around, voxel, ux, uy, uz, far)
-    return d

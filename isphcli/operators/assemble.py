@@ -1,25 +1,29 @@
 """Sparse matrices of pair weights."""
 
+from __future__ import annotations
+
 import numpy as np
 import scipy.sparse as sp
+from numba import njit
+
+from ..domain.row_threads import over_rows
 
 
-def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: float, scale: float,
+def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: float | np.ndarray, scale: float,
              diagonal: np.ndarray | None = None) -> sp.csr_matrix:
     """The matrix  shift - scale * L  in canonical CSR form, L f_i = sum_j w_ij (f_j - f_i) - diagonal_i f_i.
 
-    weights: (n_pairs,); shift, scale: numbers; diagonal: (n,) wall sums or None.
+    weights: (n_pairs,); shift: a number or (n,); scale: a number; diagonal: (n,) wall sums or None.
     """
-    n = len(start) - 1
-    total = row_sums(start, weights)
-    if diagonal is not None:
-        total = total + diagonal
-    # scipy sorts in place: it must not reorder the columns that the operators hold
-    matrix = sp.csr_matrix((-scale * weights, column.copy(), start.copy()), shape=(n, n))
-    matrix = matrix + sp.diags_array(shift + scale * total).tocsr()
-    matrix.sum_duplicates()
-    if max(matrix.nnz, n) < 2**31:
-        matrix.indptr, matrix.indices = matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32)
+    n, size = len(start) - 1, len(column) + len(start) - 1
+    # scipy takes 4-byte row pointers only together with 4-byte columns
+    first = (start + np.arange(n + 1)).astype(np.int32 if size < 2**31 else np.int64)
+    index, entries = np.empty(size, first.dtype), np.empty(size)
+    walls = np.zeros(0) if diagonal is None else diagonal
+    twice = over_rows(_put_rows, n, (start, column, weights), walls, shift, scale, (index, entries))
+    matrix = sp.csr_matrix((entries, index, first), shape=(n, n))
+    matrix.has_sorted_indices, matrix.has_canonical_format = True, not any(twice)
+    matrix.sum_duplicates()  # of a neighbour that is seen through two sides of a thin box
     return matrix
 
 
@@ -27,3 +31,29 @@ def row_sums(start: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Sums of the entries of each row, (n,); empty rows give zero."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     return total[start[1:]] - total[start[:-1]]
+
+
+@njit(cache=True, nogil=True)
+def _put_rows(rows, pairs, walls, shift, scale, out):
+    """Columns, sorted, and entries of rows; returns whether a column occurs twice in one."""
+    start, column, weights = pairs
+    index, entries = out
+    twice = False
+    for i in range(rows[0], rows[1]):
+        begin = start[i] + i
+        end, total = begin + 1, walls[i] if len(walls) > 0 else 0.0
+        index[begin], entries[begin] = i, 0.0
+        for p in range(start[i], start[i + 1]):
+            total += weights[p]
+            j, at = column[p], end
+            while at > begin and index[at - 1] > j:  # most neighbours come in runs of rising columns
+                index[at], entries[at] = index[at - 1], entries[at - 1]
+                at -= 1
+            twice |= at > begin and index[at - 1] == j
+            index[at], entries[at] = j, -scale * weights[p]
+            end += 1
+        for at in range(begin, end):
+            if index[at] == i:
+                entries[at] += shift + scale * total
+                break
+    return twice

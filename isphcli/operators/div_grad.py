@@ -13,7 +13,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from ..domain.row_threads import over_rows
 
 if TYPE_CHECKING:
     from .pair_weights import Operators
@@ -27,16 +29,17 @@ def div_grad_rhie_chow(ops: Operators, symmetric_p: np.ndarray, p: np.ndarray, g
     """
     walls = ops.walls
     assert walls is not None
-    return _div_grad_rhie_chow(ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p), walls.div, p, grad_p)
+    weights, out = (ops.grad, walls.symmetric_laplacian, symmetric_p), np.empty(ops.n)
+    over_rows(_div_grad_rhie_chow, ops.n, ops.neighbours, weights, walls.div, p, grad_p, out)
+    return out
 
 
-@njit(cache=True, parallel=True)
-def _div_grad_rhie_chow(neighbours, weights, wall_div, p, grad_p):
+@njit(cache=True, nogil=True)
+def _div_grad_rhie_chow(rows, neighbours, weights, wall_div, p, grad_p, out):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     grad, symmetric, symmetric_p = weights
-    n, dim = grad_p.shape
-    out = np.empty(n)
-    for i in prange(n):
+    dim = grad_p.shape[1]
+    for i in range(rows[0], rows[1]):
         divergence, odd_even = 0.0, 0.0
         for k in range(dim):
             divergence -= wall_div[i, k] * grad_p[i, k]
@@ -48,7 +51,6 @@ def _div_grad_rhie_chow(neighbours, weights, wall_div, p, grad_p):
                 divergence += grad[q, k] * (grad_p[j, k] - grad_p[i, k])
             odd_even += symmetric_p[q] * (p[j] - p[i]) - symmetric[q] * expected
         out[i] = -divergence - odd_even  # eq. 3 beside walls: -(div grad p + S p)
-    return out
 
 
 def diagonal(ops: Operators, symmetric_p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
@@ -57,7 +59,9 @@ def diagonal(ops: Operators, symmetric_p: np.ndarray, grad_p: np.ndarray) -> np.
     walls = ops.walls
     assert walls is not None
     weights = ops.grad, walls.symmetric_laplacian, symmetric_p, grad_p
-    return _diagonal(ops.neighbours, weights, walls.div, walls.near_wall)
+    out = np.zeros(ops.n)
+    over_rows(_diagonal, ops.n, ops.neighbours, weights, walls.div, walls.near_wall, out)
+    return out
 
 
 def adjoint_divergence(ops: Operators) -> None:
@@ -72,19 +76,19 @@ def adjoint_divergence(ops: Operators) -> None:
     """
     walls = ops.walls
     assert walls is not None
-    rows = np.flatnonzero(walls.narrow)
-    if len(rows) == 0:
+    narrow = np.flatnonzero(walls.narrow)
+    if len(narrow) == 0:
         return
-    _adjoint_divergence(ops.neighbours, ops.volume, ops.grad_p, rows, ops.grad, walls.div, walls.div_velocity)
+    _adjoint_divergence(ops.neighbours, ops.volume, ops.grad_p, narrow, ops.grad, walls.div, walls.div_velocity)
 
 
-@njit(cache=True, parallel=True)
-def _adjoint_divergence(neighbours, volume, grad_p, rows, grad, wall_div, wall_div_velocity):
+@njit(cache=True)
+def _adjoint_divergence(neighbours, volume, grad_p, narrow, grad, wall_div, wall_div_velocity):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     dim = x.shape[1]
-    for r in prange(len(rows)):
-        i = rows[r]
-        wall_div[i] = 0.0
+    for i in narrow:
+        for k in range(dim):
+            wall_div[i, k] = 0.0
         wall_div_velocity[i] = 0.0
         for q in range(start[i], start[i + 1]):
             j, away = column[q], 0.0
@@ -104,13 +108,12 @@ def _adjoint_divergence(neighbours, volume, grad_p, rows, grad, wall_div, wall_d
                 wall_div[i, k] -= grad[q, k] + grad_p[q, k]
 
 
-@njit(cache=True, parallel=True)
-def _diagonal(neighbours, weights, wall_div, near_wall):
+@njit(cache=True, nogil=True)
+def _diagonal(rows, neighbours, weights, wall_div, near_wall, out):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     grad, symmetric, symmetric_p, grad_p = weights
-    n, dim = wall_div.shape
-    out = np.zeros(n)
-    for i in prange(n):
+    dim = wall_div.shape[1]
+    for i in range(rows[0], rows[1]):
         for q in range(start[i], start[i + 1]):
             out[i] += symmetric_p[q]
         if not near_wall[i]:
@@ -127,4 +130,3 @@ def _diagonal(neighbours, weights, wall_div, near_wall):
                     if column[back] == i:
                         out[i] -= other * grad_p[back, k]
             out[i] -= own * slope
-    return out

@@ -6,7 +6,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from ..domain.row_threads import over_rows
 
 if TYPE_CHECKING:
     from .pair_weights import Operators
@@ -23,15 +25,16 @@ def laplacian_excess(ops: Operators) -> np.ndarray:
     On lattices c / dx^2 is 0.08 in 3D with a support of 2.1, and 0.09 in 2D with 2.3.
     """
     near_wall = ops.walls.near_wall if ops.walls is not None else np.zeros(ops.n, np.bool_)
-    return _laplacian_excess(ops.neighbours, ops.lap, near_wall)
+    out = np.zeros(ops.n)
+    over_rows(_laplacian_excess, ops.n, ops.neighbours, ops.lap, near_wall, out)
+    return out
 
 
-@njit(cache=True, parallel=True)
-def _laplacian_excess(neighbours, lap, near_wall):
+@njit(cache=True, nogil=True)
+def _laplacian_excess(rows, neighbours, lap, near_wall, out):
     start, row, x = neighbours.start, neighbours.row, neighbours.x
-    n, dim = len(start) - 1, x.shape[1]
-    out = np.zeros(n)
-    for i in prange(n):
+    dim = x.shape[1]
+    for i in range(rows[0], rows[1]):
         fourth, total = 0.0, 0.0
         for p in range(start[i], start[i + 1]):
             r2 = 0.0
@@ -41,4 +44,3 @@ def _laplacian_excess(neighbours, lap, near_wall):
             total += abs(lap[p])
         if not near_wall[i] and fourth > 0.0:
             out[i] = min(fourth / (8.0 * dim * (dim + 2)), DOMINANT / total)  # lap lap r^4 = 8 dim (dim + 2)
-    return out

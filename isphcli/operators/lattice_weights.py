@@ -16,35 +16,36 @@ the weights took 80.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from numba import njit, prange
+from numba import njit
 
 from ..domain import reduce
 from ..domain.exchange import NO_EXCHANGE, Exchange
+from ..domain.row_threads import over_rows
 from .crossings import MEETS_WALL, WallStencils
 from .kernel import normalisation, slope
 from .moments import (
-    CHUNKS,
     correction,
     extremes_2d,
     extremes_3d,
     gather_stencil,
     invert_gradient,
-    new_correction,
-    new_stencil,
+    new_workspace,
     stencil_moments,
-    stencil_size,
 )
 from .neighbourhood_class import NARROW_SHARE_FIXED
 from .protocol import WallSums
-from .wall_weights import add_wall_pair, boundary_sums, meet_walls, new_boundary_sums, new_wall_pair, second_moments
+from .wall_weights import add_wall_pair, boundary_sums, meet_walls, new_boundary_sums, second_moments
 
 # Share by which diagonals of the conductances are raised. Pressure is known up to a constant in each component; in a
 # pocket smaller than an aggregate the coarse matrices hold nothing but that constant and divide by round-off.
 GROUND = 1e-6
+NEAREST = 1.02  # of the smallest squared distance on a lattice: the nearest neighbours
+SAME = 1e-9  # of the largest entry: tensors of whole neighbourhoods differ by round-off of the positions, 1e-13
 MOST_OFFSETS = 255  # more, and every pair keeps an offset of its own: particles off a lattice
 
 
@@ -82,13 +83,27 @@ class Factors(NamedTuple):
     k_tensor_p: np.ndarray
 
 
+class WholeRows(NamedTuple):
+    """Particles that see every offset and no wall have the same weights: kept once, as kernels take them.
+
+    mask: (n,) bool; laplacian: (m,) weights of the m offsets, 1/m2; gradient: (m, 3) of the velocity gradient, 1/m;
+    half_step: (m, 3) half the step times `pair_laplacian`, of any particle. In 2D third columns are zero.
+    """
+
+    mask: np.ndarray
+    laplacian: np.ndarray
+    gradient: np.ndarray
+    half_step: np.ndarray
+
+
 @dataclass(frozen=True)
 class LatticeWeights:
     """The operators of the fluid particles of a steady solve, of the protocol `DiscreteOperators`.
 
     pairs, tensors: see there; walls: sums over the neighbours beyond walls; deficient: particles that fell back on a
     simpler correction; narrow: (n,) bool, particles in pores that the lattice does not resolve, whose divergence is the
-    adjoint one (`divergence_and_rhie_chow`); exchange: where the values of remote particles come from.
+    adjoint one (`divergence_and_rhie_chow`); whole: see `WholeRows`; exchange: where the values of remote particles
+    come from.
     """
 
     pairs: LatticePairs
@@ -96,6 +111,7 @@ class LatticeWeights:
     walls: WallSums
     deficient: int
     narrow: np.ndarray
+    whole: WholeRows
     exchange: Exchange = NO_EXCHANGE
 
     @property
@@ -118,17 +134,24 @@ class LatticeWeights:
         """(n_pairs,) int32 particles that the neighbours are or image."""
         return self.pairs.column
 
+    @property
+    def on_lattice(self) -> bool:
+        """Whether pairs share offsets."""
+        return self.pairs.offset_id.dtype == np.uint8
+
     def gradient_p(self, p: np.ndarray) -> np.ndarray:
         """Pressure gradient (n, dim) of p (n,)."""
-        p = self.exchange.forward(p)
-        gradient = _gradient_p(self.pairs, self.tensors.gradient_p, p)
+        p, gradient = self.exchange.forward(p), np.empty((self.n, self.dim))
+        over_rows(_gradient_p, self.n, self.pairs, self.tensors.gradient_p, p, gradient)
         if len(self.tensors.k_tensor_p):
             gradient -= _second_order(self.pairs, self.tensors.k_tensor_p, p)
         return gradient
 
     def potential_gradient(self, force: np.ndarray) -> np.ndarray:
         """The acceleration force (dim,) as the gradient of its potential, (n, dim): see `DiscreteOperators`."""
-        return _potential_gradient(self.pairs, self.tensors.gradient_p, self.tensors.k_tensor_p, force)
+        out = np.zeros((self.n, self.dim))
+        over_rows(_potential_gradient, self.n, self.pairs, self.tensors.gradient_p, self.tensors.k_tensor_p, force, out)
+        return out
 
     def total_divergence(self, u: np.ndarray) -> np.ndarray:
         """Consistent divergence (n,) of u (n, dim), walls and their velocities included."""
@@ -151,21 +174,70 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1,
         offset_id = np.arange(len(row), dtype=np.int32)
         step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[everyone.owner[row]]
     first_moment, second_moment, pair_laplacian = _offset_weights(step, weight, everyone.kind, everyone.support)
-    deficient, narrow, tensors, sums = _factors(everyone, links, volume, order, walls, not on_lattice)
+    dim, second = x.shape[1], n if order == 2 else 0
+    tensors = Factors(np.empty((n, 9)), np.empty((n, dim, dim)), np.empty((n, dim, dim)), np.empty(n),
+                      np.zeros((second, dim, 6)), np.zeros((0 if on_lattice else second, dim, 6)))
+    sums, narrow = new_boundary_sums(n, dim, walls.slip_length), np.zeros(n, np.bool_)
+    deficient = over_rows(_factors, n, (everyone, links, volume, walls), order, tensors, narrow, sums,
+                          work=partial(new_workspace, everyone))
     pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
-    laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p = tensors
-    gradient_p = exchange.forward(gradient_p)
+    tensors = tensors._replace(gradient_p=exchange.forward(tensors.gradient_p))
     if not on_lattice and order == 2:
-        k_tensor_p = exchange.forward(k_tensor_p)
-    factors = Factors(laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p)
+        tensors = tensors._replace(k_tensor_p=exchange.forward(tensors.k_tensor_p))
     wall_sums = WallSums(*boundary_sums(sums))
-    return LatticeWeights(pairs, factors, wall_sums, int(reduce.total(deficient)), narrow, exchange), row
+    whole = _whole_rows(pairs, tensors, wall_sums, on_lattice)
+    return LatticeWeights(pairs, tensors, wall_sums, int(reduce.total(np.array(deficient))), narrow, whole,
+                          exchange), row
+
+
+def _whole_rows(pairs: LatticePairs, tensors: Factors, walls: WallSums, on_lattice: bool) -> WholeRows:
+    """WholeRows of a lattice, whose tensors differ by round-off alone; off a lattice none is whole."""
+    n, (m, dim) = len(pairs.start) - 1, pairs.step.shape
+    half_step = np.zeros((m, 3))
+    half_step[:, :dim] = 0.5 * pairs.pair_laplacian[:, None] * pairs.step
+    laplacian, gradient = np.zeros(m), np.zeros((m, 3))
+    mask = np.zeros(n, np.bool_)
+    if on_lattice:
+        full = np.flatnonzero((np.diff(pairs.start) == m) & (walls.lap == 0.0))
+        if len(full):
+            one, first, second = full[0], pairs.first_moment, pairs.second_moment
+            laplacian = second @ tensors.laplace[one, :6] - first @ tensors.laplace[one, 6:]
+            gradient[:, :dim] = first[:, :dim] @ tensors.gradient[one].T
+            if len(tensors.k_tensor):
+                gradient[:, :dim] -= second @ tensors.k_tensor[one].T
+            mask[full] = True
+            for tensor, scale in ((tensors.laplace, tensors.laplace), (tensors.gradient, tensors.gradient),
+                                  (tensors.k_tensor, tensors.gradient)):
+                if len(tensor):
+                    apart = np.abs(tensor[full] - tensor[one]).reshape(len(full), -1).max(axis=1)
+                    mask[full] &= apart <= SAME * np.abs(scale[one]).max()
+    return WholeRows(mask, laplacian, gradient, half_step)
 
 
 def velocity_matrix(ops: LatticeWeights, dx: float, dtype: type = float) -> sp.csr_matrix:
     """-dx^2 lap, walls included, in canonical CSR form; columns of remote particles are the last ones."""
-    entries = _velocity_entries(ops.pairs, ops.tensors.laplace, ops.walls.lap, dx * dx, np.dtype(dtype).type(0))
-    return _canonical(ops, *entries)
+    matrix = _empty_matrix(ops, np.dtype(dtype))
+    over_rows(_velocity_entries, ops.n, ops.pairs, ops.tensors.laplace, ops.walls.lap, dx * dx, matrix)
+    return _canonical(ops, *matrix)
+
+
+def nearest_matrix(ops: LatticeWeights, dx: float) -> sp.csr_matrix:
+    """-dx^2 lap of the nearest neighbours on a lattice alone, canonical CSR: 7 entries a row on a cubic one, for 33.
+
+    Each weighs 2 dim / (number in a whole neighbourhood) dx^2 / distance^2, which is exact for quadratic functions
+    there; what walls add is as in `velocity_matrix`. It is symmetric, and as a preconditioner as good.
+    """
+    square = (ops.pairs.step**2).sum(axis=1)
+    near = square < NEAREST * reduce.smallest(square)
+    # a process that has but a few particles may see half of a neighbourhood
+    whole = reduce.largest(np.array([np.count_nonzero(near)]))
+    weight = np.where(near, 2.0 * ops.dim / whole * dx * dx / square, 0.0)
+    first = np.zeros(ops.n + 1, np.int32)
+    over_rows(_count_near, ops.n, ops.pairs, weight, first[1:])
+    np.cumsum(first, out=first)
+    matrix = first, np.empty(first[-1], np.int32), np.empty(first[-1])
+    over_rows(_near_entries, ops.n, ops.pairs, weight, ops.walls.lap, dx * dx, matrix)
+    return _canonical(ops, *matrix)
 
 
 def conductance_matrix(ops: LatticeWeights, w: np.ndarray, dx: float) -> sp.csr_matrix:
@@ -175,8 +247,17 @@ def conductance_matrix(ops: LatticeWeights, w: np.ndarray, dx: float) -> sp.csr_
     the wall is that of its neighbours. With harmonic means, which cut it off from them, beads that touch took twice the
     iterations. The diagonal is raised by `GROUND`.
     """
-    w = ops.exchange.forward(w)
-    return _canonical(ops, *_conductance_entries(ops.pairs, ops.tensors.scale, w, dx * dx))
+    w, matrix = ops.exchange.forward(w), _empty_matrix(ops, np.dtype(float))
+    over_rows(_conductance_entries, ops.n, ops.pairs, ops.tensors.scale, w, dx * dx, matrix)
+    return _canonical(ops, *matrix)
+
+
+def _empty_matrix(ops: LatticeWeights, dtype: np.dtype) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Row pointers, columns and entries of a matrix with the pairs and the diagonal, before its rows."""
+    size = len(ops.column) + ops.n
+    first = np.empty(ops.n + 1, np.int32)
+    first[-1] = size
+    return first, np.empty(size, np.int32), np.empty(size, dtype)
 
 
 def _canonical(ops: LatticeWeights, start: np.ndarray, column: np.ndarray, entries: np.ndarray) -> sp.csr_matrix:
@@ -197,14 +278,18 @@ def divergence_and_rhie_chow(ops: LatticeWeights, u: np.ndarray, pressure: tuple
     in other directions than the walls, and the consistent divergence of a pressure gradient have the wrong sign; that
     of the adjoint has not.
     """
+    out = np.empty(ops.n)
     u, p, grad_p = (ops.exchange.forward(values) for values in (u, *pressure))
-    return _divergence_and_rhie_chow(ops.pairs, ops.tensors, (ops.walls.div, ops.narrow), u, (p, grad_p), factors)
+    walls = ops.walls.div, ops.narrow
+    weights = ops.pairs, ops.tensors, ops.whole
+    over_rows(_divergence_and_rhie_chow, ops.n, weights, walls, u, (p, grad_p), factors, out)
+    return out
 
 
 def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: np.ndarray, grad_p: np.ndarray) -> None:
     """-dx^2 lap u + dx grad p into out (n, dim), grad p into grad_p (n, dim)."""
     u, p = ops.exchange.forward(u), ops.exchange.forward(p)
-    _momentum(ops.pairs, ops.tensors, ops.walls.lap, dx, (u, p), out, grad_p)
+    over_rows(_momentum, ops.n, (ops.pairs, ops.tensors, ops.whole), ops.walls.lap, dx, (u, p), out, grad_p)
     if len(ops.tensors.k_tensor_p):
         more = _second_order(ops.pairs, ops.tensors.k_tensor_p, p)
         grad_p -= more
@@ -213,7 +298,17 @@ def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: 
 
 def symmetric_laplacian(ops: LatticeWeights, f: np.ndarray) -> np.ndarray:
     """sum_j symmetric_ij (f_j - f_i), (n,)."""
-    return _symmetric(ops.pairs, ops.tensors.scale, ops.exchange.forward(f))
+    f, out = ops.exchange.forward(f), np.empty(ops.n)
+    over_rows(_symmetric, ops.n, ops.pairs, ops.tensors.scale, f, out)
+    return out
+
+
+def _second_order(pairs: LatticePairs, k_tensor_p: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """K_i : sum_j T (p_j - p_i), (n, dim)."""
+    n = len(pairs.start) - 1
+    out = np.zeros((n, k_tensor_p.shape[1]))
+    over_rows(_add_second_order, n, pairs, k_tensor_p, p, out)
+    return out
 
 
 # --- building ----------------------------------------------------------------------------------------------------
@@ -296,77 +391,74 @@ def _offset_weights(step, volume, kind, support):
     return first_moment, second_moment, pair_laplacian
 
 
-@njit(cache=True, parallel=True)
-def _factors(neighbours, links, volume, order, walls, off_lattice):
+@njit(cache=True, nogil=True)
+def _factors(rows, work, given, order, tensors, narrow, sums):
     """As `wall_weights._wall_rows`, but the tensors are kept and the weights of the wall pairs only summed up.
 
-    Returns (deficient, narrow, arrays of Factors, arrays of WallSums)."""
+    Into the arrays of Factors, narrow (n,) and the arrays of WallSums; returns how many rows are deficient."""
+    neighbours, links, volume, walls = given
+    laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p = tensors
+    wall_lap, _, wall_div, wall_div_velocity, _ = sums
     start, per_length, fraction, link = neighbours.start, 1.0 / neighbours.support, links.t, links.link
-    n, dim, size = len(start) - 1, neighbours.x.shape[1], stencil_size(start)
-    deficient, narrow = np.zeros(CHUNKS, np.int64), np.zeros(n, np.bool_)
-    laplace, scale = np.empty((n, 9)), np.empty(n)
-    gradient, gradient_p = np.empty((n, dim, dim)), np.empty((n, dim, dim))
-    k_tensor = np.zeros((n if order == 2 else 0, dim, 6))
-    k_tensor_p = np.zeros((n if order == 2 and off_lattice else 0, dim, 6))
-    wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip = new_boundary_sums(n, dim, walls.slip_length)
-    per_area = per_length * per_length
-    for chunk in prange(CHUNKS):
-        stencil, moments = new_stencil(size), np.empty(41)
-        ex, ey, ez, s, w = stencil
-        corrected, gp, pair = new_correction(), np.empty((3, 3)), new_wall_pair(dim)
-        g, _, right, drift, spread = corrected
-        weight = pair[0]
-        first_one, second_one = np.empty((1, 3)), np.empty((1, 6))  # of the one pair at hand
-        for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
-            begin, count = start[i], start[i + 1] - start[i]
-            padded = gather_stencil(neighbours, i, volume, stencil)
-            whole, near_wall = meet_walls(stencil, fraction[begin : begin + count], link[begin : begin + count])
-            stencil_moments(stencil, padded, moments)
-            deficient[chunk] += correction(moments, dim, order, corrected)
-            scale[i] = 2.0 * dim * per_area / whole if whole > 0.0 else 0.0
-            for v in range(6):
-                laplace[i, v] = 2.0 * per_area * right[v, 0]
-            for k in range(3):
-                laplace[i, 6 + k] = per_area * (g[k, 0] * drift[0] + g[k, 1] * drift[1] + g[k, 2] * drift[2])
-            for m in range(dim):
+    moments, gp, pair = work.moments, work.g_p, work.pair
+    ex, ey, ez, s, w = work.stencil
+    g, _, right, drift, spread = work.tensors
+    weight, (first_one, second_one) = pair[0], work.one_pair
+    dim, per_area, deficient = gradient.shape[1], per_length * per_length, 0
+    for i in range(rows[0], rows[1]):
+        begin, count = start[i], start[i + 1] - start[i]
+        padded = gather_stencil(neighbours, i, volume, work.stencil)
+        whole, near_wall = meet_walls(work.stencil, fraction[begin : begin + count], link[begin : begin + count])
+        stencil_moments(work.stencil, padded, moments)
+        deficient += correction(moments, dim, order, work.tensors)
+        scale[i] = 2.0 * dim * per_area / whole if whole > 0.0 else 0.0
+        for v in range(6):
+            laplace[i, v] = 2.0 * per_area * right[v, 0]
+        for k in range(3):
+            laplace[i, 6 + k] = per_area * (g[k, 0] * drift[0] + g[k, 1] * drift[1] + g[k, 2] * drift[2])
+        for m in range(dim):
+            for k in range(dim):
+                gradient[i, m, k] = per_length * g[m, k]
+                gradient_p[i, m, k] = per_length * g[m, k]
+            if order == 2:
                 for k in range(dim):
-                    gradient[i, m, k] = per_length * g[m, k]
-                    gradient_p[i, m, k] = per_length * g[m, k]
-                if order == 2:
-                    for k in range(dim):
-                        gradient[i, m, k] = per_length * (
-                            spread[m, 0] * g[0, k] + spread[m, 1] * g[1, k] + spread[m, 2] * g[2, k])
-                    for v in range(6):
-                        k_tensor[i, m, v] = per_length * right[v, 1 + m]
-            if whole == 0.0:  # nothing is near: at rest, as what walls surround
-                wall_lap[i] = per_area
-            if not near_wall:
-                if len(k_tensor_p) > 0:
-                    gradient_p[i], k_tensor_p[i] = gradient[i], k_tensor[i]
-                continue
-            second_moments(stencil, link[begin : begin + count], moments)
-            invert_gradient(moments, dim, gp)
-            narrow[i] = not _smallest(moments, dim) > NARROW_SHARE_FIXED * whole / dim
-            for m in range(dim):
-                for k in range(dim):
-                    gradient_p[i, m, k] = per_length * gp[m, k]
-            for q in range(count):
-                if link[begin + q] != MEETS_WALL:
-                    continue
-                first_one[0, 0], first_one[0, 1], first_one[0, 2] = w[q] * ex[q], w[q] * ey[q], w[q] * ez[q]
-                b = w[q] / s[q]
-                second_one[0, 0], second_one[0, 1] = b * ex[q] * ex[q], b * ey[q] * ey[q]
-                second_one[0, 2], second_one[0, 3] = b * ez[q] * ez[q], b * ey[q] * ez[q]
-                second_one[0, 4], second_one[0, 5] = b * ex[q] * ez[q], b * ex[q] * ey[q]
-                weight[0] = _lap_weight(laplace, i, second_one, first_one, 0)
+                    gradient[i, m, k] = per_length * (
+                        spread[m, 0] * g[0, k] + spread[m, 1] * g[1, k] + spread[m, 2] * g[2, k])
+                for v in range(6):
+                    k_tensor[i, m, v] = per_length * right[v, 1 + m]
+        if whole == 0.0:  # nothing is near: at rest, as what walls surround
+            wall_lap[i] = per_area
+        if not near_wall:
+            if len(k_tensor_p) > 0:
                 for m in range(dim):
-                    weight[1 + m] = _grad_weight(gradient, k_tensor, i, m, second_one, first_one, 0)
-                sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
-                add_wall_pair(neighbours, walls, i, q, stencil, pair, sums)  # eq. 11
-            if narrow[i]:  # no flux passes a wall
-                wall_div[i], wall_div_velocity[i] = 0.0, 0.0
-    sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
-    return deficient, narrow, (laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p), sums
+                    for k in range(dim):
+                        gradient_p[i, m, k] = gradient[i, m, k]
+                    for v in range(6):
+                        k_tensor_p[i, m, v] = k_tensor[i, m, v]
+            continue
+        second_moments(work.stencil, link[begin : begin + count], moments)
+        invert_gradient(moments, dim, gp)
+        narrow[i] = not _smallest(moments, dim) > NARROW_SHARE_FIXED * whole / dim
+        for m in range(dim):
+            for k in range(dim):
+                gradient_p[i, m, k] = per_length * gp[m, k]
+        for q in range(count):
+            if link[begin + q] != MEETS_WALL:
+                continue
+            first_one[0, 0], first_one[0, 1], first_one[0, 2] = w[q] * ex[q], w[q] * ey[q], w[q] * ez[q]
+            b = w[q] / s[q]
+            second_one[0, 0], second_one[0, 1] = b * ex[q] * ex[q], b * ey[q] * ey[q]
+            second_one[0, 2], second_one[0, 3] = b * ez[q] * ez[q], b * ey[q] * ez[q]
+            second_one[0, 4], second_one[0, 5] = b * ex[q] * ez[q], b * ex[q] * ey[q]
+            weight[0] = _lap_weight(laplace, i, second_one, first_one, 0)
+            for m in range(dim):
+                weight[1 + m] = _grad_weight(gradient, k_tensor, i, m, second_one, first_one, 0)
+            add_wall_pair(neighbours, walls, i, q, work.stencil, pair, sums)  # eq. 11
+        if narrow[i]:  # no flux passes a wall
+            wall_div_velocity[i] = 0.0
+            for m in range(dim):
+                wall_div[i, m] = 0.0
+    return deficient
 
 
 @njit(cache=True)
@@ -398,15 +490,12 @@ def _grad_weight(gradient, k_tensor, i, k, second, first, t):
     return g
 
 
-@njit(cache=True, parallel=True)
-def _velocity_entries(pairs, laplace, wall_lap, area, zero):
+@njit(cache=True, nogil=True)
+def _velocity_entries(rows, pairs, laplace, wall_lap, area, matrix):
     start, column, offset_id = pairs.start, pairs.column, pairs.offset_id
     first_moment, second_moment = pairs.first_moment, pairs.second_moment
-    n = len(start) - 1
-    first = np.empty(n + 1, np.int32)
-    index, entries = np.empty(len(column) + n, np.int32), np.empty(len(column) + n, type(zero))
-    first[n] = len(index)
-    for i in prange(n):
+    first, index, entries = matrix
+    for i in range(rows[0], rows[1]):
         at = start[i] + i
         first[i] = at
         total = wall_lap[i]
@@ -415,17 +504,36 @@ def _velocity_entries(pairs, laplace, wall_lap, area, zero):
             total += a
             index[q + i + 1], entries[q + i + 1] = column[q], -area * a
         index[at], entries[at] = i, area * total
-    return first, index, entries
 
 
-@njit(cache=True, parallel=True)
-def _conductance_entries(pairs, scale, w, area):
+@njit(cache=True, nogil=True)
+def _count_near(rows, pairs, weight, count):
+    for i in range(rows[0], rows[1]):
+        found = 1
+        for q in range(pairs.start[i], pairs.start[i + 1]):
+            found += weight[pairs.offset_id[q]] > 0.0
+        count[i] = found
+
+
+@njit(cache=True, nogil=True)
+def _near_entries(rows, pairs, weight, wall_lap, area, matrix):
+    first, index, entries = matrix
+    for i in range(rows[0], rows[1]):
+        at, total = first[i] + 1, area * max(wall_lap[i], 0.0)
+        for q in range(pairs.start[i], pairs.start[i + 1]):
+            a = weight[pairs.offset_id[q]]
+            if a > 0.0:
+                index[at], entries[at] = pairs.column[q], -a
+                total += a
+                at += 1
+        index[first[i]], entries[first[i]] = i, total if total > 0.0 else 1.0
+
+
+@njit(cache=True, nogil=True)
+def _conductance_entries(rows, pairs, scale, w, area, matrix):
     start, column, offset_id, pair_laplacian = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
-    n = len(start) - 1
-    first = np.empty(n + 1, np.int32)
-    index, entries = np.empty(len(column) + n, np.int32), np.empty(len(column) + n)
-    first[n] = len(index)
-    for i in prange(n):
+    first, index, entries = matrix
+    for i in range(rows[0], rows[1]):
         at = start[i] + i
         first[i] = at
         total = 0.0
@@ -435,85 +543,114 @@ def _conductance_entries(pairs, scale, w, area):
             total += a
             index[q + i + 1], entries[q + i + 1] = j, -area * a
         index[at], entries[at] = i, (1.0 + GROUND) * area * total if total > 0.0 else 1.0
-    return first, index, entries
 
 
 # --- applying ----------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True, parallel=True)
-def _momentum(pairs, tensors, wall_lap, dx, unknowns, out, grad_p):
+# In 2D the third column is the second again, times what is zero in 2D.
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _momentum(rows, weights, wall_lap, dx, unknowns, out, grad_p):
+    (pairs, tensors, whole), (u, p) = weights, unknowns
     start, column, offset_id = pairs.start, pairs.column, pairs.offset_id
-    first_moment, second_moment = pairs.first_moment, pairs.second_moment
-    laplace, gradient_p = tensors.laplace, tensors.gradient_p
-    u, p = unknowns
-    n, dim = len(start) - 1, u.shape[1]
-    for i in prange(n):
+    first, second, laplace, gradient_p = pairs.first_moment, pairs.second_moment, tensors.laplace, tensors.gradient_p
+    dim, last = u.shape[1], u.shape[1] - 1
+    for i in range(rows[0], rows[1]):
         s0 = s1 = s2 = v0 = v1 = v2 = 0.0
-        u0, u1, u2, pi = u[i, 0], u[i, 1], u[i, 2] if dim == 3 else 0.0, p[i]
-        for q in range(start[i], start[i + 1]):
-            j, t = column[q], offset_id[q]
-            dp = p[j] - pi
-            s0 += first_moment[t, 0] * dp
-            s1 += first_moment[t, 1] * dp
-            s2 += first_moment[t, 2] * dp
-            a = _lap_weight(laplace, i, second_moment, first_moment, t)
-            v0 += a * (u[j, 0] - u0)
-            v1 += a * (u[j, 1] - u1)
-            if dim == 3:
-                v2 += a * (u[j, 2] - u2)
+        u0, u1, u2, pi = u[i, 0], u[i, 1], u[i, last], p[i]
+        if whole.mask[i]:
+            for q in range(start[i], start[i + 1]):
+                j, t = np.uint32(column[q]), np.uint32(offset_id[q])
+                dp, a = p[j] - pi, whole.laplacian[t]
+                s0, s1, s2 = s0 + first[t, 0] * dp, s1 + first[t, 1] * dp, s2 + first[t, 2] * dp
+                v0, v1, v2 = v0 + a * (u[j, 0] - u0), v1 + a * (u[j, 1] - u1), v2 + a * (u[j, last] - u2)
+        else:
+            l0, l1, l2, l3, l4 = laplace[i, 0], laplace[i, 1], laplace[i, 2], laplace[i, 3], laplace[i, 4]
+            l5, b0, b1, b2 = laplace[i, 5], laplace[i, 6], laplace[i, 7], laplace[i, 8]
+            for q in range(start[i], start[i + 1]):
+                j, t = np.uint32(column[q]), np.uint32(offset_id[q])
+                x0, x1, x2, dp = first[t, 0], first[t, 1], first[t, 2], p[j] - pi
+                s0, s1, s2 = s0 + x0 * dp, s1 + x1 * dp, s2 + x2 * dp
+                a = (l0 * second[t, 0] + l1 * second[t, 1] + l2 * second[t, 2] + l3 * second[t, 3] + l4 * second[t, 4]
+                     + l5 * second[t, 5] - b0 * x0 - b1 * x1 - b2 * x2)  # eq. 6 in factors, as `_lap_weight`
+                v0, v1, v2 = v0 + a * (u[j, 0] - u0), v1 + a * (u[j, 1] - u1), v2 + a * (u[j, last] - u2)
         for k in range(dim):
-            grad_p[i, k] = gradient_p[i, k, 0] * s0 + gradient_p[i, k, 1] * s1
-            if dim == 3:
-                grad_p[i, k] += gradient_p[i, k, 2] * s2
-        out[i, 0] = dx * dx * (wall_lap[i] * u0 - v0) + dx * grad_p[i, 0]
-        out[i, 1] = dx * dx * (wall_lap[i] * u1 - v1) + dx * grad_p[i, 1]
-        if dim == 3:
-            out[i, 2] = dx * dx * (wall_lap[i] * u2 - v2) + dx * grad_p[i, 2]
+            g = gradient_p[i, k, 0] * s0 + gradient_p[i, k, 1] * s1 + (gradient_p[i, k, 2] * s2 if dim == 3 else 0.0)
+            grad_p[i, k] = g
+            v = v0 if k == 0 else v1 if k == 1 else v2
+            out[i, k] = dx * dx * (wall_lap[i] * u[i, k] - v) + dx * g
 
 
-@njit(cache=True, parallel=True)
-def _divergence_and_rhie_chow(pairs, tensors, walls, u, pressure, factors):
-    start, column, offset_id, step = pairs.start, pairs.column, pairs.offset_id, pairs.step
-    first_moment, second_moment, pair_laplacian = pairs.first_moment, pairs.second_moment, pairs.pair_laplacian
-    gradient, scale, k_tensor = tensors.gradient, tensors.scale, tensors.k_tensor
-    gradient_p, k_tensor_p = tensors.gradient_p, tensors.k_tensor_p
-    wall_div, narrow = walls
-    p, grad_p = pressure
-    a, b = factors
-    n, dim = len(start) - 1, u.shape[1]
-    out = np.empty(n)
-    for i in prange(n):
-        divergence, odd_even, adjoint = 0.0, 0.0, narrow[i]
-        for k in range(dim):
-            divergence -= wall_div[i, k] * u[i, k]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _divergence_and_rhie_chow(rows, weights, walls, u, pressure, factors, out):
+    (pairs, tensors, whole), (wall_div, narrow), (p, grad_p), (a, b) = weights, walls, pressure, factors
+    start, column, offset_id = pairs.start, pairs.column, pairs.offset_id
+    half, weight = whole.half_step, pairs.pair_laplacian
+    dim, last = u.shape[1], u.shape[1] - 1
+    for i in range(rows[0], rows[1]):
+        odd_even, divergence, pi = 0.0, 0.0, p[i]
+        q0, q1, q2, u0, u1, u2 = grad_p[i, 0], grad_p[i, 1], grad_p[i, last], u[i, 0], u[i, 1], u[i, last]
         for q in range(start[i], start[i + 1]):
-            j, t = column[q], offset_id[q]
-            missed = p[j] - p[i]
+            j, t = np.uint32(column[q]), np.uint32(offset_id[q])
+            odd_even += (weight[t] * (p[j] - pi) - half[t, 0] * (q0 + grad_p[j, 0]) - half[t, 1] * (q1 + grad_p[j, 1])
+                         - half[t, 2] * (q2 + grad_p[j, last]))
+        if whole.mask[i]:
+            g = whole.gradient
+            for q in range(start[i], start[i + 1]):
+                j, t = np.uint32(column[q]), np.uint32(offset_id[q])
+                divergence += g[t, 0] * (u[j, 0] - u0) + g[t, 1] * (u[j, 1] - u1) + g[t, 2] * (u[j, last] - u2)
+        else:
             for k in range(dim):
-                missed -= 0.5 * (grad_p[i, k] + grad_p[j, k]) * step[t, k]
-                if adjoint:  # a_ji V_j = -a_ij V_i, T_ji V_j = T_ij V_i
-                    for m in range(dim):
-                        divergence += first_moment[t, m] * (
-                            gradient_p[i, k, m] * u[i, k] + gradient_p[j, k, m] * u[j, k])
-                    if len(k_tensor_p) > 0:
-                        for v in range(6):
-                            divergence -= second_moment[t, v] * (
-                                k_tensor_p[i, k, v] * u[i, k] - k_tensor_p[j, k, v] * u[j, k])
+                divergence -= wall_div[i, k] * u[i, k]
+                if narrow[i]:
+                    divergence += _adjoint_flux(pairs, tensors, i, k, u)
                 else:
-                    g = _grad_weight(gradient, k_tensor, i, k, second_moment, first_moment, t)
-                    divergence += g * (u[j, k] - u[i, k])
-            odd_even += pair_laplacian[t] * missed
-        out[i] = a * divergence + b * scale[i] * odd_even
-    return out
+                    divergence += _slope_along(pairs, tensors, i, k, u)
+        out[i] = a * divergence + b * tensors.scale[i] * odd_even
 
 
-@njit(cache=True, parallel=True)
-def _gradient_p(pairs, gradient_p, p):
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _slope_along(pairs, tensors, i, k, u):
+    """d u_k / d x_k of particle i: moments of the differences first, the tensors once."""
+    first, second = pairs.first_moment, pairs.second_moment
+    m0 = m1 = m2 = t0 = t1 = t2 = t3 = t4 = t5 = 0.0
+    for q in range(pairs.start[i], pairs.start[i + 1]):
+        j, t = np.uint32(pairs.column[q]), np.uint32(pairs.offset_id[q])
+        d = u[j, k] - u[i, k]
+        m0, m1, m2 = m0 + first[t, 0] * d, m1 + first[t, 1] * d, m2 + first[t, 2] * d
+        t0, t1, t2 = t0 + second[t, 0] * d, t1 + second[t, 1] * d, t2 + second[t, 2] * d
+        t3, t4, t5 = t3 + second[t, 3] * d, t4 + second[t, 4] * d, t5 + second[t, 5] * d
+    g = tensors.gradient[i, k]
+    slope = g[0] * m0 + g[1] * m1 + (g[2] * m2 if len(g) == 3 else 0.0)
+    if len(tensors.k_tensor) > 0:
+        c = tensors.k_tensor[i, k]
+        slope -= c[0] * t0 + c[1] * t1 + c[2] * t2 + c[3] * t3 + c[4] * t4 + c[5] * t5
+    return slope
+
+
+@njit(cache=True, error_model="numpy")
+def _adjoint_flux(pairs, tensors, i, k, u):
+    """Part of component k in the adjoint divergence of particle i: a_ji V_j = -a_ij V_i, T_ji V_j = T_ij V_i."""
+    first, second = pairs.first_moment, pairs.second_moment
+    gradient_p, k_tensor_p = tensors.gradient_p, tensors.k_tensor_p
+    flux = 0.0
+    for q in range(pairs.start[i], pairs.start[i + 1]):
+        j, t = pairs.column[q], pairs.offset_id[q]
+        for m in range(u.shape[1]):
+            flux += first[t, m] * (gradient_p[i, k, m] * u[i, k] + gradient_p[j, k, m] * u[j, k])
+        if len(k_tensor_p) > 0:
+            for v in range(6):
+                flux -= second[t, v] * (k_tensor_p[i, k, v] * u[i, k] - k_tensor_p[j, k, v] * u[j, k])
+    return flux
+
+
+@njit(cache=True, nogil=True)
+def _gradient_p(rows, pairs, gradient_p, p, out):
     start, column, offset_id, first_moment = pairs.start, pairs.column, pairs.offset_id, pairs.first_moment
-    n, dim = len(start) - 1, gradient_p.shape[1]
-    out = np.empty((n, dim))
-    for i in prange(n):
+    dim = gradient_p.shape[1]
+    for i in range(rows[0], rows[1]):
         s0 = s1 = s2 = 0.0
         for q in range(start[i], start[i + 1]):
             dp, t = p[column[q]] - p[i], offset_id[q]
@@ -524,31 +661,26 @@ def _gradient_p(pairs, gradient_p, p):
             out[i, k] = gradient_p[i, k, 0] * s0 + gradient_p[i, k, 1] * s1
             if dim == 3:
                 out[i, k] += gradient_p[i, k, 2] * s2
-    return out
 
 
-@njit(cache=True, parallel=True)
-def _second_order(pairs, k_tensor_p, p):
-    """K_i : sum_j T (p_j - p_i), (n, dim)."""
+@njit(cache=True, nogil=True)
+def _add_second_order(rows, pairs, k_tensor_p, p, out):
     start, column, offset_id, second_moment = pairs.start, pairs.column, pairs.offset_id, pairs.second_moment
-    n, dim = len(start) - 1, k_tensor_p.shape[1]
-    out = np.zeros((n, dim))
-    for i in prange(n):
+    dim = k_tensor_p.shape[1]
+    for i in range(rows[0], rows[1]):
         for q in range(start[i], start[i + 1]):
             dp, t = p[column[q]] - p[i], offset_id[q]
             for k in range(dim):
                 for v in range(6):
                     out[i, k] += k_tensor_p[i, k, v] * second_moment[t, v] * dp
-    return out
 
 
-@njit(cache=True, parallel=True)
-def _potential_gradient(pairs, gradient_p, k_tensor_p, force):
+@njit(cache=True, nogil=True)
+def _potential_gradient(rows, pairs, gradient_p, k_tensor_p, force, out):
     start, offset_id, step = pairs.start, pairs.offset_id, pairs.step
     first_moment, second_moment = pairs.first_moment, pairs.second_moment
-    n, dim = len(start) - 1, len(force)
-    out = np.zeros((n, dim))
-    for i in prange(n):
+    dim = len(force)
+    for i in range(rows[0], rows[1]):
         for q in range(start[i], start[i + 1]):
             rise = 0.0
             for k in range(dim):
@@ -559,17 +691,13 @@ def _potential_gradient(pairs, gradient_p, k_tensor_p, force):
                 if len(k_tensor_p) > 0:
                     for v in range(6):
                         out[i, k] -= k_tensor_p[i, k, v] * second_moment[offset_id[q], v] * rise
-    return out
 
 
-@njit(cache=True, parallel=True)
-def _symmetric(pairs, scale, f):
+@njit(cache=True, nogil=True)
+def _symmetric(rows, pairs, scale, f, out):
     start, column, offset_id, pair_laplacian = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
-    n = len(start) - 1
-    out = np.empty(n)
-    for i in prange(n):
+    for i in range(rows[0], rows[1]):
         s = 0.0
         for q in range(start[i], start[i + 1]):
             s += pair_laplacian[offset_id[q]] * (f[column[q]] - f[i])
         out[i] = scale[i] * s
-    return out

@@ -17,15 +17,16 @@ Scenes in 2D carry a third component of zero: one code path serves both.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from ..domain.neighbours import Neighbourhood
+from ..domain.row_threads import over_rows
 from .kernel import QUINTIC_SPLINE, WENDLAND_C2, WENDLAND_C4, normalisation, shape, slope
 from .neighbourhood_class import LOPSIDED, ROUND, SINGULAR, THIN
 
-CHUNKS = 64  # rows are handed to threads in this many pieces, each with its own scratch arrays
 LANES = 8  # rows are padded to a multiple of this many neighbours: whole vectors
 # LLVM vectorises a sum only if it may reorder it. NaN and infinity keep their meaning (no nnan, no ninf).
 REDUCE = {"reassoc", "contract", "nsz"}
@@ -33,17 +34,18 @@ REDUCE = {"reassoc", "contract", "nsz"}
 
 def particle_volumes(neighbours: Neighbourhood) -> np.ndarray:
     """V_i = 1 / sum_j W_ij, the sum over all neighbours and j = i (eq. 7), (n,) m^dim."""
-    return _volumes(neighbours)
+    volume = np.empty(neighbours.n)
+    over_rows(_volumes, neighbours.n, neighbours, volume)
+    return volume
 
 
-@njit(cache=True, parallel=True)
-def _volumes(neighbours):
+@njit(cache=True, nogil=True)
+def _volumes(rows, neighbours, volume):
     x, start, index = neighbours.x, neighbours.start, neighbours.row
     kind, support = neighbours.kind, neighbours.support
-    n, dim = len(start) - 1, x.shape[1]
-    volume = np.empty(n)
+    dim = x.shape[1]
     scale = normalisation(kind, support, dim)
-    for i in prange(n):
+    for i in range(rows[0], rows[1]):
         total = shape(kind, 0.0)
         for p in range(start[i], start[i + 1]):
             r2 = 0.0
@@ -51,22 +53,37 @@ def _volumes(neighbours):
                 r2 += (x[index[p], k] - x[i, k]) ** 2
             total += shape(kind, math.sqrt(r2) / support)
         volume[i] = 1.0 / (scale * total)  # eq. 7
-    return volume
 
 
-@njit(cache=True)
-def stencil_size(start):
-    """Places that the longest row takes up once padded."""
-    longest = 0
-    for i in range(len(start) - 1):
-        longest = max(longest, start[i + 1] - start[i])
-    return longest + LANES
+class Workspace(NamedTuple):
+    """Scratch arrays for one particle, with places for the longest row once padded.
+
+    stencil: see `gather_stencil`; moments: (41,) of `stencil_moments`; tensors: (g, system, right, drift, spread), see
+    `correction`; weights: (4, places) of `stencil_weights`; g_p: (3, 3) correction of the pressure gradient; pair: see
+    `wall_weights.add_wall_pair`; one_pair: (1, 3) and (1, 6), moments of one pair.
+    """
+
+    stencil: tuple[np.ndarray, ...]
+    moments: np.ndarray
+    tensors: tuple[np.ndarray, ...]
+    weights: np.ndarray
+    g_p: np.ndarray
+    pair: tuple[np.ndarray, ...]
+    one_pair: tuple[np.ndarray, ...]
 
 
-@njit(cache=True)
-def new_stencil(size):
-    """Scratch arrays for the neighbours of one particle, see `gather_stencil`."""
-    return np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
+def new_workspace(neighbours: Neighbourhood) -> Workspace:
+    """Scratch arrays for any particle of a neighbourhood."""
+    size, dim = int(neighbours.longest) + LANES, neighbours.x.shape[1]
+    return Workspace(
+        tuple(np.empty(size) for _ in range(5)),
+        np.empty(41),
+        (np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 4)), np.empty(3), np.empty((3, 3))),
+        np.empty((4, size)),
+        np.empty((3, 3)),
+        (np.empty(4), np.empty(dim), np.empty((dim, dim))),
+        (np.empty((1, 3)), np.empty((1, 6))),
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -221,7 +238,9 @@ def invert_gradient(moments, dim, g, whole=1.0):
     determinant = a * g[0, 0] + xy * g[0, 1] + xz * g[0, 2]
     mean = (a + b + c) / 3.0
     if not (determinant > ROUND * mean * mean * mean and mean > ROUND * whole):
-        g[:] = 0.0
+        for k in range(3):
+            for m in range(3):
+                g[k, m] = 0.0
         return not mean > 0.0 or _pseudo_inverse(moments, dim, g, whole)
     for k in range(3):
         g[k, k] /= determinant
@@ -268,12 +287,6 @@ def _pseudo_inverse(moments, dim, g, whole):
                 for m in range(dim):
                     g[k, m] += vectors[k, v] * vectors[m, v] / values[v]
     return thin
-
-
-@njit(cache=True, error_model="numpy")
-def new_correction():
-    """Scratch arrays for the tensors of one particle, (g, system, right, drift, spread), see `correction`."""
-    return np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 4)), np.empty(3), np.empty((3, 3))
 
 
 @njit(cache=True, error_model="numpy")

@@ -6,10 +6,11 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from ..domain import reduce
 from ..domain.components import pair_components
+from ..domain.row_threads import over_rows
 from .crossings import IN_SIGHT, MEETS_WALL, SHARES_PRESSURE, in_sight
 from .kernel import slope
 from .moments import extremes_2d, extremes_3d
@@ -30,7 +31,9 @@ def classify_neighbourhoods(stencils: WallStencils) -> np.ndarray:
     """
     neighbours, link = stencils.neighbours, stencils.links.link
     start, column = neighbours.start, neighbours.column
-    smallest, largest, walled = _shares(neighbours, link, stencils.volume)
+    n = neighbours.n
+    smallest, largest, walled = np.ones(n), np.ones(n), np.zeros(n, np.bool_)
+    over_rows(_shares, n, neighbours, link, stencils.volume, smallest, largest, walled)
     found = np.where(walled, WALL, FULL).astype(np.int8)
     found[smallest < NARROW_SHARE] = NARROW
     isolated = largest < THIN
@@ -51,15 +54,14 @@ def _behind(start: np.ndarray, column: np.ndarray, link: np.ndarray) -> np.ndarr
     return (size < all_in_sight) & (size < np.diff(start))
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def _shares(neighbours, link, volume):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _shares(rows, neighbours, link, volume, smallest, largest, walled):
     """Smallest and largest eigenvalue of the moments of the neighbours in sight, over the mean one of all neighbours,
-    and whether some are not in sight, (n,) each; 1 where all are, 0 where there are none."""
+    and whether some are not in sight, into arrays (n,) of ones and of False; 0 where there are none."""
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
-    n, dim = len(start) - 1, x.shape[1]
-    smallest, largest, walled = np.ones(n), np.ones(n), np.zeros(n, np.bool_)
-    for i in prange(n):
+    dim = x.shape[1]
+    for i in range(rows[0], rows[1]):
         for p in range(start[i], start[i + 1]):
             if link[p] == MEETS_WALL:
                 walled[i] = True
@@ -80,7 +82,6 @@ def _shares(neighbours, link, volume):
                     yz, xz, xy = yz + w * dy * dz, xz + w * dx * dz, xy + w * dx * dy
             low, high = extremes_2d(xx, yy, xy) if dim == 2 else extremes_3d(xx, yy, zz, yz, xz, xy)
             smallest[i], largest[i] = low / whole, high / whole
-    return smallest, largest, walled
 
 
 @njit(cache=True)

@@ -3,77 +3,100 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from ..domain.neighbours import Neighbourhood
+from ..domain.row_threads import over_rows
 
 
-@njit(cache=True, parallel=True)
-def laplacian(start, column, lap, f):
+def laplacian(start: np.ndarray, column: np.ndarray, lap: np.ndarray, f: np.ndarray) -> np.ndarray:
     """Laplacian of f (n, c) with weights lap (n_pairs,), (n, c)."""
-    n, width = f.shape
-    result = np.zeros((n, width))
-    for i in prange(n):
-        for p in range(start[i], start[i + 1]):
-            j = column[p]
-            for c in range(width):
-                result[i, c] += lap[p] * (f[j, c] - f[i, c])  # eq. 6
+    n = len(start) - 1
+    result = np.empty((n, f.shape[1]))
+    over_rows(_laplacian, n, start, column, lap, f, result)
     return result
 
 
-@njit(cache=True, parallel=True)
-def gradient(start, column, grad, f):
+def gradient(start: np.ndarray, column: np.ndarray, grad: np.ndarray, f: np.ndarray) -> np.ndarray:
     """d f_c / d x_k of f (n, c) with weights grad (n_pairs, dim), (n, c, dim)."""
-    n, width = f.shape
-    dim = grad.shape[1]
-    result = np.zeros((n, width, dim))
-    for i in prange(n):
-        for p in range(start[i], start[i + 1]):
-            j = column[p]
-            for c in range(width):
-                d = f[j, c] - f[i, c]
-                for k in range(dim):
-                    result[i, c, k] += grad[p, k] * d  # eq. 5
+    n = len(start) - 1
+    result = np.empty((n, f.shape[1], grad.shape[1]))
+    over_rows(_gradient, n, start, column, grad, f, result)
     return result
 
 
-@njit(cache=True, parallel=True)
-def gradient_of_scalar(start, column, grad, f):
+def gradient_of_scalar(start: np.ndarray, column: np.ndarray, grad: np.ndarray, f: np.ndarray) -> np.ndarray:
     """Gradient (n, dim) of f (n,)."""
-    n, dim = len(f), grad.shape[1]
-    result = np.zeros((n, dim))
-    for i in prange(n):
-        for p in range(start[i], start[i + 1]):
-            d = f[column[p]] - f[i]
-            for k in range(dim):
-                result[i, k] += grad[p, k] * d  # eq. 5
+    return gradient(start, column, grad, f[:, None])[:, 0]
+
+
+def divergence(start: np.ndarray, column: np.ndarray, grad: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Divergence (n,) of u (n, dim)."""
+    n = len(start) - 1
+    result = np.empty(n)
+    over_rows(_divergence, n, start, column, grad, u, result)
     return result
 
 
-@njit(cache=True, parallel=True)
-def divergence(start, column, grad, u):
-    """Divergence (n,) of u (n, dim)."""
-    n, dim = u.shape
-    result = np.zeros(n)
-    for i in prange(n):
-        s = 0.0
+def gradient_of_potential(neighbours: Neighbourhood, grad: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Gradient (n, dim) of the potential force . x, which no periodic box holds: of its differences over the pairs."""
+    out = np.zeros((neighbours.n, len(force)))
+    over_rows(_gradient_of_potential, neighbours.n, neighbours, grad, force, out)
+    return out
+
+
+# Sums are kept in numbers of their own: an array that is written to may be one that is read, as far as LLVM knows, and
+# is stored each time. Where there is no third column the second is taken again, and its sum not stored.
+
+
+@njit(cache=True, nogil=True)
+def _laplacian(rows, start, column, lap, f, result):
+    for i in range(rows[0], rows[1]):
+        for c0 in range(0, f.shape[1], 3):
+            c1, c2 = min(c0 + 1, f.shape[1] - 1), min(c0 + 2, f.shape[1] - 1)
+            s0, s1, s2, f0, f1, f2 = 0.0, 0.0, 0.0, f[i, c0], f[i, c1], f[i, c2]
+            for p in range(start[i], start[i + 1]):
+                j, a = column[p], lap[p]
+                s0, s1, s2 = s0 + a * (f[j, c0] - f0), s1 + a * (f[j, c1] - f1), s2 + a * (f[j, c2] - f2)  # eq. 6
+            result[i, c0], result[i, c1], result[i, c2] = s0, s1, s2
+
+
+@njit(cache=True, nogil=True)
+def _gradient(rows, start, column, grad, f, result):
+    last = grad.shape[1] - 1
+    for i in range(rows[0], rows[1]):
+        for c in range(f.shape[1]):
+            s0, s1, s2, own = 0.0, 0.0, 0.0, f[i, c]
+            for p in range(start[i], start[i + 1]):
+                d = f[column[p], c] - own
+                s0, s1, s2 = s0 + grad[p, 0] * d, s1 + grad[p, 1] * d, s2 + grad[p, last] * d  # eq. 5
+            result[i, c, 0], result[i, c, 1] = s0, s1
+            if last == 2:
+                result[i, c, 2] = s2
+
+
+@njit(cache=True, nogil=True)
+def _divergence(rows, start, column, grad, u, result):
+    flat = grad.shape[1] == 2
+    for i in range(rows[0], rows[1]):
+        s, u0, u1, u2 = 0.0, u[i, 0], u[i, 1], 0.0 if flat else u[i, 2]
         for p in range(start[i], start[i + 1]):
             j = column[p]
-            for k in range(dim):
-                s += grad[p, k] * (u[j, k] - u[i, k])  # the trace of eq. 5
+            s += grad[p, 0] * (u[j, 0] - u0)  # the trace of eq. 5
+            s += grad[p, 1] * (u[j, 1] - u1)
+            if not flat:
+                s += grad[p, 2] * (u[j, 2] - u2)
         result[i] = s
-    return result
 
 
-@njit(cache=True, parallel=True)
-def gradient_of_potential(neighbours, grad, force):
-    """Gradient (n, dim) of the potential force . x, which no periodic box holds: of its differences over the pairs."""
+@njit(cache=True, nogil=True)
+def _gradient_of_potential(rows, neighbours, grad, force, out):
     start, row, x = neighbours.start, neighbours.row, neighbours.x
-    n, dim = len(start) - 1, len(force)
-    out = np.zeros((n, dim))
-    for i in prange(n):
+    dim = len(force)
+    for i in range(rows[0], rows[1]):
         for q in range(start[i], start[i + 1]):
             rise = 0.0
             for k in range(dim):
                 rise += force[k] * (x[row[q], k] - x[i, k])
             for k in range(dim):
                 out[i, k] += grad[q, k] * rise
-    return out

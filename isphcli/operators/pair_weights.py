@@ -6,23 +6,16 @@ Sums are taken once a configuration: one weight of the Laplacian and `dim` of th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from ..domain import reduce
 from ..domain.neighbours import Neighbourhood
+from ..domain.row_threads import over_rows
 from . import pair_sums
-from .moments import (
-    CHUNKS,
-    correction,
-    gather_stencil,
-    new_correction,
-    new_stencil,
-    stencil_moments,
-    stencil_size,
-    stencil_weights,
-)
+from .moments import correction, gather_stencil, new_workspace, stencil_moments, stencil_weights
 from .neighbourhood_class import ISOLATED, NARROW
 from .protocol import WallSums
 
@@ -85,27 +78,24 @@ class Operators:
 
 def build_operators(neighbours: Neighbourhood, volume: np.ndarray, order: int = 2) -> Operators:
     """Operators of a scene without walls. volume: (n,) m^dim; order: 1 (eq. 5) or 2 (gradient exact for quadratics)."""
-    lap, grad, deficient = _rows(neighbours, volume, order)
-    return Operators(neighbours, lap, grad, lap, grad, volume, int(reduce.total(deficient)))
+    pairs = len(neighbours.row)
+    lap, grad = np.empty(pairs), np.empty((pairs, neighbours.x.shape[1]))
+    work = partial(new_workspace, neighbours)
+    deficient = over_rows(_rows, neighbours.n, neighbours, volume, order, lap, grad, work=work)
+    return Operators(neighbours, lap, grad, lap, grad, volume, int(reduce.total(np.array(deficient))))
 
 
-@njit(cache=True, parallel=True)
-def _rows(neighbours, volume, order):
-    start = neighbours.start
-    n, dim, size = len(start) - 1, neighbours.x.shape[1], stencil_size(start)
-    lap = np.empty(len(neighbours.row))
-    grad = np.empty((len(neighbours.row), dim))
-    deficient = np.zeros(CHUNKS, np.int64)
-    for chunk in prange(CHUNKS):
-        stencil, moments, out = new_stencil(size), np.empty(41), np.empty((4, size))
-        tensors = new_correction()
-        for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
-            padded = gather_stencil(neighbours, i, volume, stencil)
-            stencil_moments(stencil, padded, moments)
-            deficient[chunk] += correction(moments, dim, order, tensors)
-            stencil_weights(stencil, padded, tensors, order, out)
-            _store(out, start[i], start[i + 1], neighbours.support, lap, grad)
-    return lap, grad, deficient
+@njit(cache=True, nogil=True)
+def _rows(rows, work, neighbours, volume, order, lap, grad):
+    """Weights of the pairs of rows into lap (n_pairs,) and grad (n_pairs, dim); returns how many rows are deficient."""
+    start, deficient = neighbours.start, 0
+    for i in range(rows[0], rows[1]):
+        padded = gather_stencil(neighbours, i, volume, work.stencil)
+        stencil_moments(work.stencil, padded, work.moments)
+        deficient += correction(work.moments, grad.shape[1], order, work.tensors)
+        stencil_weights(work.stencil, padded, work.tensors, order, work.weights)
+        _store(work.weights, start[i], start[i + 1], neighbours.support, lap, grad)
+    return deficient
 
 
 @njit(cache=True)

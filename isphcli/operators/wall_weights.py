@@ -13,22 +13,15 @@ uncorrected sum over them (homogeneous Neumann, conservative).
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from ..domain import reduce
+from ..domain.row_threads import over_rows
 from .crossings import MEETS_WALL, SHARES_PRESSURE, WallStencils, in_sight
-from .moments import (
-    CHUNKS,
-    correction,
-    gather_stencil,
-    invert_gradient,
-    new_correction,
-    new_stencil,
-    stencil_moments,
-    stencil_size,
-    stencil_weights,
-)
+from .moments import correction, gather_stencil, invert_gradient, new_workspace, stencil_moments, stencil_weights
 from .pair_weights import Operators, WallRows
 
 
@@ -42,13 +35,20 @@ def build_wall_operators(stencil: WallStencils, order: int = 1, classes: np.ndar
     n = everyone.n
     start = np.zeros(n + 1, dtype=np.int64)
     np.cumsum(in_sight(everyone.start, stencil.links.link), out=start[1:])
-    deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near_wall, (sums, slope_velocity) = _wall_rows(
-        everyone, stencil.links, stencil.volume, order, walls, start)
+    pairs, dim = int(start[n]), everyone.x.shape[1]
+    column, row = np.empty(pairs, np.int32), np.empty(pairs, np.int32)
+    lap, lap_p, symmetric = np.empty(pairs), np.empty(pairs), np.empty(pairs)
+    grad, grad_p = np.empty((pairs, dim)), np.empty((pairs, dim))
+    near_wall, slope_velocity = np.zeros(n, np.bool_), np.zeros((n, dim, dim))
+    sums = new_boundary_sums(n, dim, walls.slip_length)
+    out = start, column, row, lap, grad, lap_p, grad_p, symmetric
+    deficient = over_rows(_wall_rows, n, (everyone, stencil.links, stencil.volume, walls), order, out, near_wall,
+                          (sums, slope_velocity), work=partial(new_workspace, everyone))
     wall_sums = boundary_sums(sums)
     classes = near_wall.astype(np.int8) if classes is None else classes
     found = WallRows(*wall_sums, symmetric, near_wall, classes, slope_velocity if wall_sums[-1] is None else None)
     seen = everyone._replace(start=start, column=column, row=row)
-    return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[:n], int(reduce.total(deficient)), found)
+    return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[:n], int(reduce.total(np.array(deficient))), found)
 
 
 def wall_gradient(walls: WallRows, u: np.ndarray) -> np.ndarray:
@@ -79,7 +79,8 @@ def meet_walls(stencil, t, link):
 def second_moments(stencil, link, moments):
     """moments[0:6] of `stencil_moments` over the neighbours that share the pressure. link: (count,), see `Links`."""
     ex, ey, ez, s, w = stencil
-    moments[:6] = 0.0
+    for v in range(6):
+        moments[v] = 0.0
     for k in range(len(link)):
         if link[k] == SHARES_PRESSURE:
             x, y, z, a = ex[k], ey[k], ez[k], w[k] * s[k]
@@ -98,26 +99,19 @@ def boundary_sums(sums: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray,
     return lap, lap_velocity, div, div_velocity, slip if len(slip) else None
 
 
-@njit(cache=True)
-def new_boundary_sums(n, dim, slip_length):
+def new_boundary_sums(n: int, dim: int, slip_length: np.ndarray) -> tuple[np.ndarray, ...]:
     """Arrays of WallSums of n particles, still zero; slip: (0, dim, dim) where no wall slips."""
     slips = n if np.any(slip_length > 0.0) else 0
     return np.zeros(n), np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(n), np.zeros((slips, dim, dim))
 
 
 @njit(cache=True)
-def new_wall_pair(dim):
-    """Scratch arrays for `add_wall_pair`: weights of the pair (4,), of the Laplacian and of the gradient; velocity of
-    the wall (dim,); slip tensor (dim, dim)."""
-    return np.empty(4), np.empty(dim), np.empty((dim, dim))
-
-
-@njit(cache=True)
 def add_wall_pair(neighbours, walls, i, k, stencil, pair, sums):
     """Adds neighbour k of the stencil of particle i, which is met at a wall, to the sums of the walls: eq. 11.
 
-    pair: of `new_wall_pair`, with the weights of this one, 1/m2 and 1/m; sums: arrays of WallSums. With Navier
-    slip, u at the wall is u_W + B (u_i - u_W), B = length / (length + d) times the projection on the wall.
+    pair: weights of this one (4,), of the Laplacian and of the gradient, 1/m2 and 1/m; velocity of the wall (dim,) and
+    slip tensor (dim, dim), which are scratch; sums: arrays of WallSums. With Navier slip, u at the wall is
+    u_W + B (u_i - u_W), B = length / (length + d) times the projection on the wall.
     """
     weight, wall_u, slide = pair
     lap, lap_velocity, div, div_velocity, slip = sums
@@ -150,63 +144,51 @@ def add_wall_pair(neighbours, walls, i, k, stencil, pair, sums):
                 div_velocity[i] -= weight[1 + q] * slide[q, m] * wall_u[m]
 
 
-@njit(cache=True, parallel=True)
-def _wall_rows(neighbours, links, volume, order, walls, seen_start):
-    """(deficient, (columns, rows), weights of the pairs in sight, near_wall, (arrays of WallSums, slope_velocity)).
-
-    All that it makes is returned: numba loses what a parallel loop writes to arrays that came in a tuple.
-    """
+@njit(cache=True, nogil=True)
+def _wall_rows(rows, work, given, order, out, near_wall, boundary):
+    """Weights of the pairs in sight of rows, near_wall (n,), arrays of WallSums and slope_velocity; returns how many
+    rows are deficient."""
+    (neighbours, links, volume, walls), (sums, slope_velocity) = given, boundary
     start, per_length, t, link = neighbours.start, 1.0 / neighbours.support, links.t, links.link
-    n, dim, size = len(start) - 1, neighbours.x.shape[1], stencil_size(start)
-    pairs = seen_start[n]
-    column, row, near_wall = np.empty(pairs, np.int32), np.empty(pairs, np.int32), np.zeros(n, np.bool_)
-    lap, symmetric, lap_p = np.empty(pairs), np.empty(pairs), np.empty(pairs)
-    grad, grad_p = np.empty((pairs, dim)), np.empty((pairs, dim))
-    wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip = new_boundary_sums(n, dim, walls.slip_length)
-    slope_velocity = np.zeros((n, dim, dim))
-    deficient = np.zeros(CHUNKS, np.int64)
-    per_area = per_length * per_length
-    for chunk in prange(CHUNKS):
-        stencil, moments, out = new_stencil(size), np.empty(41), np.empty((4, size))
-        ex, ey, ez, s, w = stencil
-        tensors, g_p, pair = new_correction(), np.empty((3, 3)), new_wall_pair(dim)
-        for i in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
-            begin, count = start[i], start[i + 1] - start[i]
-            padded = gather_stencil(neighbours, i, volume, stencil)
-            whole, near_wall[i] = meet_walls(stencil, t[begin : begin + count], link[begin : begin + count])
-            stencil_moments(stencil, padded, moments)
-            deficient[chunk] += correction(moments, dim, order, tensors)
-            stencil_weights(stencil, padded, tensors, order, out)
-            if near_wall[i]:
-                second_moments(stencil, link[begin : begin + count], moments)
-                invert_gradient(moments, dim, g_p)
-            at = np.uint64(seen_start[i])
-            for k in range(count):
-                a = out[0, k] * per_area
-                if link[begin + k] != MEETS_WALL:
-                    column[at] = neighbours.column[begin + k]
-                    row[at] = neighbours.row[begin + k]
-                    lap[at] = a
-                    shared = link[begin + k] == SHARES_PRESSURE
-                    # eq. 3 beside walls: no flux through them, so that only fluid neighbours count
-                    symmetric[at] = 2.0 * dim * per_area * w[k] / (whole * s[k]) if w[k] > 0.0 and shared else 0.0
-                    lap_p[at] = symmetric[at] if near_wall[i] else a
+    seen_start, column, row, lap, grad, lap_p, grad_p, symmetric = out
+    ex, ey, ez, s, w = work.stencil
+    dim, moments, weights, g_p, pair = grad.shape[1], work.moments, work.weights, work.g_p, work.pair
+    per_area, deficient = per_length * per_length, 0
+    for i in range(rows[0], rows[1]):
+        begin, count = start[i], start[i + 1] - start[i]
+        padded = gather_stencil(neighbours, i, volume, work.stencil)
+        whole, near_wall[i] = meet_walls(work.stencil, t[begin : begin + count], link[begin : begin + count])
+        stencil_moments(work.stencil, padded, moments)
+        deficient += correction(moments, dim, order, work.tensors)
+        stencil_weights(work.stencil, padded, work.tensors, order, weights)
+        if near_wall[i]:
+            second_moments(work.stencil, link[begin : begin + count], moments)
+            invert_gradient(moments, dim, g_p)
+        at = np.uint64(seen_start[i])
+        for k in range(count):
+            a = weights[0, k] * per_area
+            if link[begin + k] != MEETS_WALL:
+                column[at] = neighbours.column[begin + k]
+                row[at] = neighbours.row[begin + k]
+                lap[at] = a
+                shared = link[begin + k] == SHARES_PRESSURE
+                # eq. 3 beside walls: no flux through them, so that only fluid neighbours count
+                symmetric[at] = 2.0 * dim * per_area * w[k] / (whole * s[k]) if w[k] > 0.0 and shared else 0.0
+                lap_p[at] = symmetric[at] if near_wall[i] else a
+                for m in range(dim):
+                    grad[at, m] = weights[1 + m, k] * per_length
+                    if near_wall[i]:
+                        b = g_p[m, 0] * ex[k] + g_p[m, 1] * ey[k] + g_p[m, 2] * ez[k]
+                        grad_p[at, m] = b * w[k] * per_length if shared else 0.0
+                    else:
+                        grad_p[at, m] = grad[at, m]
+                at += np.uint64(1)
+            else:
+                pair[0][0] = a
+                for m in range(dim):
+                    pair[0][1 + m] = weights[1 + m, k] * per_length
+                add_wall_pair(neighbours, walls, i, k, work.stencil, pair, sums)
+                for c in range(dim):
                     for m in range(dim):
-                        grad[at, m] = out[1 + m, k] * per_length
-                        if near_wall[i]:
-                            b = g_p[m, 0] * ex[k] + g_p[m, 1] * ey[k] + g_p[m, 2] * ez[k]
-                            grad_p[at, m] = b * w[k] * per_length if shared else 0.0
-                        else:
-                            grad_p[at, m] = grad[at, m]
-                    at += np.uint64(1)
-                else:
-                    pair[0][0] = a
-                    for m in range(dim):
-                        pair[0][1 + m] = out[1 + m, k] * per_length
-                    sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
-                    add_wall_pair(neighbours, walls, i, k, stencil, pair, sums)
-                    for c in range(dim):
-                        for m in range(dim):
-                            slope_velocity[i, c, m] += pair[1][c] * pair[0][1 + m]
-    sums = wall_lap, wall_lap_velocity, wall_div, wall_div_velocity, slip
-    return deficient, (column, row), (lap, grad, lap_p, grad_p, symmetric), near_wall, (sums, slope_velocity)
+                        slope_velocity[i, c, m] += pair[1][c] * pair[0][1 + m]
+    return deficient

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import os
+import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..geometry.connectivity import report
+from ..geometry.connectivity import Connectivity, SlabConnectivity, report
 from ..geometry.image_steps import connected_part, inverted, is_fluid, thresholded, trimmed
-from ..geometry.images.image import SPACING, Layout, VoxelError, _sizes, _smallest
+from ..geometry.images.image import SPACING, Image, Layout, VoxelError, _sizes, _smallest
 from ..geometry.images.metaimage import META_TYPES
-from ..geometry.images.read import read_image
+from ..geometry.images.read import axes_of, image_shape, read_image
 from ..geometry.images.voxel_size import known_spacing, voxel_size_of
 from ..geometry.labels import _counts, _histogram, mirrored
-from .files import replacing
+from .files import replacing, write_text
 
 
 def write_image(path: str | Path, values: np.ndarray, spacing: Sequence[float] | None = None) -> None:
@@ -133,6 +134,8 @@ def convert(source: str | Path, target: str | Path, how: Conversion | None = Non
         _refuse_input(source, None, files)
     _refuse_existing(files, force)
     _writer(target)
+    if (shape := slab_shape(source, target, how)) is not None:
+        return _convert_by_slabs(Path(source), target, how, picture, shape)
     image = read_image(source, grey=how.threshold is not None, layout=how.layout, crop=how.crop_to)
     _refuse_input(source, image.info.get("ElementDataFile"), files)
     values, facts = _changed(image.values, how, source)
@@ -149,12 +152,22 @@ def convert(source: str | Path, target: str | Path, how: Conversion | None = Non
     if picture:
         from .image_slices import plot_slices
 
+        facts["picture"] = str(slices_picture(target))
         with writing(slices_picture(target)):
             plot_slices(slices_picture(target), values, solids, spacing, target.name)
     fluid = is_fluid(values, solids)
     cell = 1.0 if spacing is None else float(np.prod(spacing[: values.ndim]))
     found = report(fluid, (False,) * values.ndim, cell)
-    axes, labels = "xyz"[: values.ndim], _histogram(values)
+    return _report_of(target, image, values.shape, (spacing, whence, notes), facts, solids, (found, _histogram(values)))
+
+
+def _report_of(target: Path, image: Image, shape: tuple[int, ...], sized: tuple[Any, str, tuple[str, ...]],
+               facts: Mapping[str, Any], solids: list[int],
+               held: tuple[Connectivity, dict[int, int]]) -> dict[str, Any]:
+    """What `convert` returns. image: of the source, or of a part of it; sized: edges of a voxel, where they are from,
+    warnings; held: connectivity and {value: voxels} of what was written."""
+    (spacing, whence, notes), (found, labels) = sized, held
+    axes = "xyz"[: len(shape)]
     if not set(labels) & set(solids):
         notes += (f"no voxel is solid (--solid {','.join(map(str, solids))}): it holds {_counts(labels)}; name the "
                   "values that are with --solid, or make them 1 with --labels",)  # fmt: skip
@@ -162,18 +175,195 @@ def convert(source: str | Path, target: str | Path, how: Conversion | None = Non
         "file": str(target),
         "read": f"{image.info.get('format', '')}, array {' x '.join(map(str, image.whole))}, its axes taken as "
                 f"{', '.join(image.axes)}",
-        "shape": dict(zip(axes, values.shape[::-1])),
+        "shape": dict(zip(axes, shape[::-1])),
         "voxel_size": spacing,
         "voxel_size_from": whence,
         "warnings": notes,
         **facts,
-        **({"picture": str(slices_picture(target))} if picture else {}),
         "solid": solids,
         **asdict(found),
         "percolates": dict(zip(axes, found.percolates)),
         "percolating_porosity": dict(zip(axes, found.percolating_porosity)),
         "labels": labels,
     }  # fmt: skip
+
+
+SLAB = 2**24  # voxels that are converted at a time; their labels take four bytes each
+LARGE = 2**26  # voxels from which on an image is converted by slabs
+BY_SLABS = (".raw", ".bin", ".npy", ".mhd", ".h5", ".hdf5")  # formats of which a part is read without what is before it
+APPENDED = (".raw", ".npy", ".npz", ".mhd", ".mha")  # formats that are written from one end to the other
+
+
+def slab_shape(source: str | Path, target: Path, how: Conversion) -> tuple[int, ...] | None:
+    """Shape [z, y, x] of what is converted slab by slab along z, never whole in memory; None where it is not.
+
+    Where it is large, its file can be read and the target written in parts, and no step needs all of it: a threshold by
+    Otsu, trim, mirror, connected, and labels beside a threshold do.
+    """
+    source = Path(source)
+    if source.suffix.lower() not in BY_SLABS or target.suffix.lower() not in APPENDED or source.is_dir():
+        return None
+    if how.threshold == "otsu" or how.trim or how.mirror or how.connected is not None:
+        return None
+    if how.threshold is not None and how.labels:
+        return None
+    if axes_of(source, how.layout.axes)[0] != "z" or (shape := image_shape(source, layout=how.layout)) is None:
+        return None
+    if how.crop_to is not None:
+        if len(how.crop_to) != len(shape):
+            return None
+        shape = tuple(end - first for first, end in reversed(list(how.crop_to)))
+    return shape if len(shape) == 3 and int(np.prod(shape, dtype=object)) >= LARGE else None
+
+
+def _slabs(source: Path, how: Conversion, shape: tuple[int, ...]) -> Iterator[Image]:
+    """The image of a source in slabs along z of whole blocks of `downsample`, those of the end that are incomplete
+    last."""
+    block = max(int(how.downsample), 1)
+    thick = max(SLAB // (shape[1] * shape[2]) // block, 1) * block
+    ranges = [list(r) for r in how.crop_to] if how.crop_to is not None else [[0, n] for n in shape[::-1]]
+    start, end = ranges[2]
+    for first in range(start, end, thick):
+        ranges[2] = [first, min(first + thick, end)]
+        yield read_image(source, grey=how.threshold is not None, layout=how.layout, crop=ranges)
+
+
+def _values_of(source: Path, how: Conversion, shape: tuple[int, ...]) -> dict[int, int]:
+    """{value: voxels} of all slabs."""
+    found: dict[int, int] = {}
+    for image in _slabs(source, how, shape):
+        for value, count in _histogram(image.values).items():
+            found[value] = found.get(value, 0) + count
+    return found
+
+
+def _convert_by_slabs(source: Path, target: Path, how: Conversion, picture: bool,
+                      shape: tuple[int, ...]) -> dict[str, Any]:
+    """`convert` of an image of shape [z, y, x], slab by slab: once over its values where their labels are asked for or
+    have to be known, and once to write it."""
+    block, solids, facts = int(how.downsample), _solids(how), dict[str, Any]()
+    if block < 1 or min(shape) < block:
+        raise VoxelError(f"{source}: downsample {block} must be from 1 to the smallest side {min(shape)}")
+    table, limits = None, how.threshold if isinstance(how.threshold, (str, Sequence)) else (how.threshold or 0.0,)
+    if how.threshold is None:
+        table = _new_values(source, how, _values_of(source, how, shape))
+        if block > 1 and len(set(table.values())) > 64:
+            raise VoxelError(f"{source}: {len(set(table.values()))} values are too many labels to downsample; give a "
+                             "threshold")
+    first = next(iter(_slabs(source, how, shape)))
+    spacing, whence, notes = known_spacing(first), "", first.warnings
+    if how.voxel_size is not None or spacing is not None:
+        given = None if how.voxel_size is None else _sizes(how.voxel_size, 3, source)
+        edges, whence, more = voxel_size_of(first, given, source)
+        spacing, notes = tuple(block * float(s) for s in edges), notes + more
+    written = tuple(n // block for n in shape)
+    top = 255 if table is None else max(table.values())
+    dtype = np.dtype(np.uint8) if how.threshold is not None else np.min_scalar_type(int(top))
+    found, labels = SlabConnectivity(), dict[int, int]()
+    cuts = [np.zeros([n for a, n in enumerate(written) if a != cut], dtype) for cut in range(3)]
+    first = replace(first, values=first.values[:0])  # frees the slab
+
+    def changed() -> Iterator[np.ndarray]:
+        layer, low, high = 0, np.inf, -np.inf
+        for image in _slabs(source, how, shape):
+            values = image.values
+            if table is None:
+                low, high = min(low, values.min()), max(high, values.max())
+                values, _ = thresholded(values, limits, how.invert, source)
+            else:
+                values = _looked_up(values, table, dtype)
+            if len(values) < block:
+                continue
+            values = np.ascontiguousarray(_coarsened(values, block, solids, source), dtype)
+            found.add(is_fluid(values, solids))
+            for value, count in _histogram(values).items():
+                labels[value] = labels.get(value, 0) + count
+            if layer <= written[0] // 2 < layer + len(values):
+                cuts[0][...] = values[written[0] // 2 - layer]
+            cuts[1][layer : layer + len(values)] = values[:, written[1] // 2]
+            cuts[2][layer : layer + len(values)] = values[:, :, written[2] // 2]
+            layer += len(values)
+            yield values
+        if table is None:
+            _, facts["threshold"] = thresholded(np.array([low, high]), limits, how.invert, source)
+
+    with writing(target):
+        _append(target, changed(), written, dtype, spacing)
+    if picture:
+        from .image_slices import plot_cuts
+
+        facts["picture"] = str(slices_picture(target))
+        with writing(slices_picture(target)):
+            plot_cuts(slices_picture(target), cuts, written, solids, spacing, target.name)
+    cell = 1.0 if spacing is None else float(np.prod(spacing))
+    known = found.report(cell)
+    labels = dict(sorted(labels.items()))
+    return _report_of(target, first, written, (spacing, whence, notes), facts, solids, (known, labels))
+
+
+def _new_values(source: Path, how: Conversion, known: Mapping[int, int]) -> dict[int, int]:
+    """{value of the source: value that is written}, with the checks of `inverted` and `_relabelled`."""
+    values = {v: v for v in known}
+    if how.invert:
+        if len(values) != 2:
+            inverted(np.array(sorted(values)), source)  # says what is wrong
+        low, high = sorted(values)
+        values = {low: high, high: low}
+    if not how.labels:
+        return values
+    there = np.array(sorted(set(values.values())))
+    renamed = _relabelled(there, how.labels, source)
+    new = dict(zip(there.tolist(), renamed.tolist()))
+    return {old: int(new[v]) for old, v in values.items()}
+
+
+def _looked_up(values: np.ndarray, table: Mapping[int, int], dtype: np.dtype) -> np.ndarray:
+    """Values by a table, one layer at a time."""
+    if all(old == new for old, new in table.items()):
+        return values.astype(dtype, copy=False)
+    if values.dtype.itemsize <= 2:
+        new = np.zeros(256**values.dtype.itemsize, dtype)
+        new[list(table)] = list(table.values())
+        return new[values]
+    result = np.empty(values.shape, dtype)
+    for value, replaced in table.items():
+        result[values == value] = replaced
+    return result
+
+
+def _append(path: Path, slabs: Iterator[np.ndarray], shape: tuple[int, ...], dtype: np.dtype,
+            spacing: Sequence[float] | None) -> None:
+    """Write slabs of an image [z, y, x] one behind the other; see `write_image`."""
+    suffix, little = path.suffix.lower(), dtype.newbyteorder("<")
+
+    def head(file: Any) -> None:
+        np.lib.format.write_array_header_1_0(
+            file, {"descr": np.lib.format.dtype_to_descr(little), "fortran_order": False, "shape": shape})
+
+    def into(file: Any) -> None:
+        for slab in slabs:
+            file.write(np.ascontiguousarray(slab, little).data)
+
+    if suffix == ".npz":
+        with replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+            with archive.open("image.npy", "w", force_zip64=True) as file:
+                head(file)
+                into(file)
+            if spacing is not None:
+                with archive.open(f"{SPACING}.npy", "w") as file:
+                    np.lib.format.write_array(file, np.asarray(spacing, float), allow_pickle=False)
+        return
+    if suffix == ".mhd":
+        with replacing(path.with_suffix(".raw")) as temporary, open(temporary, "wb") as file:
+            into(file)
+        write_text(path, _meta_header(path, shape, dtype, spacing))
+        return
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        if suffix == ".npy":
+            head(file)
+        elif suffix == ".mha":
+            file.write(_meta_header(path, shape, dtype, spacing).encode())
+        into(file)
 
 
 def _solids(how: Conversion) -> list[int]:
@@ -244,30 +434,33 @@ def _coarsened(values: np.ndarray, block: int, solids: Sequence[int], path: str 
 
 
 def _write_meta(path: Path, values: np.ndarray, spacing: Sequence[float] | None) -> None:
-    types = {v: k for k, v in reversed(META_TYPES.items())}
-    code = values.dtype.str[1:]
-    if code not in types:
-        raise VoxelError(f"{path}: data of type {values.dtype} cannot be written; use integers or floats")
+    header = _meta_header(path, values.shape, values.dtype, spacing).encode()
+    data = values.astype(values.dtype.newbyteorder("<"), copy=False).tobytes()
     local = path.suffix.lower() == ".mha"
-    raw = path.with_suffix(".raw")
+    if not local:
+        with replacing(path.with_suffix(".raw")) as temporary:
+            temporary.write_bytes(data)
+    with replacing(path) as temporary:
+        temporary.write_bytes(header + data if local else header)
+
+
+def _meta_header(path: Path, shape: Sequence[int], dtype: np.dtype, spacing: Sequence[float] | None) -> str:
+    types = {v: k for k, v in reversed(META_TYPES.items())}
+    code = dtype.str[1:]
+    if code not in types:
+        raise VoxelError(f"{path}: data of type {dtype} cannot be written; use integers or floats")
     lines = {
         "ObjectType": "Image",
-        "NDims": values.ndim,
+        "NDims": len(shape),
         "BinaryData": "True",
         "BinaryDataByteOrderMSB": "False",
         "CompressedData": "False",
         **({} if spacing is None else {"ElementSpacing": " ".join(repr(float(s)) for s in spacing)}),
-        "DimSize": " ".join(str(n) for n in values.shape[::-1]),
+        "DimSize": " ".join(str(n) for n in shape[::-1]),
         "ElementType": types[code],
-        "ElementDataFile": "LOCAL" if local else raw.name,
+        "ElementDataFile": "LOCAL" if path.suffix.lower() == ".mha" else path.with_suffix(".raw").name,
     }
-    header = "".join(f"{key} = {value}\n" for key, value in lines.items()).encode()
-    data = values.astype(values.dtype.newbyteorder("<"), copy=False).tobytes()
-    if not local:
-        with replacing(raw) as temporary:
-            temporary.write_bytes(data)
-    with replacing(path) as temporary:
-        temporary.write_bytes(header + data if local else header)
+    return "".join(f"{key} = {value}\n" for key, value in lines.items())
 
 
 def written_files(path: str | Path) -> list[Path]:

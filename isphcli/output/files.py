@@ -31,7 +31,8 @@ SUMMARY_KEYS = (
     "porosity", "open_axes", "throats", "terms", "steps", "time",
     "permeability", "permeability_error", "permeability_image_error", "permeability_range", "permeability_range_from",
     "permeability_by_spacing", "permeability_by_threshold", "permeability_tensor", "tortuosity", "formation_factor",
-    "effective_diffusivity", "superficial_velocity", "mean_velocity", "speed", "wall_shear", "pressure_drop",
+    "formation_factor_error", "effective_diffusivity", "effective_diffusivity_error",
+    "superficial_velocity", "mean_velocity", "speed", "wall_shear", "pressure_drop",
     "two_fluids", "mass_error", "max_divergence", "iterations", "errors", "cpu_seconds", "wall_seconds",
     "peak_memory_bytes", "threads", "ranks", "versions",
 )  # fmt: skip
@@ -83,6 +84,15 @@ def write_vtu(path: str | os.PathLike, x: np.ndarray, fields: Mapping[str, np.nd
     """
     import meshio
 
+    x, data = field_arrays(Path(path), x, fields)
+    mesh = meshio.Mesh(x, [("vertex", np.arange(len(x)).reshape(-1, 1))], point_data=data)
+    with replacing(path) as temporary:
+        meshio.vtu.write(temporary, mesh, binary=True, compression="zlib")
+
+
+def field_arrays(path: Path, x: np.ndarray,
+                 fields: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Points (n, 3) and fields of a snapshot as they are written; arguments and errors as those of `write_vtu`."""
     x = require_finite("x", np.asarray(x, dtype=np.float64))
     n = len(x)
     if n == 0:
@@ -100,9 +110,7 @@ def write_vtu(path: str | os.PathLike, x: np.ndarray, fields: Mapping[str, np.nd
         elif values.dtype == bool:
             values = values.astype(np.int8)
         data[name] = _three(values) if values.ndim == 2 else np.ascontiguousarray(values)
-    mesh = meshio.Mesh(_three(x), [("vertex", np.arange(n).reshape(n, 1))], point_data=data)
-    with replacing(path) as temporary:
-        meshio.vtu.write(temporary, mesh, binary=True, compression="zlib")
+    return _three(x), data
 
 
 def write_pieces(directory: Path, x: np.ndarray, fields: Mapping[str, np.ndarray]) -> None:

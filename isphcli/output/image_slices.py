@@ -20,14 +20,23 @@ def plot_slices(
 
     spacing: edges of a voxel x, y(, z), m, or None; axes are then in voxels.
     """
+    cuts = [0, 1, 2] if values.ndim == 3 else []
+    shown = [np.take(values, values.shape[cut] // 2, axis=cut) for cut in cuts] or [values]
+    plot_cuts(path, shown, values.shape, solids, spacing, title)
+
+
+def plot_cuts(
+    path: str | os.PathLike, shown: Sequence[np.ndarray], shape: Sequence[int], solids: Sequence[int],
+    spacing: Sequence[float] | None, title: str = "",
+) -> None:  # fmt: skip
+    """`plot_slices` of the middle slices themselves; shape: of the image [z, y, x], or [y, x]."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
 
-    edges = np.asarray(spacing if spacing is not None else np.ones(values.ndim))
-    scale, unit = (1.0, "voxels") if spacing is None else _unit(edges * values.shape[::-1])
-    cuts = [0, 1, 2] if values.ndim == 3 else [None]
+    edges = np.asarray(spacing if spacing is not None else np.ones(len(shape)))
+    scale, unit = (1.0, "voxels") if spacing is None else _unit(edges * tuple(shape)[::-1])
+    cuts = [0, 1, 2] if len(shape) == 3 else [None]
     figure, panels = _figure(4.2 * len(cuts), 4.4, 1, len(cuts))
-    shown = [values if cut is None else np.take(values, values.shape[cut] // 2, axis=cut) for cut in cuts]
     found = sorted({int(v) for one in shown for v in np.unique(one)})
     few = len(found) <= MOST_COLOURS
     pores = iter((*PHASES[::-1], *MORE))
@@ -47,7 +56,7 @@ def plot_slices(
         axes.set_xlabel(f"{'xyz'[across[0]]}, {unit}")
         axes.set_ylabel(f"{'xyz'[across[1]]}, {unit}")
         if cut is not None:
-            axes.set_title(f"{'zyx'[cut]} = {values.shape[cut] // 2} of {values.shape[cut]} voxels", fontsize=9)
+            axes.set_title(f"{'zyx'[cut]} = {shape[cut] // 2} of {shape[cut]} voxels", fontsize=9)
     if few:
         figure.legend(
             handles=[Patch(color=c, label=f"{v} {'solid' if v in solids else 'pore'}") for v, c in zip(found, colours)],

@@ -109,8 +109,12 @@ def measure_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     lines = []
     for key, more in (("tortuosity", "mean speed over mean velocity along the axis"),
                       ("formation_factor", "resistance over that of the fluid alone")):
-        lines += [(f"{key.replace('_', ' ')}{axis}", f"{value:.{DIGITS}g} ({more})")
-                  for axis, value in per_axis(summary.get(key))]
+        bars = dict(per_axis(summary.get(f"{key}_error")))
+        for axis, value in per_axis(summary.get(key)):
+            digits = digits_within(value, bars.get(axis))
+            lines.append((f"{key.replace('_', ' ')}{axis}", f"{value:.{digits}g} ({more})"))
+            if axis in bars:
+                lines.append((f"  +-{axis}", f"{bars[axis]:.2g}"))
     shear = summary.get("wall_shear")
     if shear is not None:
         lines.append(("wall shear", f"mean {shear['mean']:.{DIGITS}g} Pa, 95 % below {shear['q95']:.{DIGITS}g} Pa"))

@@ -6,7 +6,7 @@ import contextlib
 import sys
 
 LIBRARIES = ("isphcli", "numpy", "scipy", "numba", "pyamg", "meshio", "matplotlib", "pyyaml", "click", "rich",
-             "threadpoolctl", "pillow", "tifffile", "pynrrd", "pint")
+             "threadpoolctl", "pillow", "tifffile", "pynrrd", "pint", "pyvista")
 
 
 def peak_memory() -> int | None:

@@ -36,13 +36,26 @@ MOST_ASKED = 100_000  # points of a plane whose distance from walls is asked of 
 
 
 @dataclass(frozen=True)
+class Key:
+    """What the colours of a picture mean.
+
+    scale: (label, colour map, power of the value that it follows, highest value), from zero, or None; colours: (name,
+    colour) of what has one of its own.
+    """
+
+    scale: tuple[str, Any, float, float] | None = None
+    colours: Sequence[tuple[str, str]] = ()
+
+
+@dataclass(frozen=True)
 class Frame:
     """The scene that a picture is of.
 
     dim: 2 or 3; spacing: of the particles; lower, upper: (dim,) box; without them that of the particles; periodic: of
     each axis; wall_distance: of points (m, dim), signed, m: solids are drawn where they are, without it where no
     particle is; flow_axis: without it that of the largest mean component; plane: (normal axis, position), without it
-    the mid-plane with more fluid in it of the two, moved to the nearest particles; units: of length and velocity;
+    the mid-plane with more fluid in it of the two, moved to the nearest particles; note: a few words under the title;
+    top: of the scale of speeds, m/s, without it by the speeds; units: of length and velocity;
     ("m", "m/s") are written with the prefix that fits, others, such as ("", ""), as they are.
     """
 
@@ -55,6 +68,8 @@ class Frame:
     wall_distance: Callable[[np.ndarray], np.ndarray] | None = None
     flow_axis: int | None = None
     plane: tuple[int, float] | None = None
+    note: str = ""
+    top: float | None = None
     units: tuple[str, str] = ("m", "m/s")
 
     def box(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,19 +107,20 @@ def plot_slice(path: str | os.PathLike, x: np.ndarray, velocity: np.ndarray, fra
     if not (filled > _FILLED).any():
         raise ValueError(f"{path}: no fluid in the plane {'xyz'[normal or 0]} = {position:.4g}")
 
-    factor, unit = _prefix(frame.units[0], float(np.max(box[1] - box[0])))
+    factor, unit = prefix(frame.units[0], float(np.max(box[1] - box[0])))
     extent = [factor * v for v in (box[0][0], box[1][0], box[0][1], box[1][1])]
     aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
     width, height = (6.4, 6.4 * aspect) if aspect <= 1.3 else (8.0 / aspect, 8.0)
     figure, ((axes,),) = _figure(width + 1.7, height + 1.15)
     if "phase" in images:
         _draw_interfaces(axes, _smooth(images["phase"], filled, wrap), extent, "white")
-    picture, unit_speed = _draw_speed(axes, images["speed"], filled, extent, frame.units[1])
+    picture, unit_speed = _draw_speed(axes, images["speed"], filled, extent, frame.units[1], frame.top)
     _colour_bar(figure, axes, picture, unit_speed)
     axes.set_xlabel("xyz"[shown[0]] + (f"  ({unit})" if unit else ""))
     axes.set_ylabel("xyz"[shown[1]] + (f"  ({unit})" if unit else ""))
     where = "" if normal is None else f"plane {'xyz'[normal]} = {factor * position:.4g} {unit}".rstrip()
-    _headline(axes, frame.title, "    ".join(part for part in (_permeability(permeability), where) if part))
+    parts = (frame.note, _permeability(permeability), where)
+    _headline(axes, frame.title, "    ".join(part for part in parts if part))
     if shown[0] == axis and abs(flow[axis]) > 0.05 * speed.mean() and speed.max() > 0:
         arrow = "flow →" if flow[axis] > 0 else "← flow"
         axes.annotate(arrow, (1, 1.015), xycoords="axes fraction", ha="right", va="bottom", color="#6b6b6b")
@@ -136,7 +152,7 @@ def plot_phases(path: str | os.PathLike, x: np.ndarray, phase: np.ndarray, names
         filled[:] = 1.0
     elif frame.wall_distance is not None:
         filled = _fill_by_distance(filled.shape, box, (dim, (a, b), normal, middle), frame.wall_distance, spacing)
-    factor, unit = _prefix("m", float(np.max(box[1] - box[0])))
+    factor, unit = prefix("m", float(np.max(box[1] - box[0])))
     extent = [factor * v for v in (box[0][0], box[1][0], box[0][1], box[1][1])]
     aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
     width, height = (6.4, 6.4 * aspect) if aspect <= 1.3 else (8.0 / aspect, 8.0)
@@ -150,7 +166,7 @@ def plot_phases(path: str | os.PathLike, x: np.ndarray, phase: np.ndarray, names
     axes.set_xlabel("xyz"[a] + f"  ({unit})")
     axes.set_ylabel("xyz"[b] + f"  ({unit})")
     where = "" if normal is None else f"plane {'xyz'[normal]} = {factor * middle:.4g} {unit}"
-    _headline(axes, frame.title, where)
+    _headline(axes, frame.title, "    ".join(filter(None, (frame.note, where))))
     patches = [Patch(color=colour, label=name) for colour, name in zip(PHASES, names)]
     axes.legend(handles=patches, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     for text in axes.get_legend().get_texts():
@@ -159,32 +175,46 @@ def plot_phases(path: str | os.PathLike, x: np.ndarray, phase: np.ndarray, names
 
 
 def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
-    """Draw time step, iterations, residuals, velocity and the measures of two fluids over time (or over the step).
+    """Draw velocity, energy, pressures and the measures of two fluids over time (or over the step).
 
-    rows: of history.csv, as `files.read_history` returns them. Columns are found by their first word: `dt`,
-    `iterations_*`, `residual_*` with `divergence`, `max_divergence` and `change`, `mean_velocity*`,
-    `superficial_velocity*`, `pressure_drop*`, `kinetic_energy*`, and those of two fluids: `pressure_jump`,
-    `saturation_*`, ... A panel without data is left out. Raises ValueError if nothing is left.
+    rows: of history.csv, as `files.read_history` returns them. Columns are found by their first word (`PHYSICAL`). A
+    panel without data is left out. Raises ValueError if nothing is left.
     """
+    _draw_columns(path, rows, title, PHYSICAL)
+
+
+def plot_numerics(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
+    """Draw time step, iterations, residuals and divergence (`NUMERICAL`), as `plot_histories` does the rest."""
+    _draw_columns(path, rows, title, NUMERICAL)
+
+
+# label of a panel, first words of its columns, whether it is logarithmic
+Panels = Sequence[tuple[str, tuple[str, ...], bool]]
+PHYSICAL: Panels = (
+    ("mean velocity (m/s)", ("mean_velocity",), False),
+    ("superficial velocity (m/s)", ("superficial_velocity",), False),
+    ("pressure drop (Pa)", ("pressure_drop",), False),
+    ("kinetic energy (J, J/m in 2D)", ("kinetic_energy",), False),
+    ("pressure jump (Pa)", ("pressure_jump",), False),
+    ("saturation", ("saturation",), False),
+    ("centre (m)", ("centre",), False),
+    ("circularity", ("circularity",), False),
+    ("capillary number", ("capillary_number",), True),
+    ("contact angle (degrees)", ("contact_angle",), False),
+)
+NUMERICAL: Panels = (
+    ("time step (s)", ("dt",), False),
+    ("iterations", ("iterations",), False),
+    ("residual, divergence", ("residual", "divergence", "max_divergence", "change"), True),
+)
+
+
+def _draw_columns(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], title: str, wanted: Panels) -> None:
     by_time = sum(row.get("time") is not None for row in rows) > 1 and rows[-1]["time"] > rows[0]["time"]
     key = "time" if by_time else "step"
     coordinate = np.array([row.get(key, i) for i, row in enumerate(rows)], dtype=float)
     panels = []
-    for label, words, log in (
-        ("time step (s)", ("dt",), False),
-        ("iterations", ("iterations",), False),
-        ("residual, divergence", ("residual", "divergence", "max_divergence", "change"), True),
-        ("mean velocity (m/s)", ("mean_velocity",), False),
-        ("superficial velocity (m/s)", ("superficial_velocity",), False),
-        ("pressure drop (Pa)", ("pressure_drop",), False),
-        ("kinetic energy (J, J/m in 2D)", ("kinetic_energy",), False),
-        ("pressure jump (Pa)", ("pressure_jump",), False),
-        ("saturation", ("saturation",), False),
-        ("centre (m)", ("centre",), False),
-        ("circularity", ("circularity",), False),
-        ("capillary number", ("capillary_number",), True),
-        ("contact angle (degrees)", ("contact_angle",), False),
-    ):
+    for label, words, log in wanted:
         lines = {
             name: values for name in _columns(rows, words) if (values := _series(rows, name)) is not None
         }
@@ -219,7 +249,8 @@ def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], t
 
 def plot_profiles(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], names: Sequence[str],
                   title: str = "") -> None:
-    """Draw saturation of the second fluid and pressure along the axis, at up to MOST_TIMES times, the last one dark.
+    """Draw saturation of the second fluid, pressure and flux along the axis, at up to MOST_TIMES times, the last one
+    dark, and how far the flux at the last one is spread.
 
     rows: of profiles.csv; names: of the fluids. Raises ValueError without rows.
     """
@@ -230,20 +261,28 @@ def plot_profiles(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], na
     times = sorted({row["time"] for row in rows})
     kept = [times[k] for k in np.unique(np.linspace(0, len(times) - 1, min(len(times), MOST_TIMES)).astype(int))]
     along = next(name for name in "xyz" if name in rows[0])
-    factor, unit = _prefix("m", max(abs(row[along]) for row in rows))
-    figure, ((left, right),) = _figure(10.4, 3.6, 1, 2)
+    factor, unit = prefix("m", max(abs(row[along]) for row in rows))
+    with_flux = any(row.get("superficial_velocity") is not None for row in rows)
+    figure, ((left, right, *more),) = _figure(10.4 + 5.0 * with_flux, 3.6, 1, 2 + with_flux)
+    keys = [(left, f"saturation_{names[1]}"), (right, "pressure"), *((axes, "superficial_velocity") for axes in more)]
     shades = colormaps["viridis_r"](np.linspace(0.15, 1.0, len(kept)))
     for time, shade in zip(kept, shades):
         now = [row for row in rows if row["time"] == time]
         x = factor * np.array([row[along] for row in now])
-        for axes, key in ((left, f"saturation_{names[1]}"), (right, "pressure")):
+        for axes, key in keys:
             values = np.array([np.nan if row.get(key) is None else row[key] for row in now], dtype=float)
             axes.plot(x, values, color=shade, lw=1.4, label=f"{time:.3g} s")
             axes.grid(color="#e6e6e6", lw=0.6)
     left.set_ylim(-0.03, 1.03)
     left.set_ylabel(f"saturation {names[1]}").set_parse_math(False)
     right.set_ylabel("pressure (Pa)")
-    for axes in (left, right):
+    for axes in more:
+        axes.set_ylabel("superficial velocity (m/s)")
+        flux = values[np.isfinite(values)]  # of the last time
+        if len(flux) and flux.mean() != 0.0:
+            spread = float(flux.std() / abs(flux.mean()))
+            axes.set_title(f"spread of the slices at the end: {spread:.1e} of the mean", fontsize=9, color=INK)
+    for axes, _ in keys:
         axes.set_xlabel(f"{along}  ({unit})")
     right.legend(frameon=False, fontsize=8)
     if title:
@@ -281,6 +320,43 @@ def plot_curve(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], names
         left.annotate(f"{row['drive_step']:g}", (x, y), xytext=(3, 3), textcoords="offset points", fontsize=7)
     if title:
         figure.suptitle(title, fontweight="bold", color=INK).set_parse_math(False)
+    _save(figure, path)
+
+
+def frame_picture(path: str | os.PathLike, image: np.ndarray, frame: Frame, key: Key) -> None:
+    """A picture of a scene in 3D with its title, the size of its box and what its colours mean.
+
+    image: (height, width, 3) uint8; white margins are cut off.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import PowerNorm
+    from matplotlib.patches import Patch
+
+    ink = np.nonzero((image < 250).any(axis=2))
+    if len(ink[0]):
+        rows, columns = (slice(max(int(i.min()) - 8, 0), int(i.max()) + 9) for i in ink)
+        image = image[rows, columns]
+    aspect = image.shape[0] / image.shape[1]
+    figure, ((axes,),) = _figure(9.0, 7.4 * aspect + 1.0)
+    axes.imshow(image, interpolation="lanczos")
+    axes.set_axis_off()
+    size = np.asarray(frame.upper) - np.asarray(frame.lower)
+    factor, unit = prefix(frame.units[0], float(size.max()))
+    second = f"box {' × '.join(f'{factor * s:.3g}' for s in size)} {unit}".rstrip()
+    if frame.flow_axis is not None:
+        second += f"    flow along {'xyz'[frame.flow_axis]}"
+    _headline(axes, frame.title, "    ".join(filter(None, (frame.note, second))))
+    if key.scale is not None:
+        label, colours, power, high = key.scale
+        bar = figure.colorbar(ScalarMappable(PowerNorm(power, 0.0, high), colours), ax=axes, fraction=0.035, pad=0.02,
+                              shrink=0.8, extend="max")
+        bar.set_label(label)
+        bar.outline.set_linewidth(0.4)
+    if key.colours:
+        patches = [Patch(facecolor=colour, edgecolor="#8f8b84", lw=0.6, label=name) for name, colour in key.colours]
+        legend = axes.legend(handles=patches, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=3, frameon=False)
+        for text in legend.get_texts():
+            text.set_parse_math(False)
     _save(figure, path)
 
 
@@ -393,18 +469,20 @@ def _carried_on(points: np.ndarray, offset: np.ndarray, values: Mapping[str, np.
     return points, offset[index], {name: value[index] for name, value in values.items()}
 
 
-def _draw_speed(axes: Axes, speed: np.ndarray, filled: np.ndarray, extent: Any,
-                unit: str) -> tuple[Any, str]:
+def _draw_speed(axes: Axes, speed: np.ndarray, filled: np.ndarray, extent: Any, unit: str,
+                largest: float | None = None) -> tuple[Any, str]:
     """The picture itself: solids grey with an edge, fluid from dark (slow) to bright (fast)."""
     from matplotlib.colors import Normalize, PowerNorm
 
     fluid = speed[filled > _FILLED]
-    factor, unit = _prefix(unit, float(np.quantile(fluid, 0.995)))
-    top, usual = factor * float(np.quantile(fluid, 0.995)), factor * float(np.median(fluid))
-    channels = usual < 0.2 * top
-    norm = PowerNorm(0.5, 0, top) if channels else Normalize(0, factor * fluid.max() or 1.0)
+    most = float(np.quantile(fluid, 0.995)) if largest is None else largest
+    factor, unit = prefix(unit, most)
+    top, usual = factor * most, factor * float(np.median(fluid))
+    channels = largest is None and usual < 0.2 * top
+    highest = top if largest is not None else factor * fluid.max() or 1.0
+    norm = PowerNorm(0.5, 0, top) if channels else Normalize(0, highest)
     picture = axes.imshow(
-        factor * speed, origin="lower", extent=extent, cmap=_map(), norm=norm, interpolation="bilinear"
+        factor * speed, origin="lower", extent=extent, cmap=flow_map(), norm=norm, interpolation="bilinear"
     )
     if filled.min() < _FILLED:
         axes.contourf(filled, [-1, _FILLED], extent=extent, colors=[SOLID], zorder=2)
@@ -430,7 +508,7 @@ def _draw_interfaces(axes: Axes, smooth: np.ma.MaskedArray, extent: Any, colour:
         axes.contour(smooth, levels, extent=extent, colors=colour, linewidths=1.6, zorder=4)
 
 
-def _map() -> Colormap:
+def flow_map() -> Colormap:
     """Perceptually uniform; without the near-white end that the grey solids are close to."""
     from matplotlib import colormaps
     from matplotlib.colors import LinearSegmentedColormap
@@ -461,9 +539,9 @@ def _round_down(value: float) -> float:
 # -- parts of every picture ------------------------------------------------------------------------------
 
 
-def _prefix(unit: str, size: float) -> tuple[float, str]:
-    """Factor and name of the unit that makes `size` 1 to 1000; only m and m/s have prefixes."""
-    if unit not in ("m", "m/s") or size <= 0:
+def prefix(unit: str, size: float) -> tuple[float, str]:
+    """Factor and name of the unit that makes `size` 1 to 1000; only m, m/s and Pa have prefixes."""
+    if unit not in ("m", "m/s", "Pa") or size <= 0:
         return 1.0, unit
     for factor, prefix in ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"), (1e12, "p")):
         if size * factor >= 1:

@@ -20,7 +20,13 @@ import yaml
 
 from .lines import measure_lines, per_axis, permeability_lines, scene_lines, shown_error, time_lines, velocity_lines
 
-PICTURES = {"slice.png": "Speed of the flow", "phases.png": "The fluids", "histories.png": "Histories"}
+PHYSICAL = {"flow_3d.png": "Rock cut open, streamlines coloured by speed", "slice.png": "Speed of the flow",
+            "fluids_3d.png": "Rock cut open, the fluids and their interface", "phases.png": "The fluids",
+            "wall_shear_3d.png": "Shear stress at the walls", "profiles.png": "Profiles along the axis",
+            "curve.png": "Steps of the drive", "distributions.png": "Sizes of the pores, and speeds",
+            "histories.png": "Histories"}
+NUMERICAL = {"numerics.png": "Solver, resolution and conservation"}
+PICTURES = PHYSICAL | NUMERICAL
 STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #2f2f2f; max-width: 76rem; margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 2rem; }
@@ -141,12 +147,14 @@ def _warnings(run: Run) -> list[str]:
 
 def _of_one(run: Run) -> str:
     warnings = "".join(f'<p class="warning">{escape(text)}</p>\n' for text in _warnings(run))
-    pictures = "".join(_figure(name, data) for name, data in run.pictures)
+    pictures, numerics = ("".join(_figure(name, data) for name, data in run.pictures if name in kind)
+                          for kind in (PHYSICAL, NUMERICAL))
     return (f"<h2>Question</h2>\n<p>{escape(question(run))}</p>\n{_table(scene_lines(run.summary))}"
             f'<h2>Answer</h2>\n<p>Status: {escape(str(run.summary.get("status")))}.</p>\n'
             f'<div class="answer">\n{_table(answer_lines(run))}</div>\n'
             f"<h2>Warnings and notes</h2>\n{warnings or '<p>None.</p>' + chr(10)}"
             f"<h2>Pictures</h2>\n{pictures or '<p>None were drawn.</p>' + chr(10)}"
+            f"{'<h2>Numerics</h2>' + chr(10) + numerics if numerics else ''}"
             f"<h2>To repeat it</h2>\n{_table(cost_lines(run))}"
             f"<p>The case, with all defaults; <code>isph run case.yaml</code> repeats the run:</p>\n"
             f"<pre>{escape(run.text)}</pre>\n")

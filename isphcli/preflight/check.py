@@ -12,6 +12,7 @@ import numpy as np
 
 from ..case import forcing
 from ..case.blocks import AXES, Case
+from ..case.forces import FORCES, forces_of
 from ..case.load import load_case
 from ..domain.lattice import Lattice, ParticleError
 from ..geometry.protocol import Geometry
@@ -132,6 +133,7 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
     starts = case.initial is not None and bool(case.initial.velocity)
     flood = case.initial.flood if case.initial else None
     ends = case.reservoirs
+    beside = {force.name: force.words for force in forces_of(case, geometry)}
     return [
         Term("walls", wall, f"distance {case.wall_distance}" if wall else "no solid and no closed face"),
         Term("moving walls", moves, "a wall has a velocity" if moves else "all walls are at rest"),
@@ -152,6 +154,7 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
         Term("contact angle", tension is not None and wall,
              "no interface" if not tension else f"{tension.contact_angle:g} degrees" if wall else "no walls"),
         Term("drive", forcing.is_driven(case), forcing.in_words(case)),
+        *(Term(known.name, known.name in beside, beside.get(known.name, known.without)) for known in FORCES),
         Term("initial velocity", starts, "formula" if starts else "starts at rest"),
         Term("reservoirs", ends is not None,
              f"{ends.inlet} at {ends.axis}_min, {ends.outlet} at {ends.axis}_max" if ends else "none"),

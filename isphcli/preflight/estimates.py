@@ -14,6 +14,8 @@ import numpy as np
 
 from ..case import expressions, forcing
 from ..case.blocks import AXES
+from ..case.forces import forces_of
+from ..flow.forces import largest_of, resistance_of
 from ..scene import memory
 from .report import CheckReport, Flow, Steps, Throats
 from .throats import LINE_POINTS, Sites
@@ -50,8 +52,13 @@ def flow_estimate(
         start = np.stack([expressions.evaluate(f, **variables) for f in case.initial.velocity], axis=1)
         found.append((float(np.linalg.norm(start, axis=1).max()), "initial velocity"))
     g = float(np.linalg.norm(forcing.largest_acceleration(case, length)))
-    if g > 0 and driven:
-        creeping = (g * width**2 / (8 * nu), "creeping flow in the throats, g w2 / 8 nu")
+    beside = forces_of(case, geometry)
+    more = largest_of(beside)
+    if (g > 0 and driven) or more > 0:
+        g += more
+        resistance = resistance_of(beside, sites.points(LINE_POINTS))
+        least = 0.0 if resistance is None else float(resistance.min())
+        creeping = (g * width**2 / (8 * nu) / (1 + least * width**2 / 8), "creeping flow in the throats, g w2 / 8 nu")
         end = case.time.end if case.time else None
         inertial = (math.sqrt(2 * g * float(np.max(length))), "free fall over the box")
         started = (g * end, "acceleration until the end") if end else inertial

@@ -42,9 +42,9 @@ def speed_distribution(velocity: np.ndarray) -> dict[str, float] | None:
     return {"mean": float(reduce.mean(speed)), **{f"q{100 * s:02.0f}": float(q) for s, q in zip(SHARES, quantiles)}}
 
 
-def wall_shear(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, laplacian: np.ndarray,
-               scale: tuple[float, float]) -> dict[str, float] | None:
-    """`mean`, `median` and `q95` of the shear stress at walls, Pa.
+def wall_stress(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, laplacian: np.ndarray,
+                scale: tuple[float, float]) -> tuple[np.ndarray, np.ndarray] | None:
+    """(positions (m, dim) m, shear stress (m,) Pa) of the particles beside walls.
 
     x, velocity: (n, dim) m, m/s; laplacian: (n, dim) of the velocity, 1/(m s); scale: spacing, m, and dynamic
     viscosity, Pa s. Of the particles within LAYER of a wall, tangential to it: with u(d) = s d + lap u d^2 / 2 the
@@ -61,9 +61,38 @@ def wall_shear(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, laplacia
     d, normal = distance[near, None] * spacing, wall_normals(geometry, x[near], spacing)
     slope = velocity[near] / d - 0.5 * d * laplacian[near]
     slope -= np.einsum("nk,nk->n", slope, normal)[:, None] * normal
-    stress = viscosity * np.linalg.norm(slope, axis=1)
+    return x[near], viscosity * np.linalg.norm(slope, axis=1)
+
+
+def wall_shear(stress: np.ndarray | None) -> dict[str, float] | None:
+    """`mean`, `median` and `q95` of the shear stress (m,) of `wall_stress`, Pa; None without one."""
+    if stress is None:
+        return None
     median, high = reduce.quantiles(stress, (0.5, 0.95))
     return {"mean": float(reduce.mean(stress)), "median": float(median), "q95": float(high)}
+
+
+def profile_rows(geometry: Geometry, x: np.ndarray, flow: tuple[np.ndarray, np.ndarray], axis: int, drop: float,
+                 scale: tuple[float, float]) -> list[dict[str, float | None]]:
+    """A dict a layer across an axis, from the lower end of the box on: its middle along the axis, m, mean pressure, Pa,
+    None without fluid, and superficial velocity, m/s.
+
+    x: (n, dim) m; flow: velocity (n, dim) m/s, mean over cells, and pressure (n,) Pa; drop: over the box, Pa, that
+    drives the flow: it falls along the axis beside the pressure of the particles; scale: thickness of a layer, m, and
+    volume of a particle, m^dim.
+    """
+    velocity, pressure = flow
+    thickness, volume = scale
+    size = geometry.upper - geometry.lower
+    count = max(1, round(float(size[axis]) / thickness))
+    share = (x[:, axis] - geometry.lower[axis]) / size[axis]
+    layer = np.clip((share * count).astype(int), 0, count - 1)
+    number = reduce.total_by(layer, labels=count)
+    flux = reduce.total_by(layer, velocity[:, axis], count) * (volume * count / float(np.prod(size)))
+    total = reduce.total_by(layer, pressure - drop * share, count)
+    return [{"xyz"[axis]: float(geometry.lower[axis] + (k + 0.5) * size[axis] / count),
+             "pressure": float(total[k] / number[k]) if number[k] else None, "superficial_velocity": float(flux[k])}
+            for k in range(count)]
 
 
 def effective_diffusivity(geometry: Geometry, x: np.ndarray, flux: np.ndarray, cells: float, site_volume: float,

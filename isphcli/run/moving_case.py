@@ -19,6 +19,7 @@ from ..references.result import Result
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.prepare import prepare
+from .flow_measures import profile_rows
 from .permeability import darcy, fluid_cells, mean_velocities
 from .results import (
     CURVE,
@@ -28,6 +29,8 @@ from .results import (
     absent_fluids,
     added_viscosity,
     counts_of,
+    draw_distributions,
+    draw_in_3d,
     finish,
     grids_of,
     mean_max,
@@ -116,8 +119,10 @@ class MovingRun:
         if self.profiles is not None and state.step != self.profiled:
             self.profiled = state.step
             with self.clock("output"):
-                for row in self.profiles.rows(state, self.particles_at(state).phase):
-                    self.tables[PROFILES].append(row)
+                layers = profile_rows(self.geometry, state.x, (state.u, state.p), self.profiles.axis, 0.0,
+                                      (self.profiles.thickness, self.particles.site_volume))
+                for row, layer in zip(self.profiles.rows(state, self.particles_at(state).phase), layers):
+                    self.tables[PROFILES].append(row | {"superficial_velocity": layer["superficial_velocity"]})
         with self.clock("output"):
             write_grid(self.grids, self.case, self.geometry, self.particles_at(state), (state.step, state.time),
                        (state.x, state.u, state.p * self.pressure_unit), self.case.particles.spacing)
@@ -394,8 +399,17 @@ def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state:
 
 
 def _pictures(run: MovingRun, state: State, permeability: float | None) -> None:
-    """A slice of the flow, the fluids where there are two, the histories, profiles, the curve of a drive in steps."""
-    from ..output.plots import Frame, plot_curve, plot_histories, plot_phases, plot_profiles, plot_slice
+    """A slice of the flow, the fluids where there are two, both in 3D, speeds and pores, the histories, profiles, the
+    curve of a drive in steps; apart from them what is numerical."""
+    from ..output.plots import (
+        Frame,
+        plot_curve,
+        plot_histories,
+        plot_numerics,
+        plot_phases,
+        plot_profiles,
+        plot_slice,
+    )
 
     case, geometry, two = run.case, run.geometry, run.measures is not None
     phase = run.particles_at(state).phase
@@ -403,9 +417,13 @@ def _pictures(run: MovingRun, state: State, permeability: float | None) -> None:
                   geometry.distance if geometry.has_solid else None)
     plot_slice(run.directory / "slice.png", state.x, state.u, frame, permeability=permeability,
                phase=phase if two else None)
+    flow = {"x": state.x, "velocity": state.u} | ({"phase": phase} if two else {})
+    draw_in_3d(run.directory, frame, geometry, flow, run.seen.warnings, case.fluid_names if two else ())
+    draw_distributions(run.directory, case, geometry, state.x, state.u, case.particles.spacing)
     if two:
         plot_phases(run.directory / "phases.png", state.x, phase, case.fluid_names, frame, walls=geometry.has_solid)
     plot_histories(run.directory / "histories.png", run.history, case.title)
+    plot_numerics(run.directory / "numerics.png", run.history, case.title)
     for name, plot in ((PROFILES, plot_profiles), (CURVE, plot_curve)):
         rows = read_history(run.directory / name) if name in run.tables and run.tables[name].rows else []
         if rows:

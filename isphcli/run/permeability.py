@@ -89,11 +89,13 @@ def clear_permeability(geometry: Geometry, axis: int) -> float:
 
 
 def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray,
-                known: tuple[float, float] | None = None) -> tuple[float, float, float | None, str]:
+                known: tuple[float, float] | None = None,
+                power: float | None = None) -> tuple[float, float, float | None, str]:
     """The value at the limit of fine spacings from values (m,) at spacings (m,), m > 1: (value, error bar, order or
     None, sentence).
 
-    known: lowest and highest order of the error, where all of it is of a known origin (`EDGE`): the value is then the
+    power: order of the errors that the bar takes from the differences, ORDER without it. known: lowest and highest
+    order of the error, where all of it is of a known origin (`EDGE`): the value is then the
     limit by Richardson. Without it the value is that of the finest spacing and the bar an estimate of its error, which
     89 % (two spacings) to 96 % (three) of the bodies of `validation.known_bodies` keep within. Beside smooth walls the
     error changes with the way in which the walls lie on each lattice, up and down: an extrapolation would carry that
@@ -103,9 +105,10 @@ def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] 
     h, k = np.asarray(spacings, float)[order], np.asarray(values, float)[order]
     if known is not None:
         return _with_known_order(h, k, known)
-    bar = BAR * float(np.mean(np.abs(k[1:] - k[0]) / ((h[1:] / h[0]) ** ORDER - 1.0)))
+    power = ORDER if power is None else power
+    bar = BAR * float(np.mean(np.abs(k[1:] - k[0]) / ((h[1:] / h[0]) ** power - 1.0)))
     return float(k[0]), bar, None, (f"the value at the finest of {len(h)} spacings; the bar takes errors of order "
-                                    f"{ORDER:g} from their differences")
+                                    f"{power:g} from their differences")
 
 
 def _with_known_order(h: np.ndarray, k: np.ndarray,

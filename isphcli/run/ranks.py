@@ -35,6 +35,8 @@ def refuse_what_is_not_distributed(case: Case) -> None:
     if case.particles.jitter > 0.0:
         bad("particles.jitter", "its random numbers depend on who owns a particle: no jitter",
             "leave it out, or " + ONE)
+    if case.output.snapshots and case.output.format == "xdmf":
+        bad("output.format", "no snapshots as HDF5 with XDMF", "leave it out (particles.pvd has the flow), or " + ONE)
     if case.output.grid is not None:
         bad("output.grid", "no snapshots on a grid", "leave it out (particles.pvd has the flow), or " + ONE)
     if case.geometry.voxels is not None and case.geometry.voxels.grey is not None and (

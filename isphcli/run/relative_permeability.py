@@ -23,7 +23,7 @@ from ..case.load import load_case
 from ..case.reader import Table
 from ..geometry.clear_layer import clear_voxels
 from ..geometry.protocol import Geometry, sample_box
-from ..output.files import read_pvd, read_vtu
+from ..output.snapshots import read_series, read_snapshot
 from ..scene.build_geometry import build_geometry
 from .steady import NoFlowError, build_scene, solve_axis
 
@@ -74,7 +74,7 @@ def relative_permeabilities(directory: Path, clock: Clock, every: bool = False, 
         raise NoFlowError(f"no path leads through the sample along {'xyz'[axis]}: its permeability is zero")
     found = []
     for time, file in entries if every else entries[-1:]:
-        x, fields = read_vtu(directory / file)
+        x, fields = read_snapshot(directory / file)
         fluid = fields["phase"] >= 0
         x, phase = x[fluid][:, : geometry.dim], fields["phase"][fluid]
         inside = np.all((x >= sample.lower) & (x <= sample.upper), axis=1)
@@ -88,9 +88,10 @@ def relative_permeabilities(directory: Path, clock: Clock, every: bool = False, 
 
 def _read(directory: Path) -> tuple[Case, list[tuple[float, str]]]:
     """(case, [(time, file) of a snapshot]) of the folder of a run."""
-    if not (directory / "case.yaml").is_file() or not (directory / "particles.pvd").is_file():
+    entries = read_series(directory)
+    if not (directory / "case.yaml").is_file() or not entries:
         raise SnapshotError(f"{directory}: has no case.yaml and particles.pvd; name the folder of a run with snapshots")
-    case, entries = load_case(directory / "case.yaml"), read_pvd(directory / "particles.pvd")
+    case = load_case(directory / "case.yaml")
     if len(case.fluids) != 2 or not entries or "phase" not in case.output.fields:
         raise SnapshotError(f"{directory}: has no snapshot of two fluids (fluids, output.fields)")
     return case, entries

@@ -12,6 +12,7 @@ import numpy as np
 
 from .. import COMPLETE
 from ..case.blocks import Case
+from ..case.forces import forces_of
 from ..case.forcing import body_force, changes, drive_steps, held_axis
 from ..case.load import dump_case
 from ..domain.communicator import current
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from ..domain.lattice import Particles
     from ..flow.one_fluid import Fluids
     from ..flow.state import State
+    from ..output.plots import Frame
     from ..references.result import Result
     from .time_loop import TimeLoop
 
@@ -37,16 +39,63 @@ def files_of(case: Case) -> list[str]:
     """Patterns of all files that a run of the case may write, relative to its directory."""
     moving = case.flow != "stokes"
     names = ["case.yaml", "history.csv", "summary.json", "worst.vtu", *[restart.NAME] * moving]
-    if case.output.snapshots:
-        names += ["particles.pvd", f"{SNAPSHOTS}/particles_[0-9]*.vtu", f"{SNAPSHOTS}/particles_[0-9]*.pvtu"]
-    if case.output.grid is not None:
-        names += ["grid.pvd", f"{SNAPSHOTS}/grid_[0-9]*.vti"]
-    if moving and len(case.fluids) > 1:
+    lists, *suffixes = ("xdmf", "h5", "h5") if case.output.format == "xdmf" else ("pvd", "vtu", "vti")
+    for name, suffix, wanted in zip(("particles", "grid"), suffixes,
+                                    (case.output.snapshots, case.output.grid is not None)):
+        names += [f"{name}.{lists}", f"{SNAPSHOTS}/{name}_[0-9]*.{suffix}"] * wanted
+    if "particles.pvd" in names:  # of several processes
+        names.append(f"{SNAPSHOTS}/particles_[0-9]*.pvtu")
+    if len(case.fluids) > 1 or not moving:
         names += [PROFILES, *[CURVE] * (drive_steps(case) is not None)]
     if case.output.plots:
         names += [str(Path(name).with_suffix(".png")) for name in names if name in (PROFILES, CURVE)]
-        names += ["slice.png", "report.html", *["phases.png", "histories.png"] * moving]
+        names += ["slice.png", "report.html", "numerics.png", "distributions.png", "flow_3d.png",
+                  *(["phases.png", "fluids_3d.png", "histories.png"] if moving else ["wall_shear_3d.png"])]
     return names
+
+
+def draw_in_3d(directory: Path, frame: Frame, geometry: Geometry, flow: Mapping[str, np.ndarray], warnings: list[str],
+               names: Sequence[str] = (), stress: tuple[np.ndarray, np.ndarray] | None = None) -> None:
+    """Pictures of a scene in three dimensions that is deep enough: streamlines, the shear at the walls where stress is
+    given (`wall_stress`), two fluids where names are. flow: `x`, `velocity` and, of two fluids, `phase`.
+
+    Where they cannot be drawn, a sentence in warnings says why: the pictures of a plane are there.
+    """
+    from ..output import render
+
+    if not render.deep_enough(geometry, frame.spacing):
+        return
+    targets = {} if names else {render.FLOW: directory / "flow_3d.png"}
+    if names:
+        targets[render.FLUIDS] = directory / "fluids_3d.png"
+    if stress is not None:
+        targets[render.SHEAR] = directory / "wall_shear_3d.png"
+    axis = frame.flow_axis
+    if axis is None:
+        axis = int(np.argmax(np.abs(flow["velocity"].mean(axis=0))))
+    try:
+        render.render(render.scene_of(geometry, flow, frame.spacing, axis, stress), frame, targets, names)
+    except render.RenderError as error:
+        warnings.append(f"no pictures in 3D: {error}; slice.png shows a plane")
+
+
+def draw_distributions(directory: Path, case: Case, geometry: Geometry, x: np.ndarray, velocity: np.ndarray,
+                       spacing: float) -> None:
+    """Sizes of the pores, with what the spacing resolves, and speeds. velocity: (n, dim) m/s; spacing: m."""
+    from ..geometry.pore_sizes import pore_sizes
+    from ..output.panels import plot_distributions
+
+    pores = None
+    if geometry.has_solid:
+        lower, upper = sample_box(geometry)
+        counts = np.maximum(np.rint((upper - lower) / spacing), 1).astype(int)
+        cell = (upper - lower) / counts
+        middles = [low + (np.arange(n) + 0.5) * h for low, n, h in zip(lower, counts, cell)]
+        points = np.stack([a.ravel() for a in np.meshgrid(*middles[::-1], indexing="ij")][::-1], axis=1)
+        fluid = (geometry.phase(points) >= 0).reshape(counts[::-1])
+        pores = pore_sizes(fluid, cell, geometry.periodic)
+    inside = inside_sample(geometry, x)
+    plot_distributions(directory / "distributions.png", velocity[inside], spacing, pores, case.title)
 
 
 def write_case(directory: Path, case: Case, changes: Sequence[Mapping[str, Any]]) -> None:
@@ -149,12 +198,20 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
 
 def series_of(case: Case, directory: Path, resume_time: float | None = None) -> Series | None:
     """The series of snapshots of a run, None where none are asked for; resume_time: s, of a run that goes on."""
-    return Series(directory, resume_time=resume_time) if case.output.snapshots else None
+    return _series(case, directory, "particles", resume_time) if case.output.snapshots else None
 
 
 def grids_of(case: Case, directory: Path, resume_time: float | None = None) -> Series | None:
     """The series of snapshots on a grid of a case, or None."""
-    return Series(directory, "grid", resume_time) if case.output.grid is not None else None
+    return _series(case, directory, "grid", resume_time) if case.output.grid is not None else None
+
+
+def _series(case: Case, directory: Path, name: str, resume_time: float | None) -> Series:
+    if case.output.format == "xdmf":
+        from ..output.xdmf import XdmfSeries
+
+        return XdmfSeries(directory, name, resume_time)
+    return Series(directory, name, resume_time)
 
 
 def write_grid(series: Series | None, case: Case, geometry: Geometry, particles: Particles, moment: tuple[int, float],
@@ -170,7 +227,13 @@ def write_grid(series: Series | None, case: Case, geometry: Geometry, particles:
     step, time = moment
     fields = {"velocity": velocity, "pressure": pressure, "phase": particles.phase}
     grid = make_grid(geometry, x, fields, spacing, cell)
-    series.add(step, time, "vti", lambda path: write_vti(path, grid, time))
+    if case.output.format == "xdmf":
+        from ..output.xdmf import XdmfSeries
+
+        assert isinstance(series, XdmfSeries)
+        series.write_grid(step, time, grid)
+    else:
+        series.add(step, time, "vti", lambda path: write_vti(path, grid, time))
 
 
 def snapshot_of(case: Case, geometry: Geometry, particles: Particles, x: np.ndarray, velocity: np.ndarray,
@@ -208,6 +271,7 @@ def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:
         terms.append("held velocity")
     if driven and (held_axis(case) is None or body_force(case, geometry.dim).any()):
         terms.append("body force")
+    terms += [force.name for force in forces_of(case, geometry)]
     if drive_steps(case) is not None:
         terms.append("drive in steps")
     if changes(case):

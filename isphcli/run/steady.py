@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..case.forces import forces_of
 from ..case.forcing import why_closed
 from ..domain import reduce
 from ..domain.communicator import current
@@ -24,7 +25,7 @@ from ..scene import memory
 from ..scene.place import place_case
 from ..solvers.engine import engine_of
 from ..solvers.krylov import Limits
-from .flow_measures import wall_shear
+from .flow_measures import wall_shear, wall_stress
 from .permeability import darcy, fluid_cells, mean_velocities
 
 if TYPE_CHECKING:
@@ -55,8 +56,9 @@ class StokesResult:
     axis: 0, 1, 2 or None where the walls drive the flow; velocity (n, dim) m/s of the particles; cell_velocity
     (n, dim) m/s, its mean over their cells of the lattice; pressure (n,) Pa; superficial, mean, permeability: see
     `run/permeability.py`; divergence, mass_error: see `_mass`; halo, narrow (particles in pores that the lattice does
-    not resolve), components, isolated_pockets, cells: of the scene that it was solved in; shear: see
-    `flow_measures.wall_shear`; diffusivity: effective over that of the fluid, where it was asked for.
+    not resolve), components, isolated_pockets, cells: of the scene that it was solved in; drop: Pa, over the box along
+    the axis; stress: see `flow_measures.wall_stress`; diffusivity: effective over that of the fluid, where it was asked
+    for; residuals: relative, of the iterations of the solve.
     """
 
     axis: int | None
@@ -77,8 +79,15 @@ class StokesResult:
     components: int
     isolated_pockets: int
     cells: float
-    shear: dict[str, float] | None
+    drop: float
+    stress: tuple[np.ndarray, np.ndarray] | None
     diffusivity: float | None = None
+    residuals: list[tuple[int, float]] = field(default_factory=list)
+
+    @property
+    def shear(self) -> dict[str, float] | None:
+        """`flow_measures.wall_shear`."""
+        return wall_shear(None if self.stress is None else self.stress[1])
 
 
 @dataclass
@@ -129,7 +138,8 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
         raise NoPathError(why_closed(case, *needs))
     with clock("preconditioner"):
         nu = next(iter(case.fluids.values())).nu
-        system = StokesSystem(ops, spacing, nu, engine=engine_of(case.solver.engine))
+        system = StokesSystem(ops, spacing, nu, forces=forces_of(case, geometry), x=particles.x[:n],
+                              engine=engine_of(case.solver.engine))
     with clock("geometry"):
         cells = fluid_cells(geometry, particles, distance)
         edge_shares = _edge_shares(geometry, particles.x[:n], distance[:n], spacing)
@@ -190,18 +200,32 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
     fluid = next(iter(case.fluids.values()))
     with clock("krylov"):
         asked = case.solver
-        flow = system.solve(force, Limits(asked.tolerance, asked.restart, asked.max_iterations), watch)
-    laplacian = (system.ops.gradient_p(flow.pressure) - system.balanced_force(force)) / fluid.nu
+        residuals: list[tuple[int, float]] = []
+        flow = system.solve(force, Limits(asked.tolerance, asked.restart, asked.max_iterations),
+                            _recorded(residuals, watch))
+    laplacian = system.laplacian(flow, force)
     cell_velocity = flow.velocity + _quadrature(scene, laplacian)
     superficial, mean = mean_velocities(geometry, particles.x[: particles.n_fluid], cell_velocity,
                                         particles.site_volume, scene.cells)
     permeability = None if axis is None else darcy(geometry, superficial, axis, force, fluid.nu)
+    drop = 0.0 if axis is None else fluid.density * float(force[axis]) * float((geometry.upper - geometry.lower)[axis])
     return StokesResult(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
                  flow.pressure * fluid.density, superficial, mean, permeability,
                  *_mass(scene, flow, cell_velocity, axis), flow.report, scene.halo,
                  int(reduce.total(system.ops.narrow)), system.count, int((~scene.percolates.any(axis=1)).sum()),
-                 scene.cells, wall_shear(geometry, particles.x[: particles.n_fluid], flow.velocity, laplacian,
-                                         (system.spacing, fluid.mu)))
+                 scene.cells, drop, wall_stress(geometry, particles.x[: particles.n_fluid], flow.velocity, laplacian,
+                                                (system.spacing, fluid.mu)), residuals=residuals)
+
+
+def _recorded(residuals: list[tuple[int, float]], watch: Watch | None) -> Watch:
+    """A watch that keeps what it is told, and tells it on."""
+
+    def record(iteration: int, residual: float) -> None:
+        residuals.append((iteration, residual))
+        if watch is not None:
+            watch(iteration, residual)
+
+    return record
 
 
 def solve_diffusion(case: Case, scene: SteadyScene, axis: int, clock: Clock, watch: Watch | None = None) -> float:

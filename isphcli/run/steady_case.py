@@ -24,13 +24,16 @@ from ..scene.place import lattice_at
 from ..solvers.krylov import SolveError
 from . import ranks, steady
 from .expected_error import expected, scan_of, wall_of
-from .flow_measures import speed_distribution, tortuosity
+from .flow_measures import profile_rows, speed_distribution, tortuosity
 from .permeability import EDGE, extrapolate
 from .refinement import Solved, further_spacings
 from .results import (
+    PROFILES,
     Look,
     Seen,
     counts_of,
+    draw_distributions,
+    draw_in_3d,
     finish,
     grids_of,
     mean_max,
@@ -47,6 +50,8 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
     from ..output.clock import Clock
     from ..solvers.krylov import Watch
+
+DIFFUSION = 1.0  # order of the error of the formation factor beside round obstacles (docs/method.md 8)
 
 Drives = list[tuple[int | None, np.ndarray]]  # (axis or None, acceleration (dim,), m/s2), see `drives`
 Flows = dict[tuple[int | None, float], steady.StokesResult]  # by axis and spacing, m
@@ -114,9 +119,13 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tupl
         with History(directory / "history.csv") as file:
             for row in found.history:
                 file.append(row)
+        rows = _profile(main)
+        if rows:
+            with History(directory / PROFILES) as file:
+                for row in rows:
+                    file.append(row)
         if case.output.plots:
-            known = result.permeability if isinstance(result.permeability, dict) else {}
-            _pictures(case, directory, main, known.get("xyz"[main.axis or 0]))
+            _pictures(case, directory, main, found.flows, summary, rows)
     return finish(case, directory, summary, result, clock)
 
 
@@ -132,12 +141,16 @@ def _finish_ranks(case: Case, summary: dict[str, Any], result: Result, found: Fo
         if output.snapshots:
             snapshot = snapshot_of(case, main.geometry, main.particles, result.x, main.velocity, main.pressure)
             write_pieces(directory, *snapshot)
-        compared = ranks.whole(case, result)
+        compared, rows = ranks.whole(case, result), _profile(main)
 
         def rest() -> dict[str, Any]:
             with History(directory / "history.csv") as file:
                 for row in found.history:
                     file.append(row)
+            if rows:
+                with History(directory / PROFILES) as file:
+                    for row in rows:
+                        file.append(row)
             quiet_case = replace(case, output=replace(output, plots=False))
             return finish(quiet_case, directory, summary, compared, clock)[0]
 
@@ -392,12 +405,15 @@ def _measures(case: Case, flows: Flows) -> dict[str, Any]:
     written the distribution of the speed and the wall shear."""
     finest = min(h for _, h in flows)
     driven = {axis: flow for (axis, h), flow in sorted(flows.items(), key=str) if axis is not None and h == finest}
-    ways, factors = {}, {}
+    ways, factors, bars = {}, {}, {}
     for axis, flow in driven.items():
         inside = inside_sample(flow.geometry, flow.particles.x[: flow.particles.n_fluid])
         ways["xyz"[axis]] = tortuosity(flow.cell_velocity[inside], axis)
         if flow.diffusivity:
             factors["xyz"[axis]] = 1.0 / flow.diffusivity
+            known = {h: other.diffusivity for (a, h), other in flows.items() if a == axis and other.diffusivity}
+            if len(known) > 1:
+                bars["xyz"[axis]] = extrapolate(list(known), [1.0 / d for d in known.values()], power=DIFFUSION)[1]
     main = _main(flows)
     inside = inside_sample(main.geometry, main.particles.x[: main.particles.n_fluid])
     single = len(driven) == 1
@@ -405,7 +421,9 @@ def _measures(case: Case, flows: Flows) -> dict[str, Any]:
     return {
         "tortuosity": _alone(ways, single) or None,
         "formation_factor": _alone(factors, single) or None,
+        "formation_factor_error": _alone(bars, single) or None,
         "effective_diffusivity": _alone(diffusivities, single) or None,
+        "effective_diffusivity_error": _alone({a: bar / factors[a] ** 2 for a, bar in bars.items()}, single) or None,
         "speed": speed_distribution(main.cell_velocity[inside]),
         "wall_shear": main.shear,
     }
@@ -446,10 +464,53 @@ def _drive_of(axes: Drives) -> bool:
     return any(force.any() for _, force in axes)
 
 
-def _pictures(case: Case, directory: Path, flow: steady.StokesResult, permeability: float | None) -> None:
+def _profile(flow: steady.StokesResult) -> list[dict[str, float | None]]:
+    """Rows of profiles.csv; none of a flow that walls drive."""
+    if flow.axis is None:
+        return []
+    particles = flow.particles
+    return profile_rows(flow.geometry, particles.x[: particles.n_fluid], (flow.cell_velocity, flow.pressure), flow.axis,
+                        flow.drop, (flow.spacing, particles.site_volume))
+
+
+def _pictures(case: Case, directory: Path, flow: steady.StokesResult, flows: Flows, summary: dict[str, Any],
+              rows: list[dict[str, float | None]]) -> None:
+    """A slice and, of three dimensions, rock with streamlines and the shear at its walls; profiles; pores and speeds;
+    apart from them what is numerical."""
+    from ..output.panels import plot_flow_profile
     from ..output.plots import Frame, plot_slice
 
     x, geometry = flow.particles.x[: flow.particles.n_fluid], flow.geometry
     frame = Frame(geometry.dim, flow.spacing, case.title, geometry.lower, geometry.upper, geometry.periodic,
                   geometry.distance, flow_axis=flow.axis)
-    plot_slice(directory / "slice.png", x, flow.velocity, frame, permeability=permeability)
+    k = summary["permeability"]
+    k = k.get("xyz"[flow.axis or 0]) if isinstance(k, dict) else k
+    plot_slice(directory / "slice.png", x, flow.velocity, frame, permeability=k)
+    draw_in_3d(directory, frame, geometry, {"x": x, "velocity": flow.velocity}, summary["warnings"],
+               stress=flow.stress)
+    draw_distributions(directory, case, geometry, x, flow.cell_velocity, flow.spacing)
+    if rows:
+        plot_flow_profile((directory / PROFILES).with_suffix(".png"), rows, flow.mass_error, case.title)
+    _plot_numerics(directory / "numerics.png", case, flows, summary, rows)
+
+
+def _plot_numerics(path: Path, case: Case, flows: Flows, summary: dict[str, Any],
+                   rows: list[dict[str, float | None]]) -> None:
+    """Convergence of every solve, k against spacing, spread of the flux."""
+    from ..output.panels import Numerics, plot_steady_numerics
+
+    axes = ["xyz"[axis] for axis in dict.fromkeys(axis for axis, _ in flows) if axis is not None]
+
+    def of_axes(key: str) -> dict[str, float]:
+        value = summary.get(key)
+        return dict(value) if isinstance(value, dict) else {} if value is None else {axes[0]: float(value)}
+
+    by_spacing: dict[str, dict[float, float]] = {}
+    residuals: dict[str, list[tuple[int, float]]] = {}
+    for (axis, h), flow in sorted(flows.items(), key=lambda item: (item[0][0] or 0, -item[0][1])):
+        name = "walls" if axis is None else "xyz"[axis]
+        if axis is not None:
+            by_spacing.setdefault(name, {})[h] = _along(flow, axis)
+        residuals[f"{name}, spacing {h:.3g}"] = flow.residuals
+    plot_steady_numerics(path, Numerics(residuals, case.solver.tolerance, by_spacing, of_axes("permeability"),
+                                        of_axes("permeability_error"), rows, _main(flows).mass_error), case.title)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..case.forcing import walls_move
 from ..flow.attempt import attempt
+from ..flow.forces import largest_of
 from ..output.restart import Saved
 from .permeability import mean_velocities
 from .steadiness import Steady
@@ -73,6 +74,7 @@ class TimeLoop:
                 acceleration = np.sqrt(((state.u - state.u_old) ** 2).sum(axis=1).max()) / state.dt_old
             else:
                 acceleration = np.linalg.norm(stepper.fluids_at(state.time).force) + abs(state.pressure_gradient or 0.0)
+                acceleration += largest_of(stepper.fluids.forces)
                 speed = max(speed, stepper.held_velocity.speed if stepper.held_velocity is not None else 0.0)
             # u dt + a dt^2 / 2 = cfl dx
             reach = time.cfl * stepper.spacing

@@ -71,9 +71,9 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
                 if layered and along is not None:
                     body = _within(body, along, sample, s.spheres.file.name, described)
                 _describe_spheres(s.spheres.file, body, lower, upper, period, described, warnings)
-        phase = -1 if s.what == "solid" else names.index(s.what)
-        shapes.append(Shape(body, phase, s.outside, moves_at.get(1 + 2 * len(lower) + k), s.slip_length,
-                            s.angular_velocity))
+        rock = tuple(case.microporous).index(s.what) if s.what in case.microporous else -1
+        shapes.append(Shape(body, case.phase_of(s.what), s.outside, moves_at.get(1 + 2 * len(lower) + k), s.slip_length,
+                            s.angular_velocity, rock))
     geometry = ShapeGeometry(lower, upper, periodic, fluid, shapes, walls)
     geometry.sample_lower, geometry.sample_upper = sample
     if layered and along is not None:

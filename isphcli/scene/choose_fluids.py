@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..case.forces import forces_of
 from ..case.forcing import body_force, gradient_axis
 from ..flow.one_fluid import OneFluid
 from ..geometry.protocol import sample_box
@@ -24,8 +25,9 @@ def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: n
     differ = len({(f.density, f.mu) for f in present}) > 1
     axis = gradient_axis(case)
     held = None if axis is None else np.eye(geometry.dim)[axis]
+    forces = forces_of(case, geometry)
     if len(present) == 1 or (case.interface is None and not differ):
-        return OneFluid(present[0].density, present[0].nu, force, held)
+        return OneFluid(present[0].density, present[0].nu, force, held, forces)
     from ..two_phase.two_fluids import TwoFluidForces, TwoFluids
 
     spacing = case.particles.spacing
@@ -42,8 +44,8 @@ def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: n
 
             line = SlipAtLine(case.interface.slip_length)
     body = body_force(case, geometry.dim)
-    return TwoFluids([f.density for f in present], [f.mu for f in present], TwoFluidForces(body, force - body, held),
-                     spacing, tension, contact, line)
+    moved = TwoFluidForces(body, force - body, held, forces)
+    return TwoFluids([f.density for f in present], [f.mu for f in present], moved, spacing, tension, contact, line)
 
 
 def _contact(case: Case, geometry: Geometry, particles: Particles, support: float) -> ContactAngle:

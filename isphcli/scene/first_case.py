@@ -12,11 +12,10 @@ from ..case.blocks import Case
 from ..case.load import read_case
 from ..geometry.images.image import Image, VoxelError
 from ..geometry.images.voxel_size import COARSE, known_spacing
-from ..geometry.labels import _counts, few_values
+from ..geometry.labels import _counts, guess_labels
 from . import memory
 from .image_file import grey_image, layout_of
 
-FEW = 16  # values: an image of no more holds labels, one of more grey values
 CASE = """\
 geometry:
   voxels: {{file: {file}, {values}, voxel_size: {size}}}   # m
@@ -81,15 +80,15 @@ def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
 
 def _understood(path: Path, image: Image) -> tuple[str, str]:
     """What the values of an image are taken for: (entry of the case, sentence)."""
-    found, counts = few_values(image.values, FEW)
-    if len(found) > FEW or image.values.dtype.kind == "f":
+    guess = guess_labels(image.values)
+    if guess is None:
         return ("grey: {threshold: otsu, solid: above}", "grey values, of which the bright ones are solid (Otsu's "
                 "threshold); the other way round: --set geometry.voxels.grey.solid=below")
-    shares = dict(zip(found, counts))
-    if len(found) != 2 or found[0] < 0:
+    solid, pores, shares = guess
+    if len(shares) != 2 or min(shares) < 0:
         raise VoxelError(f"{path}: holds {_counts(shares)}; say which are solid, such as --set "
                          "'geometry.voxels.labels={solid: 1, water: 0}'")
-    pore, solid = found
+    pore = pores[0]
     return (f"labels: {{solid: {solid}, water: {pore}}}",
             f"voxels of value {solid} are solid ({100 * shares[solid] / image.values.size:.3g} %), those of {pore} "
             f"pore; the other way round: --set 'geometry.voxels.labels={{solid: {pore}, water: {solid}}}'")

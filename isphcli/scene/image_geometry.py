@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,7 +32,8 @@ class Understood:
     """What the values of an image stand for.
 
     labels: int8 [z, y, x] or [y, x], -1 solid, else the index of a fluid; field: None, or float32 of that shape, > 0 in
-    fluid, whose zero is the wall; words: which values are solid; described: see `protocol.Geometry`.
+    fluid, whose zero is the wall; words: which values are solid; described: see `protocol.Geometry`; microporous: int8
+    of the same shape, index of the rock, -1 for none; None where a case has none.
     """
 
     labels: np.ndarray
@@ -41,6 +42,7 @@ class Understood:
     described: tuple[tuple[str, str], ...] = ()
     blur: float | None = None
     denoise: float = 0.0
+    microporous: np.ndarray | None = None
 
 
 def _along_xyz(image: Image) -> list[int]:
@@ -93,6 +95,8 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
         smooth = ImageField(field, understood.denoise, understood.blur) if field is not None else None
         geometry = surface = IsoSurfaceGeometry(labels, smooth, size, periodic, layers, walls)
         ways = surface.ways()
+    if understood.microporous is not None:
+        geometry.fill_with(understood.microporous, layers)
     solid = labels < 0
     porosity = 1.0 - float(solid.mean())
     geometry.warnings = (
@@ -116,8 +120,8 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
 
 def _in_parts(case: Case, spec: Voxels) -> bool:
     """Whether processes hold a part of an image each: labels whose walls are faces of voxels. A smooth wall is found
-    by waves that run through the whole image."""
-    return case.wall_distance == "stairs" and spec.grey is None and not case.geometry.mirror
+    by waves that run through the whole image, and what fills a solid by the nearest voxel of fluid in it."""
+    return case.wall_distance == "stairs" and spec.grey is None and not case.geometry.mirror and not case.microporous
 
 
 def _brick_geometry(case: Case, spec: Voxels, axis: int | None, walls: Walls) -> Geometry:
@@ -228,11 +232,17 @@ def _clear_voxels(case: Case, labels: np.ndarray, axis: int, size: np.ndarray, p
 
 
 def _understood(case: Case, spec: Voxels, values: np.ndarray, periodic: list[bool]) -> Understood:
-    names = tuple(case.fluids)
+    names, fluids = (*case.fluids, *case.microporous), len(case.fluids)
     if spec.grey is None:
         labels = apply_labels(values, spec.labels, names, spec.file)
-        return Understood(labels, None, _labels_in_words(spec.labels))
-    return _understood_grey(spec, spec.grey, values, names, periodic)
+        found = Understood(labels, None, _labels_in_words(spec.labels))
+    else:
+        found = _understood_grey(spec, spec.grey, values, names, periodic)
+    if not case.microporous:
+        return found
+    filled = found.labels >= fluids  # rock is numbered behind the fluids; the first of them seeps through it
+    return replace(found, labels=np.where(filled, np.int8(0), found.labels),
+                   microporous=np.where(filled, found.labels - np.int8(fluids), np.int8(-1)))
 
 
 def _understood_grey(spec: Voxels, grey: Grey, values: np.ndarray, names: tuple[str, ...],

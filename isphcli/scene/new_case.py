@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-FEW = 8  # values up to which an image is one of labels
 PER_RADIUS = 4.0  # spacings a radius of the spheres: eight particles across each of them
 GUESSED_SIZE = 5.0e-6  # m, where the image has none and none was given
 
@@ -33,7 +32,7 @@ def case_for_image(file: Path, folder: Path, voxel_size: float | Sequence[float]
     """
     from ..geometry.images.read import read_image
     from ..geometry.images.voxel_size import known_spacing
-    from ..geometry.labels import few_values
+    from ..geometry.labels import FEW, guess_labels
 
     image = read_image(file, grey=True)
     values = image.values
@@ -48,11 +47,10 @@ def case_for_image(file: Path, folder: Path, voxel_size: float | Sequence[float]
     shape = " x ".join(map(str, values.shape[::-1]))
     axes = ", ".join("xyz"[: values.ndim])
     whole = values.dtype.kind in "iub"
-    labels, counts = few_values(values, FEW)
-    if whole and len(labels) <= FEW:
-        solid = 1 if 1 in labels and len(labels) == 2 else labels[int(np.argmax(counts))]
-        pores = [label for label in labels if label != solid]
-        shares = ", ".join(f"{label} {100 * count / values.size:.1f} %" for label, count in zip(labels, counts))
+    guess = guess_labels(values)
+    if guess is not None:
+        solid, pores = guess.solid, guess.pores
+        shares = ", ".join(f"{label} {100 * count / values.size:.1f} %" for label, count in guess.shares.items())
         water = pores[0] if len(pores) == 1 else pores
         meaning = f"    labels: {{solid: {solid}, water: {water}}}   # CHECK which is solid: of the voxels {shares}\n"
         notes.append(f"{solid} is taken as solid, {', '.join(map(str, pores))} as pores ({shares}): check it")

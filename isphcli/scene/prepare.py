@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..case import expressions, forcing
+from ..case.forces import forces_of
 from ..case.forcing import drives, held_flux
+from ..flow.forces import largest_of
 from ..flow.held_velocity import HeldVelocity, outside_sample
 from ..flow.one_fluid import OneFluid
 from ..flow.state import State
@@ -129,6 +131,7 @@ def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, 
         speed = max(replace(rate, wanted=wanted).speed for wanted in steps.superficial_velocity)
     other = walls + capillary + SPREAD * speed
     force = float(forcing.strongest_acceleration(case, geometry.upper - geometry.lower))
+    force += largest_of(forces_of(case, geometry))
     found = Bounds(geometry, particles.site_volume, 0.0, force, other)
     return replace(found, start=found.speed(u, density))
 

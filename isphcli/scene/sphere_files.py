@@ -244,7 +244,7 @@ def _dump(path: Path, lines: list[str], dim: int) -> _Table:
     if size is not None:
         columns.append(names.index(size))
     rows = np.array(list(_rows(path, lines, head, len(names), columns)))
-    if count is None or len(rows) != int(count):
+    if count is None or not count.isdecimal() or len(rows) != int(count):
         raise ShapeError(f"{path}: the last step holds {len(rows)} of {count} atoms; copy it again")
     said = [f"dump, step {step}"]
     if size in ("diameter", "d"):

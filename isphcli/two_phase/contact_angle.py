@@ -4,8 +4,13 @@ Eqs 18-22 turn the normals of the fluid near a wall towards the contact angle; a
 settles at 84. Here the fit of `quadratic_fit` takes the angle in, as a boundary condition: with theta measured
 through the first fluid and p the normal of the wall, into the fluid,
 
-    p . grad phi = -cos(theta) |grad phi|     at the wall points above the dummies, near the line where phi = 0 meets
-                                              the wall, |grad phi| that of the fit without them.
+    p . grad phi = -cos(theta) |grad phi| / (1 - kappa phi)     at the wall points above the dummies, near the line
+                                                                where phi = 0 meets the wall,
+
+|grad phi| and kappa those of the fit without them. The angle is that of the interface: the other levels of the distance
+to a round interface have the same centre, and meet the wall at other angles. Without kappa the curvature beside walls
+was 20 % off at every resolution, and the largest spurious velocities were there. In space kappa is half of the mean
+curvature's, that of a cap; of an interface that is round in one direction alone half of the correction is missed.
 
 Normals and curvature beside the wall, and the smoothing of phi, follow from the fit: no normal is turned by hand.
 """
@@ -94,13 +99,16 @@ class ContactAngle:
         particle = np.repeat(np.arange(len(phi)), np.diff(start))
         offset = neighbours.x[at] + self.dummies.depth[dummy][:, None] * normal - neighbours.x[particle]
         count = len(self.dummies.x)
-        distance, steepness = _at_wall_points(particle, offset, dummy, count, free, neighbours)
+        distance, steepness, curvature = _at_wall_points(particle, offset, dummy, count, free, neighbours)
         part = np.maximum(1.0 - (distance / (NEAR_LINE * self.spacing)) ** 2, 0.0) ** 2
+        sharpest = 0.5 / (NEAR_LINE * self.spacing)  # kappa phi stays below a half
+        bent = np.clip(curvature / (ops.dim - 1), -sharpest, sharpest) * np.where(part > 0.0, distance, 0.0)
+        steepness /= 1.0 - bent
         touched = np.zeros(len(phi), np.bool_)
         touched[particle[part[dummy] > 0.0]] = True
         # in place of eqs 18-22
         slopes = SlopesAtWalls(start, offset, normal, steepness[dummy] * self._slope_of(dummy), WEIGHT * part[dummy])
-        bound = quadratic_fit(ops.neighbours, phi, known, touched, slopes)
+        bound = quadratic_fit(ops.neighbours, phi, known, touched, free.slope, self.spacing, slopes)
         return QuadraticFit(*(np.where(touched if old.ndim == 1 else touched[:, None], new, old)
                               for old, new in zip(free, bound)))
 
@@ -138,10 +146,11 @@ def _seen(neighbours, mark, shallow, n):
 
 @njit(cache=True, error_model="numpy")
 def _at_wall_points(particle, offset, dummy, count, fit, neighbours):
-    """phi (count,), m, and |grad phi| at the wall point above each dummy: kernel averages of what the particles that
-    see it make of theirs; infinite and zero where none does."""
+    """phi (count,), m, |grad phi| and the curvature, 1/m, of the interface at the wall point above each dummy: kernel
+    averages of what the particles that see it make of theirs; infinite and zero where none does."""
     dim = offset.shape[1]
     total, out, steepness = np.zeros(count), np.zeros(count), np.zeros(count)
+    curvature = np.zeros(count)
     for p in range(len(particle)):
         i, r2, square, there = particle[p], 0.0, 0.0, fit.value[particle[p]]
         for k in range(dim):
@@ -152,7 +161,9 @@ def _at_wall_points(particle, offset, dummy, count, fit, neighbours):
         total[dummy[p]] += w
         out[dummy[p]] += w * there
         steepness[dummy[p]] += w * math.sqrt(square)
+        curvature[dummy[p]] += w * fit.curvature[i]
     for d in range(count):
+        curvature[d] = curvature[d] / total[d] if total[d] > 0.0 else 0.0
         out[d] = out[d] / total[d] if total[d] > 0.0 else np.inf
         steepness[d] = steepness[d] / total[d] if total[d] > 0.0 else 0.0
-    return out, steepness
+    return out, steepness, curvature

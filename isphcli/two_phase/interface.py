@@ -22,13 +22,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from ..domain import reduce
 from ..domain.components import pair_components
+from ..domain.row_threads import over_rows
 from ..flow.state import phase_of
+from ..operators.apply import gradient_one_sided
 from ..operators.kernel import shape
-from .quadratic_fit import QuadraticFit, no_slopes, quadratic_fit
+from .quadratic_fit import QuadraticFit, no_slopes, own_gradient, quadratic_fit
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
@@ -105,7 +107,8 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     seen = ops.neighbours
     reach = reach_of(seen.support, spacing)
     known = np.abs(phi) < reach
-    fit = quadratic_fit(seen, phi, known, known, no_slopes(ops.n, ops.dim))
+    gradient = own_gradient(seen, phi, known, gradient_one_sided(ops, phi[:, None])[:, 0], spacing)
+    fit = quadratic_fit(seen, phi, known, known, gradient, spacing, no_slopes(ops.n, ops.dim))
     if contact is not None:
         fit = contact.at_walls(ops, neighbours, phi, known, fit)
     steepness = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
@@ -141,7 +144,8 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     factor = 1.0 + np.clip(stretch, -LARGEST_STRETCH, LARGEST_STRETCH) - slower * stretched
     new = np.where(known, factor * phi + part * change, phi)
     # particles that the interface comes near to, by less than a spacing a step, know their distance from those that do
-    beyond, value = _extended(ops.neighbours, phi, fit.slope, known)
+    beyond, value = np.zeros(ops.n, np.bool_), np.zeros(ops.n)
+    over_rows(_extended, ops.n, ops.neighbours, phi, fit.slope, known, beyond, value)
     there = np.sign(phi) * np.clip(np.sign(phi) * value, reach - spacing, reach)
     new[beyond] = there[beyond]
     lost = 0.0 if share is None else (share - share_of(interface, ops)) * float(reduce.total(ops.volume))
@@ -153,7 +157,9 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
 
 def strain(interface: Interface, ops: Operators, u: np.ndarray) -> np.ndarray:
     """n . grad u . n (n,), 1/s, at which the velocity u (n, dim) parts the levels of phi; zero where n is not known."""
-    return _strain(ops.start, ops.column, ops.grad_p, interface.fit.slope, u)
+    out = np.zeros(ops.n)
+    over_rows(_strain, ops.n, ops.start, ops.column, ops.grad_p, interface.fit.slope, u, out)
+    return out
 
 
 def share_of(interface: Interface, ops: Operators) -> float:
@@ -199,36 +205,42 @@ def _pieces(neighbours: Neighbourhood, band: np.ndarray) -> tuple[int, np.ndarra
     return pair_components(rows, other[inside])
 
 
-@njit(cache=True, parallel=True)
-def near_interface(start, column, colour):
+def near_interface(start: np.ndarray, column: np.ndarray, colour: np.ndarray) -> np.ndarray:
     """Particles with a neighbour of the other fluid, (n,) bool."""
-    n = len(start) - 1
-    near = np.zeros(n, np.bool_)
-    for i in prange(n):
+    near = np.zeros(len(start) - 1, np.bool_)
+    over_rows(_near_interface, len(near), start, column, colour, near)
+    return near
+
+
+@njit(cache=True, nogil=True)
+def _near_interface(rows, start, column, colour, near):
+    for i in range(rows[0], rows[1]):
         for p in range(start[i], start[i + 1]):
             if colour[column[p]] != colour[i]:
                 near[i] = True
                 break
-    return near
 
 
-@njit(cache=True, parallel=True)
-def crossings(start, column, phi):
+def crossings(start: np.ndarray, column: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """Fraction t of the way from i to j at which a pair meets the interface, (n_pairs,); 0.5 for like pairs."""
     t = np.full(len(column), 0.5)
-    for i in prange(len(start) - 1):
+    over_rows(_crossings, len(start) - 1, start, column, phi, t)
+    return t
+
+
+@njit(cache=True, nogil=True)
+def _crossings(rows, start, column, phi, t):
+    for i in range(rows[0], rows[1]):
         for p in range(start[i], start[i + 1]):
             j = column[p]
             if (phi[j] > 0.0) != (phi[i] > 0.0):
                 t[p] = phi[i] / (phi[i] - phi[j])
-    return t
 
 
-@njit(cache=True, parallel=True)
-def _strain(start, column, grad, slope, u):
-    n, dim = slope.shape
-    out = np.zeros(n)
-    for i in prange(n):
+@njit(cache=True, nogil=True)
+def _strain(rows, start, column, grad, slope, u, out):
+    dim = slope.shape[1]
+    for i in range(rows[0], rows[1]):
         square = 0.0
         for k in range(dim):
             square += slope[i, k] ** 2
@@ -241,18 +253,27 @@ def _strain(start, column, grad, slope, u):
                     apart += (u[column[p], k] - u[i, k]) * slope[i, k]
                 total += weight * apart
             out[i] = total / square
-    return out
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def averages(neighbours, weight, f, times):
+def averages(neighbours: Neighbourhood, weight: np.ndarray, f: np.ndarray, times: int) -> np.ndarray:
     """Kernel averages sum_j w W f / sum_j w W of f (n,), taken so many times over the particles of weight w (n,) above
     zero, j = i included; f elsewhere."""
+    n = neighbours.n
+    share, own = np.empty(len(neighbours.column)), np.empty(n)
+    over_rows(_shares, n, neighbours, weight, share, own)
+    for _ in range(times):
+        before = f
+        f = before.copy()
+        over_rows(_average, n, neighbours, weight, share, own, before, f)
+    return f
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _shares(rows, neighbours, weight, share, own):
+    """Shares of the neighbours (n_pairs,) and of the particle (n,) in an average."""
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
-    n = len(start) - 1
-    share, own = np.empty(len(column)), np.empty(n)
-    for i in prange(n):
+    for i in range(rows[0], rows[1]):
         if weight[i] > 0.0:
             total = weight[i] * shape(kind, 0.0)
             for p in range(start[i], start[i + 1]):
@@ -262,16 +283,17 @@ def averages(neighbours, weight, f, times):
             own[i] = weight[i] * shape(kind, 0.0) / total
             for p in range(start[i], start[i + 1]):
                 share[p] /= total
-    for _ in range(times):
-        before = f
-        f = before.copy()
-        for i in prange(n):
-            if weight[i] > 0.0:
-                mean = own[i] * before[i]
-                for p in range(start[i], start[i + 1]):
-                    mean += share[p] * before[column[p]]
-                f[i] = mean
-    return f
+
+
+@njit(cache=True, nogil=True)
+def _average(rows, neighbours, weight, share, own, before, f):
+    start, column = neighbours.start, neighbours.column
+    for i in range(rows[0], rows[1]):
+        if weight[i] > 0.0:
+            mean = own[i] * before[i]
+            for p in range(start[i], start[i + 1]):
+                mean += share[p] * before[column[p]]
+            f[i] = mean
 
 
 @njit(cache=True, inline="always")
@@ -283,14 +305,13 @@ def _distance(x, i, j):
     return math.sqrt(r2)
 
 
-@njit(cache=True, parallel=True)
-def _extended(neighbours, phi, slope, known):
+@njit(cache=True, nogil=True)
+def _extended(rows, neighbours, phi, slope, known, beyond, out):
     """Particles that do not know their phi and see some that do, (n,) bool, and the mean of what those make of theirs
     with their slopes, (n,)."""
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
-    n, dim = len(start) - 1, x.shape[1]
-    beyond, out = np.zeros(n, np.bool_), np.zeros(n)
-    for i in prange(n):
+    dim = x.shape[1]
+    for i in range(rows[0], rows[1]):
         if not known[i]:
             total, mean = 0.0, 0.0
             for p in range(start[i], start[i + 1]):
@@ -305,4 +326,3 @@ def _extended(neighbours, phi, slope, known):
             if total > 0.0:
                 beyond[i] = True
                 out[i] = mean / total
-    return beyond, out

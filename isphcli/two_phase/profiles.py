@@ -27,12 +27,17 @@ class Profiles:
     spacing: float
     pressure: Callable[[State], np.ndarray]
 
+    @property
+    def thickness(self) -> float:
+        """Of a slice, m; a whole number of slices fits the box."""
+        return SPACINGS * self.spacing
+
     def rows(self, state: State, phase: np.ndarray) -> Iterator[dict[str, Any]]:
         """A dict a slice, from the lower end of the box on: step, time, its middle along the axis, m; share of each
         fluid and mean pressure of both and of each, Pa, None where there is none. phase: (n,) of the particles."""
         name, lower = "xyz"[self.axis], self.geometry.lower[self.axis]
         length = float(self.geometry.upper[self.axis] - lower)
-        count = max(round(length / (SPACINGS * self.spacing)), 1)
+        count = max(round(length / self.thickness), 1)
         along = (state.x[:, self.axis] - lower) / length
         slices, p = np.clip((along * count).astype(int), 0, count - 1), self.pressure(state)
         masks = [np.ones(len(p), np.bool_), *(phase == k for k in (0, 1))]

@@ -1,20 +1,27 @@
-"""A quadratic function fitted to a field of the particles by least squares over the support, with slopes at walls.
+"""A distance fitted to a field of the particles by least squares over the support, with slopes at walls.
 
-    phi(x) ~ a + g . d + d . H d / 2,     d = x - x_i,     weight W(d) of each neighbour and of the particle itself;
+    phi(x) ~ a + g . d + d . H d / 2 + C(d),    d = x - x_i,    weight W(d) of each neighbour and of the particle;
 
 a wall point asks in the same sum for its slope along the normal p of the wall: support (p . (g + H d) - slope) with the
-weight of a neighbour there. Third derivatives are what the value a differs from phi by, so that a smooth field is kept
-to fourth order in the support, and roughness shorter than the support is not.
+weight of a neighbour there. C are the terms of third and fourth order that a distance has (|grad phi| does not change
+along grad phi) if the curvatures of its level stay as they are along it. They follow from g and H of a first fit and
+are taken off in a second one: fits to one side, beside walls, were of first order without. A sphere is its own fit to
+fourth order in the support, and roughness shorter than the support is not.
+
+Half way between two interfaces the distance has an edge. Neighbours whose gradient points another way know the distance
+to another interface and are left out: the fit is that of a particle's own one.
 """
 
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from ..domain.row_threads import over_rows
 from ..operators.kernel import shape
 
 if TYPE_CHECKING:
@@ -24,6 +31,11 @@ if TYPE_CHECKING:
 # too few neighbours are in sight to resolve a derivative it is zero, and where they are its error is of this size.
 RIDGE = 1e-6
 RIDGE_FIRST = 1e-9
+MOST_BENT = 1.0  # times 1 / support: curvature up to which the terms of higher order are taken
+# Power of (1 + cosine) / 2: it falls to a half at 50 degrees between two gradients. With 2 and 4 bubbles three spacings
+# apart were drawn together or moved at Ca 1e-4, with 8 they rest (Ca 1e-5).
+APART = 8
+STEEP = 0.5  # |grad phi| below which phi has no direction: half way between two interfaces
 FLATTEST = 0.25  # 1 + kappa d + K d^2 of a particle at distance d is above zero but at the centre of a drop
 
 
@@ -56,72 +68,179 @@ def no_slopes(n: int, dim: int) -> SlopesAtWalls:
 
 
 def quadratic_fit(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, wanted: np.ndarray,
-                  walls: SlopesAtWalls) -> QuadraticFit:
+                  gradient: np.ndarray, spacing: float, walls: SlopesAtWalls) -> QuadraticFit:
     """QuadraticFit of the particles `wanted` (n,), from those that are `known` (n,); elsewhere the value is phi (n,),
-    m, and slope and curvature are zero. neighbours: of the fluid particles."""
-    return QuadraticFit(*_fit(neighbours, phi, known, wanted, walls))
+    m, and slope and curvature are zero. neighbours: of the fluid particles; gradient: (n, dim) of phi, roughly;
+    spacing: m."""
+    n, dim = neighbours.n, neighbours.x.shape[1]
+    fit = QuadraticFit(phi.copy(), np.zeros((n, dim)), np.zeros(n))
+    over_rows(_fit, n, neighbours, phi, (known, wanted), directions(gradient), spacing / neighbours.support, walls, fit,
+              work=partial(_scratch, dim))
+    return fit
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def _fit(neighbours, phi, known, wanted, walls):
+def directions(gradient: np.ndarray) -> np.ndarray:
+    """Unit vectors (n, dim) along gradients of phi (n, dim), shorter where these are below STEEP."""
+    size = np.sqrt(np.einsum("ij,ij->i", gradient, gradient))
+    return gradient / np.maximum(size, STEEP)[:, None]
+
+
+def own_gradient(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, gradient: np.ndarray,
+                 spacing: float) -> np.ndarray:
+    """Gradient (n, dim) of phi (n,), m, over the neighbours whose distance is to the same interface, of the particles
+    that are `known` (n,); gradient: over all of them."""
+    n, dim = gradient.shape
+    out = np.zeros((n, dim))
+    over_rows(_linear, n, neighbours, phi, known, directions(gradient), spacing / neighbours.support, out,
+              work=lambda: (np.empty((dim, dim)), np.empty(dim), np.empty(dim)))
+    return out
+
+
+class Scratch(NamedTuple):
+    """Of one particle: the system of the quadratic function and its second right-hand side, the terms of the function,
+    and what a level of phi is like: its normal, its form, and vectors of the terms of higher order."""
+
+    moments: np.ndarray
+    right: np.ndarray
+    more: np.ndarray
+    basis: np.ndarray
+    d: np.ndarray
+    unit: np.ndarray
+    form: np.ndarray
+    slopes: np.ndarray
+    once: np.ndarray
+    twice: np.ndarray
+
+
+def _scratch(dim: int) -> Scratch:
+    size = 1 + dim + dim * (dim + 1) // 2
+    return Scratch(np.empty((size, size)), np.empty(size), np.empty(size), np.empty(size), np.empty(dim),
+                   np.empty(dim), np.empty((dim, dim)), np.empty(dim), np.empty(dim), np.empty(dim))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fit(rows, work, neighbours, phi, which, direction, spacing, walls, fit):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
     wall_start, offset, normal, wall_slope, wall_weight = walls
-    n, dim = len(start) - 1, x.shape[1]
-    size = 1 + dim + dim * (dim + 1) // 2
-    value, slope, curvature = phi.copy(), np.zeros((n, dim)), np.zeros(n)
-    for i in prange(n):
+    moments, right, more, basis, d = work.moments, work.right, work.more, work.basis, work.d
+    (known, wanted), (value, slope, curvature) = which, fit
+    dim, size = x.shape[1], len(right)
+    for i in range(rows[0], rows[1]):
         if not wanted[i]:
             continue
-        moments, right, basis = np.zeros((size, size)), np.zeros(size), np.empty(size)
+        for a in range(size):
+            right[a], more[a] = 0.0, 0.0
+            for b in range(size):
+                moments[a, b] = 0.0
         own = shape(kind, 0.0)
         moments[0, 0] = own
         for p in range(start[i], start[i + 1]):
             if known[column[p]]:
-                r2 = 0.0
-                for k in range(dim):
-                    basis[1 + k] = (x[row[p], k] - x[i, k]) / support
-                    r2 += basis[1 + k] ** 2
-                basis[0] = 1.0
-                _products(basis, dim)
-                _add(moments, right, basis, shape(kind, math.sqrt(r2)), phi[column[p]] - phi[i])
+                w = _weight(d, x, row[p], i, support, kind) * _alike(direction, phi, i, column[p], d, support, spacing)
+                _values(basis, d)
+                _add(moments, right, basis, w, phi[column[p]] - phi[i])
         for p in range(wall_start[i], wall_start[i + 1]):
-            r2 = 0.0
-            for k in range(dim):
-                r2 += (offset[p, k] / support) ** 2
-            _slopes(basis, offset[p], normal[p], support)
-            _add(moments, right, basis, wall_weight[p] * shape(kind, math.sqrt(r2)), support * wall_slope[p])
+            w = wall_weight[p] * _weight(d, offset, p, -1, support, kind)
+            _slopes(basis, d, normal[p])
+            _add(moments, right, basis, w, support * wall_slope[p])
         for a in range(1, size):
             moments[a, a] += own * (RIDGE if a > dim else RIDGE_FIRST)
+        _factors(moments)
         _solve(moments, right)
+        # what a quadratic function cannot have of a distance follows from it, and is taken off in a second fit
+        steepness = _levels(right, work)
+        for p in range(start[i], start[i + 1]):
+            if known[column[p]]:
+                w = _weight(d, x, row[p], i, support, kind) * _alike(direction, phi, i, column[p], d, support, spacing)
+                _values(basis, d)
+                _add_right(more, basis, -w * steepness * _beyond(work))
+        for p in range(wall_start[i], wall_start[i + 1]):
+            w = wall_weight[p] * _weight(d, offset, p, -1, support, kind)
+            _slopes(basis, d, normal[p])
+            _beyond(work)
+            along = 0.0
+            for k in range(dim):
+                along += work.slopes[k] * normal[p, k]
+            _add_right(more, basis, -w * steepness * along)
+        _solve(moments, more)
+        for a in range(size):
+            right[a] += more[a]
         value[i] = phi[i] + right[0]
         for k in range(dim):
             slope[i, k] = right[1 + k] / support
         curvature[i] = _curvature(right, dim, support, value[i])
-    return value, slope, curvature
 
 
 @njit(cache=True, inline="always")
-def _products(basis, dim):
-    """Behind 1 and d: d_a d_a / 2 and d_a d_b, the upper half row by row."""
+def _weight(d, x, j, i, support, kind):
+    """Kernel at d (dim,) = (x_j - x_i) / support, which is written; x_i is zero for i = -1."""
+    r2 = 0.0
+    for k in range(len(d)):
+        d[k] = (x[j, k] - (x[i, k] if i >= 0 else 0.0)) / support
+        r2 += d[k] ** 2
+    return shape(kind, math.sqrt(r2))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _linear(rows, work, neighbours, phi, known, direction, spacing, out):
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    kind, support = neighbours.kind, neighbours.support
+    moments, right, d = work
+    dim = len(d)
+    for i in range(rows[0], rows[1]):
+        if known[i]:
+            for a in range(dim):
+                right[a] = 0.0
+                for b in range(dim):
+                    moments[a, b] = RIDGE_FIRST if a == b else 0.0
+            for p in range(start[i], start[i + 1]):
+                if known[column[p]]:
+                    w = _weight(d, x, row[p], i, support, kind)
+                    w *= _alike(direction, phi, i, column[p], d, support, spacing)
+                    _add(moments, right, d, w, phi[column[p]] - phi[i])
+            _factors(moments)
+            _solve(moments, right)
+            for a in range(dim):
+                out[i, a] = right[a] / support
+
+
+@njit(cache=True, inline="always")
+def _alike(direction, phi, i, j, d, support, spacing):
+    """Of 0 to 1: whether the distances of two particles are to the same interface, by the angle between them and by phi
+    where they would meet: an edge nearer to the interface than a spacing is its own. d: (dim,), like the spacing in
+    units of the support."""
+    cosine, edge = 0.0, 0.5 * (phi[i] + phi[j]) / support
+    for k in range(len(d)):
+        cosine += direction[i, k] * direction[j, k]
+        edge += 0.25 * (direction[i, k] - direction[j, k]) * d[k]
+    apart = min((edge / spacing) ** 2, 1.0)
+    return 1.0 - apart * (1.0 - (0.5 * (1.0 + cosine)) ** APART)
+
+
+@njit(cache=True, inline="always")
+def _values(basis, d):
+    """The terms of the quadratic function at d: 1, d_a, and d_a d_a / 2 and d_a d_b, the upper half row by row."""
+    dim = len(d)
+    basis[0] = 1.0
     v = 1 + dim
     for a in range(dim):
+        basis[1 + a] = d[a]
         for b in range(a, dim):
-            basis[v] = basis[1 + a] * basis[1 + b] * (0.5 if a == b else 1.0)
+            basis[v] = d[a] * d[b] * (0.5 if a == b else 1.0)
             v += 1
 
 
-@njit(cache=True)
-def _slopes(basis, offset, normal, support):
-    """What each term of the quadratic function adds to its slope along a normal (dim,), times the support."""
-    dim = len(normal)
+@njit(cache=True, inline="always")
+def _slopes(basis, d, normal):
+    """Their slopes along a normal (dim,), times the support."""
+    dim = len(d)
     basis[0] = 0.0
     v = 1 + dim
     for a in range(dim):
         basis[1 + a] = normal[a]
         for b in range(a, dim):
-            da, db = offset[a] / support, offset[b] / support
-            basis[v] = normal[a] * da if a == b else normal[a] * db + normal[b] * da
+            basis[v] = normal[a] * d[a] if a == b else normal[a] * d[b] + normal[b] * d[a]
             v += 1
 
 
@@ -134,16 +253,28 @@ def _add(moments, right, basis, w, f):
             moments[a, b] += wa * basis[b]
 
 
+@njit(cache=True, inline="always")
+def _add_right(right, basis, f):
+    for a in range(len(right)):
+        right[a] += f * basis[a]
+
+
 @njit(cache=True, error_model="numpy")
-def _solve(lower, right):
-    """right (m,) becomes the solution of a symmetric positive system whose lower half is given; Cholesky's factors."""
-    m = len(right)
-    for k in range(m):
+def _factors(lower):
+    """A symmetric positive matrix (m, m), whose lower half is given, becomes its Cholesky factor."""
+    for k in range(len(lower)):
         for c in range(k + 1):
             rest = lower[k, c]
             for e in range(c):
                 rest -= lower[k, e] * lower[c, e]
             lower[k, c] = rest / lower[c, c] if c < k else math.sqrt(rest)
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(lower, right):
+    """right (m,) becomes the solution of the system whose Cholesky factor is given."""
+    m = len(right)
+    for k in range(m):
         rest = right[k]
         for e in range(k):
             rest -= lower[k, e] * right[e]
@@ -153,6 +284,72 @@ def _solve(lower, right):
         for e in range(k + 1, m):
             rest -= lower[e, k] * right[e]
         right[k] = rest / lower[k, k]
+
+
+@njit(cache=True, error_model="numpy")
+def _levels(c, work):
+    """|g| of coefficients c. Written: unit = g / |g| and form, the second derivatives over |g| along the levels of phi:
+    the second fundamental form of the level, at most MOST_BENT in size."""
+    unit, form, across = work.unit, work.form, work.once
+    dim = len(unit)
+    steepness = 0.0
+    for a in range(dim):
+        steepness += c[1 + a] ** 2
+    steepness = math.sqrt(steepness)
+    over = 1.0 / steepness if steepness > 0.0 else 0.0
+    v = 1 + dim
+    for a in range(dim):
+        unit[a] = c[1 + a] * over
+        for b in range(a, dim):
+            form[a, b] = c[v] * over
+            form[b, a] = form[a, b]
+            v += 1
+    both, square = 0.0, 0.0
+    for a in range(dim):
+        across[a] = 0.0
+        for b in range(dim):
+            across[a] += form[a, b] * unit[b]
+        both += unit[a] * across[a]
+    for a in range(dim):
+        for b in range(dim):
+            form[a, b] += both * unit[a] * unit[b] - across[a] * unit[b] - unit[a] * across[b]
+            square += form[a, b] ** 2
+    if square > MOST_BENT**2:
+        for a in range(dim):
+            for b in range(dim):
+                form[a, b] *= MOST_BENT / math.sqrt(square)
+    return steepness
+
+
+@njit(cache=True, error_model="numpy")
+def _beyond(work):
+    """Terms of third and fourth order of a distance at d, with n the normal (unit) and h the form of its level,
+    unchanged along it; their slopes are written:
+
+    -(n . d) d . h h d / 2 + (n . d)^2 d . h h h d / 2 - (d . h d)(d . h h d) / 8."""
+    d, n, h, slopes, once, twice = work.d, work.unit, work.form, work.slopes, work.once, work.twice
+    dim = len(d)
+    along, q2, q3, q4 = 0.0, 0.0, 0.0, 0.0
+    for a in range(dim):
+        along += n[a] * d[a]
+        once[a] = 0.0
+        for b in range(dim):
+            once[a] += h[a, b] * d[b]
+    for a in range(dim):
+        q2 += d[a] * once[a]
+        q3 += once[a] * once[a]
+        twice[a] = 0.0
+        for b in range(dim):
+            twice[a] += h[a, b] * once[b]
+    for a in range(dim):
+        q4 += once[a] * twice[a]
+        thrice = 0.0
+        for b in range(dim):
+            thrice += h[a, b] * twice[b]
+        slopes[a] = along * along * thrice - along * twice[a] - 0.25 * (q3 * once[a] + q2 * twice[a])
+    for a in range(dim):
+        slopes[a] += n[a] * (along * q4 - 0.5 * q3)
+    return 0.5 * along * (along * q4 - q3) - 0.125 * q2 * q3
 
 
 @njit(cache=True, error_model="numpy")

@@ -13,7 +13,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from ..domain.row_threads import over_rows
 
 if TYPE_CHECKING:
     from ..operators.pair_weights import Operators
@@ -42,18 +44,26 @@ class SurfaceTension:
         """
         if self.method == "jump":
             across = weighted.lap_p if weighted.walls is None else weighted.walls.symmetric_laplacian
-            return _jump(weighted.neighbours, weighted.grad_p, across, interface.phi, interface.curvature,
-                         self.tension / reference)
+            return _jump(weighted, across, interface.phi, interface.curvature, self.tension / reference)
         gradient = weighted.gradient_p(interface.fraction)
         return (self.tension / reference * interface.curvature)[:, None] * gradient, None  # eq. 24
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def _jump(neighbours, grad, lap, phi, kappa, tension):
-    start, column = neighbours.start, neighbours.column
-    n, dim = len(start) - 1, grad.shape[1]
-    out, laplacian_of_jump = np.zeros((n, dim)), np.zeros(n)
-    for i in prange(n):
+def _jump(ops: Operators, lap: np.ndarray, phi: np.ndarray, kappa: np.ndarray,
+          tension: float) -> tuple[np.ndarray, np.ndarray]:
+    """What the weights of the pressure gradient and lap (n_pairs,) make of the jumps of the pressure across the
+    interface, (n, dim) and (n,)."""
+    out, laplacian_of_jump = np.zeros((ops.n, ops.dim)), np.zeros(ops.n)
+    pairs = ops.start, ops.column, ops.grad_p, lap
+    over_rows(_add_jumps, ops.n, pairs, phi, kappa, tension, out, laplacian_of_jump)
+    return out, laplacian_of_jump
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_jumps(rows, pairs, phi, kappa, tension, out, laplacian_of_jump):
+    start, column, grad, lap = pairs
+    dim = grad.shape[1]
+    for i in range(rows[0], rows[1]):
         for p in range(start[i], start[i + 1]):
             j = column[p]
             if (phi[j] > 0.0) != (phi[i] > 0.0):
@@ -63,4 +73,3 @@ def _jump(neighbours, grad, lap, phi, kappa, tension):
                 laplacian_of_jump[i] += lap[p] * jump
                 for k in range(dim):
                     out[i, k] += grad[p, k] * jump
-    return out, laplacian_of_jump

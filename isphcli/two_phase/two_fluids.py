@@ -21,15 +21,17 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from ..flow.one_fluid import Terms, ViscousWeights, balanced_force
+from ..domain.row_threads import over_rows
+from ..flow.one_fluid import Terms, ViscousWeights, balanced_force, with_forces
 from ..operators.protocol import WallSums
 from .interface import MOST, RATE, Interface, carried, crossings, find_interface, near_interface, strain
 from .interface_rules import FIRST_PASSES, interface_rules
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
+    from ..flow.forces import Force
     from ..operators.pair_weights import Operators
     from ..operators.wall_operators import WallChange
     from .contact_angle import ContactAngle
@@ -42,12 +44,14 @@ class TwoFluidForces(NamedTuple):
     """What moves two fluids.
 
     body: (dim,) force on both, m/s2; push: (dim,) that of a pressure gradient on the first fluid, m/s2, which moves the
-    other as its density lets it; held: (dim,) unit vector along which a velocity is held, or None.
+    other as its density lets it; held: (dim,) unit vector along which a velocity is held, or None; beside: the forces
+    that are not of the drive.
     """
 
     body: np.ndarray
     push: np.ndarray
     held: np.ndarray | None = None
+    beside: Sequence[Force] = ()
 
 
 class TwoFluids:
@@ -62,7 +66,7 @@ class TwoFluids:
                  contact: ContactAngle | None = None, line: WallChange | None = None):
         self.density = np.array(density, float)
         self.mu = np.array(viscosity, float)
-        self.body, self.push, self.held = forces
+        self.body, self.push, self.held, self.forces = forces
         self.force = self.body + self.push
         self.spacing, self.tension, self.contact, self.line = spacing, tension, contact, line
         self.rules = interface_rules(self.density, self.mu, 0.0 if tension is None else tension.tension, spacing)
@@ -125,7 +129,9 @@ class TwoFluids:
             near = near_interface(ops.start, ops.column, interface.colour)
         if self.added_viscosity > 0.0:
             share = self.added_viscosity / reference / (viscous.factor * rho)
-            viscous = replace(viscous, weight=_thickened(ops.start, ops.column, ops.lap, viscous.weight, near, share))
+            thickened = viscous.weight.copy()
+            over_rows(_thicken, ops.n, ops.start, ops.column, ops.lap, near, share, thickened)
+            viscous = replace(viscous, weight=thickened)
         if thick:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near_wall
@@ -142,8 +148,9 @@ class TwoFluids:
             else:
                 jump = tension_force
         rules = self.rules
-        return Terms(weighted, viscous, force, jump, laplacian_of_jump, rho if heavy else 1.0,
-                     rules.rotational_viscosity / reference, transposed_stress, smooth, along, interface)
+        terms = Terms(weighted, viscous, force, jump, laplacian_of_jump, rho if heavy else 1.0,
+                      rules.rotational_viscosity / reference, transposed_stress, smooth, along, interface)
+        return with_forces(terms, self.forces, neighbours.x[: ops.n], mu / rho)
 
     @staticmethod
     def _weigh(ops: Operators, t: np.ndarray, rho: np.ndarray, mu: np.ndarray,
@@ -151,8 +158,13 @@ class TwoFluids:
         """The operators with the density in the weights of the pressure, and the weights of the viscous term."""
         walls, viscous_walls = ops.walls, None
         symmetric = ops.lap_p if walls is None else walls.symmetric_laplacian
-        weights = ops.lap, ops.lap_p, ops.grad_p, symmetric
-        lap, lap_p, grad_p, symmetric = _weights(ops.neighbours, t, rho, mu, weights, heavy)
+        lap = np.empty(len(ops.lap))
+        over_rows(_weigh_viscous, ops.n, ops.start, ops.column, t, (rho, mu), ops.lap, lap)
+        lap_p, grad_p = ops.lap_p, ops.grad_p
+        if heavy:
+            weights = lap_p, grad_p, symmetric
+            lap_p, grad_p, symmetric = (np.empty_like(weight) for weight in weights)
+            over_rows(_weigh_pressure, ops.n, ops.start, ops.column, t, rho, weights, (lap_p, grad_p, symmetric))
         if walls is not None:
             nu = mu / rho
             viscous_walls = WallSums(nu * walls.lap, nu[:, None] * walls.lap_velocity, walls.div, walls.div_velocity,
@@ -184,57 +196,57 @@ class TransposedStress:
         """ops: Operators; weighted_lap: (n_pairs,) its `lap` times m_ij / rho_i; rows: (m,)."""
         count = np.diff(ops.start)[rows]
         start = np.concatenate([[0], np.cumsum(count)])
-        column, tensor = _transposed_stress_tensors(ops.neighbours, ops.lap, weighted_lap, rows, start)
+        column, tensor = np.empty(start[-1], np.int32), np.empty((start[-1], ops.dim * (ops.dim + 1) // 2))
+        over_rows(_transposed_stress_tensors, len(rows), ops.neighbours, (ops.lap, weighted_lap), rows, start, column,
+                  tensor)
         return cls(rows, start, column, tensor)
 
     def add(self, u: np.ndarray, out: np.ndarray, factor: float) -> None:
         """out += factor times the stress; u, out: (n, dim)."""
-        _add_transposed_stress(self.rows, self.start, self.column, self.tensor, u, out, factor)
+        given = self.rows, self.start, self.column, self.tensor
+        over_rows(_add_transposed_stress, len(self.rows), given, u, out, factor)
 
 
-@njit(cache=True, parallel=True)
-def _weights(neighbours, t, rho, mu, weights, heavy):
-    start, column = neighbours.start, neighbours.column
-    lap, lap_p, grad_p, symmetric = weights
-    n, dim = len(start) - 1, grad_p.shape[1]
-    size = len(lap)
-    new_lap = np.empty(size)
-    new_lap_p, new_grad_p = (np.empty(size), np.empty((size, dim))) if heavy else (lap_p, grad_p)
-    new_symmetric = np.empty(size) if heavy else symmetric
-    for i in prange(n):
+@njit(cache=True, nogil=True)
+def _weigh_viscous(rows, start, column, t, given, lap, new_lap):
+    rho, mu = given
+    for i in range(rows[0], rows[1]):
         for p in range(start[i], start[i + 1]):
             j = column[p]
             between = 1.0 / (t[p] / mu[i] + (1.0 - t[p]) / mu[j]) if mu[i] != mu[j] else mu[i]
             new_lap[p] = lap[p] * between / rho[i]  # eq. 2: div(mu grad u) / rho
-            if heavy:
-                light = 1.0 / (t[p] * rho[i] + (1.0 - t[p]) * rho[j])
-                new_lap_p[p] = lap_p[p] * light  # eq. 3: div(grad q / rho)
-                new_symmetric[p] = symmetric[p] * light
-                for k in range(dim):
-                    new_grad_p[p, k] = grad_p[p, k] * light
-    return new_lap, new_lap_p, new_grad_p, new_symmetric
 
 
-@njit(cache=True, parallel=True)
-def _thickened(start, column, lap, weighted_lap, near, share):
-    """weighted_lap (n_pairs,) plus share (n,) of `lap` between the particles of `near` (n,)."""
-    out = weighted_lap.copy()
-    for i in prange(len(start) - 1):
+@njit(cache=True, nogil=True)
+def _weigh_pressure(rows, start, column, t, rho, weights, new):
+    lap_p, grad_p, symmetric = weights
+    new_lap_p, new_grad_p, new_symmetric = new
+    for i in range(rows[0], rows[1]):
+        for p in range(start[i], start[i + 1]):
+            light = 1.0 / (t[p] * rho[i] + (1.0 - t[p]) * rho[column[p]])
+            new_lap_p[p] = lap_p[p] * light  # eq. 3: div(grad q / rho)
+            new_symmetric[p] = symmetric[p] * light
+            for k in range(grad_p.shape[1]):
+                new_grad_p[p, k] = grad_p[p, k] * light
+
+
+@njit(cache=True, nogil=True)
+def _thicken(rows, start, column, lap, near, share, out):
+    """Adds share (n,) of `lap` (n_pairs,) between the particles of `near` (n,) to out (n_pairs,)."""
+    for i in range(rows[0], rows[1]):
         if near[i]:
             for p in range(start[i], start[i + 1]):
                 if near[column[p]]:
                     out[p] += share[i] * lap[p]
-    return out
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def _transposed_stress_tensors(neighbours, lap, weighted_lap, rows, new_start):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _transposed_stress_tensors(turns, neighbours, weights, rows, new_start, new_column, tensor):
+    lap, weighted_lap = weights
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     dim, support = x.shape[1], neighbours.support
-    new_column = np.empty(new_start[-1], np.int32)
     size, entries = dim + dim * (dim + 1) // 2, dim * (dim + 1) // 2
-    tensor = np.empty((new_start[-1], entries))
-    for m in prange(len(rows)):
+    for m in range(turns[0], turns[1]):
         i, at = rows[m], new_start[m]
         begin, count = start[i], start[i + 1] - start[i]
         # one row a term, so that what is done to all neighbours runs along the memory
@@ -260,7 +272,6 @@ def _transposed_stress_tensors(neighbours, lap, weighted_lap, rows, new_start):
                     here[k] += weight * basis[c, k]
             for k in range(count):
                 tensor[at + k, v] = w[k] * here[k]
-    return new_column, tensor
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
@@ -328,10 +339,11 @@ def _fill(basis, row, x, i, begin, count, unit):
             v += 1
 
 
-@njit(cache=True, parallel=True)
-def _add_transposed_stress(rows, start, column, tensor, u, out, factor):
+@njit(cache=True, nogil=True)
+def _add_transposed_stress(turns, given, u, out, factor):
+    rows, start, column, tensor = given
     flat = u.shape[1] == 2
-    for m in prange(len(rows)):
+    for m in range(turns[0], turns[1]):
         i = rows[m]
         a, b, c = 0.0, 0.0, 0.0
         for p in range(start[m], start[m + 1]):

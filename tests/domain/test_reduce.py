@@ -28,6 +28,9 @@ GATHERED = "over points, particles or links that one process will have to gather
 TIMES = "over times at which a force or a wall is looked at"
 BINS = "histograms of the particles of this process, which are added up over all of them"
 RANKS = "over the processes, or of this one alone before they are joined"
+SCRATCH = "length of scratch arrays, which every process makes for its own rows"
+TENSOR = "over the entries of a tensor"
+OFFSETS = "of the offsets of a lattice and the tensors of one particle"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
     ("domain.components", "joined.max(initial=-1)"): RANKS,
@@ -45,8 +48,11 @@ ALLOWED = {
     ("domain.lattice", "self.cell.prod()"): AXES,
     ("domain.lattice", "np.log10((length + 2.0 * margin) / cell).sum()"): AXES,
     ("domain.neighbours", "cells.prod()"): AXES,
+    ("domain.neighbours", "np.diff(start).max(initial=0)"): SCRATCH,
+    ("domain.neighbours", "(first[reach:] - first[:-reach]).max(initial=0)"): SCRATCH,
     ("flow.diffusion", "np.any(div != 0.0, axis=1)"): OWN,
     ("flow.diffusion", "np.einsum('nk,nk->n', div[beside], normal)"): OWN,
+    ("flow.forces", "np.sum(found, axis=0)"): "over the list of forces",
     ("flow.one_fluid", "force.any()"): AXES,
     ("flow.projection", "matrix @ p"): MATRIX,
     ("flow.step", "(terms.pressure_gradient(p) * (displacement - dt * wind)).sum(axis=1)"): OWN,
@@ -70,6 +76,15 @@ ALLOWED = {
     ("flow.volume_control", "np.prod(np.where(corner, beyond, 1.0 - beyond), axis=1)"): OWN,
     ("operators.protocol", "np.einsum('nkm,nm->nk', self.slip, u)"): OWN,
     ("operators.protocol", "np.einsum('nk,nk->n', self.div, u)"): OWN,
+    ("operators.lattice_weights", "np.abs(tensor[full] - tensor[one]).reshape(len(full), -1).max(axis=1)"): TENSOR,
+    ("operators.lattice_weights", "np.abs(scale[one]).max()"): TENSOR,
+    ("operators.lattice_weights", "(ops.pairs.step ** 2).sum(axis=1)"): OFFSETS,
+    ("operators.lattice_weights", "np.count_nonzero(near)"): OFFSETS,
+    ("operators.lattice_weights", "second @ tensors.laplace[one, :6]"): OFFSETS,
+    ("operators.lattice_weights", "first @ tensors.laplace[one, 6:]"): OFFSETS,
+    ("operators.lattice_weights", "first[:, :dim] @ tensors.gradient[one].T"): OFFSETS,
+    ("operators.lattice_weights", "second @ tensors.k_tensor[one].T"): OFFSETS,
+    ("operators.wall_weights", "np.any(slip_length > 0.0)"): WALLS,
     ("operators.wall_operators", "np.any(geometry.slip_length > 0.0)"): WALLS,
     ("solvers.kept_hierarchies", "matrix @ x"): MATRIX,
     ("solvers.multigrid", "level.R @ (b - level.A @ x)"): MATRIX,
@@ -77,8 +92,6 @@ ALLOWED = {
     ("solvers.multigrid", "levels.levels[k + 1].A @ y"): MATRIX,
     ("solvers.multigrid", "level.P @ y"): MATRIX,
     ("solvers.multigrid", "self.coarse @ b"): "the coarsest system, of which every process will have all",
-    ("solvers.multigrid", "r @ rest"): MATRIX,
-    ("solvers.multigrid", "p @ y"): MATRIX,
     ("two_phase.contact_angle", "owner.max()"): "the number of rows of the table of positions of this process",
     ("two_phase.contact_angle", "sees[owner].all(axis=1)"): FLUIDS,
     ("two_phase.interface", "np.einsum('ij,ij->i', fit.slope, fit.slope)"): OWN,

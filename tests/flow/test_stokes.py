@@ -189,7 +189,9 @@ def test_square_duct_on_voxels():
     assert flow.superficial[0] * 144 == pytest.approx(0.56230806 * 4**4, rel=0.07)
 
 
-def test_one_voxel_throat_isolated_pocket_and_dead_end_are_finite():
+@pytest.mark.parametrize(("distance", "open"), [("stairs", True), ("smooth", False)])
+def test_one_voxel_throat_isolated_pocket_and_dead_end_are_finite(distance, open):
+    """The smooth body of these labels has no throat: there nothing flows, to the tolerance of the solve."""
     labels = np.full((12, 12, 12), -1, np.int8)
     labels[3:9, 3:9, :] = 0
     labels[:, :, 5:7] = -1
@@ -197,12 +199,12 @@ def test_one_voxel_throat_isolated_pocket_and_dead_end_are_finite():
     labels[0, 0, 0] = 0  # a pocket of one
     labels[11, 0:2, 4:6] = 0  # and of four
     labels[9:11, 5, 2] = 0  # a dead end
-    scene, flow = image_flow(labels)
+    scene, flow = image_flow(labels, distance=distance)
     assert scene.system.count == 3  # the only particle of the pocket of one voxel sees nobody, or a dummy or two
     assert np.isfinite(flow.velocity).all() and np.isfinite(flow.pressure).all()
-    assert flow.permeability[0] > 0
+    assert flow.permeability[0] > 1e-4 if open else abs(flow.permeability[0]) < 1e-9
     pocket = scene.system.means.labels != np.argmax(np.bincount(scene.system.means.labels))
-    assert np.abs(flow.velocity[pocket]).max() < 1e-6 * np.abs(flow.velocity).max()
+    assert np.abs(flow.velocity[pocket]).max() < 1e-6 * max(np.abs(flow.velocity).max(), 1e-3)
 
 
 def test_an_oblique_drive_sees_the_same_disk():

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isphcli.geometry.connectivity import components, percolating, report
+from isphcli.geometry.connectivity import SlabConnectivity, components, percolating, report
 
 
 def two_tubes():
@@ -120,3 +120,16 @@ def walk(fluid, start, periodic, rounds=3):
                 seen.add(cell)
                 todo.append(cell)
     return seen
+
+
+@pytest.mark.parametrize("thick", [1, 3, 7])
+def test_slabs_have_the_connectivity_of_the_whole(thick):
+    fluid = np.random.default_rng(4).random((20, 9, 11)) < 0.35
+    fluid[:, 4, 5] = True  # one that leads through along z
+    found = SlabConnectivity()
+    for first in range(0, 20, thick):
+        found.add(fluid[first : first + thick])
+    assert found.report(0.5) == report(fluid, (False,) * 3, 0.5)
+    empty = SlabConnectivity()
+    empty.add(np.zeros((2, 3, 4), bool))
+    assert empty.report() == report(np.zeros((2, 3, 4), bool), (False,) * 3)

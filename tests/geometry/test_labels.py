@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isphcli.geometry.images.image import VoxelError
-from isphcli.geometry.labels import apply_labels, faces_that_differ, unlike_next
+from isphcli.geometry.labels import FEW, apply_labels, faces_that_differ, guess_labels, unlike_next
 
 
 def test_labels_become_phases():
@@ -39,3 +39,13 @@ def test_where_walls_have_faces(repeats, expected):
     row = np.array([1, 1, 0, 0, 1], bool)
     for axis, shape in ((0, (5, 1)), (1, (1, 5))):
         assert unlike_next(row.reshape(shape), axis, repeats).ravel().tolist() == expected
+
+
+def test_what_is_solid_is_guessed_once_for_all():
+    """Of two values the higher one, of more the most frequent one; more than a few, and real numbers, are grey."""
+    two = np.array([[0, 0, 0], [255, 0, 0]], np.uint8)
+    assert guess_labels(two) == (255, [0], {0: 5, 255: 1})
+    assert guess_labels(two > 0) == (1, [0], {0: 5, 1: 1})
+    assert guess_labels(np.array([[3, 3], [7, 1]])) == (3, [1, 7], {1: 1, 3: 2, 7: 1})
+    assert guess_labels(np.arange(FEW)[None]) is not None and guess_labels(np.arange(FEW + 1)[None]) is None
+    assert guess_labels(two.astype(float)) is None

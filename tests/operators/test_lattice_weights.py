@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from isphcli.domain import row_threads
 from isphcli.domain.halo import wrap
 from isphcli.domain.lattice import make_lattice
 from isphcli.geometry.bodies import Shape, Sphere
@@ -92,3 +93,32 @@ def test_divergence_of_narrow_particles_is_the_adjoint_of_the_gradient(dim, radi
 def test_beside_one_body_no_particle_is_narrow(jitter):
     """A wall that curves away hides less than half of a neighbourhood, and the divergence is the consistent one."""
     assert not both(2, jitter)[1].narrow.any() and not both(3, jitter)[1].narrow.any()
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_nearest_neighbours_give_the_laplacian_of_a_quadratic_function(dim):
+    """Where all of them are in sight, and the box does not close on itself; symmetric and dominated by its diagonal
+    everywhere, to round-off: what smoothed aggregation needs."""
+    ops, rows = both(dim, 0.0)
+    matrix = factored.nearest_matrix(rows, SPACING)
+    assert matrix.nnz <= (1 + 2 * dim) * ops.n and abs(matrix - matrix.T).max() < 1e-12
+    assert np.all(matrix.sum(axis=1) > -1e-12)
+    x = ops.neighbours.x[: ops.n]
+    inner = (np.diff(matrix.indptr) == 1 + 2 * dim) & (ops.walls.lap == 0.0) & np.all(np.abs(x - 0.5) < 0.4, axis=1)
+    assert inner.any()
+    np.testing.assert_allclose((matrix @ (x**2).sum(axis=1))[inner], -2.0 * dim * SPACING**2, atol=1e-12)
+
+
+def test_bits_do_not_depend_on_the_threads(monkeypatch):
+    """Rows are handed out in ranges of FEWEST and more: every kernel of a steady solve on 1, 2, 3 and 8 threads."""
+    monkeypatch.setattr(row_threads, "FEWEST", 16)
+    found = []
+    for threads in (1, 2, 3, 8):
+        monkeypatch.setattr(row_threads, "get_num_threads", lambda threads=threads: threads)
+        ops, rows = both(3, 0.0)
+        u, p = np.random.default_rng(0).standard_normal((ops.n, 3)), np.random.default_rng(1).standard_normal(ops.n)
+        out, grad = np.empty_like(u), np.empty_like(u)
+        factored.momentum(rows, u, p, SPACING, out, grad)
+        found.append([ops.lap, ops.grad_p, out, grad, rows.total_divergence(u), rows.gradient_p(p),
+                      factored.nearest_matrix(rows, SPACING).data, factored.conductance_matrix(rows, p, SPACING).data])
+    for other in found[1:]:
+        assert all(np.array_equal(a, b) for a, b in zip(found[0], other))

@@ -10,7 +10,7 @@ import pytest
 
 from isphcli.geometry.images.image import Layout, VoxelError
 from isphcli.geometry.images.read import read_image
-from isphcli.output.convert_images import Conversion, convert, write_image
+from isphcli.output.convert_images import Conversion, convert, slab_shape, write_image
 from tests.geometry.images.files import rock
 
 
@@ -197,3 +197,54 @@ def test_an_image_without_a_solid_voxel_is_warned_of(tmp_path):
     assert found["porosity"] == 1
     assert "no voxel is solid (--solid 1): it holds 0 (15 voxels), 255" in found["warnings"][0]
     assert convert(tmp_path / "a.npy", tmp_path / "c.npy", Conversion(solid=255))["warnings"] == ()
+
+
+@pytest.mark.parametrize("suffix, options", [
+    (".raw", {"threshold": 120.0}), (".npz", {"threshold": (80.0, 160.0), "invert": True}),
+    (".mhd", {"threshold": 120.0, "downsample": 2}), (".mha", {"labels": {3: 1, 200: 7}, "solid": (1, 7)}),
+    (".npy", {"crop_to": ((3, 19), (0, 15), (2, 22)), "threshold": 100.0}),
+    (".npy", {"solid": (3, 9), "downsample": 3}),
+])  # fmt: skip
+def test_slabs_give_what_the_whole_gives(tmp_path, monkeypatch, suffix, options):
+    """File and report, of an image of 24 layers in slabs of two to six."""
+    grey = "threshold" in options
+    rng = np.random.default_rng(5)
+    size = (24, 15, 20)
+    values = rng.integers(0, 256, size) if grey else rng.choice([0, 3, 9, 200], size, p=[0.5, 0.3, 0.1, 0.1])
+    np.save(tmp_path / "scan.npy", values.astype(np.uint8))
+    how = Conversion(voxel_size=2e-6, **options)
+    (tmp_path / "whole").mkdir()
+    (tmp_path / "parts").mkdir()
+    layout = Layout()
+    whole = convert(tmp_path / "scan.npy", tmp_path / "whole" / f"rock{suffix}", how, picture=True)
+    monkeypatch.setattr("isphcli.output.convert_images.LARGE", 1)
+    monkeypatch.setattr("isphcli.output.convert_images.SLAB", 1000)
+    target = tmp_path / "parts" / f"rock{suffix}"
+    assert slab_shape(tmp_path / "scan.npy", target, how) is not None
+    parts = convert(tmp_path / "scan.npy", target, how, picture=True)
+    for key, name in (("file", f"rock{suffix}"), ("picture", "rock_slices.png")):
+        assert Path(whole.pop(key)).name == Path(parts.pop(key)).name == name
+    assert whole == parts
+    if suffix == ".raw":
+        layout = Layout(shape=tuple(whole["shape"].values()))
+    a, b = (read_image(tmp_path / name / f"rock{suffix}", layout=layout) for name in ("whole", "parts"))
+    assert np.array_equal(a.values, b.values) and a.spacing == b.spacing
+    assert (tmp_path / "whole/rock_slices.png").read_bytes() == (tmp_path / "parts/rock_slices.png").read_bytes()
+
+
+def test_what_needs_all_of_an_image_is_not_done_by_slabs(tmp_path, monkeypatch):
+    monkeypatch.setattr("isphcli.output.convert_images.LARGE", 1)
+    np.save(tmp_path / "scan.npy", np.zeros((4, 4, 4), np.uint8))
+    for options in ({"threshold": "otsu"}, {"trim": True}, {"mirror": ("x",)}, {"connected": "x"}):
+        assert slab_shape(tmp_path / "scan.npy", tmp_path / "rock.raw", Conversion(**options)) is None
+    assert slab_shape(tmp_path / "scan.npy", tmp_path / "rock.tif", Conversion()) is None
+    assert slab_shape(tmp_path / "scan.npy", tmp_path / "rock.raw", Conversion()) == (4, 4, 4)
+
+
+def test_a_part_that_fails_leaves_nothing(tmp_path, monkeypatch):
+    """Labels that are not there are said before anything is written."""
+    monkeypatch.setattr("isphcli.output.convert_images.LARGE", 1)
+    np.save(tmp_path / "scan.npy", np.zeros((4, 4, 4), np.uint8))
+    with pytest.raises(VoxelError, match="no voxel has the value"):
+        convert(tmp_path / "scan.npy", tmp_path / "rock.raw", Conversion(labels={5: 1}))
+    assert [path.name for path in tmp_path.iterdir()] == ["scan.npy"]

@@ -99,17 +99,22 @@ def history(n=40):
 def test_histories(tmp_path):
     plots.plot_histories(tmp_path / "h.png", history(), "title")
     assert image(tmp_path / "h.png").shape[0] > 500
-    plots.plot_histories(tmp_path / "h.png", [{"step": 1, "iterations_stokes": 40}])
+    plots.plot_numerics(tmp_path / "n.png", history(), "title")
+    plots.plot_numerics(tmp_path / "n.png", [{"step": 1, "iterations_stokes": 40}])
+    assert image(tmp_path / "n.png").shape[0] > 300
+    for draw in (plots.plot_histories, plots.plot_numerics):  # each has columns of its own
+        with pytest.raises(ValueError, match="no column"):
+            draw(tmp_path / "h.png", [{"step": 1}])
     with pytest.raises(ValueError, match="no column"):
-        plots.plot_histories(tmp_path / "h.png", [{"step": 1}])
+        plots.plot_histories(tmp_path / "h.png", [{"step": 1, "iterations_stokes": 40}])
 
 
 @pytest.mark.parametrize(
     "size, factor, unit", [(3.8e-4, 1e6, "µm"), (0.014, 1e3, "mm"), (2.0, 1.0, "m"), (0.0, 1.0, "m")]
 )
 def test_prefix(size, factor, unit):
-    assert plots._prefix("m", size) == (factor, unit)
-    assert plots._prefix("", size) == (1.0, "")
+    assert plots.prefix("m", size) == (factor, unit)
+    assert plots.prefix("", size) == (1.0, "")
 
 
 def test_permeability_in_both_units():
@@ -121,7 +126,7 @@ def test_pyplot_stays_out_and_matplotlib_comes_late():
     code = (
         "import sys, numpy as np, isphcli.output.plots as p; assert 'matplotlib' not in sys.modules; "
         "import os, tempfile; y = np.arange(3.0); f = os.path.join(tempfile.mkdtemp(), 'a.png'); "
-        "p.plot_histories(f, [{'step': k, 'dt': k} for k in y]); assert 'matplotlib.pyplot' not in sys.modules"
+        "p.plot_numerics(f, [{'step': k, 'dt': k} for k in y]); assert 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 

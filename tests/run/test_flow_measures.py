@@ -5,7 +5,13 @@ import pytest
 
 from isphcli import api
 from isphcli.case.load import read_case
-from isphcli.run.flow_measures import effective_diffusivity, speed_distribution, tortuosity, wall_shear
+from isphcli.run.flow_measures import (
+    effective_diffusivity,
+    profile_rows,
+    speed_distribution,
+    tortuosity,
+    wall_stress,
+)
 from isphcli.scene.build_geometry import build_geometry
 
 SLIT = {
@@ -72,4 +78,33 @@ def test_no_shear_of_walls_that_slip():
            b"drive: {axes: [x]}\nfluids: {water: {density: 1, viscosity: 1}}\n"
     geometry = build_geometry(read_case(text, "case.yaml"))
     x = np.array([[0.5, 0.125]])
-    assert wall_shear(geometry, x, np.ones((1, 2)), np.zeros((1, 2)), (0.25, 1.0)) is None
+    assert wall_stress(geometry, x, np.ones((1, 2)), np.zeros((1, 2)), (0.25, 1.0)) is None
+
+
+def test_the_bar_of_the_formation_factor_holds_the_truth():
+    """Insulating spheres on a simple cubic array, by the formula of Rayleigh as McPhedran and McKenzie (1978, Proc. R.
+    Soc. Lond. A 359, 45) have it, good to 1e-4 at this solid fraction. Errors are of first order in the spacing."""
+    c = 0.216
+    truth = 1.0 / (1.0 - 3.0 * c / (2.0 + c + 0.9785 * c ** (10.0 / 3.0)))
+    radius = (3.0 * c / (4.0 * np.pi)) ** (1.0 / 3.0)
+    case = {"geometry": {"box": [1.0] * 3, "periodic": ["x", "y", "z"],
+                         "shapes": [{"sphere": {"centre": [0.5] * 3, "radius": radius}, "is": "solid"}]},
+            "particles": {"spacing": 1 / 10}, "fluids": {"water": {"density": 1.0, "viscosity": 1.0}},
+            "flow": "stokes", "drive": {"axes": ["x"]}, "measure": ["formation_factor"], "refine": [1 / 14]}
+    found = api.run(case, quiet=True).summary
+    assert abs(found["formation_factor"] - truth) < found["formation_factor_error"] < 0.1
+    assert found["effective_diffusivity"] == pytest.approx(1.0 / found["formation_factor"])
+    share = found["formation_factor_error"] / found["formation_factor"]
+    assert found["effective_diffusivity_error"] == pytest.approx(share * found["effective_diffusivity"])
+
+
+def test_the_profile_of_a_slit_falls_by_what_drives_it():
+    """All layers have the same flux, and the pressure falls by rho g along the axis."""
+    case = {**SLIT, "drive": {"body_force": [0.5, 0.0]}}
+    found = api.run(case, quiet=True)
+    x, geometry = found.x, found.flow.geometry
+    rows = profile_rows(geometry, x, (found.velocity, found.pressure), 0, 2.0 * 0.5 * 0.25, (1 / 32, 1 / 32**2))
+    assert len(rows) == 8
+    assert np.allclose([row["superficial_velocity"] for row in rows], 2.0 * 0.5 / 36.0, rtol=2e-3)  # h^2 / 12 g / nu
+    slope = np.diff([row["pressure"] for row in rows]) / np.diff([row["x"] for row in rows])
+    assert np.allclose(slope, -2.0 * 0.5, rtol=1e-3)

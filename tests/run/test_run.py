@@ -147,6 +147,7 @@ geometry: {voxels: {file: rock.npy, labels: {solid: 1, water: 0}, voxel_size: 1.
 particles: {spacing: 1.0e-6}
 fluids: {water: {density: 1000, viscosity: 1.0e-3}}
 flow: stokes
+output: {plots: false}
 """
 
 
@@ -168,6 +169,33 @@ def test_axes_without_a_path_have_a_permeability_of_zero_and_leave_the_others(tm
     with pytest.raises(ValueError, match=r"along x and y: the permeability is zero; check geometry\.voxels\.labels"):
         run(tmp_path, ROCK, "drive={axes: [x, y]}")
     assert not capfd.readouterr().err  # quiet
+
+
+def test_a_run_in_three_dimensions_leaves_its_pictures_and_a_report_with_them(tmp_path, monkeypatch):
+    """And where they cannot be drawn in 3D a warning, and those of a plane."""
+    pytest.importorskip("pyvista")
+    duct(tmp_path)
+    summary = run(tmp_path, ROCK, "drive={axes: [z]}", "output.plots=true")
+    physical = {"flow_3d.png", "wall_shear_3d.png", "slice.png", "profiles.png", "distributions.png"}
+    assert {path.name for path in (tmp_path / "out").glob("*.png")} == {*physical, "numerics.png"}
+    assert not any("3D" in text for text in summary["warnings"])
+    page = (tmp_path / "out/report.html").read_text(encoding="utf-8")
+    order = [page.index(text) for text in ("Sizes of the pores", "<h2>Numerics", "Solver,")]
+    assert page.count("<img") == 6 and order == sorted(order)
+    rows = read_history(tmp_path / "out/profiles.csv")
+    assert rows[-1]["pressure"] < rows[0]["pressure"]
+    flux = [row["superficial_velocity"] for row in rows]
+    assert np.std(flux) / np.mean(flux) == pytest.approx(summary["mass_error"], rel=1e-6)
+    from isphcli.output import render
+
+    def fails(*words, **more):
+        raise render.RenderError("no screen")
+
+    monkeypatch.setattr(render, "render", fails)
+    summary = run(tmp_path, ROCK, "drive={axes: [z]}", "output.plots=true")
+    assert any("no pictures in 3D: no screen" in text for text in summary["warnings"])
+    assert {path.name for path in (tmp_path / "out").glob("*.png")} == {
+        *physical - {"flow_3d.png", "wall_shear_3d.png"}, "numerics.png"}
 
 
 def test_an_image_without_clear_layers_is_not_told_to_check_its_labels(tmp_path):

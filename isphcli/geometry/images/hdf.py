@@ -9,7 +9,7 @@ import numpy as np
 
 from .image import SPACING, Layout, Part, Stored, VoxelError, _sizes
 
-INSTALL = "the package h5py reads HDF5 files: pip install 'isphcli[images]' (or pip install h5py)"
+INSTALL = "the package h5py reads HDF5 files: pip install h5py"
 
 
 def open_hdf5(path: Path, layout: Layout, matlab: bool = False) -> Stored:

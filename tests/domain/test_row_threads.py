@@ -1,0 +1,37 @@
+import numpy as np
+import pytest
+from numba import njit
+
+from isphcli.domain.row_threads import FEWEST, over_rows
+
+from ..threads import one_thread
+
+
+@njit(nogil=True)
+def mark(rows, work, out):
+    """Counts how often a row was seen; work: one number, how many rows this call has seen before."""
+    for i in range(rows[0], rows[1]):
+        out[i] += 1
+        work[0] += 1
+    return work[0]
+
+
+@pytest.mark.parametrize("n", [0, 1, FEWEST, 20 * FEWEST + 3])
+def test_every_row_is_seen_once_with_scratch_of_its_own_call(n):
+    out = np.zeros(n, np.int64)
+    seen = over_rows(mark, n, out, work=lambda: np.zeros(1, np.int64))
+    assert np.array_equal(out, np.ones(n)) and sum(seen) == n
+
+
+def test_one_thread_makes_one_call():
+    with one_thread():
+        assert over_rows(mark, 20 * FEWEST, np.zeros(20 * FEWEST, np.int64), work=lambda: np.zeros(1, np.int64)) == [
+            20 * FEWEST]
+
+
+def test_what_a_kernel_raises_comes_out():
+    def fails(rows):
+        raise ValueError("row")
+
+    with pytest.raises(ValueError, match="row"):
+        over_rows(fails, 20 * FEWEST)
