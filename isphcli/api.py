@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import COMPLETE
-from .output.environment import settle_threads
+from .output.environment import launched, settle_threads
 
 if TYPE_CHECKING:
     import numpy as np
@@ -181,6 +181,10 @@ def run(case: Case | Mapping[str, Any] | str | Path, *, out: str | Path | None =
     note = settle_threads(threads)
     if note and not quiet:
         print(note, file=sys.stderr, flush=True)
+    if launched() > 1:
+        from .domain.communicator import join
+
+        join(launched())
     asked = load_case(case, overrides)
     from .run.run import solve_case
 

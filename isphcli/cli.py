@@ -14,17 +14,19 @@ import os
 import re
 import signal
 import sys
+import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from .output.environment import settle_streams, settle_threads, stop_printing
+from .output.environment import launched, settle_streams, settle_threads, stop_printing
 from .output.lines import DIGITS, permeability, table
 
 if TYPE_CHECKING:
     from .case.blocks import Case
+    from .domain.communicator import Ranks
     from .run.relative_permeability import Relative
 
 OUTSIDE, BAD_INPUT, FAILED, INTERNAL, STOPPED_SHORT, INTERRUPTED = 1, 2, 3, 4, 5, 130
@@ -106,13 +108,40 @@ def guarded(function: Callable[..., int | None]) -> Callable[..., None]:
             stop_printing()
             code = NOT_READ
         except (Exception, KeyboardInterrupt) as error:
-            if debug:
-                raise
-            complain(message(error))
             code = exit_code(error)
+            if several() is not None:
+                fail_together(traceback.format_exc() if debug else message(error), code)
+            elif debug:
+                raise
+            else:
+                complain(message(error))
         sys.exit(code)
 
     return command
+
+
+PATIENCE = 5.0  # s: ranks that fail for the same reason do so within it; after it a rank ends those that wait for it
+
+
+def several() -> Ranks | None:
+    """The processes that run a case together; None of one alone."""
+    module = sys.modules.get(f"{__package__}.domain.communicator")  # without importing numpy to say what is wrong
+    ranks = module.current() if module is not None else None
+    return ranks if ranks is not None and ranks.size > 1 else None
+
+
+def fail_together(text: str, code: int) -> None:
+    """What all processes have to say of their failure, once, where all of them failed. One that failed alone says so
+    and ends the others, which would wait for it for ever."""
+    ranks = several()
+    assert ranks is not None
+    said = ranks.agree_to_fail(text, PATIENCE)
+    if said is None:
+        complain(f"rank {ranks.rank} of {ranks.size}: {text}")
+        ranks.abort(code)
+    elif ranks.rank == 0:
+        for line in dict.fromkeys(said):
+            complain(line)
 
 
 def complain(text: str) -> None:
@@ -210,6 +239,10 @@ def run(
     if overwrite and restart is not None and (out is None or out.resolve() == restart.resolve()):
         raise click.UsageError("--restart goes on with the files in DIR, --overwrite replaces them: give one of them")
     set_threads(threads, quiet)
+    if launched() > 1:
+        from .domain.communicator import join
+
+        join(launched())
     case = load(case_file or restart / "case.yaml", overrides, out or restart)  # type: ignore[operator]
     check_directory(directory_of(case))
     from . import api
@@ -222,6 +255,9 @@ def run(
         if restart is not None and getattr(interrupt, "restart", None) is None:  # before it wrote one itself
             interrupt.restart = restart / "restart.npz"  # type: ignore[attr-defined]
         raise
+    ranks = several()
+    if ranks is not None and ranks.rank > 0:
+        return 0
     click.echo(str(found))
     if not found.complete:
         click.echo(f"stopped short: {found.summary.get('message') or found.summary['status']}", err=True)

@@ -109,7 +109,7 @@ def test_every_library_is_imported_and_has_a_lowest_version():
                   "mkdocs-material": "mkdocs", "codespell": "codespell_lib"}.get(name, name)
         assert re.search(rf"^ *(import|from) {module}\b", imported, re.MULTILINE), f"no line imports {name}"
         wanted.append(f"{name}=={version}")
-    assert set(extras) == {"images", "film", "test", "docs", "dev"}
+    assert set(extras) == {"images", "film", "mpi", "test", "docs", "dev"}
     done = subprocess.run([sys.executable, ROOT / ".ci/oldest", "--constraints"], capture_output=True, text=True)
     assert [line for line in done.stdout.split() if not line.startswith("setuptools")] == wanted
 

@@ -105,6 +105,7 @@ WITHOUT_TESTS = {  # modules without a file of tests of their own, and what test
     "operators.pair_sums": "compiled part of apply",
     "operators.protocol": "a protocol: test_lattice_weights.py compares its two classes",
     "references.result": "data without a function",
+    "run.ranks": "tests/test_ranks.py runs cases on several processes",
     "run.results": "test_run.py and test_moving_case.py read what runs leave",
     "run.steady": "test_run.py runs steady cases whole",
     "run.steady_case": "test_run.py runs steady cases whole",

@@ -6,12 +6,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from . import reduce
+from .communicator import current
+from .exchange import NO_EXCHANGE, Exchange
 
 
 class ComponentMeans:
     """The projection P of eq. 26 for one constant vector a connected component.
 
-    labels: (n,) component of each particle.
+    labels: (n,) component of each particle, of those of all processes.
     """
 
     def __init__(self, labels: np.ndarray):
@@ -26,11 +28,32 @@ class ComponentMeans:
         return v - (reduce.total_by(self.labels, v, len(self.count)) / self.count)[self.labels]
 
 
-def pair_components(start: np.ndarray, column: np.ndarray,
-                    joined: np.ndarray | None = None) -> tuple[int, np.ndarray]:
-    """Connected components of the pair graph: (count, labels (n,) int32). joined: (n_pairs,) bool, pairs that count."""
+def pair_components(start: np.ndarray, column: np.ndarray, joined: np.ndarray | None = None,
+                    exchange: Exchange = NO_EXCHANGE) -> tuple[int, np.ndarray]:
+    """Connected components of the pair graph: (count, labels (n,) int32). joined: (n_pairs,) bool, pairs that count.
+
+    exchange: that of the remote particles among the columns; components are then those of all processes.
+    """
     n = len(start) - 1
     if joined is not None:
         start, column = np.concatenate([[0], np.cumsum(joined)])[start], column[joined]
-    graph = sp.csr_matrix((np.ones(len(column), dtype=np.int8), column, start), shape=(n, n))
-    return sp.csgraph.connected_components(graph, directed=False)
+    total = n + exchange.remote
+    start = np.concatenate([start, np.full(exchange.remote, start[-1])])  # remote particles have no rows here
+    graph = sp.csr_matrix((np.ones(len(column), dtype=np.int8), column, start), shape=(total, total))
+    count, labels = sp.csgraph.connected_components(graph, directed=False)
+    return (count, labels) if current().size == 1 else _join_processes(n, labels, exchange)
+
+
+def _join_processes(n: int, labels: np.ndarray, exchange: Exchange) -> tuple[int, np.ndarray]:
+    """Components over all processes from those of each, labels (n + remote,): a remote particle has a label here and
+    one at home, and the two are one component. There are as many such links as components reach over a cut, few."""
+    ranks = current()
+    counts = ranks.collect(int(labels.max(initial=-1)) + 1)
+    own = np.int64(sum(counts[: ranks.rank])) + labels
+    home = exchange.forward(own[:n])
+    links = np.concatenate(ranks.collect(np.unique(np.stack([own[n:], home[n:]], axis=1), axis=0)))
+    total = sum(counts)
+    graph = sp.coo_matrix((np.ones(len(links), np.int8), (links[:, 0], links[:, 1])), shape=(total, total))
+    _, joined = sp.csgraph.connected_components(graph, directed=False)
+    # a label that only remote particles bear is one of another process's components: no number is left out
+    return int(joined.max(initial=-1)) + 1, joined[own[:n]].astype(np.int32)

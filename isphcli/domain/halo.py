@@ -40,10 +40,12 @@ def wrap(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, periodic: Sequence
     return x
 
 
-def build_halo(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, periodic: np.ndarray, support: float) -> Halo:
+def build_halo(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, periodic: np.ndarray, support: float,
+               brick: tuple[np.ndarray, np.ndarray] | None = None) -> Halo:
     """Images of x within one support of the box; a box thinner than a support gets several images along that axis.
 
-    x: (n, dim) inside the box; lower, upper: (dim,); periodic: (dim,) bool; support: m.
+    x: (n, dim) inside the box; lower, upper: (dim,); periodic: (dim,) bool; support: m. brick: corners of the part of
+    the box round which images are wanted, the whole without it; x are then within a support of that.
     """
     n, dim = x.shape
     owner = np.arange(n, dtype=np.int32)
@@ -51,11 +53,13 @@ def build_halo(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, periodic: np
     position = x
     for axis in np.flatnonzero(periodic):
         length = upper[axis] - lower[axis]
+        first, last = (lower[axis], upper[axis]) if brick is None else (brick[0][axis], brick[1][axis])
+        reach = support if brick is None else last - first + 2.0 * support
         images = []
-        for k in range(1, int(np.ceil(support / length)) + 1):
+        for k in range(1, int(np.ceil(reach / length)) + 1):
             for sign in (k, -k):
                 moved = position[:, axis] + sign * length
-                near = (moved > lower[axis] - support) & (moved < upper[axis] + support)
+                near = (moved > first - support) & (moved < last + support)
                 images.append((np.flatnonzero(near), sign * length))
         rows = np.concatenate([rows for rows, _ in images])
         added = np.repeat([d for _, d in images], [len(rows) for rows, _ in images])

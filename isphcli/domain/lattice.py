@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from .cut import Share
 
 MOST = 9  # power of ten of lattice sites: far above what a machine holds
 CLASSIFY_AT_ONCE = 2_000_000  # lattice sites asked of the geometry in one go: bounds the memory of large scenes
@@ -37,13 +40,26 @@ class Lattice:
 
     def slabs(self) -> Iterator[np.ndarray]:
         """Positions of the sites, (k, dim) at a time, in slabs along the first axis."""
-        rest = [np.arange(c) for c in self.counts[1:]]
-        per_layer = int(self.counts[1:].prod()) * len(self.basis)
+        for index in self.cells(np.zeros(len(self.counts), int), self.counts):
+            yield self.at(index)
+
+    def cells(self, first: np.ndarray, end: np.ndarray) -> Iterator[np.ndarray]:
+        """Indices (k, dim) of the cells from `first` to before `end`, (dim,) each, in slabs along the first axis."""
+        rest = [np.arange(low, high) for low, high in zip(first[1:], end[1:])]
+        per_layer = math.prod(len(r) for r in rest) * len(self.basis)
         thick = max(1, CLASSIFY_AT_ONCE // max(per_layer, 1))
-        for first in range(0, int(self.counts[0]), thick):
-            own = np.arange(first, min(first + thick, int(self.counts[0])))
-            index = np.stack(np.meshgrid(own, *rest, indexing="ij"), axis=-1).reshape(-1, 1, len(self.counts))
-            yield (self.corner + (index + self.basis) * self.cell).reshape(-1, len(self.counts))
+        for low in range(int(first[0]), int(end[0]), thick):
+            own = np.arange(low, min(low + thick, int(end[0])))
+            yield np.stack(np.meshgrid(own, *rest, indexing="ij"), axis=-1).reshape(-1, len(self.counts))
+
+    def at(self, index: np.ndarray) -> np.ndarray:
+        """Positions (k m, dim) of the m sites of each of the cells (k, dim)."""
+        return (self.corner + (index[:, None] + self.basis) * self.cell).reshape(-1, len(self.counts))
+
+    def numbers(self, index: np.ndarray) -> np.ndarray:
+        """(k m,) int64 number of the sites of the cells (k, dim) in the lattice."""
+        cell = np.ravel_multi_index(tuple(index.T), tuple(self.counts))
+        return (cell[:, None] * len(self.basis) + np.arange(len(self.basis))).ravel()
 
 
 BASES = {
@@ -96,7 +112,8 @@ class Particles:
     """The particles of a scene: n_fluid fluid particles, then dummies.
 
     x: (n, dim) m; phase: (n_fluid,) int8 index of the fluid; site_volume: m^dim; sites: lattice sites inside the box;
-    left_out: sites in solids that no fluid sees.
+    left_out: sites in solids that no fluid sees. All of this process; share: what else it needs, None where it is the
+    only one.
     """
 
     x: np.ndarray
@@ -104,6 +121,7 @@ class Particles:
     site_volume: float
     sites: int
     left_out: int
+    share: Share | None = None
 
     @property
     def n_fluid(self) -> int:

@@ -86,6 +86,8 @@ def find_pairs(x: np.ndarray, n: int, support: float) -> Pairs:
     x: (n_rows, dim) positions, owned particles first, then halo and dummies; n: rows that get neighbours;
     support: m.
     """
+    if n == 0:  # a process without particles
+        return Pairs(np.zeros(1, np.int64), np.zeros(0, np.int32))
     lower, upper = _extent(x)
     narrowest = support / np.array([FINE, 1, 1])
     # clipped: the number of cells of a sparse scene in a huge box must not overflow

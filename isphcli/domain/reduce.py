@@ -1,61 +1,81 @@
 """Sums, means, extremes and norms over the particles: the only place that combines values of different particles.
 
 Each function takes an array whose first axis is the particles of this process, and returns what holds for the particles
-of all processes; today there is one. Elsewhere in the physics rooms arrays are reduced over components and axes only;
-tests/domain/test_reduce.py holds that, with the exceptions. Compiled loops over neighbours are no reductions: they need
-the particle and its halo.
+of all processes (`communicator.current`). Elsewhere in the physics rooms arrays are reduced over components and axes
+only; tests/domain/test_reduce.py holds that, with the exceptions. Compiled loops over neighbours are no reductions:
+they need the particle and its halo.
+
+A process may have no particle at all: what has no value of its own then counts for nothing.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from .communicator import current
+
 
 def total(values: np.ndarray) -> Any:
     """Sum over the particles of values (n,) or (n, k): a number or (k,)."""
-    return values.sum(axis=0)
+    return current().sum(values.sum(axis=0))
 
 
 def mean(values: np.ndarray, weights: np.ndarray | None = None) -> Any:
     """Mean over the particles of values (n,) or (n, k), a number or (k,); with weights (n,) of values (n,) only."""
-    return values.mean(axis=0) if weights is None else np.average(values, weights=weights)
+    if current().size == 1:
+        return values.mean(axis=0) if weights is None else np.average(values, weights=weights)
+    if weights is None:
+        return total(values) / number(values)
+    return dot(weights, values) / total(weights)
 
 
 def largest(values: np.ndarray) -> Any:
     """Largest entry of values (n,) or (n, k)."""
-    return values.max()
+    if current().size == 1:
+        return values.max()
+    return current().max(values.max(initial=_least(values.dtype)))
 
 
 def smallest(values: np.ndarray) -> Any:
     """Smallest entry of values (n,) or (n, k)."""
-    return values.min()
+    if current().size == 1:
+        return values.min()
+    return -largest(-values)
+
+
+def _least(dtype: np.dtype) -> Any:
+    """What every other number of a kind is at least."""
+    return -np.inf if dtype.kind == "f" else np.iinfo(dtype).min
 
 
 def norm(vector: np.ndarray) -> float:
     """Euclidean norm of a vector of unknowns, (m,)."""
-    return float(np.linalg.norm(vector))
+    if current().size == 1:
+        return float(np.linalg.norm(vector))
+    return float(np.sqrt(dot(vector, vector)))
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> Any:
     """Sum over the particles of a b, for a (n,) and b (n,) or (n, k)."""
-    return a @ b
+    return current().sum(a @ b)
 
 
 def count(mask: np.ndarray) -> int:
     """Number of particles for which mask (n,) is true."""
-    return int(np.count_nonzero(mask))
+    return int(current().sum(np.count_nonzero(mask)))
 
 
 def number(values: np.ndarray) -> int:
     """Number of particles that values (n,) or (n, k) are of."""
-    return len(values)
+    return int(current().sum(len(values)))
 
 
 def any_true(mask: np.ndarray) -> bool:
     """Whether mask (n,) is true of any particle."""
-    return bool(mask.any())
+    return bool(current().max(int(mask.any())))
 
 
 def total_by(label: np.ndarray, values: np.ndarray | None = None, labels: int = 0) -> np.ndarray:
@@ -63,4 +83,32 @@ def total_by(label: np.ndarray, values: np.ndarray | None = None, labels: int = 
 
     label: (n,) int from 0; labels: how many there are at least.
     """
-    return np.bincount(label, values, minlength=labels)
+    if current().size > 1:
+        labels = int(current().max(max(labels, int(label.max(initial=-1)) + 1)))
+    return current().sum(np.bincount(label, values, minlength=labels))
+
+
+def quantiles(values: np.ndarray, shares: Sequence[float]) -> np.ndarray:
+    """Quantiles (m,) of values (n,) at shares (m,) between 0 and 1, interpolated between the values next to them.
+
+    Between processes the two values are found by halving the interval of all numbers, which are ordered as their bits
+    are: after 64 counts they are exact, and nobody has to hold the values of the others. NaN without particles.
+    """
+    if current().size == 1:
+        return np.quantile(values, shares)
+    have = number(values)
+    if have == 0:
+        return np.full(len(shares), np.nan)
+    place = np.asarray(shares) * (have - 1)
+    lower = np.floor(place).astype(np.int64)
+    ranks = np.concatenate([lower, np.minimum(lower + 1, have - 1)])
+    bits = np.sort(values.astype(np.float64)).view(np.int64)
+    ordered = np.where(bits < 0, np.iinfo(np.int64).min - bits - 1, bits)  # negative numbers are the other way round
+    low, high = np.full(len(ranks), np.iinfo(np.int64).min), np.full(len(ranks), np.iinfo(np.int64).max)
+    while np.any(low < high):
+        middle = (low >> 1) + (high >> 1) + (low & high & 1)
+        enough = current().sum(np.searchsorted(ordered, middle, side="right")) > ranks
+        low, high = np.where(enough, low, middle + 1), np.where(enough, middle, high)
+    found = np.where(low < 0, np.iinfo(np.int64).min - low - 1, low).view(np.float64)
+    below, above = found[: len(lower)], found[len(lower) :]
+    return below + (place - lower) * (above - below)

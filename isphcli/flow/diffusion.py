@@ -16,8 +16,8 @@ import numpy as np
 from ..domain import reduce
 from ..geometry.wall_normals import wall_normals
 from ..operators.lattice_weights import LatticeWeights, conductance_matrix, divergence_and_rhie_chow
-from ..solvers.krylov import Limits, SolveError, Watch, gmres_from_the_right
-from ..solvers.multigrid import cycle, hierarchy
+from ..solvers.engine import ONE_PROCESS, Engine
+from ..solvers.krylov import Limits, SolveError, Watch
 
 if TYPE_CHECKING:
     from ..domain.components import ComponentMeans
@@ -27,12 +27,15 @@ if TYPE_CHECKING:
 class DiffusionSystem:
     """The scalar system of one lattice; every axis shares it.
 
-    ops: LatticeWeights; x: (n, dim) m, of the fluid particles; spacing: m; means: of the connected components.
+    ops: LatticeWeights; x: (n, dim) m, of the fluid particles; spacing: m; means: of the connected components;
+    engine: what solves the linear systems.
     """
 
-    def __init__(self, ops: LatticeWeights, geometry: Geometry, x: np.ndarray, spacing: float, means: ComponentMeans):
+    def __init__(self, ops: LatticeWeights, geometry: Geometry, x: np.ndarray, spacing: float, means: ComponentMeans,
+                 engine: Engine = ONE_PROCESS):
+        self.engine = engine
         self.ops, self.spacing, self.means = _insulated(ops, geometry, x, spacing), spacing, means
-        self._cycle = cycle(hierarchy(conductance_matrix(ops, np.ones(ops.n), spacing)))
+        self._cycle = engine.cycle(conductance_matrix(ops, np.ones(ops.n), spacing), ops.exchange)
 
     def apply(self, phi: np.ndarray) -> np.ndarray:
         """-dx^2 (div grad phi + S phi), (n,)."""
@@ -55,7 +58,7 @@ class DiffusionSystem:
         # round-off of a field without sources, along straight walls, is no right-hand side
         if reduce.largest(np.abs(rhs)) <= 1e-9 * self.spacing:
             return field
-        phi, report = gmres_from_the_right(self.apply, rhs, self.precondition, limits, watch=watch)
+        phi, report = self.engine.gmres(self.apply, rhs, self.precondition, limits, watch=watch)
         if not report.converged:
             raise SolveError("diffusion", report)
         return field - self.ops.gradient_p(phi)

@@ -26,8 +26,8 @@ from ..operators.lattice_weights import (
     symmetric_laplacian,
     velocity_matrix,
 )
-from ..solvers.krylov import Limits, Report, SolveError, Watch, gmres_from_the_right
-from ..solvers.multigrid import BlockCycle, cycle, hierarchy
+from ..solvers.engine import ONE_PROCESS, Engine
+from ..solvers.krylov import Limits, Report, SolveError, Watch
 from .forces import Force, acceleration_of, resistance_of
 
 TAU = 0.05  # strength of S (trials before 2026-11-22)
@@ -52,23 +52,27 @@ class StokesSystem:
     """Matrices of one lattice; every right-hand side shares them.
 
     ops: LatticeWeights (without walls no steady flow exists);
-    spacing: m; viscosity: kinematic, m2/s; forces: at the particles x (n, dim), m, beside the force of each flow.
+    spacing: m; viscosity: kinematic, m2/s; forces: at the particles x (n, dim), m, beside the force of each flow;
+    engine: what solves the linear systems.
     """
 
     def __init__(self, ops: LatticeWeights, spacing: float, viscosity: float, tau: float = TAU,
-                 forces: Sequence[Force] = (), x: np.ndarray | None = None):
+                 forces: Sequence[Force] = (), x: np.ndarray | None = None,
+                 engine: Engine = ONE_PROCESS):
         self.ops, self.spacing, self.viscosity, self.tau = ops, spacing, viscosity, tau
-        self.dim = ops.dim
+        self.dim, self.engine = ops.dim, engine
         self.acceleration = acceleration_of(forces, x) if x is not None else None
         self.resistance = resistance_of(forces, x) if x is not None else None
         self.drag = None if self.resistance is None else spacing**2 * self.resistance
-        self.count, labels = pair_components(ops.start, ops.column)
+        self.count, labels = pair_components(ops.start, ops.column, exchange=ops.exchange)
         self.means = ComponentMeans(labels)
         matrix = nearest_matrix(ops, spacing) if ops.on_lattice else velocity_matrix(ops, spacing)
         if self.drag is not None:
-            matrix = (matrix + sp.diags_array(self.drag)).tocsr()
-        self._velocity = BlockCycle(hierarchy(matrix, STRENGTH), CYCLES)
-        self._darcy = cycle(hierarchy(self._conductance()))
+            own = np.arange(ops.n + 1)
+            matrix = matrix + sp.csr_matrix((self.drag, own[:-1], own), shape=matrix.shape)
+        self._velocity = engine.block_cycle(matrix, ops.exchange, STRENGTH, CYCLES)
+        del matrix
+        self._darcy = engine.cycle(self._conductance(), ops.exchange)
 
     def _conductance(self) -> sp.csr_matrix:
         """-div(w grad) of the pressure, w the response of the velocity to a unit force without pressure.
@@ -156,10 +160,9 @@ class StokesSystem:
         forces[:] = self._driven(force) * (self.spacing**2 / self.viscosity)
         forces += self.spacing**2 * ops.walls.lap_velocity
         mass[:] = self.means.remove(-self.spacing * ops.walls.div_velocity)
-        solution, report = gmres_from_the_right(self.apply, rhs, self.precondition, limits, watch=watch)
+        solution, report = self.engine.gmres(self.apply, rhs, self.precondition, limits, watch=watch)
         if not report.converged:
-            solution, report = gmres_from_the_right(self.apply, rhs, self.precondition, limits.times(2), solution,
-                                                    watch)
+            solution, report = self.engine.gmres(self.apply, rhs, self.precondition, limits.times(2), solution, watch)
         if not report.converged:
             error = SolveError("Stokes", report)
             forces, mass = self.split(np.abs(rhs - self.apply(solution)) / reduce.largest(np.abs(rhs)))

@@ -91,6 +91,7 @@ class IsoSurfaceGeometry(VoxelGeometry):
     def ways(self) -> SurfaceWays:
         """How the pores of the sample are connected by this surface, beside how its labels are."""
         sample = sample_voxels(self)
+        assert self.labels is not None
         whole = [part == slice(0, n) for part, n in zip(sample, self.labels.shape)][::-1]  # x, y(, z)
         periodic = tuple(p and w for p, w in zip(self.periodic, whole))
         part = sample if self.dim == 3 else (slice(0, 1), *sample)

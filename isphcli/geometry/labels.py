@@ -59,12 +59,14 @@ def apply_labels(
     labels: Mapping[str, int | Sequence[int]],
     fluids: Sequence[str],
     path: str | Path = "image",
+    counts: Mapping[int, int] | None = None,
 ) -> np.ndarray:
     """Phases int8: -1 where the value is one of labels['solid'], k for those of fluids[k].
 
-    Every value of the image needs a label, and every fluid with labels a voxel.
+    Every value of the image needs a label, and every fluid with labels a voxel. counts: {value: voxels} of the image
+    that the values are a part of.
     """
-    found = {int(v): int(n) for v, n in _histogram(values).items()}
+    found = dict(counts) if counts is not None else _histogram(values)
     phase_of: dict[int, int] = {}
     for name, wanted in labels.items():
         if name != "solid" and name not in fluids:

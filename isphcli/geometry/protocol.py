@@ -39,6 +39,11 @@ class Geometry(Protocol):
         """Of an image, (dim,) m; None of shapes."""
         ...
 
+    def within(self, lower: np.ndarray, upper: np.ndarray, reach: float) -> Geometry:
+        """The same, to be asked for points within `reach`, m, of a brick of corners (dim,) and for their periodic
+        images only: of an image that is not in memory, that part."""
+        ...
+
     def phase(self, x: np.ndarray) -> np.ndarray:
         """(n,) int8: -1 in a solid, otherwise the index of the fluid."""
         ...

@@ -89,6 +89,10 @@ class ShapeGeometry:
         self.wall_velocity[wall] -= self.wall_spin[wall] @ centre
         self.wall_speed[wall] += abs(omega) * body.radius
 
+    def within(self, lower: np.ndarray, upper: np.ndarray, reach: float) -> ShapeGeometry:
+        """Itself: shapes are few."""
+        return self
+
     def phase(self, x: np.ndarray) -> np.ndarray:
         """(n,) int8: -1 in a solid or on its surface, otherwise the index of the fluid."""
         x = self._wrapped(x)

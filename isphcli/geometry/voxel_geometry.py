@@ -50,7 +50,18 @@ class VoxelGeometry:
             labels = labels[0]
         if labels.ndim not in (2, 3) or labels.size == 0:
             raise ValueError(f"labels of shape {labels.shape}: give 2 or 3 dimensions and a voxel")
-        self.dim = labels.ndim
+        self._set_box(labels.shape, voxel_size, periodic, layers, walls)
+        self.labels: np.ndarray | None = np.ascontiguousarray(with_clear_layers(labels, layers, 0), dtype=np.int8)
+        self._grid = self.labels if self.dim == 3 else self.labels[None]
+        self._around = np.array([*self.periodic, True][:3])
+        solid = bool((self.labels < 0).any())
+        self.has_solid = solid or not all(self.periodic)
+        self._solid = 0 if not solid else 1 if (self.labels >= 0).any() else 2  # none, some, all
+
+    def _set_box(self, shape: tuple[int, ...], voxel_size: float | Sequence[float] | np.ndarray,
+                 periodic: Sequence[bool], layers: ClearLayers | None, walls: Walls) -> None:
+        """What follows from the shape [z, y, x] or [y, x] of the image alone."""
+        self.dim = len(shape)
         size = np.asarray(voxel_size, dtype=float).ravel()
         self.voxel_size = np.full(self.dim, size[0]) if size.size == 1 else size[: self.dim].copy()
         if (
@@ -62,26 +73,25 @@ class VoxelGeometry:
         around = [bool(p) for p in periodic][: self.dim]
         if len(around) != self.dim:
             raise ValueError(f"periodic needs {self.dim} entries")
-        sample, start = np.array(labels.shape[::-1]), np.zeros(self.dim)
+        sample, start = np.array(shape[::-1]), np.zeros(self.dim)
+        whole = sample.copy()
         if layers is not None:
             start[layers.axis] = layers.voxels
             around[layers.axis] = True
-        labels = with_clear_layers(labels, layers, 0)
-        self.labels = np.ascontiguousarray(labels, dtype=np.int8)
+            whole[layers.axis] += 2 * layers.voxels
         self.periodic = tuple(around)
         self.lower = np.zeros(self.dim)
-        self.upper = np.array(self.labels.shape[::-1]) * self.voxel_size
+        self.upper = whole * self.voxel_size
         self.sample_lower = start * self.voxel_size
         self.sample_upper = (start + sample) * self.voxel_size
         self.wall_velocity, self.slip_length = walls.table(self.dim)
         self.wall_speed = np.linalg.norm(self.wall_velocity, axis=1)
         self._unit = float(self.voxel_size.min())
-        self._grid = self.labels if self.dim == 3 else self.labels[None]
-        self._around = np.array([*around, True][:3])
         self._voxel = np.append(self.voxel_size / self._unit, 1.0)[:3]  # x, y, z
-        solid = bool((self.labels < 0).any())
-        self.has_solid = solid or not all(around)
-        self._solid = 0 if not solid else 1 if (self.labels >= 0).any() else 2  # none, some, all
+
+    def within(self, lower: np.ndarray, upper: np.ndarray, reach: float) -> VoxelGeometry:
+        """Itself: it holds the whole image."""
+        return self
 
     @cached_property
     def _field(self) -> np.ndarray:

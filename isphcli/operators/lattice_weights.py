@@ -24,6 +24,7 @@ import scipy.sparse as sp
 from numba import njit
 
 from ..domain import reduce
+from ..domain.exchange import NO_EXCHANGE, Exchange
 from ..domain.row_threads import over_rows
 from .crossings import MEETS_WALL, WallStencils
 from .kernel import normalisation, slope
@@ -49,7 +50,8 @@ MOST_OFFSETS = 255  # more, and every pair keeps an offset of its own: particles
 
 
 class LatticePairs(NamedTuple):
-    """The pairs of fluid particles in sight as kernels take them; columns are owners.
+    """The pairs of fluid particles in sight as kernels take them; columns are owners, those of remote particles (see
+    `domain/exchange.py`) n and more.
 
     start: (n + 1,); column: (n_pairs,) int32; offset_id: (n_pairs,) number of the offset of the pair. Of the m offsets:
     step (m, dim) x_j - x_i, m; first_moment (m, 3) a; second_moment (m, 6) T; pair_laplacian (m,) w / s.
@@ -69,7 +71,8 @@ class Factors(NamedTuple):
 
     laplace: (n, 9) L and b, 1/m2; gradient: (n, dim, dim) M and gradient_p Q, 1/m; scale: (n,) c, 1/m2; k_tensor:
     (n, dim, 6) K, 1/m, or (0, dim, 6) for gradients of first order; k_tensor_p, the same of the pressure gradient away
-    from walls, (0, dim, 6) on a lattice, where it vanishes.
+    from walls, (0, dim, 6) on a lattice, where it vanishes. gradient_p and k_tensor_p have the rows of remote particles
+    too, for the adjoint.
     """
 
     laplace: np.ndarray
@@ -99,7 +102,8 @@ class LatticeWeights:
 
     pairs, tensors: see there; walls: sums over the neighbours beyond walls; deficient: particles that fell back on a
     simpler correction; narrow: (n,) bool, particles in pores that the lattice does not resolve, whose divergence is the
-    adjoint one (`divergence_and_rhie_chow`); whole: see `WholeRows`.
+    adjoint one (`divergence_and_rhie_chow`); whole: see `WholeRows`; exchange: where the values of remote particles
+    come from.
     """
 
     pairs: LatticePairs
@@ -108,6 +112,7 @@ class LatticeWeights:
     deficient: int
     narrow: np.ndarray
     whole: WholeRows
+    exchange: Exchange = NO_EXCHANGE
 
     @property
     def n(self) -> int:
@@ -136,7 +141,7 @@ class LatticeWeights:
 
     def gradient_p(self, p: np.ndarray) -> np.ndarray:
         """Pressure gradient (n, dim) of p (n,)."""
-        gradient = np.empty((self.n, self.dim))
+        p, gradient = self.exchange.forward(p), np.empty((self.n, self.dim))
         over_rows(_gradient_p, self.n, self.pairs, self.tensors.gradient_p, p, gradient)
         if len(self.tensors.k_tensor_p):
             gradient -= _second_order(self.pairs, self.tensors.k_tensor_p, p)
@@ -154,15 +159,17 @@ class LatticeWeights:
         return divergence_and_rhie_chow(self, u, (zero, u), (1.0, 0.0)) + self.walls.div_velocity
 
 
-def build_lattice_weights(stencils: WallStencils, order: int = 1) -> tuple[LatticeWeights, np.ndarray]:
+def build_lattice_weights(stencils: WallStencils, order: int = 1,
+                          exchange: Exchange = NO_EXCHANGE) -> tuple[LatticeWeights, np.ndarray]:
     """(LatticeWeights, row of each pair in the table of positions). order: of the velocity gradient, 1 (eq. 5) or 2."""
     everyone, walls, links, volume = stencils.neighbours, stencils.walls, stencils.links, stencils.volume
     x, n = everyone.x, everyone.n
     start, row = _in_sight(everyone.start, everyone.row, links.link)
     offset_id, step, count = _offsets(x, start, row, 1e-6 * everyone.support)
-    on_lattice = count <= MOST_OFFSETS and reduce.smallest(volume) == reduce.largest(volume)
+    largest = reduce.largest(volume)
+    on_lattice = reduce.largest(np.array([count])) <= MOST_OFFSETS and reduce.smallest(volume) == largest
     if on_lattice:
-        step, weight = step[:count].copy(), np.full(count, volume[0])
+        step, weight = step[:count].copy(), np.full(count, largest)
     else:
         offset_id = np.arange(len(row), dtype=np.int32)
         step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[everyone.owner[row]]
@@ -174,9 +181,13 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1) -> tuple[Latti
     deficient = over_rows(_factors, n, (everyone, links, volume, walls), order, tensors, narrow, sums,
                           work=partial(new_workspace, everyone))
     pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
+    tensors = tensors._replace(gradient_p=exchange.forward(tensors.gradient_p))
+    if not on_lattice and order == 2:
+        tensors = tensors._replace(k_tensor_p=exchange.forward(tensors.k_tensor_p))
     wall_sums = WallSums(*boundary_sums(sums))
     whole = _whole_rows(pairs, tensors, wall_sums, on_lattice)
-    return LatticeWeights(pairs, tensors, wall_sums, int(reduce.total(np.array(deficient))), narrow, whole), row
+    return LatticeWeights(pairs, tensors, wall_sums, int(reduce.total(np.array(deficient))), narrow, whole,
+                          exchange), row
 
 
 def _whole_rows(pairs: LatticePairs, tensors: Factors, walls: WallSums, on_lattice: bool) -> WholeRows:
@@ -204,10 +215,10 @@ def _whole_rows(pairs: LatticePairs, tensors: Factors, walls: WallSums, on_latti
 
 
 def velocity_matrix(ops: LatticeWeights, dx: float, dtype: type = float) -> sp.csr_matrix:
-    """-dx^2 lap, walls included, in canonical CSR form."""
+    """-dx^2 lap, walls included, in canonical CSR form; columns of remote particles are the last ones."""
     matrix = _empty_matrix(ops, np.dtype(dtype))
     over_rows(_velocity_entries, ops.n, ops.pairs, ops.tensors.laplace, ops.walls.lap, dx * dx, matrix)
-    return _canonical(ops.n, *matrix)
+    return _canonical(ops, *matrix)
 
 
 def nearest_matrix(ops: LatticeWeights, dx: float) -> sp.csr_matrix:
@@ -217,14 +228,16 @@ def nearest_matrix(ops: LatticeWeights, dx: float) -> sp.csr_matrix:
     there; what walls add is as in `velocity_matrix`. It is symmetric, and as a preconditioner as good.
     """
     square = (ops.pairs.step**2).sum(axis=1)
-    near = square < NEAREST * square.min()
-    weight = np.where(near, 2.0 * ops.dim / np.count_nonzero(near) * dx * dx / square, 0.0)
+    near = square < NEAREST * reduce.smallest(square)
+    # a process that has but a few particles may see half of a neighbourhood
+    whole = reduce.largest(np.array([np.count_nonzero(near)]))
+    weight = np.where(near, 2.0 * ops.dim / whole * dx * dx / square, 0.0)
     first = np.zeros(ops.n + 1, np.int32)
     over_rows(_count_near, ops.n, ops.pairs, weight, first[1:])
     np.cumsum(first, out=first)
     matrix = first, np.empty(first[-1], np.int32), np.empty(first[-1])
     over_rows(_near_entries, ops.n, ops.pairs, weight, ops.walls.lap, dx * dx, matrix)
-    return _canonical(ops.n, *matrix)
+    return _canonical(ops, *matrix)
 
 
 def conductance_matrix(ops: LatticeWeights, w: np.ndarray, dx: float) -> sp.csr_matrix:
@@ -234,9 +247,9 @@ def conductance_matrix(ops: LatticeWeights, w: np.ndarray, dx: float) -> sp.csr_
     the wall is that of its neighbours. With harmonic means, which cut it off from them, beads that touch took twice the
     iterations. The diagonal is raised by `GROUND`.
     """
-    matrix = _empty_matrix(ops, np.dtype(float))
+    w, matrix = ops.exchange.forward(w), _empty_matrix(ops, np.dtype(float))
     over_rows(_conductance_entries, ops.n, ops.pairs, ops.tensors.scale, w, dx * dx, matrix)
-    return _canonical(ops.n, *matrix)
+    return _canonical(ops, *matrix)
 
 
 def _empty_matrix(ops: LatticeWeights, dtype: np.dtype) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -247,8 +260,8 @@ def _empty_matrix(ops: LatticeWeights, dtype: np.dtype) -> tuple[np.ndarray, np.
     return first, np.empty(size, np.int32), np.empty(size, dtype)
 
 
-def _canonical(n: int, start: np.ndarray, column: np.ndarray, entries: np.ndarray) -> sp.csr_matrix:
-    matrix = sp.csr_matrix((entries, column, start), shape=(n, n))
+def _canonical(ops: LatticeWeights, start: np.ndarray, column: np.ndarray, entries: np.ndarray) -> sp.csr_matrix:
+    matrix = sp.csr_matrix((entries, column, start), shape=(ops.n, ops.n + ops.exchange.remote))
     matrix.sum_duplicates()
     return matrix
 
@@ -266,14 +279,16 @@ def divergence_and_rhie_chow(ops: LatticeWeights, u: np.ndarray, pressure: tuple
     of the adjoint has not.
     """
     out = np.empty(ops.n)
+    u, p, grad_p = (ops.exchange.forward(values) for values in (u, *pressure))
     walls = ops.walls.div, ops.narrow
     weights = ops.pairs, ops.tensors, ops.whole
-    over_rows(_divergence_and_rhie_chow, ops.n, weights, walls, u, pressure, factors, out)
+    over_rows(_divergence_and_rhie_chow, ops.n, weights, walls, u, (p, grad_p), factors, out)
     return out
 
 
 def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: np.ndarray, grad_p: np.ndarray) -> None:
     """-dx^2 lap u + dx grad p into out (n, dim), grad p into grad_p (n, dim)."""
+    u, p = ops.exchange.forward(u), ops.exchange.forward(p)
     over_rows(_momentum, ops.n, (ops.pairs, ops.tensors, ops.whole), ops.walls.lap, dx, (u, p), out, grad_p)
     if len(ops.tensors.k_tensor_p):
         more = _second_order(ops.pairs, ops.tensors.k_tensor_p, p)
@@ -283,7 +298,7 @@ def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: 
 
 def symmetric_laplacian(ops: LatticeWeights, f: np.ndarray) -> np.ndarray:
     """sum_j symmetric_ij (f_j - f_i), (n,)."""
-    out = np.empty(ops.n)
+    f, out = ops.exchange.forward(f), np.empty(ops.n)
     over_rows(_symmetric, ops.n, ops.pairs, ops.tensors.scale, f, out)
     return out
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from ..domain.cut import Share
 from ..domain.halo import Halo, build_halo
 from ..domain.neighbours import Neighbourhood, neighbourhood
 from ..geometry.wall_normals import wall_normals
@@ -71,16 +72,21 @@ class WallScene:
         adjoint_divergence(ops)
         return ops, neighbours, images
 
-    def stencils(self, x: np.ndarray, fixed: bool = False) -> tuple[WallStencils, Halo]:
+    def stencils(self, x: np.ndarray, fixed: bool = False, share: Share | None = None) -> tuple[WallStencils, Halo]:
         """What operators are built from, and the periodic images.
 
-        fixed: the particles sit on their lattice and will stay there: every volume is that of a site.
+        fixed: the particles sit on their lattice and will stay there: every volume is that of a site. share: of this
+        process, where there are several; its remote particles come behind x in the table, without rows of their own.
         """
-        geometry, n = self.geometry, len(x)
+        geometry, own = self.geometry, len(x)
+        if share is not None:
+            x = np.concatenate([x, share.ghosts])
+        n = len(x)
         owned = np.concatenate([x, self.dummies])
-        images = build_halo(owned, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support)
+        images = build_halo(owned, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support,
+                            None if share is None else (share.lower, share.upper))
         table, owner = images.positions(owned), images.owners(len(owned))
-        neighbours = neighbourhood(table, owner, n, self.kind, self.support)
+        neighbours = neighbourhood(table, owner, own, self.kind, self.support)
         wall, velocity = np.concatenate([geometry.wall(x), self.dummy_wall])[owner], geometry.wall_velocity
         slip_length, spin = geometry.slip_length, geometry.wall_spin
         if self.line is not None:

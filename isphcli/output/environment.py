@@ -19,7 +19,14 @@ from pathlib import Path
 # what is written instead of a character that an output does not have; all others as escapes, \u5ca9
 _PLAIN = {"≥": ">=", "≤": "<=", "→": "->", "←": "<-", "…": "...", "²": "2", "³": "3", "µ": "u", "μ": "u"}
 _ERRORS = "isph-plain"
+# How many processes a launcher says that it started: Open MPI, then those that speak PMI (MPICH, Intel), then srun
+LAUNCHERS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS")
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+
+
+def launched() -> int:
+    """Processes that mpiexec or srun says it has started, of which this is one; 1 without them."""
+    return next((int(os.environ[name]) for name in LAUNCHERS if os.environ.get(name, "").isdigit()), 1)
 
 
 def settle_threads(threads: int | None) -> str | None:
@@ -35,6 +42,8 @@ def settle_threads(threads: int | None) -> str | None:
     # threads that spin between kernels take the cores from everything else on the machine
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     note = find_kernel_cache() if "numba" not in sys.modules else None
+    if threads is None and launched() > 1 and "NUMBA_NUM_THREADS" not in os.environ:
+        threads = 1  # the other cores are those of the other processes
     if threads is None:
         return note
     if "numba" in sys.modules:

@@ -19,6 +19,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from ..domain.communicator import current, on_first
 from . import folder
 
 SNAPSHOTS = "snapshots"
@@ -33,7 +34,7 @@ SUMMARY_KEYS = (
     "formation_factor_error", "effective_diffusivity", "effective_diffusivity_error",
     "superficial_velocity", "mean_velocity", "speed", "wall_shear", "pressure_drop",
     "two_fluids", "mass_error", "max_divergence", "iterations", "errors", "cpu_seconds", "wall_seconds",
-    "peak_memory_bytes", "threads", "versions",
+    "peak_memory_bytes", "threads", "ranks", "versions",
 )  # fmt: skip
 
 
@@ -110,6 +111,41 @@ def field_arrays(path: Path, x: np.ndarray,
             values = values.astype(np.int8)
         data[name] = _three(values) if values.ndim == 2 else np.ascontiguousarray(values)
     return _three(x), data
+
+
+def write_pieces(directory: Path, x: np.ndarray, fields: Mapping[str, np.ndarray]) -> None:
+    """The one snapshot of a steady flow, of several processes: a VTU of each, a PVTU that joins them and the PVD, by
+    rank 0. All processes call it; x and fields: see `write_vtu`, of the particles of each."""
+    ranks, name = current(), f"{SNAPSHOTS}/particles_{0:06d}"
+    pieces = [f"{name}_{rank:05d}.vtu" for rank in range(ranks.size)]
+    shapes = ranks.collect({} if not len(x) else {key: np.asarray(value).dtype.str[1:] + str(np.ndim(value))
+                                                  for key, value in fields.items()})
+    have = [piece for piece, shape in zip(pieces, shapes) if shape]
+
+    def begin() -> None:
+        (directory / SNAPSHOTS).mkdir(exist_ok=True)
+        for piece in have:  # in the manifest before it is there
+            folder.name(directory / piece)
+
+    on_first(begin)
+    if len(x):  # rank 0 has named it: others hold no folder
+        write_vtu(directory / pieces[ranks.rank], x, fields)
+    ranks.collect(None)  # all pieces are there
+
+    def end() -> None:
+        kinds = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "i1": "Int8", "u1": "UInt8"}
+        arrays = "".join(f'      <PDataArray type="{"Int32" if key in INTEGER_FIELDS else kinds[shape[:2]]}" '
+                         f'Name={quoteattr(key)} NumberOfComponents="{3 if shape[2:] == "2" else 1}"/>\n'
+                         for key, shape in next(shape for shape in shapes if shape).items())
+        sources = "".join(f'    <Piece Source={quoteattr(Path(piece).name)}/>\n' for piece in have)
+        write_text(directory / f"{name}.pvtu", (
+            '<?xml version="1.0"?>\n<VTKFile type="PUnstructuredGrid" version="0.1" byte_order="LittleEndian">\n'
+            '  <PUnstructuredGrid GhostLevel="0">\n    <PPoints>\n      <PDataArray type="Float64" Name="Points" '
+            f'NumberOfComponents="3"/>\n    </PPoints>\n    <PPointData>\n{arrays}    </PPointData>\n{sources}'
+            '  </PUnstructuredGrid>\n</VTKFile>\n'))
+        write_text(directory / "particles.pvd", _pvd([(0.0, f"{name}.pvtu")]))
+
+    on_first(end)
 
 
 def read_vtu(path: str | os.PathLike) -> tuple[np.ndarray, dict[str, np.ndarray]]:

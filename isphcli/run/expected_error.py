@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..geometry.image_brick import ImageBrick
 from ..geometry.labels import unlike_next
 from ..geometry.protocol import sample_voxels
 from ..references.published import DATA
@@ -87,6 +88,10 @@ class Scan:
 
 def scan_of(geometry: Geometry) -> Scan | None:
     """Of the sample of an image, without its clear layers; None of shapes, and where all is fluid or solid."""
+    if isinstance(geometry, ImageBrick):  # of the whole, which no process has
+        porosity = geometry.image.fluid / math.prod(geometry.image.shape)
+        chord = _chord(porosity, geometry.image.walls)
+        return Scan(chord, geometry.image.straight) if chord < np.inf else None
     if geometry.labels is None or geometry.voxel_size is None:
         return None
     pores = geometry.labels[sample_voxels(geometry)] >= 0
@@ -101,7 +106,10 @@ def mean_chord(pores: np.ndarray) -> float:
     """
     # walls a voxel along a line, of which a chord has two; ends of an image that does not repeat are a pair of many
     ends = float(np.mean([np.mean(unlike_next(pores, axis, True)) for axis in range(pores.ndim)]))
-    porosity = float(pores.mean())
+    return _chord(float(pores.mean()), ends)
+
+
+def _chord(porosity: float, ends: float) -> float:
     return 2.0 * min(porosity, 1.0 - porosity) / ends if ends > 0.0 else math.inf
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..domain import reduce
 from ..geometry.protocol import inside_sample, sample_box
 from ..geometry.wall_normals import wall_normals
 
@@ -24,19 +25,21 @@ def tortuosity(velocity: np.ndarray, axis: int) -> float | None:
 
     velocity: (n, dim) m/s, of equal volumes. None where nothing flows along the axis.
     """
-    along = abs(float(velocity[:, axis].mean())) if len(velocity) else 0.0
-    speed = float(np.linalg.norm(velocity, axis=1).mean()) if len(velocity) else 0.0
+    if not reduce.number(velocity):
+        return None
+    along = abs(float(reduce.mean(velocity[:, axis])))
+    speed = float(reduce.mean(np.linalg.norm(velocity, axis=1)))
     return speed / along if along > 1e-12 * speed else None
 
 
 def speed_distribution(velocity: np.ndarray) -> dict[str, float] | None:
     """`mean` of the speed, m/s, and its quantiles `q05` to `q95`: the speed that this share of the fluid stays below.
     velocity: (n, dim) m/s, of equal volumes. None without fluid."""
-    if not len(velocity):
+    if not reduce.number(velocity):
         return None
     speed = np.linalg.norm(velocity, axis=1)
-    quantiles = np.quantile(speed, SHARES)
-    return {"mean": float(speed.mean()), **{f"q{100 * s:02.0f}": float(q) for s, q in zip(SHARES, quantiles)}}
+    quantiles = reduce.quantiles(speed, SHARES)
+    return {"mean": float(reduce.mean(speed)), **{f"q{100 * s:02.0f}": float(q) for s, q in zip(SHARES, quantiles)}}
 
 
 def wall_stress(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, laplacian: np.ndarray,
@@ -53,7 +56,7 @@ def wall_stress(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, laplaci
         return None
     distance = geometry.distance(x) / spacing
     near = (distance > LAYER[0]) & (distance <= LAYER[1])
-    if not near.any():
+    if not reduce.any_true(near):
         return None
     d, normal = distance[near, None] * spacing, wall_normals(geometry, x[near], spacing)
     slope = velocity[near] / d - 0.5 * d * laplacian[near]
@@ -65,8 +68,8 @@ def wall_shear(stress: np.ndarray | None) -> dict[str, float] | None:
     """`mean`, `median` and `q95` of the shear stress (m,) of `wall_stress`, Pa; None without one."""
     if stress is None:
         return None
-    median, high = np.quantile(stress, (0.5, 0.95))
-    return {"mean": float(stress.mean()), "median": float(median), "q95": float(high)}
+    median, high = reduce.quantiles(stress, (0.5, 0.95))
+    return {"mean": float(reduce.mean(stress)), "median": float(median), "q95": float(high)}
 
 
 def profile_rows(geometry: Geometry, x: np.ndarray, flow: tuple[np.ndarray, np.ndarray], axis: int, drop: float,
@@ -84,9 +87,9 @@ def profile_rows(geometry: Geometry, x: np.ndarray, flow: tuple[np.ndarray, np.n
     count = max(1, round(float(size[axis]) / thickness))
     share = (x[:, axis] - geometry.lower[axis]) / size[axis]
     layer = np.clip((share * count).astype(int), 0, count - 1)
-    number = np.bincount(layer, minlength=count)
-    flux = np.bincount(layer, velocity[:, axis], count) * (volume * count / float(np.prod(size)))
-    total = np.bincount(layer, pressure - drop * share, count)
+    number = reduce.total_by(layer, labels=count)
+    flux = reduce.total_by(layer, velocity[:, axis], count) * (volume * count / float(np.prod(size)))
+    total = reduce.total_by(layer, pressure - drop * share, count)
     return [{"xyz"[axis]: float(geometry.lower[axis] + (k + 0.5) * size[axis] / count),
              "pressure": float(total[k] / number[k]) if number[k] else None, "superficial_velocity": float(flux[k])}
             for k in range(count)]
@@ -101,10 +104,10 @@ def effective_diffusivity(geometry: Geometry, x: np.ndarray, flux: np.ndarray, c
     """
     lower, upper = sample_box(geometry)
     inside = inside_sample(geometry, x)
-    if not inside.any():
+    if not reduce.any_true(inside):
         return 0.0
     porosity = cells * site_volume / float(np.prod(upper - lower))
-    mean = float(flux[inside, axis].mean()) * porosity
+    mean = float(reduce.mean(flux[inside, axis])) * porosity
     length, sample = float((geometry.upper - geometry.lower)[axis]), float((upper - lower)[axis])
     left = length - mean * (length - sample)  # of the drop, over the sample
     return mean * sample / left if left > 0.0 else 0.0

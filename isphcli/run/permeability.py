@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..domain import reduce
 from ..geometry.protocol import Geometry, inside_sample, sample_box
 from ..references.ducts import duct_permeability
 
@@ -26,14 +27,14 @@ def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray |
     """
     x = particles.x
     if not geometry.has_solid:
-        return float(particles.n_fluid)
+        return float(reduce.number(particles.phase))
     lower, upper = (geometry.lower, geometry.upper) if whole else sample_box(geometry)
     # a face of the box that is a wall cuts cells whose middles lie beyond it; the end of a clear layer does not
     ends = (lower > geometry.lower) | (upper < geometry.upper)
     inside = np.all(((x >= lower) & (x <= upper)) | ~ends, axis=1)
     edge = particles.site_volume ** (1.0 / geometry.dim)
     near = geometry.distance(x[inside]) if distance is None else distance[inside]
-    return float(np.clip(0.5 + near / edge, 0.0, 1.0).sum())
+    return float(reduce.total(np.clip(0.5 + near / edge, 0.0, 1.0)))
 
 
 def mean_velocities(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, site_volume: float,
@@ -45,8 +46,8 @@ def mean_velocities(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, sit
     """
     lower, upper = sample_box(geometry)
     inside = inside_sample(geometry, x)
-    total = velocity[inside].sum(axis=0)
-    return total * (site_volume / np.prod(upper - lower)), total / (cells or max(int(inside.sum()), 1))
+    total = reduce.total(velocity[inside])
+    return total * (site_volume / np.prod(upper - lower)), total / (cells or max(reduce.count(inside), 1))
 
 
 def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndarray, viscosity: float) -> np.ndarray:

@@ -15,6 +15,7 @@ from ..case.blocks import Case
 from ..case.forces import forces_of
 from ..case.forcing import body_force, changes, drive_steps, held_axis
 from ..case.load import dump_case
+from ..domain.communicator import current
 from ..geometry.protocol import Geometry, inside_sample, sample_box, sample_voxels
 from ..output import restart
 from ..output.clock import Clock
@@ -42,6 +43,8 @@ def files_of(case: Case) -> list[str]:
     for name, suffix, wanted in zip(("particles", "grid"), suffixes,
                                     (case.output.snapshots, case.output.grid is not None)):
         names += [f"{name}.{lists}", f"{SNAPSHOTS}/{name}_[0-9]*.{suffix}"] * wanted
+    if "particles.pvd" in names:  # of several processes
+        names.append(f"{SNAPSHOTS}/particles_[0-9]*.pvtu")
     if len(case.fluids) > 1 or not moving:
         names += [PROFILES, *[CURVE] * (drive_steps(case) is not None)]
     if case.output.plots:
@@ -256,7 +259,9 @@ def snapshot_of(case: Case, geometry: Geometry, particles: Particles, x: np.ndar
 
 def counts_of(particles: Particles, halo: int) -> dict[str, int]:
     """Entry `particles` of the summary; halo: rows that are periodic images; left_out: sites that no fluid sees."""
-    return {"fluid": particles.n_fluid, "dummy": particles.n_dummy, "halo": halo, "left_out": particles.left_out}
+    fluid, dummy, images, left_out = current().sum(
+        np.array([particles.n_fluid, particles.n_dummy, halo, particles.left_out])).tolist()
+    return {"fluid": fluid, "dummy": dummy, "halo": images, "left_out": left_out}
 
 
 def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:

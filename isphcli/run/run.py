@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..case.yaml import CaseError, Problem
+from ..domain.communicator import current, on_first
 from ..output import folder, progress, restart
 from ..output.clock import Clock
 from ..output.environment import one_blas_thread
+from .ranks import refuse_what_is_not_distributed
 from .results import Look, files_of
 
 if TYPE_CHECKING:
@@ -30,6 +32,8 @@ def solve_case(case: Case, quiet: bool = False, resume: str | Path | None = None
 
     resume: directory whose restart.npz a run of moving particles goes on from.
     overwrite: replace results that the directory holds, those files that its manifest names.
+    Where mpiexec started several processes (`domain.communicator.join`) all of them call it; the files are written by
+    rank 0 but for the snapshots, and the flow that is returned is that of the particles of each.
     look: preflight.look.look, which says before anything is solved what the check of the case warns of (in the summary
     as `warnings`); without it nobody looks.
 
@@ -43,8 +47,14 @@ def solve_case(case: Case, quiet: bool = False, resume: str | Path | None = None
             raise CaseError((Problem(str(case.path), None, "flow", "a steady solve has nothing to go on from",
                                      "run it without --restart"),))
         restart.require(Path(resume) / restart.NAME)
+    refuse_what_is_not_distributed(case)
     goes_on = resume is not None and Path(resume).resolve() == directory.resolve()
-    with folder.Folder(directory, files_of(case), str(case.path) if case.path else None, goes_on, overwrite):
+    with ExitStack() as held:
+        name = str(case.path) if case.path else None
+        place = folder.Folder(directory, files_of(case), name, goes_on, overwrite)
+        on_first(lambda: bool(held.enter_context(place)))
+        if current().size > 1:  # the check reads the whole image
+            look, quiet = None, quiet or current().rank > 0
         with one_blas_thread():
             return _run(case, quiet, resume, look)
 

@@ -12,15 +12,17 @@ import numpy as np
 
 from ..case.forcing import drives, opens, why_closed
 from ..case.yaml import CaseError, Problem
+from ..domain import reduce
+from ..domain.communicator import as_first, current, on_first
 from ..geometry.protocol import inside_sample
 from ..output import folder, progress
-from ..output.files import History
+from ..output.files import History, write_pieces
 from ..references.result import Result
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at
 from ..solvers.krylov import SolveError
-from . import steady
+from . import ranks, steady
 from .expected_error import expected, scan_of, wall_of
 from .flow_measures import profile_rows, speed_distribution, tortuosity
 from .permeability import EDGE, extrapolate
@@ -103,6 +105,8 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tupl
         at_own = {axis: _along(flow, axis) for (axis, h), flow in found.flows.items()
                   if axis is not None and h == case.particles.spacing}
         summary["permeability_by_threshold"] = by_threshold(case, axes, at_own, clock, quiet, seen.warnings)
+    if current().size > 1:
+        return _finish_ranks(case, summary, result, found, clock), result
     assert case.output.directory is not None
     directory = folder.prepare(case.output.directory)
     with clock("output"), progress.stage("files and pictures", quiet):
@@ -125,6 +129,34 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tupl
     return finish(case, directory, summary, result, clock)
 
 
+def _finish_ranks(case: Case, summary: dict[str, Any], result: Result, found: Found, clock: Clock) -> dict[str, Any]:
+    """The files of several processes: a snapshot of each, all else by rank 0; returns the summary."""
+    main, output = _main(found.flows), case.output
+    assert output.directory is not None
+    summary["ranks"] = ranks.entry(main.particles)
+    if output.plots:
+        summary["warnings"].append("no pictures and no report.html: several processes draw none")
+    directory: Path = on_first(lambda: folder.prepare(output.directory))  # type: ignore[arg-type]
+    with clock("output"):
+        if output.snapshots:
+            snapshot = snapshot_of(case, main.geometry, main.particles, result.x, main.velocity, main.pressure)
+            write_pieces(directory, *snapshot)
+        compared, rows = ranks.whole(case, result), _profile(main)
+
+        def rest() -> dict[str, Any]:
+            with History(directory / "history.csv") as file:
+                for row in found.history:
+                    file.append(row)
+            if rows:
+                with History(directory / PROFILES) as file:
+                    for row in rows:
+                        file.append(row)
+            quiet_case = replace(case, output=replace(output, plots=False))
+            return finish(quiet_case, directory, summary, compared, clock)[0]
+
+        return on_first(rest)
+
+
 def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Case, Drives, Found, Seen]:
     """Every spacing and axis of a steady case: (the case with the spacings that were chosen, axes, Found, Seen). The
     matrices, which leave no room for the files, are gone when it returns.
@@ -145,7 +177,7 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
         memory.refuse_lattice(case, first, spacing)
     seen = look(case, first, clock, quiet) if look is not None else Seen()
     found, solved = Found(), list[Solved]()
-    further = further_spacings(case, first, solved) if automatic else iter(())
+    further = as_first(further_spacings(case, first, solved)) if automatic else iter(())
     for spacing in itertools.chain(case.spacings, further):
         started = _seconds(clock)
         try:
@@ -185,7 +217,7 @@ def _solve_spacing(job: Job, spacing: float, found: Found, needed: bool) -> int:
                     continue
                 return 0
             refuse_second_fluid(job.case, scene.particles)
-            particles = scene.particles.n_fluid
+            particles = reduce.number(scene.particles.phase)
         _solve_one_axis(job, scene, axis, force, found, needed)
     return particles
 
@@ -212,11 +244,13 @@ def _solve_one_axis(job: Job, scene: steady.SteadyScene, axis: int | None, force
         return
     label = f"flow along {'xyz'[axis]}" if axis is not None else "flow driven by walls"
     left_out: SolveError | None = None
-    with progress.stage(f"{label}, {scene.particles.n_fluid:,} particles", job.quiet) as stage:
+    with progress.stage(f"{label}, {reduce.number(scene.particles.phase):,} particles", job.quiet) as stage:
         try:
             flow = steady.solve_axis(job.case, scene, axis, force, job.clock, _watch(stage))
         except SolveError as error:
             if needed:
+                if current().size > 1:  # each has the residuals of its own particles only
+                    raise
                 with suppress(OSError):
                     error.worst = _worst_of(job.case, scene, error)
                 raise
@@ -317,6 +351,8 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
                for axis, _ in axes if axis is not None]
     for along in results:
         _tell(along, case, found.closed, seen)
+    if main.geometry.has_solid:
+        scene["open_axes"] = seen.open_axes
     permeability = {along.name: along.permeability for along in results}
     bars = {along.name: along.bar for along in results if along.bar is not None}
     images = {along.name: along.image for along in results if along.image is not None}
@@ -408,7 +444,7 @@ def refuse_second_fluid(case: Case, particles: Particles) -> None:
     """A steady solve knows the first fluid only."""
     first, *others = case.fluids.items()
     for k, (name, fluid) in enumerate(others, 1):
-        if (fluid.density, fluid.mu) != (first[1].density, first[1].mu) and np.any(particles.phase == k):
+        if (fluid.density, fluid.mu) != (first[1].density, first[1].mu) and reduce.any_true(particles.phase == k):
             what = f"a steady solve has one fluid, and {name} is another than {first[0]}"
             raise CaseError((Problem(str(case.path), None, "flow", what, "use flow: navier_stokes"),))
 

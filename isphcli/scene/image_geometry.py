@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..domain.communicator import current, on_first
 from ..domain.lattice import ParticleError
 from ..geometry.clear_layer import clear_voxels
 from ..geometry.images.image import Image, VoxelError
+from ..geometry.images.read import image_shape, read_image
 from ..geometry.images.voxel_size import COARSE, voxel_size_of
-from ..geometry.labels import ClearLayers, apply_labels, faces_that_differ, mirrored
+from ..geometry.labels import ClearLayers, _histogram, apply_labels, faces_that_differ, mirrored, unlike_next
 from . import memory
-from .image_file import image_of
+from .image_file import image_of, layout_of
 
 if TYPE_CHECKING:
     from ..case.blocks import Case, Grey, Voxels
     from ..geometry.faces import Walls
     from ..geometry.protocol import Geometry
     from ..geometry.surface_ways import SurfaceWays
+    from ..geometry.voxel_geometry import VoxelGeometry
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,8 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
 
     spec = case.geometry.voxels
     assert spec is not None
+    if current().size > 1 and _in_parts(case, spec):
+        return _brick_geometry(case, spec, axis, walls)
     memory.refuse_image(case)
     image = image_of(spec)
     values = mirrored(image.values, case.geometry.mirror)
@@ -74,7 +79,7 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
         what, fix = f"clear layers of {clear} voxels", "take a smaller geometry.voxels.clear_layer; it is in metres"
     else:
         what, fix = f"the wall distances of {labels.size + added:,} voxels", memory.CROP
-    memory.refuse((labels.size + added) * memory.BYTES_VOXEL, what, fix)
+    memory.refuse((labels.size + added) * memory.BYTES_VOXEL * current().here, what, fix)
     unusual = _unusual_size(case, np.broadcast_to(size, labels.ndim))
     try:
         memory.refuse_pores(case, labels, size, added)
@@ -93,7 +98,7 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
     if understood.microporous is not None:
         geometry.fill_with(understood.microporous, layers)
     solid = labels < 0
-    porosity, name = 1.0 - float(solid.mean()), spec.file.name
+    porosity = 1.0 - float(solid.mean())
     geometry.warnings = (
         *image.warnings,
         *odd,
@@ -103,11 +108,7 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
         *(ways.warnings() if ways is not None else ()),
     )
     geometry.described = (
-        ("image", f"{_product(labels.shape[::-1])} voxels along {', '.join('xyz'[: labels.ndim])}"
-                  + (f", cropped from {_product(_along_xyz(image))}" if spec.crop else "")
-                  + (f", with the mirror image along {', '.join(case.geometry.mirror)}" if case.geometry.mirror else "")
-                  + f"; {name} is an array {_product(image.whole)}, its axes taken as "
-                  + ", ".join(image.axes)),
+        _described_image(case, spec, labels.shape[::-1], image),
         ("voxel size", f"{_product(geometry.voxel_size)} m, {whence}"),
         ("porosity", f"{100 * porosity:.2f} % of the image's voxels ({understood.words})"),
         *understood.described,
@@ -115,6 +116,108 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
         *([("surface", ways.described())] if ways is not None else []),
     )  # fmt: skip
     return geometry
+
+
+def _in_parts(case: Case, spec: Voxels) -> bool:
+    """Whether processes hold a part of an image each: labels whose walls are faces of voxels. A smooth wall is found
+    by waves that run through the whole image, and what fills a solid by the nearest voxel of fluid in it."""
+    return case.wall_distance == "stairs" and spec.grey is None and not case.geometry.mirror and not case.microporous
+
+
+def _brick_geometry(case: Case, spec: Voxels, axis: int | None, walls: Walls) -> Geometry:
+    """The geometry of an image of which several processes hold a part each; each counts the values of a slab."""
+    from ..case.checks import check_dimension
+    from ..geometry.image_brick import ImageBrick, LabelsInFile
+
+    memory.refuse_image(case, parts=True)
+    whole = image_shape(spec.file, layout=layout_of(spec))
+    start, end = np.zeros(3, int), np.array((whole or image_of(spec).values.shape)[::-1])
+    if spec.crop is not None:
+        start, end = np.array(spec.crop).T
+    dim, shape, ranks = len(end), end - start[: len(end)], current()
+
+    def part(ranges: Sequence[tuple[int, int]]) -> Image:
+        return read_image(spec.file, layout=layout_of(spec), crop=[(int(a + s), int(b + s)) for (a, b), s
+                                                                   in zip(ranges, start)])
+
+    deep = int(shape[-1])
+    low, high = ranks.rank * deep // ranks.size, (ranks.rank + 1) * deep // ranks.size
+    # where there are more processes than slices some read one in vain
+    slab = part([*((0, int(n)) for n in shape[:-1]), (low, high) if low < high else (0, 1)])
+    found: dict[int, int] = {}
+    for counts in ranks.collect(_histogram(slab.values) if low < high else {}):
+        for value, count in counts.items():
+            found[value] = found.get(value, 0) + count
+    names = tuple(case.fluids)
+
+    def labelled(values: np.ndarray) -> np.ndarray:
+        return apply_labels(values, spec.labels, names, spec.file, dict(sorted(found.items())))
+
+    labelled(slab.values[:0])  # what does not fit the case is said here
+    solid = {int(v) for v in np.ravel(np.asarray(spec.labels.get("solid", ())))}
+    fluid = sum(count for value, count in found.items() if value not in solid)
+    def read(ranges: Sequence[tuple[int, int]]) -> np.ndarray:
+        return labelled(part(ranges).values)
+
+    in_file = LabelsInFile(tuple(map(int, shape)), fluid, read, *_of_slabs(read, shape, (low, high)))
+    check_dimension(case, dim)
+    periodic = ["xyz"[a] in case.geometry.repeats for a in range(dim)]
+    size, whence, odd = voxel_size_of(slab, spec.voxel_size, spec.file)
+    clear, edges = 0, np.broadcast_to(size, dim)
+    if axis is not None and not periodic[axis]:
+        # how thick they must be follows from what leads through the whole image: rank 0 reads it, and forgets it
+        clear = on_first(lambda: _clear_voxels(
+            case, in_file.part(np.zeros(dim, int), shape if spec.clear_layer is None else np.ones(dim, int), None),
+            axis, edges, periodic))
+    voxels = int(np.prod(shape))
+    added = 2 * clear * (voxels // int(shape[axis])) if axis is not None else 0
+    memory.refuse_pore_voxels(case, dim, size, (voxels + added, fluid + added), two=len(spec.labels) > 2)
+    layers = ClearLayers(axis, clear) if axis is not None and clear > 0 else None
+    geometry = ImageBrick(in_file, size, periodic, layers, walls)
+    porosity, words = fluid / voxels, _labels_in_words(spec.labels)
+    geometry.warnings = (*slab.warnings, *odd, *_unusual_size(case, edges), *_unusual_porosity(porosity, words))
+    geometry.described = (_described_image(case, spec, tuple(map(int, shape)), slab),
+                          *_described_size(geometry, whence, porosity, words, (clear, axis)))
+    return geometry
+
+
+def _of_slabs(read: Callable[[Sequence[tuple[int, int]]], np.ndarray], shape: np.ndarray,
+              slab: tuple[int, int]) -> tuple[float, bool]:
+    """`walls` and `straight` of `LabelsInFile`, of which each process looks at the slices from slab[0] to before
+    slab[1] across the last of the axes x, y(, z)."""
+    (low, high), deep = slab, int(shape[-1])
+
+    def slices(first: int, end: int) -> np.ndarray:
+        return read([*((0, int(n)) for n in shape[:-1]), (first, end)]) >= 0
+
+    unlike, same = 0, np.ones(len(shape), np.int64)
+    if low < high:
+        pores = slices(low, high)
+        following = np.concatenate([pores, slices(high % deep, high % deep + 1)])
+        unlike = int(np.count_nonzero(unlike_next(following, 0, False)))
+        unlike += sum(int(np.count_nonzero(unlike_next(pores, axis, True))) for axis in range(1, pores.ndim))
+        same[0] = np.all(pores == slices(0, 1))
+        same[1:] = [np.all(pores == np.take(pores, [0], axis)) for axis in range(1, pores.ndim)]
+    walls = current().sum(unlike) / (len(shape) * int(np.prod(shape)))
+    everywhere = current().sum(same) == current().size
+    return float(walls), len(shape) == 2 or bool(everywhere.any())
+
+
+def _described_image(case: Case, spec: Voxels, shape: Sequence[int], image: Image) -> tuple[str, str]:
+    """What is said of an image of so many voxels along x, y(, z)."""
+    return ("image", f"{_product(shape)} voxels along {', '.join('xyz'[: len(shape)])}"
+            + (f", cropped from {_product(_along_xyz(image))}" if spec.crop else "")
+            + (f", with the mirror image along {', '.join(case.geometry.mirror)}" if case.geometry.mirror else "")
+            + f"; {spec.file.name} is an array {_product(image.whole)}, its axes taken as " + ", ".join(image.axes))
+
+
+def _described_size(geometry: VoxelGeometry, whence: str, porosity: float, words: str,
+                    clear: tuple[int, int | None]) -> tuple[tuple[str, str], ...]:
+    voxels, axis = clear
+    return (("voxel size", f"{_product(geometry.voxel_size)} m, {whence}"),
+            ("porosity", f"{100 * porosity:.2f} % of the image's voxels ({words})"),
+            *((("clear layers", f"{voxels} voxels at each end of {'xyz'[axis]}"),)
+              if voxels and axis is not None else ()))
 
 
 def _clear_voxels(case: Case, labels: np.ndarray, axis: int, size: np.ndarray, periodic: list[bool]) -> int:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..domain.communicator import current
 from ..domain.lattice import MOST, ParticleError
 
 if TYPE_CHECKING:
@@ -83,6 +84,8 @@ def refuse_lattice(case: Case, geometry: Geometry, spacing: float) -> None:
 
     The fluid is counted at SAMPLE points of the box: to place 1e9 sites takes minutes and all the memory.
     """
+    if geometry.voxel_size is not None and geometry.labels is None:  # an image by parts: `refuse_pores` has counted
+        return
     size = geometry.upper - geometry.lower
     sites = float(np.prod(size / spacing))
     if not 100 * SAMPLE <= sites < 10.0**MOST:  # quickly placed, or refused in any case: box and spacing do not fit
@@ -91,11 +94,19 @@ def refuse_lattice(case: Case, geometry: Geometry, spacing: float) -> None:
     phase = geometry.phase(points)
     fluid = sites * float((phase >= 0).mean())
     need = estimate(case, geometry.dim, geometry.has_solid, fluid, 0, two=len(np.unique(phase[phase >= 0])) > 1)
-    refuse(sum(need.values()), f"about {fluid:.3g} fluid particles", too_large(case))
+    refuse(_of_this_machine(sum(need.values())), f"about {fluid:.3g} fluid particles", too_large(case))
 
 
-def refuse_image(case: Case) -> None:
-    """Raises ParticleError where the wall distances of an image will not fit, by its header: before it is read."""
+def _of_this_machine(need: float) -> float:
+    """What the processes on this machine need of the bytes that all processes of a scene do."""
+    return need * current().here / current().size
+
+
+def refuse_image(case: Case, parts: bool = False) -> None:
+    """Raises ParticleError where the wall distances of an image will not fit, by its header: before it is read.
+
+    parts: every process holds a part of it, not the whole.
+    """
     from ..geometry.images.read import image_shape
     from .image_file import layout_of
 
@@ -108,7 +119,8 @@ def refuse_image(case: Case) -> None:
     if spec.crop is not None:
         voxels = min(voxels, math.prod(max(end - first, 0) for first, end in spec.crop))
     voxels *= 2 ** len(case.geometry.mirror)
-    refuse(voxels * BYTES_VOXEL, f"{spec.file}: the wall distances of {voxels:,} voxels", CROP)
+    held = _of_this_machine(1.0) if parts else current().here
+    refuse(voxels * BYTES_VOXEL * held, f"{spec.file}: the wall distances of {voxels:,} voxels", CROP)
 
 
 def refuse_pores(case: Case, labels: np.ndarray, voxel_size: np.ndarray, clear: int) -> None:
@@ -117,15 +129,21 @@ def refuse_pores(case: Case, labels: np.ndarray, voxel_size: np.ndarray, clear: 
     labels: int, below 0 in solids, [z, y, x] or [y, x]; voxel_size: m, one or one an axis; clear: voxels of its clear
     layers.
     """
+    refuse_pore_voxels(case, labels.ndim, voxel_size, (labels.size + clear, int(np.count_nonzero(labels >= 0)) + clear),
+                       two=int(labels.max()) > 0)
+
+
+def refuse_pore_voxels(case: Case, dim: int, voxel_size: np.ndarray, voxels: tuple[int, int], two: bool) -> None:
+    """`refuse_pores` by the numbers of voxels alone: all, and those of fluid, clear layers included."""
     spacing = min(case.spacings) if case.flow == "stokes" else case.particles.spacing
-    sizes = np.broadcast_to(voxel_size[: labels.ndim] if len(voxel_size) > 1 else voxel_size, (labels.ndim,))
-    particles = float(np.prod(sizes / spacing)) * density(case, labels.ndim)  # of a voxel of pore
-    sites = (labels.size + clear) * particles
+    sizes = np.broadcast_to(voxel_size[:dim] if len(voxel_size) > 1 else voxel_size, (dim,))
+    particles = float(np.prod(sizes / spacing)) * density(case, dim)  # of a voxel of pore
+    sites = voxels[0] * particles
     if not 100 * SAMPLE <= sites < 10.0**MOST:  # as in refuse_lattice
         return
-    fluid = (int(np.count_nonzero(labels >= 0)) + clear) * particles
-    need = estimate(case, labels.ndim, True, fluid, 0, labels.size + clear, two=int(labels.max()) > 0)
-    refuse(sum(need.values()), f"about {fluid:.3g} fluid particles", too_large(case))
+    fluid = voxels[1] * particles
+    need = estimate(case, dim, True, fluid, 0, voxels[0], two=two)
+    refuse(_of_this_machine(sum(need.values())), f"about {fluid:.3g} fluid particles", too_large(case))
 
 
 def refuse(need: float, what: str, fix: str) -> None:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..domain import reduce
+from ..domain.communicator import current
+from ..domain.cut import Cut, Share
+from ..domain.exchange import NeighbourExchange
 from ..domain.halo import wrap
 from ..domain.lattice import Lattice, ParticleError, Particles, make_lattice
 from ..geometry.protocol import Geometry, inside_sample, sample_box
@@ -25,6 +29,8 @@ def lattice_at(case: Case, geometry: Geometry, spacing: float) -> Lattice:
 def place_case(case: Case, geometry: Geometry, spacing: float) -> Particles:
     """The particles of a case at a spacing, which may be another than its own. Raises ParticleError."""
     asked = case.particles
+    if current().size > 1:
+        return place_share(geometry, lattice_at(case, geometry, spacing), case.support * spacing)
     particles = place(geometry, lattice_at(case, geometry, spacing), case.support * spacing, asked.jitter, spacing,
                       asked.seed)
     flood = case.initial.flood if case.initial is not None else None
@@ -92,8 +98,7 @@ def place(geometry: Geometry, lattice: Lattice, support: float, jitter: float = 
         inside += int(np.all((x >= geometry.lower) & (x <= geometry.upper), axis=1).sum())
     x, phase = np.concatenate(fluid), np.concatenate(phases)
     if len(x) == 0:
-        raise ParticleError("no fluid particle: the scene is solid everywhere at this spacing; "
-                            f"check {what_is_solid(geometry)}, or take a smaller particles.spacing")
+        raise _all_solid(geometry)
     if jitter > 0.0:
         rng = np.random.default_rng(seed)
         moved = x + rng.uniform(-jitter, jitter, x.shape) * spacing
@@ -102,3 +107,98 @@ def place(geometry: Geometry, lattice: Lattice, support: float, jitter: float = 
         x = np.where(stays[:, None], x, moved)
     rows = np.concatenate([x, *dummies]) if dummies else x
     return Particles(rows, phase, lattice.site_volume, inside, left_out)
+
+
+def _all_solid(geometry: Geometry) -> ParticleError:
+    return ParticleError("no fluid particle: the scene is solid everywhere at this spacing; "
+                         f"check {what_is_solid(geometry)}, or take a smaller particles.spacing")
+
+
+def place_share(geometry: Geometry, lattice: Lattice, support: float) -> Particles:
+    """What this process owns of the particles of a lattice, and what those see (`Share`); all processes together.
+
+    Each classifies a slab of the lattice for the cut, then the sites of its own brick and a support round it: nothing
+    is sent but histograms. A site is known by its number, and what is asked of the geometry is asked at its place in
+    the box, with the same bits on every process that sees it. Raises ParticleError where there is no fluid.
+    """
+    ranks, box = current(), (geometry.lower, geometry.upper, geometry.periodic)
+    counts, dim = lattice.counts, geometry.dim
+    first, end = np.zeros(dim, int), counts.copy()
+    deep = int(counts[-1])  # slabs across the last axis, the first one of images: contiguous in their files
+    first[-1], end[-1] = ranks.rank * deep // ranks.size, (ranks.rank + 1) * deep // ranks.size
+    found, inside = [np.zeros((0, dim))], 0
+    slab = geometry.within(lattice.corner + first * lattice.cell, lattice.corner + end * lattice.cell, 0.0)
+    for index in lattice.cells(first, end):
+        x = wrap(lattice.at(index), *box)
+        found.append(x[slab.phase(x) >= 0])
+        inside += int(np.all((x >= geometry.lower) & (x <= geometry.upper), axis=1).sum())
+    x = np.concatenate(found)
+    if reduce.number(x) == 0:
+        raise _all_solid(geometry)
+    # beyond walls at the faces of the box there are dummies, which have an owner too
+    around = np.array(geometry.periodic)
+    cut = Cut(x, np.where(around, geometry.lower, np.minimum(geometry.lower, lattice.corner)),
+              np.where(around, geometry.upper, np.maximum(geometry.upper, lattice.corner + counts * lattice.cell)))
+    del x, found, slab
+    near = _near_brick(geometry, lattice, support, cut)
+    own, remote, foreign = near.here & (near.phase >= 0), near.there & (near.phase >= 0), near.there & (near.phase < 0)
+    exchange = NeighbourExchange(ranks.raw, near.site[remote], near.owner[remote], near.site[own])  # type: ignore[attr-defined]
+    lower, upper = cut.bricks[ranks.rank]
+    share = Share(lower, upper, near.x[remote], near.shift[remote], near.x[foreign], exchange)
+    rows = np.concatenate([near.x[own], near.x[near.here & (near.phase < 0)]])
+    return Particles(rows, near.phase[own], lattice.site_volume, inside, near.left_out, share)
+
+
+@dataclass
+class _Sites:
+    """Sites of the fluid within a support of a brick, and those of solids that fluid may see.
+
+    x: (k, dim) m, of an image near the brick; site: (k,) number in the lattice; owner: (k,) process; phase: (k,) int8;
+    shift: (k, dim) int8 whole boxes from the place in the box to x. here: (k,) bool, owned by this process, and not an
+    image; there: (k,) bool, owned by others, the first image of each. left_out: own sites that no fluid sees.
+    """
+
+    x: np.ndarray
+    site: np.ndarray
+    owner: np.ndarray
+    phase: np.ndarray
+    shift: np.ndarray
+    left_out: int
+
+    def __post_init__(self) -> None:
+        mine = self.owner == current().rank
+        self.here = mine & ~self.shift.any(axis=1)
+        once = np.zeros(len(self.x), bool)
+        once[np.unique(self.site, return_index=True)[1]] = True
+        self.there = ~mine & once
+
+
+def _near_brick(geometry: Geometry, lattice: Lattice, support: float, cut: Cut) -> _Sites:
+    lower, upper = cut.bricks[current().rank]
+    geometry = geometry.within(lower, upper, support)
+    around, counts, dim = np.array(geometry.periodic), lattice.counts, geometry.dim
+    reach = support * (1.0 + 1e-9)
+    first = np.floor((lower - support - lattice.corner) / lattice.cell).astype(int) - 1
+    end = np.ceil((upper + support - lattice.corner) / lattice.cell).astype(int) + 2
+    first, end = np.where(around, first, np.maximum(first, 0)), np.where(around, end, np.minimum(end, counts))
+    parts: list[tuple[np.ndarray, ...]] = []
+    left_out = 0
+    for index in lattice.cells(first, end):
+        raw, within = lattice.at(index), np.where(around, np.mod(index, counts), index)
+        x = wrap(lattice.at(within), geometry.lower, geometry.upper, geometry.periodic)
+        length = np.where(around, geometry.upper - geometry.lower, np.inf)
+        shift = np.rint((raw - x) / length).astype(np.int8)
+        image = x + shift * np.where(around, length, 0.0)
+        near = np.all((image > lower - reach) & (image < upper + reach), axis=1)
+        x, image, shift, site = x[near], image[near], shift[near], lattice.numbers(within)[near]
+        phase, owner = geometry.phase(x), cut.owner(x)
+        kept = phase >= 0
+        solid = np.flatnonzero(~kept)
+        if geometry.has_solid:
+            kept[solid] = -geometry.distance(x[solid]) < reach
+            left_out += int((~kept & (owner == current().rank) & ~shift.any(axis=1)).sum())
+        parts.append((image[kept], site[kept], owner[kept], phase[kept], shift[kept]))
+    none = (np.zeros((0, dim)), np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.int8),
+            np.zeros((0, dim), np.int8))
+    image, site, owner, phase, shift = (np.concatenate(group) for group in zip(none, *parts))
+    return _Sites(image, site, owner, phase, shift, left_out)

@@ -95,7 +95,7 @@ def gmres(apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
         callback=each,
         callback_type="pr_norm",
     )
-    return solution, _report(count, reduce.norm(rhs - apply(solution)) / norm, tolerance)
+    return solution, report_of(count, reduce.norm(rhs - apply(solution)) / norm, tolerance)
 
 
 def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
@@ -138,10 +138,11 @@ def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, lim
         before, residual = residual, reduce.norm(rest) / norm
         if not residual < before:  # also where it is not finite
             break
-    return solution, _report(count, residual, tolerance)
+    return solution, report_of(count, residual, tolerance)
 
 
-def _report(iterations: int, residual: float, tolerance: float) -> Report:
+def report_of(iterations: int, residual: float, tolerance: float) -> Report:
+    """The Report of a solve that ended with a relative residual."""
     if not np.isfinite(residual):
         reason = "not finite"
     elif residual <= tolerance:

@@ -26,13 +26,25 @@ MATRIX = "a row of a matrix takes a particle and its neighbours"
 WALLS = "over the walls, of which every process has all"
 GATHERED = "over points, particles or links that one process will have to gather: there are few, or it is seldom done"
 TIMES = "over times at which a force or a wall is looked at"
+BINS = "histograms of the particles of this process, which are added up over all of them"
+RANKS = "over the processes, or of this one alone before they are joined"
 SCRATCH = "length of scratch arrays, which every process makes for its own rows"
 TENSOR = "over the entries of a tensor"
 OFFSETS = "of the offsets of a lattice and the tensors of one particle"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
+    ("domain.components", "joined.max(initial=-1)"): RANKS,
+    ("domain.components", "labels.max(initial=-1)"): RANKS,
+    ("domain.cut", "(upto < (share * whole)[:, None]).sum(axis=1)"): BINS,
+    ("domain.cut", "counts.sum(axis=1)"): BINS,
+    ("domain.cut", "current().sum(counts.reshape(k, BINS))"): BINS,
+    ("domain.cut", "np.argmax(node.upper - node.lower)"): AXES,
+    ("domain.cut", "np.bincount(of[inside] * BINS + bin_of[inside].astype(np.int64), minlength=k * BINS)"): BINS,
+    ("domain.exchange", "give.sum()"): RANKS,
+    ("domain.exchange", "np.bincount(owner, minlength=comm.size)"): RANKS,
+    ("domain.exchange", "np.prod(values.shape[1:])"): AXES,
     ("domain.lattice", "self.counts.prod()"): AXES,
-    ("domain.lattice", "self.counts[1:].prod()"): AXES,
+    ("domain.lattice", "math.prod((len(r) for r in rest))"): AXES,
     ("domain.lattice", "self.cell.prod()"): AXES,
     ("domain.lattice", "np.log10((length + 2.0 * margin) / cell).sum()"): AXES,
     ("domain.neighbours", "cells.prod()"): AXES,
@@ -40,6 +52,7 @@ ALLOWED = {
     ("domain.neighbours", "(first[reach:] - first[:-reach]).max(initial=0)"): SCRATCH,
     ("flow.diffusion", "np.any(div != 0.0, axis=1)"): OWN,
     ("flow.diffusion", "np.einsum('nk,nk->n', div[beside], normal)"): OWN,
+    ("flow.forces", "np.sum(found, axis=0)"): "over the list of forces",
     ("flow.one_fluid", "force.any()"): AXES,
     ("flow.projection", "matrix @ p"): MATRIX,
     ("flow.step", "(terms.pressure_gradient(p) * (displacement - dt * wind)).sum(axis=1)"): OWN,
@@ -66,7 +79,6 @@ ALLOWED = {
     ("operators.lattice_weights", "np.abs(tensor[full] - tensor[one]).reshape(len(full), -1).max(axis=1)"): TENSOR,
     ("operators.lattice_weights", "np.abs(scale[one]).max()"): TENSOR,
     ("operators.lattice_weights", "(ops.pairs.step ** 2).sum(axis=1)"): OFFSETS,
-    ("operators.lattice_weights", "square.min()"): OFFSETS,
     ("operators.lattice_weights", "np.count_nonzero(near)"): OFFSETS,
     ("operators.lattice_weights", "second @ tensors.laplace[one, :6]"): OFFSETS,
     ("operators.lattice_weights", "first @ tensors.laplace[one, 6:]"): OFFSETS,

@@ -1,0 +1,205 @@
+"""The processes that share a scene: who they are and what they tell each other.
+
+`mpiexec -n 4 isph run case.yaml` starts four of them, ranks 0 to 3; without mpiexec there is one. All take the same
+way through the program, and what combines values of different particles asks `current()`. What is called on some ranks
+only must not: the others would wait for it.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol
+
+import numpy as np
+
+INSTALL = """\
+  a cluster with PETSc:  its modules of MPI and petsc4py, then pip install isphcli
+  Debian, Ubuntu:        apt-get install python3-petsc4py-real python3-mpi4py, then isphcli in a venv with
+                         --system-site-packages
+  Linux, Python >= 3.12: pip install "isphcli[mpi]"
+(docs/clusters.md)"""
+
+
+class RanksError(ValueError):
+    """Several processes that cannot work on one scene: what is missing or wrong, and what to do."""
+
+
+class Communicator(Protocol):
+    """What processes do together. rank: this one, from 0; size: their number; here: those on this machine.
+
+    All ranks call these in the same order.
+    """
+
+    rank: int
+    size: int
+    here: int
+
+    def sum(self, value: Any) -> Any:
+        """Sum over the ranks of a number, or entry by entry of arrays of one shape."""
+        ...
+
+    def max(self, value: Any) -> Any:
+        """Largest over the ranks of a number or of the entries of arrays."""
+        ...
+
+    def collect(self, value: Any) -> list[Any]:
+        """The values of all ranks, on all of them."""
+        ...
+
+    def first(self, value: Any) -> Any:
+        """The value of rank 0, on all of them."""
+        ...
+
+    def gather(self, value: Any) -> list[Any] | None:
+        """The values of all ranks, on rank 0; None on the others."""
+        ...
+
+
+class Alone:
+    """One process: everything is its own."""
+
+    rank, size, here = 0, 1, 1
+
+    def sum(self, value: Any) -> Any:
+        """The value."""
+        return value
+
+    max = first = sum
+
+    def collect(self, value: Any) -> list[Any]:
+        """A list of the value."""
+        return [value]
+
+    gather = collect
+
+
+class Ranks:
+    """Several processes, over an intracommunicator `raw` of mpi4py."""
+
+    def __init__(self, raw: Any):
+        from mpi4py import MPI
+
+        self.raw, self.rank, self.size = raw, raw.rank, raw.size
+        self.here = int(raw.Split_type(MPI.COMM_TYPE_SHARED).size)
+        self._failing = raw.Dup()  # for `agree_to_fail`: nothing else is sent there
+        self._sum, self._max = MPI.SUM, MPI.MAX
+
+    def sum(self, value: Any) -> Any:
+        """See `Communicator`."""
+        return self._all_reduce(value, self._sum)
+
+    def max(self, value: Any) -> Any:
+        """See `Communicator`."""
+        return self._all_reduce(value, self._max)
+
+    def _all_reduce(self, value: Any, how: Any) -> Any:
+        array = np.ascontiguousarray(value)
+        out = np.empty_like(array)
+        self.raw.Allreduce(array, out, op=how)
+        return out if np.ndim(value) else out.reshape(())[()]
+
+    def collect(self, value: Any) -> list[Any]:
+        """See `Communicator`."""
+        return self.raw.allgather(value)
+
+    def first(self, value: Any) -> Any:
+        """See `Communicator`."""
+        return self.raw.bcast(value)
+
+    def gather(self, value: Any) -> list[Any] | None:
+        """See `Communicator`."""
+        return self.raw.gather(value)
+
+    def agree_to_fail(self, text: str, patience: float) -> list[str] | None:
+        """What every rank has to say of its failure, where all of them fail within `patience` seconds; else None."""
+        from time import monotonic, sleep
+
+        everyone, until = self._failing.Ibarrier(), monotonic() + patience
+        while not everyone.Test():
+            if monotonic() > until:
+                return None
+            sleep(0.01)
+        return self._failing.allgather(text)
+
+    def abort(self, code: int) -> None:
+        """Ends all ranks at once."""
+        self.raw.Abort(code)
+
+
+_current: list[Communicator] = [Alone()]
+
+
+def current() -> Communicator:
+    """The processes that share the scene of this one."""
+    return _current[-1]
+
+
+def join(wanted: int) -> Communicator:
+    """Makes the processes that mpiexec has started, `wanted` by what it says, the current ones, and returns them.
+
+    Raises RanksError where mpi4py or petsc4py is missing, or where mpiexec belongs to another MPI than mpi4py: every
+    process would take itself for the only one, and all would do the whole scene.
+    """
+    if wanted == 1 or current().size > 1:
+        return current()
+    try:
+        import dolfinx_solver  # noqa: F401 - the wheel with PETSc wants its MPI to be loaded first
+    except ImportError:
+        pass
+    try:
+        from mpi4py import MPI
+    except ImportError as error:
+        raise RanksError(f"{wanted} processes were started, and mpi4py is not there ({error}); to install it and "
+                         f"PETSc:\n{INSTALL}") from None
+    refuse_other_launcher(wanted, MPI.COMM_WORLD.size)
+    _current.append(Ranks(MPI.COMM_WORLD))
+    try:
+        import petsc4py  # noqa: F401
+    except ImportError as error:
+        raise RanksError(f"the solves of {wanted} processes need PETSc, and petsc4py is not there ({error}); to "
+                         f"install it:\n{INSTALL}") from None
+    return current()
+
+
+def refuse_other_launcher(wanted: int, size: int) -> None:
+    """Raises RanksError where a launcher started another number of processes than MPI sees."""
+    if wanted != size:
+        raise RanksError(f"{wanted} processes were started, but mpi4py sees {size}: this mpiexec or srun belongs to "
+                         "another MPI than mpi4py; take the mpiexec of that MPI (python -m mpi4py --version and "
+                         "mpiexec --version say which they are), with Slurm srun --mpi=pmix or --mpi=pmi2")
+
+
+def on_first(function: Callable[[], Any]) -> Any:
+    """What a function returns that rank 0 alone calls, on all ranks; so are its errors raised on all."""
+    ranks = current()
+    if ranks.size == 1:
+        return function()
+    found, error = None, None
+    if ranks.rank == 0:
+        try:
+            found = function()
+        except Exception as caught:  # it is raised below, on all ranks
+            error = caught
+    told = ranks.first(None if error is None else _for_others(error))
+    if told is not None:
+        raise error or told
+    return ranks.first(found)
+
+
+def _for_others(error: Exception) -> Exception:
+    """An error as it can be sent: itself, or its text where it cannot be built from what it holds."""
+    try:
+        copy = pickle.loads(pickle.dumps(error))
+        if str(copy) == str(error):
+            return copy
+    except Exception:  # whatever the constructor of another class makes of it
+        pass
+    return RanksError(str(error))
+
+
+def as_first(values: Iterator[Any]) -> Iterator[Any]:
+    """An iterator on all ranks over the values that rank 0 has."""
+    nothing = None
+    while (value := current().first(next(values, nothing) if current().rank == 0 else nothing)) is not nothing:
+        yield value

@@ -1,0 +1,124 @@
+"""Bricks of a box, one a process, with equal numbers of particles: recursive bisection by histograms.
+
+Every process knows the whole tree of cuts; nobody ever holds the positions of all particles. What a process owns beside
+its brick of them is its `Share`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from .communicator import current
+from .exchange import Exchange
+
+BINS = 1024  # of the histogram of one pass: three passes place a cut to 1e-9 of the edge of its brick
+PASSES = 3
+
+
+@dataclass(frozen=True)
+class Share:
+    """What a process owns of a scene, and what its own particles see beyond that.
+
+    lower, upper: (dim,) corners of its brick, m. ghosts: (g, dim) m, remote particles within a support of the brick,
+    each once, where an image of it is near; shift: (g, dim) int8, whole boxes by which that is off its place; dummies:
+    (f, dim) m, those of other processes, likewise; exchange: how values of the remote particles come.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    ghosts: np.ndarray
+    shift: np.ndarray
+    dummies: np.ndarray
+    exchange: Exchange
+
+
+class Node(NamedTuple):
+    """A brick while it is cut: that of the processes from `first` to before `end`, and its corners (dim,), m."""
+
+    first: int
+    end: int
+    lower: np.ndarray
+    upper: np.ndarray
+
+    @property
+    def several(self) -> bool:
+        """Whether it is to be cut."""
+        return self.end - self.first > 1
+
+
+class Level(NamedTuple):
+    """One level of the tree: of each of its bricks the axis and place of its cut, and the number of its first part in
+    the next level; whole: not cut any more."""
+
+    axis: np.ndarray
+    place: np.ndarray
+    first: np.ndarray
+    whole: np.ndarray
+
+
+class Cut:
+    """The bricks of all processes. x: (n, dim) m, some of the particles of the scene on each process, each on one;
+    lower, upper: (dim,) corners of the box, m. All processes make it together.
+
+    bricks: (size, 2, dim) corners, m; a place on a cut belongs to the upper brick.
+    """
+
+    def __init__(self, x: np.ndarray, lower: np.ndarray, upper: np.ndarray):
+        self.levels: list[Level] = []
+        nodes = [Node(0, current().size, np.array(lower, float), np.array(upper, float))]
+        of = np.zeros(len(x), np.int64)
+        while any(node.several for node in nodes):
+            axis = np.array([int(np.argmax(node.upper - node.lower)) for node in nodes])
+            along = x[np.arange(len(x)), axis[of]]
+            share = np.array([(node.end - node.first) // 2 / (node.end - node.first) for node in nodes])
+            low, high = (np.array([corner[a] for corner, a in zip(corners, axis)])
+                         for corners in ([node.lower for node in nodes], [node.upper for node in nodes]))
+            place = _quantiles(along, of, share, low, high)
+            parts: list[Node] = []
+            starts = []
+            for node, a, cut in zip(nodes, axis, place):
+                starts.append(len(parts))
+                if not node.several:
+                    parts.append(node)
+                    continue
+                middle, below, above = (node.first + node.end) // 2, node.upper.copy(), node.lower.copy()
+                below[a] = above[a] = cut
+                parts += [Node(node.first, middle, node.lower, below), Node(middle, node.end, above, node.upper)]
+            level = Level(axis, place, np.array(starts), np.array([not node.several for node in nodes]))
+            self.levels.append(level)
+            of, nodes = _descend(level, of, along), parts
+        self.bricks = np.array([[node.lower, node.upper] for node in nodes])
+
+    def owner(self, x: np.ndarray) -> np.ndarray:
+        """(n,) process of each place x (n, dim), m."""
+        of = np.zeros(len(x), np.int64)
+        for level in self.levels:
+            of = _descend(level, of, x[np.arange(len(x)), level.axis[of]])
+        return of
+
+
+def _descend(level: Level, of: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Bricks (n,) of the next level from those of a level, by the coordinates along the axes of their cuts."""
+    return level.first[of] + ((along >= level.place[of]) & ~level.whole[of])
+
+
+def _quantiles(along: np.ndarray, of: np.ndarray, share: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Places (k,) below which the given shares of the particles of each of k bricks lie."""
+    k, low, high = len(share), low.copy(), high.copy()
+    below, whole = np.zeros(k), None
+    for _ in range(PASSES):
+        bin_of = np.floor((along - low[of]) / (high - low)[of] * BINS)
+        inside = (bin_of >= 0) & (bin_of < BINS)
+        counts = np.bincount(of[inside] * BINS + bin_of[inside].astype(np.int64), minlength=k * BINS)
+        counts = current().sum(counts.reshape(k, BINS))
+        whole = counts.sum(axis=1) if whole is None else whole
+        upto = below[:, None] + np.cumsum(counts, axis=1)
+        hit = np.minimum((upto < (share * whole)[:, None]).sum(axis=1), BINS - 1)
+        below = np.where(hit > 0, upto[np.arange(k), np.maximum(hit - 1, 0)], below)
+        width = (high - low) / BINS
+        low = low + hit * width
+        high = low + width
+    return 0.5 * (low + high)

@@ -1,0 +1,133 @@
+"""What `test_ranks.py` runs on several processes: mpiexec -n N python -m tests.ranks OUT; without mpiexec, on one.
+
+Each scene leaves its summary, and what the operators make of a field, in OUT/<name>.json and .npz, in the order of the
+positions: that is the same however many processes there are.
+"""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+BEREA = ["geometry.voxels.crop=[[0,32],[0,32],[0,32]]"]
+BARS = """
+geometry:
+  box: [{length}, 0.6, 1.0]
+  periodic: [x, y, z]
+  shapes: [{{cylinder: {{axis: y, centre: [0.5, 0.3, 0.5], radius: 0.3}}, is: solid}}]
+particles: {{spacing: 0.1}}
+fluids: {{water: {{density: 1, viscosity: 1}}}}
+flow: stokes
+drive: {{axes: [x]}}
+measure: [formation_factor]
+"""
+TUBE = """
+geometry:
+  box: [2.0, 0.2]
+  periodic: [x]
+particles: {spacing: 0.05}
+fluids: {water: {density: 1, viscosity: 1}}
+flow: stokes
+drive: {axes: [x]}
+"""
+FEW = """
+geometry:
+  box: [0.4, 1.0, 1.0]
+  periodic: [x, y, z]
+  shapes: [{box: {lower: [-1, 0.0, 0.0], upper: [2, 0.1, 0.1]}, outside: true, is: solid}]
+particles: {spacing: 0.1}
+fluids: {water: {density: 1, viscosity: 1}}
+flow: stokes
+drive: {axes: [x]}
+"""  # a row of four particles: some processes have none
+TEXTS = {"thin": BARS.format(length="0.2"), "long": BARS.format(length="2.0"), "tube": TUBE, "few": FEW}
+FILES = {"berea": ("berea", BEREA), "spheres": ("sphere_array", ["drive.axes=[x]"]), "tubes": ("two_tubes", []),
+         "smooth": ("berea", [*BEREA, "geometry.wall_distance=smooth"])}
+
+
+def cases():
+    from isphcli.case.load import load_case, read_case
+    from tests.paths import CASES
+
+    for name, text in TEXTS.items():
+        yield name, read_case(text.encode(), f"{name}.yaml")
+    for name, (file, overrides) in FILES.items():
+        yield name, load_case(CASES / f"{file}.yaml", tuple(overrides))
+
+
+def applied(case):
+    """Positions of the fluid, and the coupled operator times a field of the position, of all processes."""
+    from isphcli.domain.communicator import current
+    from isphcli.output.clock import Clock
+    from isphcli.run.steady import build_scene
+    from isphcli.scene.build_geometry import build_geometry
+    from isphcli.solvers.engine import OneProcess
+
+    class NoSolver(OneProcess):
+        def cycle(self, matrix, exchange):
+            return lambda b: b
+
+        def block_cycle(self, matrix, exchange, strength, cycles):
+            return lambda b: b
+
+    import isphcli.run.steady as steady
+
+    known, steady.engine_of = steady.engine_of, lambda _: NoSolver()
+    try:
+        geometry = build_geometry(case)
+        scene = build_scene(case, geometry, case.particles.spacing, Clock())
+    finally:
+        steady.engine_of = known
+    x, system = scene.particles.x[: scene.particles.n_fluid], scene.system
+    y = x / case.particles.spacing
+    u = np.sin(y * [0.3, 0.5, 0.7][: x.shape[1]] + y[:, ::-1])
+    found = system.apply(np.concatenate([u.ravel(), np.cos(y @ [0.4, 0.9, 0.2][: x.shape[1]])]))
+    of_all = current().gather((x, *system.split(found)))
+    return [np.concatenate(part) for part in zip(*of_all)] if of_all is not None else None
+
+
+def reduced():
+    """Sums and quantiles of random numbers that are dealt out to the processes, and of the same in one."""
+    from isphcli.domain import reduce
+    from isphcli.domain.communicator import current
+
+    ranks = current()
+    values = np.random.default_rng(3).normal(size=401) * 1e3
+    own = values[np.random.default_rng(4).integers(0, ranks.size, 401) == ranks.rank]
+    if ranks.size > 1:  # an empty process
+        own = np.zeros(0) if ranks.rank == 1 else values if ranks.rank == 0 else own[:0]
+    shares = [0.0, 0.05, 0.5, 0.951, 1.0]
+    return {"quantiles": reduce.quantiles(own, shares).tolist(), "wanted": np.quantile(values, shares).tolist(),
+            "sums": [float(reduce.total(own) - values.sum()), float(reduce.mean(own) - values.mean()),
+                     float(reduce.largest(own) - values.max()), float(reduce.smallest(own) - values.min()),
+                     reduce.count(own > 0) - int((values > 0).sum()), reduce.number(own) - 401]}
+
+
+def main(folder, engine):
+    from isphcli import api
+    from isphcli.domain.communicator import current, join
+    from isphcli.output.environment import launched
+
+    join(launched())
+    out = Path(folder)
+    if current().rank == 0:
+        out.mkdir(exist_ok=True)
+    first = current().rank == 0
+    for name, case in cases():
+        case = replace(case, solver=replace(case.solver, engine=engine), output=replace(case.output, plots=False))
+        field = applied(case) if name in (*TEXTS, "berea") else None
+        found = api.run(case, out=out / name, quiet=True, check=False)
+        if first:
+            text = {key: value for key, value in found.summary.items() if key not in ("directory", "pictures")}
+            (out / f"{name}.json").write_text(json.dumps(text, default=lambda v: np.asarray(v).tolist()))
+            if field is not None:
+                np.savez(out / f"{name}.npz", x=field[0], forces=field[1], mass=field[2])
+    numbers = reduced()
+    if first:
+        (out / "reduced.json").write_text(json.dumps(numbers))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

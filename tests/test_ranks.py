@@ -1,0 +1,187 @@
+"""Steady flow on several processes: the same operators, permeability and measures however many there are.
+
+They run where mpi4py, petsc4py and mpiexec are; .ci/mpi makes such an environment and sets ISPH_REQUIRE_MPI, with which
+a missing one fails here instead of being skipped.
+"""
+
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tests.paths import CASES, ROOT
+from tests.ranks import FILES, TEXTS
+
+HAVE = shutil.which("mpiexec") and all(importlib.util.find_spec(name) for name in ("mpi4py", "petsc4py"))
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(
+    not HAVE and "ISPH_REQUIRE_MPI" not in os.environ, reason="mpiexec, mpi4py or petsc4py is not here: .ci/mpi")]
+ENVIRONMENT = {
+    **{name: value for name, value in os.environ.items() if not name.startswith(("PMI_", "OMPI_COMM", "SLURM_"))},
+    "PYTHONPATH": str(ROOT), "NUMBA_NUM_THREADS": "1",
+    # Open MPI, where there are fewer cores than processes, and in a container
+    "OMPI_MCA_rmaps_base_oversubscribe": "1", "OMPI_MCA_mpi_yield_when_idle": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+}
+NAMES = [*TEXTS, *FILES]
+APPLIED = [*TEXTS, "berea"]
+
+
+def start(*arguments, ranks=1, **environment):
+    """A Python program on so many processes."""
+    launcher = ["mpiexec", "-n", str(ranks)] if ranks > 1 else []
+    return subprocess.run([*launcher, sys.executable, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True,
+                          env={**ENVIRONMENT, **environment}, timeout=300)
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """found(ranks, engine): the folder that `tests.ranks` filled, once."""
+    known = {}
+
+    def of(ranks, engine="auto"):
+        if (ranks, engine) not in known:
+            folder = tmp_path_factory.mktemp(f"{engine}{ranks}")
+            done = start("-m", "tests.ranks", folder, engine, ranks=ranks)
+            assert done.returncode == 0, done.stdout + done.stderr
+            known[ranks, engine] = folder
+        return known[ranks, engine]
+
+    return of
+
+
+def summary(folder, name):
+    return json.loads((folder / f"{name}.json").read_text())
+
+
+def in_order(folder, name):
+    """Arrays in the order of the positions."""
+    with np.load(folder / f"{name}.npz") as file:
+        arrays = dict(file)
+    order = np.lexsort(np.round(arrays["x"] / np.ptp(arrays["x"], axis=0).max() * 1e6).T)
+    return {key: value[order] for key, value in arrays.items()}
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("name", APPLIED)
+def test_the_operator_is_that_of_one_process(found, name, ranks):
+    """Round-off of sums in another order: 2e-15 of the largest entry seen."""
+    one, several = in_order(found(1), name), in_order(found(ranks), name)
+    assert one["x"].shape == several["x"].shape
+    for key in one:
+        assert np.abs(one[key] - several[key]).max() <= 1e-13 * np.abs(one[key]).max()
+
+
+@pytest.mark.parametrize("engine, ranks", [("petsc", 1), ("auto", 2), ("auto", 3)])
+@pytest.mark.parametrize("name", NAMES)
+def test_the_flow_is_that_of_one_process(found, name, engine, ranks):
+    """At the tolerance of 1e-6; what is counted is counted exactly."""
+    one, several = summary(found(1), name), summary(found(ranks, engine), name)
+    k, other = (np.array([*v.values()] if isinstance(v, dict) else v) for v in (
+        one["permeability"], several["permeability"]))
+    assert other == pytest.approx(k, rel=1e-5)
+    for key in ("components", "isolated_pockets", "open_axes", "image", "inputs"):
+        assert several[key] == one[key]
+    for key in ("fluid", "dummy", "left_out"):
+        assert several["particles"][key] == one["particles"][key]
+    assert several["porosity"] == pytest.approx(one["porosity"], rel=1e-12)
+    for key in ("tortuosity", "formation_factor", "speed", "wall_shear", "errors", "permeability_range"):
+        measured, wanted = flat(several[key]), flat(one[key])
+        assert measured.keys() == wanted.keys()
+        # slow fluid has few digits: errors of a velocity are of the tolerance of the fastest
+        most = max(map(abs, wanted.values()), default=0.0)
+        # an error is a ratio less one: it has the digits of the ratio
+        assert measured == pytest.approx(wanted, rel=1e-4, abs=1e-5 if key == "errors" else 1e-4 * most)
+    if ranks > 1:
+        low, high = several["ranks"]["fluid"]
+        assert several["ranks"]["count"] == ranks and low <= one["particles"]["fluid"] / ranks <= high
+
+
+def flat(entry, name=""):
+    """Numbers of a nested entry by their keys and places."""
+    if isinstance(entry, dict):
+        return {k: v for key, value in entry.items() for k, v in flat(value, f"{name}.{key}").items()}
+    if isinstance(entry, list):
+        return {k: v for number, value in enumerate(entry) for k, v in flat(value, f"{name}.{number}").items()}
+    return {name: entry} if isinstance(entry, (int, float)) and not isinstance(entry, bool) else {}
+
+
+@pytest.mark.parametrize("name", ["berea", "spheres", "tubes", "smooth"])
+def test_iterations_do_not_grow_with_processes(found, name):
+    """With hypre within 2 on one, two and three processes: 25 on all of them of Berea 32^3. The aggregates of GAMG
+    follow the cuts: 27 to 30 there with PETSc 3.25."""
+    from isphcli.solvers import petsc
+
+    counts = [summary(found(ranks, engine), name)["iterations"]["stokes"]["max"]
+              for ranks, engine in ((1, "petsc"), (2, "auto"), (3, "auto"))]
+    assert max(counts) - min(counts) <= (2 if petsc.Petsc().settings is petsc.HYPRE else 4)
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_sums_and_quantiles_over_processes(found, ranks):
+    """All values on one process and none on the others: exact quantiles, sums to round-off."""
+    numbers = summary(found(ranks), "reduced")
+    assert numbers["quantiles"] == pytest.approx(numbers["wanted"], rel=1e-14)
+    assert numbers["sums"] == pytest.approx([0.0] * 6, abs=1e-9)
+
+
+def test_snapshots_of_processes_are_one(found):
+    """The pieces that the PVTU names hold every particle once."""
+    import re
+
+    from isphcli.output.files import read_pvd, read_vtu
+
+    folder, one = found(3) / "spheres", found(1) / "spheres"
+    (_, joined), = read_pvd(folder / "particles.pvd")
+    pieces = re.findall(r'Source="([^"]+)"', (folder / joined).read_text())
+    parts = [read_vtu(folder / "snapshots" / piece) for piece in pieces]
+    x, alone = np.concatenate([x for x, _ in parts]), read_vtu(one / read_pvd(one / "particles.pvd")[0][1])[0]
+    assert len(pieces) == 3 and sorted(map(tuple, x.round(9))) == sorted(map(tuple, alone.round(9)))
+    listed = json.loads((folder / "manifest.json").read_text())["files"]
+    assert {f"snapshots/{piece}" for piece in pieces} | {joined, "particles.pvd"} <= set(listed)
+
+
+def test_what_is_not_distributed_is_refused_once(tmp_path):
+    done = start("-m", "isphcli", "run", CASES / "taylor_green_2d.yaml", "--out", tmp_path / "out", "--quiet", ranks=2)
+    assert done.returncode != 0 and done.stderr.count("particles that move are not distributed") == 1
+    assert "without mpiexec" in done.stderr and not (tmp_path / "out").exists()
+
+
+def test_errors_of_rank_0_are_those_of_all(tmp_path):
+    """It alone looks into the folder, which holds a file of somebody else."""
+    (tmp_path / "summary.json").write_text("mine")
+    done = start("-m", "isphcli", "run", CASES / "two_tubes.yaml", "--out", tmp_path, "--quiet", ranks=2)
+    assert done.returncode != 0 and done.stderr.count("is there already") == 1
+    assert (tmp_path / "summary.json").read_text() == "mine"
+
+
+def test_a_launcher_of_another_mpi_is_refused(tmp_path):
+    done = start("-m", "isphcli", "run", CASES / "two_tubes.yaml", "--out", tmp_path / "out", PMI_SIZE="3",
+                 OMPI_COMM_WORLD_SIZE="3")
+    assert done.returncode == 2 and "another MPI than mpi4py" in done.stderr and not (tmp_path / "out").exists()
+
+
+def test_one_process_that_fails_ends_all(tmp_path):
+    """Rank 1 fails within the solve, where the others wait for it."""
+    program = tmp_path / "fails.py"
+    program.write_text(f"""
+import os, sys
+sys.argv = ["isph", "run", {str(CASES / "two_tubes.yaml")!r}, "--out", {str(tmp_path / "out")!r}, "--quiet"]
+from isphcli.cli import main
+from isphcli.flow import stokes
+apply = stokes.StokesSystem.precondition
+def fails(self, v):
+    from isphcli.domain.communicator import current
+    if current().rank == 1:
+        raise OSError("the disk of this rank is full")
+    return apply(self, v)
+stokes.StokesSystem.precondition = fails
+main()
+""")
+    done = start(program, ranks=2)
+    assert done.returncode != 0 and "rank 1 of 2: error: the disk of this rank is full" in done.stderr
+    assert "finished" not in done.stdout
