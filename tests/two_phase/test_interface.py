@@ -91,11 +91,7 @@ def test_bubbles_three_spacings_apart_do_not_feel_each_other():
 
 
 def test_bubbles_that_touch_become_one():
-<<<<<<< HEAD
     """Overlapping by half a spacing: the neck is curved the other way, by more than the bubbles, so that it opens."""
-=======
-    """Overlapping by half a spacing: the neck is curved the other way, by more than the bubbles are: it opens."""
->>>>>>> h5-mpi
     interface, near = pair_of_bubbles(-0.5)
     assert interface.curvature[near].min() < -4.0
     assert np.median(interface.curvature[near]) == pytest.approx(2.0, rel=2e-3)
