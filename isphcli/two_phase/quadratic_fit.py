@@ -53,6 +53,16 @@ class SlopesAtWalls(NamedTuple):
     weight: np.ndarray
 
 
+class Distance(NamedTuple):
+    """What a fit is made of: phi (n,), m; known: (n,) bool; direction: (n, dim) along its gradient; spacing over the
+    support."""
+
+    phi: np.ndarray
+    known: np.ndarray
+    direction: np.ndarray
+    spacing: float
+
+
 class QuadraticFit(NamedTuple):
     """value: (n,) m; slope: (n, dim); curvature: (n,) 1/m, of the surface phi = 0 where it is nearest to the particle,
     positive where the sphere that touches it has phi > 0 inside."""
@@ -74,8 +84,8 @@ def quadratic_fit(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray,
     spacing: m."""
     n, dim = neighbours.n, neighbours.x.shape[1]
     fit = QuadraticFit(phi.copy(), np.zeros((n, dim)), np.zeros(n))
-    over_rows(_fit, n, neighbours, phi, (known, wanted), directions(gradient), spacing / neighbours.support, walls, fit,
-              work=partial(_scratch, dim))
+    field = Distance(phi, known, directions(gradient), spacing / neighbours.support)
+    over_rows(_fit, n, neighbours, field, wanted, walls, fit, work=partial(_scratch, dim))
     return fit
 
 
@@ -91,8 +101,8 @@ def own_gradient(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, 
     that are `known` (n,); gradient: over all of them."""
     n, dim = gradient.shape
     out = np.zeros((n, dim))
-    over_rows(_linear, n, neighbours, phi, known, directions(gradient), spacing / neighbours.support, out,
-              work=lambda: (np.empty((dim, dim)), np.empty(dim), np.empty(dim)))
+    field = Distance(phi, known, directions(gradient), spacing / neighbours.support)
+    over_rows(_linear, n, neighbours, field, out, work=lambda: (np.empty((dim, dim)), np.empty(dim), np.empty(dim)))
     return out
 
 
@@ -119,12 +129,12 @@ def _scratch(dim: int) -> Scratch:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fit(rows, work, neighbours, phi, which, direction, spacing, walls, fit):
+def _fit(rows, work, neighbours, field, wanted, walls, fit):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
     wall_start, offset, normal, wall_slope, wall_weight = walls
     moments, right, more, basis, d = work.moments, work.right, work.more, work.basis, work.d
-    (known, wanted), (value, slope, curvature) = which, fit
+    (phi, known), (value, slope, curvature) = (field.phi, field.known), fit
     dim, size = x.shape[1], len(right)
     for i in range(rows[0], rows[1]):
         if not wanted[i]:
@@ -137,7 +147,7 @@ def _fit(rows, work, neighbours, phi, which, direction, spacing, walls, fit):
         moments[0, 0] = own
         for p in range(start[i], start[i + 1]):
             if known[column[p]]:
-                w = _weight(d, x, row[p], i, support, kind) * _alike(direction, phi, i, column[p], d, support, spacing)
+                w = _weight(d, x, row[p], i, support, kind) * _alike(field, i, column[p], d, support)
                 _values(basis, d)
                 _add(moments, right, basis, w, phi[column[p]] - phi[i])
         for p in range(wall_start[i], wall_start[i + 1]):
@@ -152,7 +162,7 @@ def _fit(rows, work, neighbours, phi, which, direction, spacing, walls, fit):
         steepness = _levels(right, work)
         for p in range(start[i], start[i + 1]):
             if known[column[p]]:
-                w = _weight(d, x, row[p], i, support, kind) * _alike(direction, phi, i, column[p], d, support, spacing)
+                w = _weight(d, x, row[p], i, support, kind) * _alike(field, i, column[p], d, support)
                 _values(basis, d)
                 _add_right(more, basis, -w * steepness * _beyond(work))
         for p in range(wall_start[i], wall_start[i + 1]):
@@ -183,11 +193,11 @@ def _weight(d, x, j, i, support, kind):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _linear(rows, work, neighbours, phi, known, direction, spacing, out):
+def _linear(rows, work, neighbours, field, out):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
     moments, right, d = work
-    dim = len(d)
+    phi, known, dim = field.phi, field.known, len(d)
     for i in range(rows[0], rows[1]):
         if known[i]:
             for a in range(dim):
@@ -197,7 +207,7 @@ def _linear(rows, work, neighbours, phi, known, direction, spacing, out):
             for p in range(start[i], start[i + 1]):
                 if known[column[p]]:
                     w = _weight(d, x, row[p], i, support, kind)
-                    w *= _alike(direction, phi, i, column[p], d, support, spacing)
+                    w *= _alike(field, i, column[p], d, support)
                     _add(moments, right, d, w, phi[column[p]] - phi[i])
             _factors(moments)
             _solve(moments, right)
@@ -206,15 +216,15 @@ def _linear(rows, work, neighbours, phi, known, direction, spacing, out):
 
 
 @njit(cache=True, inline="always")
-def _alike(direction, phi, i, j, d, support, spacing):
+def _alike(field, i, j, d, support):
     """Of 0 to 1: whether the distances of two particles are to the same interface, by the angle between them and by phi
-    where they would meet: an edge nearer to the interface than a spacing is its own. d: (dim,), like the spacing in
-    units of the support."""
-    cosine, edge = 0.0, 0.5 * (phi[i] + phi[j]) / support
+    where they would meet: an edge nearer to the interface than a spacing is its own. d: (dim,) in units of the
+    support."""
+    direction, cosine, edge = field.direction, 0.0, 0.5 * (field.phi[i] + field.phi[j]) / support
     for k in range(len(d)):
         cosine += direction[i, k] * direction[j, k]
         edge += 0.25 * (direction[i, k] - direction[j, k]) * d[k]
-    apart = min((edge / spacing) ** 2, 1.0)
+    apart = min((edge / field.spacing) ** 2, 1.0)
     return 1.0 - apart * (1.0 - (0.5 * (1.0 + cosine)) ** APART)
 
 
