@@ -26,6 +26,7 @@ measure: [formation_factor]
 TUBE = """
 geometry:
   box: [2.0, 0.2]
+  depth: 0.1  # drag of two plates
   periodic: [x]
 particles: {spacing: 0.05}
 fluids: {water: {density: 1, viscosity: 1}}

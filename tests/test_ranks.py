@@ -4,6 +4,7 @@ They run where mpi4py, petsc4py and mpiexec are; .ci/mpi makes such an environme
 a missing one fails here instead of being skipped.
 """
 
+import csv
 import importlib.util
 import json
 import os
@@ -101,6 +102,18 @@ def test_the_flow_is_that_of_one_process(found, name, engine, ranks):
         assert several["ranks"]["count"] == ranks and low <= one["particles"]["fluid"] / ranks <= high
 
 
+@pytest.mark.parametrize("name", ["long", "tube", "berea"])
+def test_profiles_are_those_of_one_process(found, name):
+    """Of every layer the particles of all processes, at the tolerance of the solves; its middle, and whether there is
+    fluid, exactly."""
+    one, several = (list(csv.DictReader((found(ranks) / name / "profiles.csv").open())) for ranks in (1, 3))
+    assert len(one) == len(several) > 2
+    for key in one[0]:
+        assert [row[key] == "" for row in several] == [row[key] == "" for row in one]
+        wanted, measured = ([float(row[key]) for row in rows if row[key]] for rows in (one, several))
+        assert measured == pytest.approx(wanted, rel=0.0, abs=1e-4 * max(map(abs, wanted)))
+
+
 def flat(entry, name=""):
     """Numbers of a nested entry by their keys and places."""
     if isinstance(entry, dict):
@@ -146,8 +159,10 @@ def test_snapshots_of_processes_are_one(found):
 
 
 def test_what_is_not_distributed_is_refused_once(tmp_path):
-    done = start("-m", "isphcli", "run", CASES / "taylor_green_2d.yaml", "--out", tmp_path / "out", "--quiet", ranks=2)
+    done = start("-m", "isphcli", "run", CASES / "taylor_green_2d.yaml", "--out", tmp_path / "out", "--quiet",
+                 "--set", "output.format=xdmf", ranks=2)
     assert done.returncode != 0 and done.stderr.count("particles that move are not distributed") == 1
+    assert done.stderr.count("no snapshots as HDF5 with XDMF") == 1
     assert "without mpiexec" in done.stderr and not (tmp_path / "out").exists()
 
 

@@ -56,10 +56,9 @@ class StokesSystem:
     engine: what solves the linear systems.
     """
 
-    def __init__(self, ops: LatticeWeights, spacing: float, viscosity: float, tau: float = TAU,
-                 forces: Sequence[Force] = (), x: np.ndarray | None = None,
-                 engine: Engine = ONE_PROCESS):
-        self.ops, self.spacing, self.viscosity, self.tau = ops, spacing, viscosity, tau
+    def __init__(self, ops: LatticeWeights, spacing: float, viscosity: float, forces: Sequence[Force] = (),
+                 x: np.ndarray | None = None, engine: Engine = ONE_PROCESS):
+        self.ops, self.spacing, self.viscosity = ops, spacing, viscosity
         self.dim, self.engine = ops.dim, engine
         self.acceleration = acceleration_of(forces, x) if x is not None else None
         self.resistance = resistance_of(forces, x) if x is not None else None
@@ -108,7 +107,7 @@ class StokesSystem:
 
     def _mass(self, u: np.ndarray, p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
         """dx div u - tau dx^2 S p, (n,); where a drag holds the fluid back, S by as much less as pressure moves it."""
-        dx, tau, zero = self.spacing, self.tau, np.zeros(self.ops.n)
+        dx, tau, zero = self.spacing, TAU, np.zeros(self.ops.n)
         if self.drag is None:
             return divergence_and_rhie_chow(self.ops, u, (p, grad_p), (dx, -tau * dx * dx))
         odd_even = divergence_and_rhie_chow(self.ops, np.zeros_like(u), (p, grad_p), (0.0, -tau * dx * dx))

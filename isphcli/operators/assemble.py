@@ -20,7 +20,8 @@ def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: 
     first = (start + np.arange(n + 1)).astype(np.int32 if size < 2**31 else np.int64)
     index, entries = np.empty(size, first.dtype), np.empty(size)
     walls = np.zeros(0) if diagonal is None else diagonal
-    twice = over_rows(_put_rows, n, (start, column, weights), walls, shift, scale, (index, entries))
+    shifts = np.full(n, shift, float)
+    twice = over_rows(_put_rows, n, (start, column, weights), walls, shifts, scale, (index, entries))
     matrix = sp.csr_matrix((entries, index, first), shape=(n, n))
     matrix.has_sorted_indices, matrix.has_canonical_format = True, not any(twice)
     matrix.sum_duplicates()  # of a neighbour that is seen through two sides of a thin box
@@ -34,7 +35,7 @@ def row_sums(start: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _put_rows(rows, pairs, walls, shift, scale, out):
+def _put_rows(rows, pairs, walls, shifts, scale, out):
     """Columns, sorted, and entries of rows; returns whether a column occurs twice in one."""
     start, column, weights = pairs
     index, entries = out
@@ -54,6 +55,6 @@ def _put_rows(rows, pairs, walls, shift, scale, out):
             end += 1
         for at in range(begin, end):
             if index[at] == i:
-                entries[at] += shift + scale * total
+                entries[at] += shifts[i] + scale * total
                 break
     return twice

@@ -136,9 +136,9 @@ def test_streamlines_at_once(tmp_path):
 
 
 def test_streamlines_round_a_sphere(tmp_path):
-    """Of the file as a run leaves it: lines that do not begin in front of the sphere reach the other side of the box;
-    those that do may end at it, where the grid has zeros; the last step is as long as the distance to the end. Between middles that all lie in the solid the velocity is
-    zero: no line is farther in than the diagonal of a cell."""
+    """Of the file as a run leaves it: lines that do not begin in front of the sphere come past it, and end less than a
+    step of theirs before the box does; those that do may end at it, where the grid has zeros. Between middles that all
+    lie in the solid the velocity is zero: no line is farther in than the diagonal of a cell."""
     pyvista = pytest.importorskip("pyvista")
     case = {
         "geometry": {"box": [1.0, 1.0, 1.0], "periodic": ["x", "y", "z"],
