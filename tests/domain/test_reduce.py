@@ -92,7 +92,6 @@ ALLOWED = {
     ("solvers.multigrid", "levels.levels[k + 1].A @ y"): MATRIX,
     ("solvers.multigrid", "level.P @ y"): MATRIX,
     ("solvers.multigrid", "self.coarse @ b"): "the coarsest system, of which every process will have all",
-    ("two_phase.quadratic_fit", "np.einsum('ij,ij->i', gradient, gradient)"): VECTOR,
     ("two_phase.contact_angle", "owner.max()"): "the number of rows of the table of positions of this process",
     ("two_phase.contact_angle", "sees[owner].all(axis=1)"): FLUIDS,
     ("two_phase.interface", "np.einsum('ij,ij->i', fit.slope, fit.slope)"): OWN,
