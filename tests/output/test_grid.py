@@ -136,9 +136,9 @@ def test_streamlines_at_once(tmp_path):
 
 
 def test_streamlines_round_a_sphere(tmp_path):
-    """Of the file as a run leaves it: lines that do not begin in front of the sphere reach the other side of the box;
-    those that do may end at it, where the grid has zeros. Between middles that all lie in the solid the velocity is
-    zero: no line is farther in than the diagonal of a cell."""
+    """Of the file as a run leaves it: lines that do not begin in front of the sphere come past it, and end less than a
+    step of theirs before the box does; those that do may end at it, where the grid has zeros. Between middles that all
+    lie in the solid the velocity is zero: no line is farther in than the diagonal of a cell."""
     pyvista = pytest.importorskip("pyvista")
     case = {
         "geometry": {"box": [1.0, 1.0, 1.0], "periodic": ["x", "y", "z"],
@@ -156,4 +156,4 @@ def test_streamlines_round_a_sphere(tmp_path):
     assert np.linalg.norm(points - 0.5, axis=1).min() > 0.3 - 3**0.5 / 16
     ends = [lines.get_cell(i).points[-1, 0] for i in range(lines.n_cells)]
     beside = np.hypot(y - 0.5, z - 0.5).ravel() > 0.3
-    assert len(ends) == 49 and beside.sum() == 28 and (np.array(ends)[beside] > 0.9).all()
+    assert len(ends) == 49 and beside.sum() == 28 and (np.array(ends)[beside] > 0.8).all()
