@@ -1,7 +1,7 @@
 """The list of forces that a case may have beside its drive, `FORCES`: what each is called, makes, and needs.
 
 A new force is its key in case/blocks.py and one entry of `FORCES`, with the functions that the entry names. All else
-asks the list: both flows, the check of the case, `isph check`, the limits of steps, and `terms` of summary.json. The
+asks the list: both flows, the check of the case, the limits of steps, and `terms` of summary.json. The
 drive itself, uniform forces and what may be held or change with time, is read in case/forcing.py.
 """
 
@@ -26,7 +26,7 @@ class Known(NamedTuple):
 
     name: of the term, as of `Force`; make: the force of a case in its geometry, None where the case has none; wrong:
     what must hold between the keys, of a case and its dimension, None before an image is read; without: why a case has
-    none, for `isph check`.
+    none, for `isph validate --check-only`.
     """
 
     name: str
