@@ -764,6 +764,12 @@ def examples(name: str | None, folder: Path | None) -> None:
     click.echo(f"now: isph run {written[0]}")
 
 
+def may_write(target: Path, force: bool) -> None:
+    """Raises Unusable where a file is there that `force` does not give up."""
+    if target.exists() and not force:
+        raise Unusable(f"{target}: is there already; name another file with --to, or replace it with --force")
+
+
 @main.command(epilog=EXIT_CODES, short_help="One HTML page of a run, or of several side by side.")
 @click.argument("directories", metavar="OUT...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--to", "target", type=click.Path(path_type=Path, dir_okay=False), default="report.html",
@@ -779,8 +785,7 @@ def report(directories: tuple[Path, ...], target: Path, force: bool) -> None:
     \b
     isph report out/coarse out/fine --to comparison.html
     """
-    if target.exists() and not force:
-        raise Unusable(f"{target}: is there already; name another file with --to, or replace it with --force")
+    may_write(target, force)
     from .output.report import write_report
 
     write_report(target, directories)
@@ -915,8 +920,7 @@ def film(folder: Path, target: Path, rate: float, view: str, force: bool, quiet:
     isph film out/rock_drainage
     isph film out/rock_drainage --to drainage.mp4 --rate 20 --view 3d
     """
-    if target.exists() and not force:
-        raise Unusable(f"{target}: is there already; name another file with --to, or replace it with --force")
+    may_write(target, force)
     set_threads(None)
     from .run.film import make_film
 

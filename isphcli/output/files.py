@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import io
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 from xml.sax.saxutils import quoteattr
@@ -305,6 +306,23 @@ class History:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def write_rows(path: str | os.PathLike, rows: Iterable[Mapping[str, Any]]) -> None:
+    """A table as `History` writes it; no file without rows."""
+    with History(path) as file:
+        for row in rows:
+            file.append(row)
+
+
+def csv_text(rows: Sequence[Mapping[str, Any]], first: Sequence[str] = ()) -> str:
+    """Comma-separated values under a head of the names of all rows, those of `first` in front."""
+    text = io.StringIO()
+    names = dict.fromkeys([*first, *(name for row in rows for name in row)])
+    writer = csv.DictWriter(text, list(names), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def read_history(path: str | os.PathLike) -> list[dict[str, Any]]:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
 from .files import read_pvd, read_vtu
-from .xdmf import read_h5
+from .xdmf import listed, read_h5
 
 
 def read_series(directory: str | os.PathLike, name: str = "particles") -> list[tuple[float, str]]:
@@ -18,10 +17,7 @@ def read_series(directory: str | os.PathLike, name: str = "particles") -> list[t
     if (folder / f"{name}.pvd").is_file():
         return read_pvd(folder / f"{name}.pvd")
     if (folder / f"{name}.xdmf").is_file():
-        grids = ElementTree.parse(folder / f"{name}.xdmf").iter("Grid")
-        return [(float(when.get("Value", "nan")), file.rpartition(":")[0]) for grid in grids
-                if (when := grid.find("Time")) is not None
-                for file in [next((i.text or "").strip() for i in grid.iter("DataItem") if i.get("Format") == "HDF")]]
+        return [(time, file) for time, file, _ in listed(folder / f"{name}.xdmf")]
     return []
 
 

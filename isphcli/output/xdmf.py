@@ -35,7 +35,7 @@ class XdmfSeries(Series):
         self.parts: dict[str, str] = {}  # what the list says of each file
         (self.directory / SNAPSHOTS).mkdir(parents=True, exist_ok=True)
         if resume_time is not None and self.path.exists():
-            for time, file, text in _listed(self.path):
+            for time, file, text in listed(self.path):
                 if time <= resume_time:
                     self.entries.append((time, file))
                     self.parts[file] = text
@@ -107,7 +107,7 @@ def read_h5(path: str | os.PathLike) -> tuple[np.ndarray, dict[str, np.ndarray]]
     return arrays.pop(POINTS, np.zeros((0, 3))), arrays
 
 
-def _listed(path: Path) -> list[tuple[float, str, str]]:
+def listed(path: Path) -> list[tuple[float, str, str]]:
     """(time, file, what the list says of it) of each snapshot."""
     found = []
     for grid in ElementTree.parse(path).iter("Grid"):

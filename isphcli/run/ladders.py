@@ -4,8 +4,6 @@ over a ladder of slip lengths (Klinkenberg), growing parts of an image (represen
 
 from __future__ import annotations
 
-import csv
-import io
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..case.forcing import acceleration, flow_axis, force_is_given, scaled, walls_move
-from ..output.files import write_text
+from ..output.files import csv_text, write_text
 from .run import solve_case
 
 if TYPE_CHECKING:
@@ -136,12 +134,21 @@ class Klinkenberg:
     """k(s) = k (1 + c s + ...) over the slip length s of the walls, which for a gas is inverse to its pressure: with
     s = S / p the law of Klinkenberg (1941) k(p) = k (1 + b / p) has b = c S.
 
-    permeability: m2, of a liquid, without slip; slope: c, 1/m; rows: `slip_length` and `permeability` of every run.
+    coefficients: of the powers of s, from m2 on; rows: `slip_length` and `permeability` of every run.
     """
 
-    permeability: float
-    slope: float
+    coefficients: np.ndarray
     rows: list[dict[str, float]]
+
+    @property
+    def permeability(self) -> float:
+        """Of a liquid, without slip, m2."""
+        return float(self.coefficients[0])
+
+    @property
+    def slope(self) -> float:
+        """c, 1/m."""
+        return float(self.coefficients[1] / self.coefficients[0])
 
 
 def klinkenberg(case: Case, slip_lengths: Sequence[float], out: Path, quiet: bool = True, overwrite: bool = False,
@@ -172,8 +179,7 @@ def klinkenberg(case: Case, slip_lengths: Sequence[float], out: Path, quiet: boo
 
         s, k = (np.array([row[name] for row in rows]) for name in ("slip_length", "permeability"))
         line = np.linspace(0.0, float(s.max()), 100)
-        fit = fitted(s, k, min(2, len(s) - 1)).values
-        plot_fit(out / "klinkenberg.png", (s, k), (line, np.polyval(fit[::-1], line)),
+        plot_fit(out / "klinkenberg.png", (s, k), (line, np.polyval(found.coefficients[::-1], line)),
                  ("slip length (m)", "permeability (m²)", f"k = {found.permeability:.3g} m² at no slip"), case.title)
     return found
 
@@ -181,8 +187,7 @@ def klinkenberg(case: Case, slip_lengths: Sequence[float], out: Path, quiet: boo
 def fit_klinkenberg(rows: Sequence[Mapping[str, float]]) -> Klinkenberg:
     """The law through runs with `slip_length`, m, and `permeability`, m2."""
     s, k = (np.array([row[name] for row in rows], float) for name in ("slip_length", "permeability"))
-    fit = fitted(s, k, min(2, len(s) - 1)).values
-    return Klinkenberg(float(fit[0]), float(fit[1] / fit[0]), [dict(row) for row in rows])
+    return Klinkenberg(fitted(s, k, min(2, len(s) - 1)).values, [dict(row) for row in rows])
 
 
 # -- representative volume -------------------------------------------------------------------------------
@@ -287,8 +292,4 @@ def _put(case: Case, directory: Path) -> Case:
 def _table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Comma-separated values with a head, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(path, text.getvalue())
+    write_text(path, csv_text(rows))

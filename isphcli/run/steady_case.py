@@ -16,7 +16,7 @@ from ..domain import reduce
 from ..domain.communicator import as_first, current, on_first
 from ..geometry.protocol import inside_sample
 from ..output import folder, progress
-from ..output.files import History, write_pieces
+from ..output.files import write_pieces, write_rows
 from ..references.result import Result
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
@@ -116,14 +116,9 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tupl
                                               main.pressure))
         write_grid(grids_of(case, directory), case, main.geometry, main.particles, (0, 0.0),
                    (result.x, main.velocity, main.pressure), main.spacing)
-        with History(directory / "history.csv") as file:
-            for row in found.history:
-                file.append(row)
         rows = _profile(main)
-        if rows:
-            with History(directory / PROFILES) as file:
-                for row in rows:
-                    file.append(row)
+        write_rows(directory / "history.csv", found.history)
+        write_rows(directory / PROFILES, rows)
         if case.output.plots:
             _pictures(case, directory, main, found.flows, summary, rows)
     return finish(case, directory, summary, result, clock)
@@ -144,13 +139,8 @@ def _finish_ranks(case: Case, summary: dict[str, Any], result: Result, found: Fo
         compared, rows = ranks.whole(case, result), _profile(main)
 
         def rest() -> dict[str, Any]:
-            with History(directory / "history.csv") as file:
-                for row in found.history:
-                    file.append(row)
-            if rows:
-                with History(directory / PROFILES) as file:
-                    for row in rows:
-                        file.append(row)
+            write_rows(directory / "history.csv", found.history)
+            write_rows(directory / PROFILES, rows)
             quiet_case = replace(case, output=replace(output, plots=False))
             return finish(quiet_case, directory, summary, compared, clock)[0]
 

@@ -28,7 +28,6 @@ from ..domain import reduce
 from ..domain.components import pair_components
 from ..domain.row_threads import over_rows
 from ..flow.state import phase_of
-from ..operators.apply import gradient_one_sided
 from ..operators.kernel import shape
 from .quadratic_fit import QuadraticFit, no_slopes, own_gradient, quadratic_fit
 
@@ -107,7 +106,7 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     seen = ops.neighbours
     reach = reach_of(seen.support, spacing)
     known = np.abs(phi) < reach
-    gradient = own_gradient(seen, phi, known, gradient_one_sided(ops, phi[:, None])[:, 0], spacing)
+    gradient = own_gradient(seen, phi, known, ops.gradient_p(phi), spacing)
     fit = quadratic_fit(seen, phi, known, known, gradient, spacing, no_slopes(ops.n, ops.dim))
     if contact is not None:
         fit = contact.at_walls(ops, neighbours, phi, known, fit)

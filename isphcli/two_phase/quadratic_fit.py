@@ -85,7 +85,7 @@ def quadratic_fit(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray,
     n, dim = neighbours.n, neighbours.x.shape[1]
     fit = QuadraticFit(phi.copy(), np.zeros((n, dim)), np.zeros(n))
     field = Distance(phi, known, directions(gradient), spacing / neighbours.support)
-    over_rows(_fit, n, neighbours, field, wanted, walls, fit, work=partial(_scratch, dim))
+    over_rows(_fit, n, neighbours, field, wanted, walls, fit, work=partial(_scratch, dim, neighbours.longest))
     return fit
 
 
@@ -108,7 +108,8 @@ def own_gradient(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, 
 
 class Scratch(NamedTuple):
     """Of one particle: the system of the quadratic function and its second right-hand side, the terms of the function,
-    and what a level of phi is like: its normal, its form, and vectors of the terms of higher order."""
+    and what a level of phi is like: its normal, its form, and vectors of the terms of higher order; the weights of its
+    neighbours."""
 
     moments: np.ndarray
     right: np.ndarray
@@ -120,12 +121,13 @@ class Scratch(NamedTuple):
     slopes: np.ndarray
     once: np.ndarray
     twice: np.ndarray
+    weight: np.ndarray
 
 
-def _scratch(dim: int) -> Scratch:
+def _scratch(dim: int, neighbours: int) -> Scratch:
     size = 1 + dim + dim * (dim + 1) // 2
-    return Scratch(np.empty((size, size)), np.empty(size), np.empty(size), np.empty(size), np.empty(dim),
-                   np.empty(dim), np.empty((dim, dim)), np.empty(dim), np.empty(dim), np.empty(dim))
+    return Scratch(np.empty((size, size)), np.empty(size), np.empty(size), np.empty(size), np.empty(dim), np.empty(dim),
+                   np.empty((dim, dim)), np.empty(dim), np.empty(dim), np.empty(dim), np.empty(neighbours))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -133,7 +135,7 @@ def _fit(rows, work, neighbours, field, wanted, walls, fit):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
     wall_start, offset, normal, wall_slope, wall_weight = walls
-    moments, right, more, basis, d = work.moments, work.right, work.more, work.basis, work.d
+    moments, right, more, basis, d, weight = work.moments, work.right, work.more, work.basis, work.d, work.weight
     (phi, known), (value, slope, curvature) = (field.phi, field.known), fit
     dim, size = x.shape[1], len(right)
     for i in range(rows[0], rows[1]):
@@ -148,6 +150,7 @@ def _fit(rows, work, neighbours, field, wanted, walls, fit):
         for p in range(start[i], start[i + 1]):
             if known[column[p]]:
                 w = _weight(d, x, row[p], i, support, kind) * _alike(field, i, column[p], d, support)
+                weight[p - start[i]] = w
                 _values(basis, d)
                 _add(moments, right, basis, w, phi[column[p]] - phi[i])
         for p in range(wall_start[i], wall_start[i + 1]):
@@ -162,9 +165,9 @@ def _fit(rows, work, neighbours, field, wanted, walls, fit):
         steepness = _levels(right, work)
         for p in range(start[i], start[i + 1]):
             if known[column[p]]:
-                w = _weight(d, x, row[p], i, support, kind) * _alike(field, i, column[p], d, support)
+                _offset(d, x, row[p], i, support)
                 _values(basis, d)
-                _add_right(more, basis, -w * steepness * _beyond(work))
+                _add_right(more, basis, -weight[p - start[i]] * steepness * _beyond(work))
         for p in range(wall_start[i], wall_start[i + 1]):
             w = wall_weight[p] * _weight(d, offset, p, -1, support, kind)
             _slopes(basis, d, normal[p])
@@ -183,13 +186,19 @@ def _fit(rows, work, neighbours, field, wanted, walls, fit):
 
 
 @njit(cache=True, inline="always")
-def _weight(d, x, j, i, support, kind):
-    """Kernel at d (dim,) = (x_j - x_i) / support, which is written; x_i is zero for i = -1."""
+def _offset(d, x, j, i, support):
+    """d (dim,) = (x_j - x_i) / support is written, and its square returned; x_i is zero for i = -1."""
     r2 = 0.0
     for k in range(len(d)):
         d[k] = (x[j, k] - (x[i, k] if i >= 0 else 0.0)) / support
         r2 += d[k] ** 2
-    return shape(kind, math.sqrt(r2))
+    return r2
+
+
+@njit(cache=True, inline="always")
+def _weight(d, x, j, i, support, kind):
+    """Kernel at `_offset`."""
+    return shape(kind, math.sqrt(_offset(d, x, j, i, support)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -296,6 +305,15 @@ def _solve(lower, right):
         right[k] = rest / lower[k, k]
 
 
+@njit(cache=True, inline="always")
+def _product(h, v, out):
+    """out (dim,) = h v."""
+    for a in range(len(v)):
+        out[a] = 0.0
+        for b in range(len(v)):
+            out[a] += h[a, b] * v[b]
+
+
 @njit(cache=True, error_model="numpy")
 def _levels(c, work):
     """|g| of coefficients c. Written: unit = g / |g| and form, the second derivatives over |g| along the levels of phi:
@@ -315,10 +333,8 @@ def _levels(c, work):
             form[b, a] = form[a, b]
             v += 1
     both, square = 0.0, 0.0
+    _product(form, unit, across)
     for a in range(dim):
-        across[a] = 0.0
-        for b in range(dim):
-            across[a] += form[a, b] * unit[b]
         both += unit[a] * across[a]
     for a in range(dim):
         for b in range(dim):
@@ -339,25 +355,17 @@ def _beyond(work):
     -(n . d) d . h h d / 2 + (n . d)^2 d . h h h d / 2 - (d . h d)(d . h h d) / 8."""
     d, n, h, slopes, once, twice = work.d, work.unit, work.form, work.slopes, work.once, work.twice
     dim = len(d)
+    _product(h, d, once)
+    _product(h, once, twice)
+    _product(h, twice, slopes)
     along, q2, q3, q4 = 0.0, 0.0, 0.0, 0.0
     for a in range(dim):
         along += n[a] * d[a]
-        once[a] = 0.0
-        for b in range(dim):
-            once[a] += h[a, b] * d[b]
-    for a in range(dim):
         q2 += d[a] * once[a]
         q3 += once[a] * once[a]
-        twice[a] = 0.0
-        for b in range(dim):
-            twice[a] += h[a, b] * once[b]
-    for a in range(dim):
         q4 += once[a] * twice[a]
-        thrice = 0.0
-        for b in range(dim):
-            thrice += h[a, b] * twice[b]
-        slopes[a] = along * along * thrice - along * twice[a] - 0.25 * (q3 * once[a] + q2 * twice[a])
     for a in range(dim):
+        slopes[a] = along * along * slopes[a] - along * twice[a] - 0.25 * (q3 * once[a] + q2 * twice[a])
         slopes[a] += n[a] * (along * q4 - 0.5 * q3)
     return 0.5 * along * (along * q4 - q3) - 0.125 * q2 * q3
 

@@ -8,8 +8,6 @@ The verdict is that of the case's own spacing, so that it does not depend on how
 from __future__ import annotations
 
 import contextlib
-import csv
-import io
 import itertools
 import math
 import re
@@ -24,7 +22,7 @@ import numpy as np
 from .. import COMPLETE
 from ..case.blocks import Case
 from ..case.load import load_case
-from ..output.files import write_summary, write_text
+from ..output.files import csv_text, write_summary, write_text
 from ..output.folder import Folder, FolderError, ours, prepare, remove
 from ..references.compare import COMPARISONS
 from ..scene.image_geometry import image_voxel_size
@@ -556,12 +554,7 @@ def _csv(ladders: Sequence[Ladder]) -> str:
             values |= {f"iterations_{name}": v for name, v in values.pop("iterations").items()}
             values |= {f"error_{name}": v for name, v in values.pop("errors").items()}
             rows.append({"setting": ladder.name} | values)
-    columns = list(dict.fromkeys(name for values in rows for name in values)) or ["setting"]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return csv_text(rows, ["setting"])
 
 
 def _markdown(
