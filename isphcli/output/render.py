@@ -46,8 +46,9 @@ class Scene3D:
     """What is drawn: arrays of points in the middles of the cells of a grid.
 
     lower, cell: (3,) m, corner of the box and edges of a cell; wall: [z, y, x] distance from walls in cells, negative
-    in solids; velocity: [z, y, x, 3] m/s; phase: [z, y, x] share of the second fluid, 0 to 1, or None with one fluid;
-    axis: of the flow; shear: (points (m, 3) m, stress (m,) Pa) beside walls, or None.
+    in solids; velocity: [z, y, x, 3] m/s; phase: [z, y, x] share of the fluid that is drawn as a body, 0 to 1, or None
+    with one fluid; axis: of the flow; shear: (points (m, 3) m, stress (m,) Pa) beside walls, or None; body: number of
+    that fluid, 0 or 1.
     """
 
     lower: np.ndarray
@@ -57,6 +58,7 @@ class Scene3D:
     axis: int
     phase: np.ndarray | None = None
     shear: tuple[np.ndarray, np.ndarray] | None = None
+    body: int = 1
 
 
 def deep_enough(geometry: Geometry, spacing: float) -> bool:
@@ -65,8 +67,10 @@ def deep_enough(geometry: Geometry, spacing: float) -> bool:
 
 
 def scene_of(geometry: Geometry, particles: Mapping[str, np.ndarray], spacing: float, axis: int,
-             shear: tuple[np.ndarray, np.ndarray] | None = None) -> Scene3D:
-    """The scene of some particles: `x`, `velocity` (n, 3) and, of two fluids, `phase` (n,). spacing: m, of them."""
+             shear: tuple[np.ndarray, np.ndarray] | None = None, body: int | None = None) -> Scene3D:
+    """The scene of some particles: `x`, `velocity` (n, 3) and, of two fluids, `phase` (n,). spacing: m, of them; body:
+    the fluid to draw as a body, or None: that which covers less of the faces of the box, and hides nothing of the other.
+    """
     from .grid import make_grid
 
     size = geometry.upper - geometry.lower
@@ -78,9 +82,21 @@ def scene_of(geometry: Geometry, particles: Mapping[str, np.ndarray], spacing: f
         fields["second"] = (particles["phase"] == 1).astype(float)
     grid = make_grid(geometry, particles["x"], fields, spacing, cell)
     solid = grid.arrays["solid"].astype(bool)
-    second = grid.arrays.get("second")
+    phase = grid.arrays.get("second")
+    if phase is not None:
+        if body is None:
+            body = 1 if _share_of_faces(phase, ~solid) <= 0.5 else 0
+        phase = _spread(phase if body == 1 else 1.0 - phase, ~solid)
     return Scene3D(np.asarray(grid.lower, float), grid.cell, _depth(geometry, grid.lower, grid.cell, solid),
-                   grid.arrays["velocity"], axis, None if second is None else _spread(second, ~solid), shear)
+                   grid.arrays["velocity"], axis, phase, shear, 1 if body is None else body)
+
+
+def _share_of_faces(second: np.ndarray, fluid: np.ndarray) -> float:
+    """Share of the second fluid in the fluid cells at the faces of the box."""
+    face = np.ones(fluid.shape, bool)
+    face[1:-1, 1:-1, 1:-1] = False
+    face &= fluid
+    return float(second[face].mean()) if face.any() else 0.0
 
 
 def _depth(geometry: Geometry, lower: np.ndarray, cell: np.ndarray, solid: np.ndarray) -> np.ndarray:
@@ -100,13 +116,13 @@ def _depth(geometry: Geometry, lower: np.ndarray, cell: np.ndarray, solid: np.nd
     return depth
 
 
-def _spread(second: np.ndarray, fluid: np.ndarray) -> np.ndarray:
-    """Share of the second fluid, over a cell or so, carried on into solids: an interface meets walls without a rim."""
+def _spread(share: np.ndarray, fluid: np.ndarray) -> np.ndarray:
+    """Share (1 or 0) of a fluid, over a cell or so, carried on into solids: an interface meets walls without a rim."""
     from scipy.ndimage import gaussian_filter
 
     weight = gaussian_filter(fluid.astype(float), 1.0, mode="nearest")
-    share = gaussian_filter(second * fluid, 1.0, mode="nearest") / np.maximum(weight, 1e-6)
-    return np.where(weight > 1e-3, share, 0.0)
+    spread = gaussian_filter(share * fluid, 1.0, mode="nearest") / np.maximum(weight, 1e-6)
+    return np.where(weight > 1e-3, spread, 0.0)
 
 
 # -- what the run calls ------------------------------------------------------------------------------------
@@ -122,7 +138,7 @@ def render(scene: Scene3D, frame: Frame, targets: Mapping[str, str | os.PathLike
         facts = _hand_over(scene, list(targets), Path(folder))
         for name, path in targets.items():
             image = np.load(Path(folder, f"{name}.npy"), allow_pickle=False)
-            frame_picture(path, image, frame, _key_of(name, facts[name], names, frame))
+            frame_picture(path, image, frame, _key_of(name, facts[name], names, frame, scene.body))
 
 
 def draw_images(scene: Scene3D, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -135,7 +151,7 @@ def draw_images(scene: Scene3D, names: Sequence[str]) -> dict[str, np.ndarray]:
 def _hand_over(scene: Scene3D, names: Sequence[str], folder: Path) -> dict[str, Any]:
     """Lets the other process draw `<name>.npy` into a folder; returns what it says of them."""
     arrays: dict[str, Any] = {"lower": scene.lower, "cell": scene.cell, "wall": scene.wall.astype(np.float32),
-              "velocity": scene.velocity.astype(np.float32), "axis": np.array(scene.axis)}
+              "velocity": scene.velocity.astype(np.float32), "axis": np.array(scene.axis), "body": np.array(scene.body)}
     if scene.phase is not None:
         arrays["phase"] = scene.phase.astype(np.float32)
     if scene.shear is not None:
@@ -160,9 +176,9 @@ def _hand_over(scene: Scene3D, names: Sequence[str], folder: Path) -> dict[str, 
     return json.loads(answer.read_text(encoding="utf-8"))
 
 
-def _key_of(name: str, facts: Mapping[str, Any], names: Sequence[str], frame: Frame) -> Key:
+def _key_of(name: str, facts: Mapping[str, Any], names: Sequence[str], frame: Frame, body: int) -> Key:
     if name == FLUIDS:
-        return Key(colours=[(names[1], PHASES[1]), (f"{names[0]} (what is left of the pores)", "white"),
+        return Key(colours=[(names[body], PHASES[body]), (f"{names[1 - body]} (what is left of the pores)", "white"),
                             ("interface", COLOURS[1])])
     what, unit = ("speed", frame.units[1]) if name == FLOW else ("wall shear", "Pa" if frame.units[1] else "")
     factor, shown = prefix(unit, float(facts["top"]))
@@ -183,7 +199,7 @@ def main(folder: Path, names: Sequence[str]) -> None:
     with np.load(folder / "scene.npz", allow_pickle=False) as arrays:
         shear = (arrays["points"], arrays["stress"]) if "stress" in arrays else None
         scene = Scene3D(arrays["lower"], arrays["cell"], arrays["wall"], arrays["velocity"], int(arrays["axis"]),
-                        arrays["phase"] if "phase" in arrays else None, shear)
+                        arrays["phase"] if "phase" in arrays else None, shear, int(arrays["body"]))
     drawn = {FLOW: _draw_flow, SHEAR: _draw_shear, FLUIDS: _draw_fluids}
     grid, facts = _grid(pv, scene), {}
     for name in names:
@@ -296,7 +312,7 @@ def _draw_shear(pv: Any, plotter: Any, grid: Any, scene: Scene3D) -> dict[str, A
 
 
 def _draw_fluids(pv: Any, plotter: Any, grid: Any, scene: Scene3D) -> dict[str, Any]:
-    """Rock cut open, the second fluid as a body and the interface as a surface; the first fluid is what is left."""
+    """Rock cut open, one fluid as a body and the interface as a surface; the other fluid is what is left."""
     _rock(pv, plotter, grid, scene.axis)
     fluid = grid.clip_scalar(scalars="wall", value=0.0, invert=False)
     if not fluid.n_cells:
@@ -305,7 +321,7 @@ def _draw_fluids(pv: Any, plotter: Any, grid: Any, scene: Scene3D) -> dict[str, 
     if body.n_cells:
         of_each = np.asarray(body.point_data["phase"])[body.faces.reshape(-1, 4)[:, 1:]]
         front = of_each.max(axis=1) < 0.5 + 1e-4  # the other cells are where the fluid ends at walls or at the box
-        for cells, colour in ((~front, PHASES[1]), (front, COLOURS[1])):
+        for cells, colour in ((~front, PHASES[scene.body]), (front, COLOURS[1])):
             if cells.any():
                 plotter.add_mesh(body.extract_cells(cells), color=colour, specular=0.1, ambient=0.35)
     return {}

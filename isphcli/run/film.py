@@ -81,11 +81,12 @@ def _frames(case: Case, geometry: Geometry, directory: Path, entries: Sequence[t
         frame = replace(frame, top=float(max(speeds)) or 1.0)
     with tempfile.TemporaryDirectory(prefix="isph-film-") as folder:
         path = Path(folder, "frame.png")
+        body = None
         for time, file in entries:
             found = _particles(directory / file, dim)
             now = replace(frame, note=f"time {time:.4g} s")
             if view == "3d":
-                _draw_3d(path, case, geometry, found, now)
+                body = _draw_3d(path, case, geometry, found, now, body)
             elif two:
                 plot_phases(path, found["x"], found["phase"], case.fluid_names, now, walls=geometry.has_solid)
             else:
@@ -105,15 +106,18 @@ def _particles(path: Path, dim: int) -> dict[str, np.ndarray]:
     return {"x": x[fluid][:, :dim], "velocity": fields["velocity"][fluid][:, :dim], "phase": fields["phase"][fluid]}
 
 
-def _draw_3d(path: Path, case: Case, geometry: Geometry, found: dict[str, np.ndarray], frame: Frame) -> None:
+def _draw_3d(path: Path, case: Case, geometry: Geometry, found: dict[str, np.ndarray], frame: Frame,
+             body: int | None) -> int:
+    """Draws a snapshot; returns the fluid that was drawn as a body: the same one in the snapshots that follow."""
     from ..output.render import FLOW, FLUIDS, render, scene_of
 
     two = len(case.fluids) > 1
     axis = frame.flow_axis if frame.flow_axis is not None else 0
     if not two:
         found = {name: found[name] for name in ("x", "velocity")}
-    scene = scene_of(geometry, found, frame.spacing, axis)
+    scene = scene_of(geometry, found, frame.spacing, axis, body=body)
     render(scene, frame, {FLUIDS if two else FLOW: path}, case.fluid_names if two else ())
+    return scene.body
 
 
 def _write_gif(path: Path, frames: Sequence[Image], rate: float) -> None:

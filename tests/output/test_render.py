@@ -52,6 +52,15 @@ def drawn(geometry, particles):
     return render.draw_images(scene, [render.FLOW, render.SHEAR, render.FLUIDS])
 
 
+@pytest.mark.parametrize("inside", [0, 1])
+def test_the_fluid_inside_the_other_one_is_drawn(geometry, particles, inside):
+    """The outer fluid as a body would hide it."""
+    drop = np.linalg.norm(particles["x"] - [0.5, 0.5, 0.5], axis=1) < 0.42
+    scene = render.scene_of(geometry, particles | {"phase": np.where(drop, inside, 1 - inside)}, 1 / N, 0)
+    assert scene.body == inside
+    assert scene.phase[0, 0, 0] < 0.1 < 0.9 < scene.phase[N, N, 5]  # a corner of the box, beside the solid
+
+
 @pytest.mark.parametrize("name", [render.FLOW, render.SHEAR, render.FLUIDS])
 def test_pictures_show_what_they_did_when_they_were_looked_at(drawn, name):
     """Other drivers and versions smooth edges and shade otherwise (VTK 9.4 and 9.7 keep within); what is missing, moved
