@@ -69,7 +69,7 @@ def deep_enough(geometry: Geometry, spacing: float) -> bool:
 def scene_of(geometry: Geometry, particles: Mapping[str, np.ndarray], spacing: float, axis: int,
              shear: tuple[np.ndarray, np.ndarray] | None = None, body: int | None = None) -> Scene3D:
     """The scene of some particles: `x`, `velocity` (n, 3) and, of two fluids, `phase` (n,). spacing: m, of them; body:
-    the fluid to draw as a body, or None: that which covers less of the faces of the box, and hides nothing of the other.
+    the fluid to draw as a body, or None: that which covers less of the faces of the box; it hides less of the other.
     """
     from .grid import make_grid
 
