@@ -108,8 +108,9 @@ class Fluids(Protocol):
         """`State.phi` after a step of dt, s, from a configuration with these operators and terms; None of one fluid.
         u: (n, dim) m/s; dr: (n, dim) shifts, m, or None; speed: largest one, m/s."""
 
-    def relabelled(self, p: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
-        """The pressure p (n,) with the jump of those particles that have come into the other fluid."""
+    def relabelled(self, p: np.ndarray, carried: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
+        """The pressure (n,) that was p and is `carried` where the particles have gone, with what changes for those that
+        have come into the other fluid."""
 
     def driven_by(self, body: np.ndarray, push: np.ndarray) -> Fluids:
         """The same fluids under a body force and that of a pressure gradient on the first fluid, (dim,) m/s2 each."""
@@ -236,6 +237,6 @@ class OneFluid:
                 speed: float) -> None:
         """Nothing: there is no interface."""
 
-    def relabelled(self, p: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
-        """p: particles keep their fluid."""
-        return p
+    def relabelled(self, p: np.ndarray, carried: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
+        """carried: particles keep their fluid."""
+        return carried

@@ -49,6 +49,12 @@ def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray
             whole = np.concatenate([total_gradient(ops, np.ascontiguousarray(u)) for u in velocities], axis=1)
             slope = np.where(known[:, None, None], whole, slope)
         second = second & (known | ~walls.near_wall)
+    return taylor(ops, fields, slope, dr, second)
+
+
+def taylor(ops: Operators, fields: np.ndarray, slope: np.ndarray, dr: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """fields (n, c) of slopes (n, c, dim) at positions displaced by dr (n, dim) (eq. 9); second: (n,) bool, where the
+    second derivative is taken too, from the slopes of the neighbours."""
     out = fields.copy()
     over_rows(_carry, ops.n, (ops.start, ops.column, ops.grad_p), fields, slope, dr, second, out)
     return out

@@ -196,7 +196,7 @@ class Stepper:
         g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
         # eq. 2 in time: backward differences along the paths
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
-        p = self.fluids.relabelled(moved.p, before, config.terms)
+        p = self.fluids.relabelled(state.p, moved.p, before, config.terms)
         held, known = state.pressure_gradient, history + config.terms.force
         system = pressure_system(config, self.solvers)
         expansion: float | np.ndarray = 0.0

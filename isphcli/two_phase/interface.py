@@ -27,6 +27,7 @@ from numba import njit
 from ..domain import reduce
 from ..domain.components import pair_components
 from ..domain.row_threads import over_rows
+from ..flow.shifting import taylor
 from ..flow.state import phase_of
 from ..operators.kernel import shape
 from .quadratic_fit import QuadraticFit, no_slopes, own_gradient, quadratic_fit
@@ -142,15 +143,23 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     slower = SLOWER * part + moved
     factor = 1.0 + np.clip(stretch, -LARGEST_STRETCH, LARGEST_STRETCH) - slower * stretched
     new = np.where(known, factor * phi + part * change, phi)
+    # a distance has no minimum but at the interface: patches of particles that lost theirs would make one of their own
+    left = np.zeros(ops.n, np.bool_)
+    over_rows(_left_behind, ops.n, ops.neighbours, phi, known, left)
+    new[left] = np.sign(phi[left]) * reach
+    known &= ~left
     # particles that the interface comes near to, by less than a spacing a step, know their distance from those that do
     beyond, value = np.zeros(ops.n, np.bool_), np.zeros(ops.n)
     over_rows(_extended, ops.n, ops.neighbours, phi, fit.slope, known, beyond, value)
+    beyond &= ~left
     there = np.sign(phi) * np.clip(np.sign(phi) * value, reach - spacing, reach)
     new[beyond] = there[beyond]
     lost = 0.0 if share is None else (share - share_of(interface, ops)) * float(reduce.total(ops.volume))
     new = with_volumes_of(phi, np.clip(new, -reach, reach), ops, spacing, part * lost)
     if dr is not None:
-        new += np.einsum("ij,ij->i", fit.slope, dr)  # eq. 9
+        # eq. 9; without the second derivative each shift along a bent interface moves it to its outer side
+        second = np.abs(phi) < THICKNESS * spacing  # all neighbours know their slopes
+        new = taylor(ops, new[:, None], fit.slope[:, None], dr, second)[:, 0]
     return new
 
 
@@ -302,6 +311,20 @@ def _distance(x, i, j):
     if x.shape[1] == 3:
         r2 += (x[j, 2] - x[i, 2]) ** 2
     return math.sqrt(r2)
+
+
+@njit(cache=True, nogil=True)
+def _left_behind(rows, neighbours, phi, known, out):
+    """Particles that know their phi and see neither the other fluid nor a smaller distance, (n,) bool."""
+    start, column = neighbours.start, neighbours.column
+    for i in range(rows[0], rows[1]):
+        if known[i]:
+            out[i] = True
+            for p in range(start[i], start[i + 1]):
+                j = column[p]
+                if abs(phi[j]) < abs(phi[i]) or (phi[j] > 0.0) != (phi[i] > 0.0):
+                    out[i] = False
+                    break
 
 
 @njit(cache=True, nogil=True)

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from .contact_angle import ContactAngle
     from .surface_tension import SurfaceTension
 
+SWEEPS = 20  # over particles that have come into the other fluid; whole rows of them are within 1e-5 then
 SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like a second derivative of a plane of them
 
 
@@ -105,13 +106,23 @@ class TwoFluids:
         stretch = dt * strain(interface, ops, u)
         return carried(interface, ops, dr, min(RATE * ways, MOST), self.share, stretch, min(RATE * moved, MOST))
 
-    def relabelled(self, p: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
-        """p (n,) m2/s2; see `Fluids.relabelled`."""
+    def relabelled(self, p: np.ndarray, carried: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
+        """p, carried: (n,) m2/s2; see `Fluids.relabelled`.
+
+        The pressure of the heavy fluid is known to a part of rho g dx: in the light one such a part accelerates by its
+        density ratio times g. A particle that has come into the other fluid takes the pressure with which its row of
+        eq. 3 has the sum that it had before, from the neighbours that the weights of its new fluid listen to.
+        """
         assert before.interface is not None and now.interface is not None
-        if self.tension is None or self.tension.method != "jump":
-            return p
         change = before.interface.phase - now.interface.phase
-        return p + self.tension.tension / self.reference * now.interface.curvature * change
+        rows = np.flatnonzero(change)
+        if len(rows) == 0:
+            return carried
+        new = carried.copy()
+        if self.tension is not None and self.tension.method == "jump":
+            new[rows] += self.tension.tension / self.reference * now.interface.curvature[rows] * change[rows]
+        _balance(rows, _laplacian(now), _jumps(now, rows), _row_laplacians(before, p, rows), new, SWEEPS)
+        return new
 
     def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:
         """Terms of one configuration. ops: Operators; neighbours: all of them, dummies included; phi: (n,) m."""
@@ -173,6 +184,23 @@ class TwoFluids:
         return replace(ops, lap_p=lap_p, grad_p=grad_p, walls=walls), ViscousWeights(1.0, lap, viscous_walls)
 
 
+def _row_laplacians(terms: Terms, p: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """The Laplacian of eq. 3 of p (n,) without its jumps at particles `rows` (m,), (m,)."""
+    sums = np.zeros(len(rows))
+    over_rows(_row_sums, len(rows), rows, _laplacian(terms), p, sums)
+    return sums - _jumps(terms, rows)
+
+
+def _laplacian(terms: Terms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """start, column and weights of the Laplacian of eq. 3."""
+    ops = terms.ops
+    return ops.start, ops.column, ops.lap_p if ops.walls is None else ops.walls.symmetric_laplacian
+
+
+def _jumps(terms: Terms, rows: np.ndarray) -> np.ndarray:
+    return np.zeros(len(rows)) if terms.laplacian_of_jump is None else terms.laplacian_of_jump[rows]
+
+
 @dataclass(frozen=True)
 class TransposedStress:
     """The transposed stress of the particles at the interface that see no wall, over their density.
@@ -228,6 +256,31 @@ def _weigh_pressure(rows, start, column, t, rho, weights, new):
             new_symmetric[p] = symmetric[p] * light
             for k in range(grad_p.shape[1]):
                 new_grad_p[p, k] = grad_p[p, k] * light
+
+
+@njit(cache=True, nogil=True)
+def _row_sums(turns, rows, pairs, p, sums):
+    """sum_j lap_ij (p_j - p_i) of `rows` (m,); pairs: start, column, lap."""
+    start, column, lap = pairs
+    for m in range(turns[0], turns[1]):
+        i = rows[m]
+        for k in range(start[i], start[i + 1]):
+            sums[m] += lap[k] * (p[column[k]] - p[i])
+
+
+@njit(cache=True)
+def _balance(rows, pairs, jumps, sums, p, sweeps):
+    """Sweeps of Gauss and Seidel over `rows` (m,) of  lap p - jumps = sums: a row of particles can change at once."""
+    start, column, lap = pairs
+    for _ in range(sweeps):
+        for m in range(len(rows)):
+            i = rows[m]
+            mean, total = -jumps[m] - sums[m], 0.0
+            for k in range(start[i], start[i + 1]):
+                mean += lap[k] * p[column[k]]
+                total += lap[k]
+            if total > 0.0:
+                p[i] = mean / total
 
 
 @njit(cache=True, nogil=True)

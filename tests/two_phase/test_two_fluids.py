@@ -56,6 +56,23 @@ def test_a_pressure_drop_moves_each_fluid_as_its_density_lets_it():
     assert np.abs(force[far, 0] - expected[far]).max() < 1e-10 and np.abs(force[far, 1]).max() < 1e-10
 
 
+def test_a_particle_that_comes_into_the_light_fluid_takes_its_pressure():
+    """The heavy fluid's pressure stands a tenth of rho g dx above that of the light one, which nothing in the heavy
+    fluid feels and a gas of a thousandth of its density feels as a hundred g. The row that becomes gas takes the
+    pressure of gas, to 2 % of that tenth (1 % measured); with its own a rising bubble blew up."""
+    dx = 1 / 16
+    _, _, state, stepper, _ = scene(layers(dx, rho=1000, gy=-1))
+    before = stepper.configure(state.x, phi=state.phi)
+    after = stepper.configure(state.x, phi=state.phi - 0.6 * dx)
+    heavy, height = state.phi > 0, 0.5 - state.x[:, 1]
+    step = 0.1 * dx
+    p = np.where(heavy, height + step, height / 1000)  # over the density of the heavy fluid
+    new = stepper.fluids.relabelled(p, p, before.terms, after.terms)
+    row = heavy & (state.phi < 0.6 * dx)
+    assert row.any() and np.array_equal(new[~row], p[~row])
+    assert np.abs(new - height / 1000)[row].max() < 0.02 * step
+
+
 def test_an_interface_that_hardly_damps_gets_viscosity():
     """Below 0.04 sqrt(rho sigma dx) pairs of particles at the interface get more, no other pair, and the same both ways
     (no force on the whole); above, the operators are those of one fluid."""
