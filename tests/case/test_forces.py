@@ -112,7 +112,10 @@ drive: {{axes: [x]}}
 
 
 LAYERS = """
-geometry: {{voxels: {{file: {file}, labels: {{water: 1, clay: 2, solid: 0}}, voxel_size: 1}}, periodic: [x], wall_distance: stairs}}
+geometry:
+  voxels: {{file: {file}, labels: {{water: 1, clay: 2, solid: 0}}, voxel_size: 1}}
+  periodic: [x]
+  wall_distance: stairs
 particles: {{spacing: 1}}
 fluids: {{water: {{density: 1, viscosity: 1}}}}
 microporous: {{clay: {{permeability: 0.5}}}}
