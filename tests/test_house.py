@@ -179,6 +179,19 @@ def test_few_functions_take_many_arguments():
     assert len(many) < 10, many
 
 
+LONGEST = 60  # lines of a function from its name on; kernels are long where their sums have to stay in registers
+
+
+def test_functions_are_short():
+    """What is longer does several things, each of which has a name of its own."""
+    long = []
+    for name, path in FILES.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and not is_kernel(node) and node.end_lineno - node.lineno >= LONGEST:
+                long.append((f"{name}.{node.name}", node.end_lineno - node.lineno + 1))
+    assert long == []
+
+
 def says_nothing(body, within=""):
     """Names of public functions, classes and methods without a docstring. What `scene(...)` decorates gets one from the
     words of the decorator."""
