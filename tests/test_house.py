@@ -74,6 +74,20 @@ def test_no_import_by_a_name_that_is_computed(name):
             assert isinstance(node.args[0], ast.Constant), f"{name}:{node.lineno}"
 
 
+@pytest.mark.parametrize("name", FILES)
+def test_what_begins_with_an_underscore_stays_in_its_file(name):
+    """Imported by name, or asked of a module that was imported."""
+    tree, taken_from_others, modules = ast.parse(FILES[name].read_text(encoding="utf-8")), [], set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            taken_from_others += [alias.name for alias in node.names if alias.name.startswith("_")]
+            modules |= {alias.asname or alias.name for alias in node.names}
+    taken_from_others += [ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)
+                          and node.attr.startswith("_") and not node.attr.startswith("__")
+                          and isinstance(node.value, ast.Name) and node.value.id in modules]
+    assert [found for found in taken_from_others if found != "__version__"] == []
+
+
 READ_DRIVE = ("case.forcing", "case.checks")  # what it means, and whether it may be
 
 
