@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .domain.communicator import Ranks
     from .run.relative_permeability import Relative
 
+# What each stands for: EXIT_CODES
 OUTSIDE, BAD_INPUT, FAILED, INTERNAL, STOPPED_SHORT, INTERRUPTED = 1, 2, 3, 4, 5, 130
 NOT_READ = 141  # as the shell says it of programs that end with SIGPIPE
 EXIT_CODES = """\

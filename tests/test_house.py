@@ -193,6 +193,34 @@ def test_few_functions_take_many_arguments():
     assert len(many) < 10, many
 
 
+def numbers_without_a_word(source):
+    """Names of constants with numbers in them that have no comment: beside them, or above the lines that they stand
+    in."""
+    lines, calls = source.splitlines(), ("Path(", "TypeVar(")
+    for node in ast.parse(source).body:
+        if not isinstance(node, ast.Assign) or ast.unparse(node.value).startswith(calls):
+            continue
+        names = [name.id for name in ast.walk(node.targets[0]) if isinstance(name, ast.Name)]
+        held = [type(part.value) for part in ast.walk(node.value) if isinstance(part, ast.Constant)]
+        if not all(name.isupper() for name in names) or not {int, float} & set(held):
+            continue
+        above = node.lineno - 2
+        while lines[above].strip() and "#" not in lines[above]:
+            above -= 1
+        if "#" not in lines[node.lineno - 1] + lines[node.end_lineno - 1] + lines[above]:
+            yield from names
+
+
+def test_the_reader_of_constants_sees_them():
+    source = "\nA = 1\nB = 2  # m\nC = 3\n\n# s\nD, E = 4, 5\nF = 6\n\nG = {\n1: 2,\n}\n\nH = 'x'\nI = Path('x')\n"
+    assert list(numbers_without_a_word(source)) == ["A", "G"]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_constants_say_what_they_bound(name):
+    assert list(numbers_without_a_word(FILES[name].read_text(encoding="utf-8"))) == []
+
+
 LONGEST = 60  # lines of a function from its name on; kernels are long where their sums have to stay in registers
 
 
