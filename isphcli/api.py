@@ -80,7 +80,7 @@ class RunResult:
 
     @property
     def porosity(self) -> float | None:
-        """Share of the fluid in the sample; None without solids."""
+        """Share of the pores in the sample, without microporous rock."""
         return self.summary.get("porosity")
 
     @property

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .domain.communicator import Ranks
     from .run.relative_permeability import Relative
 
+# What each stands for: EXIT_CODES
 OUTSIDE, BAD_INPUT, FAILED, INTERNAL, STOPPED_SHORT, INTERRUPTED = 1, 2, 3, 4, 5, 130
 NOT_READ = 141  # as the shell says it of programs that end with SIGPIPE
 EXIT_CODES = """\
@@ -402,18 +403,30 @@ def validate(
     if stress:
         from .validation.stress import page
 
-        text, passed = page(report=None if quiet else lambda line: click.echo(line, err=True))
-        click.echo(text)
-        return 0 if passed else OUTSIDE
+        return told(page(report=None if quiet else lambda line: click.echo(line, err=True)))
     if paper:
         if case_files or overrides or check_only or levels or vary:
             raise click.UsageError("--paper takes no CASE and only --budget, --out and --threads")
         from .validation.paper import reproduce
 
-        text, passed = reproduce(out, budget, click.echo)
-        click.echo(text)
-        return 0 if passed else OUTSIDE
-    case_files = case_files or default_cases()
+        return told(reproduce(out, budget, click.echo))
+    code, to_run, estimates = check_cases(case_files or default_cases(), overrides)
+    if check_only or not to_run:
+        return code
+    options = {"levels": levels, "budget": budget, "out": out, "quiet": quiet, "vary": vary}
+    return code or run_references(to_run, overrides=overrides, estimates=estimates, **options)
+
+
+def told(outcome: tuple[str, bool]) -> int:
+    """Print a page, and say by the exit code whether all that is on it keeps its bounds."""
+    text, passed = outcome
+    click.echo(text)
+    return 0 if passed else OUTSIDE
+
+
+def check_cases(case_files: Sequence[Path],
+                overrides: tuple[str, ...]) -> tuple[int, list[Case], dict[Path | None, float | None]]:
+    """Print the check of each case: (exit code, cases with a reference that can be run, their seconds by path)."""
     from .preflight.check import check_case_file
 
     code, to_run, estimates = 0, [], {}
@@ -433,10 +446,7 @@ def validate(
         elif report.case.reference is not None:
             to_run.append(report.case)
             estimates[report.case.path] = report.seconds
-    if check_only or not to_run:
-        return code
-    options = {"levels": levels, "budget": budget, "out": out, "quiet": quiet, "vary": vary}
-    return code or run_references(to_run, overrides=overrides, estimates=estimates, **options)
+    return code, to_run, estimates
 
 
 def settings(texts: Iterable[str]) -> tuple[tuple[str, tuple[str, ...]], ...]:
@@ -468,12 +478,10 @@ def has_module(name: str) -> bool:
 
 
 def run_references(cases: list[Case], **options: Any) -> int:
-    """Run the cases against their references where `validation.ladder` is there; its exit code."""
+    """Run the cases against their references; the exit code."""
     from .validation.ladder import validate_cases
 
-    text, passed = validate_cases(cases, **options)
-    click.echo(text)
-    return 0 if passed else OUTSIDE
+    return told(validate_cases(cases, **options))
 
 
 # -- convert-voxels --------------------------------------------------------------------------------------
@@ -623,8 +631,12 @@ def image_lines(report: Mapping[str, Any]) -> str:
         )
     through = [f"{axis} ({100 * report['percolating_porosity'][axis]:.2f} %)" for axis in axes if axes[axis]]
     unit = "voxels" if size is None else "m3" if len(axes) == 3 else "m2"
+    pores = {value: count for value, count in report["labels"].items() if value not in solid}
+    parts = ""
+    if 1 < len(pores) <= 20:  # clear pores and microporous rock, or two fluids: the image does not say
+        parts = f" ({', '.join(f'value {value} {100 * count / total:.2f} %' for value, count in pores.items())})"
     lines += [
-        ("porosity", f"{100 * report['porosity']:.2f} %"),
+        ("porosity", f"{100 * report['porosity']:.2f} %{parts}"),
         (
             "connected",
             f"{report['components']} pores; the largest holds {100 * report['largest_share']:.2f} % of all",

@@ -184,7 +184,7 @@ def test_numbers_of_equations_are_read():
 def test_files_of_the_package_are_named_with_their_rooms():
     """Paths from the folder of the package, `flow/step.py`, which the patterns above do not see."""
     files = [f"/{path}" for path in committed()]
-    named = {(path, found) for path, text in texts() if path.endswith(".md") for found in IN_PACKAGE.findall(text)}
+    named = {(path, found) for path, text in texts() for found in IN_PACKAGE.findall(text)}
     missing = [f"{path}: {found}" for path, found in named if not any(file.endswith(f"/{found}") for file in files)]
     assert named and not missing, "\n".join(missing)
 

@@ -74,6 +74,20 @@ def test_no_import_by_a_name_that_is_computed(name):
             assert isinstance(node.args[0], ast.Constant), f"{name}:{node.lineno}"
 
 
+@pytest.mark.parametrize("name", FILES)
+def test_what_begins_with_an_underscore_stays_in_its_file(name):
+    """Imported by name, or asked of a module that was imported."""
+    tree, taken_from_others, modules = ast.parse(FILES[name].read_text(encoding="utf-8")), [], set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            taken_from_others += [alias.name for alias in node.names if alias.name.startswith("_")]
+            modules |= {alias.asname or alias.name for alias in node.names}
+    taken_from_others += [ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)
+                          and node.attr.startswith("_") and not node.attr.startswith("__")
+                          and isinstance(node.value, ast.Name) and node.value.id in modules]
+    assert [found for found in taken_from_others if found != "__version__"] == []
+
+
 READ_DRIVE = ("case.forcing", "case.checks")  # what it means, and whether it may be
 
 
@@ -177,6 +191,47 @@ def test_few_functions_take_many_arguments():
             if isinstance(node, ast.FunctionDef) and len(taken(node)) > 7:
                 many.append(f"{name}.{node.name}")
     assert len(many) < 10, many
+
+
+def numbers_without_a_word(source):
+    """Names of constants with numbers in them that have no comment: beside them, or above the lines that they stand
+    in."""
+    lines, calls = source.splitlines(), ("Path(", "TypeVar(")
+    for node in ast.parse(source).body:
+        if not isinstance(node, ast.Assign) or ast.unparse(node.value).startswith(calls):
+            continue
+        names = [name.id for name in ast.walk(node.targets[0]) if isinstance(name, ast.Name)]
+        held = [type(part.value) for part in ast.walk(node.value) if isinstance(part, ast.Constant)]
+        if not all(name.isupper() for name in names) or not {int, float} & set(held):
+            continue
+        above = node.lineno - 2
+        while lines[above].strip() and "#" not in lines[above]:
+            above -= 1
+        if "#" not in lines[node.lineno - 1] + lines[node.end_lineno - 1] + lines[above]:
+            yield from names
+
+
+def test_the_reader_of_constants_sees_them():
+    source = "\nA = 1\nB = 2  # m\nC = 3\n\n# s\nD, E = 4, 5\nF = 6\n\nG = {\n1: 2,\n}\n\nH = 'x'\nI = Path('x')\n"
+    assert list(numbers_without_a_word(source)) == ["A", "G"]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_constants_say_what_they_bound(name):
+    assert list(numbers_without_a_word(FILES[name].read_text(encoding="utf-8"))) == []
+
+
+LONGEST = 60  # lines of a function from its name on; kernels are long where their sums have to stay in registers
+
+
+def test_functions_are_short():
+    """What is longer does several things, each of which has a name of its own."""
+    long = []
+    for name, path in FILES.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and not is_kernel(node) and node.end_lineno - node.lineno >= LONGEST:
+                long.append((f"{name}.{node.name}", node.end_lineno - node.lineno + 1))
+    assert long == []
 
 
 def says_nothing(body, within=""):

@@ -668,8 +668,8 @@ class Case:
     fluids: Table[Fluid] = key("name: properties of the fluid, one block each")
     microporous: Table[Microporous] = key(
         "name: rock with pores below the resolution (stokes), one block each. Names stand where those of fluids do: in "
-        "`geometry.voxels.labels` or `grey.fluids`, or `is` of a shape; the first fluid is what seeps through it, and "
-        "`porosity` counts it as pores",
+        "`geometry.voxels.labels` or `grey.fluids`, or `is` of a shape; the first fluid is what seeps through it; "
+        "`porosity` leaves it out, its share of the volume is said beside it",
         default=Table(),
     )
     interface: Interface | None = key("surface tension, with two fluids", default=None)

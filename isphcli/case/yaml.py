@@ -17,10 +17,11 @@ from typing import NamedTuple
 
 import yaml
 
+# Of a case file, at most, so that any file is refused or read in moments; far above what cases have
 MAX_BYTES = 1_000_000
 MAX_NODES = 100_000
 MAX_DEPTH = 32
-MAX_PROBLEMS = 100
+MAX_PROBLEMS = 100  # that are listed
 _TOO_DEEP = f"nested more than {MAX_DEPTH} deep"
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 # what text may not contain: a terminal obeys some, PyYAML does not write others back, none has a use

@@ -62,6 +62,7 @@ class Lattice:
         return (cell[:, None] * len(self.basis) + np.arange(len(self.basis))).ravel()
 
 
+# Sites of a cell, in edges of the cell, by the name of the lattice
 BASES = {
     "square": np.array([[0.5, 0.5]]),
     "hexagonal": np.array([[0.25, 0.25], [0.75, 0.75]]),

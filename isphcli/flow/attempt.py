@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .state import Configuration, State, StepResult
     from .step import Stepper
 
-HALVINGS = 4
+HALVINGS = 4  # of a step that fails, one after the other; then the run ends
 
 
 def attempt(stepper: Stepper, state: State, config: Configuration, dt: float) -> StepResult:

@@ -3,7 +3,8 @@
     div (grad q) = (g0 rho / dt) div u*,   u = u* - dt grad q / (g0 rho)         (eq. 3)
     p <- p + q - nu rho div u*                                                    (eq. 4, rotational form)
 
-Pressures are divided by the density of the first fluid (m2/s2).
+Pressures are divided by the density of the first fluid (m2/s2). Another projection, P of eqs 25-26, takes the constants
+out of the system for q: `ComponentMeans` of `domain/components.py`.
 """
 
 from __future__ import annotations

@@ -120,24 +120,12 @@ class IsoSurfaceGeometry(VoxelGeometry):
         over_rows(_put_phases, len(u), self._spline, self._fluid, self._around, u, phase)
         return phase
 
-    def distance(self, x: np.ndarray) -> np.ndarray:
-        """(n,) signed distance to the wall, m; its sign agrees with `phase`."""
-        u = self._points(x)
-        if not self.has_solid:
-            return np.full(len(u), np.inf)
-        d = np.empty(len(u))
+    def _fill_distances(self, u: np.ndarray, d: np.ndarray) -> None:
         over_rows(_put_distances, len(u), self._spline, self._distance_of_centres, self._around, self._voxel, u, d)
-        return np.where(np.abs(d) > 1e20, np.copysign(np.inf, d), d * self._unit)
 
-    def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
-        """(n,) fraction t in (0, 1] from fluid point xi to xj at the first zero of the field or face of the image;
-        1.0 where none is met."""
-        xi, xj = np.asarray(xi, dtype=float), np.asarray(xj, dtype=float)
-        if not self.has_solid:
-            return np.ones(len(xi))
-        t = np.empty(len(xi))
-        over_rows(put_first_zeros, len(xi), self._spline, self._around, (xi, xj), self.lower, self.voxel_size, t)
-        return t
+    def _fill_crossings(self, ends: tuple[np.ndarray, np.ndarray], t: np.ndarray) -> None:
+        """Of the first zero of the field, or face of the image."""
+        over_rows(put_first_zeros, len(t), self._spline, self._around, ends, self.lower, self.voxel_size, t)
 
 
 @njit(cache=True, inline="always")

@@ -110,6 +110,7 @@ def _in_3d(x: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.pad(x, ((0, 0), (0, 3 - x.shape[1]))))
 
 
+# Unit vectors in which the surroundings of a point are looked at; the 16 of the plane are turned off its axes
 ROUND_ABOUT = _directions()
 ROUND_ABOUT_2D = np.array([[np.cos(a), np.sin(a), 0.0] for a in (np.arange(16) + 0.3) * np.pi / 8])
 

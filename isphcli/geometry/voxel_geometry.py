@@ -134,8 +134,12 @@ class VoxelGeometry:
         if not self.has_solid:
             return np.full(len(u), np.inf)
         d = np.empty(len(u))
-        over_rows(put_stairs_distances, len(u), self._grid, self._field, self._around, self._voxel, u, d)
+        self._fill_distances(u, d)
         return np.where(np.abs(d) > 1e20, np.copysign(np.inf, d), d * self._unit)
+
+    def _fill_distances(self, u: np.ndarray, d: np.ndarray) -> None:
+        """Puts the distances of the points u (n, 3) into d (n,), both in voxels."""
+        over_rows(put_stairs_distances, len(u), self._grid, self._field, self._around, self._voxel, u, d)
 
     def wall(self, x: np.ndarray) -> np.ndarray:
         """(n,) int32: the face of the image where it is the nearest wall, otherwise 0."""
@@ -145,17 +149,18 @@ class VoxelGeometry:
         return np.where(nearest, number, 0).astype(np.int32)
 
     def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
-        """(n,) fraction t in (0, 1] from fluid point xi to xj at the first wall; 1.0 where none is met.
-
-        That is the first face of a solid voxel, exactly; a segment through the edge where two solid voxels touch is
-        blocked.
-        """
+        """(n,) fraction t in (0, 1] from fluid point xi to xj at the first wall; 1.0 where none is met."""
         xi, xj = np.asarray(xi, dtype=float), np.asarray(xj, dtype=float)
         if not self.has_solid:
             return np.ones(len(xi))
         t = np.empty(len(xi))
-        over_rows(put_first_faces, len(xi), self._grid, self._around, (xi, xj), self.lower, self.voxel_size, t)
+        self._fill_crossings((xi, xj), t)
         return t
+
+    def _fill_crossings(self, ends: tuple[np.ndarray, np.ndarray], t: np.ndarray) -> None:
+        """Puts the fractions into t (n,): of the first face of a solid voxel, exactly; a segment through the edge where
+        two solid voxels touch is blocked."""
+        over_rows(put_first_faces, len(t), self._grid, self._around, ends, self.lower, self.voxel_size, t)
 
     def _points(self, x: np.ndarray) -> np.ndarray:
         """Voxel coordinates (n, 3); the layer of a 2D image has z = 1/2."""

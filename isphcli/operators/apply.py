@@ -1,5 +1,7 @@
 """Operators in pair weights, applied to fields without what walls add: gradient, Laplacian, divergence (eqs 5-6).
 
+The sums are in `pair_sums`; the weights of eqs 5-7 come from `moments`, those beside walls (eq. 11) from
+`wall_weights`.
 What either storage of operators does, walls included, are its methods: see `protocol`.
 """
 

@@ -10,7 +10,7 @@ import math
 
 from numba import njit
 
-WENDLAND_C2, WENDLAND_C4, QUINTIC_SPLINE = 0, 1, 2
+WENDLAND_C2, WENDLAND_C4, QUINTIC_SPLINE = 0, 1, 2  # `kind` of a kernel in compiled code
 KERNELS = {"wendland_c2": WENDLAND_C2, "wendland_c4": WENDLAND_C4, "quintic_spline": QUINTIC_SPLINE}
 
 

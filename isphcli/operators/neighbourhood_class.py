@@ -25,9 +25,9 @@ tests/operators/test_narrow_pores.py).
 | SINGULAR | smallest over largest pivot of the system of L (fourth moments) | L becomes a multiple of the identity, K zero |
 | LOPSIDED | largest part of L beside a multiple of the identity, over that | the same |
 
-Interfaces ask the same of other points: `two_phase/normals.py` of fluid and dummies that carry an interface, and
-`two_phase/surface_tension.py` of the band alone, by THIN of their own widest direction; `two_phase/two_fluids.py`, of
-second derivatives, by a pivot.
+Interfaces have no class: they fit quadratic functions, and what the neighbours do not determine of one is held at zero
+by a small number on the diagonal of its moments, in `two_phase/quadratic_fit.py` always (RIDGE), in
+`two_phase/two_fluids.py` where a pivot is below SINGULAR of their trace.
 
 What was measured with other rules: docs/design_notes.md, pores that hardly hold particles.
 """  # noqa: E501

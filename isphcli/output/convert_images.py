@@ -140,14 +140,8 @@ def convert(source: str | Path, target: str | Path, how: Conversion | None = Non
     _refuse_input(source, image.info.get("ElementDataFile"), files)
     values, facts = _changed(image.values, how, source)
     solids = _solids(how)
-    spacing, whence, notes = known_spacing(image), "", image.warnings
-    if how.voxel_size is not None or spacing is not None:
-        given = None if how.voxel_size is None else _sizes(how.voxel_size, values.ndim, source)
-        edges, whence, more = voxel_size_of(image, given, source)
-        spacing, notes = tuple(float(s) for s in edges), notes + more
+    spacing, whence, notes = _edges_written(image, how, values.ndim, source)
     values = _coarsened(values, int(how.downsample), solids, source)
-    if spacing is not None:
-        spacing = tuple(s * int(how.downsample) for s in spacing)
     write_image(target, values, spacing)
     if picture:
         from .image_slices import plot_slices
@@ -159,6 +153,16 @@ def convert(source: str | Path, target: str | Path, how: Conversion | None = Non
     cell = 1.0 if spacing is None else float(np.prod(spacing[: values.ndim]))
     found = report(fluid, (False,) * values.ndim, cell)
     return _report_of(target, image, values.shape, (spacing, whence, notes), facts, solids, (found, _histogram(values)))
+
+
+def _edges_written(image: Image, how: Conversion, dim: int,
+                   source: str | Path) -> tuple[tuple[float, ...] | None, str, tuple[str, ...]]:
+    """Edges of a voxel of what is written, m, None where they are not known; where they are from; warnings."""
+    if how.voxel_size is None and known_spacing(image) is None:
+        return None, "", image.warnings
+    given = None if how.voxel_size is None else _sizes(how.voxel_size, dim, source)
+    edges, whence, more = voxel_size_of(image, given, source)
+    return tuple(int(how.downsample) * float(s) for s in edges), whence, image.warnings + more
 
 
 def _report_of(target: Path, image: Image, shape: tuple[int, ...], sized: tuple[Any, str, tuple[str, ...]],
@@ -244,61 +248,72 @@ def _convert_by_slabs(source: Path, target: Path, how: Conversion, picture: bool
     block, solids, facts = int(how.downsample), _solids(how), dict[str, Any]()
     if block < 1 or min(shape) < block:
         raise VoxelError(f"{source}: downsample {block} must be from 1 to the smallest side {min(shape)}")
-    table, limits = None, how.threshold if isinstance(how.threshold, (str, Sequence)) else (how.threshold or 0.0,)
+    table: dict[int, int] | None = None
     if how.threshold is None:
         table = _new_values(source, how, _values_of(source, how, shape))
         if block > 1 and len(set(table.values())) > 64:
             raise VoxelError(f"{source}: {len(set(table.values()))} values are too many labels to downsample; give a "
                              "threshold")
     first = next(iter(_slabs(source, how, shape)))
-    spacing, whence, notes = known_spacing(first), "", first.warnings
-    if how.voxel_size is not None or spacing is not None:
-        given = None if how.voxel_size is None else _sizes(how.voxel_size, 3, source)
-        edges, whence, more = voxel_size_of(first, given, source)
-        spacing, notes = tuple(block * float(s) for s in edges), notes + more
-    written = tuple(n // block for n in shape)
-    top = 255 if table is None else max(table.values())
-    dtype = np.dtype(np.uint8) if how.threshold is not None else np.min_scalar_type(int(top))
-    found, labels = SlabConnectivity(), dict[int, int]()
-    cuts = [np.zeros([n for a, n in enumerate(written) if a != cut], dtype) for cut in range(3)]
+    spacing, whence, notes = _edges_written(first, how, 3, source)
     first = replace(first, values=first.values[:0])  # frees the slab
-
-    def changed() -> Iterator[np.ndarray]:
-        layer, low, high = 0, np.inf, -np.inf
-        for image in _slabs(source, how, shape):
-            values = image.values
-            if table is None:
-                low, high = min(low, values.min()), max(high, values.max())
-                values, _ = thresholded(values, limits, how.invert, source)
-            else:
-                values = _looked_up(values, table, dtype)
-            if len(values) < block:
-                continue
-            values = np.ascontiguousarray(_coarsened(values, block, solids, source), dtype)
-            found.add(is_fluid(values, solids))
-            for value, count in _histogram(values).items():
-                labels[value] = labels.get(value, 0) + count
-            if layer <= written[0] // 2 < layer + len(values):
-                cuts[0][...] = values[written[0] // 2 - layer]
-            cuts[1][layer : layer + len(values)] = values[:, written[1] // 2]
-            cuts[2][layer : layer + len(values)] = values[:, :, written[2] // 2]
-            layer += len(values)
-            yield values
-        if table is None:
-            _, facts["threshold"] = thresholded(np.array([low, high]), limits, how.invert, source)
-
+    dtype = np.dtype(np.uint8) if table is None else np.min_scalar_type(max(table.values()))
+    written = _Written(tuple(n // block for n in shape), dtype, solids)
     with writing(target):
-        _append(target, changed(), written, dtype, spacing)
+        _append(target, _changed_slabs(source, how, shape, table, written, facts), written.shape, dtype, spacing)
     if picture:
         from .image_slices import plot_cuts
 
         facts["picture"] = str(slices_picture(target))
         with writing(slices_picture(target)):
-            plot_cuts(slices_picture(target), cuts, written, solids, spacing, target.name)
-    cell = 1.0 if spacing is None else float(np.prod(spacing))
-    known = found.report(cell)
-    labels = dict(sorted(labels.items()))
-    return _report_of(target, first, written, (spacing, whence, notes), facts, solids, (known, labels))
+            plot_cuts(slices_picture(target), written.cuts, written.shape, solids, spacing, target.name)
+    known = written.found.report(1.0 if spacing is None else float(np.prod(spacing)))
+    labels = dict(sorted(written.labels.items()))
+    return _report_of(target, first, written.shape, (spacing, whence, notes), facts, solids, (known, labels))
+
+
+class _Written:
+    """What is known of an image of shape [z, y, x] that is written slab by slab: its connected parts, {value: voxels},
+    and the three slices of its picture, across z, y and x."""
+
+    def __init__(self, shape: tuple[int, ...], dtype: np.dtype, solids: list[int]):
+        self.shape, self.dtype, self.solids = shape, dtype, solids
+        self.found, self.labels, self.layer = SlabConnectivity(), dict[int, int](), 0
+        self.cuts = [np.zeros([n for a, n in enumerate(shape) if a != cut], dtype) for cut in range(3)]
+
+    def add(self, values: np.ndarray) -> None:
+        """The next slab."""
+        self.found.add(is_fluid(values, self.solids))
+        for value, count in _histogram(values).items():
+            self.labels[value] = self.labels.get(value, 0) + count
+        layer, (middle, y, x) = self.layer, (n // 2 for n in self.shape)
+        if layer <= middle < layer + len(values):
+            self.cuts[0][...] = values[middle - layer]
+        self.cuts[1][layer : layer + len(values)] = values[:, y]
+        self.cuts[2][layer : layer + len(values)] = values[:, :, x]
+        self.layer += len(values)
+
+
+def _changed_slabs(source: Path, how: Conversion, shape: tuple[int, ...], table: Mapping[int, int] | None,
+                   written: _Written, facts: dict[str, Any]) -> Iterator[np.ndarray]:
+    """The slabs as they are written, which `written` is told of; table: new value of each, None with a threshold, of
+    which `facts` are told at the end."""
+    block, low, high = int(how.downsample), np.inf, -np.inf
+    limits = how.threshold if isinstance(how.threshold, (str, Sequence)) else (how.threshold or 0.0,)
+    for image in _slabs(source, how, shape):
+        values = image.values
+        if table is None:
+            low, high = min(low, values.min()), max(high, values.max())
+            values, _ = thresholded(values, limits, how.invert, source)
+        else:
+            values = _looked_up(values, table, written.dtype)
+        if len(values) < block:
+            continue
+        values = np.ascontiguousarray(_coarsened(values, block, written.solids, source), written.dtype)
+        written.add(values)
+        yield values
+    if table is None:
+        _, facts["threshold"] = thresholded(np.array([low, high]), limits, how.invert, source)
 
 
 def _new_values(source: Path, how: Conversion, known: Mapping[int, int]) -> dict[int, int]:

@@ -24,12 +24,12 @@ from ..domain.communicator import current, on_first
 from . import folder
 
 SNAPSHOTS = "snapshots"
-FLUSH_EVERY = 8
+FLUSH_EVERY = 8  # rows of a table: what a killed run may lose of it
 INTEGER_FIELDS = ("phase", "kind", "component")
 # The order of keys in summary.json; keys not named here follow in the order in which they came.
 SUMMARY_KEYS = (
     "title", "status", "message", "restarts", "warnings", "dimension", "particles", "inputs", "image",
-    "porosity", "open_axes", "throats", "terms", "steps", "time",
+    "porosity", "microporous", "open_axes", "throats", "terms", "steps", "time",
     "permeability", "permeability_error", "permeability_image_error", "permeability_range", "permeability_range_from",
     "permeability_by_spacing", "permeability_by_threshold", "permeability_tensor", "tortuosity", "formation_factor",
     "formation_factor_error", "effective_diffusivity", "effective_diffusivity_error",

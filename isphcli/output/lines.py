@@ -40,6 +40,8 @@ def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     lines = [tuple(text.split(": ", 1)) for text in summary.get("inputs") or ()]
     if summary.get("porosity") is not None:
         lines += [("porosity", f"{100 * summary['porosity']:.{DIGITS}g} % (cells that walls cut with their part)")]
+    for name, share in (summary.get("microporous") or {}).items():
+        lines += [("microporous", f"{name} {100 * share:.{DIGITS}g} %")]
     if summary.get("open_axes") is not None:
         lines += [("open axes", ", ".join(summary["open_axes"]) or "none: no pore leads through the scene")]
     if throats:

@@ -560,6 +560,7 @@ def _permeability(k: float | None) -> str:
 
 
 def _figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, np.ndarray]:
+    """(figure, its axes (rows, columns)) in the style of all pictures; width, height: inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -622,5 +623,6 @@ def _short(name: str, words: Sequence[str]) -> str:
 
 
 def _save(figure: Figure, path: str | os.PathLike) -> None:
+    """Write a figure as PNG, whole or not at all."""
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png")

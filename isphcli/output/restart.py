@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..flow.state import State
 
 NAME = "restart.npz"
-VERSION = 3
+VERSION = 3  # of the file: one more whenever what it holds means something else
 # Keys of the scene; all others are values, but for those that change no flow (IDLE). A wall may move or slip otherwise.
 SCENE = re.compile(r"geometry\b|initial\b|reservoirs\b|fluids$|particles\.(spacing|lattice|offset|jitter|seed)\b")
 AT_WALLS = re.compile(r"geometry\.(walls|slip_length|shapes\[\d+\]\.(velocity|angular_velocity|slip_length))\b")

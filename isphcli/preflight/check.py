@@ -66,6 +66,8 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False) ->
         )
         return result
     result.connectivity = sites.connectivity()
+    if case.microporous:
+        result.microporous = dict(zip(case.microporous, sites.microporous(geometry, len(case.microporous)).tolist()))
     driven = forcing.driven_axes(case, geometry.upper - geometry.lower)
     through = [axis for axis in driven if result.connectivity.percolates[axis] and forcing.opens(case, axis)]
     if geometry.has_solid:
@@ -92,8 +94,11 @@ def _from_samples(result: CheckReport, geometry: Geometry, lattice: Lattice) -> 
     """What random points tell of a lattice that has too many sites to look at each."""
     case = result.case
     size = geometry.upper - geometry.lower
-    phase = geometry.phase(geometry.lower + np.random.default_rng(0).random((memory.SAMPLE, geometry.dim)) * size)
-    share = float((phase >= 0).mean())
+    points = geometry.lower + np.random.default_rng(0).random((memory.SAMPLE, geometry.dim)) * size
+    share = float((geometry.phase(points) >= 0).mean())
+    porosity = f"porosity about {100 * share:.2g} %"
+    if case.microporous:
+        porosity += f", {100 * float((geometry.microporous(points) >= 0).mean()):.2g} % of the box microporous"
     result.particles = {"fluid": round(share * lattice.sites)}
     if case.flow != "stokes":
         result.steps = steps(case, None, None) if case.time is not None and case.time.step else None
@@ -104,7 +109,7 @@ def _from_samples(result: CheckReport, geometry: Geometry, lattice: Lattice) -> 
                              f"{memory.too_large(case)}")
     result.warnings.append(
         f"{lattice.sites:,} lattice sites are too many to look at each ({MOST_SITES:,} at most): particles, memory and "
-        f"time are from {memory.SAMPLE:,} random points (porosity about {100 * share:.2g} %), and pores, throats and "
+        f"time are from {memory.SAMPLE:,} random points ({porosity}), and pores, throats and "
         "time steps were not looked at; check a part of the scene for those"
     )
 

@@ -77,6 +77,7 @@ class CheckReport:
     throats: Throats | None = None
     flow: Flow | None = None
     steps: Steps | None = None
+    microporous: dict[str, float] = field(default_factory=dict)  # shares of the sample, by the names of the rocks
     neighbours: float = 0.0
     memory: dict[str, float] = field(default_factory=dict)  # bytes, by part
     seconds: float | None = None  # one core
@@ -117,7 +118,7 @@ def report_lines(r: CheckReport) -> Iterator[str]:
         more = f"{p['dummy']} dummy, {p['left_out']} sites left out" if "dummy" in p else "dummies not counted"
         yield _row("particles", f"{p['fluid']} fluid, {more}")
     if r.connectivity is not None:
-        yield from _pore_lines(r.connectivity, r.throats)
+        yield from _pore_lines(r.connectivity, r.microporous, r.throats)
     if r.flow is not None:
         numbers = [f"about {r.flow.velocity:.2g} m/s ({r.flow.source})"]
         numbers += [f"Re {r.flow.reynolds:.2g}"] if r.flow.reynolds is not None else []
@@ -139,13 +140,14 @@ def report_lines(r: CheckReport) -> Iterator[str]:
     yield _row("verdict", "can run" if r.can_run else "cannot run")
 
 
-def _pore_lines(c: Connectivity, widths: Throats | None) -> Iterator[str]:
+def _pore_lines(c: Connectivity, microporous: dict[str, float], widths: Throats | None) -> Iterator[str]:
     axes = AXES[: len(c.percolates)]
     connected = [f"{a} ({100 * f:.2f} %)" for a, p, f in zip(axes, c.percolates, c.percolating_porosity) if p]
+    rocks = "".join(f"microporous {name} {100 * share:.2f} %, " for name, share in microporous.items())
     yield _row(
         "pores",
-        f"porosity {100 * c.porosity:.2f} %, {c.components} connected, {c.isolated_pockets} closed pockets; "
-        f"connected along {', '.join(connected) or 'no axis'}",
+        f"porosity {100 * max(c.porosity - sum(microporous.values()), 0.0):.2f} %, {rocks}{c.components} connected, "
+        f"{c.isolated_pockets} closed pockets; connected along {', '.join(connected) or 'no axis'}",
     )
     if widths is not None:
         critical = "".join(f"; {AXES[a]} passes a ball of {w:.1f}" for a, w in widths.critical.items())

@@ -63,6 +63,16 @@ class Sites:
         found = [report(self.fluid(k).T, self.around, volume) for k in range(self.phase.shape[-1])]
         return max(found, key=lambda c: (sum(c.percolates), c.largest_share))
 
+    def microporous(self, geometry: Geometry, rocks: int) -> np.ndarray:
+        """Shares (rocks,) of the sites of the sample that lie in each microporous rock."""
+        fluid = np.zeros(self.phase.shape, dtype=bool)
+        fluid[self.sample] = self.phase[self.sample] >= 0
+        counts, first, flat = np.zeros(rocks + 1, dtype=int), 0, fluid.reshape(-1)
+        for x in self.lattice.slabs():
+            counts += np.bincount(geometry.microporous(x[flat[first : first + len(x)]]) + 1, minlength=rocks + 1)
+            first += len(x)
+        return counts[1:] / self.phase[self.sample].size
+
     def points(self, most: int) -> np.ndarray:
         """Positions of some fluid sites, at most `most`, spread evenly; (n, dim)."""
         flat = np.flatnonzero(self.phase >= 0)

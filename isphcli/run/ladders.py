@@ -276,12 +276,15 @@ def representative_volume(case: Case, out: Path, each: int = 3, quiet: bool = Tr
 
 
 def _porosity(geometry: Geometry) -> float:
-    """Share of the voxels of the sample that are fluid."""
+    """Share of the voxels of the sample that are pores; microporous rock is left out."""
     from ..geometry.protocol import sample_voxels
 
     labels = geometry.labels
     assert labels is not None  # of an image
-    return float((labels[sample_voxels(geometry)] >= 0).mean())
+    sample, pores = sample_voxels(geometry), np.zeros(labels.shape, bool)
+    pores[sample] = labels[sample] >= 0
+    middles = geometry.lower + (np.argwhere(pores)[:, ::-1] + 0.5) * np.asarray(geometry.voxel_size)
+    return np.count_nonzero(geometry.microporous(middles) < 0) / labels[sample].size
 
 
 def _put(case: Case, directory: Path) -> Case:

@@ -37,6 +37,13 @@ def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray |
     return float(reduce.total(np.clip(0.5 + near / edge, 0.0, 1.0)))
 
 
+def microporous_shares(geometry: Geometry, x: np.ndarray, rocks: int) -> np.ndarray:
+    """Shares (rocks,) of the fluid of the sample that seep through each microporous rock; x: (n, dim) m, of the fluid
+    particles, which count alike: those of cells that walls cut, too."""
+    rock = geometry.microporous(x[inside_sample(geometry, x)])
+    return reduce.total_by(rock + np.int64(1), labels=rocks + 1)[1:] / max(reduce.number(rock), 1)
+
+
 def mean_velocities(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, site_volume: float,
                     cells: float | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Superficial and mean velocity (dim,) of the sample, m/s.

@@ -22,6 +22,7 @@ from ..output.clock import Clock
 from ..output.files import SNAPSHOTS, Series, write_summary, write_text
 from ..output.machine import peak_memory, versions
 from .flow_measures import speed_distribution
+from .permeability import microporous_shares
 
 if TYPE_CHECKING:
     from ..domain.lattice import Particles
@@ -124,8 +125,12 @@ Look = Callable[[Case, Geometry, Clock, bool], Seen]  # preflight.look.look; the
 
 def scene_entries(case: Case, geometry: Geometry, particles: Particles, cells: float, seen: Seen) -> dict[str, Any]:
     """Entries of the summary on the scene that was run. cells: `permeability.fluid_cells` of the sample."""
-    image = None
+    image, rocks = None, None
     lower, upper = sample_box(geometry)
+    fluid = cells * particles.site_volume / float(np.prod(upper - lower))
+    if case.microporous:
+        parts = microporous_shares(geometry, particles.x[: particles.n_fluid], len(case.microporous))
+        rocks = {name: fluid * float(part) for name, part in zip(case.microporous, parts)}
     if case.geometry.voxels is not None:
         from ..geometry.images.read import axes_of
 
@@ -133,7 +138,7 @@ def scene_entries(case: Case, geometry: Geometry, particles: Particles, cells: f
         image = {"size": np.array([s.stop - s.start for s in sample_voxels(geometry)[::-1]]), "voxel_size": voxel,
                  "axes": axes_of(case.geometry.voxels.file, case.geometry.voxels.axes)}
     return {"inputs": [f"{name}: {text}" for name, text in geometry.described], "image": image,
-            "porosity": cells * particles.site_volume / float(np.prod(upper - lower)),
+            "porosity": fluid - sum((rocks or {}).values()), "microporous": rocks,
             "open_axes": seen.open_axes if geometry.has_solid else None, "throats": seen.throats}
 
 

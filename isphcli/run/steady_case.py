@@ -337,7 +337,8 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
     """(summary, result) of the flows of a steady case; the finest spacing of the first axis is what is written."""
     flows, history, main = found.flows, found.history, _main(found.flows)
     scene = scene_entries(case, main.geometry, main.particles, main.cells, seen)
-    results = [_axis_result(case, axis, flows, main.geometry, scene["porosity"])
+    filled = scene["porosity"] + sum((scene["microporous"] or {}).values())
+    results = [_axis_result(case, axis, flows, main.geometry, filled)
                for axis, _ in axes if axis is not None]
     for along in results:
         _tell(along, case, found.closed, seen)

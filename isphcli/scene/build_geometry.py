@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +17,8 @@ from ..geometry.protocol import Geometry
 if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..case.blocks import Shape as ShapeOfCase
-    from ..geometry.bodies import Body, Spheres
+    from ..case.blocks import Spheres as SpheresOfCase
+    from ..geometry.bodies import Body, Shape, Spheres
 
 
 def build_geometry(case: Case, axis: int | None = None) -> Geometry:
@@ -24,70 +27,130 @@ def build_geometry(case: Case, axis: int | None = None) -> Geometry:
     axis: axis of flow (0 x, 1 y, 2 z), that of the drive where it is not given; an image that is not periodic along it,
     or a box with `geometry.clear_layer`, gets its clear layers there.
     """
-    scene = case.geometry
-    names = tuple(case.fluids)
-    faces = {("xyz".index(name[0]), int(name.endswith("max"))): wall for name, wall in scene.walls.items()}
-    moves_at = wall_velocities(case, case.dim or 3)
-    walls = Walls(
-        slip_length=scene.slip_length,
-        face_velocity={(axis, side): moves_at[1 + 2 * axis + side] for axis, side in faces
-                       if 1 + 2 * axis + side in moves_at},
-        face_slip={f: w.slip_length for f, w in faces.items() if w.slip_length is not None},
-    )
-    if scene.voxels is not None:
+    along = flow_axis(case) if axis is None else axis
+    velocities = wall_velocities(case, case.dim or 3)
+    walls = _face_walls(case, velocities)
+    if case.geometry.voxels is not None:
         from .image_geometry import image_geometry
 
-        return image_geometry(case, flow_axis(case) if axis is None else axis, walls)
-    from ..geometry.bodies import Shape, Spheres
-    from ..geometry.shape_geometry import ShapeGeometry
-    from .spheres import random_spheres
+        return image_geometry(case, along, walls)
+    return _shape_geometry(case, _box_of(case, along), walls, velocities)
 
+
+def _face_walls(case: Case, velocities: Mapping[int, np.ndarray]) -> Walls:
+    """The walls on faces of the box. velocities: {wall: (dim,) m/s} of the walls that move."""
+    scene = case.geometry
+    faces = {("xyz".index(name[0]), int(name.endswith("max"))): wall for name, wall in scene.walls.items()}
+    return Walls(
+        slip_length=scene.slip_length,
+        face_velocity={(axis, side): velocities[1 + 2 * axis + side] for axis, side in faces
+                       if 1 + 2 * axis + side in velocities},
+        face_slip={f: w.slip_length for f, w in faces.items() if w.slip_length is not None},
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Box:
+    """The box of a scene of shapes. lower, upper: (dim,) m, with its clear layers; sample: the corners of what lies
+    between these; layered: their axis, None without; periodic: per axis; asked: the same as the case says it, without
+    clear layers, which make their axis periodic."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    sample: tuple[np.ndarray, np.ndarray]
+    layered: int | None
+    periodic: list[bool]
+    asked: list[bool]
+
+    @property
+    def period(self) -> np.ndarray:
+        """(dim,) m, inf along axes that are not periodic."""
+        return np.where(self.periodic, self.upper - self.lower, np.inf)
+
+
+def _box_of(case: Case, along: int | None) -> _Box:
+    scene = case.geometry
     assert scene.box is not None  # one of voxels and box is there
     lower = np.array(scene.origin or np.zeros(len(scene.box)), dtype=float)
     upper = lower + scene.box
+    asked = ["xyz"[a] in scene.periodic for a in range(len(lower))]
+    if scene.clear_layer is None or along is None or asked[along]:
+        return _Box(lower, upper, (lower, upper), None, asked, asked)
+    periodic = [known or a == along for a, known in enumerate(asked)]
+    return _Box(*with_clear_layers(case, lower, upper, along), (lower, upper), along, periodic, asked)
+
+
+@dataclass(frozen=True)
+class _Said:
+    """What is said of a geometry: see `protocol.Geometry`."""
+
+    described: list[tuple[str, str]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
+def _shape_geometry(case: Case, box: _Box, walls: Walls, velocities: Mapping[int, np.ndarray]) -> Geometry:
+    from ..geometry.shape_geometry import ShapeGeometry
+
+    said, scene, names = _Said(), case.geometry, tuple(case.fluids)
     fluid = -1 if scene.fluid == "solid" else names.index(scene.fluid or names[0])
-    periodic = ["xyz"[a] in scene.periodic for a in range(len(lower))]
-    sample, closed = (lower, upper), list(periodic)
-    along = flow_axis(case) if axis is None else axis
-    layered = scene.clear_layer is not None and along is not None and not periodic[along]
-    if layered:
-        assert along is not None
-        lower, upper = with_clear_layers(case, lower, upper, along)
-        periodic[along] = True
-    shapes: list[Shape] = []
-    warnings: list[str] = []
-    described: list[tuple[str, str]] = []
-    period = np.where(periodic, upper - lower, np.inf)
-    for k, s in enumerate(scene.shapes):
-        if s.spheres is not None and s.spheres.random:
-            before = ShapeGeometry(*sample, closed, fluid, shapes)
-            asked = s.spheres
-            assert asked.random is not None and asked.radius is not None
-            body: Body = random_spheres(before, asked.random, asked.radius, asked.clearance, asked.seed)
-        else:
-            body = _body(s, lower, upper)
-            if s.spheres is not None and s.spheres.file is not None:
-                assert isinstance(body, Spheres)
-                if layered and along is not None:
-                    body = _within(body, along, sample, s.spheres.file.name, described)
-                _describe_spheres(s.spheres.file, body, lower, upper, period, described, warnings)
-        rock = tuple(case.microporous).index(s.what) if s.what in case.microporous else -1
-        shapes.append(Shape(body, case.phase_of(s.what), s.outside, moves_at.get(1 + 2 * len(lower) + k), s.slip_length,
-                            s.angular_velocity, rock))
-    geometry = ShapeGeometry(lower, upper, periodic, fluid, shapes, walls)
-    geometry.sample_lower, geometry.sample_upper = sample
-    if layered and along is not None:
-        described.append(("clear layers", f"{sample[0][along] - lower[along]:.6g} m at each end of {'xyz'[along]}"))
-    geometry.warnings = tuple(warnings) + geometry.warnings
-    geometry.described = tuple(described)
+    shapes = _shapes(case, box, fluid, velocities, said)
+    geometry = ShapeGeometry(box.lower, box.upper, box.periodic, fluid, shapes, walls)
+    geometry.sample_lower, geometry.sample_upper = box.sample
+    if (axis := box.layered) is not None:
+        thick = box.sample[0][axis] - box.lower[axis]
+        said.described.append(("clear layers", f"{thick:.6g} m at each end of {'xyz'[axis]}"))
+    geometry.warnings = tuple(said.warnings) + geometry.warnings
+    geometry.described = tuple(said.described)
     if case.reservoirs is not None:
-        along = "xyz".index(case.reservoirs.axis)
-        geometry.sample_lower, geometry.sample_upper = between_reservoirs(lower, upper, along, case.reservoirs.length)
-    if walls_change(case):  # what they move at now is that of the start
-        for wall, velocities in wall_velocities(case, geometry.dim, sample_times(case)).items():
-            turning = geometry.wall_speed[wall] - np.linalg.norm(moves_at[wall])
-            geometry.wall_speed[wall] = np.linalg.norm(velocities, axis=1).max() + turning
+        axis = "xyz".index(case.reservoirs.axis)
+        geometry.sample_lower, geometry.sample_upper = between_reservoirs(
+            box.lower, box.upper, axis, case.reservoirs.length)
+    if walls_change(case):  # the speeds of now are those of the start, and steps need the largest
+        for wall, at_times in wall_velocities(case, geometry.dim, sample_times(case)).items():
+            turning = geometry.wall_speed[wall] - np.linalg.norm(velocities[wall])
+            geometry.wall_speed[wall] = np.linalg.norm(at_times, axis=1).max() + turning
     return geometry
+
+
+def _shapes(case: Case, box: _Box, fluid: int, velocities: Mapping[int, np.ndarray], said: _Said) -> list[Shape]:
+    """The shapes of a case in their order. fluid: what fills the box where no shape is."""
+    from ..geometry.bodies import Shape
+
+    shapes: list[Shape] = []
+    for k, s in enumerate(case.geometry.shapes):
+        if s.spheres is not None and s.spheres.random:
+            body: Body = _spheres_at_random(s.spheres, box, fluid, shapes)
+        elif s.spheres is not None:
+            body = _spheres_of_file(s.spheres, box, said)
+        else:
+            body = _body(s, box.lower, box.upper)
+        rock = tuple(case.microporous).index(s.what) if s.what in case.microporous else -1
+        wall = 1 + 2 * len(box.lower) + k
+        shapes.append(Shape(body, case.phase_of(s.what), s.outside, velocities.get(wall), s.slip_length,
+                            s.angular_velocity, rock))
+    return shapes
+
+
+def _spheres_at_random(asked: SpheresOfCase, box: _Box, fluid: int, before: Sequence[Shape]) -> Spheres:
+    """Spheres in the fluid that the shapes before them leave in the sample."""
+    from ..geometry.shape_geometry import ShapeGeometry
+    from .spheres import random_spheres
+
+    assert asked.random is not None and asked.radius is not None
+    free = ShapeGeometry(*box.sample, box.asked, fluid, before)
+    return random_spheres(free, asked.random, asked.radius, asked.clearance, asked.seed)
+
+
+def _spheres_of_file(asked: SpheresOfCase, box: _Box, said: _Said) -> Spheres:
+    """Spheres of a file, those of the sample where it has clear layers."""
+    from .sphere_files import spheres_of_file
+
+    assert asked.file is not None
+    body = spheres_of_file(asked.file, len(box.lower), asked.radius, asked.scale)
+    if box.layered is not None:
+        body = _within(body, box.layered, box.sample, asked.file.name, said.described)
+    _describe_spheres(asked.file, body, box, said)
+    return body
 
 
 def with_clear_layers(case: Case, lower: np.ndarray, upper: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
@@ -128,30 +191,25 @@ def between_reservoirs(lower: np.ndarray, upper: np.ndarray, axis: int,
     return lower + ends, upper - ends
 
 
-def _describe_spheres(file: Path, body: Spheres, lower: np.ndarray, upper: np.ndarray, period: np.ndarray,
-                      described: list[tuple[str, str]], warnings: list[str]) -> None:
+def _describe_spheres(file: Path, body: Spheres, box: _Box, said: _Said) -> None:
     """Put what a file of spheres holds and what is odd about it on the two lists."""
     from .spheres import sphere_findings
 
     radii = np.ravel(body.radii)
     radius = f"{radii.min():.6g}" + ("" if radii.min() == radii.max() else f" to {radii.max():.6g}")
-    said = [f"{len(body.centres)} of radius {radius} m", *([body.columns] if body.columns else [])]
-    described.append((file.name, ", ".join(said)))
-    found, odd = sphere_findings(body, lower, upper, period, file.name)
-    described.extend((file.name, text) for text in found)
-    warnings.extend(odd)
+    held = [f"{len(body.centres)} of radius {radius} m", *([body.columns] if body.columns else [])]
+    said.described.append((file.name, ", ".join(held)))
+    found, odd = sphere_findings(body, box.lower, box.upper, box.period, file.name)
+    said.described.extend((file.name, text) for text in found)
+    said.warnings.extend(odd)
 
 
 def _body(spec: ShapeOfCase, lower: np.ndarray, upper: np.ndarray) -> Body:
-    """The body of a shape of the case language."""
+    """The body of a shape of the case language that is not one of many spheres."""
     from ..geometry.bodies import Box, Cylinder, HalfSpace, Sphere
-    from .sphere_files import spheres_of_file
 
     if spec.sphere is not None:
         return Sphere(spec.sphere.centre, spec.sphere.radius)
-    if spec.spheres is not None:
-        assert spec.spheres.file is not None
-        return spheres_of_file(spec.spheres.file, len(lower), spec.spheres.radius, spec.spheres.scale)
     if spec.box is not None:
         return Box(spec.box.lower, spec.box.upper)
     if spec.half_space is not None:

@@ -56,8 +56,6 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
     Raises VoxelError where the image does not fit the case, ParticleError where it does not fit the memory.
     """
     from ..case.checks import check_dimension
-    from ..geometry.iso_surface import ImageField, IsoSurfaceGeometry
-    from ..geometry.voxel_geometry import VoxelGeometry
 
     spec = case.geometry.voxels
     assert spec is not None
@@ -68,54 +66,68 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
     values = mirrored(image.values, case.geometry.mirror)
     periodic = ["xyz"[a] in case.geometry.repeats for a in range(values.ndim)]
     understood = _understood(case, spec, values, periodic)
-    labels = understood.labels
-    check_dimension(case, labels.ndim)
+    check_dimension(case, values.ndim)
     size, whence, odd = voxel_size_of(image, spec.voxel_size, spec.file)
+    edges = np.broadcast_to(size, values.ndim)
+    unusual = _unusual_size(case, edges)
+    layers = _layers_that_fit(case, understood.labels, axis, edges, periodic, unusual)
+    geometry, ways = _with_walls(case, understood, edges, periodic, layers, walls)
+    porosity = _porosity_of(understood, tuple(case.microporous))
+    geometry.warnings = (
+        *image.warnings,
+        *odd,
+        *unusual,
+        *_unusual_porosity(porosity),
+        *faces_that_differ(understood.labels < 0, periodic),
+        *(ways.warnings() if ways is not None else ()),
+    )
+    geometry.described = (
+        _described_image(case, spec, values.shape[::-1], image),
+        *_described_size(geometry, whence, porosity),
+        *understood.described,
+        *_described_layers(layers),
+        *([("surface", ways.described())] if ways is not None else []),
+    )
+    return geometry
+
+
+def _layers_that_fit(case: Case, labels: np.ndarray, axis: int | None, edges: np.ndarray, periodic: list[bool],
+                     unusual: tuple[str, ...]) -> ClearLayers | None:
+    """The clear layers of an image, or None. Raises ParticleError where the image with them does not fit into the
+    memory; unusual: what is odd about the size of its voxels, edges (dim,) m, which may be why."""
     clear = added = 0
     if axis is not None and not periodic[axis]:
-        clear = _clear_voxels(case, labels, axis, np.broadcast_to(size, labels.ndim), periodic)
+        clear = _clear_voxels(case, labels, axis, edges, periodic)
         added = 2 * clear * (labels.size // labels.shape[labels.ndim - 1 - axis])
     if added > labels.size:
         what, fix = f"clear layers of {clear} voxels", "take a smaller geometry.voxels.clear_layer; it is in metres"
     else:
         what, fix = f"the wall distances of {labels.size + added:,} voxels", memory.CROP
     memory.refuse((labels.size + added) * memory.BYTES_VOXEL * current().here, what, fix)
-    unusual = _unusual_size(case, np.broadcast_to(size, labels.ndim))
     try:
-        memory.refuse_pores(case, labels, size, added)
+        memory.refuse_pores(case, labels, edges, added)
     except ParticleError as error:  # voxels in another unit than the spacing make absurd numbers of particles
         raise ParticleError("; ".join((str(error), *unusual))) from None
-    layers = ClearLayers(axis, clear) if axis is not None and clear > 0 else None
-    geometry: VoxelGeometry
+    return ClearLayers(axis, clear) if axis is not None and clear > 0 else None
+
+
+def _with_walls(case: Case, understood: Understood, edges: np.ndarray, periodic: list[bool],
+                layers: ClearLayers | None, walls: Walls) -> tuple[VoxelGeometry, SurfaceWays | None]:
+    """The geometry whose walls are those of `geometry.wall_distance`, and what a smooth wall opens and closes."""
+    from ..geometry.iso_surface import ImageField, IsoSurfaceGeometry
+    from ..geometry.voxel_geometry import VoxelGeometry
+
     ways: SurfaceWays | None = None
     if case.wall_distance == "stairs":
-        geometry = VoxelGeometry(labels, size, periodic, layers, walls)
+        geometry = VoxelGeometry(understood.labels, edges, periodic, layers, walls)
     else:
         field = understood.field
         smooth = ImageField(field, understood.denoise, understood.blur) if field is not None else None
-        geometry = surface = IsoSurfaceGeometry(labels, smooth, size, periodic, layers, walls)
+        geometry = surface = IsoSurfaceGeometry(understood.labels, smooth, edges, periodic, layers, walls)
         ways = surface.ways()
     if understood.microporous is not None:
         geometry.fill_with(understood.microporous, layers)
-    solid = labels < 0
-    porosity = 1.0 - float(solid.mean())
-    geometry.warnings = (
-        *image.warnings,
-        *odd,
-        *unusual,
-        *_unusual_porosity(porosity, understood.words),
-        *faces_that_differ(solid, periodic),
-        *(ways.warnings() if ways is not None else ()),
-    )
-    geometry.described = (
-        _described_image(case, spec, labels.shape[::-1], image),
-        ("voxel size", f"{_product(geometry.voxel_size)} m, {whence}"),
-        ("porosity", f"{100 * porosity:.2f} % of the image's voxels ({understood.words})"),
-        *understood.described,
-        *((("clear layers", f"{clear} voxels at each end of {'xyz'[axis]}"),) if clear and axis is not None else ()),
-        *([("surface", ways.described())] if ways is not None else []),
-    )  # fmt: skip
-    return geometry
+    return geometry, ways
 
 
 def _in_parts(case: Case, spec: Voxels) -> bool:
@@ -174,10 +186,10 @@ def _brick_geometry(case: Case, spec: Voxels, axis: int | None, walls: Walls) ->
     memory.refuse_pore_voxels(case, dim, size, (voxels + added, fluid + added), two=len(spec.labels) > 2)
     layers = ClearLayers(axis, clear) if axis is not None and clear > 0 else None
     geometry = ImageBrick(in_file, size, periodic, layers, walls)
-    porosity, words = fluid / voxels, _labels_in_words(spec.labels)
-    geometry.warnings = (*slab.warnings, *odd, *_unusual_size(case, edges), *_unusual_porosity(porosity, words))
+    porosity = _Porosity(fluid / voxels, {}, _labels_in_words(spec.labels))
+    geometry.warnings = (*slab.warnings, *odd, *_unusual_size(case, edges), *_unusual_porosity(porosity))
     geometry.described = (_described_image(case, spec, tuple(map(int, shape)), slab),
-                          *_described_size(geometry, whence, porosity, words, (clear, axis)))
+                          *_described_size(geometry, whence, porosity), *_described_layers(layers))
     return geometry
 
 
@@ -211,13 +223,15 @@ def _described_image(case: Case, spec: Voxels, shape: Sequence[int], image: Imag
             + f"; {spec.file.name} is an array {_product(image.whole)}, its axes taken as " + ", ".join(image.axes))
 
 
-def _described_size(geometry: VoxelGeometry, whence: str, porosity: float, words: str,
-                    clear: tuple[int, int | None]) -> tuple[tuple[str, str], ...]:
-    voxels, axis = clear
+def _described_size(geometry: VoxelGeometry, whence: str, porosity: _Porosity) -> tuple[tuple[str, str], ...]:
+    rocks = ", ".join(f"{name} {100 * share:.2f} %" for name, share in porosity.rocks.items())
     return (("voxel size", f"{_product(geometry.voxel_size)} m, {whence}"),
-            ("porosity", f"{100 * porosity:.2f} % of the image's voxels ({words})"),
-            *((("clear layers", f"{voxels} voxels at each end of {'xyz'[axis]}"),)
-              if voxels and axis is not None else ()))
+            ("porosity", f"{100 * porosity.pores:.2f} % of the image's voxels ({porosity.words})"),
+            *((("microporous", f"{rocks} of the image's voxels"),) if rocks else ()))
+
+
+def _described_layers(layers: ClearLayers | None) -> tuple[tuple[str, str], ...]:
+    return (("clear layers", f"{layers.voxels} voxels at each end of {'xyz'[layers.axis]}"),) if layers else ()
 
 
 def _clear_voxels(case: Case, labels: np.ndarray, axis: int, size: np.ndarray, periodic: list[bool]) -> int:
@@ -321,12 +335,31 @@ def _unusual_size(case: Case, size: np.ndarray) -> tuple[str, ...]:
     )
 
 
-def _unusual_porosity(porosity: float, words: str) -> tuple[str, ...]:
-    if not MOST_POROUS < porosity < 1.0:
+@dataclass(frozen=True)
+class _Porosity:
+    """Of the voxels of an image: the share of those of pores, the shares of microporous rocks by name, and words that
+    say which values are solid."""
+
+    pores: float
+    rocks: dict[str, float]
+    words: str
+
+
+def _porosity_of(understood: Understood, rocks: tuple[str, ...]) -> _Porosity:
+    filled, solid = understood.microporous, understood.labels < 0
+    if filled is None:
+        return _Porosity(1.0 - float(solid.mean()), {}, understood.words)
+    shares = {name: float((filled == k).mean()) for k, name in enumerate(rocks)}
+    return _Porosity(1.0 - float((solid | (filled >= 0)).mean()), shares, understood.words)
+
+
+def _unusual_porosity(porosity: _Porosity) -> tuple[str, ...]:
+    if not MOST_POROUS < porosity.pores < 1.0:
         return ()
+    solid = 1.0 - porosity.pores - sum(porosity.rocks.values())
     return (
-        f"porosity {100 * porosity:.1f} %: more than rock has; check which values are solid ("
-        f"{words}; the other way round it is {100 * (1 - porosity):.1f} %)",
+        f"porosity {100 * porosity.pores:.1f} %: more than rock has; check which values are solid ("
+        f"{porosity.words}; the other way round it is {100 * solid:.1f} %)",
     )
 
 

@@ -30,7 +30,7 @@ from .markdown import items, origin, table
 from .peers import Peer, peers_of
 
 REPORTS = ("validation.*", "work_precision.png")
-LEVELS = 3
+LEVELS = 3  # of a ladder where none are asked for: of three the order can be observed
 BUDGET = 60.0  # s, of a ladder where none is asked for; the case's own spacing is then run in any case
 GROWTH = 1.1  # exponent of the particles in the time of a step, to predict that of the next level
 WARM = 2.0  # s: a level that is shorter is run twice, so that loading the kernels is not counted

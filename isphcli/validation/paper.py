@@ -257,6 +257,7 @@ def _darcy(folder: Path, name: str, axis: int, spacing: float, forces: Sequence[
 
 # -- table 1 -----------------------------------------------------------------------------------------------
 
+# Table 1: {N: particles}
 TABLE_1 = {128: 6_083_687, 192: 19_701_287, 256: 45_803_537, 384: 151_438_991}
 
 
@@ -292,7 +293,7 @@ def table_1(seconds: float, folder: Path) -> Finding:
 
 # -- figures 8 and 11: time and iterations a step ------------------------------------------------------------
 
-LADDER_STEPS = 6
+LADDER_STEPS = 6  # whose time is taken, of moving particles
 SECTIONS = {
     "assembling": ("neighbours", "operators", "assembly", "terms"),
     "solving": ("preconditioner", "krylov"),

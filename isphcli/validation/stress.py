@@ -769,18 +769,19 @@ def renumbering_of_two(large: bool) -> float:
     return apart(carried(large, order=order).state.u, one.state.u[order])
 
 
-@scene("threads", "1 and all", "the same flow", 1e-10)
+@scene("threads", "1 and 8, in ranges of 16 rows and more", "the same flow", 1e-10)
 def threads(large: bool) -> float:
-    import numba
+    from ..domain import row_threads
 
-    before = numba.get_num_threads()
+    before, fewest = row_threads.get_num_threads, row_threads.FEWEST
     try:
-        numba.set_num_threads(1)
+        row_threads.FEWEST = 16  # else a few hundred particles are one range, whatever the number of threads
+        row_threads.get_num_threads = lambda: 1
         one = marched(DISK, *OFF_CENTRE)
-        numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+        row_threads.get_num_threads = lambda: 8
         return apart(marched(DISK, *OFF_CENTRE).state.u, one.state.u)
     finally:
-        numba.set_num_threads(before)
+        row_threads.get_num_threads, row_threads.FEWEST = before, fewest
 
 
 # -- budgets -------------------------------------------------------------------------------------------------

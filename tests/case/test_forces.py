@@ -6,6 +6,10 @@ import pytest
 from isphcli.case.load import read_case
 from isphcli.case.yaml import CaseError
 from isphcli.output.clock import Clock
+from isphcli.output.lines import scene_lines
+from isphcli.preflight.check import check
+from isphcli.run.ladders import _porosity
+from isphcli.run.run import run_case
 from isphcli.run.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
@@ -64,12 +68,21 @@ def test_a_slit_of_microporous_rock_is_that_of_brinkman(exact, upper):
     assert order > 1.7
 
 
-def test_the_mean_balances_force_and_resistance():
-    """Averaged over the slit, force = drag on the rock + shear at the walls: lap u of the flow sums up to the shear."""
-    _, _, flow = velocities(32, ROCK.format(upper=2), microporous(1e-3))
-    darcy = flow.velocity[:, 0] * 0.3 / 1e-3  # of the force; 1 far from the walls
-    middle = np.abs(flow.particles.x[: flow.particles.n_fluid, 1] - 0.5) < 0.1
-    assert np.allclose(darcy[middle], 1.0, atol=1e-4)  # exp(-0.4 / sqrt(k)) is 3e-6
+def test_in_rock_far_from_walls_darcys_law_holds():
+    """There the drag balances the force alone: u = k F / nu. The walls change it by exp(-0.4 / sqrt(k)), 3e-6."""
+    y, u, _ = velocities(32, ROCK.format(upper=2), microporous(1e-3))
+    middle = np.abs(y - 0.5) < 0.1
+    assert np.count_nonzero(middle) and np.allclose(u[middle] / 1e-3, 1.0, rtol=0, atol=1e-4)
+
+
+def test_drag_and_shear_at_the_walls_balance_the_force():
+    """Over a slit of half rock, half clear fluid: 1 = mean(u in rock) / k / 2 + u'(0) - u'(1). Slopes are those of
+    parabolas through the walls and the next two layers of particles, which are of second order: 0.2 % at 64 across."""
+    n, k = 64, 0.01
+    y, u, _ = velocities(n, ROCK.format(upper=0.5), microporous(k))
+    layers = np.array([u[np.abs(y - (i + 0.5) / n) < 0.1 / n].mean() for i in range(n)])
+    slopes = [n * (3 * a - b / 3) for a, b in (layers[:2], layers[:-3:-1])]
+    assert layers[: n // 2].mean() / 2 / k + sum(slopes) == pytest.approx(1.0, abs=0.004)
 
 
 def test_voxels_of_microporous_rock_are_where_their_labels_are(tmp_path):
@@ -96,6 +109,39 @@ drive: {{axes: [x]}}
     flow = solve_axis(case, scene, 0, np.eye(2)[0], Clock())
     y = scene.particles.x[: scene.particles.n_fluid, 1]
     assert np.linalg.norm(flow.velocity[:, 0] * 0.3 - half_filled(y, k)) < 0.03 * np.linalg.norm(half_filled(y, k))
+
+
+LAYERS = """
+geometry:
+  voxels: {{file: {file}, labels: {{water: 1, clay: 2, solid: 0}}, voxel_size: 1}}
+  periodic: [x]
+  wall_distance: stairs
+particles: {{spacing: 1}}
+fluids: {{water: {{density: 1, viscosity: 1}}}}
+microporous: {{clay: {{permeability: 0.5}}}}
+flow: stokes
+drive: {{axes: [x]}}
+output: {{directory: {out}, plots: false, snapshots: false}}
+"""
+
+
+def test_pores_and_microporous_rock_are_told_apart(tmp_path):
+    """Of 16 layers 4 are solid, 4 of clay and 8 of water: by voxels, by sites, by particles, and of a cube that
+    nothing leads through."""
+    np.save(tmp_path / "layers.npy", np.repeat(np.uint8([0, 2, 1, 1]), 4)[:, None] * np.ones((1, 4), np.uint8))
+    case = read_case(LAYERS.format(file=tmp_path / "layers.npy", out=tmp_path / "out").encode(), "case.yaml")
+    geometry = build_geometry(case)
+    said = dict(geometry.described)
+    assert said["porosity"].startswith("50.00 %") and said["microporous"] == "clay 25.00 % of the image's voxels"
+    found = check(case, geometry)
+    assert found.microporous == {"clay": 0.25}
+    assert "porosity 50.00 %, microporous clay 25.00 %, 1 connected" in found.text()
+    summary = run_case(case, quiet=True)
+    assert summary["porosity"] == pytest.approx(0.5, rel=1e-12)
+    assert summary["microporous"] == pytest.approx({"clay": 0.25}, rel=1e-12)
+    assert summary["mean_velocity"][0] * 0.75 == pytest.approx(summary["superficial_velocity"][0], rel=1e-9)
+    assert ("microporous", "clay 25 %") in scene_lines(summary)
+    assert _porosity(geometry) == 0.5
 
 
 @pytest.mark.parametrize(("shapes", "more", "key", "word"), [

@@ -1,12 +1,11 @@
 """The cell list against brute force."""
 
-import numba
 import numpy as np
 import pytest
 
 from isphcli.domain.halo import build_halo
 from isphcli.domain.neighbours import find_pairs
-from tests.threads import one_thread
+from tests.threads import on_threads
 
 
 def brute(x, n, support):
@@ -96,10 +95,8 @@ def test_crowded_neighbourhoods():
     assert check(x, 1500, 0.05).count.max() > 1000
 
 
-@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one thread only")
-def test_threads_do_not_matter():
+def test_bits_do_not_depend_on_the_threads(monkeypatch):
     x = np.random.default_rng(7).random((3000, 3))
-    many = find_pairs(x, 3000, 0.15)
-    with one_thread():
-        one = find_pairs(x, 3000, 0.15)
-    assert np.array_equal(one.start, many.start) and np.array_equal(one.index, many.index)
+    first, *others = on_threads(monkeypatch, lambda: find_pairs(x, 3000, 0.15))
+    for other in others:
+        assert np.array_equal(first.start, other.start) and np.array_equal(first.index, other.index)

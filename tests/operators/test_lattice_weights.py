@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from isphcli.domain import row_threads
 from isphcli.domain.halo import wrap
 from isphcli.domain.lattice import make_lattice
 from isphcli.geometry.bodies import Shape, Sphere
@@ -14,6 +13,7 @@ from isphcli.operators.apply import laplacian
 from isphcli.operators.wall_operators import WallScene
 from isphcli.operators.wall_weights import build_wall_operators
 from isphcli.scene.place import place
+from tests.threads import on_threads
 
 SPACING = 1 / 12
 
@@ -109,16 +109,15 @@ def test_the_nearest_neighbours_give_the_laplacian_of_a_quadratic_function(dim):
 
 
 def test_bits_do_not_depend_on_the_threads(monkeypatch):
-    """Rows are handed out in ranges of FEWEST and more: every kernel of a steady solve on 1, 2, 3 and 8 threads."""
-    monkeypatch.setattr(row_threads, "FEWEST", 16)
-    found = []
-    for threads in (1, 2, 3, 8):
-        monkeypatch.setattr(row_threads, "get_num_threads", lambda threads=threads: threads)
+    """Every kernel of a steady solve."""
+    def results():
         ops, rows = both(3, 0.0)
         u, p = np.random.default_rng(0).standard_normal((ops.n, 3)), np.random.default_rng(1).standard_normal(ops.n)
         out, grad = np.empty_like(u), np.empty_like(u)
         factored.momentum(rows, u, p, SPACING, out, grad)
-        found.append([ops.lap, ops.grad_p, out, grad, rows.total_divergence(u), rows.gradient_p(p),
-                      factored.nearest_matrix(rows, SPACING).data, factored.conductance_matrix(rows, p, SPACING).data])
-    for other in found[1:]:
-        assert all(np.array_equal(a, b) for a, b in zip(found[0], other))
+        return [ops.lap, ops.grad_p, out, grad, rows.total_divergence(u), rows.gradient_p(p),
+                factored.nearest_matrix(rows, SPACING).data, factored.conductance_matrix(rows, p, SPACING).data]
+
+    first, *others = on_threads(monkeypatch, results)
+    for other in others:
+        assert all(np.array_equal(a, b) for a, b in zip(first, other))

@@ -1,6 +1,5 @@
 """Walls: quadratics exact at any wall distance, in slits and corners; walls that move or slip."""
 
-import numba
 import numpy as np
 import pytest
 
@@ -14,7 +13,7 @@ from isphcli.operators.kernel import KERNELS
 from isphcli.operators.pair_weights import build_operators
 from isphcli.operators.wall_weights import build_wall_operators
 from tests.operators.walls import SUPPORTS, Scene, along_x, channel
-from tests.threads import one_thread
+from tests.threads import on_threads
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -281,19 +280,16 @@ def test_units_do_not_matter(dim, power):
     np.testing.assert_allclose(b.walls.div * scale, a.walls.div, rtol=1e-11, atol=1e-10)
 
 
-@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one thread only")
-def test_threads_do_not_matter():
+def test_bits_do_not_depend_on_the_threads(monkeypatch):
     geometry = ShapeGeometry([0, 0], [1, 1], [True, True], shapes=[Shape(Disk([0.5, 0.5], 0.2))])
 
     def results():
         ops = Scene(geometry, 1 / 24, 2.1).ops
         return ops.lap, ops.grad, ops.lap_p, ops.grad_p, ops.walls.lap, ops.walls.div
 
-    many = results()
-    with one_thread():
-        one = results()
-    for a, b in zip(one, many):
-        assert np.array_equal(a, b)
+    first, *others = on_threads(monkeypatch, results)
+    for other in others:
+        assert all(np.array_equal(a, b) for a, b in zip(first, other))
 
 
 def test_gradient_of_a_field_that_is_zero_on_the_walls():

@@ -20,7 +20,7 @@ import numpy as np
 from .hdf import open_hdf5
 from .image import Inflated, Layout, Part, Readable, Stored, VoxelError, _check_deflated, _product, stored_part
 
-MATRIX, COMPRESSED = 14, 15
+MATRIX, COMPRESSED = 14, 15  # types of elements in a file
 STORED = {
     1: "i1",
     2: "u1",
