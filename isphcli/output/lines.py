@@ -156,6 +156,8 @@ def reference_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, s
     reference = case.reference
     if reference is None:
         return []
+    if summary.get("not_compared"):
+        return [("reference", f"not compared: {summary['not_compared']}")]
     lines = []
     is_permeability = reference.kind == "permeability"
     for axis, value in per_axis(reference.value):
