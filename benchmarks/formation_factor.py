@@ -5,8 +5,8 @@ usage: python benchmarks/formation_factor.py        (10 CPU seconds once the ker
 Insulating bodies on a periodic lattice: square arrays of cylinders (Perrins, McKenzie and McPhedran 1979, Proc. R. Soc.
 A 369, 207, eq. 14) and simple cubic arrays of spheres (McPhedran and McKenzie 1978, Proc. R. Soc. A 359, 45, Rayleigh's
 method with the term of order 10/3). Each is solved at several spacings, with the body in the middle of the cell and off
-it. Then all pairs and triples of spacings within a factor of two are taken as `refine` would take them. Prints the error
-of every body, and how many bars hold the truth.
+it. Then all pairs and triples of spacings within a factor of two are taken as `refine` would take them. Prints the
+error of every body, and how many bars hold the truth.
 """
 
 import itertools
