@@ -156,7 +156,7 @@ def refuse(need: float, what: str, fix: str) -> None:
 def available() -> float | None:
     """Bytes that can be had without swapping; None where the system does not tell (not Linux)."""
     try:
-        with open("/proc/meminfo") as lines:
+        with open("/proc/meminfo", encoding="utf-8") as lines:
             for line in lines:
                 if line.startswith("MemAvailable:"):
                     return float(line.split()[1]) * 1024

@@ -386,7 +386,7 @@ def _filled(level: Level, summary: Mapping[str, Any]) -> Level:
 
 def _forget_peak() -> None:
     """Let the peak memory start anew where the system can (Linux); elsewhere it is that of the process."""
-    with contextlib.suppress(OSError), open("/proc/self/clear_refs", "w") as file:
+    with contextlib.suppress(OSError), open("/proc/self/clear_refs", "w", encoding="utf-8") as file:
         file.write("5")
 
 
