@@ -75,7 +75,8 @@ def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
     text = case_text(path, values, shown.replace("np.float64(", "").replace(")", ""), repr(float(min(size))))
     if "drive.axes" not in said and not any(key.startswith("drive") for key in said):
         assumed.append("flow along x alone; others: --set 'drive.axes=[x, y, z]'")
-    case = replace(read_case(text.encode(), case_file, overrides), path=path.absolute())  # there is no case file to be named
+    # there is no case file to be named
+    case = replace(read_case(text.encode(), case_file, overrides), path=path.absolute())
     return FirstCase(case, text, tuple(assumed))
 
 
