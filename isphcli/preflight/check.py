@@ -102,7 +102,7 @@ def _from_samples(result: CheckReport, geometry: Geometry, lattice: Lattice) -> 
         result.steps = steps(case, None, None) if case.time is not None and case.time.step else None
     costs(result, geometry)
     need, left = sum(result.memory.values()), memory.available()
-    if left is not None and need > left:
+    if need > left:
         result.errors.append(f"needs about {in_bytes(need)} of memory, {in_bytes(left)} are free; "
                              f"{memory.too_large(case)}")
     result.warnings.append(
