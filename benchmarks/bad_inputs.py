@@ -412,7 +412,7 @@ def main():
     os.chdir(folder)
     (folder / "warm.yaml").write_text(SMALL)
     makers.get("cases") and makers["cases"].use(folder / "warm.yaml")  # compiles and imports
-    now = int(re.search(r"VmSize:\s+(\d+)", Path("/proc/self/status").read_text())[1]) * 1024
+    now = int(re.search(r"VmSize:\s+(\d+)", Path("/proc/self/status").read_text(encoding="utf-8"))[1]) * 1024
     resource.setrlimit(resource.RLIMIT_AS, (now + LIMIT, now + LIMIT))
     signal.signal(signal.SIGALRM, ring)
     warnings.filterwarnings("ignore", "Duplicate name")  # of the archives that are made here

@@ -706,7 +706,7 @@ def relative_table(found: Sequence[Relative]) -> str:
 
 
 @main.command(epilog=EXIT_CODES, short_help="Write a commented case to begin with.")
-@click.argument("source", metavar="[IMAGE | SPHERES.csv]", type=click.Path(path_type=Path), required=False)
+@click.argument("source", metavar="[IMAGE | SPHERES]", type=click.Path(path_type=Path), required=False)
 @click.argument("target", metavar="[CASE]", type=click.Path(path_type=Path), required=False)
 @click.option("--drop", is_flag=True, help="A drop in a throat, two fluids, in place of a file: --drop [CASE].")
 @click.option("--voxel-size", callback=parser(numbers, "5e-6 or 5e-6,5e-6,1e-5"), metavar="M",
@@ -716,17 +716,20 @@ def relative_table(found: Sequence[Relative]) -> str:
 @guarded
 def init(source: Path | None, target: Path | None, drop: bool, voxel_size: tuple[float, ...] | None,
          radius: float | None) -> None:  # fmt: skip
-    """Write a commented case for an image, a csv of spheres, or a drop in a throat; say what was assumed.
+    """Write a commented case for an image, spheres, or a drop in a throat; say what was assumed.
+
+    SPHERES is a table of centres and radii, or a dump of LAMMPS or LIGGGHTS.
 
     The case goes beside its data, under the name of the file; a file that is there is never replaced.
 
     \b
     isph init scan.npy --voxel-size 2.25e-6
     isph init pack.csv my_pack.yaml --radius 2.5e-4
+    isph init dump.lammpstrj
     isph init --drop drop.yaml
     """
     if (source is None and not drop) or (drop and target is not None):
-        raise click.UsageError("give an IMAGE or SPHERES.csv, or --drop")
+        raise click.UsageError("give an IMAGE or a list of SPHERES, or --drop")
     set_threads(None)
     from .scene import new_case
 
@@ -735,7 +738,7 @@ def init(source: Path | None, target: Path | None, drop: bool, voxel_size: tuple
         raise Unusable(f"{path}: is there already; name another file for the case")
     if drop:
         made = new_case.case_for_drop()
-    elif source.suffix.lower() in (".csv", ".txt"):  # type: ignore[union-attr]
+    elif new_case.is_list_of_spheres(source):  # type: ignore[arg-type]
         made = new_case.case_for_spheres(source, path.parent, radius)  # type: ignore[arg-type]
     else:
         made = new_case.case_for_image(source, path.parent, voxel_size)  # type: ignore[arg-type]

@@ -114,7 +114,7 @@ def test_one_blas_thread_and_the_numba_threads_that_were_asked_for():
 
 def test_run_prints_permeability_its_error_and_the_time(monkeypatch, folder):
     (folder / "case.yaml").write_text(
-        CASE + "reference: {kind: permeability, value: 2e-12, tolerance: 0.1, source: somewhere}\n"
+        CASE + "reference: {kind: permeability, value: 2e-12, axes: [x], tolerance: 0.1, source: somewhere}\n"
     )
     (folder / "there").mkdir()
     (folder / "there/slice.png").touch()

@@ -76,6 +76,21 @@ def test_links_lead_somewhere():
     assert not broken, "\n".join(broken)
 
 
+HOSTS = {"json-schema.org", "github.com"}  # of addresses that somebody has looked at: the tests have no network
+
+
+def test_web_addresses_are_well_formed_and_known():
+    """Those of documents, cases and programs; a code host names an owner and a repository."""
+    found = [(path, address.rstrip(".")) for path, text in texts()
+             for address in re.findall(r"https?://[^\s)>\"'`*,;:]+|\bgithub\.com/[\w./-]+", text) if "[" not in address]
+    assert found
+    for path, address in found:
+        scheme, _, rest = address.rpartition("://")
+        host, *parts = rest.split("/")
+        assert scheme in ("", "https") and (host in HOSTS or path.startswith("tests/")), f"{path}: {address}"
+        assert host != "github.com" or len([part for part in parts if part]) >= 2, f"{path}: {address}"
+
+
 def sections(file):
     """The anchors of the headings of a document, as GitHub makes them."""
     heads = re.findall(r"^#+ (.*)$", file.read_text(encoding="utf-8"), re.MULTILINE)

@@ -62,6 +62,15 @@ def test_every_document_has_its_page(site):
         assert (site / path.relative_to(ROOT).with_suffix(".html")).is_file(), path.name
 
 
+def test_the_search_needs_no_server(site):
+    """A page that was opened from the disk reads the index as a script, and runs the search in a frame of its own."""
+    index = (site / "search/search_index.js").read_text(encoding="utf-8")
+    assert index.startswith("var __index = ") and "Klinkenberg" in index
+    for page in ("index.html", "cases/berea.html"):
+        (script,) = re.findall(r'<script src="([^"]*iframe-worker[^"]*)"', (site / page).read_text(encoding="utf-8"))
+        assert "file:" in (site / page).parent.joinpath(script).read_text(encoding="utf-8")
+
+
 def test_formulas_are_drawn_without_a_script(site):
     page = (site / "method.html").read_text(encoding="utf-8")
     formulas = re.findall(r"\$\$.*?\$\$", (ROOT / "docs/method.md").read_text(encoding="utf-8"), re.DOTALL)

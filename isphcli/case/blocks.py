@@ -650,7 +650,26 @@ class Reference:
 
     kind: str = key("the solution to compare with", choices=REFERENCE_KINDS)
     value: float | Vector | None = key(
-        "published number, for the kinds that need one (permeability: m2, one or one an axis)", default=None
+        "published number, for the kinds that need one (permeability: m2, one an axis, or one along `axes`)",
+        default=None,
+    )
+    axes: tuple[str, ...] | None = key(
+        "axes along which one permeability holds; a flow along another is not compared with it", default=None,
+        choices=AXES, unique=True
+    )
+    crop: tuple[tuple[int, int], ...] | None = key(
+        "part of the image that a permeability is of, in voxels of the file as in `geometry.voxels.crop`; a run of "
+        "another part is not compared with it. Without it: the whole image",
+        default=None,
+        at_least=0,
+        lengths=(2, 3),
+    )
+    voxel_size: float | Vector | None = key(
+        "edge of the voxels that a permeability is of, one number or one an axis; a run with other voxels is not "
+        "compared with it. Without it: that of the run",
+        default=None,
+        unit="m",
+        above=0,
     )
     tolerance: float | None = key("bound on the relative error", default=None, above=0)
     source: str = key("where the value is from", default="")

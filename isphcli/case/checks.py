@@ -469,6 +469,12 @@ class _Checks:
             return
         if reference.kind == "permeability" and reference.value is None:
             self.bad("reference", "kind permeability needs a value", "give value, in m2")
+        elif reference.kind == "permeability" and not isinstance(reference.value, tuple) and reference.axes is None:
+            self.bad("reference.axes", "is missing, and one value does not say of which axes it is",
+                     "give the axes along which it holds, such as [x]")
+        for name in ("axes", "crop", "voxel_size"):
+            if getattr(reference, name) is not None and reference.kind != "permeability":
+                self.bad(f"reference.{name}", "is of kind permeability", "remove it")
         if reference.kind in OF_A_FORCE and self.case.drive and self.case.drive.superficial_velocity:
             self.bad("reference.kind", f"{reference.kind} is the flow under a given force", "give drive.pressure_drop")
         elif reference.kind in OF_A_FORCE and self.clear("drive") and not forcing.force_is_given(self.case):

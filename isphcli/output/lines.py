@@ -63,8 +63,7 @@ def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         if bar is not None:
             lines.append((f"  +-{axis}", permeability(bar, 2)))
         if axis in ranges:
-            low, high = ranges[axis]
-            lines.append((f"  range{axis}", f"{low:.{DIGITS}g} to {high:.{DIGITS}g} m2"))
+            lines.append((f"  range{axis}", between(*ranges[axis])))
     if summary.get("permeability_range_from"):
         lines.append(("  range from", summary["permeability_range_from"]))
     lines += threshold_lines(summary.get("permeability_by_threshold"))
@@ -73,6 +72,13 @@ def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         heads = ["tensor, m2"] + [""] * (len(tensor) - 1)
         lines += [(head, " ".join(f"{k:10.{DIGITS - 1}e}" for k in row)) for head, row in zip(heads, tensor)]
     return lines
+
+
+def between(low: float, high: float) -> str:
+    """'1.2e-12 to 1.4e-12 m2': with two digits of the width, DIGITS at least and 6 at most."""
+    digits = max(DIGITS, min(digits_within(high, high - low) + 1, 6))
+    ends = [f"{k:.{digits - 1}e}" for k in (low, high)]
+    return f"{ends[0]} m2, to {digits} digits" if ends[0] == ends[1] else f"{ends[0]} to {ends[1]} m2"
 
 
 def threshold_lines(known: Mapping[str, Any] | None) -> list[tuple[str, str]]:
@@ -158,6 +164,8 @@ def reference_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, s
     reference = case.reference
     if reference is None:
         return []
+    if summary.get("not_compared"):
+        return [("reference", f"not compared: {summary['not_compared']}")]
     lines = []
     is_permeability = reference.kind == "permeability"
     for axis, value in per_axis(reference.value):

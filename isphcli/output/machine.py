@@ -6,15 +6,17 @@ import contextlib
 import sys
 
 LIBRARIES = ("isphcli", "numpy", "scipy", "numba", "pyamg", "meshio", "matplotlib", "pyyaml", "click", "rich",
-             "threadpoolctl", "pillow", "tifffile", "pynrrd", "pint", "pyvista")
+             "threadpoolctl", "pillow", "tifffile", "pynrrd", "pint", "pyvista", "psutil")
 
 
-def peak_memory() -> int | None:
-    """Largest resident size of this process so far, bytes; None where the system does not tell (Windows)."""
+def peak_memory() -> int:
+    """Largest resident size of this process so far, bytes."""
     try:
         import resource
-    except ImportError:
-        return None
+    except ImportError:  # Windows
+        import psutil
+
+        return int(psutil.Process().memory_info().peak_wset)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else 1024 * peak
 

@@ -12,6 +12,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, TextIO
 
 INTERVAL = 5.0  # s between two plain lines
+FEWEST = 12  # steps before the time left is told
+AGREE = 1.5  # the pace of the last half of the steps over that of the last quarter, between which a pace is known
+MOST = 1000  # steps whose times are kept
 COMPILING = "compiling (once)"
 _active: list[Progress | stage] = []  # open displays, the outermost first: there is one terminal
 _told: list[TextIO] = []  # streams without a terminal that have been told of the compiler
@@ -46,8 +49,8 @@ class Progress:
         self.total_time, self.total_steps, self.title = total_time, total_steps, title
         self.quiet, self.interval = quiet, interval
         self.stream: Any = _Forgiving(stream if stream is not None else sys.stderr)
-        self.start = self._first = time.perf_counter()
-        self._done_at_first: float | None = None
+        self.start = time.perf_counter()
+        self._paced: list[tuple[float, float]] = []  # (s, share done) after steps
         self._printed = float("-inf")
         self._line = self._shown = ""
         self._display: Any = None
@@ -113,14 +116,22 @@ class Progress:
         return min(step / self.total_steps, 1.0) if self.total_steps else None
 
     def _left(self, done: float | None) -> str:
-        """Time left at the pace since the first step (which compiles and builds hierarchies)."""
+        """Time left at the pace of the last half of the steps: the first ones compile, and steps grow from rest.
+
+        Nothing before that pace is known: FEWEST steps, of which the last quarter went as fast within AGREE."""
         if done is None:
             return ""
-        if self._done_at_first is None:
-            self._done_at_first, self._first = done, _now()
+        now, paced = _now(), self._paced
+        paced.append((now, done))
+        if len(paced) > MOST:
+            del paced[::2]
+        if len(paced) < FEWEST:
             return ""
-        gained = done - self._done_at_first
-        return f"{duration((1 - done) / gained * (_now() - self._first))} left" if gained > 0 else ""
+        half, quarter = ((done - share) / max(now - then, 1e-9) for then, share in
+                         (paced[len(paced) // 2], paced[3 * len(paced) // 4]))
+        if min(half, quarter) <= 0.0 or not 1.0 / AGREE <= half / quarter <= AGREE:
+            return ""
+        return f"{duration((1 - done) / half)} left"
 
     def _print(self, line: str) -> None:
         print(line, file=self.stream, flush=True)

@@ -117,6 +117,8 @@ def answer_lines(run: Run) -> list[tuple[str, str]]:
             lines.append((name.replace("_", " "), f"{value:.4g}"))
     lines += measure_lines(summary)
     errors = {k: v for k, v in (summary.get("errors") or {}).items() if k != "main"}
+    if summary.get("not_compared"):
+        lines.append(("reference", f"not compared: {summary['not_compared']}"))
     return lines + [(f"error {name}", shown_error(value, None)) for name, value in errors.items()]
 
 

@@ -16,6 +16,7 @@ from ..case.forces import FORCES, forces_of
 from ..case.load import load_case
 from ..domain.lattice import Lattice, ParticleError
 from ..geometry.protocol import Geometry
+from ..references.sample import other_sample
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at, what_is_solid
@@ -84,6 +85,8 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False) ->
     result.warnings += list(resolution_findings(result, geometry, lattice))
     result.warnings += list(other_findings(result, geometry, sites))
     if not to_run:
+        other = other_sample(case, geometry)
+        result.warnings += [] if other is None else [f"the reference is not compared: {other}"]
         result.warnings += list(absent_fluids(case, sites))
     elif case.flow != "stokes":  # a run in time goes on, and finds out
         result.warnings += result.errors
@@ -104,7 +107,7 @@ def _from_samples(result: CheckReport, geometry: Geometry, lattice: Lattice) -> 
         result.steps = steps(case, None, None) if case.time is not None and case.time.step else None
     costs(result, geometry)
     need, left = sum(result.memory.values()), memory.available()
-    if left is not None and need > left:
+    if need > left:
         result.errors.append(f"needs about {in_bytes(need)} of memory, {in_bytes(left)} are free; "
                              f"{memory.too_large(case)}")
     result.warnings.append(

@@ -6,7 +6,6 @@ The numbers behind them stand below with the date on which they were measured.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -135,9 +134,8 @@ def costs(result: CheckReport, geometry: Geometry) -> None:
         result.seconds = fluid * runs * density_of_pairs * MICROSECONDS[case.flow, dim] * 1e-6
 
 
-def machine_memory() -> float | None:
-    """Bytes of memory of this machine; None where it does not tell."""
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    except (AttributeError, OSError, ValueError):
-        return None
+def machine_memory() -> float:
+    """Bytes of memory of this machine."""
+    import psutil
+
+    return float(psutil.virtual_memory().total)

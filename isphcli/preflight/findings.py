@@ -118,7 +118,7 @@ def other_findings(result: CheckReport, geometry: Geometry, sites: Sites) -> Ite
     """Memory, Reynolds number, fluids without particles, pockets."""
     case, there = result.case, machine_memory()
     need = sum(result.memory.values())
-    if there is not None and need > there:
+    if need > there:
         yield f"needs about {in_bytes(need)}, this machine has {in_bytes(there)}; take a larger particles.spacing"
     if (
         case.flow == "stokes"

@@ -31,6 +31,10 @@ class CompareError(ValueError):
     """A reference that lacks what its comparison needs, or a result that does not have it."""
 
 
+class OtherSampleError(CompareError):
+    """A published value of another body than that of the run: there is nothing to compare, and nothing is wrong."""
+
+
 # -- numbers of the case --------------------------------------------------------------------------------
 
 

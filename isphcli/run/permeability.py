@@ -97,11 +97,12 @@ def clear_permeability(geometry: Geometry, axis: int) -> float:
 
 def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray,
                 known: tuple[float, float] | None = None,
-                power: float | None = None) -> tuple[float, float, float | None, str]:
+                power: float | None = None, safety: float | None = None) -> tuple[float, float, float | None, str]:
     """The value at the limit of fine spacings from values (m,) at spacings (m,), m > 1: (value, error bar, order or
     None, sentence).
 
-    power: order of the errors that the bar takes from the differences, ORDER without it. known: lowest and highest
+    power: order of the errors that the bar takes from the differences, ORDER without it; safety: factor of the bar over
+    the error that it finds so, BAR without it. known: lowest and highest
     order of the error, where all of it is of a known origin (`EDGE`): the value is then the
     limit by Richardson. Without it the value is that of the finest spacing and the bar an estimate of its error, which
     89 % (two spacings) to 96 % (three) of the bodies of `validation.known_bodies` keep within. Beside smooth walls the
@@ -113,7 +114,7 @@ def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] 
     if known is not None:
         return _with_known_order(h, k, known)
     power = ORDER if power is None else power
-    bar = BAR * float(np.mean(np.abs(k[1:] - k[0]) / ((h[1:] / h[0]) ** power - 1.0)))
+    bar = (BAR if safety is None else safety) * float(np.mean(np.abs(k[1:] - k[0]) / ((h[1:] / h[0]) ** power - 1.0)))
     return float(k[0]), bar, None, (f"the value at the finest of {len(h)} spacings; the bar takes errors of order "
                                     f"{power:g} from their differences")
 

@@ -53,7 +53,7 @@ def entry(particles: Particles) -> dict[str, Any] | None:
         return None
     exchange = particles.share.exchange
     sent = exchange.sent if isinstance(exchange, NeighbourExchange) else 0
-    of_all = np.array(ranks.collect((particles.n_fluid, exchange.remote, sent, peak_memory() or 0)))
+    of_all = np.array(ranks.collect((particles.n_fluid, exchange.remote, sent, peak_memory())))
     least, most = of_all.min(axis=0).tolist(), of_all.max(axis=0).tolist()
     names = ("fluid", "remote", "sent_bytes", "peak_memory_bytes")
     return {"count": ranks.size, **{name: [low, high] for name, low, high in zip(names, least, most)}}

@@ -69,8 +69,7 @@ def _fits(case: Case, geometry: Geometry, spacing: float, solved: list[Solved]) 
     if ratio <= 1.0:
         return True
     need = memory.estimate(case, geometry.dim, geometry.has_solid, finest.particles * ratio, 0)
-    left = memory.available()
-    if left is not None and sum(need.values()) > left:
+    if sum(need.values()) > memory.available():
         return False
     expected = finest.seconds * ratio**GROWTH
     return sum(level.seconds for level in solved) + expected <= case.refine_budget

@@ -164,9 +164,12 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
     if case.reference is not None:
         with clock("reference"):
             from ..references.compare import CompareError, compare
+            from ..references.errors import OtherSampleError
 
             try:
                 errors = compare(case, result)
+            except OtherSampleError as error:
+                summary["not_compared"] = str(error)
             except CompareError as error:
                 incomparable = error
                 summary["message"] = "; ".join(filter(None, [summary["message"], f"no errors: {error}"]))

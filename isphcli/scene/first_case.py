@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -75,7 +75,9 @@ def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
     text = case_text(path, values, shown.replace("np.float64(", "").replace(")", ""), repr(float(min(size))))
     if "drive.axes" not in said and not any(key.startswith("drive") for key in said):
         assumed.append("flow along x alone; others: --set 'drive.axes=[x, y, z]'")
-    return FirstCase(read_case(text.encode(), case_file, overrides), text, tuple(assumed))
+    # there is no case file to be named
+    case = replace(read_case(text.encode(), case_file, overrides), path=path.absolute())
+    return FirstCase(case, text, tuple(assumed))
 
 
 def _understood(path: Path, image: Image) -> tuple[str, str]:

@@ -149,17 +149,12 @@ def refuse_pore_voxels(case: Case, dim: int, voxel_size: np.ndarray, voxels: tup
 def refuse(need: float, what: str, fix: str) -> None:
     """Raises ParticleError where `need` bytes for `what` are more than the machine has left."""
     left = available()
-    if left is not None and need > left:
+    if need > left:
         raise ParticleError(f"{what} need about {need / 1e9:.3g} GB of memory, {left / 1e9:.3g} GB are free; {fix}")
 
 
-def available() -> float | None:
-    """Bytes that can be had without swapping; None where the system does not tell (not Linux)."""
-    try:
-        with open("/proc/meminfo") as lines:
-            for line in lines:
-                if line.startswith("MemAvailable:"):
-                    return float(line.split()[1]) * 1024
-    except (OSError, ValueError, IndexError):
-        pass
-    return None
+def available() -> float:
+    """Bytes that can be had without swapping."""
+    import psutil
+
+    return float(psutil.virtual_memory().available)

@@ -25,6 +25,21 @@ class NewCase:
     notes: tuple[str, ...] = ()
 
 
+def is_list_of_spheres(file: Path) -> bool:
+    """Whether a file is taken for a table or a dump of spheres: text that is not of a format of images."""
+    from ..geometry.images.read import FORMATS
+
+    if file.suffix.lower() in FORMATS or not file.is_file():
+        return file.suffix.lower() in (".csv", ".txt")
+    with open(file, "rb") as stream:
+        head = stream.read(4096)
+    try:
+        head[: head.rfind(b"\n") + 1].decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return False
+    return b"\0" not in head
+
+
 def case_for_image(file: Path, folder: Path, voxel_size: float | Sequence[float] | None = None) -> NewCase:
     """A steady permeability of an image: labels where it has few values, else a grey image with Otsu's threshold.
 
@@ -82,15 +97,19 @@ def case_for_image(file: Path, folder: Path, voxel_size: float | Sequence[float]
 
 
 def case_for_spheres(file: Path, folder: Path, radius: float | None = None) -> NewCase:
-    """A steady permeability of the spheres of a CSV file in a box round their centres, periodic along all axes.
+    """A steady permeability of the spheres of a table or dump, periodic along all axes, in the box of a dump that
+    repeats, else in the one that they fill.
 
     radius: m, of a file without such a column. Raises ShapeError.
     """
-    from .sphere_files import spheres_of_file
+    from .sphere_files import box_of_dump, spheres_of_file
 
     found = spheres_of_file(file, 3, radius)
     radii = np.ravel(np.asarray(found.radii, float))
-    lower, upper = (found.centres - radii[:, None]).min(axis=0), (found.centres + radii[:, None]).max(axis=0)
+    given = box_of_dump(file)
+    filled = (found.centres - radii[:, None]).min(axis=0), (found.centres + radii[:, None]).max(axis=0)
+    lower, upper = filled if given is None else given
+    whose = "what the spheres fill; CHECK, of a periodic pack its periods" if given is None else "that of the dump"
     size = upper - lower
     share = float((4 / 3 * np.pi * np.broadcast_to(radii, len(found.centres)) ** 3).sum() / np.prod(size))
     spacing = float(f"{np.median(radii) / PER_RADIUS:.2g}")
@@ -101,7 +120,7 @@ def case_for_spheres(file: Path, folder: Path, radius: float | None = None) -> N
         "# `isph keys` explains every key.\n"
         f"title: Permeability of {file.stem}\n"
         "geometry:\n"
-        f"  box: {_list(size)}      # m: what the spheres fill; CHECK, of a periodic pack its periods\n"
+        f"  box: {_list(size)}      # m: {whose}\n"
         f"  origin: {_list(lower)}   # m, lower corner\n"
         "  periodic: [x, y, z]   # along the others the faces are walls\n"
         "  shapes:\n"
@@ -112,8 +131,10 @@ def case_for_spheres(file: Path, folder: Path, radius: float | None = None) -> N
         "drive: {axes: [z]}   # several axes give a permeability each\n"
         "# refine: auto   # two more spacings: gives the permeability its error bar\n"
         "# output: {grid: auto}   # VTI beside the particles, for streamlines in ParaView\n")
-    return NewCase(text, (f"the box is what the spheres fill, {100 * share:.0f} % of it solid if none overlap, and "
-                          "periodic along x, y, z: check both",))
+    solid = f"{100 * share:.0f} % of it solid if none overlap"
+    note = (f"the box is what the spheres fill, {solid}, and periodic along x, y, z: check both" if given is None
+            else f"the box is that of the dump, {solid}; lengths are taken as metres: scale is the key of other units")
+    return NewCase(text, (note,))
 
 
 def case_for_drop() -> NewCase:

@@ -60,6 +60,18 @@ def read_spheres(path: str | Path, dim: int = 3, radius: float | None = None) ->
     return found.centres, np.broadcast_to(np.asarray(found.radii, float), len(found.centres))
 
 
+def box_of_dump(path: str | Path) -> tuple[np.ndarray, np.ndarray] | None:
+    """Corners (3,) of the box of the last step of a dump that repeats along all axes, in its unit; None of other files.
+
+    Raises ShapeError.
+    """
+    path = Path(path)
+    lines = path.read_text(encoding="utf-8-sig").splitlines()
+    heads = {line[5:].strip(): k for k, line in enumerate(lines) if line.startswith("ITEM:")}  # the last of each
+    bounds = next((name for name in reversed(heads) if name.startswith("BOX BOUNDS")), "")
+    return _bounds(path, lines, heads, 3) if bounds.split()[2:] == ["pp"] * 3 else None
+
+
 @dataclass(frozen=True)
 class _Table:
     """values: (n, dim) or, with radii, (n, dim + 1); said: what was understood; has_unit: lengths are in m."""

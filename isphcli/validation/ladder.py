@@ -34,6 +34,7 @@ LEVELS = 3  # of a ladder where none are asked for: of three the order can be ob
 BUDGET = 60.0  # s, of a ladder where none is asked for; the case's own spacing is then run in any case
 GROWTH = 1.1  # exponent of the particles in the time of a step, to predict that of the next level
 WARM = 2.0  # s: a level that is shorter is run twice, so that loading the kernels is not counted
+NOT_COMPARED = "not compared"
 KEPT = ("particles.spacing", "refine", "output", "reference")  # keys that the ladder itself is about
 HEADS = ("level", "spacing", "particles", "steps", "error", "order", "cpu s", "compile s", "wall s", "MB")
 WIDTHS = (5, 10, 10, 6, 11, 6, 9, 9, 9, 7)
@@ -263,6 +264,11 @@ def _climb(
             say(ladder.stopped)
             return
         level, seconds = run_level(case, number, spacing, start / f"level_{number}", quiet)
+        if level.status.startswith(NOT_COMPARED):  # nor would a further one be
+            ladder.levels.append(level)
+            ladder.stopped = level.status
+            say(ladder.stopped)
+            return
         spent += seconds
         if level.ran and ladder.done:
             level.order = slope([ladder.done[-1].spacing, spacing], [ladder.done[-1].error, level.error])
@@ -364,6 +370,9 @@ def _filled(level: Level, summary: Mapping[str, Any]) -> Level:
     level.dimension = summary["dimension"]
     level.particles = summary["particles"]["fluid"]
     level.steps = summary["steps"]
+    if summary.get("not_compared"):
+        level.status = f"{NOT_COMPARED}: {summary['not_compared']}"
+        return level
     level.errors = dict(summary["errors"])
     level.error = level.errors[level.errors["main"]]  # type: ignore[index]
     level.compile_seconds = cpu.get("compile", 0.0)
@@ -377,7 +386,7 @@ def _filled(level: Level, summary: Mapping[str, Any]) -> Level:
 
 def _forget_peak() -> None:
     """Let the peak memory start anew where the system can (Linux); elsewhere it is that of the process."""
-    with contextlib.suppress(OSError), open("/proc/self/clear_refs", "w") as file:
+    with contextlib.suppress(OSError), open("/proc/self/clear_refs", "w", encoding="utf-8") as file:
         file.write("5")
 
 

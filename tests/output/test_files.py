@@ -120,7 +120,7 @@ def test_history_reads_back(tmp_path):
         {"step": 1, "time": 0.1, "limit": "cfl", "iterations_p": 3, "p": None},
         {"step": 2, "time": 0.2, "limit": "end", "iterations_p": None, "p": 1e-7},
     ]
-    with open(path, "a") as file:
+    with open(path, "a", encoding="utf-8") as file:
         file.write("3,0.2")  # a run that was killed as it wrote
     with History(path, resume_step=1) as history:
         history.append({"step": 2, "time": 0.19, "change": 0.5})

@@ -1,6 +1,6 @@
 """What is said of a run, from its summary."""
 
-from isphcli.output.lines import digits_within, measure_lines, permeability_lines, table
+from isphcli.output.lines import between, digits_within, measure_lines, permeability_lines, table
 
 
 def test_digits_go_as_far_as_the_error_bar_says():
@@ -20,3 +20,10 @@ def test_measures_that_are_there():
 
 def test_two_columns():
     assert table([("a", "1"), ("long", "2")]) == "a     1\nlong  2"
+
+
+def test_the_ends_of_a_range_show_its_width():
+    """Also where it is narrower than the digits of a permeability alone."""
+    assert between(2.1e-12, 2.64e-12) == "2.10e-12 to 2.64e-12 m2"
+    assert between(2.3012e-9, 2.3034e-9) == "2.3012e-09 to 2.3034e-09 m2"
+    assert between(2.3e-9, 2.3e-9 * (1 + 1e-9)) == "2.30000e-09 m2, to 6 digits"

@@ -179,6 +179,37 @@ def test_a_kernel_that_is_not_in_the_cache_is_told(monkeypatch):
         assert kernel(2) == 3 and not told
 
 
+def left_after(monkeypatch, seconds, shares):
+    """What is said of the time left after each step; seconds that the steps take, and the share done after them."""
+    from isphcli.output import progress
+
+    clock = [0.0]
+    monkeypatch.setattr(progress, "_now", lambda: clock[0])
+    said = []
+    with Progress(total_time=1.0, stream=io.StringIO()) as shown:
+        for step, (took, share) in enumerate(zip(seconds, shares), 1):
+            clock[0] += took
+            shown.update(step, time=share)
+            said.append(shown._line.partition("  t ")[2].partition("  ")[2])
+    return said
+
+
+def test_the_time_left_is_that_of_an_even_pace(monkeypatch):
+    """100 steps of 2 s: nothing in the first ones, then what the rest takes."""
+    said = left_after(monkeypatch, [2.0] * 100, [k / 100 for k in range(1, 101)])
+    assert said[:11] == [""] * 11 and said[11] == "2 min 56 s left" and said[49] == "1 min 40 s left"
+
+
+def test_no_time_left_before_the_pace_is_known(monkeypatch):
+    """Steps that begin a thousand times as small as they become, the third of which compiles for a minute: at the pace
+    of the first ones it would be hours."""
+    steps = [min(1e-5 * 2.0**k, 1e-2) for k in range(60)]
+    shares = [sum(steps[: k + 1]) for k in range(60)]
+    said = left_after(monkeypatch, [60.0 if k == 2 else 1.0 for k in range(60)], shares)
+    assert said[:12] == [""] * 12 and not any(" h " in text for text in said)
+    assert said[-1] == f"{duration((1 - shares[-1]) / 1e-2)} left"
+
+
 @pytest.mark.parametrize(
     "seconds, text", [(0.34, "0.3 s"), (42, "42 s"), (185, "3 min 05 s"), (7800, "2 h 10 min")]
 )

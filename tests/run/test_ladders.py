@@ -67,7 +67,7 @@ def test_inertia_of_a_cylinder_array(tmp_path):
     assert apparent[0] == pytest.approx(cylinder_array_permeability(np.pi / 16), rel=0.08)
     assert apparent[1] < 0.97 * apparent[0] and found.beta > 0.0
     assert found.rows[1]["reynolds"] > 1.0
-    with open(tmp_path / "out" / "forchheimer.csv", newline="") as file:
+    with open(tmp_path / "out" / "forchheimer.csv", encoding="utf-8", newline="") as file:
         assert [float(row["factor"]) for row in csv.DictReader(file)] == [1.0, 1000.0]
 
 
@@ -114,7 +114,7 @@ drive: {{axes: [x]}}
     for row in whole:
         assert row["edge"] == row["voxels"] and row["porosity"] == pytest.approx(0.5, rel=1e-6)
         assert row["permeability"] == pytest.approx(16.0 / 24.0, rel=0.02)  # 8 particles across
-    with open(tmp_path / "out" / "rev.csv", newline="") as file:
+    with open(tmp_path / "out" / "rev.csv", encoding="utf-8", newline="") as file:
         assert len(list(csv.DictReader(file))) == len(rows)
 
 

@@ -40,6 +40,7 @@ def test_the_voxel_size_of_the_file_is_that_of_the_particles(tmp_path):
     found = first_case(saved(tmp_path, DUCT, voxel_size=np.array([3e-6, 3e-6, 6e-6])))
     assert found.case.geometry.voxels.voxel_size == (3e-6, 3e-6, 6e-6) and found.case.particles.spacing == 3e-6
     assert read_case(found.text.encode(), tmp_path / "duct.yaml") == found.case
+    assert found.case.path == tmp_path / "duct.npz"  # which messages name: there is no duct.yaml
 
 
 def test_what_is_said_is_kept(tmp_path):

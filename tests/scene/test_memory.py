@@ -11,6 +11,7 @@ from isphcli.geometry import iso_surface
 from isphcli.geometry.images import read
 from isphcli.output.clock import Clock
 from isphcli.preflight.check import check
+from isphcli.preflight.estimates import machine_memory
 from isphcli.run import steady
 from isphcli.run.run import run_case
 from isphcli.run.steady import build_scene
@@ -51,7 +52,7 @@ def test_a_scene_is_refused_where_the_machine_is_full(monkeypatch):
     monkeypatch.setattr(memory, "available", lambda: 1e6)
     with pytest.raises(ParticleError, match=r"fluid particles need about .* GB of memory, 0.001 GB are free"):
         build_scene(case, build_geometry(case), 0.125, Clock())
-    monkeypatch.setattr(memory, "available", lambda: None)  # a system that does not tell
+    monkeypatch.setattr(memory, "available", lambda: 1e12)
     assert build_scene(case, build_geometry(case), 0.125, Clock()).particles.n_fluid > 100
 
 
@@ -69,7 +70,7 @@ def test_moving_particles_are_refused_where_the_machine_is_full(monkeypatch, set
     monkeypatch.setattr(memory, "available", lambda: 1e6)
     with pytest.raises(ParticleError, match=f"{who}.* about .* GB of memory, 0.001 GB are free; take a larger"):
         prepare(case, build_geometry(case), Clock())
-    monkeypatch.setattr(memory, "available", lambda: None)
+    monkeypatch.setattr(memory, "available", lambda: 1e12)
     assert prepare(case, build_geometry(case), Clock())[2].n_fluid == 400
 
 
@@ -156,3 +157,7 @@ def test_a_finer_spacing_that_does_not_fit_is_refused_before_the_first_is_solved
     monkeypatch.setattr(steady, "solve_axis", lambda *_: pytest.fail("solved"))
     with pytest.raises(ParticleError, match=r"larger particles\.spacing and refine"):
         run_case(case, quiet=True)
+
+
+def test_what_is_free_is_a_part_of_what_there_is():
+    assert 1e6 < memory.available() < machine_memory()

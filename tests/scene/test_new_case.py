@@ -5,7 +5,13 @@ import pytest
 
 from isphcli.case.load import load_case
 from isphcli.preflight.check import check_case_file
-from isphcli.scene.new_case import NewCaseError, case_for_drop, case_for_image, case_for_spheres
+from isphcli.scene.new_case import (
+    NewCaseError,
+    case_for_drop,
+    case_for_image,
+    case_for_spheres,
+    is_list_of_spheres,
+)
 
 RNG = np.random.default_rng(3)
 
@@ -61,6 +67,34 @@ def test_spheres(tmp_path):
     report = check_case_file(tmp_path / "case.yaml")
     # three whole spheres in the box; cells cut by spheres are counted by their middles: 4 a radius
     assert report.can_run and report.connectivity.porosity == pytest.approx(1 - 4 * np.pi / 32, abs=0.02)
+
+
+DUMP = """ITEM: TIMESTEP
+7
+ITEM: NUMBER OF ATOMS
+2
+ITEM: BOX BOUNDS {sides}
+0 1
+0 2
+-1 1
+ITEM: ATOMS id x y z radius
+1 0.3 0.3 0.3 0.25
+2 0.7 1.7 0 0.25
+"""
+
+
+@pytest.mark.parametrize(("sides", "box"), [("pp pp pp", (1.0, 2.0, 2.0)), ("pp pp ff", (0.9, 1.9, 0.8))])
+def test_a_dump_has_its_box_where_that_repeats(tmp_path, sides, box):
+    """Else it is what the spheres fill."""
+    (tmp_path / "pack.dump").write_text(DUMP.format(sides=sides), encoding="utf-8")
+    assert is_list_of_spheres(tmp_path / "pack.dump")
+    case = load_case(written(case_for_spheres(tmp_path / "pack.dump", tmp_path), tmp_path))
+    assert case.geometry.box == pytest.approx(box)
+
+
+def test_what_is_no_text_is_no_list_of_spheres(tmp_path):
+    (tmp_path / "scan.dcm").write_bytes(b"DICM\0\1\xff")
+    assert not is_list_of_spheres(tmp_path / "scan.dcm") and not is_list_of_spheres(tmp_path / "missing.npy")
 
 
 def test_a_drop_in_a_throat(tmp_path):

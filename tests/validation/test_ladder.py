@@ -30,7 +30,7 @@ def isph(*words):
 
 
 def results(name):
-    return json.loads(Path("runs", name, "validation.json").read_text())
+    return json.loads(Path("runs", name, "validation.json").read_text(encoding="utf-8"))
 
 
 def ladder(*levels, name="slit"):
@@ -115,11 +115,11 @@ def test_a_ladder_and_its_files():
     assert [line.split()[0] for line in lines if line and "warning" not in line][1:5] == ["level", "1", "2*", "3"]
     (record,) = results("slit")["settings"]
     assert record["order"] == pytest.approx(2, abs=0.01) and record["verdict"]["passed"]
-    rows = list(csv.DictReader(Path("runs/slit/validation.csv").open()))
+    rows = list(csv.DictReader(Path("runs/slit/validation.csv").open(encoding="utf-8")))
     assert [int(row["particles"]) for row in rows] == [16, 64, 256]
     assert float(rows[1]["order"]) == pytest.approx(2, abs=0.01)
     assert float(rows[1]["error_velocity_max"]) < 1e-8 and float(rows[1]["iterations_stokes"]) >= 1
-    page = Path("runs/slit/validation.md").read_text()
+    page = Path("runs/slit/validation.md").read_text(encoding="utf-8")
     assert "| 2* | 6.25e-06 | 64 |" in page and "work_precision.png" in page
     assert Path("runs/slit/work_precision.png").stat().st_size > 5000
     assert not list(Path("runs").rglob("*.vtu")) and not list(Path("runs").rglob("slice.png"))
@@ -154,7 +154,7 @@ def test_cpu_seconds_are_those_of_the_operating_system():
 def test_what_is_not_the_method_is_not_counted():
     """Neither the compiler nor the reference solution, which in 3D takes longer than the run."""
     one = validate._run(case("taylor_green_3d", "particles.spacing=0.125"), 1, 0.125, Path("runs"), True)
-    summary = json.loads(Path("runs/summary.json").read_text())
+    summary = json.loads(Path("runs/summary.json").read_text(encoding="utf-8"))
     for mine, seconds in ((one.cpu_seconds, summary["cpu_seconds"]), (one.wall_seconds, summary["wall_seconds"])):
         rest = sum(s for name, s in seconds.items() if name not in ("total", "compile", "reference"))
         assert mine == pytest.approx(rest) and seconds["reference"] > 0
@@ -203,16 +203,16 @@ def test_a_run_that_fails_is_a_row(monkeypatch):
     monkeypatch.setattr("isphcli.run.run.run_case", run_case)
     text, passed = validate_cases([case("slit")], say=lambda line: None, **PARTS)
     assert not passed and "FAIL" in text and "RuntimeError: did not converge" in text
-    assert "did not converge" in Path("runs/slit/validation.md").read_text()
+    assert "did not converge" in Path("runs/slit/validation.md").read_text(encoding="utf-8")
 
 
 def test_several_cases_end_with_one_page():
     cases = [case("slit"), case("cylinder_array", "particles.spacing=6.25e-3", "reference.tolerance=1e-5")]
     text, passed = validate_cases(cases, levels=1, say=lambda line: None, **PARTS)
     assert not passed and "1 of 2 passed" in text
-    page = Path("runs/validation.md").read_text()
+    page = Path("runs/validation.md").read_text(encoding="utf-8")
     assert "| slit | pass |" in page and "| cylinder_array | FAIL |" in page and "1 of 2 passed" in page
-    assert [r["name"] for r in json.loads(Path("runs/validation.json").read_text())["results"]] == [
+    assert [r["name"] for r in json.loads(Path("runs/validation.json").read_text(encoding="utf-8"))["results"]] == [
         "slit",
         "cylinder_array",
     ]
@@ -256,6 +256,6 @@ def test_other_codes_in_the_picture():
     vortex = ladder(own, name="taylor_green_2d")
     vortex.main = "velocity_relative_l2"
     validate.write_results(Path("."), [vortex])
-    page = Path("validation.md").read_text()
+    page = Path("validation.md").read_text(encoding="utf-8")
     assert "| PySPH ISPH | not recorded | 32 | 0.0042 | 0.95 | yes |" in page
     assert "no: time 0.028125 against 0.0316" in page and Path("work_precision.png").stat().st_size > 5000

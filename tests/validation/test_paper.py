@@ -165,14 +165,14 @@ FIGURES = (
 def test_the_report():
     text, passed = reproduce(Path("out"), 100.0, lambda line: None, FIGURES)
     assert passed and "1 of 2 figures and tables run, 0 of their claims missed" in text
-    page = Path("out/report.md").read_text()
+    page = Path("out/report.md").read_text(encoding="utf-8")
     assert "The paper: it flows." in page and "| 50.0 |" in page and "not run: cases/none.yaml is not there" in page
-    record = json.loads(Path("out/report.json").read_text())["figures"]
+    record = json.loads(Path("out/report.json").read_text(encoding="utf-8"))["figures"]
     assert [r["not_run"] for r in record] == [None, "cases/none.yaml is not there"] and record[0]["passed"]
     miss = Figure("c", "Figure C", "no", 0.1, lambda s, f: Finding(passed=False))
     assert reproduce(Path("out"), 100.0, lambda line: None, (miss,))[1] is False
     text, passed = reproduce(Path("out"), 0.0, lambda line: None, FIGURES)
-    assert "0 of 2" in text and "the budget of 0 s is spent" in Path("out/report.md").read_text()
+    assert "0 of 2" in text and "the budget of 0 s is spent" in Path("out/report.md").read_text(encoding="utf-8")
 
 
 def test_the_command(monkeypatch):

@@ -180,10 +180,9 @@ def _smallest(values: np.ndarray) -> np.ndarray:
 
 def _memory() -> int:
     """Bytes that one image may take: half of the machine's memory."""
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
-    except (AttributeError, OSError, ValueError):
-        return 2**32
+    import psutil
+
+    return int(psutil.virtual_memory().total) // 2
 
 
 def _check_size(path: Path, needed: int, there: int) -> None:
