@@ -3,6 +3,7 @@
 usage: PYTHONPATH=. python benchmarks/calibration.py measure FILE.csv WALL[,WALL...] [NAME ...]
        PYTHONPATH=. python benchmarks/calibration.py report FILE.csv
        PYTHONPATH=. python benchmarks/calibration.py volumes FILE.csv [BEYOND]
+       PYTHONPATH=. python benchmarks/calibration.py bars FILE.csv
 
 measure: solves the bodies of `isphcli.validation.known_bodies` at 1, 2 and 3 particles a voxel edge, as far as they
 have MOST particles, and appends a row a body and wall to FILE.csv; rows that it has are kept. WALL: exact (the surface
@@ -11,8 +12,10 @@ benchmarks/lattice_boltzmann.py on the labels. report: prints the table of bodie
 `isphcli/run/expected_error.py` takes from it. volumes: what labels and their smooth body make of the volume of the
 pores of bodies whose k from labels is more than BEYOND (0.03) off.
 
-Truth of stairs is another body, that of the cubes: finite volumes on 3 and 4 cells a voxel, extrapolated by the order
-of edges; a body without edges (slits and ducts along the voxels) is left out.
+bars: what error bars hold, and what they would hold of a family of bodies by constants from all others.
+
+Truth of stairs is another body, that of the cubes: finite volumes on 3 and 4 cells a voxel (6 and 8 on a slice of
+straight bodies, 4 and 6 of large ones), extrapolated by the order of edges; a body without edges (slits and ducts along the voxels) is left out.
 """
 
 import csv
@@ -28,7 +31,7 @@ import numpy as np
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
 from isphcli.preflight.look import look
-from isphcli.run.expected_error import WALLS, is_straight, mean_chord, pore_width
+from isphcli.run.expected_error import WALLS, calibrations, is_straight, mean_chord, pore_width
 from isphcli.run.permeability import EDGE, extrapolate
 from isphcli.run.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
@@ -37,6 +40,7 @@ from isphcli.validation.markdown import table
 
 LEVELS = (1, 2, 3)
 MOST = 40_000  # particles of the third level: 3 to 8 CPU seconds
+MANY = 100_000  # cells of the truth of stairs: a minute
 NAMES = ("body", "family", "wall", "truth", "uncertainty", "narrow", "median", "k", "cpu", "narrow_pores")
 
 
@@ -52,9 +56,14 @@ def case_of(body, wall, folder):
 
 
 def stairs_truth(body):
-    """(k, relative uncertainty): between the exponents of edges along and across the flow, see `permeability.EDGE`."""
-    k = [finite_volumes.permeability(body.labels(), body.axis, finer)[0] for finer in (3, 4)]
-    limit, bar, *_ = extrapolate([1 / 3, 1 / 4], k, EDGE)
+    """(k, relative uncertainty): between the exponents of edges along and across the flow, see `permeability.EDGE`. Of
+    bodies whose slices across z are all the same one slice is solved, and finer."""
+    pores, cells = body.labels(), (3, 4)
+    if np.all(pores == pores[:, :, :1]):
+        pores = pores[:, :, :1]
+        cells = (6, 8) if pores.sum() * 8**3 <= MANY else (4, 6)
+    k = [finite_volumes.permeability(pores, body.axis, finer)[0] for finer in cells]
+    limit, bar, *_ = extrapolate([1 / finer for finer in cells], k, EDGE)
     return limit, bar / limit
 
 
@@ -201,15 +210,49 @@ def fit(widths, errors, power=None):
     return float(scaled[min(int(np.ceil(0.9 * (len(scaled) + 1))), len(scaled)) - 1]), power
 
 
+def bar_of(row, wall, levels):
+    """(value, bar) of a body by the spacings of so many particles a voxel."""
+    k = row["k"][np.array(levels) - 1]
+    usual = calibrations()["exact", "spacing"].within(row["width"] * max(levels))
+    return extrapolate([1 / level for level in levels], k, EDGE if wall == "stairs" else None, usual=usual)[:2]
+
+
 def bars_of(rows, wall, levels):
-    """(errors, bars, uncertainties) relative to the truth, of bodies that were solved at these particles a voxel."""
-    found = []
+    """(errors, bars, uncertainties) relative to the truth, of bodies that were solved at these particles a voxel; and
+    their families."""
+    found, families = [], []
     for row in rows:
         if row["wall"] == wall and len(row["k"]) >= max(levels):
-            k = row["k"][np.array(levels) - 1]
-            value, bar, *_ = extrapolate([1 / level for level in levels], k, EDGE if wall == "stairs" else None)
+            value, bar = bar_of(row, wall, levels)
             found.append((abs(value / row["truth"] - 1), bar / row["truth"], row["unsure"]))
-    return np.array(found).reshape(-1, 3).T
+            families.append(row["family"])
+    return np.array(found).reshape(-1, 3).T, np.array(families)
+
+
+SETS = ((1, 2), (2, 3), (1, 2, 3))
+
+
+def by_families(path):
+    """Of bars as they are, and of bars scaled for every family with one factor from all others: the smallest by which
+    nine of ten of their bodies hold, and a further one (conformal prediction), whatever the spacings. Printed: the
+    share of the bodies that hold the truth, and the median of bar over error."""
+    rows, lines = measured(path), []
+    for wall in ("exact", "stairs"):
+        found = [bars_of(rows, wall, levels) for levels in SETS]
+        needed = [np.maximum(errors - unsure, 0.0) / bars for (errors, bars, unsure), _ in found]
+
+        def factor(family, found=found, needed=needed):
+            others = [np.sort(need[families != family]) for need, (_, families) in zip(needed, found)]
+            return max(other[min(int(np.ceil(0.9 * (len(other) + 1))), len(other)) - 1] for other in others)
+
+        for levels, need, ((errors, bars, _), families) in zip(SETS, needed, found):
+            factors = np.array([factor(family) for family in families])
+            ratios = bars / np.maximum(errors, 1e-6)
+            lines.append([f"{wall}, {levels}", str(len(bars)), f"{100 * np.mean(need <= 1):.0f}",
+                          f"{np.median(ratios):.2f}", f"{factors.min():.2f} to {factors.max():.2f}",
+                          f"{100 * np.mean(need <= factors):.0f}", f"{np.median(factors * ratios):.2f}"])
+    print("\n".join(table(["walls, particles a voxel", "bodies", "held, %", "bar over error", "factor by the others",
+                           "held by it, %", "bar over error by it"], lines)))
 
 
 KINDS = (*WALLS, *PEERS)
@@ -231,7 +274,7 @@ def table_of_bodies(rows):
         for kind in KINDS:
             found = own.get(kind)
             line.append(", ".join(f"{100 * (k / found['truth'] - 1):+.2f}" for k in found["k"]) if found else "")
-        value, bar, *_ = extrapolate([1 / level for level in LEVELS[: len(labels["k"])]], labels["k"])
+        value, bar = bar_of(labels, "labels", LEVELS[: len(labels["k"])])
         line += [f"{100 * bar / value:.2f}", ", ".join(labels["cpu"])]
         line += [", ".join(own[method]["cpu"]) if method in own else "" for method in PEERS]
         lines.append(line)
@@ -248,8 +291,8 @@ def report(path):
     print("\n".join(table_of_bodies(rows)))
     print("\nBars (`run/permeability.py`) against the truth of the surface that was solved:\n")
     for wall in ("exact", "stairs"):
-        for levels in ((1, 2), (2, 3), (1, 2, 3)):
-            errors, bars, unsure = bars_of(rows, wall, levels)
+        for levels in SETS:
+            (errors, bars, unsure), _ = bars_of(rows, wall, levels)
             if len(errors):
                 held, ratio = np.mean(errors <= bars + unsure), np.median(bars / np.maximum(errors, 1e-6))
                 print(f"- {wall}, {levels} a voxel: {len(errors)} bodies, {100 * held:.0f} % within the bar, median "
@@ -290,4 +333,4 @@ def volumes(path, beyond=0.03):
 
 
 if __name__ == "__main__":
-    {"measure": measure, "report": report, "volumes": volumes}[sys.argv[1]](*sys.argv[2:])
+    {"measure": measure, "report": report, "volumes": volumes, "bars": by_families}[sys.argv[1]](*sys.argv[2:])

@@ -130,6 +130,12 @@ def pore_width(k: float, porosity: float) -> float:
     return math.sqrt(12.0 * k / porosity)
 
 
+def usual_error(k: float, porosity: float, spacing: float) -> float:
+    """Relative error of a permeability k, m2, at a spacing, m, beside smooth walls, which 90 % of the known bodies with
+    pores as wide keep within."""
+    return calibrations()["exact", "spacing"].within(pore_width(k, porosity) / spacing)
+
+
 def expected(wall: str, k: float, porosity: float, spacing: float, scan: Scan | None = None,
              bar: float | None = None) -> Expected:
     """Errors to expect of a permeability k, m2, at a spacing, m.

@@ -23,7 +23,7 @@ from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at
 from ..solvers.krylov import SolveError
 from . import ranks, steady
-from .expected_error import expected, scan_of, wall_of
+from .expected_error import expected, scan_of, usual_error, wall_of
 from .flow_measures import profile_rows, speed_distribution, tortuosity
 from .permeability import EDGE, extrapolate
 from .refinement import Solved, further_spacings
@@ -314,7 +314,9 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
                        [h for h in spacings if h not in open_at])
     if len(open_at) > 1:
         edges = EDGE if wall == "stairs" else None
-        limit, bar, _, sentence = extrapolate(open_at, [known[h] for h in open_at], edges)
+        finest = min(open_at)
+        usual = usual_error(float(known[finest]), porosity, finest)
+        limit, bar, _, sentence = extrapolate(open_at, [known[h] for h in open_at], edges, usual=usual)
         found = replace(found, permeability=float(limit), bar=bar, sentence=f"{name}: {sentence}")
     if found.permeability > 0.0:
         k = found.permeability

@@ -32,28 +32,44 @@ output: {snapshots: false, plots: false}
 """
 
 
-def test_errors_of_second_order_are_told_by_two_spacings():
-    """Beside smooth walls: the value is the finest one, and of errors of order 2 two spacings tell the error itself."""
+def test_errors_of_the_usual_order_are_told_by_two_spacings():
+    """Beside smooth walls: the value is the finest one, and of errors of order 3/2 two spacings tell the error itself,
+    of which the bar takes 0.7."""
     h = np.array([1.0, 0.5, 0.25])
-    k = 3.0 + 0.2 * h**2
+    k = 3.0 + 0.2 * h**1.5
     for spacings, values in ((h[1:], k[1:]), (h[::-1], k[::-1])):
         value, bar, order, _ = extrapolate(spacings, values)
-        error = 0.2 * 0.25**2
         assert value == k[2] and order is None
-        assert bar == pytest.approx(1.25 * error, rel=1e-9)  # a safety factor of 1.25
-    value, bar, *_ = extrapolate(h, [1.0, 2.0, 1.5])  # no trend: both pairs tell of errors, 0.5 / 3 and 0.5 / 15
-    assert value == 1.5 and bar == pytest.approx(1.25 * (0.5 / 3 + 0.5 / 15) / 2, rel=1e-12)
+        assert bar == pytest.approx(0.7 * 0.2 * 0.25**1.5, rel=1e-9)
+    value, bar, *_ = extrapolate(h, [1.0, 2.0, 1.5])  # no trend: both pairs tell of errors, 0.5 / 1.83 and 0.5 / 7
+    assert value == 1.5 and bar == pytest.approx(0.7 * 0.5 * (1 / (2**1.5 - 1) + 1 / (4**1.5 - 1)) / 2, rel=1e-12)
+
+
+def test_two_spacings_that_agree_by_chance_do_not_make_a_bar_of_nothing():
+    """A sixth of the usual error is a part of every bar, added as a square."""
+    _, alone, *_ = extrapolate([1.0, 0.5], [2.0, 2.0])
+    _, bar, *_ = extrapolate([1.0, 0.5], [2.0, 2.0], usual=0.03)
+    assert alone == 0.0 and bar == pytest.approx(0.7 * 2.0 * 0.03 / 6, rel=1e-12)
+    told = extrapolate([1.0, 0.5], [2.1, 2.0])[1]
+    assert extrapolate([1.0, 0.5], [2.1, 2.0], usual=0.03)[1] == pytest.approx(math.hypot(told, bar), rel=1e-12)
+
+
+def test_an_order_that_is_given_is_taken():
+    """Errors of first order: the difference of two spacings of which one is half the other is the error, 1.25 of it
+    the bar, whatever is usual."""
+    assert extrapolate([1.0, 0.5], [2.2, 2.1], power=1.0, usual=0.5)[1] == pytest.approx(1.25 * 0.1, rel=1e-9)
 
 
 def test_edges_are_extrapolated_with_their_own_orders():
-    """An error of the order along edges vanishes, one of the order across them ends at the bar, mixtures between."""
+    """An error of the order along edges vanishes, the bar is three quarters of one of the order across them, and holds
+    mixtures of both of which at least 0.3 is along edges."""
     across, along = EDGE
     h = np.array([1.0, 0.5])
     limit, bar, order, _ = extrapolate(h, 3.0 + 0.2 * h**along, EDGE)
     assert limit == pytest.approx(3.0, rel=1e-12) and order == along
     limit, bar, *_ = extrapolate(h, 3.0 + 0.2 * h**across, EDGE)
-    assert limit - bar == pytest.approx(3.0, rel=1e-12)
-    for share in (0.2, 0.5, 0.8):
+    assert limit - bar / 0.75 == pytest.approx(3.0, rel=1e-12)
+    for share in (0.2, 0.5, 0.7):
         limit, bar, *_ = extrapolate(h, 3.0 + 0.2 * (share * h**across + (1 - share) * h**along), EDGE)
         assert abs(limit - 3.0) < bar
     three = np.array([1.0, 0.5, 1 / 3])

@@ -8,7 +8,7 @@ import pytest
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
 from isphcli.references.published import DATA
-from isphcli.run.expected_error import Scan, expected, is_straight, mean_chord, scan_of
+from isphcli.run.expected_error import Scan, expected, is_straight, mean_chord, scan_of, usual_error
 from isphcli.run.permeability import EDGE, extrapolate
 from isphcli.run.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
@@ -75,18 +75,18 @@ def test_distance_and_crossing_of_a_level_function():
 
 
 def test_the_bar_of_exact_surfaces_holds_the_truth():
-    """At 1 and 2 particles a voxel, solved here: of six bodies one may miss its bar (90 % of all do not), and the bar
-    is narrow enough to be of use."""
+    """At 1 and 2 particles a voxel, solved here: of six bodies two may miss their bar (of all 45 four do, two of them
+    are here: duct 6.4 and ellipse 6.3 3.6), and the bar is narrow enough to be of use."""
     held, widths = [], []
     for name in SMALL:
         one = body(name)
         case, geometry = case_of(one, f"box: {[float(n) for n in one.size]}"), LevelGeometry(one)
-        k = [solve(one, geometry, spacing, case)[0] for spacing in (1.0, 0.5)]
-        value, bar, *_ = extrapolate((1.0, 0.5), k)
+        (coarse, _), (fine, porosity) = (solve(one, geometry, spacing, case) for spacing in (1.0, 0.5))
+        value, bar, *_ = extrapolate((1.0, 0.5), (coarse, fine), usual=usual_error(fine, porosity, 0.5))
         truth, uncertainty, _ = one.truth()
         held.append(abs(value - truth) <= bar + uncertainty * truth)
         widths.append(bar / truth)
-    assert sum(held) >= len(SMALL) - 1
+    assert sum(held) >= len(SMALL) - 2
     assert np.median(widths) < 0.01
 
 
@@ -111,22 +111,28 @@ def test_the_range_of_images_holds_the_truth(grey, tmp_path):
 @pytest.mark.parametrize("wall", ["exact", "stairs"])
 def test_bars_hold_nine_bodies_in_ten(wall, levels):
     """What was measured of all bodies, put through `extrapolate` as it is: 90 % hold the truth, and half of the bars
-    are not wider than three times the error; four where the errors are below 0.02 %, or stairs are straight, whose
-    edges all lie along the flow. Of stairs the truth is that of the cubes. Of exact surfaces at 1 and 2 particles a
-    voxel 40 of 45 hold it, one less than nine in ten: blobs 15, pores 0.8 voxels wide, is 2.6 and 1.6 % off, which
-    falls slower than by order 2."""
-    errors, bars, ratios = [], [], []
+    are not wider than three times the error. Of stairs the truth is that of the cubes. Of channels whose edges all run
+    along the flow the value at three particles a voxel is within 0.05 %, less than their truth is known to, because
+    the order of these edges is taken out: their bars are left out there, and four is the bound of the others."""
+    errors, bars, ratios, fine = [], [], [], wall == "stairs" and 3 in levels
     for row, k in measured(wall):
         if len(k) >= max(levels):
-            truth, uncertainty = (float(row["truth"]), 0.0) if wall == "stairs" else body(row["body"]).truth()[:2]
-            edges = EDGE if wall == "stairs" else None
-            value, bar, *_ = extrapolate([1 / level for level in levels], k[np.array(levels) - 1], edges)
+            one = body(row["body"])
+            truth, uncertainty = (float(row["truth"]), 0.0) if wall == "stairs" else one.truth()[:2]
+            k = k[np.array(levels) - 1]
+            usual = usual_error(k[-1], one.labels(3).mean(), 1 / max(levels))
+            value, bar, *_ = extrapolate([1 / level for level in levels], k, EDGE if wall == "stairs" else None,
+                                         usual=usual)
             off = abs(value / truth - 1)
             errors.append(max(off - uncertainty, 0.0))
             bars.append(bar / truth)
-            ratios.append(bar / truth / max(off, 1e-6))
-    assert np.mean(np.array(errors) <= bars) >= (0.88 if (wall, levels) == ("exact", (1, 2)) else 0.9)
-    assert np.median(ratios) <= (3.0 if wall == "exact" and 1 in levels else 4.0)
+            pores = one.labels()
+            if fine and np.all(pores == pores.take([0], one.axis)):
+                assert off < 6e-4
+            else:
+                ratios.append(bar / truth / max(off, 1e-6))
+    assert np.mean(np.array(errors) <= bars) >= 0.9
+    assert np.median(ratios) <= (4.0 if fine else 3.0)
 
 
 @pytest.mark.parametrize("wall", ["labels", "grey"])
