@@ -87,6 +87,7 @@ ALLOWED = {
     ("operators.wall_weights", "np.any(slip_length > 0.0)"): WALLS,
     ("operators.wall_operators", "np.any(geometry.slip_length > 0.0)"): WALLS,
     ("solvers.kept_hierarchies", "matrix @ x"): MATRIX,
+    ("solvers.krylov_basis", "np.abs(more).max(initial=0.0)"): "over the vectors of a basis",
     ("solvers.multigrid", "level.R @ (b - level.A @ x)"): MATRIX,
     ("solvers.multigrid", "level.A @ x"): MATRIX,
     ("solvers.multigrid", "levels.levels[k + 1].A @ y"): MATRIX,
