@@ -29,7 +29,6 @@ TIMES = "over times at which a force or a wall is looked at"
 BINS = "histograms of the particles of this process, which are added up over all of them"
 RANKS = "over the processes, or of this one alone before they are joined"
 SCRATCH = "length of scratch arrays, which every process makes for its own rows"
-TENSOR = "over the entries of a tensor"
 OFFSETS = "of the offsets of a lattice and the tensors of one particle"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
@@ -76,14 +75,12 @@ ALLOWED = {
     ("flow.volume_control", "np.prod(np.where(corner, beyond, 1.0 - beyond), axis=1)"): OWN,
     ("operators.protocol", "np.einsum('nkm,nm->nk', self.slip, u)"): OWN,
     ("operators.protocol", "np.einsum('nk,nk->n', self.div, u)"): OWN,
-    ("operators.lattice_weights", "np.abs(tensor[full] - tensor[one]).reshape(len(full), -1).max(axis=1)"): TENSOR,
-    ("operators.lattice_weights", "np.abs(scale[one]).max()"): TENSOR,
     ("operators.lattice_weights", "(ops.pairs.step ** 2).sum(axis=1)"): OFFSETS,
     ("operators.lattice_weights", "np.count_nonzero(near)"): OFFSETS,
-    ("operators.lattice_weights", "second @ tensors.laplace[one, :6]"): OFFSETS,
-    ("operators.lattice_weights", "first @ tensors.laplace[one, 6:]"): OFFSETS,
-    ("operators.lattice_weights", "first[:, :dim] @ tensors.gradient[one].T"): OFFSETS,
-    ("operators.lattice_weights", "second @ tensors.k_tensor[one].T"): OFFSETS,
+    ("operators.lattice_weights", "second @ tensors.laplace[0, :6]"): OFFSETS,
+    ("operators.lattice_weights", "first @ tensors.laplace[0, 6:]"): OFFSETS,
+    ("operators.lattice_weights", "first[:, :dim] @ tensors.gradient[0].T"): OFFSETS,
+    ("operators.lattice_weights", "second @ tensors.k_tensor[0].T"): OFFSETS,
     ("operators.wall_weights", "np.any(slip_length > 0.0)"): WALLS,
     ("operators.wall_operators", "np.any(geometry.slip_length > 0.0)"): WALLS,
     ("solvers.kept_hierarchies", "matrix @ x"): MATRIX,
