@@ -14,8 +14,9 @@ from stokes import CASES, SCENES
 
 PARTS = """run.steady.place_case run.steady.WallScene operators.wall_operators.build_halo
 operators.wall_operators.neighbourhood operators.wall_operators.crossings run.steady.build_lattice_weights
-run.steady._percolation flow.stokes.pair_components flow.stokes.nearest_matrix flow.stokes.conductance_matrix
-solvers.engine.hierarchy solvers.engine.BlockCycle run.steady.fluid_cells run.steady._edge_shares
+run.steady._percolation
+flow.stokes.pair_components flow.stokes.nearest_matrix flow.stokes.Conductances
+solvers.engine.hierarchy solvers.engine.BlockCycle solvers.engine.PairCycle run.steady.fluid_cells run.steady._edge_shares
 solvers.engine.gmres_from_the_right run.steady.wall_stress""".split()
 
 
@@ -44,7 +45,6 @@ def measure(name):
     from isphcli.case.forcing import drives
     from isphcli.case.load import load_case
     from isphcli.output.clock import Clock
-    from isphcli.output.machine import peak_memory
     from isphcli.run import steady
     from isphcli.scene.build_geometry import build_geometry
 
@@ -63,8 +63,9 @@ def measure(name):
     rows.append(("the end", *resident()))
     n = scene.particles.n_fluid
     print(f"{name}: {n:,} particles, {scene.particles.n_dummy / n:.2f} dummies and "
-          f"{len(scene.system.ops.column) / n:.1f} pairs a particle, {flow.report.iterations} iterations, whole process "
-          f"{peak_memory() / 1e9:.2f} GB, bytes a particle:\n{'':42}    most     after")
+          f"{len(scene.system.ops.column) / n:.1f} pairs a particle, {flow.report.iterations} iterations, k "
+          f"{flow.permeability[axis or 0]:.7e} m2, whole process {max(most for _, most, _ in rows) / 1e9:.2f} GB; "
+          f"bytes a particle:\n{'':42}    most     after")
     for part, most, now in rows:
         if part != "before":
             print(f"{part:42} {(most - begin) / n:9.0f} {(now - begin) / n:9.0f}", flush=True)

@@ -41,9 +41,6 @@ from .neighbourhood_class import NARROW_SHARE_FIXED
 from .protocol import WallSums
 from .wall_weights import add_wall_pair, boundary_sums, meet_walls, new_boundary_sums, second_moments
 
-# Share by which diagonals of the conductances are raised. Pressure is known up to a constant in each component; in a
-# pocket smaller than an aggregate the coarse matrices hold nothing but that constant and divide by round-off.
-GROUND = 1e-6
 NEAREST = 1.02  # of the smallest squared distance on a lattice: the nearest neighbours
 MOST_OFFSETS = 255  # more, and every pair keeps an offset of its own: particles off a lattice
 
@@ -177,16 +174,17 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1,
     first_moment, second_moment, pair_laplacian = _offset_weights(step, weight, everyone.kind, everyone.support)
     which, dim = _own_tensors(np.diff(start), np.diff(everyone.start), len(step) if on_lattice else -1), x.shape[1]
     rows, second = len(which), len(which) if order == 2 else 0
-    tensors = Factors(np.zeros(n, np.int32), np.zeros((rows, 9)), np.zeros((rows, dim, dim)), np.zeros((rows, dim, dim)),
-                      np.zeros(rows), np.zeros((second, dim, 6)), np.zeros((0 if on_lattice else second, dim, 6)))
+    tensors = Factors(np.zeros(n, np.int32), np.zeros((rows, 9)), np.zeros((rows, dim, dim)),
+                      np.zeros((rows, dim, dim)), np.zeros(rows), np.zeros((second, dim, 6)),
+                      np.zeros((0 if on_lattice else second, dim, 6)))
     tensors.row[which[1:]] = np.arange(1, rows)
     sums, narrow = new_boundary_sums(n, dim, walls.slip_length), np.zeros(n, np.bool_)
     deficient = over_rows(_factors, rows, which, (everyone, links, volume, walls), order, tensors, narrow, sums,
                           work=partial(new_workspace, everyone))
     pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
     wall_sums = WallSums(*boundary_sums(sums))
-    return LatticeWeights(pairs, _with_remote(tensors, exchange), wall_sums, int(reduce.total(np.array(deficient))), narrow,
-                          _whole_rows(pairs, tensors), exchange), row
+    return LatticeWeights(pairs, _with_remote(tensors, exchange), wall_sums, int(reduce.total(np.array(deficient))),
+                          narrow, _whole_rows(pairs, tensors), exchange), row
 
 
 def _own_tensors(in_sight: np.ndarray, near: np.ndarray, offsets: int) -> np.ndarray:
@@ -229,7 +227,7 @@ def velocity_matrix(ops: LatticeWeights, dx: float, dtype: type = float) -> sp.c
     """-dx^2 lap, walls included, in canonical CSR form; columns of remote particles are the last ones."""
     matrix = _empty_matrix(ops, np.dtype(dtype))
     over_rows(_velocity_entries, ops.n, ops.pairs, ops.tensors, ops.walls.lap, dx * dx, matrix)
-    return _canonical(ops, *matrix)
+    return canonical(ops, *matrix)
 
 
 def nearest_matrix(ops: LatticeWeights, dx: float) -> sp.csr_matrix:
@@ -248,19 +246,7 @@ def nearest_matrix(ops: LatticeWeights, dx: float) -> sp.csr_matrix:
     np.cumsum(first, out=first)
     matrix = first, np.empty(first[-1], np.int32), np.empty(first[-1])
     over_rows(_near_entries, ops.n, ops.pairs, weight, ops.walls.lap, dx * dx, matrix)
-    return _canonical(ops, *matrix)
-
-
-def conductance_matrix(ops: LatticeWeights, w: np.ndarray, dx: float) -> sp.csr_matrix:
-    """-dx^2 div(w grad) with the symmetric weights and the means of w (n,) of the pairs, canonical CSR.
-
-    Means are arithmetic: a pressure acts on the velocities of both particles of a pair, and div A^-1 grad of the one on
-    the wall is that of its neighbours. With harmonic means, which cut it off from them, beads that touch took twice the
-    iterations. The diagonal is raised by `GROUND`.
-    """
-    w, matrix = ops.exchange.forward(w), _empty_matrix(ops, np.dtype(float))
-    over_rows(_conductance_entries, ops.n, ops.pairs, ops.tensors, w, dx * dx, matrix)
-    return _canonical(ops, *matrix)
+    return canonical(ops, *matrix)
 
 
 def _empty_matrix(ops: LatticeWeights, dtype: np.dtype) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -271,8 +257,9 @@ def _empty_matrix(ops: LatticeWeights, dtype: np.dtype) -> tuple[np.ndarray, np.
     return first, np.empty(size, np.int32), np.empty(size, dtype)
 
 
-def _canonical(ops: LatticeWeights, start: np.ndarray, column: np.ndarray, entries: np.ndarray) -> sp.csr_matrix:
-    matrix = sp.csr_matrix((entries, column, start), shape=(ops.n, ops.n + ops.exchange.remote))
+def canonical(ops: LatticeWeights, start: np.ndarray, column: np.ndarray, entries: np.ndarray) -> sp.csr_matrix:
+    """Some rows of a matrix, sorted and each column once; columns of remote particles are the last ones."""
+    matrix = sp.csr_matrix((entries, column, start), shape=(len(start) - 1, ops.n + ops.exchange.remote))
     matrix.sum_duplicates()
     return matrix
 
@@ -542,22 +529,6 @@ def _near_entries(rows, pairs, weight, wall_lap, area, matrix):
                 total += a
                 at += 1
         index[first[i]], entries[first[i]] = i, total if total > 0.0 else 1.0
-
-
-@njit(cache=True, nogil=True)
-def _conductance_entries(rows, pairs, tensors, w, area, matrix):
-    start, column, offset_id, pair_laplacian = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
-    first, index, entries = matrix
-    for i in range(rows[0], rows[1]):
-        at = start[i] + i
-        first[i] = at
-        total, scale = 0.0, tensors.scale[tensors.row[i]]
-        for q in range(start[i], start[i + 1]):
-            j = column[q]
-            a = scale * pair_laplacian[offset_id[q]] * 0.5 * (w[i] + w[j])
-            total += a
-            index[q + i + 1], entries[q + i + 1] = j, -area * a
-        index[at], entries[at] = i, (1.0 + GROUND) * area * total if total > 0.0 else 1.0
 
 
 # --- applying ----------------------------------------------------------------------------------------------------

@@ -59,8 +59,7 @@ def wall_gradient(walls: WallRows, u: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def meet_walls(stencil, t, first, link):
-    """Moves the far ends of the pairs of a stencil to where they meet a wall (eq. 11). t, first of it, link (count,): see
-    `Links`.
+    """Moves the far ends of the pairs of a stencil to where they meet a wall (eq. 11). t, first, link: see `Links`.
 
     Returns the sum of w s over the stencil with the dummies at their own places, and whether it meets a wall or has a
     neighbour that it shares no pressure with.

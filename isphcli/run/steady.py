@@ -176,7 +176,7 @@ def _shifts(n: int, dummies: int, images: Halo, share: Share | None) -> np.ndarr
 def _percolation(ops: LatticeWeights, row: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """(components, dim) bool: the component winds round the box along the axis. row: of each pair in the table of
     positions; shift: see `_shifts`."""
-    inside = ~shift.any(axis=1)[row]
+    inside = np.logical_not(np.any(shift, axis=1))[row]
     count, raw = pair_components(ops.start, ops.column, inside, ops.exchange)
     raw = ops.exchange.forward(raw)
     edges = [np.empty((0, 3), np.int64)]

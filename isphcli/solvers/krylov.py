@@ -104,8 +104,8 @@ def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, lim
                          start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Report]:
     """GMRES preconditioned from the right, which makes the true residual small.
 
-    Arguments and results as those of `gmres`. scipy preconditions from the left: the residual that it watches is another
-    one, and meeting it too early costs a restart; and its vectors are twice as long as those of `KrylovBasis`.
+    Arguments and results as those of `gmres`. scipy's preconditions from the left: the residual that it watches is
+    another one, and meeting it too early costs a restart; and its vectors are twice as long as a `KrylovBasis`.
     """
     tolerance, restart, max_iterations = limits
     norm = reduce.norm(rhs)

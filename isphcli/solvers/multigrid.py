@@ -18,23 +18,27 @@ if TYPE_CHECKING:
 # strength-of-connection threshold; at 0.08 the Poisson solve of 32^3 jittered particles (`benchmarks/iterations.py`)
 # takes 1.4 times as long, and its set-up 0.7 times (2026-11-29)
 STRENGTH = 0.02
+SMOOTHING = 4.0 / 3.0  # of the tentative prolongation, over the largest eigenvalue as the rows bound it
 BLOCKS = 64  # of rows, in a sweep over more than SMALL rows: enough for the threads of a machine
 SMALL = 20_000  # rows
 
 
-def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH) -> MultilevelSolver:
+def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH,
+              near_null: np.ndarray | None = None) -> MultilevelSolver:
     """Smoothed aggregation on `matrix`; the coarse solve is a pseudo-inverse that leaves the null space out.
 
-    strength: threshold of the connections that are aggregated; a larger one makes smaller aggregates.
+    strength: threshold of the connections that are aggregated; a larger one makes smaller aggregates. near_null: (m,)
+    what the matrix hardly changes, constants without it.
     """
     import pyamg
 
     # local: each row over the sum of its entries, by Gershgorin, in place of a spectral radius from random vectors
     levels = pyamg.smoothed_aggregation_solver(
         matrix,
+        B=None if near_null is None else near_null[:, None],
         symmetry="symmetric",
         strength=("symmetric", {"theta": strength}),
-        smooth=("jacobi", {"omega": 4.0 / 3.0, "filter_entries": True, "weighting": "local"}),
+        smooth=("jacobi", {"omega": SMOOTHING, "filter_entries": True, "weighting": "local"}),
         presmoother=("gauss_seidel", {"sweep": "forward"}),
         postsmoother=("gauss_seidel", {"sweep": "backward"}),
         coarse_solver=("pinv", {"rtol": 1e-9}),
@@ -85,8 +89,9 @@ class BlockCycle:
 
     def __init__(self, levels: MultilevelSolver, count: int):
         self.count = count if len(levels.levels) > 1 else 1  # the coarsest is solved exactly
-        self.levels = [(_csr(single(level.A)), _csr(level.P), _csr(level.R)) for level in levels.levels[:-1]]
-        self.blocks = [_edges(len(a[0]) - 1) for a, _, _ in self.levels]
+        self.levels = [(_csr(single(level.A)), _csr(single(level.P)), _csr(single(level.R)))
+                       for level in levels.levels[:-1]]
+        self.blocks = [edges(len(a[0]) - 1) for a, _, _ in self.levels]
         self.coarse = _pseudo_inverse(levels.levels[-1].A)
 
     def __call__(self, b: np.ndarray) -> np.ndarray:
@@ -126,7 +131,7 @@ def single(matrix: sp.csr_matrix) -> sp.csr_matrix:
     return matrix
 
 
-def _edges(n: int) -> np.ndarray:
+def edges(n: int) -> np.ndarray:
     """Where the blocks of n rows begin, and n."""
     return np.linspace(0, n, 1 + (BLOCKS if n > SMALL else 1)).astype(np.int64)
 
