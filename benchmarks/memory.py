@@ -16,8 +16,8 @@ PARTS = """run.steady.place_case run.steady.WallScene operators.wall_operators.b
 operators.wall_operators.neighbourhood operators.wall_operators.crossings run.steady.build_lattice_weights
 run.steady._percolation
 flow.stokes.pair_components flow.stokes.nearest_matrix flow.stokes.Conductances
-solvers.engine.hierarchy solvers.engine.BlockCycle solvers.engine.PairCycle run.steady.fluid_cells run.steady._edge_shares
-solvers.engine.gmres_from_the_right run.steady.wall_stress""".split()
+solvers.engine.hierarchy solvers.engine.BlockCycle solvers.engine.PairCycle run.steady.fluid_cells
+run.steady._edge_shares solvers.engine.gmres_from_the_right run.steady.wall_stress""".split()
 
 
 def resident():

@@ -179,7 +179,7 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1,
                       np.zeros((0 if on_lattice else second, dim, 6)))
     tensors.row[which[1:]] = np.arange(1, rows)
     sums, narrow = new_boundary_sums(n, dim, walls.slip_length), np.zeros(n, np.bool_)
-    deficient = over_rows(_factors, rows, which, (everyone, links, volume, walls), order, tensors, narrow, sums,
+    deficient = over_rows(_factors, rows, (which, everyone, links, volume, walls), order, tensors, narrow, sums,
                           work=partial(new_workspace, everyone))
     pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
     wall_sums = WallSums(*boundary_sums(sums))
@@ -390,12 +390,12 @@ def _offset_weights(step, volume, kind, support):
 
 
 @njit(cache=True, nogil=True)
-def _factors(rows, work, which, given, order, tensors, narrow, sums):
+def _factors(rows, work, given, order, tensors, narrow, sums):
     """As `wall_weights._wall_rows`, but the tensors are kept and the weights of the wall pairs only summed up.
 
-    Of the particles `which` into the rows of Factors, narrow (n,) and the arrays of WallSums; returns how many are
-    deficient."""
-    neighbours, links, volume, walls = given
+    given: particles of the rows, -1 for none, then what they are built from. Writes the rows of Factors, narrow (n,) and
+    the arrays of WallSums; returns how many are deficient."""
+    which, neighbours, links, volume, walls = given
     _, laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p = tensors
     wall_lap, _, wall_div, wall_div_velocity, _ = sums
     start, per_length, (link, fraction, first) = neighbours.start, 1.0 / neighbours.support, links
