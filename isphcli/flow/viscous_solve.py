@@ -40,7 +40,7 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, driv
     terms: of the configuration; nu_max: largest kinematic viscosity, m2/s; spacing: m; rate: g0 / dt, 1/s; driven:
     (n, dim) m/s2, the right-hand side without what walls drag along; guess: (n, dim) m/s; walls_move: whether they do.
     """
-    ops, viscous, walls = terms.ops, terms.viscous, terms.viscous.walls
+    viscous, walls = terms.viscous, terms.viscous.walls
     slip = walls.slip if walls is not None else None
     stiff = nu_max > JACOBI_LIMIT * rate * spacing**2
     right = terms.sharpened(driven)

@@ -96,7 +96,7 @@ def _conductance(entries, i, q):
     """Minus the entry of pair q of particle i, positive."""
     pairs, tensors, w, area = entries
     half = 0.5 * area * tensors.scale[tensors.row[i]]
-    return half * pairs.pair_laplacian[pairs.offset_id[q]] * (w[i] + w[pairs.column[q]])
+    return half * pairs.pair_laplacian[np.uint32(pairs.offset_id[q])] * (w[i] + w[np.uint32(pairs.column[q])])
 
 
 @njit(cache=True, nogil=True)
@@ -189,7 +189,7 @@ def _forward(blocks, edges, entries, diagonal, b, x):
         for i in range(begin, edges[block + 1]):
             s = b[i]
             for q in range(start[i], start[i + 1]):
-                j = column[q]
+                j = np.int64(np.uint32(column[q]))
                 if begin <= j < i:
                     s += _conductance(entries, i, q) * x[j]
             x[i] = s / diagonal[i]
@@ -203,7 +203,7 @@ def _rest(blocks, edges, entries, x, rest):
         for i in range(begin, edges[block + 1]):
             s = 0.0
             for q in range(start[i], start[i + 1]):
-                j = column[q]
+                j = np.int64(np.uint32(column[q]))
                 if j > i or j < begin:
                     s += _conductance(entries, i, q) * x[j]
             rest[i] = s
@@ -217,7 +217,7 @@ def _backward(blocks, edges, entries, diagonal, b, x, before):
         for i in range(end - 1, begin - 1, -1):
             s = b[i]
             for q in range(start[i], start[i + 1]):
-                j = column[q]
+                j = np.int64(np.uint32(column[q]))
                 if j != i:
                     s += _conductance(entries, i, q) * (x[j] if begin <= j < end else before[j])
             x[i] = s / diagonal[i]

@@ -393,8 +393,8 @@ def _offset_weights(step, volume, kind, support):
 def _factors(rows, work, given, order, tensors, narrow, sums):
     """As `wall_weights._wall_rows`, but the tensors are kept and the weights of the wall pairs only summed up.
 
-    given: particles of the rows, -1 for none, then what they are built from. Writes the rows of Factors, narrow (n,) and
-    the arrays of WallSums; returns how many are deficient."""
+    given: particles of the rows, -1 for none, then what they are built from. Writes the rows of Factors, narrow (n,)
+    and the arrays of WallSums; returns how many are deficient."""
     which, neighbours, links, volume, walls = given
     _, laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p = tensors
     wall_lap, _, wall_div, wall_div_velocity, _ = sums

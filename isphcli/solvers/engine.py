@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from ..domain.communicator import current
 from ..domain.exchange import Exchange
 from .krylov import Apply, Limits, Report, Watch, gmres_from_the_right
-from .multigrid import SMALL, BlockCycle, cycle, hierarchy
+from .multigrid import BlockCycle, cycle, edges, hierarchy
 from .pair_cycle import PairCycle, SweptMatrix
 
 
@@ -41,7 +41,7 @@ class OneProcess:
 
     def cycle(self, matrix: sp.csr_matrix | SweptMatrix, exchange: Exchange) -> Apply:
         """See `Engine`."""
-        if isinstance(matrix, sp.csr_matrix) or matrix.n <= SMALL:
+        if isinstance(matrix, sp.csr_matrix) or len(edges(matrix.n)) == 2:  # one block
             return cycle(hierarchy(matrix.tocsr()))
         return PairCycle(matrix)
 

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 # takes 1.4 times as long, and its set-up 0.7 times (2026-11-29)
 STRENGTH = 0.02
 SMOOTHING = 4.0 / 3.0  # of the tentative prolongation, over the largest eigenvalue as the rows bound it
-BLOCKS = 64  # of rows, in a sweep over more than SMALL rows: enough for the threads of a machine
-SMALL = 20_000  # rows
+BLOCKS = 64  # of rows, in a sweep, at most: enough for the threads of a machine
+ROWS = 8192  # of a block, at least: several layers of a lattice of 48^3, whose rows then hardly leave their block
 
 
 def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH,
@@ -56,10 +56,11 @@ def cycle(levels: MultilevelSolver) -> Apply:
     """One W-cycle of a hierarchy from a zero guess, as a function of the right-hand side.
 
     pyamg's own cycle measures the residual before and after: two of the five products with the finest matrix. Levels of
-    more than SMALL rows are swept through by blocks of rows, as in `BlockCycle`; what a sweep from zero leaves is found
+    two ROWS and more are swept through by blocks of rows, as in `BlockCycle`; what a sweep from zero leaves is found
     from the entries beyond the diagonal alone. Their matrices have sorted rows.
     """
     blocks = [edges(level.A.shape[0]) for level in levels.levels]
+    diagonals = [_places(level.A) if len(ends) > 2 else np.zeros(0) for level, ends in zip(levels.levels, blocks)]
 
     def descend(k: int, b: np.ndarray) -> np.ndarray:
         level = levels.levels[k]
@@ -67,9 +68,9 @@ def cycle(levels: MultilevelSolver) -> Apply:
             return levels.coarse_solver(level.A, b)
         large = len(blocks[k]) > 2
         if large:
-            x, rest = np.empty_like(b), np.empty_like(b)
-            over_blocks(_forward, blocks[k], _csr(level.A), b, x)
-            over_blocks(_rest, blocks[k], _csr(level.A), x, rest)
+            x, rest, matrix = np.empty_like(b), np.empty_like(b), (_csr(level.A), diagonals[k])
+            over_blocks(_forward, blocks[k], *matrix, b, x)
+            over_blocks(_rest, blocks[k], *matrix, x, rest)
         else:
             x = np.zeros_like(b)
             level.presmoother(level.A, x, b)
@@ -80,7 +81,7 @@ def cycle(levels: MultilevelSolver) -> Apply:
             y += descend(k + 1, coarse - levels.levels[k + 1].A @ y)
         x += level.P @ y
         if large:
-            over_blocks(_backward, blocks[k], _csr(level.A), b, x, x.copy())
+            over_blocks(_backward, blocks[k], *matrix, b, x, x.copy())
         else:
             level.postsmoother(level.A, x, b)
         return x
@@ -146,7 +147,15 @@ def single(matrix: sp.csr_matrix) -> sp.csr_matrix:
 
 def edges(n: int) -> np.ndarray:
     """Where the blocks of n rows begin, and n."""
-    return np.linspace(0, n, 1 + (BLOCKS if n > SMALL else 1)).astype(np.int64)
+    return np.linspace(0, n, 1 + min(max(n // ROWS, 1), BLOCKS)).astype(np.int64)
+
+
+def _places(matrix: sp.csr_matrix) -> np.ndarray:
+    """Where the diagonals stand among the entries, (n,)."""
+    matrix.sort_indices()
+    at = np.empty(matrix.shape[0], matrix.indptr.dtype)
+    over_rows(_diagonals, len(at), _csr(matrix), at)
+    return at
 
 
 def _csr(matrix: sp.csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -161,59 +170,68 @@ def _pseudo_inverse(matrix: sp.csr_matrix) -> np.ndarray:
     return pinv(matrix.toarray(), rtol=1e-9)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _forward(blocks, edges, matrix, b, x):
-    """One forward Gauss-Seidel sweep from zero over blocks of rows into x."""
-    indptr, indices, data = matrix
-    for block in range(blocks[0], blocks[1]):
-        begin = edges[block]
-        for i in range(begin, edges[block + 1]):
-            s, diagonal = b[i], 1.0
-            for q in range(indptr[i], indptr[i + 1]):
-                j = indices[q]
-                if j >= i:
-                    diagonal = data[q]
-                    break
-                if j >= begin:
-                    s -= data[q] * x[j]
-            x[i] = s / diagonal
+# Indices are unsigned: loops need no check for those that count from the end. at: (n,) places of the diagonals.
 
 
 @njit(cache=True, nogil=True)
-def _rest(blocks, edges, matrix, x, rest):
+def _diagonals(rows, matrix, at):
+    """Where the diagonal of each row stands, which all rows have."""
+    indptr, indices, _ = matrix
+    for i in range(rows[0], rows[1]):
+        q = indptr[i]
+        while indices[q] < i:
+            q += 1
+        at[i] = q
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _forward(blocks, edges, matrix, at, b, x):
+    """One forward Gauss-Seidel sweep from zero over blocks of rows into x."""
+    indptr, indices, data = matrix
+    for block in range(blocks[0], blocks[1]):
+        begin = np.uint32(edges[block])
+        for i in range(edges[block], edges[block + 1]):
+            s, own = b[i], np.uint64(at[i])
+            for q in range(np.uint64(indptr[i]), own):
+                j = np.uint32(indices[q])
+                if j >= begin:
+                    s -= data[q] * x[j]
+            x[i] = s / data[own]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _rest(blocks, edges, matrix, at, x, rest):
     """What that sweep leaves of the right-hand side: later columns have changed, and those of other blocks."""
     indptr, indices, data = matrix
     for block in range(blocks[0], blocks[1]):
-        begin = edges[block]
-        for i in range(begin, edges[block + 1]):
-            s, q = 0.0, indptr[i + 1] - 1
-            while q >= indptr[i] and indices[q] > i:
-                s -= data[q] * x[indices[q]]
-                q -= 1
-            q = indptr[i]
-            while q < indptr[i + 1] and indices[q] < begin:
-                s -= data[q] * x[indices[q]]
-                q += 1
+        begin = np.uint32(edges[block])
+        for i in range(edges[block], edges[block + 1]):
+            s, q, own = 0.0, np.uint64(indptr[i]), np.uint64(at[i])
+            while np.uint32(indices[q]) < begin:
+                s -= data[q] * x[np.uint32(indices[q])]
+                q += np.uint64(1)
+            for k in range(own + np.uint64(1), np.uint64(indptr[i + 1])):
+                s -= data[k] * x[np.uint32(indices[k])]
             rest[i] = s
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _backward(blocks, edges, matrix, b, x, before):
-    """One backward Gauss-Seidel sweep over blocks of rows of x; before: x of the other blocks."""
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _backward(blocks, edges, matrix, at, b, x, before):
+    """One backward Gauss-Seidel sweep over blocks of rows of x; before: x before it."""
     indptr, indices, data = matrix
     for block in range(blocks[0], blocks[1]):
-        begin, end = edges[block], edges[block + 1]
-        for i in range(end - 1, begin - 1, -1):
-            s, diagonal = b[i], 1.0
-            for q in range(indptr[i], indptr[i + 1]):
-                j = indices[q]
-                if j == i:
-                    diagonal = data[q]
-                elif begin <= j < end:
-                    s -= data[q] * x[j]
-                else:
-                    s -= data[q] * before[j]
-            x[i] = s / diagonal
+        end = np.uint32(edges[block + 1])
+        for i in range(edges[block + 1] - 1, edges[block] - 1, -1):
+            s, own, last = b[i], np.uint64(at[i]), np.uint64(indptr[i + 1])
+            for q in range(np.uint64(indptr[i]), own):  # none of these has changed
+                s -= data[q] * before[np.uint32(indices[q])]
+            q = own + np.uint64(1)
+            while q < last and np.uint32(indices[q]) < end:
+                s -= data[q] * x[np.uint32(indices[q])]
+                q += np.uint64(1)
+            for k in range(q, last):
+                s -= data[k] * before[np.uint32(indices[k])]
+            x[i] = s / data[own]
 
 
 # Three columns are written out: a loop over them costs twice the time
@@ -228,7 +246,7 @@ def _forward3(blocks, edges, matrix, b, x):
         for i in range(begin, edges[block + 1]):
             s0, s1, s2, diagonal = b[i, 0], b[i, 1], b[i, 2], 1.0
             for q in range(indptr[i], indptr[i + 1]):
-                j, a = indices[q], data[q]
+                j, a = np.uint32(indices[q]), data[q]
                 if j >= i:
                     diagonal = float(a)
                     break
@@ -248,7 +266,7 @@ def _rest3(blocks, edges, matrix, x, rest):
         for i in range(begin, edges[block + 1]):
             s0 = s1 = s2 = 0.0
             for q in range(indptr[i + 1] - 1, indptr[i] - 1, -1):
-                j, a = indices[q], data[q]
+                j, a = np.uint32(indices[q]), data[q]
                 if j > i or j < begin:
                     s0 -= a * x[j, 0]
                     s1 -= a * x[j, 1]
@@ -265,7 +283,7 @@ def _backward3(blocks, edges, matrix, b, x, before):
         for i in range(end - 1, begin - 1, -1):
             s0, s1, s2, diagonal = b[i, 0], b[i, 1], b[i, 2], 1.0
             for q in range(indptr[i], indptr[i + 1]):
-                j, a = indices[q], data[q]
+                j, a = np.uint32(indices[q]), data[q]
                 if j == i:
                     diagonal = float(a)
                 else:
@@ -283,7 +301,7 @@ def _residual3(rows, matrix, b, x, out):
     for i in range(rows[0], rows[1]):
         s0, s1, s2 = b[i, 0], b[i, 1], b[i, 2]
         for q in range(indptr[i], indptr[i + 1]):
-            j, a = indices[q], data[q]
+            j, a = np.uint32(indices[q]), data[q]
             s0 -= a * x[j, 0]
             s1 -= a * x[j, 1]
             s2 -= a * x[j, 2]
@@ -297,7 +315,7 @@ def _add_product3(rows, matrix, x, out):
     for i in range(rows[0], rows[1]):
         s0 = s1 = s2 = 0.0
         for q in range(indptr[i], indptr[i + 1]):
-            j, a = indices[q], data[q]
+            j, a = np.uint32(indices[q]), data[q]
             s0 += a * x[j, 0]
             s1 += a * x[j, 1]
             s2 += a * x[j, 2]

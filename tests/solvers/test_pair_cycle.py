@@ -26,7 +26,7 @@ def test_it_is_the_cycle_of_the_matrix(monkeypatch):
 
 def test_the_bits_of_blocks_do_not_depend_on_the_threads(monkeypatch):
     """And it reduces a residual as a cycle does: to less than a third."""
-    monkeypatch.setattr(multigrid, "SMALL", 100)
+    monkeypatch.setattr(multigrid, "ROWS", 20)
     matrix = conductances()
     b, found = np.random.default_rng(3).standard_normal(matrix.n), []
     b -= b.mean()
