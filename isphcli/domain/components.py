@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
+from numba import njit
 
 from . import reduce
 from .communicator import current
@@ -35,13 +36,43 @@ def pair_components(start: np.ndarray, column: np.ndarray, joined: np.ndarray | 
     exchange: that of the remote particles among the columns; components are then those of all processes.
     """
     n = len(start) - 1
-    if joined is not None:
-        start, column = np.concatenate([[0], np.cumsum(joined)])[start], column[joined]
-    total = n + exchange.remote
-    start = np.concatenate([start, np.full(exchange.remote, start[-1])])  # remote particles have no rows here
-    graph = sp.csr_matrix((np.ones(len(column), dtype=np.int8), column, start), shape=(total, total))
-    count, labels = sp.csgraph.connected_components(graph, directed=False)
+    labels = np.arange(n + exchange.remote, dtype=np.int32)  # remote particles have no rows here
+    count = _join(start, column, np.zeros(0, np.bool_) if joined is None else joined, labels)
     return (count, labels) if current().size == 1 else _join_processes(n, labels, exchange)
+
+
+@njit(cache=True)
+def _join(start, column, joined, parent):
+    """Components of pairs, those of `joined` (n_pairs,) alone where it is not empty; returns their number.
+
+    parent: every particle's own number, becomes its component; they are numbered in the order of their first particles.
+    scipy's needs the pairs and their transpose in double precision, 24 bytes a pair.
+    """
+    for i in range(len(start) - 1):
+        a = _root(parent, i)
+        for q in range(start[i], start[i + 1]):
+            if len(joined) == 0 or joined[q]:
+                b = _root(parent, column[q])
+                if a != b:
+                    a, b = min(a, b), max(a, b)
+                    parent[b] = a
+    count = 0
+    for i in range(len(parent)):
+        if parent[i] == i:  # the smallest of its component: those before it have their labels
+            parent[i] = count
+            count += 1
+        else:
+            parent[i] = parent[parent[i]]
+    return count
+
+
+@njit(cache=True)
+def _root(parent, i):
+    """The smallest particle that i is known to be joined with; the way to it is shortened."""
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
 
 
 def _join_processes(n: int, labels: np.ndarray, exchange: Exchange) -> tuple[int, np.ndarray]:

@@ -15,7 +15,8 @@ import numpy as np
 
 from ..domain import reduce
 from ..geometry.wall_normals import wall_normals
-from ..operators.lattice_weights import LatticeWeights, conductance_matrix, divergence_and_rhie_chow
+from ..operators.conductances import Conductances
+from ..operators.lattice_weights import LatticeWeights, divergence_and_rhie_chow
 from ..solvers.engine import ONE_PROCESS, Engine
 from ..solvers.krylov import Limits, SolveError, Watch
 
@@ -35,7 +36,7 @@ class DiffusionSystem:
                  engine: Engine = ONE_PROCESS):
         self.engine = engine
         self.ops, self.spacing, self.means = _insulated(ops, geometry, x, spacing), spacing, means
-        self._cycle = engine.cycle(conductance_matrix(ops, np.ones(ops.n), spacing), ops.exchange)
+        self._cycle = engine.cycle(Conductances(ops, np.ones(ops.n), spacing), ops.exchange)
 
     def apply(self, phi: np.ndarray) -> np.ndarray:
         """-dx^2 (div grad phi + S phi), (n,)."""

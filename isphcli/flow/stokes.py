@@ -17,9 +17,9 @@ import scipy.sparse as sp
 
 from ..domain import reduce
 from ..domain.components import ComponentMeans, pair_components
+from ..operators.conductances import Conductances
 from ..operators.lattice_weights import (
     LatticeWeights,
-    conductance_matrix,
     divergence_and_rhie_chow,
     momentum,
     nearest_matrix,
@@ -73,7 +73,7 @@ class StokesSystem:
         del matrix
         self._darcy = engine.cycle(self._conductance(), ops.exchange)
 
-    def _conductance(self) -> sp.csr_matrix:
+    def _conductance(self) -> Conductances:
         """-div(w grad) of the pressure, w the response of the velocity to a unit force without pressure.
 
         In a pore of width h, w is about h^2 / 12: pressure modes much longer than the pore is wide obey Darcy's law,
@@ -82,7 +82,7 @@ class StokesSystem:
         # of a strong drag w is its inverse
         least = 1e-3 if self.drag is None else 1e-3 / np.maximum(1.0, 1e-2 * self.drag)
         w = np.maximum(self._velocity(np.ones((self.ops.n, 3)))[:, 0], least)
-        return conductance_matrix(self.ops, w, self.spacing)
+        return Conductances(self.ops, w, self.spacing)
 
     def split(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(velocity (n, dim), scaled pressure (n,)) of a vector of unknowns."""

@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from ..operators.assemble import assemble
+from ..operators import pair_sums
+from ..operators.assemble import assemble, row_sums
 from ..solvers.kept_hierarchies import RETRY_FACTOR, KeptHierarchies
 from ..solvers.krylov import Apply, Report
 
@@ -39,16 +40,8 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, driv
     terms: of the configuration; nu_max: largest kinematic viscosity, m2/s; spacing: m; rate: g0 / dt, 1/s; driven:
     (n, dim) m/s2, the right-hand side without what walls drag along; guess: (n, dim) m/s; walls_move: whether they do.
     """
-    ops, viscous, walls = terms.ops, terms.viscous, terms.viscous.walls
-    with solvers.clock("assembly"):
-        # eq. 2: g0 / dt - nu lap, walls included
-        weights, scale, wall_lap = viscous.weight, viscous.factor, walls.lap if walls is not None else None
-        if terms.excess is not None:
-            weights, scale = weights * np.repeat(scale - rate * terms.excess, np.diff(ops.start)), 1.0
-            wall_lap = viscous.factor * wall_lap if wall_lap is not None else None
-        shift = rate if terms.drag is None else rate + terms.drag
-        matrix = assemble(ops.start, ops.column, weights, shift, scale, wall_lap)
-        slip = walls.slip if walls is not None else None
+    viscous, walls = terms.viscous, terms.viscous.walls
+    slip = walls.slip if walls is not None else None
     stiff = nu_max > JACOBI_LIMIT * rate * spacing**2
     right = terms.sharpened(driven)
     if walls is not None and walls_move:
@@ -56,23 +49,60 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, driv
         right, driven = right + dragged, driven + dragged
     if not stiff:
         guess = driven / rate  # what viscosity then changes little
-    if slip is not None or terms.transposed_stress is not None:
+    coupled = slip is not None or terms.transposed_stress is not None
+    if not stiff and not coupled:
+        found, report = _by_pairs(terms, rate, right, guess, solvers)
+        if report.converged:
+            solvers.record("velocity", report, lambda: np.zeros(len(right)))
+            return found
+    matrix = _matrix(terms, rate, solvers)
+    if coupled:
         return _coupled(terms, matrix, slip, right, guess, stiff, solvers)
-    inverse = 1.0 / matrix.diagonal()
-
-    def solve(b: np.ndarray, x0: np.ndarray) -> tuple[np.ndarray, Report]:
-        if not stiff:
-            found = solvers.krylov(matrix.dot, b, inverse.__mul__, x0)
-            if found[1].converged:
-                return found
-        return solvers.multigrid("velocity", matrix, matrix.dot, b, x0)
-
     out = np.empty_like(right)
     for k in range(right.shape[1]):
         with solvers.clock("krylov"):
-            out[:, k], report = solve(np.ascontiguousarray(right[:, k]), np.ascontiguousarray(guess[:, k]))
+            b, x0 = np.ascontiguousarray(right[:, k]), np.ascontiguousarray(guess[:, k])
+            out[:, k], report = solvers.multigrid("velocity", matrix, matrix.dot, b, x0)
         solvers.record("velocity", report, lambda k=k: right[:, k] - matrix @ out[:, k])  # type: ignore[misc]
     return out
+
+
+def _shift_and_scale(terms: Terms, rate: float) -> tuple[float | np.ndarray, float | np.ndarray]:
+    """What stands before u* and before the weights of the viscous term on the left of eq. 2, numbers or (n,)."""
+    scale = terms.viscous.factor if terms.excess is None else terms.viscous.factor - rate * terms.excess
+    return (rate if terms.drag is None else rate + terms.drag), scale
+
+
+def _matrix(terms: Terms, rate: float, solvers: KeptHierarchies) -> sp.csr_matrix:
+    """g0 / dt - nu lap of one component, walls included."""
+    ops, viscous, walls = terms.ops, terms.viscous, terms.viscous.walls
+    with solvers.clock("assembly"):
+        shift, scale = _shift_and_scale(terms, rate)
+        wall_lap = viscous.factor * walls.lap if walls is not None else None
+        weights = viscous.weight * (np.repeat(scale, np.diff(ops.start)) if isinstance(scale, np.ndarray) else scale)
+        return assemble(ops.start, ops.column, weights, shift, 1.0, wall_lap)
+
+
+def _by_pairs(terms: Terms, rate: float, right: np.ndarray, guess: np.ndarray,
+              solvers: KeptHierarchies) -> tuple[np.ndarray, Report]:
+    """All components at once with the weights of the pairs, preconditioned by the diagonal: a matrix would be made for
+    three or four products."""
+    ops, viscous, walls, (n, dim) = terms.ops, terms.viscous, terms.viscous.walls, right.shape
+    shift, scale = (np.broadcast_to(part, n)[:, None] for part in _shift_and_scale(terms, rate))
+    with solvers.clock("assembly"):
+        own = shift if walls is None else shift + (viscous.factor * walls.lap)[:, None]
+        inverse = 1.0 / (own + scale * row_sums(ops.start, viscous.weight)[:, None])
+
+    def apply(v: np.ndarray) -> np.ndarray:
+        u = v.reshape(n, dim)
+        out = pair_sums.laplacian(ops.start, ops.column, viscous.weight, u)
+        out *= scale
+        return np.subtract(own * u, out, out=out).ravel()
+
+    with solvers.clock("krylov"):
+        found, report = solvers.krylov(apply, right.ravel(), lambda v: (inverse * v.reshape(n, dim)).ravel(),
+                                       np.ascontiguousarray(guess).ravel())
+    return found.reshape(n, dim), report
 
 
 def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right: np.ndarray, guess: np.ndarray,

@@ -30,8 +30,18 @@ def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: 
 
 def row_sums(start: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Sums of the entries of each row, (n,); empty rows give zero."""
-    total = np.concatenate([[0.0], np.cumsum(values)])
-    return total[start[1:]] - total[start[:-1]]
+    total = np.empty(len(start) - 1)
+    over_rows(_row_sums, len(total), start, values, total)
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _row_sums(rows, start, values, total):
+    for i in range(rows[0], rows[1]):
+        s = 0.0
+        for p in range(start[i], start[i + 1]):
+            s += values[p]
+        total[i] = s
 
 
 @njit(cache=True, nogil=True)

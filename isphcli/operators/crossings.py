@@ -17,7 +17,8 @@ from ..domain.neighbours import Neighbourhood
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
-AT_ONCE = 4_000_000  # pairs asked of the geometry in one go: bounds the memory of large scenes
+AT_ONCE = 1_000_000  # pairs asked of the geometry in one go: bounds the memory of large scenes
+SCANNED = 32 * AT_ONCE  # pairs looked through for those to ask about
 NEAREST = 0.02  # of a pair: nearest a wall may be; nearer ones triple the iterations and change k by 1e-5
 # What links a pair: a wall is met on the way; the two see each other but share no pressure (`narrow_pores`); they do
 MEETS_WALL, IN_SIGHT, SHARES_PRESSURE = 0, 1, 2
@@ -44,12 +45,14 @@ class WallTable(NamedTuple):
 class Links(NamedTuple):
     """How each pair is linked, as kernels take it.
 
-    t: (n_pairs,) in (0, 1], fraction of the way from the fluid particle at which the pair meets a wall, 1 where it
-    meets none; link: (n_pairs,) int8, MEETS_WALL, IN_SIGHT or SHARES_PRESSURE.
+    link: (n_pairs,) int8, MEETS_WALL, IN_SIGHT or SHARES_PRESSURE; t: of those that meet a wall, in their order, in
+    (0, 1], fraction of the way from the fluid particle at which they do; first: (n + 1,) int64, where those of each
+    particle begin in it.
     """
 
-    t: np.ndarray
     link: np.ndarray
+    t: np.ndarray
+    first: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,8 @@ class WallStencils:
     """What operators beside walls are built from.
 
     neighbours: all of them, dummies included; walls: wall data of their rows; links: how they are linked; volume:
-    (n_owned,) of fluid particles and dummies, m^dim.
+    (n_owned,) of fluid particles and dummies by their numbers, m^dim. Of particles that sit on their lattice all
+    volumes are the same: there the columns of the neighbours are their rows, and volume is (n_rows,).
     """
 
     neighbours: Neighbourhood
@@ -68,26 +72,27 @@ class WallStencils:
 
 def crossings(geometry: Geometry, neighbours: Neighbourhood, walls: WallTable) -> Links:
     """Where each pair meets a wall: its t and MEETS_WALL, or SHARES_PRESSURE for fluid pairs in sight."""
-    x = neighbours.x
-    t, link = np.ones(len(neighbours.row)), np.full(len(neighbours.row), SHARES_PRESSURE, np.int8)
-    ask = _suspects(neighbours, walls.fluid, walls.distance)
-    for begin in range(0, len(ask), AT_ONCE):
-        some = ask[begin : begin + AT_ONCE]
-        i = np.searchsorted(neighbours.start, some, side="right") - 1
-        j = neighbours.row[some]
-        met = geometry.crossing(x[i], x[j])
-        # a fluid neighbour in sight stays one; a dummy that the geometry calls free is met at its own place
-        sees = walls.fluid[j] & (met >= 1.0)
-        t[some] = np.where(sees, 1.0, np.clip(met, NEAREST, 1.0))
-        link[some] = np.where(sees, SHARES_PRESSURE, MEETS_WALL)
-    return Links(t, link)
+    x, start = neighbours.x, neighbours.start
+    t, link = [np.zeros(0)], np.full(len(neighbours.row), SHARES_PRESSURE, np.int8)
+    suspect = _suspects(neighbours, walls.fluid, walls.distance)
+    for begin in range(0, len(suspect), SCANNED):
+        ask = begin + np.flatnonzero(suspect[begin : begin + SCANNED])
+        for some in np.split(ask, range(AT_ONCE, len(ask), AT_ONCE)):
+            i = np.searchsorted(start, some, side="right") - 1
+            j = neighbours.row[some]
+            met = geometry.crossing(x[i], x[j])
+            # a fluid neighbour in sight stays one; a dummy that the geometry calls free is met at its own place
+            wall = ~(walls.fluid[j] & (met >= 1.0))
+            link[some[wall]] = MEETS_WALL
+            t.append(np.clip(met[wall], NEAREST, 1.0))
+    first = np.concatenate([[0], np.cumsum(np.diff(start) - in_sight(start, link))])
+    return Links(link, np.concatenate(t), first)
 
 
 @njit(cache=True)
 def _suspects(neighbours, fluid, distance):
-    """Pairs that may cross a wall: those with a dummy, and fluid pairs that two free balls do not cover."""
+    """Which pairs may cross a wall (n_pairs,): those with a dummy, and fluid pairs that two free balls do not cover."""
     x, start, index = neighbours.x, neighbours.start, neighbours.row
-    count = 0
     keep = np.empty(len(index), np.bool_)
     for i in range(len(start) - 1):
         for p in range(start[i], start[i + 1]):
@@ -99,14 +104,7 @@ def _suspects(neighbours, fluid, distance):
                     r2 += (x[j, k] - x[i, k]) ** 2
                 clear = (distance[i] + distance[j]) * (1.0 + 1e-9)
                 keep[p] = clear * clear < r2
-            count += keep[p]
-    out = np.empty(count, np.int64)
-    count = 0
-    for p in range(len(index)):
-        if keep[p]:
-            out[count] = p
-            count += 1
-    return out
+    return keep
 
 
 @njit(cache=True)

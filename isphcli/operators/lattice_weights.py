@@ -41,11 +41,7 @@ from .neighbourhood_class import NARROW_SHARE_FIXED
 from .protocol import WallSums
 from .wall_weights import add_wall_pair, boundary_sums, meet_walls, new_boundary_sums, second_moments
 
-# Share by which diagonals of the conductances are raised. Pressure is known up to a constant in each component; in a
-# pocket smaller than an aggregate the coarse matrices hold nothing but that constant and divide by round-off.
-GROUND = 1e-6
 NEAREST = 1.02  # of the smallest squared distance on a lattice: the nearest neighbours
-SAME = 1e-9  # of the largest entry: tensors of whole neighbourhoods differ by round-off of the positions, 1e-13
 MOST_OFFSETS = 255  # more, and every pair keeps an offset of its own: particles off a lattice
 
 
@@ -69,12 +65,15 @@ class LatticePairs(NamedTuple):
 class Factors(NamedTuple):
     """Tensors of the particles as kernels take them.
 
-    laplace: (n, 9) L and b, 1/m2; gradient: (n, dim, dim) M and gradient_p Q, 1/m; scale: (n,) c, 1/m2; k_tensor:
-    (n, dim, 6) K, 1/m, or (0, dim, 6) for gradients of first order; k_tensor_p, the same of the pressure gradient away
-    from walls, (0, dim, 6) on a lattice, where it vanishes. gradient_p and k_tensor_p have the rows of remote particles
-    too, for the adjoint.
+    row: (n,) int32 of the particle in the others; on a lattice those that see every offset and no wall share row 0, off
+    it nobody has that.
+    laplace: (rows, 9) L and b, 1/m2; gradient: (rows, dim, dim) M and gradient_p Q, 1/m; scale: (rows,) c, 1/m2;
+    k_tensor: (rows, dim, 6) K, 1/m, or (0, dim, 6) for gradients of first order; k_tensor_p, the same of the pressure
+    gradient away from walls, (0, dim, 6) on a lattice, where it vanishes. row, gradient_p and k_tensor_p have remote
+    particles too, for the adjoint.
     """
 
+    row: np.ndarray
     laplace: np.ndarray
     gradient: np.ndarray
     gradient_p: np.ndarray
@@ -84,13 +83,12 @@ class Factors(NamedTuple):
 
 
 class WholeRows(NamedTuple):
-    """Particles that see every offset and no wall have the same weights: kept once, as kernels take them.
+    """Weights of the particles that see every offset and no wall, row 0 of `Factors`, as kernels take them.
 
-    mask: (n,) bool; laplacian: (m,) weights of the m offsets, 1/m2; gradient: (m, 3) of the velocity gradient, 1/m;
+    laplacian: (m,) weights of the m offsets, 1/m2; gradient: (m, 3) of the velocity gradient, 1/m;
     half_step: (m, 3) half the step times `pair_laplacian`, of any particle. In 2D third columns are zero.
     """
 
-    mask: np.ndarray
     laplacian: np.ndarray
     gradient: np.ndarray
     half_step: np.ndarray
@@ -142,15 +140,15 @@ class LatticeWeights:
     def gradient_p(self, p: np.ndarray) -> np.ndarray:
         """Pressure gradient (n, dim) of p (n,)."""
         p, gradient = self.exchange.forward(p), np.empty((self.n, self.dim))
-        over_rows(_gradient_p, self.n, self.pairs, self.tensors.gradient_p, p, gradient)
+        over_rows(_gradient_p, self.n, self.pairs, self.tensors, p, gradient)
         if len(self.tensors.k_tensor_p):
-            gradient -= _second_order(self.pairs, self.tensors.k_tensor_p, p)
+            gradient -= _second_order(self.pairs, self.tensors, p)
         return gradient
 
     def potential_gradient(self, force: np.ndarray) -> np.ndarray:
         """The acceleration force (dim,) as the gradient of its potential, (n, dim): see `DiscreteOperators`."""
         out = np.zeros((self.n, self.dim))
-        over_rows(_potential_gradient, self.n, self.pairs, self.tensors.gradient_p, self.tensors.k_tensor_p, force, out)
+        over_rows(_potential_gradient, self.n, self.pairs, self.tensors, force, out)
         return out
 
     def total_divergence(self, u: np.ndarray) -> np.ndarray:
@@ -174,51 +172,62 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1,
         offset_id = np.arange(len(row), dtype=np.int32)
         step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[everyone.owner[row]]
     first_moment, second_moment, pair_laplacian = _offset_weights(step, weight, everyone.kind, everyone.support)
-    dim, second = x.shape[1], n if order == 2 else 0
-    tensors = Factors(np.empty((n, 9)), np.empty((n, dim, dim)), np.empty((n, dim, dim)), np.empty(n),
-                      np.zeros((second, dim, 6)), np.zeros((0 if on_lattice else second, dim, 6)))
+    which, dim = _own_tensors(np.diff(start), np.diff(everyone.start), len(step) if on_lattice else -1), x.shape[1]
+    rows, second = len(which), len(which) if order == 2 else 0
+    tensors = Factors(np.zeros(n, np.int32), np.zeros((rows, 9)), np.zeros((rows, dim, dim)),
+                      np.zeros((rows, dim, dim)), np.zeros(rows), np.zeros((second, dim, 6)),
+                      np.zeros((0 if on_lattice else second, dim, 6)))
+    tensors.row[which[1:]] = np.arange(1, rows)
     sums, narrow = new_boundary_sums(n, dim, walls.slip_length), np.zeros(n, np.bool_)
-    deficient = over_rows(_factors, n, (everyone, links, volume, walls), order, tensors, narrow, sums,
+    deficient = over_rows(_factors, rows, (which, everyone, links, volume, walls), order, tensors, narrow, sums,
                           work=partial(new_workspace, everyone))
     pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
-    tensors = tensors._replace(gradient_p=exchange.forward(tensors.gradient_p))
-    if not on_lattice and order == 2:
-        tensors = tensors._replace(k_tensor_p=exchange.forward(tensors.k_tensor_p))
     wall_sums = WallSums(*boundary_sums(sums))
-    whole = _whole_rows(pairs, tensors, wall_sums, on_lattice)
-    return LatticeWeights(pairs, tensors, wall_sums, int(reduce.total(np.array(deficient))), narrow, whole,
-                          exchange), row
+    return LatticeWeights(pairs, _with_remote(tensors, exchange), wall_sums, int(reduce.total(np.array(deficient))),
+                          narrow, _whole_rows(pairs, tensors), exchange), row
 
 
-def _whole_rows(pairs: LatticePairs, tensors: Factors, walls: WallSums, on_lattice: bool) -> WholeRows:
+def _own_tensors(in_sight: np.ndarray, near: np.ndarray, offsets: int) -> np.ndarray:
+    """The particle (int32) of each row of `Factors`; the first has a whole neighbourhood, or is -1 where none has.
+
+    in_sight, near: (n,) neighbours of each particle, without those beyond walls and with them; offsets: of the lattice.
+    """
+    whole = (in_sight == offsets) & (near == offsets)
+    one = np.flatnonzero(whole)[:1]
+    return np.concatenate([one if len(one) else [-1], np.flatnonzero(~whole)]).astype(np.int32)
+
+
+def _with_remote(tensors: Factors, exchange: Exchange) -> Factors:
+    """The tensors with rows of gradient_p and k_tensor_p for remote particles behind the others."""
+    if exchange.remote == 0:
+        return tensors
+    n, rows = len(tensors.row), len(tensors.scale)
+    more = [np.concatenate([tensor, exchange.forward(tensor[tensors.row])[n:]]) if len(tensor) else tensor
+            for tensor in (tensors.gradient_p, tensors.k_tensor_p)]
+    row = np.concatenate([tensors.row, np.arange(rows, rows + exchange.remote, dtype=np.int32)])
+    return tensors._replace(row=row, gradient_p=more[0], k_tensor_p=more[1])
+
+
+def _whole_rows(pairs: LatticePairs, tensors: Factors) -> WholeRows:
     """WholeRows of a lattice, whose tensors differ by round-off alone; off a lattice none is whole."""
-    n, (m, dim) = len(pairs.start) - 1, pairs.step.shape
+    m, dim = pairs.step.shape
     half_step = np.zeros((m, 3))
     half_step[:, :dim] = 0.5 * pairs.pair_laplacian[:, None] * pairs.step
     laplacian, gradient = np.zeros(m), np.zeros((m, 3))
-    mask = np.zeros(n, np.bool_)
-    if on_lattice:
-        full = np.flatnonzero((np.diff(pairs.start) == m) & (walls.lap == 0.0))
-        if len(full):
-            one, first, second = full[0], pairs.first_moment, pairs.second_moment
-            laplacian = second @ tensors.laplace[one, :6] - first @ tensors.laplace[one, 6:]
-            gradient[:, :dim] = first[:, :dim] @ tensors.gradient[one].T
-            if len(tensors.k_tensor):
-                gradient[:, :dim] -= second @ tensors.k_tensor[one].T
-            mask[full] = True
-            for tensor, scale in ((tensors.laplace, tensors.laplace), (tensors.gradient, tensors.gradient),
-                                  (tensors.k_tensor, tensors.gradient)):
-                if len(tensor):
-                    apart = np.abs(tensor[full] - tensor[one]).reshape(len(full), -1).max(axis=1)
-                    mask[full] &= apart <= SAME * np.abs(scale[one]).max()
-    return WholeRows(mask, laplacian, gradient, half_step)
+    if pairs.offset_id.dtype == np.uint8:
+        first, second = pairs.first_moment, pairs.second_moment
+        laplacian = second @ tensors.laplace[0, :6] - first @ tensors.laplace[0, 6:]
+        gradient[:, :dim] = first[:, :dim] @ tensors.gradient[0].T
+        if len(tensors.k_tensor):
+            gradient[:, :dim] -= second @ tensors.k_tensor[0].T
+    return WholeRows(laplacian, gradient, half_step)
 
 
 def velocity_matrix(ops: LatticeWeights, dx: float, dtype: type = float) -> sp.csr_matrix:
     """-dx^2 lap, walls included, in canonical CSR form; columns of remote particles are the last ones."""
     matrix = _empty_matrix(ops, np.dtype(dtype))
-    over_rows(_velocity_entries, ops.n, ops.pairs, ops.tensors.laplace, ops.walls.lap, dx * dx, matrix)
-    return _canonical(ops, *matrix)
+    over_rows(_velocity_entries, ops.n, ops.pairs, ops.tensors, ops.walls.lap, dx * dx, matrix)
+    return canonical(ops, *matrix)
 
 
 def nearest_matrix(ops: LatticeWeights, dx: float) -> sp.csr_matrix:
@@ -237,19 +246,7 @@ def nearest_matrix(ops: LatticeWeights, dx: float) -> sp.csr_matrix:
     np.cumsum(first, out=first)
     matrix = first, np.empty(first[-1], np.int32), np.empty(first[-1])
     over_rows(_near_entries, ops.n, ops.pairs, weight, ops.walls.lap, dx * dx, matrix)
-    return _canonical(ops, *matrix)
-
-
-def conductance_matrix(ops: LatticeWeights, w: np.ndarray, dx: float) -> sp.csr_matrix:
-    """-dx^2 div(w grad) with the symmetric weights and the means of w (n,) of the pairs, canonical CSR.
-
-    Means are arithmetic: a pressure acts on the velocities of both particles of a pair, and div A^-1 grad of the one on
-    the wall is that of its neighbours. With harmonic means, which cut it off from them, beads that touch took twice the
-    iterations. The diagonal is raised by `GROUND`.
-    """
-    w, matrix = ops.exchange.forward(w), _empty_matrix(ops, np.dtype(float))
-    over_rows(_conductance_entries, ops.n, ops.pairs, ops.tensors.scale, w, dx * dx, matrix)
-    return _canonical(ops, *matrix)
+    return canonical(ops, *matrix)
 
 
 def _empty_matrix(ops: LatticeWeights, dtype: np.dtype) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -260,8 +257,9 @@ def _empty_matrix(ops: LatticeWeights, dtype: np.dtype) -> tuple[np.ndarray, np.
     return first, np.empty(size, np.int32), np.empty(size, dtype)
 
 
-def _canonical(ops: LatticeWeights, start: np.ndarray, column: np.ndarray, entries: np.ndarray) -> sp.csr_matrix:
-    matrix = sp.csr_matrix((entries, column, start), shape=(ops.n, ops.n + ops.exchange.remote))
+def canonical(ops: LatticeWeights, start: np.ndarray, column: np.ndarray, entries: np.ndarray) -> sp.csr_matrix:
+    """Some rows of a matrix, sorted and each column once; columns of remote particles are the last ones."""
+    matrix = sp.csr_matrix((entries, column, start), shape=(len(start) - 1, ops.n + ops.exchange.remote))
     matrix.sum_duplicates()
     return matrix
 
@@ -291,7 +289,7 @@ def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: 
     u, p = ops.exchange.forward(u), ops.exchange.forward(p)
     over_rows(_momentum, ops.n, (ops.pairs, ops.tensors, ops.whole), ops.walls.lap, dx, (u, p), out, grad_p)
     if len(ops.tensors.k_tensor_p):
-        more = _second_order(ops.pairs, ops.tensors.k_tensor_p, p)
+        more = _second_order(ops.pairs, ops.tensors, p)
         grad_p -= more
         out -= dx * more
 
@@ -299,15 +297,15 @@ def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: 
 def symmetric_laplacian(ops: LatticeWeights, f: np.ndarray) -> np.ndarray:
     """sum_j symmetric_ij (f_j - f_i), (n,)."""
     f, out = ops.exchange.forward(f), np.empty(ops.n)
-    over_rows(_symmetric, ops.n, ops.pairs, ops.tensors.scale, f, out)
+    over_rows(_symmetric, ops.n, ops.pairs, ops.tensors, f, out)
     return out
 
 
-def _second_order(pairs: LatticePairs, k_tensor_p: np.ndarray, p: np.ndarray) -> np.ndarray:
+def _second_order(pairs: LatticePairs, tensors: Factors, p: np.ndarray) -> np.ndarray:
     """K_i : sum_j T (p_j - p_i), (n, dim)."""
     n = len(pairs.start) - 1
-    out = np.zeros((n, k_tensor_p.shape[1]))
-    over_rows(_add_second_order, n, pairs, k_tensor_p, p, out)
+    out = np.zeros((n, pairs.step.shape[1]))
+    over_rows(_add_second_order, n, pairs, tensors, p, out)
     return out
 
 
@@ -395,53 +393,57 @@ def _offset_weights(step, volume, kind, support):
 def _factors(rows, work, given, order, tensors, narrow, sums):
     """As `wall_weights._wall_rows`, but the tensors are kept and the weights of the wall pairs only summed up.
 
-    Into the arrays of Factors, narrow (n,) and the arrays of WallSums; returns how many rows are deficient."""
-    neighbours, links, volume, walls = given
-    laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p = tensors
+    given: particles of the rows, -1 for none, then what they are built from. Writes the rows of Factors, narrow (n,)
+    and the arrays of WallSums; returns how many are deficient."""
+    which, neighbours, links, volume, walls = given
+    _, laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p = tensors
     wall_lap, _, wall_div, wall_div_velocity, _ = sums
-    start, per_length, fraction, link = neighbours.start, 1.0 / neighbours.support, links.t, links.link
+    start, per_length, (link, fraction, first) = neighbours.start, 1.0 / neighbours.support, links
     moments, gp, pair = work.moments, work.g_p, work.pair
     ex, ey, ez, s, w = work.stencil
     g, _, right, drift, spread = work.tensors
     weight, (first_one, second_one) = pair[0], work.one_pair
     dim, per_area, deficient = gradient.shape[1], per_length * per_length, 0
-    for i in range(rows[0], rows[1]):
+    for o in range(rows[0], rows[1]):
+        i = which[o]
+        if i < 0:
+            continue
         begin, count = start[i], start[i + 1] - start[i]
         padded = gather_stencil(neighbours, i, volume, work.stencil)
-        whole, near_wall = meet_walls(work.stencil, fraction[begin : begin + count], link[begin : begin + count])
+        whole, near_wall = meet_walls(work.stencil, fraction, first[i], link[begin : begin + count])
         stencil_moments(work.stencil, padded, moments)
         deficient += correction(moments, dim, order, work.tensors)
-        scale[i] = 2.0 * dim * per_area / whole if whole > 0.0 else 0.0
+        scale[o] = 2.0 * dim * per_area / whole if whole > 0.0 else 0.0
         for v in range(6):
-            laplace[i, v] = 2.0 * per_area * right[v, 0]
+            laplace[o, v] = 2.0 * per_area * right[v, 0]
         for k in range(3):
-            laplace[i, 6 + k] = per_area * (g[k, 0] * drift[0] + g[k, 1] * drift[1] + g[k, 2] * drift[2])
+            laplace[o, 6 + k] = per_area * (g[k, 0] * drift[0] + g[k, 1] * drift[1] + g[k, 2] * drift[2])
         for m in range(dim):
             for k in range(dim):
-                gradient[i, m, k] = per_length * g[m, k]
-                gradient_p[i, m, k] = per_length * g[m, k]
+                gradient[o, m, k] = per_length * g[m, k]
+                gradient_p[o, m, k] = per_length * g[m, k]
             if order == 2:
                 for k in range(dim):
-                    gradient[i, m, k] = per_length * (
+                    gradient[o, m, k] = per_length * (
                         spread[m, 0] * g[0, k] + spread[m, 1] * g[1, k] + spread[m, 2] * g[2, k])
                 for v in range(6):
-                    k_tensor[i, m, v] = per_length * right[v, 1 + m]
+                    k_tensor[o, m, v] = per_length * right[v, 1 + m]
         if whole == 0.0:  # nothing is near: at rest, as what walls surround
             wall_lap[i] = per_area
         if not near_wall:
             if len(k_tensor_p) > 0:
                 for m in range(dim):
                     for k in range(dim):
-                        gradient_p[i, m, k] = gradient[i, m, k]
+                        gradient_p[o, m, k] = gradient[o, m, k]
                     for v in range(6):
-                        k_tensor_p[i, m, v] = k_tensor[i, m, v]
+                        k_tensor_p[o, m, v] = k_tensor[o, m, v]
             continue
         second_moments(work.stencil, link[begin : begin + count], moments)
         invert_gradient(moments, dim, gp)
         narrow[i] = not _smallest(moments, dim) > NARROW_SHARE_FIXED * whole / dim
         for m in range(dim):
             for k in range(dim):
-                gradient_p[i, m, k] = per_length * gp[m, k]
+                gradient_p[o, m, k] = per_length * gp[m, k]
         for q in range(count):
             if link[begin + q] != MEETS_WALL:
                 continue
@@ -450,9 +452,9 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
             second_one[0, 0], second_one[0, 1] = b * ex[q] * ex[q], b * ey[q] * ey[q]
             second_one[0, 2], second_one[0, 3] = b * ez[q] * ez[q], b * ey[q] * ez[q]
             second_one[0, 4], second_one[0, 5] = b * ex[q] * ez[q], b * ex[q] * ey[q]
-            weight[0] = _lap_weight(laplace, i, second_one, first_one, 0)
+            weight[0] = _lap_weight(laplace, o, second_one, first_one, 0)
             for m in range(dim):
-                weight[1 + m] = _grad_weight(gradient, k_tensor, i, m, second_one, first_one, 0)
+                weight[1 + m] = _grad_weight(gradient, k_tensor, o, m, second_one, first_one, 0)
             add_wall_pair(neighbours, walls, i, q, work.stencil, pair, sums)  # eq. 11
         if narrow[i]:  # no flux passes a wall
             wall_div_velocity[i] = 0.0
@@ -491,7 +493,7 @@ def _grad_weight(gradient, k_tensor, i, k, second, first, t):
 
 
 @njit(cache=True, nogil=True)
-def _velocity_entries(rows, pairs, laplace, wall_lap, area, matrix):
+def _velocity_entries(rows, pairs, tensors, wall_lap, area, matrix):
     start, column, offset_id = pairs.start, pairs.column, pairs.offset_id
     first_moment, second_moment = pairs.first_moment, pairs.second_moment
     first, index, entries = matrix
@@ -500,7 +502,7 @@ def _velocity_entries(rows, pairs, laplace, wall_lap, area, matrix):
         first[i] = at
         total = wall_lap[i]
         for q in range(start[i], start[i + 1]):
-            a = _lap_weight(laplace, i, second_moment, first_moment, offset_id[q])
+            a = _lap_weight(tensors.laplace, tensors.row[i], second_moment, first_moment, offset_id[q])
             total += a
             index[q + i + 1], entries[q + i + 1] = column[q], -area * a
         index[at], entries[at] = i, area * total
@@ -529,22 +531,6 @@ def _near_entries(rows, pairs, weight, wall_lap, area, matrix):
         index[first[i]], entries[first[i]] = i, total if total > 0.0 else 1.0
 
 
-@njit(cache=True, nogil=True)
-def _conductance_entries(rows, pairs, scale, w, area, matrix):
-    start, column, offset_id, pair_laplacian = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
-    first, index, entries = matrix
-    for i in range(rows[0], rows[1]):
-        at = start[i] + i
-        first[i] = at
-        total = 0.0
-        for q in range(start[i], start[i + 1]):
-            j = column[q]
-            a = scale[i] * pair_laplacian[offset_id[q]] * 0.5 * (w[i] + w[j])
-            total += a
-            index[q + i + 1], entries[q + i + 1] = j, -area * a
-        index[at], entries[at] = i, (1.0 + GROUND) * area * total if total > 0.0 else 1.0
-
-
 # --- applying ----------------------------------------------------------------------------------------------------
 
 
@@ -559,16 +545,16 @@ def _momentum(rows, weights, wall_lap, dx, unknowns, out, grad_p):
     dim, last = u.shape[1], u.shape[1] - 1
     for i in range(rows[0], rows[1]):
         s0 = s1 = s2 = v0 = v1 = v2 = 0.0
-        u0, u1, u2, pi = u[i, 0], u[i, 1], u[i, last], p[i]
-        if whole.mask[i]:
+        u0, u1, u2, pi, o = u[i, 0], u[i, 1], u[i, last], p[i], tensors.row[i]
+        if o == 0:
             for q in range(start[i], start[i + 1]):
                 j, t = np.uint32(column[q]), np.uint32(offset_id[q])
                 dp, a = p[j] - pi, whole.laplacian[t]
                 s0, s1, s2 = s0 + first[t, 0] * dp, s1 + first[t, 1] * dp, s2 + first[t, 2] * dp
                 v0, v1, v2 = v0 + a * (u[j, 0] - u0), v1 + a * (u[j, 1] - u1), v2 + a * (u[j, last] - u2)
         else:
-            l0, l1, l2, l3, l4 = laplace[i, 0], laplace[i, 1], laplace[i, 2], laplace[i, 3], laplace[i, 4]
-            l5, b0, b1, b2 = laplace[i, 5], laplace[i, 6], laplace[i, 7], laplace[i, 8]
+            l0, l1, l2, l3, l4 = laplace[o, 0], laplace[o, 1], laplace[o, 2], laplace[o, 3], laplace[o, 4]
+            l5, b0, b1, b2 = laplace[o, 5], laplace[o, 6], laplace[o, 7], laplace[o, 8]
             for q in range(start[i], start[i + 1]):
                 j, t = np.uint32(column[q]), np.uint32(offset_id[q])
                 x0, x1, x2, dp = first[t, 0], first[t, 1], first[t, 2], p[j] - pi
@@ -577,7 +563,7 @@ def _momentum(rows, weights, wall_lap, dx, unknowns, out, grad_p):
                      + l5 * second[t, 5] - b0 * x0 - b1 * x1 - b2 * x2)  # eq. 6 in factors, as `_lap_weight`
                 v0, v1, v2 = v0 + a * (u[j, 0] - u0), v1 + a * (u[j, 1] - u1), v2 + a * (u[j, last] - u2)
         for k in range(dim):
-            g = gradient_p[i, k, 0] * s0 + gradient_p[i, k, 1] * s1 + (gradient_p[i, k, 2] * s2 if dim == 3 else 0.0)
+            g = gradient_p[o, k, 0] * s0 + gradient_p[o, k, 1] * s1 + (gradient_p[o, k, 2] * s2 if dim == 3 else 0.0)
             grad_p[i, k] = g
             v = v0 if k == 0 else v1 if k == 1 else v2
             out[i, k] = dx * dx * (wall_lap[i] * u[i, k] - v) + dx * g
@@ -596,7 +582,8 @@ def _divergence_and_rhie_chow(rows, weights, walls, u, pressure, factors, out):
             j, t = np.uint32(column[q]), np.uint32(offset_id[q])
             odd_even += (weight[t] * (p[j] - pi) - half[t, 0] * (q0 + grad_p[j, 0]) - half[t, 1] * (q1 + grad_p[j, 1])
                          - half[t, 2] * (q2 + grad_p[j, last]))
-        if whole.mask[i]:
+        o = tensors.row[i]
+        if o == 0:
             g = whole.gradient
             for q in range(start[i], start[i + 1]):
                 j, t = np.uint32(column[q]), np.uint32(offset_id[q])
@@ -608,7 +595,7 @@ def _divergence_and_rhie_chow(rows, weights, walls, u, pressure, factors, out):
                     divergence += _adjoint_flux(pairs, tensors, i, k, u)
                 else:
                     divergence += _slope_along(pairs, tensors, i, k, u)
-        out[i] = a * divergence + b * tensors.scale[i] * odd_even
+        out[i] = a * divergence + b * tensors.scale[o] * odd_even
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
@@ -622,10 +609,10 @@ def _slope_along(pairs, tensors, i, k, u):
         m0, m1, m2 = m0 + first[t, 0] * d, m1 + first[t, 1] * d, m2 + first[t, 2] * d
         t0, t1, t2 = t0 + second[t, 0] * d, t1 + second[t, 1] * d, t2 + second[t, 2] * d
         t3, t4, t5 = t3 + second[t, 3] * d, t4 + second[t, 4] * d, t5 + second[t, 5] * d
-    g = tensors.gradient[i, k]
+    g = tensors.gradient[tensors.row[i], k]
     slope = g[0] * m0 + g[1] * m1 + (g[2] * m2 if len(g) == 3 else 0.0)
     if len(tensors.k_tensor) > 0:
-        c = tensors.k_tensor[i, k]
+        c = tensors.k_tensor[tensors.row[i], k]
         slope -= c[0] * t0 + c[1] * t1 + c[2] * t2 + c[3] * t3 + c[4] * t4 + c[5] * t5
     return slope
 
@@ -634,22 +621,22 @@ def _slope_along(pairs, tensors, i, k, u):
 def _adjoint_flux(pairs, tensors, i, k, u):
     """Part of component k in the adjoint divergence of particle i: a_ji V_j = -a_ij V_i, T_ji V_j = T_ij V_i."""
     first, second = pairs.first_moment, pairs.second_moment
-    gradient_p, k_tensor_p = tensors.gradient_p, tensors.k_tensor_p
-    flux = 0.0
+    gradient_p, k_tensor_p, o, flux = tensors.gradient_p, tensors.k_tensor_p, tensors.row[i], 0.0
     for q in range(pairs.start[i], pairs.start[i + 1]):
         j, t = pairs.column[q], pairs.offset_id[q]
+        n = tensors.row[j]
         for m in range(u.shape[1]):
-            flux += first[t, m] * (gradient_p[i, k, m] * u[i, k] + gradient_p[j, k, m] * u[j, k])
+            flux += first[t, m] * (gradient_p[o, k, m] * u[i, k] + gradient_p[n, k, m] * u[j, k])
         if len(k_tensor_p) > 0:
             for v in range(6):
-                flux -= second[t, v] * (k_tensor_p[i, k, v] * u[i, k] - k_tensor_p[j, k, v] * u[j, k])
+                flux -= second[t, v] * (k_tensor_p[o, k, v] * u[i, k] - k_tensor_p[n, k, v] * u[j, k])
     return flux
 
 
 @njit(cache=True, nogil=True)
-def _gradient_p(rows, pairs, gradient_p, p, out):
+def _gradient_p(rows, pairs, tensors, p, out):
     start, column, offset_id, first_moment = pairs.start, pairs.column, pairs.offset_id, pairs.first_moment
-    dim = gradient_p.shape[1]
+    gradient_p, dim = tensors.gradient_p, out.shape[1]
     for i in range(rows[0], rows[1]):
         s0 = s1 = s2 = 0.0
         for q in range(start[i], start[i + 1]):
@@ -657,47 +644,49 @@ def _gradient_p(rows, pairs, gradient_p, p, out):
             s0 += first_moment[t, 0] * dp
             s1 += first_moment[t, 1] * dp
             s2 += first_moment[t, 2] * dp
+        o = tensors.row[i]
         for k in range(dim):
-            out[i, k] = gradient_p[i, k, 0] * s0 + gradient_p[i, k, 1] * s1
+            out[i, k] = gradient_p[o, k, 0] * s0 + gradient_p[o, k, 1] * s1
             if dim == 3:
-                out[i, k] += gradient_p[i, k, 2] * s2
+                out[i, k] += gradient_p[o, k, 2] * s2
 
 
 @njit(cache=True, nogil=True)
-def _add_second_order(rows, pairs, k_tensor_p, p, out):
+def _add_second_order(rows, pairs, tensors, p, out):
     start, column, offset_id, second_moment = pairs.start, pairs.column, pairs.offset_id, pairs.second_moment
-    dim = k_tensor_p.shape[1]
+    k_tensor_p, dim = tensors.k_tensor_p, out.shape[1]
     for i in range(rows[0], rows[1]):
         for q in range(start[i], start[i + 1]):
             dp, t = p[column[q]] - p[i], offset_id[q]
             for k in range(dim):
                 for v in range(6):
-                    out[i, k] += k_tensor_p[i, k, v] * second_moment[t, v] * dp
+                    out[i, k] += k_tensor_p[tensors.row[i], k, v] * second_moment[t, v] * dp
 
 
 @njit(cache=True, nogil=True)
-def _potential_gradient(rows, pairs, gradient_p, k_tensor_p, force, out):
+def _potential_gradient(rows, pairs, tensors, force, out):
     start, offset_id, step = pairs.start, pairs.offset_id, pairs.step
     first_moment, second_moment = pairs.first_moment, pairs.second_moment
-    dim = len(force)
+    dim, gradient_p, k_tensor_p = len(force), tensors.gradient_p, tensors.k_tensor_p
     for i in range(rows[0], rows[1]):
+        o = tensors.row[i]
         for q in range(start[i], start[i + 1]):
             rise = 0.0
             for k in range(dim):
                 rise += force[k] * step[offset_id[q], k]
             for k in range(dim):
                 for m in range(dim):
-                    out[i, k] += gradient_p[i, k, m] * first_moment[offset_id[q], m] * rise
+                    out[i, k] += gradient_p[o, k, m] * first_moment[offset_id[q], m] * rise
                 if len(k_tensor_p) > 0:
                     for v in range(6):
-                        out[i, k] -= k_tensor_p[i, k, v] * second_moment[offset_id[q], v] * rise
+                        out[i, k] -= k_tensor_p[o, k, v] * second_moment[offset_id[q], v] * rise
 
 
 @njit(cache=True, nogil=True)
-def _symmetric(rows, pairs, scale, f, out):
+def _symmetric(rows, pairs, tensors, f, out):
     start, column, offset_id, pair_laplacian = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
     for i in range(rows[0], rows[1]):
         s = 0.0
         for q in range(start[i], start[i + 1]):
             s += pair_laplacian[offset_id[q]] * (f[column[q]] - f[i])
-        out[i] = scale[i] * s
+        out[i] = tensors.scale[tensors.row[i]] * s

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..domain.cut import Share
 from ..domain.halo import Halo, build_halo
-from ..domain.neighbours import Neighbourhood, neighbourhood
+from ..domain.neighbours import Neighbourhood, find_pairs, neighbourhood
 from ..geometry.wall_normals import wall_normals
 from .crossings import WallStencils, WallTable, crossings
 from .div_grad import adjoint_divergence
@@ -113,7 +113,11 @@ class WallScene:
         images = build_halo(owned, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support,
                             None if share is None else (share.lower, share.upper))
         table, owner = images.positions(owned), images.owners(len(owned))
-        neighbours = neighbourhood(table, owner, own, self.kind, self.support)
+        if fixed:
+            pairs = find_pairs(table, own, self.support)
+            neighbours = Neighbourhood(pairs.start, pairs.index, pairs.index, table, owner, self.kind, self.support)
+        else:
+            neighbours = neighbourhood(table, owner, own, self.kind, self.support)
         wall, velocity = np.concatenate([geometry.wall(x), self.dummy_wall])[owner], geometry.wall_velocity
         slip_length, spin = geometry.slip_length, geometry.wall_spin
         if self.line is not None:
@@ -128,7 +132,7 @@ class WallScene:
             np.zeros((0, x.shape[1], x.shape[1])) if spin is None else spin,
         )
         links = crossings(geometry, neighbours, walls)
-        volume = np.full(len(owned), self.site_volume)
+        volume = np.full(len(table) if fixed else len(owned), self.site_volume)
         if not fixed:
             volume[:n] = particle_volumes(neighbours)
         return WallStencils(neighbours, walls, links, volume), images

@@ -58,8 +58,8 @@ def wall_gradient(walls: WallRows, u: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def meet_walls(stencil, t, link):
-    """Moves the far ends of the pairs of a stencil to where they meet a wall (eq. 11). t, link: (count,), see `Links`.
+def meet_walls(stencil, t, first, link):
+    """Moves the far ends of the pairs of a stencil to where they meet a wall (eq. 11). t, first, link: see `Links`.
 
     Returns the sum of w s over the stencil with the dummies at their own places, and whether it meets a wall or has a
     neighbour that it shares no pressure with.
@@ -71,7 +71,8 @@ def meet_walls(stencil, t, link):
     for k in range(len(link)):
         near_wall |= link[k] != SHARES_PRESSURE
         if link[k] == MEETS_WALL:
-            s[k] *= t[k]  # eq. 11: the slope to the wall, at the distance of the wall
+            s[k] *= t[first]  # eq. 11: the slope to the wall, at the distance of the wall
+            first += 1
     return whole, near_wall
 
 
@@ -150,6 +151,7 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
     rows are deficient."""
     (neighbours, links, volume, walls), (sums, slope_velocity) = given, boundary
     start, per_length, t, link = neighbours.start, 1.0 / neighbours.support, links.t, links.link
+    owner, first = neighbours.owner, links.first
     seen_start, column, row, lap, grad, lap_p, grad_p, symmetric = out
     ex, ey, ez, s, w = work.stencil
     dim, moments, weights, g_p, pair = grad.shape[1], work.moments, work.weights, work.g_p, work.pair
@@ -157,7 +159,7 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
     for i in range(rows[0], rows[1]):
         begin, count = start[i], start[i + 1] - start[i]
         padded = gather_stencil(neighbours, i, volume, work.stencil)
-        whole, near_wall[i] = meet_walls(work.stencil, t[begin : begin + count], link[begin : begin + count])
+        whole, near_wall[i] = meet_walls(work.stencil, t, first[i], link[begin : begin + count])
         stencil_moments(work.stencil, padded, moments)
         deficient += correction(moments, dim, order, work.tensors)
         stencil_weights(work.stencil, padded, work.tensors, order, weights)
@@ -168,8 +170,8 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
         for k in range(count):
             a = weights[0, k] * per_area
             if link[begin + k] != MEETS_WALL:
-                column[at] = neighbours.column[begin + k]
                 row[at] = neighbours.row[begin + k]
+                column[at] = owner[row[at]]
                 lap[at] = a
                 shared = link[begin + k] == SHARES_PRESSURE
                 # eq. 3 beside walls: no flux through them, so that only fluid neighbours count

@@ -176,20 +176,18 @@ def _shifts(n: int, dummies: int, images: Halo, share: Share | None) -> np.ndarr
 def _percolation(ops: LatticeWeights, row: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """(components, dim) bool: the component winds round the box along the axis. row: of each pair in the table of
     positions; shift: see `_shifts`."""
-    n, dim = ops.n, ops.dim
-    crossing = shift[row].any(axis=1)
-    start = np.concatenate([[0], np.cumsum(np.bincount(np.repeat(np.arange(n), np.diff(ops.start))[~crossing],
-                                                       minlength=n))])
-    count, raw = pair_components(start, ops.column[~crossing], exchange=ops.exchange)
+    inside = np.logical_not(np.any(shift, axis=1))[row]
+    count, raw = pair_components(ops.start, ops.column, inside, ops.exchange)
     raw = ops.exchange.forward(raw)
     edges = [np.empty((0, 3), np.int64)]
-    first = np.repeat(np.arange(n), np.diff(ops.start))[crossing]
-    for axis in range(dim):
-        up = (shift[row[crossing], axis] > 0) & (np.abs(shift[row[crossing]]).sum(axis=1) == 1)
-        pairs = np.unique(np.stack([raw[first[up]], raw[ops.column[crossing][up]]], axis=1), axis=0)
+    crossing = np.flatnonzero(~inside)
+    first, by = np.searchsorted(ops.start, crossing, side="right") - 1, shift[row[crossing]]
+    for axis in range(ops.dim):
+        up = (by[:, axis] > 0) & (np.abs(by).sum(axis=1) == 1)
+        pairs = np.unique(np.stack([raw[first[up]], raw[ops.column[crossing[up]]]], axis=1), axis=0)
         edges.append(np.column_stack([pairs, np.full(len(pairs), axis)]))
     every = np.unique(np.concatenate(current().collect(np.concatenate(edges).astype(np.int64))), axis=0)
-    _, _, winding = merge_periodic(count, every, dim)
+    _, _, winding = merge_periodic(count, every, ops.dim)
     return winding
 
 

@@ -18,6 +18,7 @@ from ..flow.step import Stepper
 from ..flow.step_limits import Bounds
 from ..geometry.protocol import sample_box
 from ..operators.kernel import KERNELS
+from ..output.environment import keep_freed_memory
 from ..solvers.kept_hierarchies import KeptHierarchies
 from . import memory
 from .choose_fluids import choose_fluids
@@ -60,6 +61,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
 
     Raises ParticleError where the scene has no fluid or needs more memory than is left.
     """
+    keep_freed_memory()
     assert case.time is not None  # of moving particles
     spacing, support = case.particles.spacing, case.support * case.particles.spacing
     with clock("geometry"):

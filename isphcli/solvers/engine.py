@@ -14,14 +14,15 @@ import scipy.sparse as sp
 from ..domain.communicator import current
 from ..domain.exchange import Exchange
 from .krylov import Apply, Limits, Report, Watch, gmres_from_the_right
-from .multigrid import BlockCycle, cycle, hierarchy
+from .multigrid import BlockCycle, cycle, edges, hierarchy
+from .pair_cycle import PairCycle, SweptMatrix
 
 
 class Engine(Protocol):
     """Matrices are the (n, n + remote) rows of this process, remote columns last (`domain/exchange.py`); vectors are
     the entries of this process."""
 
-    def cycle(self, matrix: sp.csr_matrix, exchange: Exchange) -> Apply:
+    def cycle(self, matrix: sp.csr_matrix | SweptMatrix, exchange: Exchange) -> Apply:
         """An approximate inverse as a function of the right-hand side (n,)."""
         ...
 
@@ -38,9 +39,11 @@ class Engine(Protocol):
 class OneProcess:
     """PyAMG's hierarchies, our own cycles of them, SciPy's GMRES."""
 
-    def cycle(self, matrix: sp.csr_matrix, exchange: Exchange) -> Apply:
+    def cycle(self, matrix: sp.csr_matrix | SweptMatrix, exchange: Exchange) -> Apply:
         """See `Engine`."""
-        return cycle(hierarchy(matrix))
+        if isinstance(matrix, sp.csr_matrix) or len(edges(matrix.n)) == 2:  # one block
+            return cycle(hierarchy(matrix.tocsr()))
+        return PairCycle(matrix)
 
     def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float, cycles: int) -> Apply:
         """See `Engine`."""

@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse.linalg as sla
+from scipy.linalg import solve_triangular
 
 from ..domain import reduce
+from .krylov_basis import KrylovBasis
 
 Apply = Callable[[np.ndarray], np.ndarray]  # a linear map of vectors (m,)
 Watch = Callable[[int, float], None]  # told of each iteration and its relative residual
@@ -102,13 +104,14 @@ def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, lim
                          start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Report]:
     """GMRES preconditioned from the right, which makes the true residual small.
 
-    Arguments and results as those of `gmres`.
+    Arguments and results as those of `gmres`. scipy's preconditions from the left: the residual that it watches is
+    another one, and meeting it too early costs a restart; and its vectors are twice as long as a `KrylovBasis`.
     """
     tolerance, restart, max_iterations = limits
     norm = reduce.norm(rhs)
     if norm == 0.0:
         return np.zeros_like(rhs), Report(0, 0.0, tolerance, "zero right-hand side")
-    size, count = len(rhs), 0
+    count = 0
     solution = np.zeros_like(rhs) if start is None else start.copy()
     rest = rhs - apply(solution) if start is not None else rhs
     residual = reduce.norm(rest) / norm
@@ -119,26 +122,44 @@ def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, lim
         if watch is not None:
             watch(count, relative * residual)
 
-    # scipy preconditions from the left: the residual that it watches is another one, and meeting it too early costs
-    # a restart
-    operator = sla.LinearOperator((size, size), matvec=lambda v: apply(precondition(v)), dtype=float)
     while residual > tolerance and count < max_iterations:
-        y, _ = sla.gmres(
-            operator,
-            rest,
-            rtol=0.0,
-            atol=tolerance * norm,
-            restart=min(restart, size, max_iterations - count),
-            maxiter=1,
-            callback=each,
-            callback_type="pr_norm",
-        )
+        y = _arnoldi(lambda v: apply(precondition(v)), rest, tolerance * norm,
+                     min(restart, reduce.number(rhs), max_iterations - count), each)
         solution += precondition(y)
         rest = rhs - apply(solution)
         before, residual = residual, reduce.norm(rest) / norm
         if not residual < before:  # also where it is not finite
             break
     return solution, report_of(count, residual, tolerance)
+
+
+def _arnoldi(operator: Apply, rest: np.ndarray, enough: float, most: int, each: Callable[[float], None]) -> np.ndarray:
+    """The vector y (m,) of the Krylov space for which rest - operator(y) is least, after at most `most` products or
+    where that is `enough`. each: called with its norm over that of `rest` after each product."""
+    norm = reduce.norm(rest)
+    basis = KrylovBasis(most + 1, len(rest))
+    basis.append(rest, norm)
+    triangle, turned, known = np.zeros((most, most)), np.zeros(most + 1), 0
+    turned[0] = norm
+    turns: list[tuple[float, float]] = []  # Givens rotations that make the Hessenberg matrix a triangle
+    for k in range(most):
+        vector = operator(basis.last())
+        column, length = basis.orthogonalise(vector)
+        for m, (c, s) in enumerate(turns):
+            column[m], column[m + 1] = c * column[m] + s * column[m + 1], c * column[m + 1] - s * column[m]
+        size = float(np.hypot(column[k], length))
+        if size == 0.0:  # the operator has lost this vector
+            break
+        c, s = column[k] / size, length / size
+        turns.append((c, s))
+        column[k], known = size, k + 1
+        triangle[:known, k] = column
+        turned[k], turned[k + 1] = c * turned[k], -s * turned[k]
+        each(abs(turned[k + 1]) / norm)
+        if not abs(turned[k + 1]) > enough or length == 0.0:  # also where it is not finite
+            break
+        basis.append(vector, length)
+    return basis.combine(solve_triangular(triangle[:known, :known], turned[:known], check_finite=False))
 
 
 def report_of(iterations: int, residual: float, tolerance: float) -> Report:

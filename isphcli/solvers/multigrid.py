@@ -18,23 +18,27 @@ if TYPE_CHECKING:
 # strength-of-connection threshold; at 0.08 the Poisson solve of 32^3 jittered particles (`benchmarks/iterations.py`)
 # takes 1.4 times as long, and its set-up 0.7 times (2026-11-29)
 STRENGTH = 0.02
-BLOCKS = 64  # of rows, in a sweep over more than SMALL rows: enough for the threads of a machine
-SMALL = 20_000  # rows
+SMOOTHING = 4.0 / 3.0  # of the tentative prolongation, over the largest eigenvalue as the rows bound it
+BLOCKS = 64  # of rows, in a sweep, at most: enough for the threads of a machine
+ROWS = 8192  # of a block, at least: several layers of a lattice of 48^3, whose rows then hardly leave their block
 
 
-def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH) -> MultilevelSolver:
+def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH,
+              near_null: np.ndarray | None = None) -> MultilevelSolver:
     """Smoothed aggregation on `matrix`; the coarse solve is a pseudo-inverse that leaves the null space out.
 
-    strength: threshold of the connections that are aggregated; a larger one makes smaller aggregates.
+    strength: threshold of the connections that are aggregated; a larger one makes smaller aggregates. near_null: (m,)
+    what the matrix hardly changes, constants without it.
     """
     import pyamg
 
     # local: each row over the sum of its entries, by Gershgorin, in place of a spectral radius from random vectors
     levels = pyamg.smoothed_aggregation_solver(
         matrix,
+        B=None if near_null is None else near_null[:, None],
         symmetry="symmetric",
         strength=("symmetric", {"theta": strength}),
-        smooth=("jacobi", {"omega": 4.0 / 3.0, "filter_entries": True, "weighting": "local"}),
+        smooth=("jacobi", {"omega": SMOOTHING, "filter_entries": True, "weighting": "local"}),
         presmoother=("gauss_seidel", {"sweep": "forward"}),
         postsmoother=("gauss_seidel", {"sweep": "backward"}),
         coarse_solver=("pinv", {"rtol": 1e-9}),
@@ -51,21 +55,35 @@ def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH) -> MultilevelSo
 def cycle(levels: MultilevelSolver) -> Apply:
     """One W-cycle of a hierarchy from a zero guess, as a function of the right-hand side.
 
-    pyamg's own cycle measures the residual before and after: two of the five products with the finest matrix.
+    pyamg's own cycle measures the residual before and after: two of the five products with the finest matrix. Levels of
+    two ROWS and more are swept through by blocks of rows, as in `BlockCycle`; what a sweep from zero leaves is found
+    from the entries beyond the diagonal alone. Their matrices have sorted rows.
     """
+    blocks = [edges(level.A.shape[0]) for level in levels.levels]
+    diagonals = [_places(level.A) if len(ends) > 2 else np.zeros(0) for level, ends in zip(levels.levels, blocks)]
 
     def descend(k: int, b: np.ndarray) -> np.ndarray:
         level = levels.levels[k]
         if k == len(levels.levels) - 1:
             return levels.coarse_solver(level.A, b)
-        x = np.zeros_like(b)
-        level.presmoother(level.A, x, b)
-        coarse = level.R @ (b - level.A @ x)
+        large = len(blocks[k]) > 2
+        if large:
+            x, rest, matrix = np.empty_like(b), np.empty_like(b), (_csr(level.A), diagonals[k])
+            over_blocks(_forward, blocks[k], *matrix, b, x)
+            over_blocks(_rest, blocks[k], *matrix, x, rest)
+        else:
+            x = np.zeros_like(b)
+            level.presmoother(level.A, x, b)
+            rest = b - level.A @ x
+        coarse = level.R @ rest
         y = descend(k + 1, coarse)
         if k + 2 < len(levels.levels):
             y += descend(k + 1, coarse - levels.levels[k + 1].A @ y)
         x += level.P @ y
-        level.postsmoother(level.A, x, b)
+        if large:
+            over_blocks(_backward, blocks[k], *matrix, b, x, x.copy())
+        else:
+            level.postsmoother(level.A, x, b)
         return x
 
     return lambda b: descend(0, b)
@@ -85,8 +103,9 @@ class BlockCycle:
 
     def __init__(self, levels: MultilevelSolver, count: int):
         self.count = count if len(levels.levels) > 1 else 1  # the coarsest is solved exactly
-        self.levels = [(_csr(single(level.A)), _csr(level.P), _csr(level.R)) for level in levels.levels[:-1]]
-        self.blocks = [_edges(len(a[0]) - 1) for a, _, _ in self.levels]
+        self.levels = [(_csr(single(level.A)), _csr(single(level.P)), _csr(single(level.R)))
+                       for level in levels.levels[:-1]]
+        self.blocks = [edges(len(a[0]) - 1) for a, _, _ in self.levels]
         self.coarse = _pseudo_inverse(levels.levels[-1].A)
 
     def __call__(self, b: np.ndarray) -> np.ndarray:
@@ -126,9 +145,17 @@ def single(matrix: sp.csr_matrix) -> sp.csr_matrix:
     return matrix
 
 
-def _edges(n: int) -> np.ndarray:
+def edges(n: int) -> np.ndarray:
     """Where the blocks of n rows begin, and n."""
-    return np.linspace(0, n, 1 + (BLOCKS if n > SMALL else 1)).astype(np.int64)
+    return np.linspace(0, n, 1 + min(max(n // ROWS, 1), BLOCKS)).astype(np.int64)
+
+
+def _places(matrix: sp.csr_matrix) -> np.ndarray:
+    """Where the diagonals stand among the entries, (n,)."""
+    matrix.sort_indices()
+    at = np.empty(matrix.shape[0], matrix.indptr.dtype)
+    over_rows(_diagonals, len(at), _csr(matrix), at)
+    return at
 
 
 def _csr(matrix: sp.csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -143,6 +170,70 @@ def _pseudo_inverse(matrix: sp.csr_matrix) -> np.ndarray:
     return pinv(matrix.toarray(), rtol=1e-9)
 
 
+# Indices are unsigned: loops need no check for those that count from the end. at: (n,) places of the diagonals.
+
+
+@njit(cache=True, nogil=True)
+def _diagonals(rows, matrix, at):
+    """Where the diagonal of each row stands, which all rows have."""
+    indptr, indices, _ = matrix
+    for i in range(rows[0], rows[1]):
+        q = indptr[i]
+        while indices[q] < i:
+            q += 1
+        at[i] = q
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _forward(blocks, edges, matrix, at, b, x):
+    """One forward Gauss-Seidel sweep from zero over blocks of rows into x."""
+    indptr, indices, data = matrix
+    for block in range(blocks[0], blocks[1]):
+        begin = np.uint32(edges[block])
+        for i in range(edges[block], edges[block + 1]):
+            s, own = b[i], np.uint64(at[i])
+            for q in range(np.uint64(indptr[i]), own):
+                j = np.uint32(indices[q])
+                if j >= begin:
+                    s -= data[q] * x[j]
+            x[i] = s / data[own]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _rest(blocks, edges, matrix, at, x, rest):
+    """What that sweep leaves of the right-hand side: later columns have changed, and those of other blocks."""
+    indptr, indices, data = matrix
+    for block in range(blocks[0], blocks[1]):
+        begin = np.uint32(edges[block])
+        for i in range(edges[block], edges[block + 1]):
+            s, q, own = 0.0, np.uint64(indptr[i]), np.uint64(at[i])
+            while np.uint32(indices[q]) < begin:
+                s -= data[q] * x[np.uint32(indices[q])]
+                q += np.uint64(1)
+            for k in range(own + np.uint64(1), np.uint64(indptr[i + 1])):
+                s -= data[k] * x[np.uint32(indices[k])]
+            rest[i] = s
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _backward(blocks, edges, matrix, at, b, x, before):
+    """One backward Gauss-Seidel sweep over blocks of rows of x; before: x before it."""
+    indptr, indices, data = matrix
+    for block in range(blocks[0], blocks[1]):
+        end = np.uint32(edges[block + 1])
+        for i in range(edges[block + 1] - 1, edges[block] - 1, -1):
+            s, own, last = b[i], np.uint64(at[i]), np.uint64(indptr[i + 1])
+            for q in range(np.uint64(indptr[i]), own):  # none of these has changed
+                s -= data[q] * before[np.uint32(indices[q])]
+            q = own + np.uint64(1)
+            while q < last and np.uint32(indices[q]) < end:
+                s -= data[q] * x[np.uint32(indices[q])]
+                q += np.uint64(1)
+            for k in range(q, last):
+                s -= data[k] * before[np.uint32(indices[k])]
+            x[i] = s / data[own]
+
+
 # Three columns are written out: a loop over them costs twice the time
 
 
@@ -155,7 +246,7 @@ def _forward3(blocks, edges, matrix, b, x):
         for i in range(begin, edges[block + 1]):
             s0, s1, s2, diagonal = b[i, 0], b[i, 1], b[i, 2], 1.0
             for q in range(indptr[i], indptr[i + 1]):
-                j, a = indices[q], data[q]
+                j, a = np.uint32(indices[q]), data[q]
                 if j >= i:
                     diagonal = float(a)
                     break
@@ -175,7 +266,7 @@ def _rest3(blocks, edges, matrix, x, rest):
         for i in range(begin, edges[block + 1]):
             s0 = s1 = s2 = 0.0
             for q in range(indptr[i + 1] - 1, indptr[i] - 1, -1):
-                j, a = indices[q], data[q]
+                j, a = np.uint32(indices[q]), data[q]
                 if j > i or j < begin:
                     s0 -= a * x[j, 0]
                     s1 -= a * x[j, 1]
@@ -192,7 +283,7 @@ def _backward3(blocks, edges, matrix, b, x, before):
         for i in range(end - 1, begin - 1, -1):
             s0, s1, s2, diagonal = b[i, 0], b[i, 1], b[i, 2], 1.0
             for q in range(indptr[i], indptr[i + 1]):
-                j, a = indices[q], data[q]
+                j, a = np.uint32(indices[q]), data[q]
                 if j == i:
                     diagonal = float(a)
                 else:
@@ -210,7 +301,7 @@ def _residual3(rows, matrix, b, x, out):
     for i in range(rows[0], rows[1]):
         s0, s1, s2 = b[i, 0], b[i, 1], b[i, 2]
         for q in range(indptr[i], indptr[i + 1]):
-            j, a = indices[q], data[q]
+            j, a = np.uint32(indices[q]), data[q]
             s0 -= a * x[j, 0]
             s1 -= a * x[j, 1]
             s2 -= a * x[j, 2]
@@ -224,7 +315,7 @@ def _add_product3(rows, matrix, x, out):
     for i in range(rows[0], rows[1]):
         s0 = s1 = s2 = 0.0
         for q in range(indptr[i], indptr[i + 1]):
-            j, a = indices[q], data[q]
+            j, a = np.uint32(indices[q]), data[q]
             s0 += a * x[j, 0]
             s1 += a * x[j, 1]
             s2 += a * x[j, 2]

@@ -16,6 +16,7 @@ from ..domain import reduce
 from ..domain.communicator import INSTALL, Ranks, RanksError, current
 from ..domain.exchange import Exchange
 from .krylov import Apply, Limits, Report, Watch, report_of
+from .pair_cycle import SweptMatrix
 
 try:
     import dolfinx_solver  # noqa: F401 - the wheel with PETSc wants its MPI to be loaded first
@@ -61,9 +62,9 @@ class Petsc:
         self.comm: Any = ranks.raw if isinstance(ranks, Ranks) else PETSc.COMM_SELF
         self.settings = HYPRE if PETSc.Sys.hasExternalPackage("hypre") else GAMG
 
-    def cycle(self, matrix: sp.csr_matrix, exchange: Exchange) -> Apply:
+    def cycle(self, matrix: sp.csr_matrix | SweptMatrix, exchange: Exchange) -> Apply:
         """See `engine.Engine`."""
-        whole = self._aij(matrix, exchange)
+        whole = self._aij(matrix.tocsr(), exchange)
         del matrix  # PETSc has its own
         return self._cycle_of(whole)
 

@@ -29,7 +29,7 @@ TIMES = "over times at which a force or a wall is looked at"
 BINS = "histograms of the particles of this process, which are added up over all of them"
 RANKS = "over the processes, or of this one alone before they are joined"
 SCRATCH = "length of scratch arrays, which every process makes for its own rows"
-TENSOR = "over the entries of a tensor"
+ONE = "of the hierarchy of one process alone"
 OFFSETS = "of the offsets of a lattice and the tensors of one particle"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
@@ -74,24 +74,30 @@ ALLOWED = {
     ("flow.volume_control", "surplus ** 2 @ self.wanted"): BLOCKS,
     ("flow.volume_control", "np.prod(self.nodes)"): AXES,
     ("flow.volume_control", "np.prod(np.where(corner, beyond, 1.0 - beyond), axis=1)"): OWN,
+    ("operators.conductances", "np.diff(self._ops.start).max(initial=0)"): SCRATCH,
     ("operators.protocol", "np.einsum('nkm,nm->nk', self.slip, u)"): OWN,
     ("operators.protocol", "np.einsum('nk,nk->n', self.div, u)"): OWN,
-    ("operators.lattice_weights", "np.abs(tensor[full] - tensor[one]).reshape(len(full), -1).max(axis=1)"): TENSOR,
-    ("operators.lattice_weights", "np.abs(scale[one]).max()"): TENSOR,
     ("operators.lattice_weights", "(ops.pairs.step ** 2).sum(axis=1)"): OFFSETS,
     ("operators.lattice_weights", "np.count_nonzero(near)"): OFFSETS,
-    ("operators.lattice_weights", "second @ tensors.laplace[one, :6]"): OFFSETS,
-    ("operators.lattice_weights", "first @ tensors.laplace[one, 6:]"): OFFSETS,
-    ("operators.lattice_weights", "first[:, :dim] @ tensors.gradient[one].T"): OFFSETS,
-    ("operators.lattice_weights", "second @ tensors.k_tensor[one].T"): OFFSETS,
+    ("operators.lattice_weights", "second @ tensors.laplace[0, :6]"): OFFSETS,
+    ("operators.lattice_weights", "first @ tensors.laplace[0, 6:]"): OFFSETS,
+    ("operators.lattice_weights", "first[:, :dim] @ tensors.gradient[0].T"): OFFSETS,
+    ("operators.lattice_weights", "second @ tensors.k_tensor[0].T"): OFFSETS,
     ("operators.wall_weights", "np.any(slip_length > 0.0)"): WALLS,
     ("operators.wall_operators", "np.any(geometry.slip_length > 0.0)"): WALLS,
     ("solvers.kept_hierarchies", "matrix @ x"): MATRIX,
-    ("solvers.multigrid", "level.R @ (b - level.A @ x)"): MATRIX,
+    ("solvers.krylov_basis", "np.abs(more).max(initial=0.0)"): "over the vectors of a basis",
+    ("solvers.multigrid", "level.R @ rest"): MATRIX,
     ("solvers.multigrid", "level.A @ x"): MATRIX,
     ("solvers.multigrid", "levels.levels[k + 1].A @ y"): MATRIX,
     ("solvers.multigrid", "level.P @ y"): MATRIX,
     ("solvers.multigrid", "self.coarse @ b"): "the coarsest system, of which every process will have all",
+    ("solvers.pair_cycle", "np.bincount(members.indices, minlength=members.shape[1])"): ONE,
+    ("solvers.pair_cycle", "matrix.rows(part.start, part.stop) @ self.prolongation"): ONE,
+    ("solvers.pair_cycle", "self.prolongation[part].T.tocsr() @ product"): ONE,
+    ("solvers.pair_cycle", "self.prolongation.T @ rest"): ONE,
+    ("solvers.pair_cycle", "self.coarse @ y"): ONE,
+    ("solvers.pair_cycle", "self.prolongation @ y"): ONE,
     ("two_phase.contact_angle", "owner.max()"): "the number of rows of the table of positions of this process",
     ("two_phase.contact_angle", "sees[owner].all(axis=1)"): FLUIDS,
     ("two_phase.interface", "np.einsum('ij,ij->i', fit.slope, fit.slope)"): OWN,

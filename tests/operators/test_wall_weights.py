@@ -8,7 +8,7 @@ from isphcli.geometry.bodies import Cylinder, Disk, Shape, Spheres
 from isphcli.geometry.faces import Walls
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.operators.apply import gradient
-from isphcli.operators.crossings import WallStencils, WallTable, crossings
+from isphcli.operators.crossings import MEETS_WALL, WallStencils, WallTable, crossings
 from isphcli.operators.kernel import KERNELS
 from isphcli.operators.pair_weights import build_operators
 from isphcli.operators.wall_weights import build_wall_operators
@@ -92,7 +92,9 @@ def test_any_quadratic_with_its_wall_values(dim, ratio):
         )
         links = crossings(geometry, neighbours, table)
         j = neighbours.row
-        met = x[0] + links.t[:, None] * (x[j] - x[0])
+        t = np.ones(len(j))
+        t[links.link == MEETS_WALL] = links.t
+        met = x[0] + t[:, None] * (x[j] - x[0])
         table.velocity[j] = f(met)[:, None]
         ops = build_wall_operators(WallStencils(neighbours, table, links, s.volume), 2)
         values = f(x)

@@ -1,7 +1,10 @@
 """Where compiled kernels are kept: a folder of one's own, or none."""
 
 import os
+import platform
 import stat
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -60,3 +63,28 @@ def test_nothing_is_changed_where_numba_finds_a_folder(no_places, monkeypatch):
     assert environment.find_kernel_cache(good) is None and os.environ["NUMBA_CACHE_DIR"] == ""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(good))
     assert environment.find_kernel_cache(no_places) is None and os.environ["NUMBA_CACHE_DIR"] == str(good)
+
+
+HELD = """
+import sys
+import numpy as np
+from isphcli.output.environment import keep_freed_memory
+
+def resident():
+    return next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmRSS"))
+
+if sys.argv[1] == "keep":
+    keep_freed_memory()
+before = resident()
+array = np.ones(6_000_000)
+del array
+print(resident() - before)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists() or platform.libc_ver()[0] != "glibc", reason="of glibc")
+@pytest.mark.parametrize("keep", [True, False])
+def test_freed_memory_stays_with_the_process(keep):
+    """48 MB, kB of it that are still there."""
+    found = subprocess.run([sys.executable, "-c", HELD, "keep" if keep else "-"], capture_output=True, text=True)
+    assert (int(found.stdout) > 40_000) == keep, found.stderr

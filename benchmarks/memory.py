@@ -1,0 +1,81 @@
+"""Where a steady solve needs its memory: resident bytes a particle during and after its parts (Linux).
+
+usage: PYTHONPATH=. python benchmarks/memory.py [NAME ...]
+
+Scenes are those of benchmarks/stokes.py. Each part is a call of a function: the most that the process held in it, and
+what it holds after it, both less what it held before particles were placed. Run it twice: compiling takes memory too.
+"""
+
+import os
+import subprocess
+import sys
+
+from stokes import CASES, SCENES
+
+PARTS = """run.steady.place_case run.steady.WallScene operators.wall_operators.build_halo
+operators.wall_operators.neighbourhood operators.wall_operators.crossings run.steady.build_lattice_weights
+run.steady._percolation
+flow.stokes.pair_components flow.stokes.nearest_matrix flow.stokes.Conductances
+solvers.engine.hierarchy solvers.engine.BlockCycle solvers.engine.PairCycle run.steady.fluid_cells
+run.steady._edge_shares solvers.engine.gmres_from_the_right run.steady.wall_stress""".split()
+
+
+def resident():
+    """(most since the last call, now), bytes."""
+    with open("/proc/self/status") as file:
+        found = {line.split()[0]: line.split()[1] for line in file if line.startswith("Vm")}
+    with open("/proc/self/clear_refs", "w") as file:
+        file.write("5")
+    return 1024 * int(found["VmHWM:"]), 1024 * int(found["VmRSS:"])
+
+
+def watched(name, function, rows):
+    def call(*arguments, **named):
+        rows.append(("before", *resident()))
+        result = function(*arguments, **named)
+        rows.append((name, *resident()))
+        return result
+
+    return call
+
+
+def measure(name):
+    import importlib
+
+    from isphcli.case.forcing import drives
+    from isphcli.case.load import load_case
+    from isphcli.output.clock import Clock
+    from isphcli.run import steady
+    from isphcli.scene.build_geometry import build_geometry
+
+    rows = []
+    for part in PARTS:
+        module, function = part.rsplit(".", 1)
+        module = importlib.import_module(f"isphcli.{module}")
+        setattr(module, function, watched(part, getattr(module, function), rows))
+    file, sets = SCENES[name]
+    case = load_case(CASES / file, sets)
+    geometry = build_geometry(case)
+    begin = resident()[1]
+    scene = steady.build_scene(case, geometry, case.particles.spacing, Clock())
+    axis, force = drives(case, geometry)[0]
+    flow = steady.solve_axis(case, scene, axis, force, Clock())
+    rows.append(("the end", *resident()))
+    n = scene.particles.n_fluid
+    print(f"{name}: {n:,} particles, {scene.particles.n_dummy / n:.2f} dummies and "
+          f"{len(scene.system.ops.column) / n:.1f} pairs a particle, {flow.report.iterations} iterations, k "
+          f"{flow.permeability[axis or 0]:.7e} m2, whole process {max(most for _, most, _ in rows) / 1e9:.2f} GB; "
+          f"bytes a particle:\n{'':42}    most     after")
+    for part, most, now in rows:
+        if part != "before":
+            print(f"{part:42} {(most - begin) / n:9.0f} {(now - begin) / n:9.0f}", flush=True)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--one"]:
+        measure(sys.argv[2])
+    else:
+        os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        for scene in sys.argv[1:] or ["spheres 0.216 64", "berea c64"]:
+            subprocess.run([sys.executable, __file__, "--one", scene], check=True)

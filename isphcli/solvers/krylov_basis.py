@@ -1,0 +1,85 @@
+"""An orthonormal basis of a Krylov space in single precision (Aliaga, Anzt, Gruetzmacher, Quintana-Orti and
+Tomas-Dominguez 2022): half of the memory, and of what orthogonalisation reads.
+
+Vectors are orthogonalised in double precision against what is stored, so that the Arnoldi relation holds to 6e-8 of a
+vector: less than a solve is asked for, and a solve that is asked for more starts again from its true residual.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ..domain import reduce
+from ..domain.row_threads import over_blocks
+
+CHUNK = 1024  # entries of a block: those of 50 vectors stay in the cache between the two uses of a pass
+# What a vector may still have of the others, of its length, before it is orthogonalised once more
+LEFT = 1e-4
+
+
+class KrylovBasis:
+    """Vectors of unknowns (size,), at most `most`."""
+
+    def __init__(self, most: int, size: int):
+        self._vectors = np.empty((most, size), np.float32)
+        self._edges = np.minimum(np.arange(0, size + CHUNK, CHUNK), size)
+        self.count = 0
+
+    def append(self, vector: np.ndarray, length: float) -> None:
+        """The next vector, of this length and orthogonal to the others."""
+        np.multiply(vector, 1.0 / length, out=self._vectors[self.count], casting="same_kind")
+        self.count += 1
+
+    def last(self) -> np.ndarray:
+        """The last vector in double precision, (size,)."""
+        return self._vectors[self.count - 1].astype(float)
+
+    def orthogonalise(self, vector: np.ndarray) -> tuple[np.ndarray, float]:
+        """Takes the components along the basis out of a vector in place: (components (count,), length of the rest).
+
+        Gram and Schmidt once, and once more where more than LEFT of it is left."""
+        blocks = len(self._edges) - 1
+        dots, squares = np.zeros((blocks, self.count)), np.zeros((blocks, 1))
+        over_blocks(_components, self._edges, self._vectors, vector, dots)
+        components = reduce.total(dots)
+        over_blocks(_take_out, self._edges, self._vectors, components, vector, (dots, squares))
+        more, length = reduce.total(dots), float(np.sqrt(reduce.total(squares)[0]))
+        if not np.abs(more).max(initial=0.0) <= LEFT * length:
+            over_blocks(_take_out, self._edges, self._vectors, more, vector, (dots, squares))
+            components, length = components + more, float(np.sqrt(reduce.total(squares)[0]))
+        return components, length
+
+    def combine(self, weights: np.ndarray) -> np.ndarray:
+        """The sum of the first vectors with weights (k,), (size,)."""
+        out, blocks = np.zeros(self._vectors.shape[1]), len(self._edges) - 1
+        over_blocks(_take_out, self._edges, self._vectors, -weights, out,
+                    (np.empty((blocks, len(weights))), np.empty((blocks, 1))))
+        return out
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+def _components(blocks, edges, basis, vector, dots):
+    """Products of the vector with those of the basis by blocks of entries, dots (blocks, k)."""
+    for block in range(blocks[0], blocks[1]):
+        for j in range(dots.shape[1]):
+            s = 0.0
+            for k in range(np.uint64(edges[block]), np.uint64(edges[block + 1])):
+                s += basis[j, k] * vector[k]
+            dots[block, j] = s
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+def _take_out(blocks, edges, basis, weights, vector, left):
+    """Subtracts the vectors of the basis with weights; left: (dots, squares), of the rest by blocks of entries."""
+    dots, squares = left
+    for block in range(blocks[0], blocks[1]):
+        begin, end = np.uint64(edges[block]), np.uint64(edges[block + 1])
+        for j in range(len(weights)):
+            for k in range(begin, end):
+                vector[k] -= weights[j] * basis[j, k]
+        square = 0.0
+        for k in range(begin, end):
+            square += vector[k] * vector[k]
+        squares[block, 0] = square
+        _components((block, block + 1), edges, basis, vector, dots)  # while they are in the cache
