@@ -61,9 +61,10 @@ def capillary_wave(
     """Height (n,) of the crest of a small wave between two fluids; layers: the lower and the upper one.
 
     start: height and upward velocity of the crest at t = 0, the flow irrotational in each fluid. The initial value
-    problem of Prosperetti (1981), Phys. Fluids 24, 1217, for fluids that need not be alike: the Laplace transform of the
-    linear problem is solved at the points of a contour like Talbot's, as in Weideman (2006), SIAM J. Numer. Anal. 44,
-    2342, but stretched along the imaginary axis, where the poles of the wave are. Times within a factor of two share it.
+    problem of Prosperetti (1981), Phys. Fluids 24, 1217, for fluids that need not be alike: the Laplace transform of
+    the linear problem is solved at the points of a contour like Talbot's, as in Weideman (2006), SIAM J. Numer. Anal.
+    44, 2342, but stretched along the imaginary axis, where the poles of the wave are. Times within a factor of two
+    share it.
     """
     t = np.asarray(t, dtype=float)
     k = 2 * math.pi / wavelength

@@ -48,11 +48,11 @@ class MeasuredFluid(NamedTuple):
 class Measures:
     """fluids: both; phase: (n,) int8 of fluids that differ in name only, else of the start; geometry: Geometry;
     site_volume: m^dim; pressure: kg/m3, density that `State.p` is over; tension: SurfaceTension or None; amplitude:
-    function of the positions (n, dim) and volume fractions (n,), m, or None."""
+    function of the positions (n, dim), volumes (n,) and volume fractions (n,), m, or None."""
 
     def __init__(self, fluids: Sequence[MeasuredFluid], phase: np.ndarray, geometry: Geometry, site_volume: float,
                  pressure: float = 1.0, tension: Tension | None = None,
-                 amplitude: Callable[[np.ndarray, np.ndarray], float] | None = None):
+                 amplitude: Callable[[np.ndarray, np.ndarray, np.ndarray], float] | None = None):
         self.names, self.density, self.viscosity = zip(*fluids)
         self.phase, self.geometry, self.tension, self.pressure = phase, geometry, tension, pressure
         self.site_volume, self.amplitude = site_volume, amplitude
@@ -68,7 +68,7 @@ class Measures:
         volume = volume * (self.site_volume * reduce.number(volume) / reduce.total(volume))
         row = self._fluids(state, config, volume)
         if self.amplitude is not None:
-            row["amplitude"] = self.amplitude(state.x, _interface(config).fraction)
+            row["amplitude"] = self.amplitude(state.x, volume, _interface(config).fraction)
         everything = everything or state.step % SELDOM == 0
         if self.tension is not None:
             row |= self._interface(state, config, volume)
