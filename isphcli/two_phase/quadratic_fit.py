@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 # Part of the weight of a particle that is added to the moments, to those of second derivatives and of first ones: where
 # too few neighbours are in sight to resolve a derivative it is zero, and where they are its error is of this size.
-RIDGE = 1e-6
+RIDGE = 1e-8
 RIDGE_FIRST = 1e-9
 MOST_BENT = 1.0  # times 1 / support: curvature up to which the terms of higher order are taken
 # Power of (1 + cosine) / 2: it falls to a half at 50 degrees between two gradients. With 2 and 4 bubbles three spacings
@@ -65,11 +65,13 @@ class Distance(NamedTuple):
 
 class QuadraticFit(NamedTuple):
     """value: (n,) m; slope: (n, dim); curvature: (n,) 1/m, of the surface phi = 0 where it is nearest to the particle,
-    positive where the sphere that touches it has phi > 0 inside."""
+    positive where the sphere that touches it has phi > 0 inside; form: (n, dim dim) 1/m, row by row, second fundamental
+    form of the level of phi at the particle, at most MOST_BENT over the support in size."""
 
     value: np.ndarray
     slope: np.ndarray
     curvature: np.ndarray
+    form: np.ndarray
 
 
 def no_slopes(n: int, dim: int) -> SlopesAtWalls:
@@ -83,7 +85,7 @@ def quadratic_fit(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray,
     m, and slope and curvature are zero. neighbours: of the fluid particles; gradient: (n, dim) of phi, roughly;
     spacing: m."""
     n, dim = neighbours.n, neighbours.x.shape[1]
-    fit = QuadraticFit(phi.copy(), np.zeros((n, dim)), np.zeros(n))
+    fit = QuadraticFit(phi.copy(), np.zeros((n, dim)), np.zeros(n), np.zeros((n, dim * dim)))
     field = Distance(phi, known, directions(gradient), spacing / neighbours.support)
     over_rows(_fit, n, neighbours, field, wanted, walls, fit, work=partial(_scratch, dim, neighbours.longest))
     return fit
@@ -136,7 +138,7 @@ def _fit(rows, work, neighbours, field, wanted, walls, fit):
     kind, support = neighbours.kind, neighbours.support
     wall_start, offset, normal, wall_slope, wall_weight = walls
     moments, right, more, basis, d, weight = work.moments, work.right, work.more, work.basis, work.d, work.weight
-    (phi, known), (value, slope, curvature) = (field.phi, field.known), fit
+    (phi, known), (value, slope, curvature, form) = (field.phi, field.known), fit
     dim, size = x.shape[1], len(right)
     for i in range(rows[0], rows[1]):
         if not wanted[i]:
@@ -183,6 +185,10 @@ def _fit(rows, work, neighbours, field, wanted, walls, fit):
         for k in range(dim):
             slope[i, k] = right[1 + k] / support
         curvature[i] = _curvature(right, dim, support, value[i])
+        _levels(right, work)
+        for a in range(dim):
+            for b in range(dim):
+                form[i, a * dim + b] = work.form[a, b] / support
 
 
 @njit(cache=True, inline="always")
