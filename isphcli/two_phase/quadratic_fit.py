@@ -109,9 +109,10 @@ def own_gradient(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, 
 
 
 class Scratch(NamedTuple):
-    """Of one particle: the system of the quadratic function and its second right-hand side, the terms of the function,
-    and what a level of phi is like: its normal, its form, and vectors of the terms of higher order; the weights of its
-    neighbours."""
+    """Of one particle: the system of the quadratic function and its second right-hand side; of one wall point the terms
+    of the function and the way there; what a level of phi is like: its normal, its form, and vectors of the terms of
+    higher order. Of its neighbours, in rows so that what is done to all of them runs along the memory: the ways there,
+    what h makes of these, the terms, their weights, what phi rises by, and products."""
 
     moments: np.ndarray
     right: np.ndarray
@@ -123,38 +124,36 @@ class Scratch(NamedTuple):
     slopes: np.ndarray
     once: np.ndarray
     twice: np.ndarray
+    ways: np.ndarray
+    turned: np.ndarray
+    terms: np.ndarray
     weight: np.ndarray
+    rise: np.ndarray
+    product: np.ndarray
 
 
 def _scratch(dim: int, neighbours: int) -> Scratch:
-    size = 1 + dim + dim * (dim + 1) // 2
+    size, most = 1 + dim + dim * (dim + 1) // 2, max(neighbours, 1)
+    rows = (np.empty((k, most)) for k in (dim, dim, size))
     return Scratch(np.empty((size, size)), np.empty(size), np.empty(size), np.empty(size), np.empty(dim), np.empty(dim),
-                   np.empty((dim, dim)), np.empty(dim), np.empty(dim), np.empty(dim), np.empty(neighbours))
+                   np.empty((dim, dim)), np.empty(dim), np.empty(dim), np.empty(dim), *rows, np.empty(most),
+                   np.empty(most), np.empty(most))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fit(rows, work, neighbours, field, wanted, walls, fit):
-    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
     wall_start, offset, normal, wall_slope, wall_weight = walls
-    moments, right, more, basis, d, weight = work.moments, work.right, work.more, work.basis, work.d, work.weight
-    (phi, known), (value, slope, curvature, form) = (field.phi, field.known), fit
-    dim, size = x.shape[1], len(right)
+    moments, right, more, basis, d = work.moments, work.right, work.more, work.basis, work.d
+    phi, (value, slope, curvature, form) = field.phi, fit
+    dim, size = len(d), len(right)
     for i in range(rows[0], rows[1]):
         if not wanted[i]:
             continue
-        for a in range(size):
-            right[a], more[a] = 0.0, 0.0
-            for b in range(size):
-                moments[a, b] = 0.0
+        count = _gather(i, neighbours, field, work)
         own = shape(kind, 0.0)
-        moments[0, 0] = own
-        for p in range(start[i], start[i + 1]):
-            if known[column[p]]:
-                w = _weight(d, x, row[p], i, support, kind) * _alike(field, i, column[p], d, support)
-                weight[p - start[i]] = w
-                _values(basis, d)
-                _add(moments, right, basis, w, phi[column[p]] - phi[i])
+        _normal_equations(work, count)
+        moments[0, 0] += own
         for p in range(wall_start[i], wall_start[i + 1]):
             w = wall_weight[p] * _weight(d, offset, p, -1, support, kind)
             _slopes(basis, d, normal[p])
@@ -165,15 +164,11 @@ def _fit(rows, work, neighbours, field, wanted, walls, fit):
         _solve(moments, right)
         # what a quadratic function cannot have of a distance follows from it, and is taken off in a second fit
         steepness = _levels(right, work)
-        for p in range(start[i], start[i + 1]):
-            if known[column[p]]:
-                _offset(d, x, row[p], i, support)
-                _values(basis, d)
-                _add_right(more, basis, -weight[p - start[i]] * steepness * _beyond(work))
+        _beyond_neighbours(work, count, steepness)
         for p in range(wall_start[i], wall_start[i + 1]):
             w = wall_weight[p] * _weight(d, offset, p, -1, support, kind)
             _slopes(basis, d, normal[p])
-            _beyond(work)
+            _slopes_beyond(work)
             along = 0.0
             for k in range(dim):
                 along += work.slopes[k] * normal[p, k]
@@ -189,6 +184,86 @@ def _fit(rows, work, neighbours, field, wanted, walls, fit):
         for a in range(dim):
             for b in range(dim):
                 form[i, a * dim + b] = work.form[a, b] / support
+
+
+@njit(cache=True, error_model="numpy")
+def _gather(i, neighbours, field, work):
+    """The ways to the known neighbours of particle i, in units of the support, their terms and weights and what phi
+    rises by are written; their number is returned."""
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    kind, support, d, dim = neighbours.kind, neighbours.support, work.d, len(work.d)
+    ways, terms, count = work.ways, work.terms, 0
+    for p in range(start[i], start[i + 1]):
+        j = column[p]
+        if field.known[j]:
+            work.weight[count] = _weight(d, x, row[p], i, support, kind) * _alike(field, i, j, d, support)
+            work.rise[count] = field.phi[j] - field.phi[i]
+            for k in range(dim):
+                ways[k, count] = d[k]
+            count += 1
+    v = 1 + dim
+    for k in range(count):
+        terms[0, k] = 1.0
+    for a in range(dim):
+        for k in range(count):
+            terms[1 + a, k] = ways[a, k]
+        for b in range(a, dim):
+            factor = 0.5 if a == b else 1.0
+            for k in range(count):
+                terms[v, k] = factor * ways[a, k] * ways[b, k]
+            v += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def _normal_equations(work, count):
+    """Moments, their lower half, and the right-hand side of the neighbours; sums in any order, so that they are
+    vectors."""
+    terms, product = work.terms, work.product
+    for a in range(len(work.right)):
+        total = 0.0
+        for k in range(count):
+            product[k] = work.weight[k] * terms[a, k]
+            total += product[k] * work.rise[k]
+        work.right[a] = total
+        for b in range(a + 1):
+            total = 0.0
+            for k in range(count):
+                total += product[k] * terms[b, k]
+            work.moments[a, b] = total
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def _beyond_neighbours(work, count, steepness):
+    """The right-hand side of the second fit: terms of third and fourth order of a distance at the ways d of the
+    neighbours, with n the normal (unit) and h the form of its level, unchanged along it:
+
+    -(n . d) d . h h d / 2 + (n . d)^2 d . h h h d / 2 - (d . h d)(d . h h d) / 8."""
+    ways, turned, n, h, dim = work.ways, work.turned, work.unit, work.form, len(work.d)
+    for a in range(dim):
+        for k in range(count):
+            turned[a, k] = h[a, 0] * ways[0, k] + h[a, 1] * ways[1, k]
+        if dim == 3:
+            for k in range(count):
+                turned[a, k] += h[a, 2] * ways[2, k]
+    for k in range(count):
+        if dim == 2:
+            p, q, r, s, t, u = ways[0, k], ways[1, k], 0.0, turned[0, k], turned[1, k], 0.0
+            q4 = h[0, 0] * s * s + 2.0 * h[0, 1] * s * t + h[1, 1] * t * t
+            along = n[0] * p + n[1] * q
+        else:
+            p, q, r, s, t, u = ways[0, k], ways[1, k], ways[2, k], turned[0, k], turned[1, k], turned[2, k]
+            q4 = h[0, 0] * s * s + h[1, 1] * t * t + h[2, 2] * u * u
+            q4 += 2.0 * (h[0, 1] * s * t + h[0, 2] * s * u + h[1, 2] * t * u)
+            along = n[0] * p + n[1] * q + n[2] * r
+        q2, q3 = p * s + q * t + r * u, s * s + t * t + u * u
+        beyond = 0.5 * along * (along * q4 - q3) - 0.125 * q2 * q3
+        work.product[k] = -work.weight[k] * steepness * beyond
+    for a in range(len(work.more)):
+        total = 0.0
+        for k in range(count):
+            total += work.product[k] * work.terms[a, k]
+        work.more[a] = total
 
 
 @njit(cache=True, inline="always")
@@ -244,21 +319,9 @@ def _alike(field, i, j, d, support):
 
 
 @njit(cache=True, inline="always")
-def _values(basis, d):
-    """The terms of the quadratic function at d: 1, d_a, and d_a d_a / 2 and d_a d_b, the upper half row by row."""
-    dim = len(d)
-    basis[0] = 1.0
-    v = 1 + dim
-    for a in range(dim):
-        basis[1 + a] = d[a]
-        for b in range(a, dim):
-            basis[v] = d[a] * d[b] * (0.5 if a == b else 1.0)
-            v += 1
-
-
-@njit(cache=True, inline="always")
 def _slopes(basis, d, normal):
-    """Their slopes along a normal (dim,), times the support."""
+    """Slopes along a normal (dim,) of the terms of the quadratic function at d, times the support; the terms are 1, d_a,
+    and d_a d_a / 2 and d_a d_b, the upper half row by row."""
     dim = len(d)
     basis[0] = 0.0
     v = 1 + dim
@@ -354,11 +417,8 @@ def _levels(c, work):
 
 
 @njit(cache=True, error_model="numpy")
-def _beyond(work):
-    """Terms of third and fourth order of a distance at d, with n the normal (unit) and h the form of its level,
-    unchanged along it; their slopes are written:
-
-    -(n . d) d . h h d / 2 + (n . d)^2 d . h h h d / 2 - (d . h d)(d . h h d) / 8."""
+def _slopes_beyond(work):
+    """Slopes of the terms of higher order of a distance (see `_beyond_neighbours`) at d are written."""
     d, n, h, slopes, once, twice = work.d, work.unit, work.form, work.slopes, work.once, work.twice
     dim = len(d)
     _product(h, d, once)
@@ -373,7 +433,6 @@ def _beyond(work):
     for a in range(dim):
         slopes[a] = along * along * slopes[a] - along * twice[a] - 0.25 * (q3 * once[a] + q2 * twice[a])
         slopes[a] += n[a] * (along * q4 - 0.5 * q3)
-    return 0.5 * along * (along * q4 - q3) - 0.125 * q2 * q3
 
 
 @njit(cache=True, error_model="numpy")
