@@ -9,8 +9,8 @@ through the first fluid and p the normal of the wall, into the fluid,
 
 |grad phi| and kappa those of the fit without them. The angle is that of the interface: the other levels of the distance
 to a round interface have the same centre, and meet the wall at other angles. kappa is the curvature of the interface in
-the plane of its normal and p, across the line: along the line the angle does not change. Without it the curvature beside
-walls was 20 % off at every resolution, and the largest spurious velocities were there.
+the plane of its normal and p, across the line: along the line the angle does not change. Without it the curvature
+beside walls was 20 % off at every resolution, and the largest spurious velocities were there.
 
 Normals and curvature beside the wall, and the smoothing of phi, follow from the fit: no normal is turned by hand.
 """
@@ -173,8 +173,8 @@ def _at_wall_points(at_points, normal, count, fit, neighbours):
 
 @njit(cache=True, error_model="numpy")
 def _across_line(fit, i, normal):
-    """Curvature, 1/m, of the interface in the plane of its normal n and that of a wall, p (dim,), as particle i knows it:
-    along m = p - (p . n) n, and at phi = 0 as in `quadratic_fit._curvature`."""
+    """Curvature, 1/m, of the interface in the plane of its normal n and that of a wall, p (dim,), as particle i knows
+    it: along m = p - (p . n) n, and at phi = 0 as in `quadratic_fit._curvature`."""
     dim, form = len(normal), fit.form[i]
     along, square = 0.0, 0.0
     for k in range(dim):

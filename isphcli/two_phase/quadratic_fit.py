@@ -320,8 +320,8 @@ def _alike(field, i, j, d, support):
 
 @njit(cache=True, inline="always")
 def _slopes(basis, d, normal):
-    """Slopes along a normal (dim,) of the terms of the quadratic function at d, times the support; the terms are 1, d_a,
-    and d_a d_a / 2 and d_a d_b, the upper half row by row."""
+    """Slopes along a normal (dim,) of the terms of the quadratic function at d, times the support: 1, d_a, and
+    d_a d_a / 2 and d_a d_b, the upper half row by row."""
     dim = len(d)
     basis[0] = 0.0
     v = 1 + dim
