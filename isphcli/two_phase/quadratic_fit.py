@@ -134,10 +134,9 @@ class Scratch(NamedTuple):
 
 def _scratch(dim: int, neighbours: int) -> Scratch:
     size, most = 1 + dim + dim * (dim + 1) // 2, max(neighbours, 1)
-    rows = (np.empty((k, most)) for k in (dim, dim, size))
     return Scratch(np.empty((size, size)), np.empty(size), np.empty(size), np.empty(size), np.empty(dim), np.empty(dim),
-                   np.empty((dim, dim)), np.empty(dim), np.empty(dim), np.empty(dim), *rows, np.empty(most),
-                   np.empty(most), np.empty(most))
+                   np.empty((dim, dim)), np.empty(dim), np.empty(dim), np.empty(dim), np.empty((dim, most)),
+                   np.empty((dim, most)), np.empty((size, most)), np.empty(most), np.empty(most), np.empty(most))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -269,9 +268,9 @@ def _beyond_neighbours(work, count, steepness):
 @njit(cache=True, inline="always")
 def _offset(d, x, j, i, support):
     """d (dim,) = (x_j - x_i) / support is written, and its square returned; x_i is zero for i = -1."""
-    r2 = 0.0
+    r2, over = 0.0, 1.0 / support
     for k in range(len(d)):
-        d[k] = (x[j, k] - (x[i, k] if i >= 0 else 0.0)) / support
+        d[k] = (x[j, k] - (x[i, k] if i >= 0 else 0.0)) * over
         r2 += d[k] ** 2
     return r2
 
@@ -310,11 +309,11 @@ def _alike(field, i, j, d, support):
     """Of 0 to 1: whether the distances of two particles are to the same interface, by the angle between them and by phi
     where they would meet: an edge nearer to the interface than a spacing is its own. d: (dim,) in units of the
     support."""
-    direction, cosine, edge = field.direction, 0.0, 0.5 * (field.phi[i] + field.phi[j]) / support
+    direction, cosine, edge = field.direction, 0.0, 0.5 * (field.phi[i] + field.phi[j]) * (1.0 / support)
     for k in range(len(d)):
         cosine += direction[i, k] * direction[j, k]
         edge += 0.25 * (direction[i, k] - direction[j, k]) * d[k]
-    apart = min((edge / field.spacing) ** 2, 1.0)
+    apart = min((edge * (1.0 / field.spacing)) ** 2, 1.0)
     return 1.0 - apart * (1.0 - (0.5 * (1.0 + cosine)) ** APART)
 
 
@@ -349,29 +348,29 @@ def _add_right(right, basis, f):
 
 @njit(cache=True, error_model="numpy")
 def _factors(lower):
-    """A symmetric positive matrix (m, m), whose lower half is given, becomes its Cholesky factor."""
+    """A symmetric positive matrix (m, m), whose lower half is given, becomes its Cholesky factor, with one over what is
+    on the diagonal."""
     for k in range(len(lower)):
         for c in range(k + 1):
             rest = lower[k, c]
             for e in range(c):
                 rest -= lower[k, e] * lower[c, e]
-            lower[k, c] = rest / lower[c, c] if c < k else math.sqrt(rest)
+            lower[k, c] = rest * lower[c, c] if c < k else 1.0 / math.sqrt(rest)
 
 
 @njit(cache=True, error_model="numpy")
 def _solve(lower, right):
-    """right (m,) becomes the solution of the system whose Cholesky factor is given."""
+    """right (m,) becomes the solution of the system whose `_factors` are given."""
     m = len(right)
     for k in range(m):
         rest = right[k]
         for e in range(k):
             rest -= lower[k, e] * right[e]
-        right[k] = rest / lower[k, k]
+        right[k] = rest * lower[k, k]
     for k in range(m - 1, -1, -1):
-        rest = right[k]
-        for e in range(k + 1, m):
-            rest -= lower[e, k] * right[e]
-        right[k] = rest / lower[k, k]
+        right[k] *= lower[k, k]
+        for e in range(k):
+            right[e] -= lower[k, e] * right[k]
 
 
 @njit(cache=True, inline="always")
