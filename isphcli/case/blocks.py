@@ -47,6 +47,7 @@ REFERENCE_KINDS = (
     "lid_driven_cavity",
     "static_drop",
     "oscillating_drop",
+    "imbibition",
     "capillary_wave",
     "rising_bubble",
     "contact_angle",

@@ -66,6 +66,7 @@ COMPARISONS: dict[str, Callable[[Case, Result], Errors]] = {
     "contact_angle": two_phase.contact_angle_errors,
     "capillary_wave": two_phase.capillary_wave_errors,
     "oscillating_drop": two_phase.oscillating_drop_errors,
+    "imbibition": two_phase.imbibition_errors,
     "rising_bubble": two_phase.rising_bubble_errors,
 }
 _PLATES = {
@@ -140,6 +141,14 @@ PARAMETERS: dict[str, dict[str, str]] = {
         "mode": "number of waves round the drop; without it 2",
         "wall_radius": "of a round wall about the drop, m; without it there is none",
         "from": "time from which the oscillation is fitted, s; without it half a period",
+    },
+    "imbibition": {
+        **_TENSION,
+        "drop": "name of the fluid that fills the slit; without it the first",
+        "angle": "contact angle through the first fluid, degrees; without it that of the interface",
+        "width": "of the slit, m, needed",
+        "length": "of the slit along x, m, needed",
+        "start": "way of the interface past the entrance at t = 0, m, needed",
     },
     "rising_bubble": _DROP,
 }  # fmt: skip

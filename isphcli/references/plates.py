@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -168,3 +169,59 @@ def two_layer_hydrostatics(y: Array, interface: float, density: Sequence[float],
     """Pressure (n,) of two layers at rest, zero at the interface; density (lower, upper), gravity down y."""
     depth = interface - np.asarray(y)
     return gravity * depth * np.where(depth > 0, density[0], density[1])
+
+
+class SlitBetweenReservoirs(NamedTuple):
+    """A slit that a fluid fills from one reservoir, while another leaves it to a second one.
+
+    width, length: of the slit; narrowing: its width over that of the reservoirs, whose walls slip; outside: lengths of
+    the fluid that fills and of the one that leaves along the reservoirs, at the start.
+    """
+
+    width: float
+    length: float
+    narrowing: float = 0.0
+    outside: tuple[float, float] = (0.0, 0.0)
+
+
+ACROSS = 60  # cells over half of the slit; a start of flow between plates is then right to 1e-4
+
+
+def slit_imbibition(t: Array, slit: SlitBetweenReservoirs, driving: float, density: Sequence[float],
+                    mu: Sequence[float], start: float) -> tuple[Array, Array]:
+    """Way of the interface into a slit and its velocity, each (n,), at times t from rest; start: way at t = 0.
+
+    driving: capillary pressure, 2 sigma cos(angle) / width; density, mu: (fluid that fills, fluid that leaves).
+    Bosanquet (1923), Phil. Mag. 45, 525: what enters brings no momentum,
+
+        (rho_1 l + rho_2 (L - l) + m) U' + rho_1 U^2 = driving - friction,    l' = U,
+
+    for two fluids and with the inertia m of what is outside. His friction is that of a steady flow. Here it is that of
+    the velocity profiles u_j(y, t) of both fluids, which have the mean U: rho_j u_j' = G_j + mu_j u_j''; while the
+    profiles form it is larger.
+    """
+    from scipy.integrate import solve_ivp
+
+    t = np.asarray(t, dtype=float)
+    h = slit.width / 2 / ACROSS
+    beside = np.eye(ACROSS, k=1) + np.eye(ACROSS, k=-1)
+    # the wall is half a cell away, and the middle is a mirror
+    second = (beside - np.diag([3.0] + [2.0] * (ACROSS - 2) + [1.0])) / h**2
+    nu = [m / rho for m, rho in zip(mu, density)]
+
+    def rate(_: float, y: Array) -> Array:
+        way, u = y[0], np.split(y[1:], 2)
+        mean = float(u[0].mean())
+        viscous = [n * (second @ profile) for n, profile in zip(nu, u)]
+        moved = slit.narrowing * (way - start)
+        lengths = [way + slit.narrowing * (slit.outside[0] - moved),
+                   slit.length - way + slit.narrowing * (slit.outside[1] + moved)]
+        drag = density[0] * way * viscous[0].mean() + density[1] * (slit.length - way) * viscous[1].mean()
+        speeding = (driving - density[0] * mean**2 + drag) / np.dot(density, lengths)
+        return np.concatenate([[mean], *(v - v.mean() + speeding for v in viscous)])
+
+    begin = np.zeros(1 + 2 * ACROSS)
+    begin[0] = start
+    times = np.unique(np.append(t, 0.0))
+    y = solve_ivp(rate, (0.0, times[-1]), begin, "LSODA", times, rtol=1e-7, atol=1e-9 * slit.width).y
+    return np.interp(t, times, y[0]), np.interp(t, times, y[1 : 1 + ACROSS].mean(axis=0))

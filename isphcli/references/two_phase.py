@@ -10,7 +10,7 @@ from scipy.integrate import trapezoid
 from scipy.optimize import brentq, least_squares
 
 from ..case import forcing
-from .drops import capillary_wave, drop_on_wall, drop_oscillation, drop_radius, laplace_jump
+from .drops import Layer, capillary_wave, drop_on_wall, drop_oscillation, drop_radius, laplace_jump
 from .errors import (
     AXES,
     Array,
@@ -27,7 +27,13 @@ from .errors import (
     times,
     velocity_errors,
 )
-from .plates import two_layer_couette, two_layer_hydrostatics, two_layer_poiseuille
+from .plates import (
+    SlitBetweenReservoirs,
+    slit_imbibition,
+    two_layer_couette,
+    two_layer_hydrostatics,
+    two_layer_poiseuille,
+)
 from .published import RISING_BUBBLE
 
 if TYPE_CHECKING:
@@ -168,24 +174,25 @@ def _angle_of_cap(centre: float, size: float, dim: int) -> float:
     return float(brentq(lower, 1.0, 179.0))
 
 
-def amplitude(case: Case, x: Array, first: Array) -> float:
-    """Height of the crest of a wave, or how much longer than round a drop is along x, m, of particles x (n, 2) with
-    volume fractions `first` (n,) of the first fluid.
+def amplitude(case: Case, x: Array, volume: Array, first: Array) -> float:
+    """Height of the crest of a wave, or how much longer than round a drop is along x, m, of particles x (n, 2) of
+    volumes (n,) with volume fractions `first` (n,) of the first fluid.
 
     What a run writes as the column `amplitude` of its history where the kind of its reference is in `AMPLITUDES`.
     First moments of the fluid as a set: 2 / width times its integral of cos(k x); its integral of z^n over
-    pi R^(n + 1), z = x + i y from the middle of the drop. Both are exact for small amplitudes.
+    pi R^(n + 1), z = x + i y from the middle of the drop. Both are exact for small amplitudes. Particles do not count
+    alike: where shifting has taken some from one fluid to the other, fewer are left, each of a larger volume.
     """
     assert case.reference is not None
     lower, upper = box_of(case)
     if case.reference.kind == "capillary_wave":
         k = 2 * math.pi / number(case, "wavelength", float(upper[0] - lower[0]))
-        upside_down = np.average(x[:, 1], weights=first) > np.average(x[:, 1], weights=1.0 - first)
+        upside_down = np.average(x[:, 1], weights=volume * first) > np.average(x[:, 1], weights=volume * (1.0 - first))
         # the upper fluid says the same with the other sign; what both have is no wave
         sign = (1.0 - 2.0 * first) if upside_down else (2.0 * first - 1.0)
-        return float((sign * np.cos(k * (x[:, 0] - lower[0]))).mean() * (upper[1] - lower[1]))
-    name = parameter(case, "drop", case.fluid_names[0 if first.mean() < 0.5 else 1])
-    part = first if case.fluid_names.index(name) == 0 else 1.0 - first
+        return float(np.average(sign * np.cos(k * (x[:, 0] - lower[0])), weights=volume) * (upper[1] - lower[1]))
+    name = parameter(case, "drop", case.fluid_names[0 if np.average(first, weights=volume) < 0.5 else 1])
+    part = volume * (first if case.fluid_names.index(name) == 0 else 1.0 - first)
     z = (x - np.average(x, axis=0, weights=part)) @ [1, 1j]
     n = _mode(case)
     # second moments give the radius: no volume of a particle is needed
@@ -201,22 +208,23 @@ def _mode(case: Case) -> int:
 
 
 def capillary_wave_errors(case: Case, result: Result) -> Errors:
-    """Height of the crest over time against the initial-value solution for two deep fluids.
+    """Height of the crest over time against the linear initial value problem of two fluids between plates.
 
     Starts from rest with reference.parameters.amplitude, or flat with a velocity, reference.parameters.speed.
     """
     _two_fluids(case)
     lower, upper = box_of(case)
-    fluids = [case.fluids[name] for name in case.fluid_names]
-    if result.x[result.phase == 0, 1].mean() > result.x[result.phase == 1, 1].mean():
-        fluids.reverse()
-    if abs(fluids[0].nu - fluids[1].nu) > 1e-6 * fluids[0].nu:
-        raise CompareError("the solution for capillary waves is for fluids of the same kinematic viscosity")
+    names, first = case.fluid_names, result.phase == 0
+    upside_down = result.x[first, 1].mean() > result.x[~first, 1].mean()
+    thickness = (upper[1] - lower[1]) * np.array([first.mean(), 1.0 - first.mean()])
+    if result.geometry.periodic[1]:
+        thickness[:] = math.inf  # no plates
+    layers = [Layer(case.fluids[name].density, case.fluids[name].mu, h) for name, h in zip(names, thickness)]
     height = column(result, "amplitude")
     t = times(result, len(height))
     expected = capillary_wave(
-        t, number(case, "wavelength", float(upper[0] - lower[0])), _tension(case), [f.density for f in fluids],
-        fluids[0].nu, -_gravity(case, result.x.shape[1]), (number(case, "amplitude", 0.0), number(case, "speed", 0.0)),
+        t, number(case, "wavelength", float(upper[0] - lower[0])), _tension(case), layers[:: -1 if upside_down else 1],
+        -_gravity(case, result.x.shape[1]), (number(case, "amplitude", 0.0), number(case, "speed", 0.0)),
     )  # fmt: skip
     if not expected.any():
         raise CompareError("give reference.parameters.amplitude or .speed: without them there is no wave")
@@ -278,6 +286,40 @@ def fit_oscillation(t: Array, a: Array, guess: complex) -> complex:
     start = np.array([guess.real, guess.imag]) / abs(guess)
     found = min((least_squares(misfit, start * f) for f in (1.0, 0.8, 1.25)), key=lambda fit: fit.cost)
     return complex(*found.x) * abs(guess)
+
+
+def imbibition_errors(case: Case, result: Result) -> Errors:
+    """Way that a fluid has gone into a slit by the end of a run, from the flow rate over time, and its velocity there.
+
+    The slit lies along x between reservoirs, and the other end of each meets that of the other (periodic).
+    """
+    _two_fluids(case)
+    lower, upper = box_of(case)
+    fills = str(parameter(case, "drop", case.fluid_names[0]))
+    names = [fills, *(name for name in case.fluid_names if name != fills)]
+    if len(names) != 2:
+        raise CompareError(f"reference.parameters.drop is {fills!r}; the fluids are {', '.join(case.fluid_names)}")
+    width, length, start = (number(case, key) for key in ("width", "length", "start"))
+    volumes = [column(result, f"volume_{name}")[0] for name in names]
+    (long, high), inside = upper - lower, (start, length - start)
+    slit = SlitBetweenReservoirs(
+        width, length, width / high, tuple((v - width * way) / high for v, way in zip(volumes, inside)),  # type: ignore[arg-type]
+    )  # fmt: skip
+    angle = number(case, "angle", case.interface.contact_angle if case.interface else None)
+    sign = 1.0 if fills == case.fluid_names[0] else -1.0  # the angle is that through the first fluid
+    driving = sign * 2.0 * _tension(case) * math.cos(math.radians(angle)) / width
+    fluids = [case.fluids[name] for name in names]
+    u = column(result, "mean_velocity_x") * sum(volumes) / (long * width)
+    t = times(result, len(u))
+    t, u = np.append(0.0, t), np.append(0.0, u)
+    way, velocity = slit_imbibition(t, slit, driving, [f.density for f in fluids], [f.mu for f in fluids], start)
+    gone = trapezoid(u, t)
+    return {
+        "way_relative": float((start + gone) / way[-1] - 1),
+        "gone_relative": float(gone / (way[-1] - start) - 1),
+        "velocity_relative": float(u[-1] / velocity[-1] - 1),
+        "main": "way_relative",
+    }
 
 
 def rising_bubble_errors(case: Case, result: Result) -> Errors:

@@ -384,7 +384,7 @@ def _finish_march(run: MovingRun, state: State, config: Configuration) -> tuple[
 
 def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state: State, config: Configuration) -> None:
     """Adds to the summary what is measured of two fluids."""
-    from ..two_phase.measures import broke_up
+    from ..two_phase.measures import broke_up, rests_elsewhere
     from ..two_phase.measures import summary as summary_of_two
 
     case = run.case
@@ -393,9 +393,12 @@ def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state:
     summary["two_fluids"] = summary_of_two(measures, state, config, run.history, moved)
     if run.between is not None:
         summary["two_fluids"] |= run.between(state, config, everything=True)
-    broken = None if moved else broke_up(measures.names, run.history, summary["two_fluids"])
-    if broken:
-        summary.setdefault("warnings", []).append(broken)
+    if not moved:
+        said = [broke_up(measures.names, run.history, summary["two_fluids"])]
+        if case.interface is not None:
+            said.append(rests_elsewhere(case.interface.contact_angle, summary["two_fluids"]))
+        if any(said):
+            summary.setdefault("warnings", []).extend(text for text in said if text)
 
 
 def _pictures(run: MovingRun, state: State, permeability: float | None) -> None:

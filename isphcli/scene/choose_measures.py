@@ -26,8 +26,8 @@ def choose_measures(case: Case, geometry: Geometry, particles: Particles, fluids
     named = [MeasuredFluid(name, case.fluids[name].density, case.fluids[name].mu) for name in case.fluid_names]
     amplitude_of = None
     if case.reference is not None and case.reference.kind in AMPLITUDES:
-        def amplitude_of(x: np.ndarray, fraction: np.ndarray) -> float:
-            return amplitude(case, x, fraction)
+        def amplitude_of(x: np.ndarray, volume: np.ndarray, fraction: np.ndarray) -> float:
+            return amplitude(case, x, volume, fraction)
     return Measures(named, particles.phase, geometry, particles.site_volume, fluids.reference, fluids.tension,
                     amplitude_of)
 

@@ -8,9 +8,9 @@ through the first fluid and p the normal of the wall, into the fluid,
                                                                 where phi = 0 meets the wall,
 
 |grad phi| and kappa those of the fit without them. The angle is that of the interface: the other levels of the distance
-to a round interface have the same centre, and meet the wall at other angles. Without kappa the curvature beside walls
-was 20 % off at every resolution, and the largest spurious velocities were there. In space kappa is half of the mean
-curvature's, that of a cap; of an interface that is round in one direction alone half of the correction is missed.
+to a round interface have the same centre, and meet the wall at other angles. kappa is the curvature of the interface in
+the plane of its normal and p, across the line: along the line the angle does not change. Without it the curvature
+beside walls was 20 % off at every resolution, and the largest spurious velocities were there.
 
 Normals and curvature beside the wall, and the smoothing of phi, follow from the fit: no normal is turned by hand.
 """
@@ -25,7 +25,7 @@ from numba import njit
 
 from ..flow.state import phase_of
 from ..operators.kernel import shape
-from .quadratic_fit import QuadraticFit, SlopesAtWalls, quadratic_fit
+from .quadratic_fit import FLATTEST, QuadraticFit, SlopesAtWalls, quadratic_fit
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
@@ -99,10 +99,11 @@ class ContactAngle:
         particle = np.repeat(np.arange(len(phi)), np.diff(start))
         offset = neighbours.x[at] + self.dummies.depth[dummy][:, None] * normal - neighbours.x[particle]
         count = len(self.dummies.x)
-        distance, steepness, curvature = _at_wall_points(particle, offset, dummy, count, free, neighbours)
+        at_points = particle, offset, dummy
+        distance, steepness, curvature = _at_wall_points(at_points, normal, count, free, neighbours)
         part = np.maximum(1.0 - (distance / (NEAR_LINE * self.spacing)) ** 2, 0.0) ** 2
         sharpest = 0.5 / (NEAR_LINE * self.spacing)  # kappa phi stays below a half
-        bent = np.clip(curvature / (ops.dim - 1), -sharpest, sharpest) * np.where(part > 0.0, distance, 0.0)
+        bent = np.clip(curvature, -sharpest, sharpest) * np.where(part > 0.0, distance, 0.0)
         steepness /= 1.0 - bent
         touched = np.zeros(len(phi), np.bool_)
         touched[particle[part[dummy] > 0.0]] = True
@@ -145,9 +146,10 @@ def _seen(neighbours, mark, shallow, n):
 
 
 @njit(cache=True, error_model="numpy")
-def _at_wall_points(particle, offset, dummy, count, fit, neighbours):
-    """phi (count,), m, |grad phi| and the curvature, 1/m, of the interface at the wall point above each dummy: kernel
-    averages of what the particles that see it make of theirs; infinite and zero where none does."""
+def _at_wall_points(at_points, normal, count, fit, neighbours):
+    """phi (count,), m, |grad phi| and the curvature across the line, 1/m, of the interface at the wall point above each
+    dummy: kernel averages of what the particles that see it make of theirs; infinite and zero where none does."""
+    particle, offset, dummy = at_points
     dim = offset.shape[1]
     total, out, steepness = np.zeros(count), np.zeros(count), np.zeros(count)
     curvature = np.zeros(count)
@@ -161,9 +163,30 @@ def _at_wall_points(particle, offset, dummy, count, fit, neighbours):
         total[dummy[p]] += w
         out[dummy[p]] += w * there
         steepness[dummy[p]] += w * math.sqrt(square)
-        curvature[dummy[p]] += w * fit.curvature[i]
+        curvature[dummy[p]] += w * _across_line(fit, i, normal[p])
     for d in range(count):
         curvature[d] = curvature[d] / total[d] if total[d] > 0.0 else 0.0
         out[d] = out[d] / total[d] if total[d] > 0.0 else np.inf
         steepness[d] = steepness[d] / total[d] if total[d] > 0.0 else 0.0
     return out, steepness, curvature
+
+
+@njit(cache=True, error_model="numpy")
+def _across_line(fit, i, normal):
+    """Curvature, 1/m, of the interface in the plane of its normal n and that of a wall, p (dim,), as particle i knows
+    it: along m = p - (p . n) n, and at phi = 0 as in `quadratic_fit._curvature`."""
+    dim, form = len(normal), fit.form[i]
+    along, square = 0.0, 0.0
+    for k in range(dim):
+        along += normal[k] * fit.slope[i, k]
+        square += fit.slope[i, k] ** 2
+    bent, size = 0.0, 0.0
+    for a in range(dim):
+        m = normal[a] - along * fit.slope[i, a] / square
+        size += m * m
+        for b in range(dim):
+            bent -= m * form[a * dim + b] * (normal[b] - along * fit.slope[i, b] / square)
+    if not size > 0.0:
+        return 0.0
+    bent /= size
+    return bent / max(1.0 + bent * fit.value[i] / math.sqrt(square), FLATTEST)

@@ -25,7 +25,6 @@ import numpy as np
 from numba import njit
 
 from ..domain import reduce
-from ..domain.components import pair_components
 from ..domain.row_threads import over_rows
 from ..flow.shifting import taylor
 from ..flow.state import phase_of
@@ -38,7 +37,6 @@ if TYPE_CHECKING:
     from .contact_angle import ContactAngle
 
 THICKNESS = 1.5  # spacings: half of the thickness over which the volume fraction of the first fluid goes from 0 to 1
-SMOOTHINGS = 1  # kernel averages of the curvature along the interface
 SPREAD = 1.0 / 3.0 - 2.0 / math.pi**2  # variance of the slope of the volume fraction, of the square of THICKNESS
 RATE = 0.1  # part of the roughness that is taken out in the capillary time of a spacing, or on the way of one
 MOST = 0.5  # part that is taken out in one step, however long it is
@@ -117,7 +115,7 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     weight = np.where(known, np.maximum(1.0 - (phi / seen.support) ** 2, 0.0) ** 2, 0.0)
     # no drop is smaller than the spacing
     sharpest = (ops.dim - 1) / spacing
-    curvature = averages(seen, weight * ops.volume, np.clip(fit.curvature, -sharpest, sharpest), SMOOTHINGS)
+    curvature = averages(seen, weight * ops.volume, np.clip(fit.curvature, -sharpest, sharpest))
     # over a layer of this thickness round a drop the mean of a fraction has that of the curvature beside it
     resolved = np.clip(curvature, -0.5 * sharpest, 0.5 * sharpest)
     bent = 0.5 * SPREAD * (THICKNESS * spacing) ** 2 * resolved * strength
@@ -138,7 +136,7 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     # the slope is brought to one as an explicit step of an advection away from the interface would do it: it has to be
     # slower than the smoothing that keeps it stable
     steepness = np.clip(interface.steepness, 0.0, 2.0)
-    stretched = averages(ops.neighbours, np.where(known, ops.volume, 0.0), steepness, SMOOTHINGS) - 1.0
+    stretched = averages(ops.neighbours, np.where(known, ops.volume, 0.0), steepness) - 1.0
     change = np.clip(fit.value - phi, -spacing, spacing)
     slower = SLOWER * part + moved
     factor = 1.0 + np.clip(stretch, -LARGEST_STRETCH, LARGEST_STRETCH) - slower * stretched
@@ -202,15 +200,39 @@ def with_volumes_of(before: np.ndarray, phi: np.ndarray, ops: Operators, spacing
 
 def _pieces(neighbours: Neighbourhood, band: np.ndarray) -> tuple[int, np.ndarray]:
     """(number of connected pieces of the particles `band` (m,), piece of each (m,))."""
-    start, column = neighbours.start, neighbours.column
     number = np.full(neighbours.n, -1)
     number[band] = np.arange(len(band))
-    count = np.diff(start)[band]
-    pairs = np.repeat(start[band] - np.cumsum(count) + count, count) + np.arange(count.sum())
-    owner, other = np.repeat(np.arange(len(band)), count), number[column[pairs]]
-    inside = other >= 0
-    rows = np.concatenate([[0], np.cumsum(reduce.total_by(owner[inside], labels=len(band)))])
-    return pair_components(rows, other[inside])
+    piece = np.empty(len(band), np.int64)
+    return _number_pieces(neighbours.start, neighbours.column, band, number, np.arange(len(band)), piece), piece
+
+
+@njit(cache=True)
+def _number_pieces(start, column, band, number, parent, piece):
+    """Pieces are trees of particles of the band, each of which knows a parent of a smaller number or is a root."""
+    for m in range(len(band)):
+        own = _root(parent, m)
+        for p in range(start[band[m]], start[band[m] + 1]):
+            other = number[column[p]]
+            if 0 <= other < m:  # each pair comes twice
+                other = _root(parent, other)
+                parent[max(own, other)] = min(own, other)
+                own = min(own, other)
+    count = 0
+    for m in range(len(band)):
+        if parent[m] == m:
+            piece[m] = count
+            count += 1
+        else:
+            piece[m] = piece[parent[m]]
+    return count
+
+
+@njit(cache=True)
+def _root(parent, m):
+    while parent[m] != m:
+        parent[m] = parent[parent[m]]
+        m = parent[m]
+    return m
 
 
 def near_interface(start: np.ndarray, column: np.ndarray, colour: np.ndarray) -> np.ndarray:
@@ -263,45 +285,29 @@ def _strain(rows, start, column, grad, slope, u, out):
             out[i] = total / square
 
 
-def averages(neighbours: Neighbourhood, weight: np.ndarray, f: np.ndarray, times: int) -> np.ndarray:
-    """Kernel averages sum_j w W f / sum_j w W of f (n,), taken so many times over the particles of weight w (n,) above
-    zero, j = i included; f elsewhere."""
-    n = neighbours.n
-    share, own = np.empty(len(neighbours.column)), np.empty(n)
-    over_rows(_shares, n, neighbours, weight, share, own)
-    for _ in range(times):
-        before = f
-        f = before.copy()
-        over_rows(_average, n, neighbours, weight, share, own, before, f)
-    return f
+def averages(neighbours: Neighbourhood, weight: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """Kernel averages sum_j w W f / sum_j w W of f (n,) over the particles of weight w (n,) above zero, j = i included;
+    f elsewhere."""
+    out = f.copy()
+    over_rows(_average, neighbours.n, neighbours, weight, f, out)
+    return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _shares(rows, neighbours, weight, share, own):
-    """Shares of the neighbours (n_pairs,) and of the particle (n,) in an average."""
+def _average(rows, neighbours, weight, f, out):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     kind, support = neighbours.kind, neighbours.support
     for i in range(rows[0], rows[1]):
         if weight[i] > 0.0:
             total = weight[i] * shape(kind, 0.0)
+            mean = total * f[i]
             for p in range(start[i], start[i + 1]):
-                w = weight[column[p]]
-                share[p] = w * shape(kind, _distance(x, i, row[p]) / support) if w > 0.0 else 0.0
-                total += share[p]
-            own[i] = weight[i] * shape(kind, 0.0) / total
-            for p in range(start[i], start[i + 1]):
-                share[p] /= total
-
-
-@njit(cache=True, nogil=True)
-def _average(rows, neighbours, weight, share, own, before, f):
-    start, column = neighbours.start, neighbours.column
-    for i in range(rows[0], rows[1]):
-        if weight[i] > 0.0:
-            mean = own[i] * before[i]
-            for p in range(start[i], start[i + 1]):
-                mean += share[p] * before[column[p]]
-            f[i] = mean
+                j = column[p]
+                if weight[j] > 0.0:
+                    w = weight[j] * shape(kind, _distance(x, i, row[p]) / support)
+                    total += w
+                    mean += w * f[j]
+            out[i] = mean / total
 
 
 @njit(cache=True, inline="always")

@@ -34,6 +34,8 @@ ROUND = 0.1  # length of the mean direction round a periodic axis below which a 
 # of 22 across, scatter of the angle at 60 to 150 degrees: up to 9, 5 and 1.7 degrees with 8, 10 and 16.
 FARTHEST = 16.0
 FLAT = 0.1  # mean distances by which the wall under those points may differ from a plane
+AT_REST = 2e-3  # capillary number of the largest speed; drops that spread have 1e-2 and more
+OFF = 5.0  # degrees by which a drop at rest may miss its contact angle before a run says so
 ON_ARC = 0.5  # mean distances by which the points may differ from their circle (root mean square)
 
 
@@ -48,11 +50,11 @@ class MeasuredFluid(NamedTuple):
 class Measures:
     """fluids: both; phase: (n,) int8 of fluids that differ in name only, else of the start; geometry: Geometry;
     site_volume: m^dim; pressure: kg/m3, density that `State.p` is over; tension: SurfaceTension or None; amplitude:
-    function of the positions (n, dim) and volume fractions (n,), m, or None."""
+    function of the positions (n, dim), volumes (n,) and volume fractions (n,), m, or None."""
 
     def __init__(self, fluids: Sequence[MeasuredFluid], phase: np.ndarray, geometry: Geometry, site_volume: float,
                  pressure: float = 1.0, tension: Tension | None = None,
-                 amplitude: Callable[[np.ndarray, np.ndarray], float] | None = None):
+                 amplitude: Callable[[np.ndarray, np.ndarray, np.ndarray], float] | None = None):
         self.names, self.density, self.viscosity = zip(*fluids)
         self.phase, self.geometry, self.tension, self.pressure = phase, geometry, tension, pressure
         self.site_volume, self.amplitude = site_volume, amplitude
@@ -68,7 +70,7 @@ class Measures:
         volume = volume * (self.site_volume * reduce.number(volume) / reduce.total(volume))
         row = self._fluids(state, config, volume)
         if self.amplitude is not None:
-            row["amplitude"] = self.amplitude(state.x, _interface(config).fraction)
+            row["amplitude"] = self.amplitude(state.x, volume, _interface(config).fraction)
         everything = everything or state.step % SELDOM == 0
         if self.tension is not None:
             row |= self._interface(state, config, volume)
@@ -302,3 +304,13 @@ def broke_up(names: Sequence[str], rows: Sequence[Mapping[str, Any]], block: Map
                          f"{known[0][f'ganglia_{name}']:g} at t = {known[0]['time']:.4g}")
     return (f"the interface broke up though nothing drives the flow: {'; '.join(grown)}; more particles across it "
             "(particles.spacing) tell whether it does") if grown else None
+
+
+def rests_elsewhere(asked: float, block: Mapping[str, Any]) -> str | None:
+    """A sentence on a drop at rest whose contact angle is not the one that was asked for, degrees, or None. block: of
+    `summary`."""
+    angle, speed = block.get("contact_angle"), block.get("spurious_capillary_number")
+    if angle is None or speed is None or speed > AT_REST or abs(angle - asked) <= OFF:
+        return None
+    return (f"the contact angle is {angle:.1f} degrees at the end, {asked:g} were asked for: near the wall a fluid is "
+            "thinner than a spacing, which is not resolved; more particles (particles.spacing) come nearer")

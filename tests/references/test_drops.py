@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import trapezoid
 from scipy.interpolate import BSpline
 from scipy.linalg import expm
+from scipy.special import erfc, wofz
 
 from isphcli.references import drops, published
 
@@ -47,24 +48,57 @@ def test_a_drop_that_touches_nothing(dim):
     assert math.isclose(drops.drop_on_wall(1.7, 90.0, dim)["radius"], drops.drop_radius(3.4, dim))
 
 
+def wave_of_like_fluids(t, tension, density, nu, start):
+    """Prosperetti (1981), eqs 22 to 24: wavelength 1, deep fluids of one kinematic viscosity, no gravity."""
+    (amplitude, speed), total, k = start, sum(density), 2 * math.pi
+    beta = density[0] * density[1] / total**2
+    omega2, v = tension * k**3 / total, nu * k**2
+    last = (1 - 4 * beta) * v**2 + omega2
+    z = np.roots([1, -4 * beta * v**0.5, 2 * (1 - 6 * beta) * v, 4 * (1 - 3 * beta) * v**1.5, last])
+    a = 4 * (1 - 4 * beta) * v**2 / (8 * (1 - 4 * beta) * v**2 + omega2) * amplitude * erfc(np.sqrt(v * t)) + 0j
+    for i in range(4):
+        part = z[i] / np.prod(np.delete(z, i) - z[i]) * (omega2 * amplitude / (z[i] ** 2 - v) - speed)
+        # exp((z^2 - v) t) erfc(z sqrt t) = exp(-v t) w(i z sqrt t), which does not overflow
+        a += part * np.exp(-v * t) * wofz(1j * z[i] * np.sqrt(t))
+    return a.real
+
+
+def layers_of(density, nu):
+    return [drops.Layer(rho, nu * rho) for rho in density]
+
+
+@pytest.mark.parametrize("nu", [0.2, 0.02, 1e-4])
+@pytest.mark.parametrize("density", [(1, 1), (3, 1), (1, 0.001)])
+def test_capillary_wave_of_like_fluids(density, nu):
+    """Closed form; 1e-10 is what the points of the contour leave, and more than round-off for 14 periods."""
+    for start in ((1, 0), (1, 2)):
+        for last in (0.6, 8.0):
+            t = np.linspace(0.0, last, 100)
+            a = drops.capillary_wave(t, 1.0, 1.0, layers_of(density, nu), start=start)
+            assert np.abs(a - wave_of_like_fluids(t, 1.0, density, nu, start)).max() < 1e-10
+
+
 def test_capillary_wave_against_the_table():
     columns = published.table("capillary_wave")
     tau, t, amplitude = columns.values()
-    a = drops.capillary_wave(t, 1.0, 1.0, (1.0, 1.0), 0.0182571749236)
-    assert np.abs(a - amplitude).max() < 1e-6
+    layers = layers_of((1.0, 1.0), 0.0182571749236)
+    assert np.abs(drops.capillary_wave(t, 1.0, 1.0, layers) - amplitude).max() < 1e-6
     fine = np.linspace(0.0, 0.8, 20001)
-    a = drops.capillary_wave(fine, 1.0, 1.0, (1.0, 1.0), 0.0182571749236)
+    a = drops.capillary_wave(fine, 1.0, 1.0, layers)
     zero = fine[1:][np.diff(np.sign(a)) != 0] * tau[1] / t[1]
     assert np.allclose(zero, [1.787, 5.264, 8.709], atol=1e-3)
 
 
 def test_capillary_wave_without_viscosity():
-    """cos(omega t), omega^2 = sigma k^3 / (rho1 + rho2), with gravity on unlike fluids too."""
+    """cos(omega t), omega^2 = (sigma k^3 + (rho1 - rho2) g k) / (rho1 coth(k h1) + rho2 coth(k h2))."""
     t = np.linspace(0, 1, 50)
     k = 2 * math.pi
-    omega = math.sqrt(0.5 * k**3 / 4 + (3 - 1) / 4 * 9.81 * k)
-    a = drops.capillary_wave(t, 1.0, 0.5, (3.0, 1.0), 1e-10, gravity=9.81)
-    assert np.abs(a - np.cos(omega * t)).max() < 1e-3
+    for depth in ((math.inf, math.inf), (0.1, 0.2), (math.inf, 0.05)):
+        layers = [drops.Layer(rho, 1e-10 * rho, h) for rho, h in zip((3.0, 1.0), depth)]
+        inertia = sum(layer.density / math.tanh(k * layer.depth) for layer in layers)
+        omega = math.sqrt((0.5 * k**3 + (3 - 1) * 9.81 * k) / inertia)
+        a = drops.capillary_wave(t, 1.0, 0.5, layers, gravity=9.81)
+        assert np.abs(a - np.cos(omega * t)).max() < 1e-3
 
 
 def spline_basis(breaks, kink):
@@ -92,32 +126,40 @@ def free_motion(mass, damping, stiffness, pull):
     return right
 
 
-def wave_by_weak_form(times, tension, density, mu, amplitude, speed):
-    """Height of the crest of a wave of wavelength 1 between two fluids, four wavelengths deep each.
+def wave_by_weak_form(times, tension, layers, amplitude, speed):
+    """Height of the crest of a wave of wavelength 1 between two fluids, (density, mu, depth) each.
 
     Vertical velocity v(y) cos kx: kinetic energy rho (v^2 + v'^2 / k^2), dissipation
     mu (4 v'^2 + (v'' + k^2 v)^2 / k^2), work of the surface; the stress at the surface is natural.
     """
     k = 2 * math.pi
-    breaks = np.r_[-np.geomspace(1e-4, 4.0, 90)[::-1], 0.0, np.geomspace(1e-4, 4.0, 90)]
+    (*below, deep), (*above, high) = layers
+    breaks = np.r_[-np.geomspace(1e-4, deep, 90)[::-1], 0.0, np.geomspace(1e-4, high, 90)]
     y, weight, (b, b1, b2), at_surface = spline_basis(breaks, 0.0)
-    rho, visc = np.where(y < 0, *density), np.where(y < 0, *mu)
+    rho, visc = (np.where(y < 0, *pair) for pair in zip(below, above))
     kept = slice(2, -2)  # at rest, with no slip, far away
     b, b1, b2, pull = b[:, kept], b1[:, kept], b2[:, kept], at_surface[kept]
     shear = b2 + k**2 * b
     mass = gram(weight * rho, b, b) + gram(weight * rho / k**2, b1, b1)
     damping = gram(4 * weight * visc, b1, b1) + gram(weight * visc / k**2, shear, shear)
     rate = free_motion(mass, damping, tension * k**2, pull)
-    start = np.linalg.lstsq(b, speed * np.exp(-k * np.abs(y)), rcond=None)[0]
+    depth = np.where(y < 0, deep, high)
+    start = np.linalg.lstsq(b, speed * np.sinh(k * (depth - np.abs(y))) / np.sinh(k * depth), rcond=None)[0]
     return [(expm(rate * t) @ np.append(start, amplitude))[-1] for t in times]
 
 
-@pytest.mark.parametrize("density, amplitude, speed", [((1, 1), 1, 0), ((1, 1), 0, 3), ((3, 1), 1, 2)])
-def test_capillary_wave_by_the_weak_form(density, amplitude, speed):
-    nu, t = 0.02, np.array([0.05, 0.15, 0.3, 0.6])
-    a = drops.capillary_wave(t, 1.0, 1.0, density, nu, start=(amplitude, speed))
-    mu = [nu * rho for rho in density]
-    assert np.abs(a - wave_by_weak_form(t, 1.0, density, mu, amplitude, speed)).max() < 2e-3
+@pytest.mark.parametrize("layers, amplitude, speed", [
+    (((1, 0.02, 4), (1, 0.02, 4)), 0, 3),
+    (((3, 0.06, 4), (1, 0.02, 4)), 1, 2),
+    (((1, 0.02, 4), (0.5, 0.002, 4)), 1, 2),
+    (((0.001, 2e-4, 4), (1, 0.02, 4)), 0, 3),
+    (((1, 0.02, 0.2), (0.5, 0.2, 0.1)), 1, 2),
+])
+def test_capillary_wave_by_the_weak_form(layers, amplitude, speed):
+    t = np.array([0.05, 0.15, 0.3, 0.6])
+    a = drops.capillary_wave(t, 1.0, 1.0, [drops.Layer(*layer) for layer in layers], start=(amplitude, speed))
+    # what the splines leave over: with 180 of them in place of 90 it is less than a half
+    assert np.abs(a - wave_by_weak_form(t, 1.0, layers, amplitude, speed)).max() < 5e-4
 
 
 def drop_by_weak_form(tension, density, mu, n, wall):

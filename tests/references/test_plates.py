@@ -127,3 +127,30 @@ def test_means_of_a_slow_and_of_a_fast_oscillation():
     assert plates.oscillating_slit_mean(0.0, 2.0, 0.5, 3.0, 1e-6) == pytest.approx(3 * 4 / 12 / 0.5, rel=1e-6)
     quarter = math.pi / 2 / 1e8
     assert plates.oscillating_slit_mean(quarter, 2.0, 0.5, 3.0, 1e8) == pytest.approx(3 / 1e8, rel=1e-3)
+
+
+def test_imbibition_of_one_fluid_without_viscosity():
+    """Bosanquet: d(rho l l') / dt = p, so that l = t sqrt(p / rho) from the entrance on."""
+    t = np.linspace(0.5, 3.0, 6)
+    slit = plates.SlitBetweenReservoirs(1.0, 1e3)
+    way, velocity = plates.slit_imbibition(t, slit, 2.0, (1.0, 1e-9), (1e-9, 1e-18), 1e-6)
+    assert np.allclose(way, t * math.sqrt(2.0), rtol=1e-4) and np.allclose(velocity, math.sqrt(2.0), rtol=1e-4)
+
+
+def test_imbibition_of_one_viscous_fluid():
+    """Washburn: l^2 = p width^2 t / (6 mu)."""
+    t = np.linspace(1e4, 4e5, 5)
+    slit = plates.SlitBetweenReservoirs(0.1, 1e3)
+    way, _ = plates.slit_imbibition(t, slit, 1.0, (1.0, 1e-9), (10.0, 1e-9), 1e-3)
+    assert np.allclose(way**2, 0.01 * t / 60.0, rtol=1e-3)
+
+
+def test_imbibition_of_like_fluids_starts_like_any_flow():
+    """A pressure too small for momentum to matter; with reservoirs that hold as much again, half of it accelerates."""
+    t, y = np.array([0.3, 1.0, 3.0]), np.linspace(0, 1, 4001)
+    _, velocity = plates.slit_imbibition(t, plates.SlitBetweenReservoirs(1.0, 2.0), 1e-6, (1, 1), (0.1, 0.1), 0.5)
+    expected = [plates.startup_poiseuille(y, at, 1.0, 0.1, 0.5e-6).mean() for at in t]
+    assert np.allclose(velocity, expected, rtol=1e-3)  # of 60 cells over half of the slit
+    slit = plates.SlitBetweenReservoirs(1.0, 2.0, 0.5, (1.0, 3.0))
+    _, velocity = plates.slit_imbibition(np.array([1e-4]), slit, 1e-6, (1, 1), (0.1, 0.1), 0.5)
+    assert velocity[0] == pytest.approx(1e-10 / 4.0, rel=0.02)  # less what the walls hold back in a layer of sqrt(nu t)

@@ -146,22 +146,25 @@ def test_amplitudes_of_particles():
     for crest in (0.03, -0.03):
         below = x[:, 1] < 0.4 + crest * np.cos(4 * np.pi * x[:, 0])
         for phase in (below, ~below):  # whichever fluid is below
-            assert amplitude(case, x, phase.astype(int)) == pytest.approx(crest, rel=0.03)
+            assert amplitude(case, x, np.ones(len(x)), phase.astype(int)) == pytest.approx(crest, rel=0.03)
     case = two_fluids("oscillating_drop", "{mode: 3}", shape=DISK % "oil")
     r, angle = np.hypot(*(x - [0.4, 0.5]).T), np.arctan2(*(x - [0.4, 0.5]).T[::-1])
     phase = (r < 0.3 * (1 - 0.03 * np.cos(3 * angle))).astype(int)
-    assert amplitude(case, x, phase) == pytest.approx(-0.009, rel=0.02)
+    assert amplitude(case, x, np.ones(len(x)), phase) == pytest.approx(-0.009, rel=0.02)
     case = two_fluids("oscillating_drop", shape=DISK % "oil")
-    assert amplitude(case, x, phase) == pytest.approx(0, abs=2e-4)
+    assert amplitude(case, x, np.ones(len(x)), phase) == pytest.approx(0, abs=2e-4)
 
 
-def test_capillary_wave():
-    """Prosperetti's solution itself, a wrong one, and one that starts with a velocity."""
+@pytest.mark.parametrize("mu", [(0.06, 0.02), (0.002, 0.02)])
+def test_capillary_wave(mu):
+    """The solution itself, one that is late, and one that starts with a velocity; fluids alike and unlike."""
     t = np.linspace(0, 1, 400)[1:]
     for start, at_start in (("amplitude", (0.01, 0.0)), ("speed", (0.0, 0.01))):
-        case = two_fluids("capillary_wave", f"{{{start}: 0.01}}", rho=1, mu=(0.06, 0.02))
+        case = two_fluids("capillary_wave", f"{{{start}: 0.01}}", rho=1, mu=mu)
         x, phase = oil_below(case)  # below: density 1
-        a = drops.capillary_wave(t, 1.0, 0.5, (1, 3), 0.02, start=at_start)
+        below = (phase == 1).mean()
+        layers = drops.Layer(1, mu[1], below), drops.Layer(3, mu[0], 1 - below)
+        a = drops.capillary_wave(t, 1.0, 0.5, layers, start=at_start)
         result = result_of(case, x, phase=phase, history=rows(time=t, amplitude=a))
         errors = compare(case, result)
         assert errors["amplitude_relative_l2"] < 1e-12 and abs(errors["first_zero_relative"]) < 1e-12
@@ -170,12 +173,29 @@ def test_capillary_wave():
         errors = compare(case, result)
         assert errors["first_zero_relative"] == pytest.approx(0.05, abs=1e-3)
         assert 0.05 < errors["amplitude_relative_l2"] < 0.5
-    with pytest.raises(CompareError, match="same kinematic viscosity"):
-        compare(two_fluids("capillary_wave"), result)
     with pytest.raises(CompareError, match="no amplitude"):
         compare(case, result_of(case, x, phase=phase, history=rows(time=t)))
     with pytest.raises(CompareError, match="there is no wave"):
         compare(two_fluids("capillary_wave", mu=(0.06, 0.02)), result)
+
+
+def test_imbibition():
+    """The solution itself, and a flow that is 2 % slower; a fluid that is not there."""
+    numbers = "width: 0.5, length: 0.6, start: 0.1"
+    case = two_fluids("imbibition", f"{{{numbers}, angle: 60}}", rho=1, mu=(0.06, 0.02))
+    volume = {"volume_brine": 0.3, "volume_oil": 0.4}
+    slit = plates.SlitBetweenReservoirs(0.5, 0.6, 0.5, (0.25, 0.15))
+    t = np.linspace(0, 1, 400)[1:]
+    way, velocity = plates.slit_imbibition(t, slit, 2 * 0.5 * 0.5 / 0.5, (3, 1), (0.06, 0.02), 0.1)
+    for factor in (1.0, 0.98):
+        history = rows(time=t, mean_velocity_x=factor * velocity * 0.5 / 0.7, **volume)
+        errors = compare(case, result_of(case, history=history))
+        assert errors["gone_relative"] == pytest.approx(factor - 1.0, abs=1e-5)
+        assert errors["velocity_relative"] == pytest.approx(factor - 1.0, abs=1e-5)
+        assert errors["way_relative"] == pytest.approx((0.1 + factor * (way[-1] - 0.1)) / way[-1] - 1.0, abs=1e-5)
+    case = two_fluids("imbibition", f"{{{numbers}, angle: 60, drop: steam}}")
+    with pytest.raises(CompareError, match="drop is 'steam'"):
+        compare(case, result_of(case, history=history))
 
 
 def test_oscillating_drop():

@@ -11,7 +11,7 @@ from isphcli.output.clock import Clock
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.choose_measures import choose_measures
 from isphcli.scene.prepare import prepare
-from isphcli.two_phase.measures import SELDOM, broke_up
+from isphcli.two_phase.measures import SELDOM, broke_up, rests_elsewhere
 
 DISK = """\
 geometry:
@@ -198,3 +198,12 @@ def test_more_parts_than_at_the_start_are_said():
     assert "oil is in 13 parts at t = 0.2, was in 1 at t = 0" in said and "water is" not in said
     for end in (1, 3):  # drops that stay apart or come together
         assert broke_up(("oil", "water"), rows(3, None, 3), {"ganglia_oil": end, "ganglia_water": 1}) is None
+
+
+def test_a_drop_that_rests_at_another_angle_is_said():
+    def said(angle, speed, asked=0.0):
+        return rests_elsewhere(asked, {"contact_angle": angle, "spurious_capillary_number": speed})
+
+    assert "16.0 degrees at the end, 0 were asked for" in said(16.0, 1e-4)
+    assert said(16.0, 1e-2) is None and said(16.0, None) is None  # it spreads, or something drives it
+    assert said(4.0, 1e-4) is None and said(None, 1e-4) is None  # near enough; a film has no angle
