@@ -22,9 +22,9 @@ run.steady._edge_shares solvers.engine.gmres_from_the_right run.steady.wall_stre
 
 def resident():
     """(most since the last call, now), bytes."""
-    with open("/proc/self/status") as file:
+    with open("/proc/self/status", encoding="utf-8") as file:
         found = {line.split()[0]: line.split()[1] for line in file if line.startswith("Vm")}
-    with open("/proc/self/clear_refs", "w") as file:
+    with open("/proc/self/clear_refs", "w", encoding="utf-8") as file:
         file.write("5")
     return 1024 * int(found["VmHWM:"]), 1024 * int(found["VmRSS:"])
 
