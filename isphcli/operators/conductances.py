@@ -88,7 +88,7 @@ class Conductances:
 
     def sweep_back(self, blocks: np.ndarray, b: np.ndarray, x: np.ndarray) -> None:
         """A backward sweep in place, each block with what the others had before."""
-        over_blocks(_backward, blocks, self._entries, self.diagonal, b, x, x.copy() if len(blocks) > 2 else x)
+        over_blocks(_backward, blocks, self._entries, self.diagonal, b, x, x.copy())
 
 
 @njit(cache=True, inline="always")
@@ -181,43 +181,54 @@ def _smoothed(rows, work, entries, diagonal, how, aggregates, matrix):
             data[first[i] + k] = own - value[k] + constant / square_length * length[found[k]]
 
 
+# The sweeps take what all pairs of a particle share out of their sums; indices are unsigned, without a check for those
+# that count from the end.
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _forward(blocks, edges, entries, diagonal, b, x):
-    start, column = entries[0].start, entries[0].column
+    pairs, tensors, w, area = entries
+    scale, row = tensors.scale, tensors.row
+    start, column, offset_id, weight = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
     for block in range(blocks[0], blocks[1]):
-        begin = edges[block]
-        for i in range(begin, edges[block + 1]):
-            s = b[i]
-            for q in range(start[i], start[i + 1]):
-                j = np.int64(np.uint32(column[q]))
-                if begin <= j < i:
-                    s += _conductance(entries, i, q) * x[j]
-            x[i] = s / diagonal[i]
+        begin = np.uint32(edges[block])
+        for i in range(edges[block], edges[block + 1]):
+            s, own, last = 0.0, w[i], np.uint32(i)
+            for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+                j = np.uint32(column[q])
+                if begin <= j and j < last:
+                    s += weight[np.uint32(offset_id[q])] * (own + w[j]) * x[j]
+            x[i] = (b[i] + 0.5 * area * scale[row[i]] * s) / diagonal[i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _rest(blocks, edges, entries, x, rest):
-    start, column = entries[0].start, entries[0].column
+    pairs, tensors, w, area = entries
+    scale, row = tensors.scale, tensors.row
+    start, column, offset_id, weight = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
     for block in range(blocks[0], blocks[1]):
-        begin = edges[block]
-        for i in range(begin, edges[block + 1]):
-            s = 0.0
-            for q in range(start[i], start[i + 1]):
-                j = np.int64(np.uint32(column[q]))
-                if j > i or j < begin:
-                    s += _conductance(entries, i, q) * x[j]
-            rest[i] = s
+        begin = np.uint32(edges[block])
+        for i in range(edges[block], edges[block + 1]):
+            s, own, last = 0.0, w[i], np.uint32(i)
+            for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+                j = np.uint32(column[q])
+                if j > last or j < begin:
+                    s += weight[np.uint32(offset_id[q])] * (own + w[j]) * x[j]
+            rest[i] = 0.5 * area * scale[row[i]] * s
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _backward(blocks, edges, entries, diagonal, b, x, before):
-    start, column = entries[0].start, entries[0].column
+    pairs, tensors, w, area = entries
+    scale, row = tensors.scale, tensors.row
+    start, column, offset_id, weight = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
     for block in range(blocks[0], blocks[1]):
-        begin, end = edges[block], edges[block + 1]
-        for i in range(end - 1, begin - 1, -1):
-            s = b[i]
-            for q in range(start[i], start[i + 1]):
-                j = np.int64(np.uint32(column[q]))
-                if j != i:
-                    s += _conductance(entries, i, q) * (x[j] if begin <= j < end else before[j])
-            x[i] = s / diagonal[i]
+        end = np.uint32(edges[block + 1])
+        for i in range(edges[block + 1] - 1, edges[block] - 1, -1):
+            s, own, last = 0.0, w[i], np.uint32(i)
+            for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+                j = np.uint32(column[q])
+                value = x[j] if last < j and j < end else before[j]  # those before it have not changed
+                if j != last:
+                    s += weight[np.uint32(offset_id[q])] * (own + w[j]) * value
+            x[i] = (b[i] + 0.5 * area * scale[row[i]] * s) / diagonal[i]
