@@ -27,7 +27,11 @@ class Conductances:
     """
 
     def __init__(self, ops: LatticeWeights, w: np.ndarray, dx: float):
-        self._ops, self._entries = ops, (ops.pairs, ops.tensors, ops.exchange.forward(w), dx * dx)
+        pairs, tensors = ops.pairs, ops.tensors
+        self._ops = ops
+        # as few arrays as possible: every argument of a kernel is compiled
+        self._entries = (pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian, tensors.row,
+                         0.5 * dx * dx * tensors.scale, ops.exchange.forward(w))
         self.diagonal = np.empty(ops.n)
         over_rows(_diagonal, ops.n, self._entries, self.diagonal)
 
@@ -94,14 +98,13 @@ class Conductances:
 @njit(cache=True, inline="always")
 def _conductance(entries, i, q):
     """Minus the entry of pair q of particle i, positive."""
-    pairs, tensors, w, area = entries
-    half = 0.5 * area * tensors.scale[tensors.row[i]]
-    return half * pairs.pair_laplacian[np.uint32(pairs.offset_id[q])] * (w[i] + w[np.uint32(pairs.column[q])])
+    _, column, offset_id, weight, row, half, w = entries
+    return half[row[i]] * weight[np.uint32(offset_id[q])] * (w[i] + w[np.uint32(column[q])])
 
 
 @njit(cache=True, nogil=True)
 def _diagonal(rows, entries, diagonal):
-    start, column = entries[0].start, entries[0].column
+    start, column = entries[0], entries[1]
     for i in range(rows[0], rows[1]):
         total = own = 0.0
         for q in range(start[i], start[i + 1]):
@@ -114,7 +117,7 @@ def _diagonal(rows, entries, diagonal):
 
 @njit(cache=True, nogil=True)
 def _entries(rows, begin, entries, diagonal, matrix):
-    start, column = entries[0].start, entries[0].column
+    start, column = entries[0], entries[1]
     first, index, data = matrix
     for k in range(rows[0], rows[1]):
         i, at = begin + k, first[k] + 1
@@ -127,7 +130,7 @@ def _entries(rows, begin, entries, diagonal, matrix):
 @njit(cache=True, nogil=True)
 def _strong(rows, entries, diagonal, square, fill, first, index):
     """Strong neighbours into index, or their numbers into first[1:]."""
-    start, column = entries[0].start, entries[0].column
+    start, column = entries[0], entries[1]
     for i in range(rows[0], rows[1]):
         at = first[i] if fill else 0
         if fill:
@@ -147,7 +150,7 @@ def _strong(rows, entries, diagonal, square, fill, first, index):
 def _smoothed(rows, work, entries, diagonal, how, aggregates, matrix):
     """See `Conductances.smoothed`: entries into index and data, or their numbers into first[1:]."""
     (square, omega, fill), (aggregate, length), (first, index, data), (found, value) = how, aggregates, matrix, work
-    start, column = entries[0].start, entries[0].column
+    start, column = entries[0], entries[1]
     for i in range(rows[0], rows[1]):
         count, total = 0, diagonal[i]
         if aggregate[i] >= 0:
@@ -187,9 +190,7 @@ def _smoothed(rows, work, entries, diagonal, how, aggregates, matrix):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _forward(blocks, edges, entries, diagonal, b, x):
-    pairs, tensors, w, area = entries
-    scale, row = tensors.scale, tensors.row
-    start, column, offset_id, weight = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
+    start, column, offset_id, weight, row, half, w = entries
     for block in range(blocks[0], blocks[1]):
         begin = np.uint32(edges[block])
         for i in range(edges[block], edges[block + 1]):
@@ -198,14 +199,12 @@ def _forward(blocks, edges, entries, diagonal, b, x):
                 j = np.uint32(column[q])
                 if begin <= j and j < last:
                     s += weight[np.uint32(offset_id[q])] * (own + w[j]) * x[j]
-            x[i] = (b[i] + 0.5 * area * scale[row[i]] * s) / diagonal[i]
+            x[i] = (b[i] + half[row[i]] * s) / diagonal[i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _rest(blocks, edges, entries, x, rest):
-    pairs, tensors, w, area = entries
-    scale, row = tensors.scale, tensors.row
-    start, column, offset_id, weight = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
+    start, column, offset_id, weight, row, half, w = entries
     for block in range(blocks[0], blocks[1]):
         begin = np.uint32(edges[block])
         for i in range(edges[block], edges[block + 1]):
@@ -214,14 +213,12 @@ def _rest(blocks, edges, entries, x, rest):
                 j = np.uint32(column[q])
                 if j > last or j < begin:
                     s += weight[np.uint32(offset_id[q])] * (own + w[j]) * x[j]
-            rest[i] = 0.5 * area * scale[row[i]] * s
+            rest[i] = half[row[i]] * s
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _backward(blocks, edges, entries, diagonal, b, x, before):
-    pairs, tensors, w, area = entries
-    scale, row = tensors.scale, tensors.row
-    start, column, offset_id, weight = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
+    start, column, offset_id, weight, row, half, w = entries
     for block in range(blocks[0], blocks[1]):
         end = np.uint32(edges[block + 1])
         for i in range(edges[block + 1] - 1, edges[block] - 1, -1):
@@ -231,4 +228,4 @@ def _backward(blocks, edges, entries, diagonal, b, x, before):
                 value = x[j] if last < j and j < end else before[j]  # those before it have not changed
                 if j != last:
                     s += weight[np.uint32(offset_id[q])] * (own + w[j]) * value
-            x[i] = (b[i] + 0.5 * area * scale[row[i]] * s) / diagonal[i]
+            x[i] = (b[i] + half[row[i]] * s) / diagonal[i]
