@@ -143,7 +143,7 @@ def test_pores_that_do_not_fit_are_refused_before_wall_distances(tmp_path, monke
     the case cannot run."""
     case = rock(tmp_path, 1e-7)
     monkeypatch.setattr(iso_surface, "most_probable_field", lambda *_: pytest.fail("walls"))
-    monkeypatch.setattr(memory, "available", lambda: 1e10)
+    monkeypatch.setattr(memory, "available", lambda: 5e9)
     with pytest.raises(ParticleError, match=r"about 4.8e\+06 fluid particles need about .* GB"):
         build_geometry(case)
     found = check(case)
