@@ -27,7 +27,11 @@ class Conductances:
     """
 
     def __init__(self, ops: LatticeWeights, w: np.ndarray, dx: float):
-        self._ops, self._entries = ops, (ops.pairs, ops.tensors, ops.exchange.forward(w), dx * dx)
+        pairs, tensors = ops.pairs, ops.tensors
+        self._ops = ops
+        # as few arrays as possible: every argument of a kernel is compiled
+        self._entries = (pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian, tensors.row,
+                         0.5 * dx * dx * tensors.scale, ops.exchange.forward(w))
         self.diagonal = np.empty(ops.n)
         over_rows(_diagonal, ops.n, self._entries, self.diagonal)
 
@@ -88,20 +92,19 @@ class Conductances:
 
     def sweep_back(self, blocks: np.ndarray, b: np.ndarray, x: np.ndarray) -> None:
         """A backward sweep in place, each block with what the others had before."""
-        over_blocks(_backward, blocks, self._entries, self.diagonal, b, x, x.copy() if len(blocks) > 2 else x)
+        over_blocks(_backward, blocks, self._entries, self.diagonal, b, x, x.copy())
 
 
 @njit(cache=True, inline="always")
 def _conductance(entries, i, q):
     """Minus the entry of pair q of particle i, positive."""
-    pairs, tensors, w, area = entries
-    half = 0.5 * area * tensors.scale[tensors.row[i]]
-    return half * pairs.pair_laplacian[np.uint32(pairs.offset_id[q])] * (w[i] + w[np.uint32(pairs.column[q])])
+    _, column, offset_id, weight, row, half, w = entries
+    return half[row[i]] * weight[np.uint32(offset_id[q])] * (w[i] + w[np.uint32(column[q])])
 
 
 @njit(cache=True, nogil=True)
 def _diagonal(rows, entries, diagonal):
-    start, column = entries[0].start, entries[0].column
+    start, column = entries[0], entries[1]
     for i in range(rows[0], rows[1]):
         total = own = 0.0
         for q in range(start[i], start[i + 1]):
@@ -114,7 +117,7 @@ def _diagonal(rows, entries, diagonal):
 
 @njit(cache=True, nogil=True)
 def _entries(rows, begin, entries, diagonal, matrix):
-    start, column = entries[0].start, entries[0].column
+    start, column = entries[0], entries[1]
     first, index, data = matrix
     for k in range(rows[0], rows[1]):
         i, at = begin + k, first[k] + 1
@@ -127,7 +130,7 @@ def _entries(rows, begin, entries, diagonal, matrix):
 @njit(cache=True, nogil=True)
 def _strong(rows, entries, diagonal, square, fill, first, index):
     """Strong neighbours into index, or their numbers into first[1:]."""
-    start, column = entries[0].start, entries[0].column
+    start, column = entries[0], entries[1]
     for i in range(rows[0], rows[1]):
         at = first[i] if fill else 0
         if fill:
@@ -147,7 +150,7 @@ def _strong(rows, entries, diagonal, square, fill, first, index):
 def _smoothed(rows, work, entries, diagonal, how, aggregates, matrix):
     """See `Conductances.smoothed`: entries into index and data, or their numbers into first[1:]."""
     (square, omega, fill), (aggregate, length), (first, index, data), (found, value) = how, aggregates, matrix, work
-    start, column = entries[0].start, entries[0].column
+    start, column = entries[0], entries[1]
     for i in range(rows[0], rows[1]):
         count, total = 0, diagonal[i]
         if aggregate[i] >= 0:
@@ -181,43 +184,48 @@ def _smoothed(rows, work, entries, diagonal, how, aggregates, matrix):
             data[first[i] + k] = own - value[k] + constant / square_length * length[found[k]]
 
 
+# The sweeps take what all pairs of a particle share out of their sums; indices are unsigned, without a check for those
+# that count from the end.
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _forward(blocks, edges, entries, diagonal, b, x):
-    start, column = entries[0].start, entries[0].column
+    start, column, offset_id, weight, row, half, w = entries
     for block in range(blocks[0], blocks[1]):
-        begin = edges[block]
-        for i in range(begin, edges[block + 1]):
-            s = b[i]
-            for q in range(start[i], start[i + 1]):
-                j = np.int64(np.uint32(column[q]))
-                if begin <= j < i:
-                    s += _conductance(entries, i, q) * x[j]
-            x[i] = s / diagonal[i]
+        begin = np.uint32(edges[block])
+        for i in range(edges[block], edges[block + 1]):
+            s, own, last = 0.0, w[i], np.uint32(i)
+            for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+                j = np.uint32(column[q])
+                if begin <= j and j < last:
+                    s += weight[np.uint32(offset_id[q])] * (own + w[j]) * x[j]
+            x[i] = (b[i] + half[row[i]] * s) / diagonal[i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _rest(blocks, edges, entries, x, rest):
-    start, column = entries[0].start, entries[0].column
+    start, column, offset_id, weight, row, half, w = entries
     for block in range(blocks[0], blocks[1]):
-        begin = edges[block]
-        for i in range(begin, edges[block + 1]):
-            s = 0.0
-            for q in range(start[i], start[i + 1]):
-                j = np.int64(np.uint32(column[q]))
-                if j > i or j < begin:
-                    s += _conductance(entries, i, q) * x[j]
-            rest[i] = s
+        begin = np.uint32(edges[block])
+        for i in range(edges[block], edges[block + 1]):
+            s, own, last = 0.0, w[i], np.uint32(i)
+            for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+                j = np.uint32(column[q])
+                if j > last or j < begin:
+                    s += weight[np.uint32(offset_id[q])] * (own + w[j]) * x[j]
+            rest[i] = half[row[i]] * s
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _backward(blocks, edges, entries, diagonal, b, x, before):
-    start, column = entries[0].start, entries[0].column
+    start, column, offset_id, weight, row, half, w = entries
     for block in range(blocks[0], blocks[1]):
-        begin, end = edges[block], edges[block + 1]
-        for i in range(end - 1, begin - 1, -1):
-            s = b[i]
-            for q in range(start[i], start[i + 1]):
-                j = np.int64(np.uint32(column[q]))
-                if j != i:
-                    s += _conductance(entries, i, q) * (x[j] if begin <= j < end else before[j])
-            x[i] = s / diagonal[i]
+        end = np.uint32(edges[block + 1])
+        for i in range(edges[block + 1] - 1, edges[block] - 1, -1):
+            s, own, last = 0.0, w[i], np.uint32(i)
+            for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+                j = np.uint32(column[q])
+                value = x[j] if last < j and j < end else before[j]  # those before it have not changed
+                if j != last:
+                    s += weight[np.uint32(offset_id[q])] * (own + w[j]) * value
+            x[i] = (b[i] + half[row[i]] * s) / diagonal[i]

@@ -140,7 +140,7 @@ class LatticeWeights:
     def gradient_p(self, p: np.ndarray) -> np.ndarray:
         """Pressure gradient (n, dim) of p (n,)."""
         p, gradient = self.exchange.forward(p), np.empty((self.n, self.dim))
-        over_rows(_gradient_p, self.n, self.pairs, self.tensors, p, gradient)
+        over_rows(_gradient_p, self.n, self.pairs, (self.tensors.row, self.tensors.gradient_p), p, gradient)
         if len(self.tensors.k_tensor_p):
             gradient -= _second_order(self.pairs, self.tensors, p)
         return gradient
@@ -297,7 +297,7 @@ def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: 
 def symmetric_laplacian(ops: LatticeWeights, f: np.ndarray) -> np.ndarray:
     """sum_j symmetric_ij (f_j - f_i), (n,)."""
     f, out = ops.exchange.forward(f), np.empty(ops.n)
-    over_rows(_symmetric, ops.n, ops.pairs, ops.tensors, f, out)
+    over_rows(_symmetric, ops.n, ops.pairs, (ops.tensors.row, ops.tensors.scale), f, out)
     return out
 
 
@@ -636,7 +636,7 @@ def _adjoint_flux(pairs, tensors, i, k, u):
 @njit(cache=True, nogil=True)
 def _gradient_p(rows, pairs, tensors, p, out):
     start, column, offset_id, first_moment = pairs.start, pairs.column, pairs.offset_id, pairs.first_moment
-    gradient_p, dim = tensors.gradient_p, out.shape[1]
+    (row, gradient_p), dim = tensors, out.shape[1]
     for i in range(rows[0], rows[1]):
         s0 = s1 = s2 = 0.0
         for q in range(start[i], start[i + 1]):
@@ -644,7 +644,7 @@ def _gradient_p(rows, pairs, tensors, p, out):
             s0 += first_moment[t, 0] * dp
             s1 += first_moment[t, 1] * dp
             s2 += first_moment[t, 2] * dp
-        o = tensors.row[i]
+        o = row[i]
         for k in range(dim):
             out[i, k] = gradient_p[o, k, 0] * s0 + gradient_p[o, k, 1] * s1
             if dim == 3:
@@ -683,10 +683,11 @@ def _potential_gradient(rows, pairs, tensors, force, out):
 
 
 @njit(cache=True, nogil=True)
-def _symmetric(rows, pairs, tensors, f, out):
+def _symmetric(rows, pairs, scales, f, out):
+    row, scale = scales
     start, column, offset_id, pair_laplacian = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
     for i in range(rows[0], rows[1]):
         s = 0.0
         for q in range(start[i], start[i + 1]):
             s += pair_laplacian[offset_id[q]] * (f[column[q]] - f[i])
-        out[i] = tensors.scale[tensors.row[i]] * s
+        out[i] = scale[row[i]] * s

@@ -23,15 +23,15 @@ BYTES_PAIR = {
     ("navier_stokes", True): 310,
     ("navier_stokes", False): 150,
 }
-# Of a pair, in matrices and hierarchies. stokes: with the rest 3.1 kB a particle seen all round; the peaks, less
-# those of the program, dummies and image, were 2.8 (sphere array of 64 spacings), 2.7 (64^3 voxels of Berea at two
-# particles a voxel), 3.3 and 3.2 kB (the whole cube at one and two): benchmarks/stokes.py at dd704aa, and
-# cases/berea.yaml with refine=[1.5e-6] there, 19.1 GB
-BYTES_MATRIX = {"stokes": 40, "navier_stokes": 18}
+# Of a pair, in matrices and hierarchies. stokes: with the rest 1.7 kB a particle seen all round; the peaks were 1.68
+# (sphere array of 64 spacings), 1.92 (Berea 128^3, 46 iterations) and 2.28 kB (bead pack, 56): benchmarks/memory.py,
+# 2026-11-29
+BYTES_MATRIX = {"stokes": 14, "navier_stokes": 18}
+BYTES_PETSC = 40  # the same of several processes: PETSc stores the matrix that one process computes from the pairs
 # Of a pair, what a second fluid adds to moving particles: weighted operators, the transposed stress, normals. The peaks
 # of 60,000 particles with a drop less those without, on 2026-11-22: 71 and 83 (2D, 3D), beside walls 131 and 109
 BYTES_SECOND_FLUID = 110
-BYTES_ROW = {"stokes": 450, "navier_stokes": 0}  # of a particle, beside its pairs
+BYTES_ROW = {"stokes": 350, "navier_stokes": 0}  # of a particle, beside its pairs
 VECTORS = 25  # Krylov vectors of a usual steady solve; those of a long restart are allocated but never touched
 BYTES_PARTICLE = 200  # positions, fields and work arrays of a particle of any kind
 # Of an image while its geometry is built, from the peaks of random bodies of 64^3 to 192^3 voxels at 47588b5: labels 39
@@ -67,12 +67,13 @@ def estimate(
     """
     pairs = fluid * neighbours(case, dim)
     steady = case.flow == "stokes"
+    several = steady and current().size > 1
     vectors = min(case.solver.restart, VECTORS) * (dim + 1) if steady else case.solver.restart
     parts = {
         "program": BYTES_PROGRAM,
         "operators": pairs * BYTES_PAIR[case.flow, walls] + fluid * BYTES_ROW[case.flow],
-        "matrices": pairs * BYTES_MATRIX[case.flow],
-        "Krylov vectors": fluid * vectors * 8,
+        "matrices": pairs * (BYTES_PETSC if several else BYTES_MATRIX[case.flow]),
+        "Krylov vectors": fluid * vectors * (4 if steady and not several else 8),
         "particles": (fluid + dummies) * BYTES_PARTICLE,
     }
     more = {"second fluid": pairs * BYTES_SECOND_FLUID} if two and not steady else {}

@@ -14,8 +14,10 @@ import scipy.sparse as sp
 from ..domain.communicator import current
 from ..domain.exchange import Exchange
 from .krylov import Apply, Limits, Report, Watch, gmres_from_the_right
-from .multigrid import BlockCycle, cycle, edges, hierarchy
+from .multigrid import BlockCycle, cycle, hierarchy
 from .pair_cycle import PairCycle, SweptMatrix
+
+PAIR_CYCLE = 50_000  # rows from which the matrix is not stored: smaller scenes are not worth the kernels' compilation
 
 
 class Engine(Protocol):
@@ -41,7 +43,7 @@ class OneProcess:
 
     def cycle(self, matrix: sp.csr_matrix | SweptMatrix, exchange: Exchange) -> Apply:
         """See `Engine`."""
-        if isinstance(matrix, sp.csr_matrix) or len(edges(matrix.n)) == 2:  # one block
+        if isinstance(matrix, sp.csr_matrix) or matrix.n < PAIR_CYCLE:
             return cycle(hierarchy(matrix.tocsr()))
         return PairCycle(matrix)
 
