@@ -21,10 +21,8 @@ if TYPE_CHECKING:
     from .pair_weights import Operators
 
 
-def classify_neighbourhoods(stencils: WallStencils, jumps: np.ndarray | None = None) -> np.ndarray:
+def classify_neighbourhoods(stencils: WallStencils) -> np.ndarray:
     """Class of each particle, (n,) int8; pairs that share no pressure are marked in `stencils.links` in place.
-
-    jumps: (n_rows,) rows of the table at which the velocity of the wall jumps: who sees one is narrow.
 
     Nobody shares the pressure with isolated particles: they have no gradient, no force (the body force is taken with
     the same weights) and no divergence, and move as the fluid around them drags them. Else the pressure of one or two
@@ -38,9 +36,6 @@ def classify_neighbourhoods(stencils: WallStencils, jumps: np.ndarray | None = N
     over_rows(_shares, n, neighbours, link, stencils.volume, smallest, largest, walled)
     found = np.where(walled, WALL, FULL).astype(np.int8)
     found[smallest < NARROW_SHARE] = NARROW
-    if jumps is not None:
-        seen = np.concatenate([[0], np.cumsum(jumps[neighbours.row])])
-        found[np.diff(seen[start]) > 0] = NARROW
     isolated = largest < THIN
     if reduce.any_true(isolated):
         _share_no_pressure(start, column, link, isolated)

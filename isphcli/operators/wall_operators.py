@@ -49,33 +49,6 @@ class WallScene:
         self.line = line
         self.slips = line is not None or bool(np.any(geometry.slip_length > 0.0))
         self.dummy_normal = self._normals(dummies) if self.slips else None
-        self._other_walls = self._walls_beside()
-
-    def _walls_beside(self) -> np.ndarray | None:
-        """(2 dim, n_dummy) walls that are nearest to points a spacing from each dummy, along and against every axis;
-        None where there is one wall."""
-        if len(self.geometry.wall_velocity) < 2 or len(self.dummies) == 0:
-            return None
-        step = self.site_volume ** (1.0 / self.geometry.dim) * np.eye(self.geometry.dim)
-        return np.array([self.geometry.wall(self.dummies + way) for way in (*step, *-step)])
-
-    def _jumps(self, stencils: WallStencils, images: Halo) -> np.ndarray | None:
-        """(n_rows,) whether a row of the table is a dummy within a spacing of which the velocity of the wall jumps;
-        None where there is one wall."""
-        beside = self._other_walls
-        if beside is None:
-            return None
-        velocity = self._wall_velocity(self.dummy_wall)
-        jumps = np.any([np.any(self._wall_velocity(other) != velocity, axis=1) for other in beside], axis=0)
-        if not jumps.any():
-            return None
-        owned = len(stencils.neighbours.x) - len(images.owner)
-        return np.concatenate([np.zeros(owned - len(jumps), bool), jumps])[images.owners(owned)]
-
-    def _wall_velocity(self, wall: np.ndarray) -> np.ndarray:
-        """(n_dummy, dim) m/s: that of these walls (n_dummy,) at the places of the dummies."""
-        found, spin = self.geometry.wall_velocity[wall], self.geometry.wall_spin
-        return found if spin is None else found + np.einsum("nij,nj->ni", spin[wall], self.dummies)
 
     def moving_at(self, wall_velocity: np.ndarray) -> WallScene:
         """The same scene with its walls at other velocities, (n_walls, dim) m/s."""
@@ -95,7 +68,7 @@ class WallScene:
         """Operators, all neighbours and periodic images of fluid positions x (n, dim)."""
         stencils, images = self.stencils(x)
         neighbours = stencils.neighbours
-        ops = build_wall_operators(stencils, 2, classify_neighbourhoods(stencils, self._jumps(stencils, images)))
+        ops = build_wall_operators(stencils, 2, classify_neighbourhoods(stencils))
         adjoint_divergence(ops)
         return ops, neighbours, images
 
