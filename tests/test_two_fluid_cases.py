@@ -93,9 +93,10 @@ def test_a_drop_on_a_tilted_wall_meets_its_angle(tmp_path):
 
 
 def test_a_capillary_wave_swings(tmp_path):
-    """24 a wavelength: the crest turns at the time of the exact solution to 10 %; 6.6 and 0.4 % at 16 and 32."""
+    """24 a wavelength: the height is off by 5.3 % (root mean square) and passes through zero 1.1 % late."""
     summary, _ = run("capillary_wave", tmp_path, "particles.spacing=0.04166667", "time.end=0.4")
-    assert abs(summary["errors"]["first_zero_relative"]) < 0.1
+    assert abs(summary["errors"]["first_zero_relative"]) < 0.02
+    assert summary["errors"]["amplitude_relative_l2"] < 0.07
 
 
 @pytest.mark.slow
