@@ -63,7 +63,7 @@ OTHERS = {"couette_off_lattice", "berea", "berea_three_axes", "bead_pack", "bead
 TWO_FLUIDS = {f"square_drop_{k}" for k in (1, 2, 3, 4)} | {
     "drop_3d", "drop_wall_60", "drop_wall_150", "drop_tilted_wall_60", "capillary_wave", "oscillating_drop",
     "rising_bubble", "two_layer_couette", "two_layer_poiseuille", "layered_hydrostatics", "co2_bubbles",
-    "berea_drainage", "berea_injection", "slit_drainage",
+    "berea_drainage", "berea_injection", "slit_drainage", "slit_imbibition",
 }  # fmt: skip
 
 

@@ -103,9 +103,17 @@ def test_a_drop_on_a_tilted_wall_meets_its_angle(tmp_path):
 
 
 def test_a_capillary_wave_swings(tmp_path):
-    """24 a wavelength: the crest turns at the time of the exact solution to 10 %; 6.6 and 0.4 % at 16 and 32."""
+    """24 a wavelength: the height is off by 5.3 % (root mean square) and passes through zero 1.1 % late."""
     summary, _ = run("capillary_wave", tmp_path, "particles.spacing=0.04166667", "time.end=0.4")
-    assert abs(summary["errors"]["first_zero_relative"]) < 0.1
+    assert abs(summary["errors"]["first_zero_relative"]) < 0.02
+    assert summary["errors"]["amplitude_relative_l2"] < 0.07
+
+
+def test_water_fills_a_slit(tmp_path):
+    """8 across in place of 16, and a quarter of the time: what has gone in and how fast, -2.2 and -1.9 % measured."""
+    summary, _ = run("slit_imbibition", tmp_path, "particles.spacing=1.25e-5", "time.end=4e-4")
+    assert abs(summary["errors"]["gone_relative"]) < 0.04
+    assert abs(summary["errors"]["velocity_relative"]) < 0.04
 
 
 @pytest.mark.slow
