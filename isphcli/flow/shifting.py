@@ -50,6 +50,7 @@ def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray
             slope = np.where(known[:, None, None], whole, slope)
         second = second & (known | ~walls.near_wall)
     out = fields.copy()
+    slope = ops.exchange.forward(slope)
     over_rows(_carry, ops.n, (ops.start, ops.column, ops.grad_p), fields, slope, dr, second, out)
     return out
 

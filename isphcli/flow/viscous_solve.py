@@ -47,7 +47,7 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, driv
             weights, scale = weights * np.repeat(scale - rate * terms.excess, np.diff(ops.start)), 1.0
             wall_lap = viscous.factor * wall_lap if wall_lap is not None else None
         shift = rate if terms.drag is None else rate + terms.drag
-        matrix = assemble(ops.start, ops.column, weights, shift, scale, wall_lap)
+        matrix, exchange = assemble(ops.start, ops.column, weights, shift, scale, wall_lap, ops.exchange.remote), ops.exchange
         slip = walls.slip if walls is not None else None
     stiff = nu_max > JACOBI_LIMIT * rate * spacing**2
     right = terms.sharpened(driven)
@@ -60,18 +60,21 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, driv
         return _coupled(terms, matrix, slip, right, guess, stiff, solvers)
     inverse = 1.0 / matrix.diagonal()
 
+    def apply(v: np.ndarray) -> np.ndarray:
+        return matrix @ exchange.forward(v)
+
     def solve(b: np.ndarray, x0: np.ndarray) -> tuple[np.ndarray, Report]:
         if not stiff:
-            found = solvers.krylov(matrix.dot, b, inverse.__mul__, x0)
+            found = solvers.krylov(apply, b, inverse.__mul__, x0)
             if found[1].converged:
                 return found
-        return solvers.multigrid("velocity", matrix, matrix.dot, b, x0)
+        return solvers.multigrid("velocity", matrix, apply, b, x0, exchange=exchange)
 
     out = np.empty_like(right)
     for k in range(right.shape[1]):
         with solvers.clock("krylov"):
             out[:, k], report = solve(np.ascontiguousarray(right[:, k]), np.ascontiguousarray(guess[:, k]))
-        solvers.record("velocity", report, lambda k=k: right[:, k] - matrix @ out[:, k])  # type: ignore[misc]
+        solvers.record("velocity", report, lambda k=k: right[:, k] - apply(out[:, k]))  # type: ignore[misc]
     return out
 
 
@@ -83,12 +86,12 @@ def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right
     residual of the thick one.
     """
     n, dim = right.shape
-    transposed_stress, factor = terms.transposed_stress, terms.viscous.factor
+    transposed_stress, factor, exchange = terms.transposed_stress, terms.viscous.factor, terms.ops.exchange
     diagonal = matrix.diagonal()[:, None]
 
     def apply(v: np.ndarray) -> np.ndarray:
         u = v.reshape(n, dim)
-        out = matrix @ u
+        out = matrix @ exchange.forward(u)
         if slip is not None:
             out -= factor * np.einsum("nkm,nm->nk", slip, u)
         if transposed_stress is not None:
@@ -105,7 +108,8 @@ def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right
     scaled = (right / diagonal).ravel()
     with solvers.clock("krylov"):
         if stiff:
-            solution, report = solvers.multigrid("velocity", matrix, apply, scaled, guess.ravel(), by_component)
+            solution, report = solvers.multigrid("velocity", matrix, apply, scaled, guess.ravel(), by_component,
+                                                 exchange=exchange)
         else:
             for effort in (1, RETRY_FACTOR):
                 solution, report = solvers.krylov(apply, scaled, np.copy, guess.ravel(), effort)

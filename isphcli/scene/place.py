@@ -142,9 +142,9 @@ def place_share(geometry: Geometry, lattice: Lattice, support: float) -> Particl
     del x, found, slab
     near = _near_brick(geometry, lattice, support, cut)
     own, remote, foreign = near.here & (near.phase >= 0), near.there & (near.phase >= 0), near.there & (near.phase < 0)
-    exchange = NeighbourExchange(ranks.raw, near.site[remote], near.owner[remote], near.site[own])  # type: ignore[attr-defined]
+    exchange = NeighbourExchange.of_sites(ranks.raw, near.site[remote], near.owner[remote], near.site[own])  # type: ignore[attr-defined]
     lower, upper = cut.bricks[ranks.rank]
-    share = Share(lower, upper, near.x[remote], near.shift[remote], near.x[foreign], exchange)
+    share = Share(lower, upper, near.x[remote], near.shift[remote], near.x[foreign], exchange, cut, near.site[own])
     rows = np.concatenate([near.x[own], near.x[near.here & (near.phase < 0)]])
     return Particles(rows, near.phase[own], lattice.site_volume, inside, near.left_out, share)
 
