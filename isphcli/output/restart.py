@@ -259,7 +259,7 @@ def _digest(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def _head(name: str, kind: str, shape: tuple[int, ...]) -> bytes:
-    return f"{name} {kind} {shape}\n".encode()
+    return f"{name} {kind} {shape or (1,)}\n".encode()
 
 
 # --- what the case said ------------------------------------------------------------------------------------------
