@@ -1,6 +1,6 @@
-"""What `test_moving_ranks.py` runs on several processes: mpiexec -n N python -m tests.moving_ranks OUT ENGINE
-NAME,NAME,...; without mpiexec, on one. Each of these scenes makes its steps and leaves its files in OUT/<name>; the restart file has the particles in the
-same order however many processes there are.
+"""What `test_moving_ranks.py` runs on several processes: mpiexec -n N python -m tests.moving_ranks OUT ENGINE NAMES;
+without mpiexec, on one. Each of the scenes NAME,NAME,... makes its steps and leaves its files in OUT/<name>; the
+restart file has the particles in the same order however many processes there are.
 """
 
 import sys
@@ -35,7 +35,8 @@ FILES = {
     "cavity": ("lid_driven_cavity", ["particles.spacing=0.0625"]),
     "couette": ("couette", ["geometry.walls.y_min={slip_length: 1.0e-4}"]),
     "image": ("berea", ["geometry.voxels.crop=[[0,16],[0,16],[0,16]]", "geometry.wall_distance=stairs", "refine=null",
-                        "particles.spacing=2.25e-6", "flow=navier_stokes", "drive={body_force: [10, 0, 0]}", "time={end: 1}", "reference=null"]),
+                        "particles.spacing=2.25e-6", "flow=navier_stokes", "drive={body_force: [10, 0, 0]}",
+                        "time={end: 1}", "reference=null"]),
 }
 NAMES = [*FILES, "pack", "thin"]
 

@@ -35,9 +35,9 @@ class PressureSystem:
     step to step. Scenes with walls therefore take div grad itself, the odd-even mode added, preconditioned by the
     Laplacian.
 
-    laplacian: (n, n + remote) matrix of the preconditioner; apply(p): A p of a pressure p (n,), with its gradient (n, dim) where
-    that is known: without walls nothing reads it; scale: (n,) by what the diagonal of A exceeds that of the Laplacian,
-    or None.
+    laplacian: (n, n + remote) matrix of the preconditioner; apply(p): A p of a pressure p (n,), with its gradient
+    (n, dim) where that is known: without walls nothing reads it; scale: (n,) by what the diagonal of A exceeds that of
+    the Laplacian, or None.
     """
 
     laplacian: sp.csr_matrix
@@ -50,8 +50,9 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
     ops, terms = config.ops, config.terms
     with solvers.clock("assembly"):
         matrix = assemble(ops.start, ops.column, terms.ops.lap_p, 0.0, 1.0, remote=ops.exchange.remote)
+    exchange = ops.exchange
     if ops.walls is None:  # eq. 3 by the Laplacian of eq. 6
-        return PressureSystem(matrix, lambda p, gradient=None: matrix @ ops.exchange.forward(p), None)
+        return PressureSystem(matrix, lambda p, gradient=None: matrix @ exchange.forward(p), None)
     from ..operators.div_grad import diagonal, div_grad_rhie_chow
 
     assert terms.ops.walls is not None

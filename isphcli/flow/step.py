@@ -38,6 +38,7 @@ from .step_limits import Bounds, RunError, StepError
 from .viscous_solve import viscous_solve
 
 if TYPE_CHECKING:
+    from ..domain.cut import Share
     from ..domain.migration import Migration
     from ..geometry.protocol import Geometry
     from ..operators.wall_operators import WallScene
@@ -118,7 +119,7 @@ class Stepper:
         number: (n,) of `State`."""
         n = len(x)
         geometry = self.geometry
-        share = None
+        share: Share | None = None
         if self.migration is not None:
             assert number is not None
             with self.clock("neighbours"):
@@ -132,10 +133,12 @@ class Stepper:
                 ops, neighbours, images = walls.configure(x, share)
         else:
             with self.clock("neighbours"):
-                brick = None if share is None else (share.lower, share.upper)
-                seen, exchange = (x, NO_EXCHANGE) if share is None else (np.concatenate([x, share.ghosts]), share.exchange)
-                images = build_halo(seen, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support, brick)
-                neighbours = neighbourhood(images.positions(seen), images.owners(len(seen)), n, self.kind, self.support)
+                exchange, seen, brick = (NO_EXCHANGE, x, None) if share is None else (
+                    share.exchange, np.concatenate([x, share.ghosts]), (share.lower, share.upper))
+                images = build_halo(seen, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support,
+                                    brick)
+                neighbours = neighbourhood(images.positions(seen), images.owners(len(seen)), n, self.kind,
+                                           self.support)
             with self.clock("operators"):
                 ops = build_operators(neighbours, exchange.forward(particle_volumes(neighbours)), exchange=exchange)
         with self.clock("terms"):

@@ -47,7 +47,8 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, driv
             weights, scale = weights * np.repeat(scale - rate * terms.excess, np.diff(ops.start)), 1.0
             wall_lap = viscous.factor * wall_lap if wall_lap is not None else None
         shift = rate if terms.drag is None else rate + terms.drag
-        matrix, exchange = assemble(ops.start, ops.column, weights, shift, scale, wall_lap, ops.exchange.remote), ops.exchange
+        exchange = ops.exchange
+        matrix = assemble(ops.start, ops.column, weights, shift, scale, wall_lap, exchange.remote)
         slip = walls.slip if walls is not None else None
     stiff = nu_max > JACOBI_LIMIT * rate * spacing**2
     right = terms.sharpened(driven)

@@ -87,7 +87,8 @@ def build_operators(neighbours: Neighbourhood, volume: np.ndarray, order: int = 
     lap, grad = np.empty(pairs), np.empty((pairs, neighbours.x.shape[1]))
     work = partial(new_workspace, neighbours)
     deficient = over_rows(_rows, neighbours.n, neighbours, volume, order, lap, grad, work=work)
-    return Operators(neighbours, lap, grad, lap, grad, volume, int(reduce.total(np.array(deficient))), exchange=exchange)
+    return Operators(neighbours, lap, grad, lap, grad, volume, int(reduce.total(np.array(deficient))),
+                     exchange=exchange)
 
 
 @njit(cache=True, nogil=True)

@@ -115,8 +115,8 @@ def field_arrays(path: Path, x: np.ndarray,
 
 
 def _write_pieces(directory: Path, name: str, x: np.ndarray, fields: Mapping[str, np.ndarray]) -> None:
-    """A snapshot of several processes: a VTU of each, and <name>.pvtu that joins them, by rank 0. All processes call it;
-    x and fields: see `write_vtu`, of the particles of each."""
+    """A snapshot of several processes: a VTU of each, and <name>.pvtu that joins them, by rank 0. All processes call
+    it; x and fields: see `write_vtu`, of the particles of each."""
     ranks = current()
     pieces = [f"{name}_{rank:05d}.vtu" for rank in range(ranks.size)]
     shapes = ranks.collect({} if not len(x) else {key: np.asarray(value).dtype.str[1:] + str(np.ndim(value))
@@ -166,8 +166,8 @@ def _three(vectors: np.ndarray) -> np.ndarray:
 
 
 class Series:
-    """Snapshots `snapshots/<name>_<step>.vtu` and the `<name>.pvd` that opens them all in ParaView. Of several processes
-    all make it and call it together; the snapshots are `<name>_<step>.pvtu`, which join a VTU of each."""
+    """Snapshots `snapshots/<name>_<step>.vtu` and the `<name>.pvd` that opens them all in ParaView. Of several
+    processes all make it and call it together; the snapshots are `<name>_<step>.pvtu`, which join a VTU of each."""
 
     def __init__(
         self, directory: str | os.PathLike, name: str = "particles", resume_time: float | None = None

@@ -167,14 +167,13 @@ def load(path: str | Path, like: State, record: Mapping[str, Any] | None = None)
         _check_scene(path, meta.get("record", {}), record)
     if shared:  # hierarchies are built when they are needed
         meta["origins"] = {}
-    states = {}
+    states: dict[int, State] = {}
     for k in {0, *(origin[0] for origin in meta["origins"].values())}:
-        found = {name.partition(".")[2]: v for name, v in arrays.items() if name.startswith(f"state{k}.")}
+        found: dict[str, Any] = {
+            name.partition(".")[2]: v for name, v in arrays.items() if name.startswith(f"state{k}.")}
         states[k] = type(like)(**{name: v.item() if v.ndim == 0 else v for name, v in found.items()})
     if shared:  # the numbers are the order of the file
-        size, ranks = reduce.number(like.x), current()
-        first, end = (-(-size * rank // ranks.size) for rank in (ranks.rank, ranks.rank + 1))
-        states[0] = replace(states[0], number=np.arange(first, end))
+        states[0] = replace(states[0], number=np.arange(*_slab(reduce.number(states[0].x))))
     _check_fits(path, states[0], like)
     origins = {name: (states[k], dt, first) for name, (k, dt, first) in meta["origins"].items()}
     return Saved(states[0], origins, tuple(map(tuple, arrays["steady"].tolist())), meta.get("record", {}))
@@ -193,7 +192,6 @@ def _read_slabs(path: Path) -> tuple[dict[str, np.ndarray], bool]:
     total, claimed = hashlib.sha256(), b""
     with zipfile.ZipFile(path) as archive:
         names = sorted(name.removesuffix(".npy") for name in archive.namelist())
-        count = None
         for name in names:
             with archive.open(f"{name}.npy") as file:
                 version = np.lib.format.read_magic(file)
@@ -201,16 +199,21 @@ def _read_slabs(path: Path) -> tuple[dict[str, np.ndarray], bool]:
                 shape, _, kind = read(file)
                 total.update(_head(name, kind.str, shape) if name != "sha256" else b"")
                 row, wanted = kind.itemsize * math.prod(shape[1:]), (0, shape[0] if shape else 1)
-                if name.startswith("state") and len(shape) > 0 and name.split(".")[1] in SPREAD:
-                    count = shape[0]
-                    wanted = tuple(-(-count * rank // ranks.size) for rank in (ranks.rank, ranks.rank + 1))
+                if name.rpartition(".")[2] in SPREAD:
+                    wanted = _slab(shape[0])
                 data = _rows(file, row, wanted, total if ranks.rank == 0 and name != "sha256" else None)
             if name == "sha256":
                 claimed = data
             elif not name.startswith("state") or name.startswith("state0."):
-                arrays[name] = np.frombuffer(bytearray(data), kind).reshape(wanted[1] - wanted[0], *shape[1:]) if shape else (
-                    np.frombuffer(data, kind)[0])
+                values = np.frombuffer(bytearray(data), kind)
+                arrays[name] = values.reshape(wanted[1] - wanted[0], *shape[1:]) if shape else values.reshape(())
     return arrays, bool(ranks.first(total.digest() == claimed))
+
+
+def _slab(count: int) -> tuple[int, int]:
+    """First of so many particles in the slab of this process, and of the next one's."""
+    rank, size = current().rank, current().size
+    return -(-count * rank // size), -(-count * (rank + 1) // size)
 
 
 def _rows(file: Any, row: int, wanted: tuple[int, int], total: Any) -> bytes:

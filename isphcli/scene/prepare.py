@@ -86,9 +86,9 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     fluids = choose_fluids(case, geometry, particles, force)
     held = held_velocity(case, particles, fluids.reference, geometry)
     drive = timed_drive(case, geometry) if forcing.changes(case) else None
+    dummies = particles.x[n:] if share is None else np.concatenate([particles.x[n:], share.dummies])
     stepper = Stepper(
-        geometry=geometry, dummies=particles.x[n:] if share is None else np.concatenate([particles.x[n:], share.dummies]),
-        spacing=spacing, support=support,
+        geometry=geometry, dummies=dummies, spacing=spacing, support=support,
         kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,
         fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
         solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock,
