@@ -3,6 +3,7 @@ without mpiexec, on one. Each of the scenes NAME,NAME,... makes its steps and le
 restart file has the particles in the same order however many processes there are.
 """
 
+import gc
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -34,8 +35,8 @@ FILES = {
     "vortices_3d": ("taylor_green_3d", ["particles.spacing=0.1", "time={end: 9, step: 0.004}", "reference=null"]),
     "cavity": ("lid_driven_cavity", ["particles.spacing=0.0625"]),
     "couette": ("couette", ["geometry.walls.y_min={slip_length: 1.0e-4}"]),
-    "image": ("berea", ["geometry.voxels.crop=[[0,16],[0,16],[0,16]]", "geometry.wall_distance=stairs", "refine=null",
-                        "particles.spacing=2.25e-6", "flow=navier_stokes", "drive={body_force: [10, 0, 0]}",
+    "image": ("berea", ["geometry.voxels.crop=[[0,10],[0,10],[0,10]]", "geometry.wall_distance=stairs", "refine=null",
+                        "flow=navier_stokes", "drive={body_force: [10, 0, 0]}",
                         "time={end: 1}", "reference=null"]),
 }
 NAMES = [*FILES, "pack", "thin"]
@@ -74,6 +75,9 @@ def main(folder, engine, names):
                        output=replace(case.output, plots=False, restart_every=STEPS // 2),
                        time=replace(case.time, max_steps=STEPS), title=name)
         api.run(case, out=out / name, quiet=True, check=False, overwrite=True)
+    petsc = sys.modules.get("isphcli.solvers.petsc")
+    left = 0 if petsc is None else sum(isinstance(known, petsc._Shell) for known in gc.get_objects())
+    on_first(lambda: (out / "left").write_text(str(left)))
 
 
 if __name__ == "__main__":

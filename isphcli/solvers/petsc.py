@@ -158,7 +158,8 @@ class Petsc:
             if not residual < before:  # also where it is not finite
                 break
         solution = found.array.copy()
-        for used in (krylov, system, right, found):  # runs of many steps: petsc4py leaves them to the end
+        # of several processes petsc4py keeps every object until its end that is not destroyed, and all that it holds
+        for used in (krylov, inner, system, right, found):
             used.destroy()
         return solution, report_of(iterations, float(residual), limits.tolerance)
 
