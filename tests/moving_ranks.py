@@ -30,7 +30,7 @@ initial: {velocity: ["sin(pi*x)", "0.3*cos(pi*x)", "0.2*sin(pi*x)"]}
 time: {end: 1}
 """  # thinner than two supports: a particle is seen through several sides
 FILES = {
-    "vortices": ("taylor_green_2d_re100", ["particles.jitter=0", "particles.spacing=0.05", "time.end=9"]),
+    "vortices": ("taylor_green_2d_re100", ["particles.spacing=0.05", "time.end=9"]),
     "viscous": ("taylor_green_2d", ["time={end: 9, step: 0.02}"]),  # hierarchies of velocities too
     "vortices_3d": ("taylor_green_3d", ["particles.spacing=0.1", "time={end: 9, step: 0.004}", "reference=null"]),
     "cavity": ("lid_driven_cavity", ["particles.spacing=0.0625"]),

@@ -99,8 +99,8 @@ def test_particles_change_their_process(found):
 
 @pytest.mark.parametrize("engine, ranks", [("auto", 2), ("petsc", 1)])
 def test_solves_leave_nothing_in_memory(found, engine, ranks):
-    """PETSc keeps what was not destroyed until its end, with all that the functions of a solve hold: 70 kB a particle in
-    20 steps once."""
+    """PETSc keeps what was not destroyed until its end, with all that the functions of a solve hold: 70 kB a particle
+    in 20 steps once."""
     assert (found(engine, ranks) / "left").read_text() == "0"
 
 
@@ -144,7 +144,7 @@ def test_a_signal_to_one_process_ends_all_with_a_restart_file(tmp_path):
     """SIGTERM, as a scheduler sends it; all stop behind the same step, of which the history tells."""
     launched = subprocess.Popen(
         ["mpiexec", "-n", "2", sys.executable, "-m", "isphcli", "run", CASES / "taylor_green_2d_re100.yaml", "--quiet",
-         "--out", tmp_path / "out", "--set", "particles.jitter=0", "--set", "particles.spacing=0.05", "--set",
+         "--out", tmp_path / "out", "--set", "particles.spacing=0.05", "--set",
          "time={end: 1e9, max_steps: 1000000}"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
     history = tmp_path / "out/history.csv"
@@ -184,9 +184,10 @@ main()
     assert "finished" not in done.stdout
 
 
-@pytest.mark.parametrize("name, what", [("drop_wall_60", "two fluids that move"),
-                                        ("taylor_green_2d_re100", "no jitter")])
-def test_what_moving_particles_cannot_do_on_ranks_is_refused_once(tmp_path, name, what):
-    done = start("-m", "isphcli", "run", CASES / f"{name}.yaml", "--out", tmp_path / "out", "--quiet", ranks=2)
+@pytest.mark.parametrize("name, given, what", [("drop_wall_60", "title=drop", "two fluids that move"),
+                                               ("two_tubes", "particles.jitter=0.1", "no jitter in steady flow")])
+def test_what_is_not_distributed_is_refused_once(tmp_path, name, given, what):
+    done = start("-m", "isphcli", "run", CASES / f"{name}.yaml", "--out", tmp_path / "out", "--quiet", "--set", given,
+                 ranks=2)
     assert done.returncode != 0 and done.stderr.count(what) == 1
     assert "without mpiexec" in done.stderr and not (tmp_path / "out").exists()

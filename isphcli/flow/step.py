@@ -228,7 +228,8 @@ class Stepper:
         if self.volume is not None:  # a step that is tried again with half its length is not to expand twice as hard
             expansion, volume_drift = self.volume.expansion(moved.x, max(dt, state.dt_old))
         first = not state.dt_old
-        if first and self.held_velocity is not None and not leads_through(config.ops, self.held_velocity.axis):
+        if first and self.held_velocity is not None and not leads_through(
+                config.ops, self.held_velocity.axis, (self.geometry.lower, self.geometry.upper)):
             self._nothing_flows()
         # the first step finds the pressure of the start: it is taken again with what it found
         for _ in range(self.fluids.first_passes if first else 1):

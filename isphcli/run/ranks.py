@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..case.forcing import held_flux
 from ..case.yaml import CaseError, Problem
 from ..domain.communicator import current
 from ..domain.exchange import Exchange, NeighbourExchange
@@ -39,11 +38,8 @@ def refuse_what_is_not_distributed(case: Case) -> None:
 
     if case.flow != "stokes" and len(case.fluids) > 1:
         bad("fluids", "two fluids that move are not distributed: no run")
-    if case.flow != "stokes" and held_flux(case) is not None:
-        bad("drive.superficial_velocity", "no velocity is held", "drive it by a pressure drop or a force, or " + ONE)
-    if case.particles.jitter > 0.0:
-        bad("particles.jitter", "its random numbers depend on who owns a particle: no jitter",
-            "leave it out, or " + ONE)
+    if case.flow == "stokes" and case.particles.jitter > 0.0:
+        bad("particles.jitter", "no jitter in steady flow", "leave it out, or " + ONE)
     if case.output.snapshots and case.output.format == "xdmf":
         bad("output.format", "no snapshots as HDF5 with XDMF", "leave it out (particles.pvd has the flow), or " + ONE)
     if case.output.grid is not None:

@@ -24,7 +24,7 @@ from ..solvers.engine import engine_of
 from ..solvers.kept_hierarchies import KeptHierarchies
 from . import memory
 from .choose_fluids import choose_fluids
-from .place import lattice_at, place_case
+from .place import jittered, lattice_at, place_case
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -44,13 +44,14 @@ def held_velocity(case: Case, particles: Particles, reference: float, geometry: 
     axis, wanted = held
     size = geometry.upper - geometry.lower
     length, (lower, upper) = size[axis], (corner[axis] for corner in sample_box(geometry))
-    here = int(outside_sample(particles.x[: particles.n_fluid, axis], lower, upper).sum())
+    here, fluid = reduce.count(outside_sample(particles.x[: particles.n_fluid, axis], lower, upper)), reduce.number(
+        particles.phase)
     volumes = particles.site_volume * length / float(np.prod(size))  # of a particle, over the cross section
-    porosity = (particles.n_fluid - here) * volumes / (upper - lower)
+    porosity = (fluid - here) * volumes / (upper - lower)
     # clear layers of an image are all fluid, whatever number of lattice layers falls into them
-    fraction = 1.0 if geometry.labels is not None else here * volumes / max(length - (upper - lower), volumes)
+    fraction = 1.0 if geometry.voxel_size is not None else here * volumes / max(length - (upper - lower), volumes)
     if not here:
-        lower, upper, fraction = np.inf, -np.inf, particles.n_fluid * volumes / length
+        lower, upper, fraction = np.inf, -np.inf, fluid * volumes / length
     two = len(np.unique(particles.phase)) > 1
     return HeldVelocity(axis, wanted, two, lower, upper, fraction, porosity, reference * float(length))
 
@@ -68,9 +69,14 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     with clock("geometry"):
         memory.refuse_lattice(case, geometry, spacing)
         particles = place_case(case, geometry, spacing)
-        share = particles.share
+        share, number = particles.share, None
         if share is not None:
+            from ..domain.migration import Migration, numbers_of
+
             geometry = geometry.within(share.lower, share.upper, support)
+            number = numbers_of(share.sites, lattice_at(case, geometry, spacing).sites)
+            if case.particles.jitter > 0.0:
+                particles = jittered(case, geometry, particles, number)
     n = particles.n_fluid
     two = len(np.unique(particles.phase)) > 1
     need = memory.estimate(case, geometry.dim, geometry.has_solid, n, particles.n_dummy, two=two)
@@ -96,12 +102,8 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         bounds=bounds(case, geometry, particles, u, held), held_velocity=held,
         volume=kept_volume(case, geometry, x), timed_drive=drive, seam=seam(case, geometry),
     )
-    number = None
     if share is not None:
-        from ..domain.migration import Migration, numbers_of
-
         stepper.migration = Migration(share, geometry.lower, geometry.upper, geometry.periodic, support)
-        number = numbers_of(share.sites, lattice_at(case, geometry, spacing).sites)
     if drive is not None:
         stepper.bounds = replace(stepper.bounds, largest_force=drive.largest_force)
     gradient, phi = None if forcing.gradient_axis(case) is None else 0.0, None
