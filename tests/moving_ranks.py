@@ -29,6 +29,16 @@ fluids: {water: {density: 1, viscosity: 0.1}}
 initial: {velocity: ["sin(pi*x)", "0.3*cos(pi*x)", "0.2*sin(pi*x)"]}
 time: {end: 1}
 """  # thinner than two supports: a particle is seen through several sides
+HELD = """
+geometry:
+  box: [1.0, 0.6]
+  periodic: [x]
+  shapes: [{sphere: {centre: [0.47, 0.3], radius: 0.15}, is: solid}]
+particles: {spacing: 0.05}
+fluids: {water: {density: 1, viscosity: 0.1}}
+drive: {superficial_velocity: {x: 0.1}}
+time: {end: 9}
+"""
 FILES = {
     "vortices": ("taylor_green_2d_re100", ["particles.spacing=0.05", "time.end=9"]),
     "viscous": ("taylor_green_2d", ["time={end: 9, step: 0.02}"]),  # hierarchies of velocities too
@@ -39,7 +49,7 @@ FILES = {
                         "flow=navier_stokes", "drive={body_force: [10, 0, 0]}",
                         "time={end: 1}", "reference=null"]),
 }
-NAMES = [*FILES, "pack", "thin"]
+NAMES = [*FILES, "pack", "thin", "held"]
 
 
 def cases(folder):
@@ -50,6 +60,7 @@ def cases(folder):
         yield name, load_case(CASES / f"{file}.yaml", tuple(overrides))
     yield "pack", read_case(PACK.encode(), str(folder / "pack.yaml"))
     yield "thin", read_case(THIN.encode(), "thin.yaml")
+    yield "held", read_case(HELD.encode(), "held.yaml")
 
 
 def write_beads(folder):
