@@ -79,6 +79,7 @@ class Migration:
         self.share, self.lower, self.upper = share, lower, upper
         self.periodic, self.support = np.array(periodic), support
         self._near = self._near_bricks()
+        self._last: Numbered | None = None
 
     def _near_bricks(self) -> list[tuple[int, np.ndarray]]:
         """(process, whole boxes in m) of every brick within a support of the own one, once moved by these."""
@@ -124,5 +125,7 @@ class Migration:
         ghosts, want = deliver(comm, np.repeat(np.arange(current().size), give), np.concatenate(places))
         exchange = Numbered(comm, np.concatenate(rows), give, want)
         exchange.number = number
+        exchange.sent = self._last.sent if self._last is not None else 0  # bytes are those of the whole run
+        self._last = exchange
         shift = np.floor((ghosts - self.lower) / np.where(self.periodic, self.upper - self.lower, np.inf))
         return replace(self.share, ghosts=ghosts, shift=shift.astype(np.int8), exchange=exchange)
