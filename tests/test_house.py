@@ -104,6 +104,7 @@ def test_what_drives_a_flow_is_read_in_one_place(name):
 TESTS = Path(__file__).parent
 WITHOUT_TESTS = {  # modules without a file of tests of their own, and what tests them
     "case.blocks": "declarations: test_reader.py, test_docs.py and test_checks.py beside it read them",
+    "domain.migration": "tests/test_moving_ranks.py runs cases on several processes",
     "flow.state": "data without a function",
     "geometry.protocol": "a protocol: test_shape_geometry.py and test_voxel_geometry.py test its two classes",
     **{f"geometry.images.{name}": "test_formats.py and test_read.py read every format" for name in (

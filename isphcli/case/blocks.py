@@ -605,7 +605,7 @@ class Solver:
     restart: int = key("Krylov vectors kept before GMRES restarts", default=100, at_least=1)
     max_iterations: int = key("iterations after which a solve has failed", default=400, at_least=1)
     engine: str = key(
-        "what solves the systems of steady flow: petsc (docs/clusters.md), or auto: PyAMG in one process, PETSc where "
+        "what solves the linear systems: petsc (docs/clusters.md), or auto: PyAMG in one process, PETSc where "
         "mpiexec started several", default="auto", choices=("auto", "petsc")
     )
 

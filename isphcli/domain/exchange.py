@@ -49,29 +49,30 @@ NO_EXCHANGE = NoExchange()
 class NeighbourExchange:
     """Between processes that hold each other's neighbours; every call is one message to each of them.
 
-    ids: (g,) int64 sites of the remote particles, each once; owner: (g,) process of each; own_ids: (n,) sites of the
-    own particles. All processes make it, and call `forward`, together. It asks the owners once who is wanted.
+    send: (m,) own particles that others see, process by process; give: (size,) how many of these each process gets;
+    want: (size,) how many this one gets of each; slot: (g,) places of what arrives, process by process, among the
+    remote particles, None where that is the order of arrival. All processes make it, and call `forward`, together.
     """
 
-    def __init__(self, comm: Any, ids: np.ndarray, owner: np.ndarray, own_ids: np.ndarray):
-        from mpi4py import MPI
-
-        self._types = {"d": MPI.DOUBLE, "l": MPI.INT64_T, "q": MPI.INT64_T, "i": MPI.INT32_T, "b": MPI.INT8_T}
-        self.remote, self._comm = len(ids), comm
-        order = np.argsort(owner, kind="stable")
-        self._slot = order  # what arrives, process by process, goes to these slots
-        want = np.bincount(owner, minlength=comm.size).astype(np.int64)
-        give = np.empty_like(want)
-        comm.Alltoall(want, give)
-        asked = np.empty(int(give.sum()), np.int64)
-        comm.Alltoallv([np.ascontiguousarray(ids[order], np.int64), want, _starts(want), MPI.INT64_T],
-                       [asked, give, _starts(give), MPI.INT64_T])
-        by_id = np.argsort(own_ids)
-        self._send = by_id[np.searchsorted(own_ids[by_id], asked)]
-        sources, targets = np.flatnonzero(want), np.flatnonzero(give)
-        self._want, self._give = want[sources], give[targets]
-        self._graph = comm.Create_dist_graph_adjacent(sources.tolist(), targets.tolist(), reorder=False)
+    def __init__(self, comm: Any, send: np.ndarray, give: np.ndarray, want: np.ndarray,
+                 slot: np.ndarray | None = None):
+        self.remote, self._comm, self._send, self._slot = int(want.sum()), comm, send, slot
+        self._targets, self._sources = _parts(give), _parts(want)
         self.sent = 0  # bytes so far
+
+    @staticmethod
+    def of_sites(comm: Any, ids: np.ndarray, owner: np.ndarray, own_ids: np.ndarray) -> NeighbourExchange:
+        """That of particles that this process knows by their sites; it asks the owners once.
+
+        ids: (g,) int64 sites of the remote particles, each once; owner: (g,) process of each; own_ids: (n,) sites of
+        the own particles.
+        """
+        order = np.argsort(owner, kind="stable")
+        want = np.bincount(owner, minlength=comm.size).astype(np.int64)
+        asked, give = deliver(comm, owner[order], ids[order])
+        by_id = np.argsort(own_ids)
+        send = by_id[np.searchsorted(own_ids[by_id], asked)]
+        return NeighbourExchange(comm, send, give, want, order)
 
     def numbers(self, n: int) -> np.ndarray:
         """See `Exchange`."""
@@ -80,19 +81,43 @@ class NeighbourExchange:
 
     def forward(self, values: np.ndarray) -> np.ndarray:
         """See `Exchange`."""
-        n, width = len(values), int(np.prod(values.shape[1:]))
+        n = len(values)
         out = np.empty((n + self.remote, *values.shape[1:]), values.dtype)
         out[:n] = values
         sent = np.ascontiguousarray(values[self._send])
-        found = np.empty((self.remote, *values.shape[1:]), values.dtype)
-        kind = self._types[values.dtype.char]
-        self._graph.Neighbor_alltoallv([sent, self._give * width, _starts(self._give) * width, kind],
-                                       [found, self._want * width, _starts(self._want) * width, kind])
-        out[n + self._slot] = found
+        found = out[n:] if self._slot is None else np.empty((self.remote, *values.shape[1:]), values.dtype)
+        # messages between two processes keep their order: no tags are needed
+        pending = [self._comm.Irecv(found[part], source) for source, part in self._sources]
+        pending += [self._comm.Isend(sent[part], target) for target, part in self._targets]
+        for request in pending:
+            request.Wait()
         self.sent += sent.nbytes
+        if self._slot is not None:
+            out[n + self._slot] = found
         return out
 
 
-def _starts(counts: np.ndarray) -> np.ndarray:
-    """Where each of several parts begins."""
-    return np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64) if len(counts) else counts
+def deliver(comm: Any, owner: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Sends each row of arrays (m, ...) to the process `owner` (m,) of it; returns the rows that have come to this
+    process, in the order of the processes that they come from and there in theirs, and behind the arrays how many come
+    from each, (size,). All processes call it together."""
+    order = np.argsort(owner, kind="stable")
+    give = np.bincount(owner, minlength=comm.size).astype(np.int64)
+    want = np.empty_like(give)
+    comm.Alltoall(give, want)
+    found: list[np.ndarray] = []
+    for values in arrays:
+        sent = np.ascontiguousarray(values[order])
+        come = np.empty((int(want.sum()), *values.shape[1:]), values.dtype)
+        pending = [comm.Irecv(come[part], source) for source, part in _parts(want)]
+        pending += [comm.Isend(sent[part], target) for target, part in _parts(give)]
+        for request in pending:
+            request.Wait()
+        found.append(come)
+    return (*found, want)
+
+
+def _parts(counts: np.ndarray) -> list[tuple[int, slice]]:
+    """(process, its rows) of the processes with rows, which stand one after the other."""
+    ends = np.cumsum(counts)
+    return [(int(k), slice(int(ends[k] - counts[k]), int(ends[k]))) for k in np.flatnonzero(counts)]

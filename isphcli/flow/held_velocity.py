@@ -9,6 +9,7 @@ import numpy as np
 
 from ..domain import reduce
 from ..domain.components import pair_components
+from ..domain.exchange import Exchange
 
 if TYPE_CHECKING:
     from ..operators.pair_weights import Operators
@@ -73,17 +74,38 @@ class HeldVelocity:
         return state.pressure_gradient * self.areal
 
 
-def leads_through(ops: Operators, axis: int) -> bool:
-    """Whether particles that see each other lead all the way round a periodic axis. ops: Operators.
+def leads_through(ops: Operators, axis: int, box: tuple[np.ndarray, np.ndarray]) -> bool:
+    """Whether particles that see each other lead all the way round a periodic axis. ops: Operators; box: its corners,
+    (dim,) each, m.
 
     How far a gradient moves the fluid does not tell: before a wall across it, viscous layers leave a tenth of it.
     """
-    n, (x, row) = ops.n, (ops.neighbours.x, ops.neighbours.row)
-    # of two copies of the scene, a way over the seam leads to the other one
-    over = np.where(x[row, axis] != x[ops.column, axis], n, 0).astype(ops.column.dtype)
+    n, (x, row), column = ops.n, (ops.neighbours.x, ops.neighbours.row), ops.column
+    # of two copies of the scene, own particles of both before the remote ones, a way over the seam leads to the other
+    place = box[0][axis], box[1][axis]
+    over = (x[row, axis] < place[0]) | (x[row, axis] >= place[1])
+    first = np.where(column < n, column, column + n)
+    other = np.where(column < n, n, ops.exchange.remote)
     start = np.concatenate([ops.start, ops.start[-1] + ops.start[1:]])
-    labels = pair_components(start, np.concatenate([ops.column + over, ops.column + n - over]))[1]
-    return reduce.any_true(labels[:n] == labels[n:])
+    both = np.concatenate([first + over * other, first + ~over * other]).astype(column.dtype)
+    labels = pair_components(start, both, exchange=_Twice(ops.exchange))[1]
+    return reduce.any_true(labels[:n] == labels[n : 2 * n])
+
+
+class _Twice:
+    """The exchange of two copies of a scene: the own particles of both, then the remote ones of both."""
+
+    def __init__(self, exchange: Exchange):
+        self.exchange, self.remote = exchange, 2 * exchange.remote
+
+    def numbers(self, n: int) -> np.ndarray:
+        """Not asked for."""
+        raise NotImplementedError
+
+    def forward(self, values: np.ndarray) -> np.ndarray:
+        """See `Exchange`."""
+        parts = np.split(values, 2)
+        return np.concatenate([values, *(self.exchange.forward(part)[len(part):] for part in parts)])
 
 
 def outside_sample(along: np.ndarray, lower: float, upper: float) -> np.ndarray:

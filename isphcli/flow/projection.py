@@ -36,9 +36,9 @@ class PressureSystem:
     step to step. Scenes with walls therefore take div grad itself, the odd-even mode added, preconditioned by the
     Laplacian.
 
-    laplacian: (n, n) matrix of the preconditioner; apply(p): A p of a pressure p (n,), with its gradient (n, dim) where
-    that is known: without walls nothing reads it; scale: (n,) by what the diagonal of A exceeds that of the Laplacian,
-    or None.
+    laplacian: (n, n + remote) matrix of the preconditioner; apply(p): A p of a pressure p (n,), with its gradient
+    (n, dim) where that is known: without walls nothing reads it; scale: (n,) by what the diagonal of A exceeds that of
+    the Laplacian, or None.
     """
 
     laplacian: sp.csr_matrix
@@ -50,9 +50,10 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
     """The matrix of eq. 3 of a configuration."""
     ops, terms = config.ops, config.terms
     with solvers.clock("assembly"):
-        matrix = assemble(ops.start, ops.column, terms.ops.lap_p, 0.0, 1.0)
+        matrix = assemble(ops.start, ops.column, terms.ops.lap_p, 0.0, 1.0, remote=ops.exchange.remote)
+    exchange = ops.exchange
     if ops.walls is None:  # eq. 3 by the Laplacian of eq. 6
-        return PressureSystem(matrix, lambda p, gradient=None: matrix @ p, None)
+        return PressureSystem(matrix, lambda p, gradient=None: matrix @ exchange.forward(p), None)
     from ..operators.div_grad import diagonal, div_grad_rhie_chow
 
     assert terms.ops.walls is not None
@@ -101,7 +102,8 @@ def solve_pressure(config: Configuration, system: PressureSystem, right: np.ndar
         return lambda v: means.remove(once(v if scale is None else means.remove(v / scale)))
 
     with solvers.clock("krylov"):
-        q, report = solvers.multigrid("pressure", system.laplacian, apply, right, None, remove_constants, tolerance)
+        q, report = solvers.multigrid("pressure", system.laplacian, apply, right, None, remove_constants, tolerance,
+                                      config.ops.exchange)
     solvers.record("pressure", report, lambda: right - apply(q))
     return means.remove(q)  # eq. 26
 

@@ -56,6 +56,7 @@ def taylor(ops: Operators, fields: np.ndarray, slope: np.ndarray, dr: np.ndarray
     """fields (n, c) of slopes (n, c, dim) at positions displaced by dr (n, dim) (eq. 9); second: (n,) bool, where the
     second derivative is taken too, from the slopes of the neighbours."""
     out = fields.copy()
+    slope = ops.exchange.forward(slope)
     over_rows(_carry, ops.n, (ops.start, ops.column, ops.grad_p), fields, slope, dr, second, out)
     return out
 

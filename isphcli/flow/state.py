@@ -26,7 +26,8 @@ class State:
     pressure_gradient: over the density of the first fluid, m/s2, that held it; shifting_flux: mean velocity of the
     shifts that it makes up for (`HeldVelocity`), m/s. Of two fluids, otherwise None: phi: (n,) signed distance to their
     interface, positive in the first one, m. Of a drive in steps, otherwise None: pressure_gradient: as above, of this
-    step; drive_step: (4,) which one, and what was seen of it (`drive_steps.begun`).
+    step; drive_step: (4,) which one, and what was seen of it (`drive_steps.begun`). Of several processes, otherwise
+    None: number: (n,) int64 of the particles, which one process has in this order.
     """
 
     x: np.ndarray
@@ -40,6 +41,7 @@ class State:
     shifting_flux: float | None = None
     phi: np.ndarray | None = None
     drive_step: np.ndarray | None = None
+    number: np.ndarray | None = None
 
 
 def phase_of(phi: np.ndarray) -> np.ndarray:

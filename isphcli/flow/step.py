@@ -23,6 +23,7 @@ import numpy as np
 
 from ..domain import reduce
 from ..domain.components import ComponentMeans, pair_components
+from ..domain.exchange import NO_EXCHANGE
 from ..domain.halo import build_halo, wrap
 from ..domain.neighbours import neighbourhood
 from ..operators.moments import particle_volumes
@@ -37,6 +38,8 @@ from .step_limits import Bounds, RunError, StepError
 from .viscous_solve import viscous_solve
 
 if TYPE_CHECKING:
+    from ..domain.cut import Share
+    from ..domain.migration import Migration
     from ..geometry.protocol import Geometry
     from ..operators.wall_operators import WallScene
     from ..output.clock import Clock
@@ -63,7 +66,8 @@ class Stepper:
     second_order: BDF2 or implicit Euler; solvers: with the hierarchies that are kept, the only changing state;
     bounds: what no step may exceed; held_velocity: the superficial velocity that is held, or None; volume: what keeps
     the number of particles in blocks, or None; timed_drive: forces and walls that change with time, or None; seam:
-    where fluid that leaves one reservoir comes in at the other, or None.
+    where fluid that leaves one reservoir comes in at the other, or None; migration: between the bricks of processes,
+    None of one.
     """
 
     geometry: Geometry
@@ -81,6 +85,7 @@ class Stepper:
     volume: KeptVolume | None = None
     timed_drive: TimedDrive | None = None
     seam: Seam | None = None
+    migration: Migration | None = None
 
     def __post_init__(self) -> None:
         self.walls: WallScene | None = None
@@ -100,7 +105,7 @@ class Stepper:
 
         def take(state: State, dt: float) -> None:
             with suppress(SolveError, StepError):
-                self.advance(state, self.configure(state.x, state.time, state.phi), dt)
+                self.advance(state, self.configure(state.x, state.time, state.phi, state.number), dt)
 
         self.solvers.rebuild(origins, take)
 
@@ -108,24 +113,34 @@ class Stepper:
         """The fluids under the forces of a time, s."""
         return self.fluids if self.timed_drive is None else self.fluids.driven_by(*self.timed_drive.forces_at(time))
 
-    def configure(self, x: np.ndarray, time: float = 0.0, phi: np.ndarray | None = None) -> Configuration:
-        """Neighbours and operators of fluid positions x (n, dim); time: s, of forces and walls that change; phi: (n,)
-        of `State`."""
+    def configure(self, x: np.ndarray, time: float = 0.0, phi: np.ndarray | None = None,
+                  number: np.ndarray | None = None) -> Configuration:
+        """Neighbours and operators of fluid positions x (n, dim); time: s, of forces and walls that change; phi,
+        number: (n,) of `State`."""
         n = len(x)
         geometry = self.geometry
+        share: Share | None = None
+        if self.migration is not None:
+            assert number is not None
+            with self.clock("neighbours"):
+                share = self.migration.around(x, number)
         if self.walls is not None:
             velocity = None if self.timed_drive is None else self.timed_drive.walls_at(time)
             walls = self.walls if velocity is None else self.walls.moving_at(velocity)
             if walls.line is not None and phi is not None:
                 walls = walls.with_interface(phi)
             with self.clock("operators"):
-                ops, neighbours, images = walls.configure(x)
+                ops, neighbours, images = walls.configure(x, share)
         else:
             with self.clock("neighbours"):
-                images = build_halo(x, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support)
-                neighbours = neighbourhood(images.positions(x), images.owners(n), n, self.kind, self.support)
+                exchange, seen, brick = (NO_EXCHANGE, x, None) if share is None else (
+                    share.exchange, np.concatenate([x, share.ghosts]), (share.lower, share.upper))
+                images = build_halo(seen, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support,
+                                    brick)
+                neighbours = neighbourhood(images.positions(seen), images.owners(len(seen)), n, self.kind,
+                                           self.support)
             with self.clock("operators"):
-                ops = build_operators(neighbours, particle_volumes(neighbours))
+                ops = build_operators(neighbours, exchange.forward(particle_volumes(neighbours)), exchange=exchange)
         with self.clock("terms"):
             terms = self.fluids_at(time).terms(ops, neighbours, phi)
         with self.clock("assembly"):
@@ -133,7 +148,7 @@ class Stepper:
             labels = np.zeros(n, np.int32)
             if ops.walls is not None:
                 joined = ops.walls.symmetric_laplacian > 0.0 if ops.walls.dead_ends else None
-                labels = pair_components(ops.start, ops.column, joined)[1]
+                labels = pair_components(ops.start, ops.column, joined, ops.exchange)[1]
         return Configuration(ops, neighbours, ComponentMeans(labels), len(images.owner), terms)
 
     def move(self, state: State, config: Configuration, dt: float) -> tuple[State, int]:
@@ -187,11 +202,20 @@ class Stepper:
                 dr = self.walls.clamp_wall_distance(state.x, displacement, dr, nearest)
         return dr
 
+    def settled(self, moved: State) -> State:
+        """The particles that have come into the brick of this process, with those that stayed there."""
+        if self.migration is None:
+            return moved
+        assert moved.number is not None
+        x, u, u_old, p, number = self.migration.settled(moved.x, moved.u, moved.u_old, moved.p, moved.number)
+        return replace(moved, x=x, u=u, u_old=u_old, p=p, number=number)
+
     def advance(self, state: State, config: Configuration, dt: float) -> StepResult:
         """One step of length dt. Raises SolveError, StepError or RunError."""
         self.solvers.begin(state, dt)
         moved, stopped = self.move(state, config, dt)
-        before, config = config.terms, self.configure(moved.x, state.time + dt, moved.phi)
+        moved = self.settled(moved)
+        before, config = config.terms, self.configure(moved.x, state.time + dt, moved.phi, moved.number)
         ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0
         g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
         # eq. 2 in time: backward differences along the paths
@@ -204,7 +228,8 @@ class Stepper:
         if self.volume is not None:  # a step that is tried again with half its length is not to expand twice as hard
             expansion, volume_drift = self.volume.expansion(moved.x, max(dt, state.dt_old))
         first = not state.dt_old
-        if first and self.held_velocity is not None and not leads_through(config.ops, self.held_velocity.axis):
+        if first and self.held_velocity is not None and not leads_through(
+                config.ops, self.held_velocity.axis, (self.geometry.lower, self.geometry.upper)):
             self._nothing_flows()
         # the first step finds the pressure of the start: it is taken again with what it found
         for _ in range(self.fluids.first_passes if first else 1):
@@ -218,7 +243,7 @@ class Stepper:
                 u, p, increment = self._hold(config, system, u, p, g0 / dt, moved.shifting_flux)
                 held += increment
         new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.shifting_flux, moved.phi,
-                    moved.drive_step)
+                    moved.drive_step, moved.number)
         return StepResult(new, config, dt, config.ops.total_divergence(u), stopped, self.solvers.reports,
                           self.solvers.rebuilt, volume_drift)
 

@@ -58,12 +58,17 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, driv
     matrix = _matrix(terms, rate, solvers)
     if coupled:
         return _coupled(terms, matrix, slip, right, guess, stiff, solvers)
+    exchange = terms.ops.exchange
+
+    def product(v: np.ndarray) -> np.ndarray:
+        return matrix @ exchange.forward(v)
+
     out = np.empty_like(right)
     for k in range(right.shape[1]):
         with solvers.clock("krylov"):
             b, x0 = np.ascontiguousarray(right[:, k]), np.ascontiguousarray(guess[:, k])
-            out[:, k], report = solvers.multigrid("velocity", matrix, matrix.dot, b, x0)
-        solvers.record("velocity", report, lambda k=k: right[:, k] - matrix @ out[:, k])  # type: ignore[misc]
+            out[:, k], report = solvers.multigrid("velocity", matrix, product, b, x0, exchange=exchange)
+        solvers.record("velocity", report, lambda k=k: right[:, k] - product(out[:, k]))  # type: ignore[misc]
     return out
 
 
@@ -80,7 +85,7 @@ def _matrix(terms: Terms, rate: float, solvers: KeptHierarchies) -> sp.csr_matri
         shift, scale = _shift_and_scale(terms, rate)
         wall_lap = viscous.factor * walls.lap if walls is not None else None
         weights = viscous.weight * (np.repeat(scale, np.diff(ops.start)) if isinstance(scale, np.ndarray) else scale)
-        return assemble(ops.start, ops.column, weights, shift, 1.0, wall_lap)
+        return assemble(ops.start, ops.column, weights, shift, 1.0, wall_lap, ops.exchange.remote)
 
 
 def _by_pairs(terms: Terms, rate: float, right: np.ndarray, guess: np.ndarray,
@@ -95,7 +100,7 @@ def _by_pairs(terms: Terms, rate: float, right: np.ndarray, guess: np.ndarray,
 
     def apply(v: np.ndarray) -> np.ndarray:
         u = v.reshape(n, dim)
-        out = pair_sums.laplacian(ops.start, ops.column, viscous.weight, u)
+        out = pair_sums.laplacian(ops.start, ops.column, viscous.weight, ops.exchange.forward(u))
         out *= scale
         return np.subtract(own * u, out, out=out).ravel()
 
@@ -113,12 +118,12 @@ def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right
     residual of the thick one.
     """
     n, dim = right.shape
-    transposed_stress, factor = terms.transposed_stress, terms.viscous.factor
+    transposed_stress, factor, exchange = terms.transposed_stress, terms.viscous.factor, terms.ops.exchange
     diagonal = matrix.diagonal()[:, None]
 
     def apply(v: np.ndarray) -> np.ndarray:
         u = v.reshape(n, dim)
-        out = matrix @ u
+        out = matrix @ exchange.forward(u)
         if slip is not None:
             out -= factor * np.einsum("nkm,nm->nk", slip, u)
         if transposed_stress is not None:
@@ -135,7 +140,8 @@ def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right
     scaled = (right / diagonal).ravel()
     with solvers.clock("krylov"):
         if stiff:
-            solution, report = solvers.multigrid("velocity", matrix, apply, scaled, guess.ravel(), by_component)
+            solution, report = solvers.multigrid("velocity", matrix, apply, scaled, guess.ravel(), by_component,
+                                                 exchange=exchange)
         else:
             for effort in (1, RETRY_FACTOR):
                 solution, report = solvers.krylov(apply, scaled, np.copy, guess.ravel(), effort)

@@ -10,10 +10,11 @@ from ..domain.row_threads import over_rows
 
 
 def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: float | np.ndarray, scale: float,
-             diagonal: np.ndarray | None = None) -> sp.csr_matrix:
+             diagonal: np.ndarray | None = None, remote: int = 0) -> sp.csr_matrix:
     """The matrix  shift - scale * L  in canonical CSR form, L f_i = sum_j w_ij (f_j - f_i) - diagonal_i f_i.
 
-    weights: (n_pairs,); shift: a number or (n,); scale: a number; diagonal: (n,) wall sums or None.
+    weights: (n_pairs,); shift: a number or (n,); scale: a number; diagonal: (n,) wall sums or None; remote: columns of
+    remote particles, behind the n.
     """
     n, size = len(start) - 1, len(column) + len(start) - 1
     # scipy takes 4-byte row pointers only together with 4-byte columns
@@ -22,7 +23,7 @@ def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: 
     walls = np.zeros(0) if diagonal is None else diagonal
     shifts = np.full(n, shift, float)
     twice = over_rows(_put_rows, n, (start, column, weights), walls, shifts, scale, (index, entries))
-    matrix = sp.csr_matrix((entries, index, first), shape=(n, n))
+    matrix = sp.csr_matrix((entries, index, first), shape=(n, n + remote))
     matrix.has_sorted_indices, matrix.has_canonical_format = True, not any(twice)
     matrix.sum_duplicates()  # of a neighbour that is seen through two sides of a thin box
     return matrix

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from ..domain import reduce
+from ..domain.migration import Numbered
 from ..domain.row_threads import over_rows
 
 if TYPE_CHECKING:
@@ -30,6 +32,7 @@ def div_grad_rhie_chow(ops: Operators, symmetric_p: np.ndarray, p: np.ndarray, g
     walls = ops.walls
     assert walls is not None
     weights, out = (ops.grad, walls.symmetric_laplacian, symmetric_p), np.empty(ops.n)
+    p, grad_p = ops.exchange.forward(p), ops.exchange.forward(grad_p)
     over_rows(_div_grad_rhie_chow, ops.n, ops.neighbours, weights, walls.div, p, grad_p, out)
     return out
 
@@ -76,10 +79,25 @@ def adjoint_divergence(ops: Operators) -> None:
     """
     walls = ops.walls
     assert walls is not None
-    narrow = np.flatnonzero(walls.narrow)
-    if len(narrow) == 0:
+    if not reduce.any_true(walls.narrow):
         return
+    narrow = np.flatnonzero(walls.narrow)
+    if isinstance(ops.exchange, Numbered):
+        _adjoint_of_remote(ops, ops.exchange, walls.narrow)
     _adjoint_divergence(ops.neighbours, ops.volume, ops.grad_p, narrow, ops.grad, walls.div, walls.div_velocity)
+
+
+def _adjoint_of_remote(ops: Operators, exchange: Numbered, narrow: np.ndarray) -> None:
+    """The pairs of narrow rows with remote particles, whose rows are with their owners. narrow: (n,) bool."""
+    neighbours, n, everyone = ops.neighbours, ops.n, exchange.forward(narrow)
+    first = np.repeat(np.arange(n), np.diff(ops.start))
+    offset = neighbours.x[neighbours.row] - neighbours.x[first]
+    remote = ops.column >= n
+    told, asked = np.flatnonzero(remote & everyone[ops.column]), np.flatnonzero(remote & narrow[first])
+    weighted = -ops.volume[first[told], None] * ops.grad_p[told]
+    found = exchange.from_other_side((first[told], ops.column[told], offset[told], weighted),
+                                     (first[asked], ops.column[asked], offset[asked]))
+    ops.grad[asked] = found / ops.volume[first[asked], None]
 
 
 @njit(cache=True)
@@ -93,10 +111,12 @@ def _adjoint_divergence(neighbours, volume, grad_p, narrow, grad, wall_div, wall
         for q in range(start[i], start[i + 1]):
             j, away = column[q], 0.0
             for k in range(dim):
-                grad[q, k] = 0.0
+                if j < len(start) - 1:
+                    grad[q, k] = 0.0
                 away += (x[row[q], k] - x[i, k]) ** 2
             # the same pair from the other side: in a thin box j may see several images of i
-            for back in range(start[j], start[j + 1]):
+            begin, end = (start[j], start[j + 1]) if j < len(start) - 1 else (0, 0)  # of remote rows: already there
+            for back in range(begin, end):
                 if column[back] == i:
                     off = 0.0
                     for k in range(dim):
@@ -126,6 +146,9 @@ def _diagonal(rows, neighbours, weights, wall_div, near_wall, out):
                 own -= grad[q, k] + half
                 slope -= grad_p[q, k]
                 other, j = grad[q, k] - half, column[q]
+                if j >= len(start) - 1:  # a remote row: as if the weights were antisymmetric, which they nearly are
+                    out[i] += other * grad_p[q, k]
+                    continue
                 for back in range(start[j], start[j + 1]):
                     if column[back] == i:
                         out[i] -= other * grad_p[back, k]

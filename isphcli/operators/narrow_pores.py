@@ -10,6 +10,7 @@ from numba import njit
 
 from ..domain import reduce
 from ..domain.components import pair_components
+from ..domain.exchange import NO_EXCHANGE, Exchange
 from ..domain.row_threads import over_rows
 from .crossings import IN_SIGHT, MEETS_WALL, SHARES_PRESSURE, in_sight
 from .kernel import slope
@@ -21,8 +22,9 @@ if TYPE_CHECKING:
     from .pair_weights import Operators
 
 
-def classify_neighbourhoods(stencils: WallStencils) -> np.ndarray:
+def classify_neighbourhoods(stencils: WallStencils, exchange: Exchange = NO_EXCHANGE) -> np.ndarray:
     """Class of each particle, (n,) int8; pairs that share no pressure are marked in `stencils.links` in place.
+    exchange: of the remote particles.
 
     Nobody shares the pressure with isolated particles: they have no gradient, no force (the body force is taken with
     the same weights) and no divergence, and move as the fluid around them drags them. Else the pressure of one or two
@@ -38,18 +40,18 @@ def classify_neighbourhoods(stencils: WallStencils) -> np.ndarray:
     found[smallest < NARROW_SHARE] = NARROW
     isolated = largest < THIN
     if reduce.any_true(isolated):
-        _share_no_pressure(start, column, link, isolated)
-        isolated |= _behind(start, column, link) & ~isolated
-        _share_no_pressure(start, column, link, isolated)
+        _share_no_pressure(start, column, link, exchange.forward(isolated))
+        isolated |= _behind(start, column, link, exchange) & ~isolated
+        _share_no_pressure(start, column, link, exchange.forward(isolated))
         found[isolated] = ISOLATED
     return found
 
 
-def _behind(start: np.ndarray, column: np.ndarray, link: np.ndarray) -> np.ndarray:
+def _behind(start: np.ndarray, column: np.ndarray, link: np.ndarray, exchange: Exchange) -> np.ndarray:
     """Particles (n,) in clusters smaller than a neighbourhood that only isolated particles join with the rest."""
     seen, sight = in_sight(start, link), link != MEETS_WALL
     begin, fluid, shared = np.concatenate([[0], np.cumsum(seen)]), column[sight], link[sight] == SHARES_PRESSURE
-    whole, part = (pair_components(begin, fluid, joined)[1] for joined in (None, shared))
+    whole, part = (pair_components(begin, fluid, joined, exchange)[1] for joined in (None, shared))
     size, all_in_sight = reduce.total_by(part)[part], reduce.total_by(whole)[whole]
     return (size < all_in_sight) & (size < np.diff(start))
 
@@ -86,7 +88,7 @@ def _shares(rows, neighbours, link, volume, smallest, largest, walled):
 
 @njit(cache=True)
 def _share_no_pressure(start, column, link, isolated):
-    for i in range(len(isolated)):
+    for i in range(len(start) - 1):
         for p in range(start[i], start[i + 1]):
             if link[p] != MEETS_WALL and (isolated[i] or isolated[column[p]]):
                 link[p] = IN_SIGHT
@@ -94,18 +96,23 @@ def _share_no_pressure(start, column, link, isolated):
 
 def extrapolate_pressure(ops: Operators, p: np.ndarray) -> None:
     """Gives p (n,) of particles that share it with nobody the mean of what they see, in place, deep in a dead end step
-    by step: what they start from when they see more, and what is written."""
+    by step from its mouth on: what they start from when they see more, and what is written."""
     assert ops.walls is not None
-    _extrapolate_pressure(ops.start, ops.column, ops.walls.isolated, p)
+    known, more = ~ops.walls.isolated, True
+    while more:
+        found, forward = known.copy(), ops.exchange.forward
+        _extrapolate_pressure(ops.start, ops.column, forward(known), forward(p.copy()), p, found)
+        known, more = found, reduce.any_true(found & ~known)
 
 
 @njit(cache=True)
-def _extrapolate_pressure(start, column, isolated, p):
+def _extrapolate_pressure(start, column, known, given, p, found):
     for i in range(len(p)):
-        if isolated[i]:
+        if not known[i]:
             count, total = 0, 0.0
             for q in range(start[i], start[i + 1]):
-                count += 1
-                total += p[column[q]]
+                if known[column[q]]:
+                    count += 1
+                    total += given[column[q]]
             if count > 0:
-                p[i] = total / count
+                p[i], found[i] = total / count, True

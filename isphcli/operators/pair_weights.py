@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from ..domain import reduce
+from ..domain.exchange import NO_EXCHANGE, Exchange
 from ..domain.neighbours import Neighbourhood
 from ..domain.row_threads import over_rows
 from . import pair_sums
@@ -27,8 +28,9 @@ class Operators:
     neighbours: fluid neighbours in sight;
     lap: (n_pairs,) weights of the velocity Laplacian, 1/m2; grad: (n_pairs, dim) of its gradient, 1/m;
     lap_p, grad_p: the same for the pressure (the very same arrays where a scene has no walls);
-    volume: (n,) m^dim; deficient: particles that fell back on a simpler correction;
-    walls: sums over the neighbours beyond a wall, and what pairs and particles are beside walls, or None.
+    volume: (n + remote,) m^dim; deficient: particles that fell back on a simpler correction;
+    walls: sums over the neighbours beyond a wall, and what pairs and particles are beside walls, or None;
+    exchange: where the values of remote particles come from, whose columns are n and more.
     """
 
     neighbours: Neighbourhood
@@ -39,6 +41,7 @@ class Operators:
     volume: np.ndarray
     deficient: int = 0
     walls: WallRows | None = None
+    exchange: Exchange = NO_EXCHANGE
 
     @property
     def n(self) -> int:
@@ -62,7 +65,7 @@ class Operators:
 
     def gradient_p(self, p: np.ndarray) -> np.ndarray:
         """Pressure gradient (n, dim) of p (n,)."""
-        return pair_sums.gradient_of_scalar(self.start, self.column, self.grad_p, p)
+        return pair_sums.gradient_of_scalar(self.start, self.column, self.grad_p, self.exchange.forward(p))
 
     def potential_gradient(self, force: np.ndarray) -> np.ndarray:
         """The acceleration force (dim,) as the gradient of its potential, (n, dim): see `DiscreteOperators`."""
@@ -70,19 +73,22 @@ class Operators:
 
     def total_divergence(self, u: np.ndarray) -> np.ndarray:
         """Divergence (n,) of u (n, dim), walls and their velocities included."""
-        div = pair_sums.divergence(self.start, self.column, self.grad, u)
+        div = pair_sums.divergence(self.start, self.column, self.grad, self.exchange.forward(u))
         if self.walls is not None:
             div += self.walls.divergence(u)
         return div
 
 
-def build_operators(neighbours: Neighbourhood, volume: np.ndarray, order: int = 2) -> Operators:
-    """Operators of a scene without walls. volume: (n,) m^dim; order: 1 (eq. 5) or 2 (gradient exact for quadratics)."""
+def build_operators(neighbours: Neighbourhood, volume: np.ndarray, order: int = 2,
+                    exchange: Exchange = NO_EXCHANGE) -> Operators:
+    """Operators of a scene without walls. volume: (n + remote,) m^dim; order: 1 (eq. 5) or 2 (gradient exact for
+    quadratics); exchange: of the remote particles."""
     pairs = len(neighbours.row)
     lap, grad = np.empty(pairs), np.empty((pairs, neighbours.x.shape[1]))
     work = partial(new_workspace, neighbours)
     deficient = over_rows(_rows, neighbours.n, neighbours, volume, order, lap, grad, work=work)
-    return Operators(neighbours, lap, grad, lap, grad, volume, int(reduce.total(np.array(deficient))))
+    return Operators(neighbours, lap, grad, lap, grad, volume, int(reduce.total(np.array(deficient))),
+                     exchange=exchange)
 
 
 @njit(cache=True, nogil=True)

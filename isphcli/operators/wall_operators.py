@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ..domain.cut import Share
+from ..domain.exchange import NO_EXCHANGE
 from ..domain.halo import Halo, build_halo
 from ..domain.neighbours import Neighbourhood, find_pairs, neighbourhood
 from ..geometry.wall_normals import wall_normals
@@ -64,11 +65,11 @@ class WallScene:
         other.line = self.line.at(phi)
         return other
 
-    def configure(self, x: np.ndarray) -> tuple[Operators, Neighbourhood, Halo]:
-        """Operators, all neighbours and periodic images of fluid positions x (n, dim)."""
-        stencils, images = self.stencils(x)
-        neighbours = stencils.neighbours
-        ops = build_wall_operators(stencils, 2, classify_neighbourhoods(stencils))
+    def configure(self, x: np.ndarray, share: Share | None = None) -> tuple[Operators, Neighbourhood, Halo]:
+        """Operators, all neighbours and periodic images of fluid positions x (n, dim). share: see `stencils`."""
+        stencils, images = self.stencils(x, share=share)
+        neighbours, exchange = stencils.neighbours, NO_EXCHANGE if share is None else share.exchange
+        ops = build_wall_operators(stencils, 2, classify_neighbourhoods(stencils, exchange), exchange)
         adjoint_divergence(ops)
         return ops, neighbours, images
 
@@ -107,7 +108,8 @@ class WallScene:
         links = crossings(geometry, neighbours, walls)
         volume = np.full(len(table) if fixed else len(owned), self.site_volume)
         if not fixed:
-            volume[:n] = particle_volumes(neighbours)
+            volume[:n] = particle_volumes(neighbours) if share is None else share.exchange.forward(
+                particle_volumes(neighbours))
         return WallStencils(neighbours, walls, links, volume), images
 
     def clamp_wall_distance(self, x: np.ndarray, displacement: np.ndarray, dr: np.ndarray | None,

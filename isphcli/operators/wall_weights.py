@@ -19,17 +19,19 @@ import numpy as np
 from numba import njit
 
 from ..domain import reduce
+from ..domain.exchange import NO_EXCHANGE, Exchange
 from ..domain.row_threads import over_rows
 from .crossings import MEETS_WALL, SHARES_PRESSURE, WallStencils, in_sight
 from .moments import correction, gather_stencil, invert_gradient, new_workspace, stencil_moments, stencil_weights
 from .pair_weights import Operators, WallRows
 
 
-def build_wall_operators(stencil: WallStencils, order: int = 1, classes: np.ndarray | None = None) -> Operators:
+def build_wall_operators(stencil: WallStencils, order: int = 1, classes: np.ndarray | None = None,
+                         exchange: Exchange = NO_EXCHANGE) -> Operators:
     """Operators of a scene with walls.
 
     order: of the velocity gradient, 1 (eq. 5) or 2; classes: (n,) of `narrow_pores.classify_neighbourhoods`, or None
-    where none are asked for: then none is narrow.
+    where none are asked for: then none is narrow; exchange: of the remote particles.
     """
     everyone, walls = stencil.neighbours, stencil.walls
     n = everyone.n
@@ -48,7 +50,8 @@ def build_wall_operators(stencil: WallStencils, order: int = 1, classes: np.ndar
     classes = near_wall.astype(np.int8) if classes is None else classes
     found = WallRows(*wall_sums, symmetric, near_wall, classes, slope_velocity if wall_sums[-1] is None else None)
     seen = everyone._replace(start=start, column=column, row=row)
-    return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[:n], int(reduce.total(np.array(deficient))), found)
+    return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[: n + exchange.remote],
+                     int(reduce.total(np.array(deficient))), found, exchange)
 
 
 def wall_gradient(walls: WallRows, u: np.ndarray) -> np.ndarray:

@@ -114,10 +114,10 @@ def field_arrays(path: Path, x: np.ndarray,
     return _three(x), data
 
 
-def write_pieces(directory: Path, x: np.ndarray, fields: Mapping[str, np.ndarray]) -> None:
-    """The one snapshot of a steady flow, of several processes: a VTU of each, a PVTU that joins them and the PVD, by
-    rank 0. All processes call it; x and fields: see `write_vtu`, of the particles of each."""
-    ranks, name = current(), f"{SNAPSHOTS}/particles_{0:06d}"
+def _write_pieces(directory: Path, name: str, x: np.ndarray, fields: Mapping[str, np.ndarray]) -> None:
+    """A snapshot of several processes: a VTU of each, and <name>.pvtu that joins them, by rank 0. All processes call
+    it; x and fields: see `write_vtu`, of the particles of each."""
+    ranks = current()
     pieces = [f"{name}_{rank:05d}.vtu" for rank in range(ranks.size)]
     shapes = ranks.collect({} if not len(x) else {key: np.asarray(value).dtype.str[1:] + str(np.ndim(value))
                                                   for key, value in fields.items()})
@@ -144,7 +144,6 @@ def write_pieces(directory: Path, x: np.ndarray, fields: Mapping[str, np.ndarray
             '  <PUnstructuredGrid GhostLevel="0">\n    <PPoints>\n      <PDataArray type="Float64" Name="Points" '
             f'NumberOfComponents="3"/>\n    </PPoints>\n    <PPointData>\n{arrays}    </PPointData>\n{sources}'
             '  </PUnstructuredGrid>\n</VTKFile>\n'))
-        write_text(directory / "particles.pvd", _pvd([(0.0, f"{name}.pvtu")]))
 
     on_first(end)
 
@@ -167,7 +166,8 @@ def _three(vectors: np.ndarray) -> np.ndarray:
 
 
 class Series:
-    """Snapshots `snapshots/<name>_<step>.vtu` and the `<name>.pvd` that opens them all in ParaView."""
+    """Snapshots `snapshots/<name>_<step>.vtu` and the `<name>.pvd` that opens them all in ParaView. Of several
+    processes all make it and call it together; the snapshots are `<name>_<step>.pvtu`, which join a VTU of each."""
 
     def __init__(
         self, directory: str | os.PathLike, name: str = "particles", resume_time: float | None = None
@@ -177,9 +177,9 @@ class Series:
         self.name = name
         self.entries: list[tuple[float, str]] = []
         (self.directory / SNAPSHOTS).mkdir(parents=True, exist_ok=True)
-        if resume_time is not None and self.path.exists():
-            self.entries = [e for e in read_pvd(self.path) if e[0] <= resume_time]
-            write_text(self.path, _pvd(self.entries))
+        if resume_time is not None and on_first(self.path.exists):
+            self.entries = [e for e in on_first(lambda: read_pvd(self.path)) if e[0] <= resume_time]
+            on_first(lambda: write_text(self.path, _pvd(self.entries)))
 
     @property
     def path(self) -> Path:
@@ -191,6 +191,9 @@ class Series:
 
         x and fields: see `write_vtu`. A step that was written before is replaced.
         """
+        if current().size > 1:
+            return self.add(step, time, "pvtu", lambda path: _write_pieces(
+                self.directory, f"{SNAPSHOTS}/{path.stem}", x, fields))
         return self.add(step, time, "vtu", lambda path: write_vtu(path, x, fields))
 
     def add(self, step: int, time: float, suffix: str, write: Callable[[Path], None]) -> Path:
@@ -200,7 +203,7 @@ class Series:
         file = f"{SNAPSHOTS}/{self.name}_{step:06d}.{suffix}"
         write(self.directory / file)
         self.entries = [e for e in self.entries if e[1] != file] + [(float(time), file)]
-        write_text(self.path, _pvd(self.entries))
+        on_first(lambda: write_text(self.path, _pvd(self.entries)))
         return self.directory / file
 
 

@@ -12,17 +12,21 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..case.blocks import Case, Time, plain
+from ..domain import reduce
+from ..domain.communicator import current
+from ..domain.exchange import deliver
 from .files import replacing
 
 if TYPE_CHECKING:
@@ -30,6 +34,8 @@ if TYPE_CHECKING:
 
 NAME = "restart.npz"
 VERSION = 3  # of the file: one more whenever what it holds means something else
+SPREAD = ("x", "u", "u_old", "p", "phi")  # arrays of a state with a row a particle
+AT_ONCE = 1 << 24  # bytes of a file read in one go where it need not be held
 # Keys of the scene; all others are values, but for those that change no flow (IDLE). A wall may move or slip otherwise.
 SCENE = re.compile(r"geometry\b|initial\b|reservoirs\b|fluids$|particles\.(spacing|lattice|offset|jitter|seed)\b")
 AT_WALLS = re.compile(r"geometry\.(walls|slip_length|shapes\[\d+\]\.(velocity|angular_velocity|slip_length))\b")
@@ -60,6 +66,9 @@ def save(path: str | Path, saved: Saved, record: Mapping[str, Any] | None = None
     """A `Saved` with the record of its case as an npz, written whole or not at all."""
     arrays: dict[str, np.ndarray] = {}
     origins: dict[str, list[Any]] = {}
+    if current().size > 1:
+        _save_together(path, saved, record or saved.record)
+        return
     states = [saved.state]
     for name, (state, dt, first) in saved.origins.items():
         if not any(state is s for s in states):
@@ -70,15 +79,64 @@ def save(path: str | Path, saved: Saved, record: Mapping[str, Any] | None = None
             if isinstance(value, np.ndarray) and value.dtype.kind == "f" and not np.isfinite(value).all():
                 raise RestartError(f"{path}: {name} is not finite; nothing was written")
             arrays[f"state{k}.{name}"] = np.asarray(value)
-    arrays["steady"] = np.array(saved.steady, dtype=float).reshape(-1, 2)
-    meta = {"version": VERSION, "origins": origins, "record": record or saved.record}
-    arrays["meta"] = np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8)
+    arrays |= _apart(saved, origins, record or saved.record)
     arrays["sha256"] = np.frombuffer(_digest(arrays), dtype=np.uint8)
     # not numpy.savez, which in older numpy leaves its archive open on a full disk and complains at the end
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name, values in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
                 np.lib.format.write_array(file, values, allow_pickle=False)
+
+
+def _apart(saved: Saved, origins: dict[str, list[Any]], record: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """What a file holds beside states."""
+    meta = {"version": VERSION, "origins": origins, "record": record}
+    return {"steady": np.array(saved.steady, dtype=float).reshape(-1, 2),
+            "meta": np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8)}
+
+
+def _save_together(path: str | Path, saved: Saved, record: Mapping[str, Any]) -> None:
+    """The same file from several processes, in the order of one: particles go to slabs of their numbers, and rank 0
+    writes one slab after the other. Hierarchies are not told of."""
+    ranks, values = current(), _fields(saved.state)
+    number = values.pop("number")
+    count = reduce.number(number)
+    names = [name for name, value in values.items() if np.ndim(value) and len(value) == len(number)]
+    for name in names:
+        if reduce.any_true(~np.isfinite(values[name])):
+            raise RestartError(f"{path}: {name} is not finite; nothing was written")
+    *slabs, number, _ = deliver(ranks.raw, number * ranks.size // count, *(values[name] for name in names),  # type: ignore[attr-defined]
+                                number)
+    order = np.argsort(number)
+    of_slabs = {f"state0.{name}": values[order] for name, values in zip(names, slabs)}
+    alone = {f"state0.{name}": np.asarray(value) for name, value in values.items() if name not in names}
+    alone |= _apart(saved, {}, record)
+
+    def blocks(values: np.ndarray) -> Iterator[np.ndarray]:
+        yield values
+        for other in range(1, ranks.size):
+            yield ranks.raw.recv(source=other)  # type: ignore[attr-defined]
+
+    if ranks.rank > 0:
+        for name in sorted(of_slabs):
+            ranks.raw.send(of_slabs[name], dest=0)  # type: ignore[attr-defined]
+    else:
+        total = hashlib.sha256()
+        with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+            for name in sorted(of_slabs | alone):
+                first = of_slabs[name] if name in of_slabs else alone[name]
+                shape = (count, *first.shape[1:]) if name in of_slabs else first.shape
+                total.update(_head(name, first.dtype.str, shape))
+                head = {"descr": np.lib.format.dtype_to_descr(first.dtype), "fortran_order": False, "shape": shape}
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+                    np.lib.format.write_array_header_1_0(file, head)
+                    for block in blocks(first) if name in of_slabs else (first,):
+                        data = np.ascontiguousarray(block).tobytes()
+                        total.update(data)
+                        file.write(data)
+            with archive.open("sha256.npy", "w") as file:
+                np.lib.format.write_array(file, np.frombuffer(total.digest(), dtype=np.uint8), allow_pickle=False)
+    ranks.collect(None)  # it is there
 
 
 def require(path: str | Path) -> None:
@@ -90,12 +148,10 @@ def require(path: str | Path) -> None:
 def load(path: str | Path, like: State, record: Mapping[str, Any] | None = None) -> Saved:
     """The `Saved` of a restart file, for the scene of the state `like`, and of the record if that is given. Raises
     RestartError."""
-    path = Path(path)
+    path, shared = Path(path), current().size > 1
     require(path)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        whole = arrays.pop("sha256").tobytes() == _digest(arrays)
+        arrays, whole = _read_slabs(path) if shared else _read(path)
         meta = json.loads(arrays["meta"].tobytes())
         version = meta["version"]
     # zipfile, zlib and numpy raise all of these for broken bytes
@@ -109,13 +165,68 @@ def load(path: str | Path, like: State, record: Mapping[str, Any] | None = None)
                            "on with that version, or run the case anew")
     if record is not None:
         _check_scene(path, meta.get("record", {}), record)
-    states = {}
+    if shared:  # hierarchies are built when they are needed
+        meta["origins"] = {}
+    states: dict[int, State] = {}
     for k in {0, *(origin[0] for origin in meta["origins"].values())}:
-        found = {name.partition(".")[2]: v for name, v in arrays.items() if name.startswith(f"state{k}.")}
+        found: dict[str, Any] = {
+            name.partition(".")[2]: v for name, v in arrays.items() if name.startswith(f"state{k}.")}
         states[k] = type(like)(**{name: v.item() if v.ndim == 0 else v for name, v in found.items()})
+    if shared:  # the numbers are the order of the file
+        states[0] = replace(states[0], number=np.arange(*_slab(reduce.number(states[0].x))))
     _check_fits(path, states[0], like)
     origins = {name: (states[k], dt, first) for name, (k, dt, first) in meta["origins"].items()}
     return Saved(states[0], origins, tuple(map(tuple, arrays["steady"].tolist())), meta.get("record", {}))
+
+
+def _read(path: Path) -> tuple[dict[str, np.ndarray], bool]:
+    """The arrays of a file, and whether its checksum is right."""
+    with np.load(path, allow_pickle=False) as file:
+        arrays = {name: file[name] for name in file.files}
+    return arrays, arrays.pop("sha256").tobytes() == _digest(arrays)
+
+
+def _read_slabs(path: Path) -> tuple[dict[str, np.ndarray], bool]:
+    """The same on each of several processes, of state 0 its slab of the particles; rank 0 looks at the checksum."""
+    ranks, arrays = current(), {}
+    total, claimed = hashlib.sha256(), b""
+    with zipfile.ZipFile(path) as archive:
+        names = sorted(name.removesuffix(".npy") for name in archive.namelist())
+        for name in names:
+            with archive.open(f"{name}.npy") as file:
+                version = np.lib.format.read_magic(file)
+                read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+                shape, _, kind = read(file)
+                total.update(_head(name, kind.str, shape) if name != "sha256" else b"")
+                row, wanted = kind.itemsize * math.prod(shape[1:]), (0, shape[0] if shape else 1)
+                if name.rpartition(".")[2] in SPREAD:
+                    wanted = _slab(shape[0])
+                data = _rows(file, row, wanted, total if ranks.rank == 0 and name != "sha256" else None)
+            if name == "sha256":
+                claimed = data
+            elif not name.startswith("state") or name.startswith("state0."):
+                values = np.frombuffer(bytearray(data), kind)
+                arrays[name] = values.reshape(wanted[1] - wanted[0], *shape[1:]) if shape else values.reshape(())
+    return arrays, bool(ranks.first(total.digest() == claimed))
+
+
+def _slab(count: int) -> tuple[int, int]:
+    """First of so many particles in the slab of this process, and of the next one's."""
+    rank, size = current().rank, current().size
+    return -(-count * rank // size), -(-count * (rank + 1) // size)
+
+
+def _rows(file: Any, row: int, wanted: tuple[int, int], total: Any) -> bytes:
+    """Rows of so many bytes from the first to before the second of `wanted`, and the whole array into a digest."""
+    if total is None:
+        file.seek(wanted[0] * row, 1)
+        return file.read((wanted[1] - wanted[0]) * row)
+    parts, at = [], 0
+    while piece := file.read(AT_ONCE):
+        total.update(piece)
+        parts.append(piece[max(wanted[0] * row - at, 0) : max(wanted[1] * row - at, 0)])
+        at += len(piece)
+    return b"".join(parts)
 
 
 def _fields(state: State) -> dict[str, Any]:
@@ -125,8 +236,8 @@ def _fields(state: State) -> dict[str, Any]:
 
 def _check_fits(path: Path, state: State, like: State) -> None:
     found, wanted = _fields(state), _fields(like)
-    for name in sorted(found.keys() | wanted.keys()):
-        here, there = (np.shape(f[name]) if name in f else None for f in (found, wanted))
+    for name in sorted((found.keys() | wanted.keys()) - {"number"}):
+        here, there = (_shape(f[name]) if name in f else None for f in (found, wanted))
         if here != there:
             what = f"{name} has the shape {here}, the case needs {there}"
             if name in ("shifting_flux", "pressure_gradient"):
@@ -134,14 +245,24 @@ def _check_fits(path: Path, state: State, like: State) -> None:
             raise RestartError(f"{path}: {what}; restart with the case that wrote it")
 
 
+def _shape(value: Any) -> tuple[int, ...]:
+    """Shape of an array of all processes."""
+    shape = np.shape(value)
+    return shape if current().size == 1 or not shape else (reduce.number(value), *shape[1:])
+
+
 def _digest(arrays: Mapping[str, np.ndarray]) -> bytes:
     """SHA-256 over names, types, shapes and bytes."""
     total = hashlib.sha256()
     for name in sorted(arrays):
         values = np.ascontiguousarray(arrays[name])
-        total.update(f"{name} {values.dtype.str} {values.shape}\n".encode())
+        total.update(_head(name, values.dtype.str, values.shape))
         total.update(values.data)
     return total.digest()
+
+
+def _head(name: str, kind: str, shape: tuple[int, ...]) -> bytes:
+    return f"{name} {kind} {shape or (1,)}\n".encode()
 
 
 # --- what the case said ------------------------------------------------------------------------------------------

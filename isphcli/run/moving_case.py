@@ -12,14 +12,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..case.forcing import drive_steps, longest_time, walls_move
+from ..domain.communicator import current, on_first
 from ..flow.state import phase_of
+from ..flow.step_limits import RunError
+from ..geometry.protocol import inside_sample
 from ..output import folder, progress, restart
 from ..output.files import History, Series, read_history
 from ..references.result import Result
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.prepare import prepare
-from .flow_measures import profile_rows
+from . import ranks
+from .flow_measures import profile_rows, speed_distribution
 from .permeability import darcy, fluid_cells, mean_velocities
 from .results import (
     CURVE,
@@ -105,6 +109,9 @@ class MovingRun:
 
     def particles_at(self, state: State) -> Particles:
         """The particles with the fluids that they are of in a state."""
+        if state.number is not None:  # they are not those that the process began with
+            dummies = self.particles.x[self.particles.n_fluid:]
+            return replace(self.particles, x=np.concatenate([state.x, dummies]), phase=np.zeros(len(state.x), np.int8))
         if state.phi is None:
             return self.particles
         return replace(self.particles, phase=phase_of(state.phi))
@@ -135,6 +142,10 @@ class MovingRun:
             file.sync()  # a restart finds every row and every snapshot up to its step
             restart.save(self.restart_file, self.march.last, self.record)
 
+    def may_save(self, stop: BaseException) -> bool:
+        """Whether all processes have stopped in the same place and can write the file together."""
+        return current().size == 1 or isinstance(stop, (RunError, ranks.AllInterrupted))
+
 
 def run_moving(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
                look: Look | None) -> tuple[Summary, Result]:
@@ -164,6 +175,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     memory.refuse_lattice(case, geometry, case.particles.spacing)
     seen = look(case, geometry, clock, quiet) if look is not None else Seen()
     state, stepper, particles = prepare(case, geometry, clock)
+    geometry = stepper.geometry  # of an image that is held by parts that of this process
     box = float(np.prod(geometry.upper - geometry.lower))
     march = TimeLoop(case, stepper, particles.site_volume, box)
     with clock("geometry"):
@@ -182,7 +194,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     if measures is not None and between is not None:
         march.measure = _both(measures, between)
     run = MovingRun(case, case.output.directory, clock, quiet, geometry, particles, stepper, march, measures, cells,
-                    seen, restart.record_of(case), between=between, profiles=profiles)
+                    seen, on_first(lambda: restart.record_of(case)), between=between, profiles=profiles)
     if between is not None and drive_steps(case) is not None:
         march.program = _program(run, between)
     saved = None
@@ -194,11 +206,13 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         if Path(resume).resolve() == case.output.directory.resolve():  # elsewhere its files begin anew
             run.since, run.last_step = state.time, state.step
     with progress.stage("neighbours and operators", quiet):
-        config = stepper.configure(state.x, state.time, state.phi)
+        state = stepper.settled(state)
+        config = stepper.configure(state.x, state.time, state.phi, state.number)
         if saved is not None:
             stepper.rebuild_hierarchies(saved.origins)
-    run.directory = folder.prepare(case.output.directory)
-    write_case(run.directory, case, run.record["changes"])
+    directory = case.output.directory
+    run.directory = on_first(lambda: folder.prepare(directory))
+    on_first(lambda: write_case(run.directory, case, run.record["changes"]))
     run.series = series_of(case, run.directory, run.since)
     if run.profiles is not None:
         run.tables[PROFILES] = History(run.directory / PROFILES, run.last_step)
@@ -245,13 +259,15 @@ def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, 
     """The time loop with its files; (state, config) at the end."""
     case, march = run.case, run.march
     assert case.time is not None
-    with ExitStack() as tables, History(run.directory / "history.csv", run.last_step) as file, progress.Progress(
+    with ExitStack() as tables, ranks.table(
+        run.directory / "history.csv", run.last_step
+    ) as file, ranks.interrupts() as look_for_interrupts, progress.Progress(
         longest_time(case), case.time.max_steps if longest_time(case) is None else None, case.title, run.quiet
     ) as bar:
         for table in run.tables.values():
             tables.enter_context(table)  # closed at the end
-        if file.rows:
-            run.history = read_history(run.directory / "history.csv")
+        if current().first(file.rows):
+            run.history = on_first(lambda: read_history(run.directory / "history.csv"))
             if run.measures is not None:
                 run.measures.resume(run.history[-1])
 
@@ -268,24 +284,28 @@ def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, 
             bar.update(state.step, state.time, found.dt, limit, {k: r.iterations for k, r in reports.items()},
                        {k: r.residual for k, r in reports.items()} | {"divergence": found.max_divergence}
                        | ({"change": march.steady.distance} if march.steady is not None else {}))
+            look_for_interrupts()
 
         try:
             state, config = march.run(state, config, run.snapshot, row, show)
             series = run.series or run.grids
             if series is None or not series.entries or series.entries[-1][0] < state.time:
                 run.snapshot(state, config)
-        finally:
-            with run.clock("output"):
-                run.save(file)
+        except BaseException as stop:
+            if run.may_save(stop):
+                with run.clock("output"):
+                    run.save(file)
+            raise
+        with run.clock("output"):
+            run.save(file)
     return state, config
 
 
 def _leave_worst(run: MovingRun, stop: BaseException) -> None:
     """Writes the worst particles of a step that failed."""
-    from ..flow.step_limits import RunError
     from ..output.worst import NAME, write_worst
 
-    if isinstance(stop, RunError):
+    if isinstance(stop, RunError) and current().size == 1:
         with suppress(OSError):
             assert run.march.last is not None
             last = run.march.last.state
@@ -362,7 +382,7 @@ def _finish_march(run: MovingRun, state: State, config: Configuration) -> tuple[
         "message": flow.pop("message"),
         "restarts": run.record["changes"],
         "warnings": run.seen.warnings,
-        "particles": counts_of(run.particles, config.halo),
+        "particles": counts_of(run.particles_at(state), config.halo),
         **scene_entries(case, run.geometry, run.particles, run.cells, run.seen),
         "terms": flow.pop("terms"),
         "steps": state.step,
@@ -376,10 +396,23 @@ def _finish_march(run: MovingRun, state: State, config: Configuration) -> tuple[
     }
     if run.measures is not None:
         _add_two_fluids(run, run.measures, summary, state, config)
+    if current().size > 1:
+        return _finish_ranks(run, summary, result, config), result
     if case.output.plots:
         with run.clock("output"):
             _pictures(run, state, flow["permeability"])
     return finish(case, run.directory, summary, result, run.clock)
+
+
+def _finish_ranks(run: MovingRun, summary: Summary, result: Result, config: Configuration) -> Summary:
+    """The end of a run of several processes, by rank 0; returns the summary."""
+    case, inside = run.case, inside_sample(run.geometry, result.x)
+    summary["ranks"] = ranks.entry(len(result.x), config.ops.exchange)
+    summary["speed"] = speed_distribution(result.cell_velocity[inside])
+    if case.output.plots:
+        summary["warnings"].append(ranks.NO_PICTURES)
+    quiet_case, compared = replace(case, output=replace(case.output, plots=False)), ranks.whole(case, result)
+    return on_first(lambda: finish(quiet_case, run.directory, summary, compared, run.clock)[0])
 
 
 def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state: State, config: Configuration) -> None:

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..case.yaml import CaseError, Problem
 from ..domain.communicator import current
-from ..domain.exchange import NeighbourExchange
+from ..domain.exchange import Exchange, NeighbourExchange
+from ..output.files import History
 from ..output.machine import peak_memory
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
-    from ..domain.lattice import Particles
     from ..references.result import Result
 
 ONE = "run it in one process (isph run, without mpiexec; --threads takes the cores of one machine)"
@@ -30,11 +36,10 @@ def refuse_what_is_not_distributed(case: Case) -> None:
     def bad(key: str, what: str, fix: str = ONE) -> None:
         problems.append(Problem(str(case.path), None, key, f"{what} on {current().size} processes", fix))
 
-    if case.flow != "stokes":
-        bad("flow", "particles that move are not distributed: no run")
-    if case.particles.jitter > 0.0:
-        bad("particles.jitter", "its random numbers depend on who owns a particle: no jitter",
-            "leave it out, or " + ONE)
+    if case.flow != "stokes" and len(case.fluids) > 1:
+        bad("fluids", "two fluids that move are not distributed: no run")
+    if case.flow == "stokes" and case.particles.jitter > 0.0:
+        bad("particles.jitter", "no jitter in steady flow", "leave it out, or " + ONE)
     if case.output.snapshots and case.output.format == "xdmf":
         bad("output.format", "no snapshots as HDF5 with XDMF", "leave it out (particles.pvd has the flow), or " + ONE)
     if case.output.grid is not None:
@@ -46,14 +51,11 @@ def refuse_what_is_not_distributed(case: Case) -> None:
         raise CaseError(tuple(problems))
 
 
-def entry(particles: Particles) -> dict[str, Any] | None:
-    """Entry `ranks` of the summary: (least, most) of what the processes have; None of one process."""
+def entry(fluid: int, exchange: Exchange) -> dict[str, Any]:
+    """Entry `ranks` of the summary: (least, most) of what the processes have. fluid: particles of this one."""
     ranks = current()
-    if ranks.size == 1 or particles.share is None:
-        return None
-    exchange = particles.share.exchange
     sent = exchange.sent if isinstance(exchange, NeighbourExchange) else 0
-    of_all = np.array(ranks.collect((particles.n_fluid, exchange.remote, sent, peak_memory())))
+    of_all = np.array(ranks.collect((fluid, exchange.remote, sent, peak_memory())))
     least, most = of_all.min(axis=0).tolist(), of_all.max(axis=0).tolist()
     names = ("fluid", "remote", "sent_bytes", "peak_memory_bytes")
     return {"count": ranks.size, **{name: [low, high] for name, low, high in zip(names, least, most)}}
@@ -69,3 +71,58 @@ def whole(case: Case, result: Result) -> Result:
         found = current().gather(getattr(result, name))
         fields[name] = getattr(result, name) if found is None else np.concatenate(found)
     return replace(result, **fields)
+
+
+NO_PICTURES = "no pictures and no report.html: several processes draw none"
+
+
+class NoTable(History):
+    """A table on the processes that write none."""
+
+    def __init__(self) -> None:
+        self.rows = 0
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Nothing."""
+
+    def sync(self) -> None:
+        """Nothing."""
+
+    def close(self) -> None:
+        """Nothing."""
+
+
+def table(path: Path, resume_step: int | None) -> History:
+    """A table that rank 0 writes: its `History`, on the other ranks one that writes nothing."""
+    return History(path, resume_step) if current().rank == 0 else NoTable()
+
+
+@contextmanager
+def interrupts() -> Iterator[Callable[[], None]]:
+    """A function that all processes call between two steps: it raises KeyboardInterrupt on all of them where one was
+    told to stop (Ctrl-C, SIGTERM) since. The second time such a signal ends its process at once. Of one process, or
+    outside of the main thread, signals are what they were."""
+    if current().size == 1 or threading.current_thread() is not threading.main_thread():
+        yield lambda: None
+        return
+    told: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if told:
+            raise KeyboardInterrupt
+        told.append(number)
+
+    def look() -> None:
+        if current().max(len(told)):
+            raise AllInterrupted
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield look
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class AllInterrupted(KeyboardInterrupt):
+    """Raised on all processes in the same place."""

@@ -16,7 +16,7 @@ from ..domain import reduce
 from ..domain.communicator import as_first, current, on_first
 from ..geometry.protocol import inside_sample
 from ..output import folder, progress
-from ..output.files import write_pieces, write_rows
+from ..output.files import write_rows
 from ..references.result import Result
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
@@ -131,14 +131,17 @@ def _finish_ranks(case: Case, summary: dict[str, Any], result: Result, found: Fo
     """The files of several processes: a snapshot of each, all else by rank 0; returns the summary."""
     main, output = _main(found.flows), case.output
     assert output.directory is not None
-    summary["ranks"] = ranks.entry(main.particles)
+    share = main.particles.share
+    assert share is not None
+    summary["ranks"] = ranks.entry(main.particles.n_fluid, share.exchange)
     if output.plots:
-        summary["warnings"].append("no pictures and no report.html: several processes draw none")
+        summary["warnings"].append(ranks.NO_PICTURES)
     directory: Path = on_first(lambda: folder.prepare(output.directory))  # type: ignore[arg-type]
     with clock("output"):
-        if output.snapshots:
-            snapshot = snapshot_of(case, main.geometry, main.particles, result.x, main.velocity, main.pressure)
-            write_pieces(directory, *snapshot)
+        series = series_of(case, directory)
+        if series is not None:
+            series.write(0, 0.0, *snapshot_of(case, main.geometry, main.particles, result.x, main.velocity,
+                                              main.pressure))
         compared, rows = ranks.whole(case, result), _profile(main)
 
         def rest() -> dict[str, Any]:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..case.forcing import walls_move
+from ..domain import reduce
+from ..domain.communicator import current
 from ..flow.attempt import attempt
 from ..flow.forces import largest_of
 from ..output.restart import Saved
@@ -69,9 +71,9 @@ class TimeLoop:
         if time.step is not None:
             found["step"] = time.step
         else:
-            speed = np.sqrt((state.u * state.u).sum(axis=1).max())
+            speed = np.sqrt(reduce.largest((state.u * state.u).sum(axis=1)))
             if state.dt_old:
-                acceleration = np.sqrt(((state.u - state.u_old) ** 2).sum(axis=1).max()) / state.dt_old
+                acceleration = np.sqrt(reduce.largest(((state.u - state.u_old) ** 2).sum(axis=1))) / state.dt_old
             else:
                 acceleration = np.linalg.norm(stepper.fluids_at(state.time).force) + abs(state.pressure_gradient or 0.0)
                 acceleration += largest_of(stepper.fluids.forces)
@@ -159,7 +161,7 @@ class TimeLoop:
         if self.along is not None:
             superficial, _ = mean_velocities(stepper.geometry, state.x, state.u, self.site_volume)
             return float(superficial @ self.along)
-        return float(np.sqrt(np.einsum("ij,ij", state.u, state.u) / len(state.u)))
+        return float(np.sqrt(current().sum(np.einsum("ij,ij", state.u, state.u)) / reduce.number(state.u)))
 
     def steady_ratio(self, state: State) -> float:
         """The steady value of `observed` over that of a state, which has the noise of its particles; 1 where the run
@@ -185,11 +187,11 @@ class TimeLoop:
     def _row(self, found: StepResult, limit: str) -> dict[str, Any]:
         state, stepper = found.state, self.stepper
         # einsum: numpy's sums over an axis of two or three entries take five times as long
-        total = np.einsum("ij->j", state.u)
-        mean = total / (self.fluid_cells or len(state.u))
+        total, number = current().sum(np.einsum("ij->j", state.u)), reduce.number(state.u)
+        mean = total / (self.fluid_cells or number)
         density = stepper.fluids.reference * found.config.terms.density
-        energy = 0.5 * self.site_volume * float((density * np.einsum("ij,ij->i", state.u, state.u)).sum())
-        fraction = len(state.u) * self.site_volume / self.box_volume
+        energy = 0.5 * self.site_volume * float(reduce.total(density * np.einsum("ij,ij->i", state.u, state.u)))
+        fraction = number * self.site_volume / self.box_volume
         row = {"step": state.step, "time": state.time, "dt": found.dt, "limit": limit}
         for name in ("velocity", "pressure"):
             report = found.reports[name]
@@ -203,7 +205,7 @@ class TimeLoop:
         elif self.program is not None:
             row[f"pressure_drop_{'xyz'[self.program.axis]}"] = self.program.drop(state)
         row |= {f"mean_velocity_{a}": float(m) for a, m in zip("xyz", mean)}
-        row |= {f"superficial_velocity_{a}": float(m / len(state.u) * fraction) for a, m in zip("xyz", total)}
+        row |= {f"superficial_velocity_{a}": float(m / number * fraction) for a, m in zip("xyz", total)}
         if self.steady is not None:
             row["change"] = self.steady.distance
         return row

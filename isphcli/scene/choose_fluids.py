@@ -8,6 +8,7 @@ import numpy as np
 
 from ..case.forces import forces_of
 from ..case.forcing import body_force, gradient_axis
+from ..domain import reduce
 from ..flow.one_fluid import OneFluid
 from ..geometry.protocol import sample_box
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: np.ndarray) -> OneFluid | TwoFluids:
     """OneFluid or TwoFluids: the one place that chooses what an interface needs."""
-    present = [case.fluids[case.fluid_names[k]] for k in np.unique(particles.phase)]
+    present = [case.fluids[name] for k, name in enumerate(case.fluid_names) if reduce.any_true(particles.phase == k)]
     differ = len({(f.density, f.mu) for f in present}) > 1
     axis = gradient_axis(case)
     held = None if axis is None else np.eye(geometry.dim)[axis]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -100,13 +101,29 @@ def place(geometry: Geometry, lattice: Lattice, support: float, jitter: float = 
     if len(x) == 0:
         raise _all_solid(geometry)
     if jitter > 0.0:
-        rng = np.random.default_rng(seed)
-        moved = x + rng.uniform(-jitter, jitter, x.shape) * spacing
-        moved = wrap(moved, geometry.lower, geometry.upper, geometry.periodic)
-        stays = geometry.phase(moved) != phase
-        x = np.where(stays[:, None], x, moved)
+        x = _moved(geometry, x, phase, np.random.default_rng(seed).uniform(-jitter, jitter, x.shape) * spacing)
     rows = np.concatenate([x, *dummies]) if dummies else x
     return Particles(rows, phase, lattice.site_volume, inside, left_out)
+
+
+def _moved(geometry: Geometry, x: np.ndarray, phase: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Positions x (n, dim) moved by shift (n, dim), m, of those that stay in their fluid."""
+    moved = wrap(x + shift, geometry.lower, geometry.upper, geometry.periodic)
+    stays = geometry.phase(moved) != phase
+    return np.where(stays[:, None], x, moved)
+
+
+def jittered(case: Case, geometry: Geometry, particles: Particles, number: np.ndarray) -> Particles:
+    """The particles of one of several processes, moved as one process would move them: it draws for the first
+    particle, the second and so on. number: (n,) int64; geometry: of this process."""
+    n, dim, asked = particles.n_fluid, geometry.dim, case.particles
+    shift = np.empty((n, dim))
+    edges = np.append(np.flatnonzero(np.diff(number, prepend=-2) != 1), n)
+    for first, end in itertools.pairwise(edges):  # of particles whose numbers follow each other
+        bits = np.random.PCG64(asked.seed).advance(int(number[first]) * dim)
+        shift[first:end] = np.random.Generator(bits).uniform(-asked.jitter, asked.jitter, (end - first, dim))
+    x = _moved(geometry, particles.x[:n], particles.phase, shift * asked.spacing)
+    return replace(particles, x=np.concatenate([x, particles.x[n:]]))
 
 
 def _all_solid(geometry: Geometry) -> ParticleError:
@@ -142,9 +159,9 @@ def place_share(geometry: Geometry, lattice: Lattice, support: float) -> Particl
     del x, found, slab
     near = _near_brick(geometry, lattice, support, cut)
     own, remote, foreign = near.here & (near.phase >= 0), near.there & (near.phase >= 0), near.there & (near.phase < 0)
-    exchange = NeighbourExchange(ranks.raw, near.site[remote], near.owner[remote], near.site[own])  # type: ignore[attr-defined]
+    exchange = NeighbourExchange.of_sites(ranks.raw, near.site[remote], near.owner[remote], near.site[own])  # type: ignore[attr-defined]
     lower, upper = cut.bricks[ranks.rank]
-    share = Share(lower, upper, near.x[remote], near.shift[remote], near.x[foreign], exchange)
+    share = Share(lower, upper, near.x[remote], near.shift[remote], near.x[foreign], exchange, cut, near.site[own])
     rows = np.concatenate([near.x[own], near.x[near.here & (near.phase < 0)]])
     return Particles(rows, near.phase[own], lattice.site_volume, inside, near.left_out, share)
 

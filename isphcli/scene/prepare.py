@@ -10,6 +10,8 @@ import numpy as np
 from ..case import expressions, forcing
 from ..case.forces import forces_of
 from ..case.forcing import drives, held_flux
+from ..domain import reduce
+from ..domain.communicator import current
 from ..flow.forces import largest_of
 from ..flow.held_velocity import HeldVelocity, outside_sample
 from ..flow.one_fluid import OneFluid
@@ -19,10 +21,11 @@ from ..flow.step_limits import Bounds
 from ..geometry.protocol import sample_box
 from ..operators.kernel import KERNELS
 from ..output.environment import keep_freed_memory
+from ..solvers.engine import engine_of
 from ..solvers.kept_hierarchies import KeptHierarchies
 from . import memory
 from .choose_fluids import choose_fluids
-from .place import place_case
+from .place import jittered, lattice_at, place_case
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -42,13 +45,14 @@ def held_velocity(case: Case, particles: Particles, reference: float, geometry: 
     axis, wanted = held
     size = geometry.upper - geometry.lower
     length, (lower, upper) = size[axis], (corner[axis] for corner in sample_box(geometry))
-    here = int(outside_sample(particles.x[: particles.n_fluid, axis], lower, upper).sum())
+    here, fluid = reduce.count(outside_sample(particles.x[: particles.n_fluid, axis], lower, upper)), reduce.number(
+        particles.phase)
     volumes = particles.site_volume * length / float(np.prod(size))  # of a particle, over the cross section
-    porosity = (particles.n_fluid - here) * volumes / (upper - lower)
+    porosity = (fluid - here) * volumes / (upper - lower)
     # clear layers of an image are all fluid, whatever number of lattice layers falls into them
-    fraction = 1.0 if geometry.labels is not None else here * volumes / max(length - (upper - lower), volumes)
+    fraction = 1.0 if geometry.voxel_size is not None else here * volumes / max(length - (upper - lower), volumes)
     if not here:
-        lower, upper, fraction = np.inf, -np.inf, particles.n_fluid * volumes / length
+        lower, upper, fraction = np.inf, -np.inf, fluid * volumes / length
     two = len(np.unique(particles.phase)) > 1
     return HeldVelocity(axis, wanted, two, lower, upper, fraction, porosity, reference * float(length))
 
@@ -67,10 +71,19 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     with clock("geometry"):
         memory.refuse_lattice(case, geometry, spacing)
         particles = place_case(case, geometry, spacing)
+        share, number = particles.share, None
+        if share is not None:
+            from ..domain.migration import Migration, numbers_of
+
+            geometry = geometry.within(share.lower, share.upper, support)
+            number = numbers_of(share.sites, lattice_at(case, geometry, spacing).sites)
+            if case.particles.jitter > 0.0:
+                particles = jittered(case, geometry, particles, number)
     n = particles.n_fluid
     two = len(np.unique(particles.phase)) > 1
     need = memory.estimate(case, geometry.dim, geometry.has_solid, n, particles.n_dummy, two=two)
-    memory.refuse(sum(need.values()), f"{n:,} fluid particles{' of two fluids' * two}", memory.too_large(case))
+    most = float(reduce.largest(np.array([sum(need.values())])))
+    memory.refuse(most * current().here, f"{n:,} fluid particles{' of two fluids' * two}", memory.too_large(case))
     x = particles.x[:n].copy()
     u = np.zeros_like(x)
     if case.initial is not None and case.initial.velocity:
@@ -81,14 +94,18 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     fluids = choose_fluids(case, geometry, particles, force)
     held = held_velocity(case, particles, fluids.reference, geometry)
     drive = timed_drive(case, geometry) if forcing.changes(case) else None
+    dummies = particles.x[n:] if share is None else np.concatenate([particles.x[n:], share.dummies])
     stepper = Stepper(
-        geometry=geometry, dummies=particles.x[n:], spacing=spacing, support=support,
+        geometry=geometry, dummies=dummies, spacing=spacing, support=support,
         kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,
         fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
-        solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock),
+        solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock,
+                                engine_of(case.solver.engine)),
         bounds=bounds(case, geometry, particles, u, held), held_velocity=held,
         volume=kept_volume(case, geometry, x), timed_drive=drive, seam=seam(case, geometry),
     )
+    if share is not None:
+        stepper.migration = Migration(share, geometry.lower, geometry.upper, geometry.periodic, support)
     if drive is not None:
         stepper.bounds = replace(stepper.bounds, largest_force=drive.largest_force)
     gradient, phi = None if forcing.gradient_axis(case) is None else 0.0, None
@@ -100,7 +117,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     elif stepper.seam is not None:  # fluids that differ in name only
         phi = np.where(particles.phase == 0, spacing, -spacing)
     state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=gradient, shifting_flux=None if held is None else 0.0,
-                  phi=phi)
+                  phi=phi, number=number)
     if forcing.drive_steps(case) is not None:
         from ..run.drive_steps import begun
 
@@ -126,7 +143,7 @@ def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, 
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     walls = np.max(geometry.wall_speed, initial=0.0)
     tension = case.interface.tension if case.interface is not None else 0.0
-    capillary = np.sqrt(tension / (density.mean() * case.particles.spacing))
+    capillary = np.sqrt(tension / (reduce.mean(density) * case.particles.spacing))
     speed = rate.speed if rate is not None else 0.0
     steps = forcing.drive_steps(case)
     if rate is not None and steps is not None and steps.superficial_velocity:

@@ -1,23 +1,38 @@
-"""What solves the linear systems of steady flow: PyAMG and SciPy for one process, PETSc for any number.
+"""What solves the linear systems: PyAMG and SciPy for one process, PETSc for any number.
 
-Both precondition by an algebraic multigrid cycle of a matrix and iterate by GMRES from the right with the operator and
-the preconditioner as functions; what they solve is the same.
+Both precondition by an algebraic multigrid cycle of a matrix and iterate by GMRES with the operator and the
+preconditioner as functions; what they solve is the same.
 """
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import scipy.sparse as sp
 
 from ..domain.communicator import current
 from ..domain.exchange import Exchange
-from .krylov import Apply, Limits, Report, Watch, gmres_from_the_right
+from .krylov import Apply, Limits, Report, Watch, gmres, gmres_from_the_right
 from .multigrid import BlockCycle, cycle, hierarchy
 from .pair_cycle import PairCycle, SweptMatrix
 
 PAIR_CYCLE = 50_000  # rows from which the matrix is not stored: smaller scenes are not worth the kernels' compilation
+
+if TYPE_CHECKING:
+    from pyamg.multilevel import MultilevelSolver
+
+
+class Kept(Protocol):
+    """A hierarchy that is kept while its particles move on."""
+
+    def cycle(self, matrix: sp.csr_matrix, exchange: Exchange) -> Apply:
+        """An approximate inverse as a function of the right-hand side (n,), for the matrix that its own has become."""
+        ...
+
+    def release(self) -> None:
+        """It is not wanted any more."""
+        ...
 
 
 class Engine(Protocol):
@@ -35,6 +50,15 @@ class Engine(Protocol):
     def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
               start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Report]:
         """See `krylov.gmres_from_the_right`."""
+        ...
+
+    def keep(self, matrix: sp.csr_matrix, exchange: Exchange) -> Kept:
+        """A hierarchy for the steps that follow."""
+        ...
+
+    def gmres_of_step(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
+                      start: np.ndarray | None = None) -> tuple[np.ndarray, Report]:
+        """GMRES for systems of moving particles, those of the pressure among them, which are singular."""
         ...
 
 
@@ -55,6 +79,30 @@ class OneProcess:
               start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Report]:
         """See `Engine`."""
         return gmres_from_the_right(apply, rhs, precondition, limits, start, watch)
+
+    def keep(self, matrix: sp.csr_matrix, exchange: Exchange) -> Kept:
+        """See `Engine`."""
+        return Levels(hierarchy(matrix))
+
+    def gmres_of_step(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
+                      start: np.ndarray | None = None) -> tuple[np.ndarray, Report]:
+        """See `Engine`: from the left."""
+        return gmres(apply, rhs, precondition, limits, start)
+
+
+class Levels:
+    """A hierarchy of PyAMG, of which the finest matrix is renewed."""
+
+    def __init__(self, levels: MultilevelSolver):
+        self.levels = levels
+
+    def cycle(self, matrix: sp.csr_matrix, exchange: Exchange) -> Apply:
+        """See `Kept`."""
+        self.levels.levels[0].A = matrix
+        return cycle(self.levels)
+
+    def release(self) -> None:
+        """See `Kept`."""
 
 
 ONE_PROCESS = OneProcess()

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
-from .krylov import Apply, Limits, Report, SolveError, gmres
-from .multigrid import cycle, hierarchy
+from ..domain.communicator import current
+from ..domain.exchange import NO_EXCHANGE, Exchange
+from .engine import ONE_PROCESS, Engine, Kept
+from .krylov import Apply, Limits, Report, SolveError
 
 if TYPE_CHECKING:
     from ..flow.state import State
@@ -31,18 +33,19 @@ class KeptHierarchies:
     """The solver of a run; the hierarchies are its only changing state.
 
     tolerance: of a residual over its right-hand side; restart: Krylov vectors; max_iterations: of a solve;
-    clock: clock.Clock. reports, rebuilt: of the solves since `begin`.
+    clock: clock.Clock; engine: what solves. reports, rebuilt: of the solves since `begin`.
     """
 
     tolerance: float
     restart: int
     max_iterations: int
     clock: Clock
+    engine: Engine = ONE_PROCESS
     reports: dict[str, Report] = field(default_factory=dict)
     rebuilt: bool = False
 
     def __post_init__(self) -> None:
-        self._levels: dict[str, Any] = {}
+        self._levels: dict[str, Kept] = {}
         self._first: dict[str, int] = {}  # iterations of the first use of each
         self._origin: dict[str, tuple[State, float]] = {}  # the state before the step that built each, and its length
         self._now: tuple[State, float] | None = None
@@ -56,17 +59,20 @@ class KeptHierarchies:
 
     def drop(self) -> None:
         """Forget the hierarchies: the next solves build new ones."""
+        for levels in self._levels.values():
+            levels.release()
         self._levels.clear()
 
     def origins(self) -> dict[str, tuple[State, float, int]]:
         """{name: (state before the step in which a hierarchy was built, length of that step, iterations of its first
-        use)}."""
-        return {name: (*self._origin[name], self._first[name]) for name in self._levels}
+        use)}; of several processes nothing: their particles are owned by others by then, and the hierarchies are built
+        anew."""
+        return {} if current().size > 1 else {name: (*self._origin[name], self._first[name]) for name in self._levels}
 
     def rebuild(self, origins: dict[str, tuple[State, float, int]], take: Callable[[State, float], None]) -> None:
         """Build the hierarchies of `origins` again, with the same bits. take(state, dt): the step that builds them;
         what it cannot build is built when it is needed."""
-        found: dict[str, Any] = {}
+        found: dict[str, Kept] = {}
         for state, dt in {(id(state), dt): (state, dt) for state, dt, _ in origins.values()}.values():
             self._levels = {}
             take(state, dt)
@@ -78,31 +84,31 @@ class KeptHierarchies:
 
     def krylov(self, apply: Apply, right: np.ndarray, precondition: Apply, guess: np.ndarray | None, factor: int = 1,
                tolerance: float | None = None) -> tuple[np.ndarray, Report]:
-        """GMRES with `factor` times the Krylov vectors and iterations of the case; see `krylov.gmres`."""
+        """GMRES with `factor` times the Krylov vectors and iterations of the case; see `Engine.gmres_of_step`."""
         limits = Limits(tolerance or self.tolerance, self.restart, self.max_iterations)
-        return gmres(apply, right, precondition, limits.times(factor), guess)
+        return self.engine.gmres_of_step(apply, right, precondition, limits.times(factor), guess)
 
     def multigrid(self, name: str, matrix: sp.csr_matrix, apply: Apply, right: np.ndarray, guess: np.ndarray | None,
                   spread: Callable[[Apply], Apply] | None = None,
-                  tolerance: float | None = None) -> tuple[np.ndarray, Report]:
+                  tolerance: float | None = None,
+                  exchange: Exchange = NO_EXCHANGE) -> tuple[np.ndarray, Report]:
         """GMRES with the hierarchy kept under `name`. One whose iterations have grown is dropped after the solve; a
         solve that failed is repeated with a new one, then with RETRY_FACTOR cycles of it.
 
-        matrix: (m, m) that the hierarchy is built on; apply: the system, of any size; spread: makes of a cycle the
-        preconditioner of `apply`. Returns the last solution and its Report, converged or not.
+        matrix: (m, m + remote) that the hierarchy is built on; apply: the system, of any size; spread: makes of a cycle
+        the preconditioner of `apply`; exchange: of the remote columns. Returns the last solution and its Report,
+        converged or not.
         """
         factors = [1, RETRY_FACTOR] if name not in self._levels else [1, 1, RETRY_FACTOR]
         for factor in factors:
             fresh = name not in self._levels
             if fresh:
                 with self.clock("preconditioner"):
-                    self._levels[name] = hierarchy(matrix)
+                    self._levels[name] = self.engine.keep(matrix, exchange)
                 assert self._now is not None
                 self._origin[name] = self._now
                 self.rebuilt = True
-            levels = self._levels[name]
-            levels.levels[0].A = matrix
-            precondition = _cycles(cycle(levels), matrix, factor)
+            precondition = _cycles(self._levels[name].cycle(matrix, exchange), matrix, exchange, factor)
             if spread is not None:
                 precondition = spread(precondition)
             solution, report = self.krylov(apply, right, precondition, guess, factor, tolerance)
@@ -111,7 +117,7 @@ class KeptHierarchies:
             first = self._first[name]
             if report.converged and report.iterations <= max(REBUILD_RATIO * first, first + REBUILD_MARGIN):
                 break
-            self._levels.pop(name)
+            self._levels.pop(name).release()
             if report.converged:
                 break
         return solution, report
@@ -128,13 +134,13 @@ class KeptHierarchies:
             self.reports[name] = report
 
 
-def _cycles(once: Apply, matrix: sp.csr_matrix, count: int) -> Apply:
+def _cycles(once: Apply, matrix: sp.csr_matrix, exchange: Exchange, count: int) -> Apply:
     """So many cycles of a hierarchy as a function of the right-hand side."""
 
     def apply(b: np.ndarray) -> np.ndarray:
         x = once(b)
         for _ in range(count - 1):
-            x += once(b - matrix @ x)
+            x += once(b - matrix @ exchange.forward(x))
         return x
 
     return apply

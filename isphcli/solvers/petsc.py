@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from ..domain import reduce
 from ..domain.communicator import INSTALL, Ranks, RanksError, current
 from ..domain.exchange import Exchange
+from ..domain.migration import Numbered
 from .krylov import Apply, Limits, Report, Watch, report_of
 from .pair_cycle import SweptMatrix
 
@@ -51,6 +52,9 @@ GAMG = {
     "mg_levels_ksp_max_it": 1,
     "mg_levels_pc_type": "sor",
 }
+# Share by which diagonals are raised where a hierarchy is kept: the matrix of the pressure is singular, and hypre and
+# GAMG divide by the round-off of what is left of it on their coarsest level
+GROUND = 1e-6
 _number = count()  # of the prefix of options: each preconditioner has its own
 
 
@@ -68,26 +72,16 @@ class Petsc:
         del matrix  # PETSc has its own
         return self._cycle_of(whole)
 
-    def _cycle_of(self, whole: Any) -> Apply:
-        preconditioner = PETSc.PC().create(self.comm)
-        prefix = f"isph{next(_number)}_"
-        options = PETSc.Options()
-        for key, value in self.settings.items():
-            options[prefix + key] = value
-        preconditioner.setOptionsPrefix(prefix)
-        preconditioner.setOperators(whole)
-        preconditioner.setFromOptions()
-        preconditioner.setUp()
-        for key in self.settings:  # PETSc complains at its end of those that a version of it does not know
-            options.delValue(prefix + key)
-        right, found = whole.createVecs()
+    def _cycle_of(self, whole: Any) -> _Cycle:
+        return _Cycle(whole, self.settings, self.comm)
 
-        def apply(b: np.ndarray) -> np.ndarray:
-            right.array[:] = b
-            preconditioner.apply(right, found)
-            return found.array.copy()
-
-        return apply
+    def keep(self, matrix: sp.csr_matrix, exchange: Exchange) -> PetscKept:
+        """See `engine.Engine`."""
+        n, diagonal = matrix.shape[0], matrix.diagonal()
+        raised = matrix.copy()
+        # an isolated particle has an empty row
+        raised.setdiag(np.where(diagonal > 0.0, diagonal * (1.0 + GROUND), 1.0))
+        return PetscKept(self._cycle_of(self._aij(raised, exchange)), n, exchange, self.comm)
 
     def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float, cycles: int) -> Apply:
         """See `engine.Engine`: one cycle, one right-hand side after the other."""
@@ -113,6 +107,11 @@ class Petsc:
         found = PETSc.Mat().createAIJ(((n, whole), (n, whole)), csr=csr, comm=self.comm)
         found.assemble()
         return found
+
+    def gmres_of_step(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
+                      start: np.ndarray | None = None) -> tuple[np.ndarray, Report]:
+        """See `engine.Engine`."""
+        return self.gmres(apply, rhs, precondition, limits, start)
 
     def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
               start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Report]:
@@ -159,7 +158,93 @@ class Petsc:
             before, residual = residual, reduce.norm(rhs - apply(found.array_r.copy())) / norm
             if not residual < before:  # also where it is not finite
                 break
-        return found.array.copy(), report_of(iterations, float(residual), limits.tolerance)
+        solution = found.array.copy()
+        # of several processes petsc4py keeps every object until its end that is not destroyed, and all that it holds
+        for used in (krylov, inner, system, right, found):
+            used.destroy()
+        return solution, report_of(iterations, float(residual), limits.tolerance)
+
+
+class _Cycle:
+    """One multigrid cycle of a matrix of PETSc as a function of the entries of this process (n,)."""
+
+    def __init__(self, matrix: Any, settings: dict[str, Any], comm: Any):
+        self.preconditioner = PETSc.PC().create(comm)
+        prefix = f"isph{next(_number)}_"
+        options = PETSc.Options()
+        for key, value in settings.items():
+            options[prefix + key] = value
+        self.preconditioner.setOptionsPrefix(prefix)
+        self.preconditioner.setOperators(matrix)
+        self.preconditioner.setFromOptions()
+        self.preconditioner.setUp()
+        for key in settings:  # PETSc complains at its end of those that a version of it does not know
+            options.delValue(prefix + key)
+        self.matrix = matrix
+        self.right, self.found = matrix.createVecs()
+
+    def __call__(self, b: np.ndarray) -> np.ndarray:
+        self.right.array[:] = b
+        self.preconditioner.apply(self.right, self.found)
+        return self.found.array.copy()
+
+    def destroy(self) -> None:
+        """Frees what PETSc holds, on all processes together."""
+        for used in (self.preconditioner, self.matrix, self.right, self.found):
+            used.destroy()
+
+
+class PetscKept:
+    """A hierarchy whose rows are where their particles were when it was built; see `engine.Kept`. Vectors go there and
+    come back, which is little traffic: most particles stay with their process."""
+
+    def __init__(self, once: _Cycle, n: int, exchange: Exchange, comm: Any):
+        self.once, self.comm, self.exchange = once, comm, exchange
+        self.order: Any = None
+        self.scatter: Any = None
+        if isinstance(exchange, Numbered):
+            first, _ = once.matrix.getOwnershipRange()
+            kind = PETSc.IntType
+            self.order = PETSc.AO().createMemoryScalable(
+                exchange.number.astype(kind), np.arange(first, first + n, dtype=kind), comm=comm)
+
+    def cycle(self, matrix: sp.csr_matrix, exchange: Exchange) -> Apply:
+        """See `engine.Kept`: the one of the matrix that it was built on."""
+        if not isinstance(exchange, Numbered):
+            return self.once
+        if exchange is not self.exchange:
+            self._follow(exchange)
+        return self.once if self.scatter is None else self._there_and_back
+
+    def _follow(self, exchange: Numbered) -> None:
+        """Finds where the rows of the particles are that this process owns now."""
+        self._forget()
+        self.exchange = exchange
+        rows = self.order.app2petsc(exchange.number.astype(PETSc.IntType))
+        self.here = PETSc.Vec().createMPI((len(rows), PETSc.DETERMINE), comm=self.comm)
+        there = PETSc.IS().createGeneral(rows, comm=self.comm)
+        self.scatter = PETSc.Scatter().create(self.here, None, self.once.right, there)
+        there.destroy()
+
+    def _there_and_back(self, b: np.ndarray) -> np.ndarray:
+        once = self.once
+        self.here.array[:] = b
+        self.scatter.scatter(self.here, once.right)
+        once.preconditioner.apply(once.right, once.found)
+        self.scatter.scatter(once.found, self.here, mode=PETSc.ScatterMode.REVERSE)
+        return self.here.array.copy()
+
+    def _forget(self) -> None:
+        if self.scatter is not None:
+            self.scatter.destroy()
+            self.here.destroy()
+
+    def release(self) -> None:
+        """See `engine.Kept`."""
+        self._forget()
+        self.once.destroy()
+        if self.order is not None:
+            self.order.destroy()
 
 
 class _Shell:

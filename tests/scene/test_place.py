@@ -1,5 +1,7 @@
 """Particles on their lattice: fluid, dummy or left out; disorder keeps them in their fluid; flooding."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from isphcli.domain.lattice import ParticleError, make_lattice
 from isphcli.geometry.bodies import Disk, Shape
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.scene.build_geometry import build_geometry
-from isphcli.scene.place import place, place_case
+from isphcli.scene.place import jittered, place, place_case
 from tests.paths import CASES
 
 FLOOD = """
@@ -137,3 +139,18 @@ def test_a_scene_without_fluid_is_refused():
     geometry, lattice = bed(radius=0.9)
     with pytest.raises(ParticleError, match="no fluid particle"):
         place(geometry, lattice, SUPPORT)
+
+
+def test_disorder_does_not_depend_on_who_owns_a_particle():
+    """A process that owns some particles of a scene moves them as one that owns all does, whatever their order; those
+    that would end in the solid stay."""
+    sphere = "shapes: [{sphere: {centre: [0.5, 0.25], radius: 0.213}, is: solid}], fluid: brine"
+    text = FLOOD.replace("periodic: [y]", f"periodic: [y], {sphere}")
+    case, calm = particles_of(text)
+    disordered, moved = particles_of(text, "particles.jitter=0.3", "particles.seed=5")
+    n = calm.n_fluid
+    some = np.random.default_rng(2).permutation(n)[: n // 2]
+    share = replace(calm, x=np.concatenate([calm.x[:n][some], calm.x[n:]]), phase=calm.phase[some])
+    found = jittered(disordered, build_geometry(case), share, some)
+    assert np.array_equal(found.x, np.concatenate([moved.x[:n][some], moved.x[n:]]))
+    assert 0 < (moved.x[:n] == calm.x[:n]).all(axis=1).sum() < n // 2

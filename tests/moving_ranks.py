@@ -1,0 +1,95 @@
+"""What `test_moving_ranks.py` runs on several processes: mpiexec -n N python -m tests.moving_ranks OUT ENGINE NAMES;
+without mpiexec, on one. Each of the scenes NAME,NAME,... makes its steps and leaves its files in OUT/<name>; the
+restart file has the particles in the same order however many processes there are.
+"""
+
+import gc
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+STEPS = 20
+PACK = """
+geometry:
+  box: [2.0e-3, 2.8e-3, 2.0e-3]
+  origin: [-1.0e-3, -1.4e-3, -1.0e-3]
+  periodic: [y]
+  shapes: [{spheres: {file: beads.csv, radius: 2.5e-4}, is: solid}]
+particles: {spacing: 2.1e-4}
+fluids: {water: {density: 1000, viscosity: 1.0e-3}}
+drive: {body_force: [0, 1.06, 0]}
+time: {end: 1}
+"""  # 111 beads of 2.4 spacings: narrow pores, dead ends, parts of one particle
+THIN = """
+geometry: {box: [2, 0.4, 0.4], periodic: [x, y, z]}
+particles: {spacing: 0.1, keep_volume: 10}
+fluids: {water: {density: 1, viscosity: 0.1}}
+initial: {velocity: ["sin(pi*x)", "0.3*cos(pi*x)", "0.2*sin(pi*x)"]}
+time: {end: 1}
+"""  # thinner than two supports: a particle is seen through several sides
+HELD = """
+geometry:
+  box: [1.0, 0.6]
+  periodic: [x]
+  shapes: [{sphere: {centre: [0.47, 0.3], radius: 0.15}, is: solid}]
+particles: {spacing: 0.05}
+fluids: {water: {density: 1, viscosity: 0.1}}
+drive: {superficial_velocity: {x: 0.1}}
+time: {end: 9}
+"""
+FILES = {
+    "vortices": ("taylor_green_2d_re100", ["particles.spacing=0.05", "time.end=9"]),
+    "viscous": ("taylor_green_2d", ["time={end: 9, step: 0.02}"]),  # hierarchies of velocities too
+    "vortices_3d": ("taylor_green_3d", ["particles.spacing=0.1", "time={end: 9, step: 0.004}", "reference=null"]),
+    "cavity": ("lid_driven_cavity", ["particles.spacing=0.0625"]),
+    "couette": ("couette", ["geometry.walls.y_min={slip_length: 1.0e-4}"]),
+    "image": ("berea", ["geometry.voxels.crop=[[0,10],[0,10],[0,10]]", "geometry.wall_distance=stairs", "refine=null",
+                        "flow=navier_stokes", "drive={body_force: [10, 0, 0]}",
+                        "time={end: 1}", "reference=null"]),
+}
+NAMES = [*FILES, "pack", "thin", "held"]
+
+
+def cases(folder):
+    from isphcli.case.load import load_case, read_case
+    from tests.paths import CASES
+
+    for name, (file, overrides) in FILES.items():
+        yield name, load_case(CASES / f"{file}.yaml", tuple(overrides))
+    yield "pack", read_case(PACK.encode(), str(folder / "pack.yaml"))
+    yield "thin", read_case(THIN.encode(), "thin.yaml")
+    yield "held", read_case(HELD.encode(), "held.yaml")
+
+
+def write_beads(folder):
+    from tests.paths import CASES
+
+    centres = np.loadtxt(CASES / "data/bead_centres.csv", delimiter=",", skiprows=1)
+    inside = (np.abs(centres) < [1.25e-3, 1e-3, 1.25e-3]).all(axis=1)
+    np.savetxt(folder / "beads.csv", centres[inside], delimiter=",", header="x_m,y_m,z_m", comments="")
+
+
+def main(folder, engine, names):
+    from isphcli import api
+    from isphcli.domain.communicator import join, on_first
+    from isphcli.output.environment import launched
+
+    join(launched())
+    out = Path(folder)
+    on_first(lambda: (out.mkdir(exist_ok=True), write_beads(out)))
+    for name, case in cases(out):
+        if name not in names.split(","):
+            continue
+        case = replace(case, solver=replace(case.solver, engine=engine, tolerance=1e-11),
+                       output=replace(case.output, plots=False, restart_every=STEPS // 2),
+                       time=replace(case.time, max_steps=STEPS), title=name)
+        api.run(case, out=out / name, quiet=True, check=False, overwrite=True)
+    petsc = sys.modules.get("isphcli.solvers.petsc")
+    left = 0 if petsc is None else sum(isinstance(known, petsc._Shell) for known in gc.get_objects())
+    on_first(lambda: (out / "left").write_text(str(left)))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
