@@ -175,11 +175,13 @@ def show_version(context: click.Context, _: click.Parameter, asked: bool) -> Non
 @click.option("--version", is_flag=True, expose_value=False, is_eager=True, callback=show_version,
               help="Show the version and exit.")  # fmt: skip
 def main() -> None:
-    """Flow through rock, bead packs and other complex solids by incompressible SPH.
+    """Flow through rock, bead packs and other complex solids: permeability, two fluids, pictures.
 
-    A case is a YAML file; `isph keys` lists what can stand in it. Units are SI or any consistent set.
+    A case is a YAML file, and `isph keys` lists what can stand in it. An image can be run as it is. Units are SI or any
+    consistent set, and numbers may have a unit (2.25um).
 
     \b
+    isph run scan.tif --set geometry.voxels.voxel_size=2.25um     the permeability of a scan
     isph init scan.npy --voxel-size 5e-6     a commented case to begin with
     isph validate --check-only case.yaml     what a run would do, need and cost
     isph run case.yaml                       run it; results go to out/case
@@ -837,7 +839,10 @@ def ladder_options(function: Callable[..., Any]) -> Callable[..., Any]:
 @guarded
 def forchheimer(case_file: Path, factors: tuple[float, ...], out: Path | None, overwrite: bool, threads: int | None,
                 overrides: tuple[str, ...], quiet: bool) -> None:
-    """Run CASE (navier_stokes, time.steady) with its force times each factor, and fit force = nu U / k + beta U^2.
+    """Run CASE with its force times each factor, and fit force = nu U / k + beta U^2, U the superficial velocity.
+
+    CASE has flow: navier_stokes, a force in drive and time: {steady: 0.01}. Choose factors that make Reynolds numbers
+    above one: below, inertia grows with another power of U.
 
     \b
     isph forchheimer array.yaml --factors 1,30,100,300

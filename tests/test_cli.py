@@ -177,10 +177,10 @@ def test_a_permeability_has_its_range_under_it(monkeypatch):
     fake_run(monkeypatch, {"permeability": {"x": 1e-12, "y": 2e-12}, "permeability_range_from": source,
                            "permeability_range": {"x": [9e-13, 1.111e-12], "y": [1.8e-12, 2.2e-12]}})
     lines = [line.split(maxsplit=2) for line in isph("run", "case.yaml").output.splitlines()]
-    assert ["range", "x", "9e-13 to 1.11e-12 m2"] in lines and ["range", "y", "1.8e-12 to 2.2e-12 m2"] in lines
+    assert ["range", "x", "9.00e-13 to 1.11e-12 m2"] in lines and ["range", "y", "1.80e-12 to 2.20e-12 m2"] in lines
     assert ["range", "from", source] in lines
     fake_run(monkeypatch, {"permeability": 1e-12, "permeability_range": [9e-13, 1.111e-12]})
-    assert "9e-13 to 1.11e-12 m2" in isph("run", "case.yaml").output
+    assert "9.00e-13 to 1.11e-12 m2" in isph("run", "case.yaml").output
 
 
 def test_a_run_without_a_permeability_prints_mean_velocities(monkeypatch):

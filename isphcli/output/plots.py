@@ -159,7 +159,7 @@ def plot_phases(path: str | os.PathLike, x: np.ndarray, phase: np.ndarray, names
     figure, ((axes,),) = _figure(width + 1.3, height + 1.15)
     smooth = _smooth(images["phase"], filled, wrap)
     second = smooth > 0.5
-    axes.imshow(second, origin="lower", extent=extent, cmap=ListedColormap(PHASES), vmin=0, vmax=1)
+    axes.imshow(second, origin="lower", extent=extent, cmap=ListedColormap(list(PHASES)), vmin=0, vmax=1)
     _draw_interfaces(axes, smooth, extent, INK)
     if filled.min() < _FILLED:
         axes.contourf(filled, [-1, _FILLED], extent=extent, colors=[SOLID], zorder=2)

@@ -259,10 +259,14 @@ def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, 
     """The time loop with its files; (state, config) at the end."""
     case, march = run.case, run.march
     assert case.time is not None
+    # nobody knows when a flow will be steady: `end` and `max_steps` only bound how long it may take
+    end = longest_time(case) if case.time.steady is None else None
+    steady = case.time.steady
+    steps = case.time.max_steps if end is None and steady is None else None
     with ExitStack() as tables, ranks.table(
         run.directory / "history.csv", run.last_step
     ) as file, ranks.interrupts() as look_for_interrupts, progress.Progress(
-        longest_time(case), case.time.max_steps if longest_time(case) is None else None, case.title, run.quiet
+        end, steps, case.title, run.quiet
     ) as bar:
         for table in run.tables.values():
             tables.enter_context(table)  # closed at the end
@@ -283,7 +287,7 @@ def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, 
             reports = found.reports
             bar.update(state.step, state.time, found.dt, limit, {k: r.iterations for k, r in reports.items()},
                        {k: r.residual for k, r in reports.items()} | {"divergence": found.max_divergence}
-                       | ({"change": march.steady.distance} if march.steady is not None else {}))
+                       | ({} if march.steady is None else {f"change (steady at {steady:g})": march.steady.distance}))
             look_for_interrupts()
 
         try:

@@ -8,6 +8,7 @@ import pytest
 
 from isphcli.case import expressions
 from isphcli.case.load import read_case
+from isphcli.output import progress
 from isphcli.output.files import read_history, read_pvd, read_vtu
 from isphcli.run.run import run_case
 
@@ -91,3 +92,20 @@ def test_a_held_velocity_has_a_pressure_drop_and_no_force(tmp_path):
     assert held["pressure_drop"] == pytest.approx(rows[-1]["pressure_drop_x"], rel=1e-8) and held["pressure_drop"] > 0
     assert "held velocity" in held["terms"] and "body force" not in held["terms"]
     assert held["permeability"] is None
+
+
+def test_a_run_to_a_steady_state_tells_no_time_left(tmp_path, monkeypatch):
+    """Its end is not known: `max_steps` and `end` only bound it. What is said is how far from steady it is."""
+    shown = []
+    update = progress.Progress.update
+
+    def watched(self, *args, **kwargs):
+        update(self, *args, **kwargs)
+        shown.append((self.total_time, self.total_steps, self._line))
+
+    monkeypatch.setattr(progress.Progress, "update", watched)
+    case = read_case(CHANNEL.encode(), "case.yaml", (
+        f"output.directory={tmp_path / 'out'}", "time={steady: 0.5, end: 9, step: 0.01, max_steps: 30}"))
+    run_case(case, quiet=False)
+    assert {(total, steps) for total, steps, _ in shown} == {(None, None)}
+    assert not any("%" in line or "left" in line for *_, line in shown)

@@ -27,7 +27,8 @@ def scene_of(tmp_path, file, size=None, **values):
     else:
         np.savez(path, image=image, **values)
     scene = SPACING.replace("FILE", file).replace("SIZE", "" if size is None else f", voxel_size: {size}")
-    with mock.patch.object(memory, "available", lambda: None):  # voxels of metres are not to be refused by their number
+    # voxels of metres are not to be refused by their number
+    with mock.patch.object(memory, "available", lambda: float("inf")):
         return build_geometry(read(tmp_path, "{" + scene + "}"))
 
 
