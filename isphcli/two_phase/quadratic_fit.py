@@ -27,12 +27,12 @@ from ..operators.kernel import shape
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
 
-# Parts of the weight of a particle that are added to the moments, to those of second derivatives, in 2D and in 3D, and to
-# those of first ones: where too few neighbours are in sight to resolve a derivative it is zero, and where they are its
-# error is of this size. In 3D, with a support of 2.1 spacings, a second derivative rests on a third row of weight 2.5e-5
-# beside a wall. Ca of a meniscus between plates 10 across after t = 6, and of a cap of 5 in radius after t = 3: 5e-3 and
-# 4e-4 with 1e-6, 3e-3 and 3e-4 with 1e-7, 9e-4 and 2e-3 with 1e-9. In 2D a drop that spreads to 30 degrees lost a
-# splinter with 1e-8.
+# Parts of the weight of a particle that are added to the moments, to those of second derivatives, in 2D and in 3D, and
+# to those of first ones: where too few neighbours are in sight to resolve a derivative it is zero, and where they are
+# its error is of this size. In 3D, with a support of 2.1 spacings, a second derivative rests on a third row of weight
+# 2.5e-5 beside a wall. Ca of a meniscus between plates 10 across after t = 6, and of a cap of 5 in radius after t = 3:
+# 5e-3 and 4e-4 with 1e-6, 3e-3 and 3e-4 with 1e-7, 9e-4 and 2e-3 with 1e-9. In 2D a drop that spreads to 30 degrees
+# lost a splinter with 1e-8.
 RIDGE_2D, RIDGE_3D = 1e-6, 1e-7
 RIDGE_FIRST = 1e-9
 MOST_BENT = 1.0  # times 1 / support: curvature up to which the terms of higher order are taken
