@@ -27,14 +27,14 @@ from ..operators.kernel import shape
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
 
-# Added to the moments of second and of first derivatives: where too few neighbours are in sight to resolve a derivative
-# it is zero, and where they are its error is of this size. That of second ones is a part of the weight of a neighbour
-# two spacings away, on which a second derivative rests beside a wall; that of first ones of a particle's own weight.
-# With a hundredth of RIDGE a drop that spreads to 30 degrees loses a splinter; in 3D, with a support of 2.1 spacings, a
-# thousand times as much made curvatures of exact menisci 20 % wrong in the row beside the wall.
-RIDGE = 4e-5
+# Parts of the weight of a particle that are added to the moments, to those of second derivatives, in 2D and in 3D, and
+# to those of first ones: where too few neighbours are in sight to resolve a derivative it is zero, and where they are
+# its error is of this size. In 3D, with a support of 2.1 spacings, a second derivative rests on a third row of weight
+# 2.5e-5 beside a wall. Ca of a meniscus between plates 10 across after t = 6, and of a cap of 5 in radius after t = 3:
+# 5e-3 and 4e-4 with 1e-6, 3e-3 and 3e-4 with 1e-7, 9e-4 and 2e-3 with 1e-9. In 2D a drop that spreads to 30 degrees
+# lost a splinter with 1e-8.
+RIDGE_2D, RIDGE_3D = 1e-6, 1e-7
 RIDGE_FIRST = 1e-9
-FARTHEST_ROW = 0.95  # supports: two spacings count as no more than that
 MOST_BENT = 1.0  # times 1 / support: curvature up to which the terms of higher order are taken
 # Power of (1 + cosine) / 2: it falls to a half at 50 degrees between two gradients. With 2 and 4 bubbles three spacings
 # apart were drawn together or moved at Ca 1e-4, with 8 they rest (Ca 1e-5).
@@ -150,7 +150,7 @@ def _fit(rows, work, neighbours, field, wanted, walls, fit):
     moments, right, more, basis, d = work.moments, work.right, work.more, work.basis, work.d
     phi, (value, slope, curvature, form) = field.phi, fit
     dim, size, own = len(d), len(right), shape(kind, 0.0)
-    ridge = RIDGE * shape(kind, min(2.0 * field.spacing, FARTHEST_ROW))
+    ridge = own * (RIDGE_2D if dim == 2 else RIDGE_3D)
     for i in range(rows[0], rows[1]):
         if not wanted[i]:
             continue
