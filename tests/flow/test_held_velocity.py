@@ -47,8 +47,8 @@ def test_two_layers_take_the_drop_of_their_common_flow():
 def test_an_image_holds_the_flux_of_its_clear_layers(tmp_path, spacing, layer):
     """A channel of half the height between two layers of clear fluid. What is held is the flux of the layers, to the
     tolerance of the solver, whatever number of lattice layers falls into them; that of the channel follows from mass,
-    as far as the divergence sees it (2 %; with 4 across it wanders between 0.085 and 0.105 with time, and round-off decides
-    what it is at the end)."""
+    as far as the divergence sees it (2 %; with 4 across it wanders between 0.085 and 0.105 with time, and round-off
+    decides what it is at the end)."""
     image = np.ones((16, 16), np.uint8)
     image[4:12] = 0
     np.save(tmp_path / "channel.npy", image)
