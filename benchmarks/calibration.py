@@ -15,7 +15,8 @@ pores of bodies whose k from labels is more than BEYOND (0.03) off.
 bars: what error bars hold, and what they would hold of a family of bodies by constants from all others.
 
 Truth of stairs is another body, that of the cubes: finite volumes on 3 and 4 cells a voxel (6 and 8 on a slice of
-straight bodies, 4 and 6 of large ones), extrapolated by the order of edges; a body without edges (slits and ducts along the voxels) is left out.
+straight bodies, 4 and 6 of large ones), extrapolated by the order of edges; a body without edges (slits and ducts along
+the voxels) is left out.
 """
 
 import csv
