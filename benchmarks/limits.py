@@ -3,8 +3,8 @@
     PYTHONPATH=. python benchmarks/limits.py [--shifting 0.1 0.3] [--free]
 
 --free: without the limits, for at most 300 steps. Columns: largest root mean square speed over what the step before
-allows, largest divergence times dt, smallest and largest volume over that of a site, steps, and how it ended. Steps that
-were refused and repeated with half their length do not count.
+allows, largest divergence times dt, smallest and largest volume over that of a site, steps, and how it ended. Steps
+that were refused and repeated with half their length do not count.
 """
 
 import argparse
