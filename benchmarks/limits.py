@@ -3,7 +3,8 @@
     PYTHONPATH=. python benchmarks/limits.py [--shifting 0.1 0.3] [--free]
 
 --free: without the limits, for at most 300 steps. Columns: largest root mean square speed over what the step before
-allows, largest divergence times dt, smallest and largest volume over that of a site, steps, and how it ended.
+allows, largest divergence times dt, smallest and largest volume over that of a site, steps, and how it ended. Steps
+that were refused and repeated with half their length do not count.
 """
 
 import argparse
@@ -69,14 +70,15 @@ def main():
 
     def check(self, old, found):
         new, dt = found.state, found.dt
+        density = found.config.terms.density
         volume = found.config.ops.volume[: len(new.x)] / self.site_volume
         force = self.force if self.largest_force is None else self.largest_force(new.time)
         with np.errstate(all="ignore"):
-            allowed = self.speed(old.u) + force * dt + self.other
-            growth = self.speed(new.u) / allowed if allowed > 0.0 else 0.0
-        seen.append((growth, np.abs(found.divergence).max() * dt, volume.min(), volume.max()))
+            allowed = self.speed(old.u, density) + force * dt + self.other
+            growth = self.speed(new.u, density) / allowed if allowed > 0.0 else 0.0
         if not asked.free:
             real(self, old, found)
+        seen.append((growth, np.abs(found.divergence).max() * dt, volume.min(), volume.max()))
 
     Bounds.check = check
     print(f"{'':38}{'shifting':>9}{'growth':>9}{'div dt':>9}{'volume':>13}{'steps':>7}  outcome")
@@ -89,6 +91,9 @@ def main():
                 outcome = run.march.outcome
             except RunError as error:
                 outcome = str(error).split(";")[0][:60]
+            if not seen:  # the first step failed
+                print(f"{name:38}{amount:9g}  {outcome}", flush=True)
+                continue
             growth, divergence, low, high = np.array(seen).T
             print(f"{name:38}{amount:9g}{growth.max():9.4g}{divergence.max():9.2g}{low.min():7.2f}{high.max():6.2f}"
                   f"{len(seen):7}  {outcome}", flush=True)

@@ -5,7 +5,7 @@ FINE of it as short as can be told; l follows from the area of the walls (`corre
 of the field at its centre, up to noise of the variance NOISE (probit regression; Rasmussen and Williams 2006, ch. 3).
 The maximum of the posterior is found by expectation and maximisation: the field is lifted to its expected value on the
 side that its label says, then filtered by C / (C + NOISE), C the spectrum of the covariance; with Nesterov's momentum.
-Slits of 2, 3 and 5 voxels keep their width within 0.1 voxels; sharp corners become round.
+Slits of 2, 3 and 5 voxels in 14 are 2.14, 3.09 and 5.05 wide; sharp corners become round.
 
 benchmarks/walls_from_labels.py compares it with Gaussian averages of the labels, on bodies whose truth is known: an
 average over half a voxel leaves the staircase as roughness, of which finer particles see more, and k falls by 3.4 %
@@ -26,17 +26,17 @@ from .modes import Modes
 
 # Correlation length, voxels, of a random field with walls of the same area, from which on it is that of the prior; of
 # shorter ones the prior has the share length / RESOLVED. The most probable field lacks the roughness that labels do not
-# tell, and so opens throats, the more the shorter: k of random bodies of 2 to 3 voxels is 3 to 7 % too much with their own
-# length. With a share of 0.45 for all, staircases stay on large smooth bodies: k of ducts, annuli, spheres and cylinders
-# at four random places each, and of random bodies, is 4.8 % off (rms), with this rule 3.8 % (2026-11-29)
+# tell, and so opens throats, the more the shorter: k of random bodies of 2 to 3 voxels is 3 to 7 % too much with their
+# own length. With a share of 0.45 for all, staircases stay on large smooth bodies: k of pipes, annuli, spheres and
+# cylinders at four random places each, and of random bodies, is 4.8 % off (rms), with this rule 3.8 % (2026-11-29)
 RESOLVED = 6.85
 SHORTEST, LONGEST = 1.4, 8.0  # voxels. With 1.2 k of random bodies falls by 1.5 % from one particle a voxel to two
 # Share of the shortest length in the prior: what is one voxel wide beside large smooth walls stays open. 0.03 leaves
 # roughness: -1.8 % in place of -0.9 % of k of an annulus of radii 7.6 and 15.2 voxels
 FINE = 0.003
 NOISE = 0.01  # variance, over that of the field; 0.05 opens the throats by 1.6 %
-# Iterations a voxel of the correlation length, and the most. After 60 with the shortest the wall of a random body moves by
-# 0.01 voxels rms, 0.0002 in the mean; with 5 voxels k of an ellipse moves by 1.7 % from 60 to 120
+# Iterations a voxel of the correlation length, and the most. After 60 with the shortest the wall of a random body moves
+# by 0.01 voxels rms, 0.0002 in the mean; with 5 voxels k of an ellipse moves by 1.7 % from 60 to 120
 ITERATIONS, MOST = 43, 120
 START = 0.4  # of the filtered labels: nearer to the field that is found; with 1 twice as many iterations are needed
 LEAST = 0.05  # standard deviations of the field: of its values on centres, so that every label keeps its side
@@ -67,8 +67,8 @@ def most_probable_field(fluid: np.ndarray, around: np.ndarray) -> np.ndarray:
 
 
 def correlation_length(fluid: np.ndarray, around: np.ndarray) -> float:
-    """Correlation length of the prior, voxels: that of the Gaussian random field which, cut at a level, has the porosity
-    and the wall area of the labels `fluid` (bool [z, y, x]), or a share of it (`RESOLVED`).
+    """Correlation length of the prior, voxels: that of the Gaussian random field which, cut at a level, has the
+    porosity and the wall area of the labels `fluid` (bool [z, y, x]), or a share of it (`RESOLVED`).
 
     Such a field has walls of the area 2 / pi exp(-t^2 / 2) / l a volume, t the level in standard deviations (Rice); a
     voxelised wall has 3/2 of its area.

@@ -81,8 +81,8 @@ def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndar
 # Bar beside smooth walls: BAR times the root of the square of what differences of spacings tell, errors of the order
 # ORDER, and of the square of USUAL times the error that nine in ten bodies with pores as wide keep within. ORDER is the
 # power of that error in calibration.csv. Without the second part two spacings that agree by chance make a bar of
-# nothing: a pipe was off by 15 times a bar of 0.01 %. With one family of bodies left out at a time, and BAR the smallest
-# that holds 90 % of all others, 91, 96 and 92 % of those that were left out hold (two, two finer, three spacings;
+# nothing: a pipe was off by 15 times its bar. With one family of bodies left out at a time, and BAR the smallest that
+# holds 90 % of all others, 93, 96 and 92 % of those that were left out hold (two, two finer, three spacings;
 # `benchmarks/calibration.py bars`)
 ORDER, BAR, USUAL = 1.5, 0.7, 1 / 6
 SAFETY = 1.25  # bar over the errors of an order that is given (Roache 1994, J. Fluids Eng. 116, 405)

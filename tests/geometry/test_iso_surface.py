@@ -127,14 +127,15 @@ def test_a_wall_and_a_throat_of_one_voxel_in_labels_stay():
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("width", [2, 3, 5])
 def test_slits_in_labels_keep_their_width(axis, width):
-    """Walls along the axes lie on the faces of the voxels, 0.06 voxels off where two of them are two voxels apart."""
+    """Walls along the axes lie on the faces of the voxels, 0.071 voxels off where two of them are two voxels apart:
+    the prior is as smooth as the solid beside the slit is wide."""
     labels = np.full((14, 14, 14), -1, np.int8)
     np.moveaxis(labels, 2 - axis, 0)[4 : 4 + width] = 0
     g = IsoSurfaceGeometry(labels, None, 1.0, ROUND)
     start, up = np.full((1, 3), 7.0), np.eye(3)[axis] * 4
     start[0, axis] = 4 + width / 2
-    assert g.crossing(start, start + up)[0] * 4 == pytest.approx(width / 2, abs=0.06)
-    assert g.crossing(start, start - up)[0] * 4 == pytest.approx(width / 2, abs=0.06)
+    assert g.crossing(start, start + up)[0] * 4 == pytest.approx(width / 2, abs=0.075)
+    assert g.crossing(start, start - up)[0] * 4 == pytest.approx(width / 2, abs=0.075)
 
 
 def test_a_sphere_from_its_labels():
