@@ -20,7 +20,7 @@ from tests.moving_ranks import NAMES, STEPS
 from tests.paths import CASES
 from tests.test_ranks import ENVIRONMENT, pytestmark, start  # noqa: F401 - pytest reads pytestmark
 
-SEVERAL = {("auto", 2): NAMES, ("auto", 3): ["vortices", "pack", "thin"], ("auto", 4): ["cavity", "pack"],
+SEVERAL = {("auto", 2): NAMES, ("auto", 3): ["vortices", "pack", "thin", "few"], ("auto", 4): ["cavity", "pack"],
            ("petsc", 1): ["vortices", "viscous", "cavity"]}
 # Solves to 1e-11 leave differences of 1e-9 and less of the largest value after 20 steps; what the project asks for
 CLOSE = 1e-8
