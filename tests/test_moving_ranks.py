@@ -24,7 +24,8 @@ SEVERAL = {("auto", 2): NAMES, ("auto", 3): ["vortices", "pack", "thin", "few"],
            ("petsc", 1): ["vortices", "viscous", "cavity"]}
 # Solves to 1e-11 leave differences of 1e-9 and less of the largest value after 20 steps; what the project asks for
 CLOSE = 1e-8
-CLOSE_OF = {"held": 1e-5}  # what a unit pressure gradient makes is found to 1e-3 of it, in each step
+# What a unit pressure gradient makes is found to 1e-3 of it, in each step: PETSc in one process differs by 6e-6 as well
+CLOSE_OF = {"held": 3e-5}
 
 
 @pytest.fixture(scope="module")
