@@ -39,6 +39,16 @@ fluids: {water: {density: 1, viscosity: 0.1}}
 drive: {superficial_velocity: {x: 0.1}}
 time: {end: 9}
 """
+FEW = """
+geometry:
+  box: [0.4, 1.0, 1.0]
+  periodic: [x, y, z]
+  shapes: [{box: {lower: [-1, 0.0, 0.0], upper: [2, 0.1, 0.1]}, outside: true, is: solid}]
+particles: {spacing: 0.1}
+fluids: {water: {density: 1, viscosity: 1}}
+drive: {body_force: [1, 0, 0]}
+time: {end: 9}
+"""  # a row of four particles: some of three processes have none
 FILES = {
     "vortices": ("taylor_green_2d_re100", ["particles.spacing=0.05", "time.end=9"]),
     "viscous": ("taylor_green_2d", ["time={end: 9, step: 0.02}"]),  # hierarchies of velocities too
@@ -49,7 +59,7 @@ FILES = {
                         "flow=navier_stokes", "drive={body_force: [10, 0, 0]}",
                         "time={end: 1}", "reference=null"]),
 }
-NAMES = [*FILES, "pack", "thin", "held"]
+NAMES = [*FILES, "pack", "thin", "held", "few"]
 
 
 def cases(folder):
@@ -59,8 +69,8 @@ def cases(folder):
     for name, (file, overrides) in FILES.items():
         yield name, load_case(CASES / f"{file}.yaml", tuple(overrides))
     yield "pack", read_case(PACK.encode(), str(folder / "pack.yaml"))
-    yield "thin", read_case(THIN.encode(), "thin.yaml")
-    yield "held", read_case(HELD.encode(), "held.yaml")
+    for name, text in (("thin", THIN), ("held", HELD), ("few", FEW)):
+        yield name, read_case(text.encode(), f"{name}.yaml")
 
 
 def write_beads(folder):

@@ -73,7 +73,8 @@ class Bounds:
         """Raises StepError where the step from the State `old` to the StepResult `found` broke a limit."""
         new, dt = found.state, found.dt
         for name, values in (("position", new.x), ("velocity", new.u), ("pressure", new.p)):
-            bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+            bad = ~np.isfinite(values)
+            bad = bad.any(axis=1) if values.ndim > 1 else bad
             if reduce.any_true(bad):
                 raise StepError(f"the {name} of {reduce.count(bad)} particles is no longer a number", bad.astype(float))
         density = found.config.terms.density

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from ..domain import reduce
 from ..domain.cut import Share
 from ..domain.exchange import NO_EXCHANGE
 from ..domain.halo import Halo, build_halo
@@ -123,9 +124,10 @@ class WallScene:
         """
         ahead = x + displacement if dr is None else x + displacement + dr
         distance = self.geometry.distance(ahead)
-        rows = np.flatnonzero(distance < nearest)
-        if len(rows) == 0:
+        close = distance < nearest
+        if not reduce.any_true(close):  # of any process: all carry fields by shifts, or none
             return dr
+        rows = np.flatnonzero(close)
         if isinstance(nearest, np.ndarray):
             nearest = nearest[rows]
         least = np.minimum(np.maximum(self.geometry.distance(x[rows]), 0.0), nearest)
