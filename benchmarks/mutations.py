@@ -58,7 +58,7 @@ MUTATIONS = (
     Mutation("wall_sign", "sign", "a wall's share of the diagonal subtracted (extrapolation, eq. 11)",
              "operators.wall_weights", "    lap[i] += a\n", "    lap[i] -= a\n"),
     Mutation("wall_at_the_dummy", "order", "walls taken at the dummy, not where the pair meets them",
-             "operators.wall_weights", "s[k] *= t[k]", "s[k] *= 1.0"),
+             "operators.wall_weights", "s[k] *= t[first]", "s[k] *= 1.0"),
     Mutation("rotational_sign", "sign", "rotational term of the pressure added, not subtracted",
              "flow.step", "p + q - terms.bulk * div", "p + q + terms.bulk * div"),
     Mutation("projection_factor", "factor", "half of the pressure gradient taken off the velocity (eq. 3)",

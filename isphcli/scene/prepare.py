@@ -85,11 +85,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     most = float(reduce.largest(np.array([sum(need.values())])))
     memory.refuse(most * current().here, f"{n:,} fluid particles{' of two fluids' * two}", memory.too_large(case))
     x = particles.x[:n].copy()
-    u = np.zeros_like(x)
-    if case.initial is not None and case.initial.velocity:
-        names = dict(zip("xyz", x.T))
-        for k, formula in enumerate(case.initial.velocity):
-            u[:, k] = expressions.evaluate(formula, **names)
+    u = initial_velocity(case, x)
     force = sum((force for _, force in drives(case, geometry)), np.zeros(geometry.dim))
     fluids = choose_fluids(case, geometry, particles, force)
     held = held_velocity(case, particles, fluids.reference, geometry)
@@ -123,6 +119,16 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
 
         state = replace(state, drive_step=begun(0, 0.0))
     return state, stepper, particles
+
+
+def initial_velocity(case: Case, x: np.ndarray) -> np.ndarray:
+    """Velocity (n, dim), m/s, at x (n, dim), m, by the formulas of a case; without any the fluid is at rest."""
+    u = np.zeros_like(x)
+    if case.initial is not None and case.initial.velocity:
+        names = dict(zip("xyz", x.T))
+        for k, formula in enumerate(case.initial.velocity):
+            u[:, k] = expressions.evaluate(formula, **names)
+    return u
 
 
 def seam(case: Case, geometry: Geometry) -> Seam | None:

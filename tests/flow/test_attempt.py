@@ -7,22 +7,22 @@ import pytest
 from isphcli.flow import step as step_module
 from isphcli.flow.attempt import attempt
 from isphcli.flow.step_limits import RunError
-from isphcli.solvers import kept_hierarchies
+from isphcli.solvers import engine
 from isphcli.solvers.krylov import SolveError
 from tests.flow.steps import VORTEX, scene
 
 
 def tries(monkeypatch, stepper, failing):
     """Lets the first `failing` solves miss their tolerance; a list of (restart, new hierarchies so far) a solve."""
-    real, build, seen, built = kept_hierarchies.gmres, kept_hierarchies.hierarchy, [], []
+    real, build, seen, built = engine.gmres, engine.hierarchy, [], []
 
     def gmres(apply, rhs, precondition, limits, guess):
         seen.append((limits.restart, len(built)))
         solution, report = real(apply, rhs, precondition, limits, guess)
         return solution, replace(report, reason="out of iterations") if len(seen) <= failing else report
 
-    monkeypatch.setattr(kept_hierarchies, "gmres", gmres)
-    monkeypatch.setattr(kept_hierarchies, "hierarchy", lambda matrix: built.append(1) or build(matrix))
+    monkeypatch.setattr(engine, "gmres", gmres)
+    monkeypatch.setattr(engine, "hierarchy", lambda matrix: built.append(1) or build(matrix))
     return seen
 
 
