@@ -9,7 +9,7 @@ measure: solves the bodies of `isphcli.validation.known_bodies` at 1, 2 and 3 pa
 have MOST particles, and appends a row a body and wall to FILE.csv; rows that it has are kept. WALL: exact (the surface
 itself), labels, grey, stairs; "finite volumes" and "lattice Boltzmann" are those of benchmarks/finite_volumes.py and
 benchmarks/lattice_boltzmann.py on the labels. report: prints the table of bodies, and what
-`isphcli/run/expected_error.py` takes from it. volumes: what labels and their smooth body make of the volume of the
+`isphcli/runs/expected_error.py` takes from it. volumes: what labels and their smooth body make of the volume of the
 pores of bodies whose k from labels is more than BEYOND (0.03) off.
 
 bars: what error bars hold, and what they would hold of a family of bodies by constants from all others.
@@ -32,9 +32,9 @@ import numpy as np
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
 from isphcli.preflight.look import look
-from isphcli.run.expected_error import WALLS, calibrations, is_straight, mean_chord, pore_width
-from isphcli.run.permeability import EDGE, extrapolate
-from isphcli.run.steady import build_scene, solve_axis
+from isphcli.runs.expected_error import WALLS, calibrations, is_straight, mean_chord, pore_width
+from isphcli.runs.permeability import EDGE, extrapolate
+from isphcli.runs.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.validation.known_bodies import GREY_LEVEL, LevelGeometry, bodies
 from isphcli.validation.markdown import table
@@ -290,7 +290,7 @@ def report(path):
           "(benchmarks/finite_volumes.py) and lattice Boltzmann (benchmarks/lattice_boltzmann.py) take the labels\n"
           "and as many cells.\n")
     print("\n".join(table_of_bodies(rows)))
-    print("\nBars (`run/permeability.py`) against the truth of the surface that was solved:\n")
+    print("\nBars (`runs/permeability.py`) against the truth of the surface that was solved:\n")
     for wall in ("exact", "stairs"):
         for levels in SETS:
             (errors, bars, unsure), _ = bars_of(rows, wall, levels)

@@ -10,7 +10,7 @@ from pathlib import Path
 from measuring import QUIET  # sets the number of threads before numba is there
 
 from isphcli.case.load import load_case
-from isphcli.run.run import run_case
+from isphcli.runs.run import run_case
 
 FOLDER = Path(__file__).parents[1] / "cases"
 NAMES = ("square_drop_1", "square_drop_4", "oscillating_drop", "capillary_wave", "drop_wall_60", "rising_bubble",

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from isphcli.case.load import read_case
-from isphcli.run.run import run_case
+from isphcli.runs.run import run_case
 
 CASE = """
 geometry: {{voxels: {{file: {name}.npy, labels: {{solid: 1, water: 0}}, voxel_size: 1{layer}}}, {sides}}}

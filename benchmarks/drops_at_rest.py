@@ -17,7 +17,7 @@ from measuring import QUIET  # sets the number of threads before numba is there
 
 from isphcli.case.load import read_case
 from isphcli.output.files import read_history
-from isphcli.run.run import run_case
+from isphcli.runs.run import run_case
 
 # name: Laplace number, spacings across, density and viscosity outside over those of the drop, and what else
 SCENES = {

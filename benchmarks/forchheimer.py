@@ -20,7 +20,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 from isphcli.case.load import read_case
-from isphcli.run.ladders import forchheimer
+from isphcli.runs.ladders import forchheimer
 
 SPHERES, FRACTION = 16, 0.3
 RADIUS = (3.0 * FRACTION / (4.0 * math.pi * SPHERES)) ** (1.0 / 3.0)

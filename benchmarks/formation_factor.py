@@ -17,8 +17,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 from isphcli import api
-from isphcli.run.permeability import extrapolate
-from isphcli.run.steady_case import DIFFUSION, DIFFUSION_BAR
+from isphcli.runs.permeability import extrapolate
+from isphcli.runs.steady_case import DIFFUSION, DIFFUSION_BAR
 
 PLACES = (0.5, 0.4371)  # of the body along each axis, cells: in the middle, and as no lattice is
 

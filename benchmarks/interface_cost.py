@@ -13,7 +13,7 @@ from pathlib import Path
 from measuring import QUIET, Timed  # sets the number of threads before numba is there
 
 from isphcli.case.load import load_case
-from isphcli.run.run import run_case
+from isphcli.runs.run import run_case
 from isphcli.two_phase import surface_tension, two_fluids
 
 TIMED = (

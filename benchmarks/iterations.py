@@ -24,7 +24,7 @@ from isphcli.operators.assemble import assemble
 from isphcli.operators.moments import particle_volumes
 from isphcli.operators.pair_weights import build_operators
 from isphcli.output.clock import Clock
-from isphcli.run.steady import build_scene, solve_axis
+from isphcli.runs.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.solvers.krylov import Limits, gmres
 from isphcli.solvers.multigrid import cycle, hierarchy

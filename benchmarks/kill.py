@@ -56,7 +56,7 @@ def child(path, out, resume):
     try:
         from isphcli.case.load import load_case
         from isphcli.output.restart import RestartError
-        from isphcli.run.run import run_case
+        from isphcli.runs.run import run_case
 
         try:
             run_case(load_case(path, [f"output.directory={out}"]), quiet=True, resume=out if resume else None,
@@ -116,7 +116,7 @@ def main():
     import meshio  # noqa: F401
     import pyamg  # noqa: F401
 
-    import isphcli.run.moving_case  # noqa: F401
+    import isphcli.runs.moving_case  # noqa: F401
 
     rng = random.Random(asked.seed)
     root = Path(tempfile.mkdtemp(prefix="isph-kill-"))

@@ -10,7 +10,7 @@ import resource
 import sys
 
 from isphcli.case.load import load_case
-from isphcli.run.run import run_case
+from isphcli.runs.run import run_case
 
 
 def used():

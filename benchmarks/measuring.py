@@ -25,8 +25,8 @@ from isphcli.case.load import load_case
 from isphcli.output.clock import Clock
 from isphcli.output.files import History
 from isphcli.references import compare
-from isphcli.run.run import run_case
-from isphcli.run.time_loop import TimeLoop
+from isphcli.runs.run import run_case
+from isphcli.runs.time_loop import TimeLoop
 
 NAMES = ("taylor_green_2d_re100", "taylor_green_3d_re100")
 CASES = [Path(__file__).parents[1] / "cases" / f"{name}.yaml" for name in NAMES]

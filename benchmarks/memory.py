@@ -45,7 +45,7 @@ def measure(name):
     from isphcli.case.forcing import drives
     from isphcli.case.load import load_case
     from isphcli.output.clock import Clock
-    from isphcli.run import steady
+    from isphcli.runs import steady
     from isphcli.scene.build_geometry import build_geometry
 
     rows = []

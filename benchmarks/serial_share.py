@@ -47,7 +47,7 @@ def steady(share, name):
     from isphcli.case.forcing import drives
     from isphcli.case.load import load_case
     from isphcli.output.clock import Clock
-    from isphcli.run.steady import build_scene, solve_axis
+    from isphcli.runs.steady import build_scene, solve_axis
     from isphcli.scene.build_geometry import build_geometry
 
     file, sets = SCENES[name]

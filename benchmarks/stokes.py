@@ -45,7 +45,7 @@ def measure(name):
     from isphcli.case.load import load_case
     from isphcli.output.clock import Clock
     from isphcli.output.machine import peak_memory
-    from isphcli.run.steady import build_scene, solve_axis
+    from isphcli.runs.steady import build_scene, solve_axis
     from isphcli.scene.build_geometry import build_geometry
 
     file, sets = SCENES[name]

@@ -16,7 +16,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 from isphcli.case.load import load_case
-from isphcli.run.run import run_case
+from isphcli.runs.run import run_case
 
 CASE = os.path.join(os.path.dirname(__file__), "..", "cases", "taylor_green_2d_re100.yaml")
 RUNS = {"jittered, t = 0.5": (), "lattice, t = 2": ("particles.jitter=0", "time.end=2")}

@@ -21,7 +21,7 @@ from finite_volumes import permeability
 
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
-from isphcli.run.steady import build_scene, solve_axis
+from isphcli.runs.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.validation.known_bodies import LevelGeometry, bodies
 

@@ -23,7 +23,7 @@ from isphcli.case.load import load_case
 from isphcli.geometry.iso_surface import ImageField, IsoSurfaceGeometry
 from isphcli.geometry.voxel_geometry import VoxelGeometry
 from isphcli.output.clock import Clock
-from isphcli.run.steady import build_scene, solve_axis
+from isphcli.runs.steady import build_scene, solve_axis
 from isphcli.validation.known_bodies import bodies
 
 CASE = load_case(Path(__file__).parents[1] / "cases" / "grey_blobs.yaml")

@@ -21,10 +21,6 @@ COMPLETE = ("finished", "steady")  # status of a run that has what was asked for
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         return _version()
-    if name == "run":
-        import importlib
-
-        return importlib.import_module("isphcli.run")  # the package of this name, which can be called
     if name in __all__:
         from . import api
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .case.blocks import Case
     from .output.grid import Grid
     from .references.result import Result
-    from .run.results import Look
+    from .runs.results import Look
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def run(case: Case | Mapping[str, Any] | str | Path, *, out: str | Path | None =
 
         join(launched())
     asked = load_case(case, overrides)
-    from .run.run import solve_case
+    from .runs.run import solve_case
 
     def looked() -> Look | None:
         if not check:

@@ -27,7 +27,7 @@ from .output.lines import DIGITS, permeability, table
 if TYPE_CHECKING:
     from .case.blocks import Case
     from .domain.communicator import Ranks
-    from .run.relative_permeability import Relative
+    from .runs.relative_permeability import Relative
 
 # What each stands for: EXIT_CODES
 OUTSIDE, BAD_INPUT, FAILED, INTERNAL, STOPPED_SHORT, INTERRUPTED = 1, 2, 3, 4, 5, 130
@@ -675,7 +675,7 @@ def relperm(folder: Path, axis: str | None, part: tuple[float, float], every: bo
     """
     set_threads(threads)
     from .output.clock import Clock
-    from .run.relative_permeability import relative_permeabilities
+    from .runs.relative_permeability import relative_permeabilities
 
     found = relative_permeabilities(folder, Clock(), every, axis, part)
     click.echo(relative_table(found) if every else table(relative_lines(found[-1])))
@@ -848,7 +848,7 @@ def forchheimer(case_file: Path, factors: tuple[float, ...], out: Path | None, o
     isph forchheimer array.yaml --factors 1,30,100,300
     """
     set_threads(threads, quiet)
-    from .run import ladders
+    from .runs import ladders
 
     folder = ladder_folder(case_file, out, "forchheimer", overwrite)
     found = ladders.forchheimer(load(case_file, overrides), factors, folder, quiet, overwrite,
@@ -877,7 +877,7 @@ def klinkenberg(case_file: Path, slip_lengths: tuple[float, ...], out: Path | No
     isph klinkenberg rock.yaml --slip-lengths 0,50nm,100nm
     """
     set_threads(threads, quiet)
-    from .run import ladders
+    from .runs import ladders
 
     folder = ladder_folder(case_file, out, "klinkenberg", overwrite)
     found = ladders.klinkenberg(load(case_file, overrides), slip_lengths, folder, quiet, overwrite,
@@ -901,7 +901,7 @@ def rev(case_file: Path, each: int, out: Path | None, overwrite: bool, threads: 
     isph rev scan.tif --set geometry.voxels.voxel_size=2.25um --each 5
     """
     set_threads(threads, quiet)
-    from .run import ladders
+    from .runs import ladders
 
     folder = ladder_folder(case_file, out, "rev", overwrite)
     rows = ladders.representative_volume(load(case_file, overrides), folder, each, True, None if quiet else complain)
@@ -942,7 +942,7 @@ def film(folder: Path, target: Path, rate: float, view: str, force: bool, quiet:
     """
     may_write(target, force)
     set_threads(None)
-    from .run.film import make_film
+    from .runs.film import make_film
 
     def seen(number: int, total: int) -> None:
         if number == total or number % 10 == 0:

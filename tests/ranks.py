@@ -62,7 +62,7 @@ def applied(case):
     """Positions of the fluid, and the coupled operator times a field of the position, of all processes."""
     from isphcli.domain.communicator import current
     from isphcli.output.clock import Clock
-    from isphcli.run.steady import build_scene
+    from isphcli.runs.steady import build_scene
     from isphcli.scene.build_geometry import build_geometry
     from isphcli.solvers.engine import OneProcess
 
@@ -73,7 +73,7 @@ def applied(case):
         def block_cycle(self, matrix, exchange, strength, cycles):
             return lambda b: b
 
-    import isphcli.run.steady as steady
+    import isphcli.runs.steady as steady
 
     known, steady.engine_of = steady.engine_of, lambda _: NoSolver()
     try:

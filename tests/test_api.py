@@ -81,10 +81,10 @@ def test_a_run_returns_numbers_fields_and_pictures_and_leaves_nothing(tmp_path, 
 
 
 def test_the_package_of_runs_can_be_called():
-    """`isphcli.run` is a package as well: the name stays that of the function after modules of it were imported."""
-    import isphcli.run.run
+    """Also after modules of the package were imported that are called run."""
+    import isphcli.runs.run
 
-    assert isphcli.run.run.solve_case is not None
+    assert isphcli.runs.run.solve_case is not None
     assert isphcli.run(SLIT, quiet=True).permeability > 0
 
 

@@ -14,7 +14,7 @@ from isphcli.case.load import load_case
 from isphcli.domain.lattice import make_lattice
 from isphcli.output.files import read_pvd, read_vtu
 from isphcli.references.ducts import square_duct_flux
-from isphcli.run.run import run_case
+from isphcli.runs.run import run_case
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.validation.paper import disk_sites
 

@@ -61,9 +61,9 @@ def fake_run(monkeypatch, outcome):
             raise outcome
         return outcome, None
 
-    module = types.ModuleType("isphcli.run.run")
+    module = types.ModuleType("isphcli.runs.run")
     module.solve_case = solve_case
-    monkeypatch.setitem(sys.modules, "isphcli.run.run", module)
+    monkeypatch.setitem(sys.modules, "isphcli.runs.run", module)
     return calls
 
 
@@ -295,7 +295,7 @@ def test_bad_options(words, folder):
 
 
 def test_a_real_run(folder):
-    pytest.importorskip("isphcli.run.run")
+    pytest.importorskip("isphcli.runs.run")
     done = isph("run", "case.yaml", "--quiet")
     assert done.exit_code == 0, done.output
     assert "permeability" in done.stdout and not done.stderr
@@ -347,7 +347,7 @@ BAD = {
 def test_bad_input(name, command, folder):
     text, image, words, message = BAD[name]
     if command == "run":
-        pytest.importorskip("isphcli.run.run")
+        pytest.importorskip("isphcli.runs.run")
     (folder / "case.yaml").unlink()
     if text is not None:
         (folder / "case.yaml").write_text(text)

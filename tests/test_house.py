@@ -12,7 +12,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "isphcli"
 FILES = {".".join(path.relative_to(PACKAGE).with_suffix("").parts): path for path in sorted(PACKAGE.rglob("*.py"))}
 PHYSICS = ("domain", "geometry", "operators", "solvers", "flow", "two_phase")
-WORDS = ("case", "scene", "output", "run")  # what physics is not to know, but for the stopwatch
+WORDS = ("case", "scene", "output", "runs")  # what physics is not to know, but for the stopwatch
 
 
 def imports(name):
@@ -120,14 +120,14 @@ WITHOUT_TESTS = {  # modules without a file of tests of their own, and what test
     "operators.pair_sums": "compiled part of apply",
     "operators.protocol": "a protocol: test_lattice_weights.py compares its two classes",
     "references.result": "data without a function",
-    "run.ranks": "tests/test_ranks.py runs cases on several processes",
-    "run.results": "test_run.py and test_moving_case.py read what runs leave",
-    "run.steady": "test_run.py runs steady cases whole",
-    "run.steady_case": "test_run.py runs steady cases whole",
+    "runs.ranks": "tests/test_ranks.py runs cases on several processes",
+    "runs.results": "test_run.py and test_moving_case.py read what runs leave",
+    "runs.steady": "test_run.py runs steady cases whole",
+    "runs.steady_case": "test_run.py runs steady cases whole",
     "scene.choose_measures": "test_two_fluid_cases.py runs cases with every measure",
 }
 # tests of what several modules of a room do together
-OF_SEVERAL = {"run.test_failing_runs", "geometry.images.test_formats"}
+OF_SEVERAL = {"runs.test_failing_runs", "geometry.images.test_formats"}
 
 
 def with_rooms(paths, folder):

@@ -9,7 +9,7 @@ from scipy.integrate import trapezoid
 from isphcli.case.load import load_case
 from isphcli.output.files import read_history
 from isphcli.references.drops import laplace_jump
-from isphcli.run.run import run_case
+from isphcli.runs.run import run_case
 from tests.paths import CASES
 
 

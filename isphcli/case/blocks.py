@@ -750,7 +750,7 @@ class Case:
 
     @property
     def spacings(self) -> tuple[float, ...]:
-        """Spacings that it names, m; `refine: auto` adds others as it goes (`run/refinement.py`)."""
+        """Spacings that it names, m; `refine: auto` adds others as it goes (`runs/refinement.py`)."""
         return (self.particles.spacing, *(() if isinstance(self.refine, str) else self.refine))
 
     @property

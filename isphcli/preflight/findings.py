@@ -12,7 +12,7 @@ from ..case import forcing
 from ..case.blocks import AXES
 from ..domain.lattice import Lattice
 from ..geometry.connectivity import report
-from ..run.expected_error import calibrations, wall_of
+from ..runs.expected_error import calibrations, wall_of
 from .estimates import machine_memory
 from .report import THIN, CheckReport, in_bytes
 from .throats import TINY, Sites

@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from ..output import progress
-from ..run.results import Seen
+from ..runs.results import Seen
 from .check import check
 
 if TYPE_CHECKING:

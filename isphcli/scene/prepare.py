@@ -115,7 +115,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=gradient, shifting_flux=None if held is None else 0.0,
                   phi=phi, number=number)
     if forcing.drive_steps(case) is not None:
-        from ..run.drive_steps import begun
+        from ..runs.drive_steps import begun
 
         state = replace(state, drive_step=begun(0, 0.0))
     return state, stepper, particles

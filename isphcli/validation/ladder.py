@@ -343,7 +343,7 @@ def run_level(case: Case, number: int, spacing: float, directory: Path, quiet: b
 def _run(case: Case, number: int, spacing: float, directory: Path, quiet: bool) -> Level:
     """Run a case at a spacing; a run that fails becomes a level with the message as its status."""
     from ..preflight.look import look
-    from ..run.run import run_case
+    from ..runs.run import run_case
 
     files = replace(case.output, directory=directory.absolute(), snapshots=False, plots=False)
     particles = replace(case.particles, spacing=spacing)

@@ -98,7 +98,7 @@ def run(name: str, folder: Path, *overrides: str) -> dict[str, Any]:
 
     Raises CaseError for overrides that make no case."""
     from ..preflight.look import look
-    from ..run.run import run_case
+    from ..runs.run import run_case
 
     case = case_of(name, folder, *overrides)
     try:

@@ -26,8 +26,8 @@ from ..case.load import read_case
 from ..domain.lattice import ParticleError
 from ..flow.step_limits import RunError
 from ..output.clock import Clock
-from ..run.steady import NoFlowError, build_scene, solve_axis
-from ..run.time_loop import TimeLoop
+from ..runs.steady import NoFlowError, build_scene, solve_axis
+from ..runs.time_loop import TimeLoop
 from ..scene.build_geometry import build_geometry
 from ..scene.prepare import prepare
 from ..two_phase.two_fluids import TwoFluids
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from ..flow.state import Configuration, State
     from ..flow.step import Stepper
     from ..geometry.protocol import Geometry
-    from ..run.steady import SteadyScene, StokesResult
+    from ..runs.steady import SteadyScene, StokesResult
 
 Measure = Callable[[bool], float]
 Map = Callable[[np.ndarray], np.ndarray]

@@ -8,9 +8,9 @@ from isphcli.case.yaml import CaseError
 from isphcli.output.clock import Clock
 from isphcli.output.lines import scene_lines
 from isphcli.preflight.check import check
-from isphcli.run.ladders import _porosity
-from isphcli.run.run import run_case
-from isphcli.run.steady import build_scene, solve_axis
+from isphcli.runs.ladders import _porosity
+from isphcli.runs.run import run_case
+from isphcli.runs.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
 

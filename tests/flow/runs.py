@@ -4,7 +4,7 @@ import numpy as np
 
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
-from isphcli.run.time_loop import TimeLoop
+from isphcli.runs.time_loop import TimeLoop
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
 

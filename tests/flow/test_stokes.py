@@ -9,7 +9,7 @@ from isphcli.geometry.iso_surface import IsoSurfaceGeometry
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.geometry.voxel_geometry import VoxelGeometry
 from isphcli.output.clock import Clock
-from isphcli.run.steady import NoFlowError, build_scene, solve_axis
+from isphcli.runs.steady import NoFlowError, build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
 from tests.paths import CASES
 

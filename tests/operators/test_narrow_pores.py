@@ -11,8 +11,8 @@ from isphcli.operators.moments import extremes_2d, extremes_3d
 from isphcli.operators.narrow_pores import extrapolate_pressure
 from isphcli.operators.wall_operators import WallScene
 from isphcli.output.clock import Clock
-from isphcli.run.steady import build_scene, solve_axis
-from isphcli.run.time_loop import TimeLoop
+from isphcli.runs.steady import build_scene, solve_axis
+from isphcli.runs.time_loop import TimeLoop
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.place import place_case
 from isphcli.scene.prepare import prepare

@@ -114,7 +114,7 @@ def test_a_file_of_others_in_the_way(here, name, monkeypatch):
     path = here / "out/case" / name
     path.parent.mkdir(parents=True)
     path.write_text('{"files": ["../../case.yaml"]}')
-    monkeypatch.setattr("isphcli.run.steady_case.build_geometry", None)  # it would be called first
+    monkeypatch.setattr("isphcli.runs.steady_case.build_geometry", None)  # it would be called first
     for more in ([], ["--overwrite"]):
         refused(isph("run", "case.yaml", "--quiet", *more), path, "--out")
     assert contents(here) == {"case.yaml": STEADY.encode(), f"out/case/{name}": path.read_bytes()}
@@ -123,7 +123,7 @@ def test_a_file_of_others_in_the_way(here, name, monkeypatch):
 def test_all_files_of_a_run_are_announced(here):
     """`run._files` names all that a run writes: what is not there is found only when the run has been computed."""
     from isphcli.case.load import load_case
-    from isphcli.run.results import files_of
+    from isphcli.runs.results import files_of
 
     for name, text in (("steady", STEADY), ("moving", MOVING.replace(", plots: false", ""))):
         (here / f"{name}.yaml").write_text(text)

@@ -167,7 +167,7 @@ def test_a_kernel_that_is_not_in_the_cache_is_told(monkeypatch):
 
     from isphcli.output import progress
     from isphcli.output.clock import Clock
-    from isphcli.run import run
+    from isphcli.runs import run
 
     told = []
     monkeypatch.setattr(progress, "compiling", told.append)

@@ -19,8 +19,8 @@ from isphcli.output import files, restart
 from isphcli.output.clock import Clock
 from isphcli.output.files import read_history, read_pvd, write_vtu
 from isphcli.output.restart import RestartError, Saved
-from isphcli.run.run import run_case
-from isphcli.run.time_loop import TimeLoop
+from isphcli.runs.run import run_case
+from isphcli.runs.time_loop import TimeLoop
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
 from tests.threads import one_thread

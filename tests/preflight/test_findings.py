@@ -5,7 +5,7 @@ import pytest
 
 from isphcli.preflight import findings as module
 from isphcli.preflight.check import check
-from isphcli.run.expected_error import expected
+from isphcli.runs.expected_error import expected
 from tests.preflight.cases import DROP, IMAGE, SLIT, SPHERE, read
 
 

@@ -12,9 +12,9 @@ from isphcli.geometry.images import read
 from isphcli.output.clock import Clock
 from isphcli.preflight.check import check
 from isphcli.preflight.estimates import machine_memory
-from isphcli.run import steady
-from isphcli.run.run import run_case
-from isphcli.run.steady import build_scene
+from isphcli.runs import steady
+from isphcli.runs.run import run_case
+from isphcli.runs.steady import build_scene
 from isphcli.scene import memory, place
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare

@@ -235,7 +235,7 @@ def test_layers_thinner_than_the_support_are_warned_of(tmp_path):
 def test_the_permeability_of_a_pack_alone(tmp_path):
     """The layers are not in it: of two, then four cells of a lattice it nears that of the lattice without end. What is
     left is the flow that spreads at the two ends, as much for a pack of any length: it halves with twice the length."""
-    from isphcli.run.run import run_case
+    from isphcli.runs.run import run_case
 
     k = [
         run_case(pack(tmp_path, n, sets), quiet=True, overwrite=True)["permeability"]

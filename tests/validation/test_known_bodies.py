@@ -8,9 +8,9 @@ import pytest
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
 from isphcli.references.published import DATA
-from isphcli.run.expected_error import Scan, expected, is_straight, mean_chord, scan_of, usual_error
-from isphcli.run.permeability import EDGE, extrapolate
-from isphcli.run.steady import build_scene, solve_axis
+from isphcli.runs.expected_error import Scan, expected, is_straight, mean_chord, scan_of, usual_error
+from isphcli.runs.permeability import EDGE, extrapolate
+from isphcli.runs.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.validation.known_bodies import GREY_LEVEL, LevelGeometry, bodies, body, computed
 

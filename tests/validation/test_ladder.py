@@ -201,7 +201,7 @@ def test_a_run_that_fails_is_a_row(monkeypatch):
     def run_case(case, quiet, overwrite, look):
         raise RuntimeError("did not converge")
 
-    monkeypatch.setattr("isphcli.run.run.run_case", run_case)
+    monkeypatch.setattr("isphcli.runs.run.run_case", run_case)
     text, passed = validate_cases([case("slit")], say=lambda line: None, **PARTS)
     assert not passed and "FAIL" in text and "RuntimeError: did not converge" in text
     assert "did not converge" in Path("runs/slit/validation.md").read_text(encoding="utf-8")

@@ -11,9 +11,9 @@ from isphcli.case.load import load_case
 from isphcli.case.yaml import CaseError
 from isphcli.output.files import read_history, read_pvd, read_vtu
 from isphcli.preflight.look import look
-from isphcli.run import steady
-from isphcli.run.run import run_case
-from isphcli.run.time_loop import TimeLoop
+from isphcli.runs import steady
+from isphcli.runs.run import run_case
+from isphcli.runs.time_loop import TimeLoop
 
 DISK = """
 title: a disk
@@ -97,7 +97,7 @@ def test_a_periodic_scene_imports_nothing_of_walls(tmp_path):
     """In a process of its own: neither the wall modules nor those of steady flow through solids are loaded."""
     path = write(tmp_path, VORTEX)
     code = (
-        "import sys; from isphcli.case.load import load_case; from isphcli.run.run import run_case;"
+        "import sys; from isphcli.case.load import load_case; from isphcli.runs.run import run_case;"
         f"run_case(load_case({str(path)!r}, ['output.directory={tmp_path / 'o'}']), quiet=True);"
         "rooms = ('two_phase', 'geometry.images', 'geometry.voxel', 'operators.wall', 'operators.narrow',"
         " 'operators.lattice', 'run.steady');"

@@ -10,7 +10,7 @@ from isphcli.case import expressions
 from isphcli.case.load import read_case
 from isphcli.output import progress
 from isphcli.output.files import read_history, read_pvd, read_vtu
-from isphcli.run.run import run_case
+from isphcli.runs.run import run_case
 
 CHANNEL = """
 title: a channel

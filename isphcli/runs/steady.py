@@ -55,7 +55,7 @@ class StokesResult:
 
     axis: 0, 1, 2 or None where the walls drive the flow; velocity (n, dim) m/s of the particles; cell_velocity
     (n, dim) m/s, its mean over their cells of the lattice; pressure (n,) Pa; superficial, mean, permeability: see
-    `run/permeability.py`; divergence, mass_error: see `_mass`; halo, narrow (particles in pores that the lattice does
+    `runs/permeability.py`; divergence, mass_error: see `_mass`; halo, narrow (particles in pores that the lattice does
     not resolve), components, isolated_pockets, cells: of the scene that it was solved in; drop: Pa, over the box along
     the axis; stress: see `flow_measures.wall_stress`; diffusivity: effective over that of the fluid, where it was asked
     for; residuals: relative, of the iterations of the solve.

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from isphcli.run.expected_error import (
+from isphcli.runs.expected_error import (
     WALLS,
     Expected,
     Scan,

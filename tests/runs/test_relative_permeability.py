@@ -6,8 +6,8 @@ from click.testing import CliRunner
 from isphcli.case.load import read_case
 from isphcli.cli import main
 from isphcli.output.clock import Clock
-from isphcli.run.relative_permeability import SnapshotError, relative_permeabilities
-from isphcli.run.run import run_case
+from isphcli.runs.relative_permeability import SnapshotError, relative_permeabilities
+from isphcli.runs.run import run_case
 
 LAYERS = """
 geometry: {box: [0.375, 1], periodic: [x], fluid: water, shapes: [{box: BOX, is: oil}]}

@@ -15,8 +15,8 @@ from isphcli.output.clock import Clock
 from isphcli.output.files import read_history, read_vtu
 from isphcli.output.folder import TEMPORARY
 from isphcli.output.worst import NAME, WORST
-from isphcli.run import steady
-from isphcli.run.run import run_case
+from isphcli.runs import steady
+from isphcli.runs.run import run_case
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
 

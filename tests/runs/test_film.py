@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from isphcli import api
-from isphcli.run.film import FilmError, make_film
+from isphcli.runs.film import FilmError, make_film
 
 CASE = {
     "title": "a square of oil", "geometry": {"box": [1.0, 1.0], "periodic": ["x", "y"], "fluid": "water", "shapes": [

@@ -10,8 +10,8 @@ from isphcli.case.load import read_case
 from isphcli.flow.held_velocity import HeldVelocity
 from isphcli.flow.state import State
 from isphcli.output.files import read_history
-from isphcli.run.drive_steps import DriveProgram, begun
-from isphcli.run.run import run_case
+from isphcli.runs.drive_steps import DriveProgram, begun
+from isphcli.runs.run import run_case
 
 
 class Stepper:

@@ -5,8 +5,8 @@ import pytest
 
 from isphcli.case.load import read_case
 from isphcli.output.files import read_history
-from isphcli.run.run import run_case
-from isphcli.run.steadiness import Steady
+from isphcli.runs.run import run_case
+from isphcli.runs.steadiness import Steady
 
 
 def steady_at(signal, asked, steps, growth=1.25, first=1 / 64):

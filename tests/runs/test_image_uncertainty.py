@@ -5,7 +5,7 @@ import pytest
 
 from isphcli.case.load import read_case
 from isphcli.case.yaml import CaseError
-from isphcli.run.run import run_case
+from isphcli.runs.run import run_case
 
 CASE = """
 geometry:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from isphcli.case.load import load_case, read_case
-from isphcli.run.refinement import Solved, candidates, further_spacings
-from isphcli.run.run import run_case
+from isphcli.runs.refinement import Solved, candidates, further_spacings
+from isphcli.runs.run import run_case
 from isphcli.scene import memory
 from isphcli.scene.build_geometry import build_geometry
 

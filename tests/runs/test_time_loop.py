@@ -7,7 +7,7 @@ import pytest
 
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
-from isphcli.run.time_loop import FIRST, FIRST_AT_WALLS, GROWTH, GROWTH_AT_WALLS, TimeLoop
+from isphcli.runs.time_loop import FIRST, FIRST_AT_WALLS, GROWTH, GROWTH_AT_WALLS, TimeLoop
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
 

@@ -5,7 +5,7 @@ import pytest
 
 from isphcli import api
 from isphcli.case.load import read_case
-from isphcli.run.flow_measures import (
+from isphcli.runs.flow_measures import (
     effective_diffusivity,
     profile_rows,
     speed_distribution,

@@ -7,7 +7,7 @@ import pytest
 
 from isphcli.case.load import read_case
 from isphcli.references.arrays import cylinder_array_permeability
-from isphcli.run.ladders import (
+from isphcli.runs.ladders import (
     LadderError,
     fit_forchheimer,
     fit_klinkenberg,

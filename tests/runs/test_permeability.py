@@ -12,9 +12,9 @@ from isphcli.geometry.labels import ClearLayers
 from isphcli.geometry.voxel_geometry import VoxelGeometry
 from isphcli.output.clock import Clock
 from isphcli.references.ducts import duct_permeability
-from isphcli.run.permeability import EDGE, clear_permeability, extrapolate, fluid_cells
-from isphcli.run.run import run_case
-from isphcli.run.steady import build_scene, solve_axis
+from isphcli.runs.permeability import EDGE, clear_permeability, extrapolate, fluid_cells
+from isphcli.runs.run import run_case
+from isphcli.runs.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.place import place_case
 from isphcli.validation.known_bodies import body
