@@ -48,7 +48,7 @@ class Sphere:
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
         """(n,) distance of x (n, dim) to the nearest image of the surface, m, < 0 inside; exact."""
         return (
-            np.linalg.norm(_nearest_image(x - np.asarray(self.centre, float), period), axis=1) - self.radius
+            np.linalg.norm(nearest_image(x - np.asarray(self.centre, float), period), axis=1) - self.radius
         )
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
@@ -109,7 +109,7 @@ class Box:
         """(n,) distance of x (n, dim) to the nearest image of the surface, m, < 0 inside; exact. An axis along which
         the box fills the period has no faces."""
         lower, upper = np.asarray(self.lower, float), np.asarray(self.upper, float)
-        q = np.abs(_nearest_image(x - (lower + upper) / 2, period)) - (upper - lower) / 2
+        q = np.abs(nearest_image(x - (lower + upper) / 2, period)) - (upper - lower) / 2
         return block_distance(np.where(upper - lower >= period * (1 - ROUND_OFF), -np.inf, q))
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
@@ -134,13 +134,13 @@ class Cylinder:
         across = [a for a in range(x.shape[1]) if a != self.axis]
         centre = np.asarray(self.centre, float)
         radial = (
-            np.linalg.norm(_nearest_image(x[:, across] - centre[across], period[across]), axis=1)
+            np.linalg.norm(nearest_image(x[:, across] - centre[across], period[across]), axis=1)
             - self.radius
         )
         if self.ends is None or self.ends[1] - self.ends[0] >= period[self.axis] * (1 - ROUND_OFF):
             return radial
         middle, half = (self.ends[0] + self.ends[1]) / 2, (self.ends[1] - self.ends[0]) / 2
-        axial = np.abs(_nearest_image(x[:, [self.axis]] - middle, period[[self.axis]]))[:, 0] - half
+        axial = np.abs(nearest_image(x[:, [self.axis]] - middle, period[[self.axis]]))[:, 0] - half
         return block_distance(np.stack([radial, axial], axis=1))
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
@@ -210,7 +210,7 @@ def _pieces(kind: int, centres: Sequence[Sequence[float] | np.ndarray] | np.ndar
 TOUCH = 0.01  # of the smaller radius: overlaps up to it are how packings touch
 
 
-def _overlaps(centres: np.ndarray, radii: np.ndarray, period: np.ndarray) -> tuple[int, int, float]:
+def count_overlaps(centres: np.ndarray, radii: np.ndarray, period: np.ndarray) -> tuple[int, int, float]:
     """(pairs that overlap, balls that repeat another, largest overlap over the smaller radius)."""
     x = _into_box(centres, period)
     order = np.argsort(-radii, kind="stable")
@@ -224,7 +224,7 @@ def _overlaps(centres: np.ndarray, radii: np.ndarray, period: np.ndarray) -> tup
             j = np.array([k for k in near if k > i], dtype=np.int64)
             if not len(j):
                 continue
-            apart = np.linalg.norm(_nearest_image(x[j] - x[i], period), axis=1)
+            apart = np.linalg.norm(nearest_image(x[j] - x[i], period), axis=1)
             same = (apart <= 1e-9 * radii[i]) & (radii[j] >= radii[i] * (1 - 1e-9))
             repeats[j[same]] = True
             once = ~(same | repeats[j] | repeats[i])
@@ -234,7 +234,7 @@ def _overlaps(centres: np.ndarray, radii: np.ndarray, period: np.ndarray) -> tup
     return pairs, int(repeats.sum()), min(most, 2.0)
 
 
-def _nearest_image(offset: np.ndarray, period: np.ndarray) -> np.ndarray:
+def nearest_image(offset: np.ndarray, period: np.ndarray) -> np.ndarray:
     """Offsets (n, k) replaced along finite periods by the nearest periodic image."""
     finite = np.isfinite(period)
     if not finite.any():
@@ -282,7 +282,7 @@ def _lower_to_nearest(d: np.ndarray, x: np.ndarray, tree: cKDTree, radii: np.nda
         todo, k = todo[distance[:, -1] - largest < d[todo]], 4 * k
 
 
-def _check_body(body: Body, dim: int, name: str) -> None:
+def check_body(body: Body, dim: int, name: str) -> None:
     """Sizes and positivity of a body, with a message that says what to do."""
     vectors = {
         k: getattr(body, k) for k in ("centre", "lower", "upper", "point", "normal") if hasattr(body, k)

@@ -24,7 +24,7 @@ from .protocol import sample_voxels
 from .spline import average, spline_coefficients, value_and_slope
 from .surface_ways import SurfaceWays, surface_ways
 from .voxel_geometry import VoxelGeometry
-from .voxel_lookup import FAR, _label, _voxel_of
+from .voxel_lookup import FAR, label_at, voxel_of
 from .wall_distance import interpolate, join_faces, signed_centre_distance
 
 NEAR = 2.5  # smallest voxel sides: up to here the zero is looked for along the slope of the field
@@ -132,13 +132,13 @@ class IsoSurfaceGeometry(VoxelGeometry):
 def _fluid_at(fluid, around, ux, uy, uz):
     """Fluid of the voxel that holds a point; -1 beyond a face that is a wall."""
     nz, ny, nx = fluid.shape
-    return _label(fluid, around, _inside(ux, nx), _inside(uy, ny), _inside(uz, nz))
+    return label_at(fluid, around, _inside(ux, nx), _inside(uy, ny), _inside(uz, nz))
 
 
 @njit(cache=True, inline="always")
 def _inside(c, n):
     """Voxel of a coordinate; the upper face of an axis belongs to its last voxel."""
-    return n - 1 if c == n else _voxel_of(c)
+    return n - 1 if c == n else voxel_of(c)
 
 
 @njit(cache=True, nogil=True)

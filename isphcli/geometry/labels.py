@@ -66,7 +66,7 @@ def apply_labels(
     Every value of the image needs a label, and every fluid with labels a voxel. counts: {value: voxels} of the image
     that the values are a part of.
     """
-    found = dict(counts) if counts is not None else _histogram(values)
+    found = dict(counts) if counts is not None else histogram(values)
     phase_of: dict[int, int] = {}
     for name, wanted in labels.items():
         if name != "solid" and name not in fluids:
@@ -74,19 +74,19 @@ def apply_labels(
         numbers = [int(v) for v in np.ravel(np.asarray(wanted))]
         if name != "solid" and not any(v in found for v in numbers):
             raise VoxelError(
-                f"{path}: no voxel has the label of '{name}' {numbers}; it holds {_counts(found)}"
+                f"{path}: no voxel has the label of '{name}' {numbers}; it holds {counts_text(found)}"
             )
         phase_of.update({v: -1 if name == "solid" else fluids.index(name) for v in numbers})
     unknown = [v for v in found if v not in phase_of]
     if unknown:
-        raise VoxelError(f"{path}: voxels of value {unknown[:8]} have no label; it holds {_counts(found)}")
+        raise VoxelError(f"{path}: voxels of value {unknown[:8]} have no label; it holds {counts_text(found)}")
     phases = np.empty(values.shape, dtype=np.int8)
     for value in found:
         phases[values == value] = phase_of[value]
     return phases
 
 
-def _histogram(values: np.ndarray) -> dict[int, int]:
+def histogram(values: np.ndarray) -> dict[int, int]:
     """{value: voxels}, ascending."""
     if values.dtype.itemsize <= 2 and values.dtype.kind == "u":
         counts = np.zeros(256**values.dtype.itemsize, np.int64)
@@ -97,7 +97,7 @@ def _histogram(values: np.ndarray) -> dict[int, int]:
     return {int(v): int(n) for v, n in zip(found, counts)}
 
 
-def _counts(found: Mapping[int, int]) -> str:
+def counts_text(found: Mapping[int, int]) -> str:
     """'0 (12 voxels), 1 (7 voxels)', shortened."""
     text = ", ".join(f"{v} ({n} voxels)" for v, n in list(found.items())[:8])
     return text + (f" and {len(found) - 8} other values" if len(found) > 8 else "")

@@ -105,7 +105,7 @@ def _directions() -> np.ndarray:
     return steps / np.linalg.norm(steps, axis=1)[:, None] @ Rotation.from_euler("xyz", [0.17, 0.23, 0.31]).as_matrix()
 
 
-def _in_3d(x: np.ndarray) -> np.ndarray:
+def in_3d(x: np.ndarray) -> np.ndarray:
     """Points (n, 3), z = 0 in 2D."""
     return np.ascontiguousarray(np.pad(x, ((0, 0), (0, 3 - x.shape[1]))))
 
@@ -116,7 +116,7 @@ ROUND_ABOUT_2D = np.array([[np.cos(a), np.sin(a), 0.0] for a in (np.arange(16) +
 
 
 @njit(cache=True, nogil=True)
-def _put_beside(rows, x, grid, found):
+def put_beside(rows, x, grid, found):
     """A fluid shape (-1: what fills the box) beside each point, -2 if there is solid beside it too, into found (n,)."""
     ways, step = ROUND_ABOUT_2D if grid.dim == 2 else ROUND_ABOUT, grid.probe
     for k in range(rows[0], rows[1]):
@@ -323,7 +323,7 @@ def _meets(p, m, wanted, near, grid):
 
 
 @njit(cache=True, nogil=True)
-def _put_walls(rows, x, d, wall, grid):
+def put_walls(rows, x, d, wall, grid):
     """Put the signed distance to the nearest wall and its index in place of lower bounds d (n,) and the indices (n,) of
     the surfaces that they are to.
 

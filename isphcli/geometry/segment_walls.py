@@ -15,7 +15,7 @@ from .bodies import BALL, BLOCK, CYLINDER, HALF_SPACE, ROUND_OFF
 CELLS_A_PIECE = 8  # cells of the grid of pieces: beads then meet about three cells each way
 
 
-def _extent(piece: np.ndarray) -> np.ndarray:
+def extent_of(piece: np.ndarray) -> np.ndarray:
     """Half sides (m, 3) of the blocks round the pieces."""
     extent = np.full((len(piece), 3), np.inf)
     kind, axis = piece[:, 0].astype(int), piece[:, 7].astype(int)
@@ -27,11 +27,11 @@ def _extent(piece: np.ndarray) -> np.ndarray:
     return extent
 
 
-def _images(
+def periodic_images(
     piece: np.ndarray, shape: np.ndarray, lower: np.ndarray, upper: np.ndarray, around: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pieces with their periodic images, as far as they reach into the box, and their shapes."""
-    size, extent = upper - lower, _extent(piece)
+    size, extent = upper - lower, extent_of(piece)
     piece = piece.copy()
     moves = np.isfinite(extent) & around
     centre = piece[:, 1:4]
@@ -49,7 +49,7 @@ def _images(
 
 
 @njit(cache=True)
-def _fill_cells(piece, extent, lower, edge, counts):
+def fill_cells(piece, extent, lower, edge, counts):
     """Pieces of each cell: entry[start[c] : start[c + 1]], c = (z ny + y) nx + x."""
     cells = counts[0] * counts[1] * counts[2]
     start = np.zeros(cells + 1, np.int64)
@@ -103,7 +103,7 @@ class Line(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def _put_crossings(rows, xi, xj, grid, t):
+def put_crossings(rows, xi, xj, grid, t):
     """Fraction of the way from xi to xj (n, dim) to the first wall into t (n,); grid: a `shape_geometry.PieceGrid`."""
     dim = xi.shape[1]
     lower, edge, counts, around = grid.lower, grid.edge, grid.counts, grid.around

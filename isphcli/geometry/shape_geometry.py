@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..domain.row_threads import over_rows
-from .bodies import ROUND_OFF, Cylinder, HalfSpace, Shape, ShapeError, Sphere, _check_body
+from .bodies import ROUND_OFF, Cylinder, HalfSpace, Shape, ShapeError, Sphere, check_body
 from .faces import AT_REST, Walls, face_distance
-from .nearest_wall import PROBE, _in_3d, _put_beside, _put_walls
-from .segment_walls import CELLS_A_PIECE, _extent, _fill_cells, _images, _put_crossings
+from .nearest_wall import PROBE, in_3d, put_beside, put_walls
+from .segment_walls import CELLS_A_PIECE, extent_of, fill_cells, periodic_images, put_crossings
 
 
 class ShapeGeometry:
@@ -57,7 +57,7 @@ class ShapeGeometry:
         self.period = np.where(self.periodic, self.upper - self.lower, np.inf)
         self.round_off = ROUND_OFF * float((self.upper - self.lower).max())
         for k, shape in enumerate(self.shapes):
-            _check_body(shape.body, self.dim, f"shape {k + 1}")
+            check_body(shape.body, self.dim, f"shape {k + 1}")
         self.warnings = tuple(_cut_planes(self))
         self._grid: PieceGrid | None = None  # for `crossing`, when it is first asked
         self.has_solid = self.fluid < 0 or not all(self.periodic) or any(s.phase < 0 for s in self.shapes)
@@ -107,9 +107,9 @@ class ShapeGeometry:
         phase[face_distance(x, self.lower, self.upper, self.periodic)[0] <= self.round_off] = -1
         seam &= phase < 0
         if seam.any():
-            points = _in_3d(x[seam])
+            points = in_3d(x[seam])
             beside = np.empty(len(points), np.int64)
-            over_rows(_put_beside, len(points), points, self._pieces(), beside)
+            over_rows(put_beside, len(points), points, self._pieces(), beside)
             phases = np.array([self.fluid, *(s.phase for s in self.shapes)], dtype=np.int8)
             phase[seam] = np.where(beside < -1, -1, phases[beside + 1])
         return phase
@@ -160,7 +160,7 @@ class ShapeGeometry:
         if not self.has_solid or not len(xi):
             return np.ones(len(xi))
         t = np.empty(len(xi))
-        over_rows(_put_crossings, len(xi), xi, xj, self._pieces(), t)
+        over_rows(put_crossings, len(xi), xi, xj, self._pieces(), t)
         return t
 
     def _pieces(self) -> PieceGrid:
@@ -201,7 +201,7 @@ class ShapeGeometry:
         ask = np.flatnonzero(np.isfinite(d) & ((d <= self.round_off) | ~is_wall[wall]))
         if len(ask) and self.shapes:
             near, owner = d[ask], wall[ask]
-            over_rows(_put_walls, len(ask), _in_3d(x[ask]), near, owner, self._pieces())
+            over_rows(put_walls, len(ask), in_3d(x[ask]), near, owner, self._pieces())
             d[ask], wall[ask] = near, owner
         return d, wall
 
@@ -243,7 +243,7 @@ class PieceGrid(NamedTuple):
         of_shape = [s.body.pieces(geometry.period) for s in geometry.shapes]
         piece = np.concatenate([np.zeros((0, 8)), *of_shape])
         shape = np.repeat(np.arange(len(of_shape)), [len(p) for p in of_shape])
-        piece, shape = _images(piece, shape, lower, upper, around)
+        piece, shape = periodic_images(piece, shape, lower, upper, around)
         size = upper - lower
         edge = (size[: geometry.dim].prod() / (CELLS_A_PIECE * max(len(piece), 1))) ** (1 / geometry.dim)
         counts = np.clip(np.round(size / edge), 1, 500).astype(np.int64)
@@ -252,7 +252,7 @@ class PieceGrid(NamedTuple):
         solid = np.array([s.phase < 0 for s in geometry.shapes], dtype=np.bool_)
         outside = np.array([s.outside for s in geometry.shapes], dtype=np.bool_)
         sure = solid & ~outside & np.logical_and.accumulate(solid[::-1])[::-1]
-        start, entry = _fill_cells(piece, _extent(piece), lower, edge, counts)
+        start, entry = fill_cells(piece, extent_of(piece), lower, edge, counts)
         return cls(lower, edge, counts, around, start, entry, piece, shape, solid, outside, sure, geometry.dim,
                    geometry.fluid < 0, geometry.round_off, PROBE / ROUND_OFF * geometry.round_off)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .voxel_lookup import LEAST_T, TIE, _label, _voxel_of
+from .voxel_lookup import LEAST_T, TIE, label_at, voxel_of
 
 
 @njit(cache=True, nogil=True)
@@ -37,8 +37,8 @@ def _march(grid, around, u, v, walk, face):
     cell, step, left = walk[0], walk[1], walk[2]
     fastest = 0.0
     for a in range(3):
-        cell[a] = _voxel_of(u[a])
-        steps = _voxel_of(v[a]) - cell[a]
+        cell[a] = voxel_of(u[a])
+        steps = voxel_of(v[a]) - cell[a]
         left[a] = abs(steps)
         step[a] = 1 if steps > 0 else -1
         face[a] = _face(u[a], v[a], cell[a], step[a], left[a])
@@ -54,7 +54,7 @@ def _march(grid, around, u, v, walk, face):
                 cell[a] += step[a]
                 left[a] -= 1
                 face[a] = _face(u[a], v[a], cell[a], step[a], left[a])
-        if _label(grid, around, cell[0], cell[1], cell[2]) < 0:
+        if label_at(grid, around, cell[0], cell[1], cell[2]) < 0:
             return t
     return 1.0
 
@@ -74,12 +74,12 @@ def _passable(grid, around, cell, step, x, y, z):
     is looked at by the caller)."""
     sx, sy, sz = step[0] * x, step[1] * y, step[2] * z
     ix, iy, iz = cell[0], cell[1], cell[2]
-    a = x and _label(grid, around, ix + sx, iy, iz) >= 0
-    b = y and _label(grid, around, ix, iy + sy, iz) >= 0
-    c = z and _label(grid, around, ix, iy, iz + sz) >= 0
+    a = x and label_at(grid, around, ix + sx, iy, iz) >= 0
+    b = y and label_at(grid, around, ix, iy + sy, iz) >= 0
+    c = z and label_at(grid, around, ix, iy, iz + sz) >= 0
     if not (x and y and z):
         return a or b or c
-    ab = _label(grid, around, ix + sx, iy + sy, iz) >= 0
-    bc = _label(grid, around, ix, iy + sy, iz + sz) >= 0
-    ac = _label(grid, around, ix + sx, iy, iz + sz) >= 0
+    ab = label_at(grid, around, ix + sx, iy + sy, iz) >= 0
+    bc = label_at(grid, around, ix, iy + sy, iz + sz) >= 0
+    ac = label_at(grid, around, ix + sx, iy, iz + sz) >= 0
     return (ab and (a or b)) or (bc and (b or c)) or (ac and (a or c))

@@ -17,7 +17,7 @@ from ..domain.row_threads import over_rows
 from .faces import AT_REST, Walls, face_distance
 from .labels import ClearLayers, with_clear_layers
 from .voxel_crossings import put_first_faces
-from .voxel_lookup import FAR, _label, _voxel_of
+from .voxel_lookup import FAR, label_at, voxel_of
 from .wall_distance import put_stairs_distances, signed_centre_distance
 
 
@@ -173,4 +173,4 @@ class VoxelGeometry:
 @njit(cache=True, nogil=True)
 def _put_phases(rows, grid, around, u, phase):
     for k in range(rows[0], rows[1]):
-        phase[k] = _label(grid, around, _voxel_of(u[k, 0]), _voxel_of(u[k, 1]), _voxel_of(u[k, 2]))
+        phase[k] = label_at(grid, around, voxel_of(u[k, 0]), voxel_of(u[k, 1]), voxel_of(u[k, 2]))

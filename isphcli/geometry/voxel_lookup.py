@@ -11,7 +11,7 @@ LEAST_T = 1e-9  # of a segment: crossing of a wall that passes through its first
 
 
 @njit(cache=True, error_model="numpy")
-def _label(grid, around, ix, iy, iz):
+def label_at(grid, around, ix, iy, iz):
     """Label of voxel (ix, iy, iz), wrapped along periodic axes, -1 outside along the others."""
     nz, ny, nx = grid.shape
     if ix < 0 or ix >= nx:
@@ -30,6 +30,6 @@ def _label(grid, around, ix, iy, iz):
 
 
 @njit(cache=True)
-def _voxel_of(u):
+def voxel_of(u):
     """Index of the voxel along one axis; a face belongs to the upper voxel in spite of round-off."""
     return int(np.floor(u + TIE))

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from ..domain.row_threads import over_rows
-from .voxel_lookup import FAR, _label, _voxel_of
+from .voxel_lookup import FAR, label_at, voxel_of
 
 
 def signed_centre_distance(solid: np.ndarray, voxel: np.ndarray, around: np.ndarray) -> np.ndarray:
@@ -133,8 +133,8 @@ def _stairs(grid, around, voxel, ux, uy, uz, far):
     """Distance to the voxel faces, exact within one voxel; farther away `far`, but at least one voxel."""
     if abs(far) > 3 * max(voxel[0], voxel[1], voxel[2]):
         return far
-    ix, iy, iz = _voxel_of(ux), _voxel_of(uy), _voxel_of(uz)
-    fluid = _label(grid, around, ix, iy, iz) >= 0
+    ix, iy, iz = voxel_of(ux), voxel_of(uy), voxel_of(uz)
+    fluid = label_at(grid, around, ix, iy, iz) >= 0
     least = np.inf
     for dz in range(-1, 2):
         if grid.shape[0] == 1 and around[2] and dz != 0:
@@ -143,7 +143,7 @@ def _stairs(grid, around, voxel, ux, uy, uz, far):
         for dy in range(-1, 2):
             y = voxel[1] * max(iy + dy - uy, uy - (iy + dy + 1), 0.0)
             for dx in range(-1, 2):
-                if (_label(grid, around, ix + dx, iy + dy, iz + dz) >= 0) != fluid:
+                if (label_at(grid, around, ix + dx, iy + dy, iz + dz) >= 0) != fluid:
                     x = voxel[0] * max(ix + dx - ux, ux - (ix + dx + 1), 0.0)
                     least = min(least, x * x + y * y + z * z)
     d = min(np.sqrt(least), max(abs(far), 1.0))

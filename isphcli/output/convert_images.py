@@ -14,11 +14,11 @@ import numpy as np
 
 from ..geometry.connectivity import Connectivity, SlabConnectivity, report
 from ..geometry.image_steps import connected_part, inverted, is_fluid, thresholded, trimmed
-from ..geometry.images.image import SPACING, Image, Layout, VoxelError, _sizes, _smallest
+from ..geometry.images.image import SPACING, Image, Layout, VoxelError, in_smallest_type, voxel_edges
 from ..geometry.images.metaimage import META_TYPES
 from ..geometry.images.read import axes_of, image_shape, read_image
 from ..geometry.images.voxel_size import known_spacing, voxel_size_of
-from ..geometry.labels import _counts, _histogram, mirrored
+from ..geometry.labels import counts_text, histogram, mirrored
 from .files import replacing, write_text
 
 
@@ -152,7 +152,7 @@ def convert(source: str | Path, target: str | Path, how: Conversion | None = Non
     fluid = is_fluid(values, solids)
     cell = 1.0 if spacing is None else float(np.prod(spacing[: values.ndim]))
     found = report(fluid, (False,) * values.ndim, cell)
-    return _report_of(target, image, values.shape, (spacing, whence, notes), facts, solids, (found, _histogram(values)))
+    return _report_of(target, image, values.shape, (spacing, whence, notes), facts, solids, (found, histogram(values)))
 
 
 def _edges_written(image: Image, how: Conversion, dim: int,
@@ -160,7 +160,7 @@ def _edges_written(image: Image, how: Conversion, dim: int,
     """Edges of a voxel of what is written, m, None where they are not known; where they are from; warnings."""
     if how.voxel_size is None and known_spacing(image) is None:
         return None, "", image.warnings
-    given = None if how.voxel_size is None else _sizes(how.voxel_size, dim, source)
+    given = None if how.voxel_size is None else voxel_edges(how.voxel_size, dim, source)
     edges, whence, more = voxel_size_of(image, given, source)
     return tuple(int(how.downsample) * float(s) for s in edges), whence, image.warnings + more
 
@@ -173,7 +173,7 @@ def _report_of(target: Path, image: Image, shape: tuple[int, ...], sized: tuple[
     (spacing, whence, notes), (found, labels) = sized, held
     axes = "xyz"[: len(shape)]
     if not set(labels) & set(solids):
-        notes += (f"no voxel is solid (--solid {','.join(map(str, solids))}): it holds {_counts(labels)}; name the "
+        notes += (f"no voxel is solid (--solid {','.join(map(str, solids))}): it holds {counts_text(labels)}; name the "
                   "values that are with --solid, or make them 1 with --labels",)  # fmt: skip
     return {
         "file": str(target),
@@ -236,7 +236,7 @@ def _values_of(source: Path, how: Conversion, shape: tuple[int, ...]) -> dict[in
     """{value: voxels} of all slabs."""
     found: dict[int, int] = {}
     for image in _slabs(source, how, shape):
-        for value, count in _histogram(image.values).items():
+        for value, count in histogram(image.values).items():
             found[value] = found.get(value, 0) + count
     return found
 
@@ -284,7 +284,7 @@ class _Written:
     def add(self, values: np.ndarray) -> None:
         """The next slab."""
         self.found.add(is_fluid(values, self.solids))
-        for value, count in _histogram(values).items():
+        for value, count in histogram(values).items():
             self.labels[value] = self.labels.get(value, 0) + count
         layer, (middle, y, x) = self.layer, (n // 2 for n in self.shape)
         if layer <= middle < layer + len(values):
@@ -410,16 +410,16 @@ def _changed(values: np.ndarray, how: Conversion, source: str | Path) -> tuple[n
 def _relabelled(values: np.ndarray, labels: Mapping[int, int], path: str | Path) -> np.ndarray:
     if not labels:
         return values
-    found = _histogram(values)
+    found = histogram(values)
     absent = [v for v in labels if v not in found]
     if absent:
-        raise VoxelError(f"{path}: no voxel has the value {absent}; it holds {_counts(found)}")
+        raise VoxelError(f"{path}: no voxel has the value {absent}; it holds {counts_text(found)}")
     if min(labels.values()) < 0 or max(labels.values()) > 255:
         raise VoxelError(f"{path}: new labels {sorted(labels.values())} must lie in 0 to 255")
     result = values.copy()
     for old, new in labels.items():
         result[values == old] = new
-    return _smallest(result)
+    return in_smallest_type(result)
 
 
 def _coarsened(values: np.ndarray, block: int, solids: Sequence[int], path: str | Path) -> np.ndarray:
@@ -429,7 +429,7 @@ def _coarsened(values: np.ndarray, block: int, solids: Sequence[int], path: str 
         raise VoxelError(
             f"{path}: downsample {block} must be from 1 to the smallest side {min(values.shape)}"
         )
-    found = list(_histogram(values))
+    found = list(histogram(values))
     if len(found) > 64:
         raise VoxelError(f"{path}: {len(found)} values are too many labels to downsample; give a threshold")
     shape = tuple(n // block for n in values.shape)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .plots import PHASES, SOLID, _figure, _save
+from .plots import PHASES, SOLID, new_figure, save_figure
 
 MOST_COLOURS = 8  # labels with a colour of their own; others are drawn as grey values
 MORE = ("#edae49", "#8d6b94", "#d1495b", "#3c3c3c", "#20608c", "#66a182")  # of further values that are not solid
@@ -36,7 +36,7 @@ def plot_cuts(
     edges = np.asarray(spacing if spacing is not None else np.ones(len(shape)))
     scale, unit = (1.0, "voxels") if spacing is None else _unit(edges * tuple(shape)[::-1])
     cuts = [0, 1, 2] if len(shape) == 3 else [None]
-    figure, panels = _figure(4.2 * len(cuts), 4.4, 1, len(cuts))
+    figure, panels = new_figure(4.2 * len(cuts), 4.4, 1, len(cuts))
     found = sorted({int(v) for one in shown for v in np.unique(one)})
     few = len(found) <= MOST_COLOURS
     pores = iter((*PHASES[::-1], *MORE))
@@ -66,7 +66,7 @@ def plot_cuts(
         )
     if title:
         figure.suptitle(title, fontsize=10)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def _unit(lengths: np.ndarray) -> tuple[float, str]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .plots import COLOURS, INK, _figure, _save, prefix
+from .plots import COLOURS, INK, new_figure, prefix, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,7 +49,7 @@ def plot_flow_profile(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]]
     """
     if not rows:
         raise ValueError(f"{path}: there is no profile")
-    figure, ((left, right),) = _figure(10.4, 3.6, 1, 2)
+    figure, ((left, right),) = new_figure(10.4, 3.6, 1, 2)
     where, x, unit = _places(rows)
     pressure, flux = _column(rows, "pressure"), _column(rows, "superficial_velocity")
     _plain_line(left, x, pressure, "pressure (Pa)")
@@ -63,7 +63,7 @@ def plot_flow_profile(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]]
     for axes in (left, right):
         axes.set_xlabel(f"{where}  ({unit})")
     _titled(figure, title)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def plot_distributions(path: str | os.PathLike, velocity: np.ndarray, spacing: float,
@@ -73,7 +73,7 @@ def plot_distributions(path: str | os.PathLike, velocity: np.ndarray, spacing: f
     velocity: (n, dim) m/s, of equal volumes; spacing: m, of the particles; pores: (edges (m + 1,) of the diameters, m,
     share (m,) of the pore volume), or None without walls.
     """
-    figure, ((*panels,),) = _figure(10.4 if pores else 5.4, 3.8, 1, 2 if pores else 1)
+    figure, ((*panels,),) = new_figure(10.4 if pores else 5.4, 3.8, 1, 2 if pores else 1)
     if pores is not None:
         _draw_pores(panels[0], *pores, spacing)
     axes, speed = panels[-1], np.linalg.norm(velocity, axis=1)
@@ -89,7 +89,7 @@ def plot_distributions(path: str | os.PathLike, velocity: np.ndarray, spacing: f
     axes.set_ylabel("share of the fluid")
     axes.legend(frameon=False, fontsize=8)
     _titled(figure, title)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def _draw_pores(axes: Axes, edges: np.ndarray, share: np.ndarray, spacing: float) -> None:
@@ -112,7 +112,7 @@ def plot_steady_numerics(path: str | os.PathLike, found: Numerics, title: str = 
     spread about its mean."""
     refined = any(len(known) > 1 for known in found.by_spacing.values())
     panels = 1 + refined + bool(found.profile)
-    figure, (grid,) = _figure(5.2 * panels, 3.8, 1, panels)
+    figure, (grid,) = new_figure(5.2 * panels, 3.8, 1, panels)
     _draw_convergence(grid[0], found)
     if refined:
         _draw_spacings(grid[1], found)
@@ -127,7 +127,7 @@ def plot_steady_numerics(path: str | os.PathLike, found: Numerics, title: str = 
         grid[-1].set_xlabel(f"{where}  ({unit})")
         grid[-1].set_title(f"mass error {found.mass:.1e} (standard deviation)", fontsize=9, color=INK)
     _titled(figure, title)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def _draw_convergence(axes: Axes, found: Numerics) -> None:
@@ -168,7 +168,7 @@ def plot_representative_volume(path: str | os.PathLike, rows: Sequence[Mapping[s
 
     rows: with `edge` (m), `porosity` and `permeability` (m2).
     """
-    figure, ((left, right),) = _figure(10.4, 3.8, 1, 2)
+    figure, ((left, right),) = new_figure(10.4, 3.8, 1, 2)
     edge = _column(rows, "edge")
     factor, unit = prefix("m", float(edge.max()))
     for axes, name, label in ((left, "porosity", "porosity"), (right, "permeability", "permeability (m²)")):
@@ -182,13 +182,13 @@ def plot_representative_volume(path: str | os.PathLike, rows: Sequence[Mapping[s
         axes.grid(color="#e6e6e6", lw=0.6)
         axes.legend(frameon=False, fontsize=8)
     _titled(figure, title)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def plot_fit(path: str | os.PathLike, points: tuple[np.ndarray, np.ndarray], line: tuple[np.ndarray, np.ndarray],
              labels: tuple[str, str, str], title: str = "") -> None:
     """Draw points (x, y) and the line (x, y) through them. labels: of x, of y, of the line."""
-    figure, ((axes,),) = _figure(5.6, 4.0)
+    figure, ((axes,),) = new_figure(5.6, 4.0)
     axes.plot(*line, color=COLOURS[1], lw=1.4, label=labels[2])
     axes.plot(*points, "o", color=COLOURS[0], ms=5, label="runs")
     axes.set_xlabel(labels[0])
@@ -197,7 +197,7 @@ def plot_fit(path: str | os.PathLike, points: tuple[np.ndarray, np.ndarray], lin
     axes.grid(color="#e6e6e6", lw=0.6)
     axes.legend(frameon=False, fontsize=8)
     _titled(figure, title)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def _places(rows: Sequence[Mapping[str, Any]]) -> tuple[str, np.ndarray, str]:

@@ -111,7 +111,7 @@ def plot_slice(path: str | os.PathLike, x: np.ndarray, velocity: np.ndarray, fra
     extent = [factor * v for v in (box[0][0], box[1][0], box[0][1], box[1][1])]
     aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
     width, height = (6.4, 6.4 * aspect) if aspect <= 1.3 else (8.0 / aspect, 8.0)
-    figure, ((axes,),) = _figure(width + 1.7, height + 1.15)
+    figure, ((axes,),) = new_figure(width + 1.7, height + 1.15)
     if "phase" in images:
         _draw_interfaces(axes, _smooth(images["phase"], filled, wrap), extent, "white")
     picture, unit_speed = _draw_speed(axes, images["speed"], filled, extent, frame.units[1], frame.top)
@@ -120,11 +120,11 @@ def plot_slice(path: str | os.PathLike, x: np.ndarray, velocity: np.ndarray, fra
     axes.set_ylabel("xyz"[shown[1]] + (f"  ({unit})" if unit else ""))
     where = "" if normal is None else f"plane {'xyz'[normal]} = {factor * position:.4g} {unit}".rstrip()
     parts = (frame.note, _permeability(permeability), where)
-    _headline(axes, frame.title, "    ".join(part for part in parts if part))
+    draw_headline(axes, frame.title, "    ".join(part for part in parts if part))
     if shown[0] == axis and abs(flow[axis]) > 0.05 * speed.mean() and speed.max() > 0:
         arrow = "flow →" if flow[axis] > 0 else "← flow"
         axes.annotate(arrow, (1, 1.015), xycoords="axes fraction", ha="right", va="bottom", color="#6b6b6b")
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def plot_phases(path: str | os.PathLike, x: np.ndarray, phase: np.ndarray, names: Sequence[str], frame: Frame,
@@ -156,7 +156,7 @@ def plot_phases(path: str | os.PathLike, x: np.ndarray, phase: np.ndarray, names
     extent = [factor * v for v in (box[0][0], box[1][0], box[0][1], box[1][1])]
     aspect = (extent[3] - extent[2]) / (extent[1] - extent[0])
     width, height = (6.4, 6.4 * aspect) if aspect <= 1.3 else (8.0 / aspect, 8.0)
-    figure, ((axes,),) = _figure(width + 1.3, height + 1.15)
+    figure, ((axes,),) = new_figure(width + 1.3, height + 1.15)
     smooth = _smooth(images["phase"], filled, wrap)
     second = smooth > 0.5
     axes.imshow(second, origin="lower", extent=extent, cmap=ListedColormap(list(PHASES)), vmin=0, vmax=1)
@@ -166,12 +166,12 @@ def plot_phases(path: str | os.PathLike, x: np.ndarray, phase: np.ndarray, names
     axes.set_xlabel("xyz"[a] + f"  ({unit})")
     axes.set_ylabel("xyz"[b] + f"  ({unit})")
     where = "" if normal is None else f"plane {'xyz'[normal]} = {factor * middle:.4g} {unit}"
-    _headline(axes, frame.title, "    ".join(filter(None, (frame.note, where))))
+    draw_headline(axes, frame.title, "    ".join(filter(None, (frame.note, where))))
     patches = [Patch(color=colour, label=name) for colour, name in zip(PHASES, names)]
     axes.legend(handles=patches, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     for text in axes.get_legend().get_texts():
         text.set_parse_math(False)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def plot_histories(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], title: str = "") -> None:
@@ -228,7 +228,7 @@ def _draw_columns(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], ti
         raise ValueError(f"{path}: the history has no column that can be drawn")
     columns = min(len(panels), 2)
     count = -(-len(panels) // columns)
-    figure, grid = _figure(5.2 * columns, 2.9 * count + 0.4, count, columns)
+    figure, grid = new_figure(5.2 * columns, 2.9 * count + 0.4, count, columns)
     for axes, (label, words, log, lines) in zip(grid.flat, panels):
         for (name, values), colour in zip(lines.items(), COLOURS * 9):
             _line(axes, coordinate, values, colour, _short(name, words))
@@ -244,7 +244,7 @@ def _draw_columns(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], ti
         axes.set_visible(False)
     if title:
         figure.suptitle(title, fontweight="bold", color=INK).set_parse_math(False)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def plot_profiles(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], names: Sequence[str],
@@ -263,7 +263,7 @@ def plot_profiles(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], na
     along = next(name for name in "xyz" if name in rows[0])
     factor, unit = prefix("m", max(abs(row[along]) for row in rows))
     with_flux = any(row.get("superficial_velocity") is not None for row in rows)
-    figure, ((left, right, *more),) = _figure(10.4 + 5.0 * with_flux, 3.6, 1, 2 + with_flux)
+    figure, ((left, right, *more),) = new_figure(10.4 + 5.0 * with_flux, 3.6, 1, 2 + with_flux)
     keys = [(left, f"saturation_{names[1]}"), (right, "pressure"), *((axes, "superficial_velocity") for axes in more)]
     shades = colormaps["viridis_r"](np.linspace(0.15, 1.0, len(kept)))
     for time, shade in zip(kept, shades):
@@ -287,7 +287,7 @@ def plot_profiles(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], na
     right.legend(frameon=False, fontsize=8)
     if title:
         figure.suptitle(title, fontweight="bold", color=INK).set_parse_math(False)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def plot_curve(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], names: Sequence[str],
@@ -301,7 +301,7 @@ def plot_curve(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], names
         raise ValueError(f"{path}: the curve has no point")
     saturation = _series(rows, f"saturation_{names[0]}")
     assert saturation is not None  # a column of every curve
-    figure, ((left, middle, right),) = _figure(14.0, 3.8, 1, 3)
+    figure, ((left, middle, right),) = new_figure(14.0, 3.8, 1, 3)
     panels = ((left, "pressure (Pa)", ("capillary_pressure", "pressure_drop")),
               (middle, "separate parts", tuple(f"ganglia_{name}" for name in names)),
               (right, "trapped saturation", tuple(f"trapped_{name}" for name in names)))
@@ -320,7 +320,7 @@ def plot_curve(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], names
         left.annotate(f"{row['drive_step']:g}", (x, y), xytext=(3, 3), textcoords="offset points", fontsize=7)
     if title:
         figure.suptitle(title, fontweight="bold", color=INK).set_parse_math(False)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def frame_picture(path: str | os.PathLike, image: np.ndarray, frame: Frame, key: Key) -> None:
@@ -337,7 +337,7 @@ def frame_picture(path: str | os.PathLike, image: np.ndarray, frame: Frame, key:
         rows, columns = (slice(max(int(i.min()) - 8, 0), int(i.max()) + 9) for i in ink)
         image = image[rows, columns]
     aspect = image.shape[0] / image.shape[1]
-    figure, ((axes,),) = _figure(9.0, 7.4 * aspect + 1.0)
+    figure, ((axes,),) = new_figure(9.0, 7.4 * aspect + 1.0)
     axes.imshow(image, interpolation="lanczos")
     axes.set_axis_off()
     size = np.asarray(frame.upper) - np.asarray(frame.lower)
@@ -345,7 +345,7 @@ def frame_picture(path: str | os.PathLike, image: np.ndarray, frame: Frame, key:
     second = f"box {' × '.join(f'{factor * s:.3g}' for s in size)} {unit}".rstrip()
     if frame.flow_axis is not None:
         second += f"    flow along {'xyz'[frame.flow_axis]}"
-    _headline(axes, frame.title, "    ".join(filter(None, (frame.note, second))))
+    draw_headline(axes, frame.title, "    ".join(filter(None, (frame.note, second))))
     if key.scale is not None:
         label, colours, power, high = key.scale
         bar = figure.colorbar(ScalarMappable(PowerNorm(power, 0.0, high), colours), ax=axes, fraction=0.035, pad=0.02,
@@ -357,7 +357,7 @@ def frame_picture(path: str | os.PathLike, image: np.ndarray, frame: Frame, key:
         legend = axes.legend(handles=patches, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncol=3, frameon=False)
         for text in legend.get_texts():
             text.set_parse_math(False)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 # -- the slice -------------------------------------------------------------------------------------------
@@ -559,7 +559,7 @@ def _permeability(k: float | None) -> str:
     return f"permeability {number} m²  ({text})"
 
 
-def _figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, np.ndarray]:
+def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, np.ndarray]:
     """(figure, its axes (rows, columns)) in the style of all pictures; width, height: inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -574,7 +574,7 @@ def _figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tup
     return figure, grid
 
 
-def _headline(axes: Axes, title: str, second: str) -> None:
+def draw_headline(axes: Axes, title: str, second: str) -> None:
     """Title in bold, a second line in grey under it; a long title loses its end."""
     title = title if len(title) <= 64 else title[:63] + "…"
     if title:
@@ -622,7 +622,7 @@ def _short(name: str, words: Sequence[str]) -> str:
     return name[len(word) :].strip("_").replace("_", " ") or name.replace("_", " ")
 
 
-def _save(figure: Figure, path: str | os.PathLike) -> None:
+def save_figure(figure: Figure, path: str | os.PathLike) -> None:
     """Write a figure as PNG, whole or not at all."""
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png")

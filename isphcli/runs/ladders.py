@@ -261,7 +261,7 @@ def representative_volume(case: Case, out: Path, each: int = 3, quiet: bool = Tr
             size = geometry.voxel_size
             assert size is not None
             row["edge"] = part.voxels * float(np.min(size))
-            row["porosity"] = _porosity(geometry)
+            row["porosity"] = porosity_of(geometry)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
         rows.append(row)
@@ -275,7 +275,7 @@ def representative_volume(case: Case, out: Path, each: int = 3, quiet: bool = Tr
     return rows
 
 
-def _porosity(geometry: Geometry) -> float:
+def porosity_of(geometry: Geometry) -> float:
     """Share of the voxels of the sample that are pores; microporous rock is left out."""
     from ..geometry.protocol import sample_voxels
 

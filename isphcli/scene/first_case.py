@@ -12,7 +12,7 @@ from ..case.blocks import Case
 from ..case.load import read_case
 from ..geometry.images.image import Image, VoxelError
 from ..geometry.images.voxel_size import COARSE, known_spacing
-from ..geometry.labels import _counts, guess_labels
+from ..geometry.labels import counts_text, guess_labels
 from . import memory
 from .image_file import grey_image, layout_of
 
@@ -88,7 +88,7 @@ def _understood(path: Path, image: Image) -> tuple[str, str]:
                 "threshold); the other way round: --set geometry.voxels.grey.solid=below")
     solid, pores, shares = guess
     if len(shares) != 2 or min(shares) < 0:
-        raise VoxelError(f"{path}: holds {_counts(shares)}; say which are solid, such as --set "
+        raise VoxelError(f"{path}: holds {counts_text(shares)}; say which are solid, such as --set "
                          "'geometry.voxels.labels={solid: 1, water: 0}'")
     pore = pores[0]
     return (f"labels: {{solid: {solid}, water: {pore}}}",

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..geometry.images.image import Image, Layout, _checked
+from ..geometry.images.image import Image, Layout, as_labels
 from ..geometry.images.read import read_image
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def layout_of(spec: Voxels) -> Layout:
 def image_of(spec: Voxels) -> Image:
     """The part of the image of a case that is kept, [z, y, x] or [y, x]; raises VoxelError."""
     image = grey_image(spec.file, layout_of(spec), spec.crop)
-    return image if spec.grey is not None else replace(image, values=_checked(spec.file, image.values, grey=False))
+    return image if spec.grey is not None else replace(image, values=as_labels(spec.file, image.values, grey=False))
 
 
 def grey_image(path: Path, layout: Layout, crop: Sequence[Sequence[int]] | None) -> Image:

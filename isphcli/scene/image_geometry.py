@@ -15,7 +15,7 @@ from ..geometry.clear_layer import clear_voxels
 from ..geometry.images.image import Image, VoxelError
 from ..geometry.images.read import image_shape, read_image
 from ..geometry.images.voxel_size import COARSE, voxel_size_of
-from ..geometry.labels import ClearLayers, _histogram, apply_labels, faces_that_differ, mirrored, unlike_next
+from ..geometry.labels import ClearLayers, apply_labels, faces_that_differ, histogram, mirrored, unlike_next
 from . import memory
 from .image_file import image_of, layout_of
 
@@ -157,7 +157,7 @@ def _brick_geometry(case: Case, spec: Voxels, axis: int | None, walls: Walls) ->
     # where there are more processes than slices some read one in vain
     slab = part([*((0, int(n)) for n in shape[:-1]), (low, high) if low < high else (0, 1)])
     found: dict[int, int] = {}
-    for counts in ranks.collect(_histogram(slab.values) if low < high else {}):
+    for counts in ranks.collect(histogram(slab.values) if low < high else {}):
         for value, count in counts.items():
             found[value] = found.get(value, 0) + count
     names = tuple(case.fluids)

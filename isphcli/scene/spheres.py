@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..domain.halo import build_halo
-from ..geometry.bodies import ROUND_OFF, ShapeError, Spheres, _nearest_image, _overlaps
+from ..geometry.bodies import ROUND_OFF, ShapeError, Spheres, count_overlaps, nearest_image
 from ..geometry.shape_geometry import ShapeGeometry
 
 TRIES = 2000  # random places tried for each sphere before there is said to be no room
@@ -38,7 +38,7 @@ def random_spheres(
             images = build_halo(centres[:placed], geometry.lower, geometry.upper, np.array(geometry.periodic), size)
             places = places[cKDTree(images.positions(centres[:placed])).query(places)[0] >= size * (1.0 - 1e-9)]
         for place in places:
-            apart = np.linalg.norm(_nearest_image(centres[:placed] - place, geometry.period), axis=1)
+            apart = np.linalg.norm(nearest_image(centres[:placed] - place, geometry.period), axis=1)
             if (apart >= size).all():
                 centres[placed] = place
                 placed += 1
@@ -84,7 +84,7 @@ def sphere_findings(
         else:
             facts.append(text)
     kept = np.flatnonzero(~out)
-    pairs, copies, most = _overlaps(centres[kept], radii[kept], period) if len(kept) > 1 else (0, 0, 0.0)
+    pairs, copies, most = count_overlaps(centres[kept], radii[kept], period) if len(kept) > 1 else (0, 0, 0.0)
     if copies:
         facts.append(f"{copies} spheres repeat another one, or its periodic image; they count once")
     if pairs:

@@ -635,7 +635,7 @@ def draw(path: Path, ladders: Sequence[Ladder], peers: Sequence[Peer] = ()) -> N
     """Log |error| over log CPU seconds, a line a setting with its slope over the last three levels."""
     from ..output import plots
 
-    figure, ((axes,),) = plots._figure(7.2, 4.8)
+    figure, ((axes,),) = plots.new_figure(7.2, 4.8)
     for ladder, colour in zip(ladders, itertools.cycle(plots.COLOURS)):
         points = [(lv.cpu_seconds, abs(lv.error)) for lv in ladder.done if lv.error and lv.cpu_seconds]
         if points:
@@ -650,8 +650,8 @@ def draw(path: Path, ladders: Sequence[Ladder], peers: Sequence[Peer] = ()) -> N
     axes.set_ylabel(f"|{ladders[0].main.replace('_', ' ') or 'error'}|")
     axes.grid(which="both", color="#e6e6e6", lw=0.5)
     axes.legend(frameon=False, fontsize=8)
-    plots._headline(axes, case.title, "")
-    plots._save(figure, path)
+    plots.draw_headline(axes, case.title, "")
+    plots.save_figure(figure, path)
 
 
 def _draw_peers(axes: Any, peers: Sequence[Peer]) -> None:

@@ -434,15 +434,15 @@ def draw_profile(path: Path, radius: np.ndarray, porosity: np.ndarray, known: np
     """Porosity and superficial velocity over the radius."""
     from ..output import plots
 
-    figure, ((left, right),) = plots._figure(9.6, 4.2, 1, 2)
+    figure, ((left, right),) = plots.new_figure(9.6, 4.2, 1, 2)
     left.plot(1e3 * radius, porosity, "o", ms=5, color=plots.COLOURS[0], label="particles")
     left.plot(1e3 * radius, known, "-", color=plots.COLOURS[1], label="counted from the beads")
     left.set(xlabel="radius  (mm)", ylabel="porosity")
     left.legend(frameon=False)
     right.plot(1e3 * radius, 1e3 * speed, "o-", ms=5, color=plots.COLOURS[0])
     right.set(xlabel="radius  (mm)", ylabel="superficial velocity  (mm/s)")
-    plots._headline(left, "Radial profiles", "")
-    plots._save(figure, path)
+    plots.draw_headline(left, "Radial profiles", "")
+    plots.save_figure(figure, path)
     return path
 
 
@@ -450,13 +450,13 @@ def draw_line(path: Path, forces: Sequence[float], velocities: Sequence[float], 
     """Velocity over force and the line of Darcy's law (figure 7)."""
     from ..output import plots
 
-    figure, ((axes,),) = plots._figure(5.6, 4.2)
+    figure, ((axes,),) = plots.new_figure(5.6, 4.2)
     ends = np.array([0.0, 1.05 * max(forces)])
     axes.plot(ends, 1e3 * slope * ends, "-", color=plots.COLOURS[1], label="Darcy's law")
     axes.plot(forces, 1e3 * np.array(velocities), "o", color=plots.COLOURS[0], label="isphcli")
     axes.set(xlabel="body force  (m/s2)", ylabel="velocity of the column  (mm/s)", xlim=(0, None), ylim=(0, None))
     axes.legend(frameon=False)
-    plots._save(figure, path)
+    plots.save_figure(figure, path)
     return path
 
 
@@ -464,7 +464,7 @@ def draw_ladder(path: Path, points: np.ndarray, heads: Sequence[str]) -> Path:
     """Time and iterations a step over particles (figures 8 and 11)."""
     from ..output import plots
 
-    figure, ((left, right),) = plots._figure(9.6, 4.2, 1, 2)
+    figure, ((left, right),) = plots.new_figure(9.6, 4.2, 1, 2)
     n = points[:, 0]
     for column in range(1, points.shape[1]):
         axes = left if column < 3 else right
@@ -474,7 +474,7 @@ def draw_ladder(path: Path, points: np.ndarray, heads: Sequence[str]) -> Path:
     right.set(xscale="log", xlabel="particles", ylabel="GMRES iterations", ylim=(0, None))
     left.legend(frameon=False)
     right.legend(frameon=False)
-    plots._save(figure, path)
+    plots.save_figure(figure, path)
     return path
 
 
@@ -482,13 +482,13 @@ def draw_laplace(path: Path, inverse: np.ndarray, jump: np.ndarray, tension: flo
     """Pressure jump over 1 / R (figure 3)."""
     from ..output import plots
 
-    figure, ((axes,),) = plots._figure(5.6, 4.2)
+    figure, ((axes,),) = plots.new_figure(5.6, 4.2)
     ends = np.array([0.0, 1.05 * inverse.max()])
     axes.plot(ends, tension * ends, "-", color=plots.COLOURS[1], label="sigma / R")
     axes.plot(inverse, jump, "o", color=plots.COLOURS[0], label="isphcli")
     axes.set(xlabel="1 / R", ylabel="pressure inside minus outside", xlim=(0, None), ylim=(0, None))
     axes.legend(frameon=False)
-    plots._save(figure, path)
+    plots.save_figure(figure, path)
     return path
 
 

@@ -8,7 +8,7 @@ from isphcli.case.yaml import CaseError
 from isphcli.output.clock import Clock
 from isphcli.output.lines import scene_lines
 from isphcli.preflight.check import check
-from isphcli.runs.ladders import _porosity
+from isphcli.runs.ladders import porosity_of
 from isphcli.runs.run import run_case
 from isphcli.runs.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
@@ -141,7 +141,7 @@ def test_pores_and_microporous_rock_are_told_apart(tmp_path):
     assert summary["microporous"] == pytest.approx({"clay": 0.25}, rel=1e-12)
     assert summary["mean_velocity"][0] * 0.75 == pytest.approx(summary["superficial_velocity"][0], rel=1e-9)
     assert ("microporous", "clay 25 %") in scene_lines(summary)
-    assert _porosity(geometry) == 0.5
+    assert porosity_of(geometry) == 0.5
 
 
 @pytest.mark.parametrize(("shapes", "more", "key", "word"), [

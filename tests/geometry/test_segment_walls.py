@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from isphcli.geometry.bodies import Box, Cylinder, HalfSpace, Shape, Sphere
-from isphcli.geometry.segment_walls import _chord, _extent, _fill_cells, _images
+from isphcli.geometry.segment_walls import _chord, extent_of, fill_cells, periodic_images
 from isphcli.geometry.shape_geometry import ShapeGeometry
 
 PERIOD = np.full(3, np.inf)
@@ -44,7 +44,7 @@ def test_a_line_that_misses_or_runs_along():
 
 def test_images_are_those_that_reach_into_the_box():
     """A ball near a corner of a periodic square prism: itself and three images; not those along the closed axis."""
-    pieces, shape = _images(piece(Sphere((0.1, 0.05, 0.1), 0.2)), np.array([7]), np.zeros(3), np.ones(3),
+    pieces, shape = periodic_images(piece(Sphere((0.1, 0.05, 0.1), 0.2)), np.array([7]), np.zeros(3), np.ones(3),
                             np.array([True, True, False]))
     assert sorted(map(tuple, np.round(pieces[:, 1:4], 12))) == [(0.1, 0.05, 0.1), (0.1, 1.05, 0.1), (1.1, 0.05, 0.1),
                                                                (1.1, 1.05, 0.1)]
@@ -58,7 +58,7 @@ def test_every_cell_lists_the_pieces_that_reach_into_it():
     bodies += [Box(tuple(c), tuple(c + 0.15)) for c in rng.random((10, 3)) * 0.8]
     pieces = np.concatenate([piece(body) for body in bodies])
     counts = np.array([4, 5, 6])
-    start, entry = _fill_cells(pieces, _extent(pieces), np.zeros(3), 1.0 / counts, counts)
+    start, entry = fill_cells(pieces, extent_of(pieces), np.zeros(3), 1.0 / counts, counts)
     x = rng.random((4000, 3))
     cells = np.floor(x * counts).astype(int)
     flat = (cells[:, 2] * counts[1] + cells[:, 1]) * counts[0] + cells[:, 0]

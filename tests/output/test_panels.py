@@ -11,7 +11,7 @@ from isphcli.output.panels import Numerics
 def figures(monkeypatch):
     """The figures that are saved."""
     kept = []
-    monkeypatch.setattr(panels, "_save", lambda figure, path: kept.append(figure))
+    monkeypatch.setattr(panels, "save_figure", lambda figure, path: kept.append(figure))
     return kept
 
 

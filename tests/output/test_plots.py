@@ -155,5 +155,5 @@ def test_titles_are_shown_as_typed():
     from matplotlib.figure import Figure
 
     axes = Figure().subplots()
-    plots._headline(axes, "128^3 of $a_b$", "")
+    plots.draw_headline(axes, "128^3 of $a_b$", "")
     assert axes.get_title(loc="left") == "128^3 of $a_b$" and not axes._left_title.get_parse_math()

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .image import SPACING, Layout, Part, Stored, VoxelError, _sizes
+from .image import SPACING, Layout, Part, Stored, VoxelError, voxel_edges
 
 INSTALL = "the package h5py reads HDF5 files: pip install h5py"
 
@@ -63,9 +63,9 @@ def _datasets(file: Any) -> dict[str, Any]:
 
 def _spacing(path: Path, attributes: Any, dim: int) -> tuple[tuple[float, ...] | None, bool]:
     if SPACING in attributes:
-        return _sizes(attributes[SPACING], dim, path), True
+        return voxel_edges(attributes[SPACING], dim, path), True
     if "element_size_um" in attributes:
         sizes = np.ravel(np.asarray(attributes["element_size_um"], float))
         if len(sizes) in (1, dim):
-            return _sizes(sizes[::-1] * 1e-6, dim, path), False
+            return voxel_edges(sizes[::-1] * 1e-6, dim, path), False
     return None, False

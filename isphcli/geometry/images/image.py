@@ -84,7 +84,7 @@ class Image:
 UNITS = {"millimetres": 1e-3, "micrometres": 1e-6, "nanometres": 1e-9}  # that imaging tools write without saying so
 
 
-def _sizes(voxel_size: float | Sequence[float] | np.ndarray, dim: int, path: str | Path) -> tuple[float, ...]:
+def voxel_edges(voxel_size: float | Sequence[float] | np.ndarray, dim: int, path: str | Path) -> tuple[float, ...]:
     """Edges of a voxel, m, one an axis, of one number or of one an axis; VoxelError where they are no lengths."""
     sizes = np.ravel(np.asarray(voxel_size, dtype=float))
     if sizes.size not in (1, dim) or not np.isfinite(sizes).all() or not (sizes > 0).all():
@@ -92,7 +92,7 @@ def _sizes(voxel_size: float | Sequence[float] | np.ndarray, dim: int, path: str
     return tuple(float(s) for s in np.broadcast_to(sizes, dim))
 
 
-def _checked(path: Path, values: np.ndarray, grey: bool) -> np.ndarray:
+def as_labels(path: Path, values: np.ndarray, grey: bool) -> np.ndarray:
     """Values as the smallest unsigned integers, or an error that says why they are no labels."""
     if values.dtype.kind not in "buif":
         raise VoxelError(f"{path}: holds data of type {values.dtype}; save integers, such as uint8")
@@ -108,13 +108,13 @@ def _checked(path: Path, values: np.ndarray, grey: bool) -> np.ndarray:
         raise VoxelError(
             f"{path}: holds negative values ({values.min()}); labels are 0 or more: relabel them"
         )
-    return _smallest(values)
+    return in_smallest_type(values)
 
 
 THICK = 8  # a picture is at least so many times as wide as it has channels
 
 
-def _may_be_colours(shape: tuple[int, ...], dtype: np.dtype) -> bool:
+def may_be_colours(shape: tuple[int, ...], dtype: np.dtype) -> bool:
     """Whether the last axis of an array may hold channels.
 
     Only unsigned bytes and floating point are pictures: a scan three voxels thick can be saved in another type.
@@ -126,7 +126,7 @@ def _may_be_colours(shape: tuple[int, ...], dtype: np.dtype) -> bool:
     return (dtype.kind == "f" or dtype == "u1") and min(shape[:2]) >= THICK * shape[-1]
 
 
-def _check_colours(path: Path, values: np.ndarray) -> None:
+def check_colours(path: Path, values: np.ndarray) -> None:
     """Refuse a picture with channels in its last axis: colours, or one and the same grey, and perhaps an opacity."""
     channels = values.shape[-1]
     colours = values[..., :3]
@@ -155,7 +155,7 @@ def one_grey(path: Path, values: np.ndarray) -> np.ndarray:
                      "by colour first")
 
 
-def _thin(path: Path, shape: tuple[int, ...]) -> tuple[str, ...]:
+def thin_axis_warning(path: Path, shape: tuple[int, ...]) -> tuple[str, ...]:
     """A warning where an axis of an array may be channels and not voxels."""
     if len(shape) != 3 or shape[0] == 1:  # [1, y, x] is 2D
         return ()
@@ -171,7 +171,7 @@ def _thin(path: Path, shape: tuple[int, ...]) -> tuple[str, ...]:
     )
 
 
-def _smallest(values: np.ndarray) -> np.ndarray:
+def in_smallest_type(values: np.ndarray) -> np.ndarray:
     """Non-negative integers in the smallest unsigned type that holds them, C order, native bytes."""
     if values.dtype == bool:
         return values.astype(np.uint8)
@@ -185,7 +185,7 @@ def _memory() -> int:
     return int(psutil.virtual_memory().total) // 2
 
 
-def _check_size(path: Path, needed: int, there: int) -> None:
+def check_size(path: Path, needed: int, there: int) -> None:
     """The header's bytes against the bytes of the file."""
     if needed > there:
         raise VoxelError(
@@ -195,7 +195,7 @@ def _check_size(path: Path, needed: int, there: int) -> None:
         raise VoxelError(f"{path}: holds {there} bytes where the header says {needed}; correct the header")
 
 
-def _check_memory(path: Path, needed: int) -> None:
+def check_memory(path: Path, needed: int) -> None:
     """The bytes of what is to be read against the memory of the machine."""
     if needed > _memory():
         raise VoxelError(
@@ -203,7 +203,7 @@ def _check_memory(path: Path, needed: int) -> None:
         )
 
 
-def _product(path: Path, shape: Sequence[int]) -> int:
+def number_of_voxels(path: Path, shape: Sequence[int]) -> int:
     """Number of voxels in exact integers."""
     count = 1
     for n in shape:
@@ -297,7 +297,7 @@ class Inflated:
         return bytes(found)
 
 
-def _check_deflated(path: Path, there: int, needed: int) -> None:
+def check_deflated(path: Path, there: int, needed: int) -> None:
     """VoxelError where `there` compressed bytes are too few for `needed`."""
     if needed > MAX_DEFLATE * there + 1024:
         raise VoxelError(f"{path}: is truncated: {there} compressed bytes cannot hold {needed}; copy it again")

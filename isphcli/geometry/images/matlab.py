@@ -18,7 +18,7 @@ from typing import BinaryIO
 import numpy as np
 
 from .hdf import open_hdf5
-from .image import Inflated, Layout, Part, Readable, Stored, VoxelError, _check_deflated, _product, stored_part
+from .image import Inflated, Layout, Part, Readable, Stored, VoxelError, check_deflated, number_of_voxels, stored_part
 
 MATRIX, COMPRESSED = 14, 15  # types of elements in a file
 STORED = {
@@ -119,10 +119,10 @@ def _header(path: Path, file: BinaryIO, order: str, start: int, packed: bool, co
     if kind not in STORED:
         raise VoxelError(f"{path}: '{name}' holds numbers of a type that is not known ({kind}); save it again")
     dtype = np.dtype(order + STORED[kind])
-    if _product(path, shape) * dtype.itemsize != length or (not packed and stream.at + length > inside + 8):
+    if number_of_voxels(path, shape) * dtype.itemsize != length or (not packed and stream.at + length > inside + 8):
         raise VoxelError(f"{path}: '{name}' is {length} bytes long, which {shape} numbers are not; save it again")
     if packed:
-        _check_deflated(path, count, length)
+        check_deflated(path, count, length)
     return _Array(start, packed, name, shape, dtype, stream.at)
 
 

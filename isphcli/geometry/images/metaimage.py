@@ -16,11 +16,11 @@ from .image import (
     Readable,
     Stored,
     VoxelError,
-    _check_deflated,
-    _check_size,
-    _product,
-    _sizes,
+    check_deflated,
+    check_size,
+    number_of_voxels,
     stored_part,
+    voxel_edges,
 )
 
 META_TYPES = {
@@ -57,7 +57,7 @@ def open_metaimage(path: Path, layout: Layout) -> Stored:
         raise VoxelError(f"{path}: ElementType '{header.get('ElementType')}' is not known; use MET_UCHAR")
     big = header.get("BinaryDataByteOrderMSB", header.get("ElementByteOrderMSB", "False")).lower() == "true"
     dtype = np.dtype((">" if big else "<") + code)
-    needed = _product(path, dims) * dtype.itemsize
+    needed = number_of_voxels(path, dims) * dtype.itemsize
     local = header["ElementDataFile"] == "LOCAL"
     data_path = path if local else path.parent / header["ElementDataFile"]
     if not data_path.is_file():
@@ -69,9 +69,9 @@ def open_metaimage(path: Path, layout: Layout) -> Stored:
         skip = there - needed
     start = max(skip, 0)
     if compressed:
-        _check_deflated(data_path, there - start, needed)
+        check_deflated(data_path, there - start, needed)
     else:
-        _check_size(data_path, needed, there - start)
+        check_size(data_path, needed, there - start)
 
     @contextmanager
     def data() -> Iterator[Readable]:
@@ -80,7 +80,7 @@ def open_metaimage(path: Path, layout: Layout) -> Stored:
             yield Inflated(data_path, file) if compressed else file
 
     key = "ElementSpacing" if "ElementSpacing" in header else "ElementSize"
-    spacing = _sizes(_meta_numbers(path, header, key, float), len(dims), path) if key in header else None
+    spacing = voxel_edges(_meta_numbers(path, header, key, float), len(dims), path) if key in header else None
     shape = tuple(dims[::-1])
     return Stored(shape, dtype, stored_part(data_path, data, dtype, shape), spacing, "ElementSpacing",
                   info={"format": "MetaImage", **header})

@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from .image import Layout, Stored, VoxelError, _check_size, _product, stored_part
+from .image import Layout, Stored, VoxelError, check_size, number_of_voxels, stored_part
 
 
 def open_npy(path: Path, layout: Layout) -> Stored:
@@ -18,7 +18,7 @@ def open_npy(path: Path, layout: Layout) -> Stored:
     with open(path, "rb") as file:
         shape, fortran, dtype = npy_header(path, file)
         start = file.tell()
-    _check_size(path, start + _product(path, shape) * dtype.itemsize, os.path.getsize(path))
+    check_size(path, start + number_of_voxels(path, shape) * dtype.itemsize, os.path.getsize(path))
 
     @contextmanager
     def data() -> Iterator[BinaryIO]:

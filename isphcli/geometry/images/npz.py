@@ -10,7 +10,17 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from .image import MAX_DEFLATE, SPACING, Layout, Stored, VoxelError, _check_size, _product, _sizes, stored_part
+from .image import (
+    MAX_DEFLATE,
+    SPACING,
+    Layout,
+    Stored,
+    VoxelError,
+    check_size,
+    number_of_voxels,
+    stored_part,
+    voxel_edges,
+)
 from .npy import npy_header
 
 
@@ -57,7 +67,7 @@ def _header(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tu
         raise VoxelError(f"{path}: is damaged (sizes disagree); copy or save it again")
     with archive.open(member) as file:
         shape, fortran, dtype = npy_header(path, file)  # type: ignore[arg-type]
-        _check_size(path, file.tell() + _product(path, shape) * dtype.itemsize, member.file_size)
+        check_size(path, file.tell() + number_of_voxels(path, shape) * dtype.itemsize, member.file_size)
     return shape, fortran, dtype
 
 
@@ -66,4 +76,4 @@ def _spacing(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo, dim:
     with archive.open(member) as file:
         npy_header(path, file)  # type: ignore[arg-type]
         sizes: Any = np.frombuffer(file.read(), dtype).reshape(shape)
-    return _sizes(sizes, dim, path) if sizes.dtype.kind in "iuf" else None
+    return voxel_edges(sizes, dim, path) if sizes.dtype.kind in "iuf" else None

@@ -19,11 +19,11 @@ from .image import (
     Readable,
     Stored,
     VoxelError,
-    _check_deflated,
-    _check_size,
-    _product,
-    _sizes,
+    check_deflated,
+    check_size,
+    number_of_voxels,
     stored_part,
+    voxel_edges,
 )
 
 TYPES = {
@@ -55,7 +55,7 @@ def open_nrrd(path: Path, layout: Layout) -> Stored:
         raise VoxelError(f"{path}: its data file {source} does not exist; correct 'data file'")
     encoding = str(header.get("encoding", "")).lower()
     start = start if name is None else 0
-    needed, there = _product(path, shape) * dtype.itemsize, os.path.getsize(source)
+    needed, there = number_of_voxels(path, shape) * dtype.itemsize, os.path.getsize(source)
     skip = int(header.get("byte skip", header.get("byteskip", 0)))
     lines = int(header.get("line skip", header.get("lineskip", 0)))
     spacing, key = _spacing(path, header, len(shape))
@@ -68,9 +68,9 @@ def open_nrrd(path: Path, layout: Layout) -> Stored:
         if skip == -1:
             skip = there - start - needed
         if not lines:
-            _check_size(source, start + skip + needed, there)
+            check_size(source, start + skip + needed, there)
     elif encoding.startswith("g"):
-        _check_deflated(source, there - start, needed)
+        check_deflated(source, there - start, needed)
 
     @contextmanager
     def data() -> Iterator[Readable]:
@@ -128,5 +128,5 @@ def _spacing(path: Path, header: dict[str, Any], dim: int) -> tuple[tuple[float,
     units = header.get("space units", header.get("units"))
     scales = {metres(str(unit)) for unit in np.ravel(units)} if units is not None else {None}
     scale = scales.pop() if len(scales) == 1 else None
-    sizes = _sizes(found, dim, path)
+    sizes = voxel_edges(found, dim, path)
     return (sizes, key) if scale is None else (tuple(s * scale for s in sizes), "")

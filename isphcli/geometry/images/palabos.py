@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .image import Layout, Part, Stored, VoxelError, _check_memory, _product
+from .image import Layout, Part, Stored, VoxelError, check_memory, number_of_voxels
 from .raw import array_shape, of_name
 
 PIECE = 2**24  # bytes of text that are read at a time
@@ -21,14 +21,14 @@ def open_palabos(path: Path, layout: Layout) -> Stored:
         raise VoxelError(
             f"{path}: text without a header: give its sizes along x, y, z (geometry.voxels.shape, --shape)"
         )
-    array, voxels, size = array_shape(shape, layout.axes or "xyz"), _product(path, shape), os.path.getsize(path)
+    array, voxels, size = array_shape(shape, layout.axes or "xyz"), number_of_voxels(path, shape), os.path.getsize(path)
     if size < 2 * voxels - 1:
         raise VoxelError(
             f"{path}: {size} bytes of text cannot hold {' x '.join(map(str, shape))} voxels; correct the shape"
         )
 
     def part(keep: Part) -> np.ndarray:
-        _check_memory(path, voxels)
+        check_memory(path, voxels)
         values = np.empty(voxels, np.uint8)
         count, rest = 0, b""
         with open(path, "rb") as file:

@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from .image import Layout, Stored, VoxelError, _check_size, _product, stored_part
+from .image import Layout, Stored, VoxelError, check_size, number_of_voxels, stored_part
 from .metaimage import open_metaimage
 from .nrrd import open_nrrd
 
@@ -46,7 +46,7 @@ def open_raw(path: Path, layout: Layout) -> Stored:
             f"{path}: has no header: give its sizes along x, y, z (geometry.voxels.shape, --shape) and its "
             f"type (dtype){_cube(size - offset, layout.dtype or name_dtype)}"
         )
-    voxels = _product(path, shape)
+    voxels = number_of_voxels(path, shape)
     dtype = layout.dtype or name_dtype or BY_SIZE.get((size - offset) // voxels if (size - offset) % voxels == 0 else 0)
     sizes = " x ".join(map(str, shape))
     if dtype is None:
@@ -61,7 +61,7 @@ def open_raw(path: Path, layout: Layout) -> Stored:
             f"{path}: holds {size} bytes; {sizes} voxels of {dtype} after {offset} bytes are "
             f"{offset + voxels * kind.itemsize}: correct shape, dtype or offset"
         )
-    _check_size(path, offset + voxels * kind.itemsize, size)
+    check_size(path, offset + voxels * kind.itemsize, size)
 
     @contextmanager
     def data() -> Iterator[BinaryIO]:

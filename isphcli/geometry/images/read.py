@@ -16,12 +16,12 @@ from .image import (
     Part,
     Stored,
     VoxelError,
-    _check_colours,
-    _check_memory,
-    _checked,
-    _may_be_colours,
-    _product,
-    _thin,
+    as_labels,
+    check_colours,
+    check_memory,
+    may_be_colours,
+    number_of_voxels,
+    thin_axis_warning,
 )
 from .matlab import open_matlab
 from .metaimage import open_metaimage
@@ -103,13 +103,13 @@ def open_image(path: str | Path, layout: Layout | None = None) -> Stored:
         stored = replace(stored, shape=stored.shape[1:], part=_first_of(stored.part))
     if stored.dtype.kind not in "buif":
         raise VoxelError(f"{path}: holds data of type {stored.dtype}; save integers, such as uint8")
-    if _may_be_colours(stored.shape, stored.dtype):
-        _check_memory(path, _product(path, stored.shape) * stored.dtype.itemsize)
+    if may_be_colours(stored.shape, stored.dtype):
+        check_memory(path, number_of_voxels(path, stored.shape) * stored.dtype.itemsize)
         every = tuple(slice(0, n) for n in whole.shape)
-        _check_colours(path, _clean(path, kind.name, lambda: whole.part(every)).reshape(stored.shape))
+        check_colours(path, _clean(path, kind.name, lambda: whole.part(every)).reshape(stored.shape))
     if len(stored.shape) not in (2, 3):
         raise VoxelError(f"{path}: has {len(stored.shape)} dimensions; an image has 2 or 3")
-    _product(path, stored.shape)
+    number_of_voxels(path, stored.shape)
     return stored
 
 
@@ -133,14 +133,14 @@ def read_image(
     axes = axes if len(stored.shape) == 3 else axes.replace("z", "")
     keep = _kept(path, tuple(stored.shape[axes.index(a)] for a in "xyz"[: len(axes)]), crop)
     part = tuple(keep["xyz".index(a)] for a in axes)
-    _check_memory(path, _product(path, [k.stop - k.start for k in part]) * stored.dtype.itemsize)
+    check_memory(path, number_of_voxels(path, [k.stop - k.start for k in part]) * stored.dtype.itemsize)
     values = _clean(path, format_of(path).name, lambda: stored.part(part))
     if values.shape != tuple(k.stop - k.start for k in part):
         raise VoxelError(f"{path}: its header says {stored.shape} voxels, and its data do not fit that; copy it again")
     values = values.transpose([axes.index(a) for a in "zyx"[3 - len(axes) :]])
     if values.dtype.byteorder not in "=|":
         values = values.astype(values.dtype.newbyteorder("="))
-    values = _checked(path, values, grey)
+    values = as_labels(path, values, grey)
     spacing = stored.spacing
     if spacing is not None:
         spacing = spacing[: len(axes)]
@@ -153,7 +153,7 @@ def read_image(
         axes,
         stored.shape,
         stored.info,
-        (*stored.warnings, *_thin(path, stored.shape)),
+        (*stored.warnings, *thin_axis_warning(path, stored.shape)),
     )
 
 

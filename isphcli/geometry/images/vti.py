@@ -14,7 +14,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from .image import Layout, Part, Stored, VoxelError, _product, _sizes, stored_part
+from .image import Layout, Part, Stored, VoxelError, number_of_voxels, stored_part, voxel_edges
 
 TYPES = {"Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4", "Int64": "i8",
          "UInt64": "u8", "Float32": "f4", "Float64": "f8"}  # fmt: skip
@@ -45,9 +45,9 @@ def open_vti(path: Path, layout: Layout) -> Stored:
         raise VoxelError(f"{path}: '{name}' is of the type '{data.get('type')}', which is not known; save it as UInt8")
     order = ">" if root.get("byte_order") == "BigEndian" else "<"
     dtype = np.dtype(order + code)
-    needed = _product(path, shape) * dtype.itemsize
+    needed = number_of_voxels(path, shape) * dtype.itemsize
     length = np.dtype(order + ("u8" if root.get("header_type") == "UInt64" else "u4"))
-    spacing = _sizes([float(n) for n in str(grid.get("Spacing", "1 1 1")).split()][: len(shape)], len(shape), path)
+    spacing = voxel_edges([float(n) for n in str(grid.get("Spacing", "1 1 1")).split()][: len(shape)], len(shape), path)
     packed = root.get("compressor")
     if packed not in (None, "vtkZLibDataCompressor"):
         raise VoxelError(f"{path}: is compressed by {packed}; save it with zlib or without compression")

@@ -11,7 +11,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from .image import Layout, Part, Stored, VoxelError, _check_memory, _product, _sizes, stored_part
+from .image import Layout, Part, Stored, VoxelError, check_memory, number_of_voxels, stored_part, voxel_edges
 
 TYPES = {"char": "i1", "signed_char": "i1", "unsigned_char": "u1", "short": "i2", "unsigned_short": "u2", "int": "i4",
          "unsigned_int": "u4", "long": "i8", "unsigned_long": "u8", "vtktypeint64": "i8", "vtktypeuint64": "u8",
@@ -48,13 +48,13 @@ def open_vtk(path: Path, layout: Layout) -> Stored:
     found = usable[0]
     points = [int(n) for n in header["DIMENSIONS"]]
     cells = [max(n - 1, 1) for n in points]
-    counts = points if _product(path, points) == found.count else cells
+    counts = points if number_of_voxels(path, points) == found.count else cells
     shape = tuple(counts[::-1]) if counts[2] > 1 else tuple(counts[1::-1])
-    if _product(path, shape) != found.count:
+    if number_of_voxels(path, shape) != found.count:
         raise VoxelError(f"{path}: '{found.name}' has {found.count} values for {points} points; save it again")
     dtype = np.dtype(">" + TYPES[found.kind])
     edges = header.get("SPACING", header.get("ASPECT_RATIO", ["1", "1", "1"]))
-    spacing = _sizes([float(n) for n in edges][: len(shape)], len(shape), path)
+    spacing = voxel_edges([float(n) for n in edges][: len(shape)], len(shape), path)
     if not text and found.start + found.count * dtype.itemsize > os.path.getsize(path):
         raise VoxelError(f"{path}: is truncated; copy it again")
 
@@ -65,7 +65,7 @@ def open_vtk(path: Path, layout: Layout) -> Stored:
             yield stream
 
     def of_text(keep: Part) -> np.ndarray:
-        _check_memory(path, 8 * found.count)
+        check_memory(path, 8 * found.count)
         with open(path, "rb") as stream:
             stream.seek(found.start)
             words = stream.read().split(maxsplit=found.count)[: found.count]
