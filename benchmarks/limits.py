@@ -88,7 +88,7 @@ def main():
             more = [f"particles.shifting={amount}", *(["time.max_steps=300"] if asked.free else [])]
             try:
                 run = stress.marched(text, *sets, *more, change=change[0] if change else None)
-                outcome = run.march.outcome
+                outcome = run.loop.outcome
             except RunError as error:
                 outcome = str(error).split(";")[0][:60]
             if not seen:  # the first step failed

@@ -144,6 +144,16 @@ def test_tests_stand_where_their_modules_do():
     assert tested - modules == set(), "tests of modules that are not there"
 
 
+def test_one_class_has_a_name():
+    """Public ones: a word of the case language and one of the geometry are told apart."""
+    found = {}
+    for name, path in FILES.items():
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                found.setdefault(node.name, []).append(name)
+    assert {word: names for word, names in found.items() if len(names) > 1} == {}
+
+
 def calls_of(tree, name):
     return [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == name]
 

@@ -165,7 +165,7 @@ class Voxels:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sphere:
+class SphereBlock:
     """A sphere; a disk in 2D."""
 
     centre: Vector = key("centre of the sphere", unit="m", per_axis=True)
@@ -173,7 +173,7 @@ class Sphere:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spheres:
+class SpheresBlock:
     """Spheres listed in a file, or placed at random without overlap, outside the solids before them."""
 
     ONE_OF: ClassVar = ("file", "random")
@@ -204,7 +204,7 @@ class Spheres:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Box:
+class BoxBlock:
     """A box along the axes."""
 
     lower: Vector = key("lower corner", unit="m", per_axis=True)
@@ -212,7 +212,7 @@ class Box:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cylinder:
+class CylinderBlock:
     """A circular cylinder along an axis, infinite unless ends are given; 3D only."""
 
     axis: str = key("direction of the cylinder", choices=AXES)
@@ -225,7 +225,7 @@ class Cylinder:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HalfSpace:
+class HalfSpaceBlock:
     """The side of a plane that its normal points away from: (x - point) . normal < 0."""
 
     point: Vector = key("a point of the plane", unit="m", per_axis=True)
@@ -233,16 +233,16 @@ class HalfSpace:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shape:
+class ShapeBlock:
     """A region of space and what fills it."""
 
     ONE_OF: ClassVar = ("sphere", "spheres", "box", "cylinder", "half_space")
 
-    sphere: Sphere | None = key("a sphere, in 2D a disk", default=None)
-    spheres: Spheres | None = key("many spheres, from a file or at random", default=None)
-    box: Box | None = key("a box along the axes", default=None)
-    cylinder: Cylinder | None = key("a circular cylinder", default=None)
-    half_space: HalfSpace | None = key("one side of a plane", default=None)
+    sphere: SphereBlock | None = key("a sphere, in 2D a disk", default=None)
+    spheres: SpheresBlock | None = key("many spheres, from a file or at random", default=None)
+    box: BoxBlock | None = key("a box along the axes", default=None)
+    cylinder: CylinderBlock | None = key("a circular cylinder", default=None)
+    half_space: HalfSpaceBlock | None = key("one side of a plane", default=None)
     outside: bool = key("the region is the outside of the shape", default=False)
     what: str = key("what fills the region: `solid`, or the name of a fluid or of microporous rock", name="is")
     velocity: TimedVector | None = key(
@@ -283,7 +283,7 @@ class Wall:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene:
+class GeometryBlock:
     """Where there is fluid and where there is solid: an image, or a box with shapes."""
 
     ONE_OF: ClassVar = ("voxels", "box")
@@ -311,7 +311,7 @@ class Scene:
         above=0,
     )
     fluid: str | None = key("what fills the box before the shapes. Without it: the first fluid", default=None)
-    shapes: tuple[Shape, ...] = key("regions of the box, later ones on top of earlier ones", default=())
+    shapes: tuple[ShapeBlock, ...] = key("regions of the box, later ones on top of earlier ones", default=())
     periodic: tuple[str, ...] = key(
         "axes along which the scene repeats; along the others the faces are walls (image: sealed sides)",
         default=(),
@@ -348,7 +348,7 @@ class Scene:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lattice:
+class ParticlesBlock:
     """The particles: how many, how arranged, how many neighbours they see."""
 
     spacing: float = key(
@@ -425,7 +425,7 @@ class Microporous:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Interface:
+class InterfaceBlock:
     """Surface tension between two fluids."""
 
     tension: float = key("surface tension", unit="N/m", above=0)
@@ -683,8 +683,8 @@ class Case:
     """A case: everything that was asked for."""
 
     title: str = key("free text", default="")
-    geometry: Scene = key("where there is fluid and where there is solid")
-    particles: Lattice = key("resolution and arrangement of the particles")
+    geometry: GeometryBlock = key("where there is fluid and where there is solid")
+    particles: ParticlesBlock = key("resolution and arrangement of the particles")
     fluids: Table[Fluid] = key("name: properties of the fluid, one block each")
     microporous: Table[Microporous] = key(
         "name: rock with pores below the resolution (stokes), one block each. Names stand where those of fluids do: in "
@@ -692,7 +692,7 @@ class Case:
         "`porosity` leaves it out, its share of the volume is said beside it",
         default=Table(),
     )
-    interface: Interface | None = key("surface tension, with two fluids", default=None)
+    interface: InterfaceBlock | None = key("surface tension, with two fluids", default=None)
     reservoirs: Reservoirs | None = key(
         "which fluid is injected at one end and which leaves at the other; `drive` says at what pressure or flux",
         default=None,

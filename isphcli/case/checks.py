@@ -13,10 +13,10 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from . import expressions, forcing
-from .blocks import AXES, LATTICES, SOLID, Grey, Shape
+from .blocks import AXES, LATTICES, SOLID, Grey, ShapeBlock
 from .forces import wrong_with_forces
 from .reader import Key, Table, keys_of, suggest
-from .yaml import Report, Where, as_key, shown
+from .yaml import ProblemList, Where, as_key, shown
 
 if TYPE_CHECKING:
     from .blocks import Case, Drive, Reservoirs
@@ -39,7 +39,7 @@ FEWEST_STEPS = 10  # in which blocks may return to their volume: each brings bac
 MAX_SITES = 1e9  # of the lattice: far above what a machine holds, so the lengths must be mistaken
 
 
-def check_case(case: Case, report: Report, places: dict[str, Where]) -> None:
+def check_case(case: Case, report: ProblemList, places: dict[str, Where]) -> None:
     """Report what is wrong between the keys; `places` says where each path was written."""
     if any(block is None for block in (case.geometry, case.particles, case.fluids)):
         return  # a required block that could not be read has been reported; the checks need all three
@@ -70,7 +70,7 @@ def check_case(case: Case, report: Report, places: dict[str, Where]) -> None:
 
 def check_dimension(case: Case, dim: int) -> None:
     """Raise CaseError where a case does not fit its image of `dim` dimensions, known only once the image is read."""
-    report = Report()
+    report = ProblemList()
     checks = _Checks(case, report, {"": Where(str(case.path or "case"), None)}, dim)
     checks.periodic()
     checks.voxel_size()
@@ -84,7 +84,7 @@ def check_dimension(case: Case, dim: int) -> None:
 
 
 class _Checks:
-    def __init__(self, case: Case, report: Report, places: dict[str, Where], dim: int | None = None):
+    def __init__(self, case: Case, report: ProblemList, places: dict[str, Where], dim: int | None = None):
         self.case = case
         self.report = report
         self.places = places
@@ -229,7 +229,7 @@ class _Checks:
                 self._form(shape, path)
                 self.of_time(shape.velocity or (), f"{path}.velocity")
 
-    def _filling(self, shape: Shape, path: str) -> None:
+    def _filling(self, shape: ShapeBlock, path: str) -> None:
         if shape.what == SOLID:
             return
         self._filling_name(shape.what, f"{path}.is", extra=(SOLID,))
@@ -237,7 +237,7 @@ class _Checks:
             if getattr(shape, name) is not None:
                 self.bad(f"{path}.{name}", "only solids have one", "remove it, or write is: solid")
 
-    def _form(self, shape: Shape, path: str) -> None:
+    def _form(self, shape: ShapeBlock, path: str) -> None:
         box, cylinder = shape.box, shape.cylinder
         if box and any(lower >= upper for lower, upper in zip(box.lower, box.upper)):
             self.bad(f"{path}.box", "lower must be below upper along every axis")

@@ -16,7 +16,7 @@ from . import expressions
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
-    from .blocks import Case, DriveSteps, Shape, Timed, Wall
+    from .blocks import Case, DriveSteps, ShapeBlock, Timed, Wall
 
 SAMPLES = 4000  # times of a run at which formulas are looked at for their largest values
 
@@ -192,8 +192,8 @@ def driven_axes(case: Case, lengths: np.ndarray) -> list[int]:
         return ["xyz".index(name) for name in case.drive.named_axes]
     if drive_steps(case) is not None and case.reservoirs is not None:
         return ["xyz".index(case.reservoirs.axis)]
-    push = np.abs(largest_acceleration(case, lengths))
-    return [int(axis) for axis in np.argsort(-push, kind="stable") if push[axis] > 0]
+    strength = np.abs(largest_acceleration(case, lengths))
+    return [int(axis) for axis in np.argsort(-strength, kind="stable") if strength[axis] > 0]
 
 
 def flow_axis(case: Case) -> int | None:
@@ -245,7 +245,7 @@ def in_words(case: Case) -> str:
 
 def walls_move(case: Case) -> bool:
     """Whether walls of a case move."""
-    walls: list[Wall | Shape] = [*case.geometry.walls.values(), *case.geometry.shapes]
+    walls: list[Wall | ShapeBlock] = [*case.geometry.walls.values(), *case.geometry.shapes]
     turns = any(shape.angular_velocity for shape in case.geometry.shapes)
     return turns or any(wall.velocity is not None and any(wall.velocity) for wall in walls)
 

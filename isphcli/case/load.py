@@ -15,7 +15,7 @@ import yaml
 
 from .blocks import Case, plain
 from .reader import Reader
-from .yaml import MAX_BYTES, CaseError, Problem, Report, Where, override, parse
+from .yaml import MAX_BYTES, CaseError, Problem, ProblemList, Where, override, parse
 
 
 def load_case(path: str | Path, overrides: Sequence[str] = ()) -> Case:
@@ -36,7 +36,7 @@ def read_case(data: bytes, path: str | Path, overrides: Sequence[str] = ()) -> C
     """As `load_case`, from the bytes of the file; `path` is for messages and relative paths."""
     from .checks import check_case
 
-    report = Report()
+    report = ProblemList()
     root = parse(data, Where(str(path), 1), report)
     if root is not None:
         for text in overrides:

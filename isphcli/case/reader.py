@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from . import expressions, units
-from .yaml import Node, Report, Where, as_key, shown
+from .yaml import Node, ProblemList, Where, as_key, shown
 
 V = TypeVar("V")
 _NUMBER = re.compile(r"[-+]?([0-9][0-9_]*(\.[0-9_]*)?|\.[0-9][0-9_]*)([eE][-+]?[0-9]+)?")
@@ -159,7 +159,7 @@ class Reader:
     A value with a problem becomes None, so that the rest can still be read and checked.
     """
 
-    def __init__(self, directory: Path, report: Report):
+    def __init__(self, directory: Path, report: ProblemList):
         self.directory = directory  # that relative paths of inputs start from
         self.report = report
         self.places: dict[str, Where] = {}

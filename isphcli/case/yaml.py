@@ -71,7 +71,7 @@ class CaseError(ValueError):
 
 
 @dataclass
-class Report:
+class ProblemList:
     """Collects the problems of one case, at most `MAX_PROBLEMS`, and the keys without a usable value."""
 
     problems: list[Problem] = field(default_factory=list)
@@ -150,7 +150,7 @@ def as_key(text: str) -> str:
     return text if text.isprintable() and 0 < len(text) <= 40 else shown(text)
 
 
-def parse(text: str | bytes, where: Where, report: Report) -> Node | None:
+def parse(text: str | bytes, where: Where, report: ProblemList) -> Node | None:
     """The tree of a YAML text, or None after reporting why there is none.
 
     A line in `where` means that lines are counted; without it (a `--set` value) all nodes have the same
@@ -179,7 +179,7 @@ def parse(text: str | bytes, where: Where, report: Report) -> Node | None:
     return None
 
 
-def override(root: Node, text: str, report: Report) -> None:
+def override(root: Node, text: str, report: ProblemList) -> None:
     """Put the `key.sub=value` of a `--set` into the tree; blocks that are missing are made."""
     name, equals, value = text.partition("=")
     parts = name.strip().split(".")
@@ -275,7 +275,7 @@ def _line(where: Where, number: int) -> Where:
 class _Builder:
     """Builds the tree with explicit stacks for the open collections."""
 
-    def __init__(self, where: Where, report: Report):
+    def __init__(self, where: Where, report: ProblemList):
         self.start = where
         self.report = report
         self.root: Node | None = None

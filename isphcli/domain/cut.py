@@ -38,7 +38,7 @@ class Share:
     sites: np.ndarray
 
 
-class Node(NamedTuple):
+class Brick(NamedTuple):
     """A brick while it is cut: that of the processes from `first` to before `end`, and its corners (dim,), m."""
 
     first: int
@@ -52,7 +52,7 @@ class Node(NamedTuple):
         return self.end - self.first > 1
 
 
-class Level(NamedTuple):
+class TreeLevel(NamedTuple):
     """One level of the tree: of each of its bricks the axis and place of its cut, and the number of its first part in
     the next level; whole: not cut any more."""
 
@@ -70,8 +70,8 @@ class Cut:
     """
 
     def __init__(self, x: np.ndarray, lower: np.ndarray, upper: np.ndarray):
-        self.levels: list[Level] = []
-        nodes = [Node(0, current().size, np.array(lower, float), np.array(upper, float))]
+        self.levels: list[TreeLevel] = []
+        nodes = [Brick(0, current().size, np.array(lower, float), np.array(upper, float))]
         of = np.zeros(len(x), np.int64)
         while any(node.several for node in nodes):
             axis = np.array([int(np.argmax(node.upper - node.lower)) for node in nodes])
@@ -80,7 +80,7 @@ class Cut:
             low, high = (np.array([corner[a] for corner, a in zip(corners, axis)])
                          for corners in ([node.lower for node in nodes], [node.upper for node in nodes]))
             place = _quantiles(along, of, share, low, high)
-            parts: list[Node] = []
+            parts: list[Brick] = []
             starts = []
             for node, a, cut in zip(nodes, axis, place):
                 starts.append(len(parts))
@@ -89,8 +89,8 @@ class Cut:
                     continue
                 middle, below, above = (node.first + node.end) // 2, node.upper.copy(), node.lower.copy()
                 below[a] = above[a] = cut
-                parts += [Node(node.first, middle, node.lower, below), Node(middle, node.end, above, node.upper)]
-            level = Level(axis, place, np.array(starts), np.array([not node.several for node in nodes]))
+                parts += [Brick(node.first, middle, node.lower, below), Brick(middle, node.end, above, node.upper)]
+            level = TreeLevel(axis, place, np.array(starts), np.array([not node.several for node in nodes]))
             self.levels.append(level)
             of, nodes = _descend(level, of, along), parts
         self.bricks = np.array([[node.lower, node.upper] for node in nodes])
@@ -103,7 +103,7 @@ class Cut:
         return of
 
 
-def _descend(level: Level, of: np.ndarray, along: np.ndarray) -> np.ndarray:
+def _descend(level: TreeLevel, of: np.ndarray, along: np.ndarray) -> np.ndarray:
     """Bricks (n,) of the next level from those of a level, by the coordinates along the axes of their cuts."""
     return level.first[of] + ((along >= level.place[of]) & ~level.whole[of])
 

@@ -112,7 +112,7 @@ class Fluids(Protocol):
         """The pressure (n,) that was p and is `carried` where the particles have gone, with what changes for those that
         have come into the other fluid."""
 
-    def driven_by(self, body: np.ndarray, push: np.ndarray) -> Fluids:
+    def driven_by(self, body: np.ndarray, drop_force: np.ndarray) -> Fluids:
         """The same fluids under a body force and that of a pressure gradient on the first fluid, (dim,) m/s2 each."""
 
 
@@ -219,10 +219,10 @@ class OneFluid:
         """Smallest kinematic viscosity, m2/s."""
         return self.viscosity
 
-    def driven_by(self, body: np.ndarray, push: np.ndarray) -> OneFluid:
+    def driven_by(self, body: np.ndarray, drop_force: np.ndarray) -> OneFluid:
         """The same fluid under other forces; see `Fluids.driven_by`."""
         other = copy.copy(self)
-        other.force = body + push
+        other.force = body + drop_force
         return other
 
     def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:

@@ -40,8 +40,8 @@ class TimedDrive:
 
     def forces_at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Body force and force of the pressure gradient at a time, (dim,) m/s2 each."""
-        body, push = self.forces(np.array([time]))
-        return body[0], push[0]
+        body, drop_force = self.forces(np.array([time]))
+        return body[0], drop_force[0]
 
     def walls_at(self, time: float) -> np.ndarray | None:
         """Velocities of all walls at a time, (n_walls, dim) m/s, or None where they do not change."""
@@ -76,8 +76,8 @@ class TimedDrive:
 
     def _values(self, times: np.ndarray) -> dict[str, np.ndarray]:
         """{"force": (m, dim), "walls": (m, n_walls, dim)}."""
-        body, push = self.forces(times)
-        found = {"force": body + push}
+        body, drop_force = self.forces(times)
+        found = {"force": body + drop_force}
         return found if self.walls is None else found | {"walls": self.walls(times)}
 
 

@@ -18,14 +18,14 @@ from scipy.spatial import cKDTree
 from .faces import block_distance
 
 ROUND_OFF = 1e-12  # of the largest side of the box: points closer than this to a wall are on it
-BALL, BLOCK, CYLINDER, HALF_SPACE = range(4)  # convex pieces of bodies, see `Body.pieces`
+BALL, BLOCK, CYLINDER, HALF_SPACE = range(4)  # convex pieces of bodies, see `Region.pieces`
 
 
 class ShapeError(ValueError):
     """A shape or a file of shapes that cannot be used: what is wrong and what to do."""
 
 
-class Body(Protocol):
+class Region(Protocol):
     """A region of space; periodic images are taken along the axes where `period` is finite."""
 
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
@@ -52,7 +52,7 @@ class Sphere:
         )
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
-        """A ball, (1, 8): see `Body.pieces`."""
+        """A ball, (1, 8): see `Region.pieces`."""
         return _pieces(BALL, [self.centre], [[self.radius]])
 
 
@@ -80,7 +80,7 @@ class Spheres:
         return d
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
-        """A ball each, (m, 8): see `Body.pieces`."""
+        """A ball each, (m, 8): see `Region.pieces`."""
         centres = np.atleast_2d(np.asarray(self.centres, float))
         return _pieces(BALL, centres, np.broadcast_to(np.asarray(self.radii, float), len(centres))[:, None])
 
@@ -113,7 +113,7 @@ class Box:
         return block_distance(np.where(upper - lower >= period * (1 - ROUND_OFF), -np.inf, q))
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
-        """A block, (1, 8), infinite along axes that it fills: see `Body.pieces`."""
+        """A block, (1, 8), infinite along axes that it fills: see `Region.pieces`."""
         lower, upper = np.asarray(self.lower, float), np.asarray(self.upper, float)
         half = np.where(upper - lower >= period * (1 - ROUND_OFF), np.inf, (upper - lower) / 2)
         return _pieces(BLOCK, [(lower + upper) / 2], [[*half, np.inf][:3]])
@@ -144,7 +144,7 @@ class Cylinder:
         return block_distance(np.stack([radial, axial], axis=1))
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
-        """A cylinder, (1, 8), of infinite half length without ends: see `Body.pieces`."""
+        """A cylinder, (1, 8), of infinite half length without ends: see `Region.pieces`."""
         centre, half = np.array(self.centre, float), np.inf
         if self.ends is not None and self.ends[1] - self.ends[0] < period[self.axis] * (1 - ROUND_OFF):
             centre[self.axis], half = (self.ends[0] + self.ends[1]) / 2, (self.ends[1] - self.ends[0]) / 2
@@ -173,7 +173,7 @@ class HalfSpace:
         return (x - np.asarray(self.point, float)) @ self.unit_normal
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
-        """A half-space, (1, 8): see `Body.pieces`."""
+        """A half-space, (1, 8): see `Region.pieces`."""
         return _pieces(HALF_SPACE, [self.point], [self.unit_normal])
 
 
@@ -182,7 +182,7 @@ class Shape:
     """A body and what fills it: phase -1 for solid, else index of a fluid; `outside` fills its complement.
     microporous: index of the rock that the fluid seeps through, -1 for clear fluid."""
 
-    body: Body
+    body: Region
     phase: int = -1
     outside: bool = False
     velocity: Sequence[float] | np.ndarray | None = None  # of the wall, m/s; None: at rest
@@ -198,7 +198,7 @@ class Shape:
 
 def _pieces(kind: int, centres: Sequence[Sequence[float] | np.ndarray] | np.ndarray,
             sizes: Sequence[Sequence[float] | np.ndarray] | np.ndarray, axis: int = 0) -> np.ndarray:
-    """Rows of `Body.pieces`; what is missing of centres and sizes is 0."""
+    """Rows of `Region.pieces`; what is missing of centres and sizes is 0."""
     centres, sizes = np.asarray(centres, float), np.asarray(sizes, float)
     rows = np.zeros((len(centres), 8))
     rows[:, 0], rows[:, 7] = kind, axis
@@ -282,7 +282,7 @@ def _lower_to_nearest(d: np.ndarray, x: np.ndarray, tree: cKDTree, radii: np.nda
         todo, k = todo[distance[:, -1] - largest < d[todo]], 4 * k
 
 
-def check_body(body: Body, dim: int, name: str) -> None:
+def check_body(body: Region, dim: int, name: str) -> None:
     """Sizes and positivity of a body, with a message that says what to do."""
     vectors = {
         k: getattr(body, k) for k in ("centre", "lower", "upper", "point", "normal") if hasattr(body, k)

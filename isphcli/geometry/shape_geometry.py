@@ -210,7 +210,7 @@ class PieceGrid(NamedTuple):
     """Convex pieces of a scene and their images, listed by the cells of a grid over the box; axes x, y, z.
 
     lower, edge (3,): of cells, m; counts, around (3,): cells and periodicity; start, entry: pieces of each
-    cell; piece (m, 8): see `Body.pieces`; shape (m,): the shape each is of; solid, outside, sure: of each
+    cell; piece (m, 8): see `Region.pieces`; shape (m,): the shape each is of; solid, outside, sure: of each
     shape, sure: what is in its pieces is solid whatever the other shapes; dim: of the scene, whose third axis is a
     thin layer in 2D; filled: solid fills the box where no shape is; round_off, probe: m, lengths that are nothing, and
     how far from a point its surroundings are looked at.

@@ -36,7 +36,7 @@ MOST_ASKED = 100_000  # points of a plane whose distance from walls is asked of 
 
 
 @dataclass(frozen=True)
-class Key:
+class PictureKey:
     """What the colours of a picture mean.
 
     scale: (label, colour map, power of the value that it follows, highest value), from zero, or None; colours: (name,
@@ -323,7 +323,7 @@ def plot_curve(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], names
     save_figure(figure, path)
 
 
-def frame_picture(path: str | os.PathLike, image: np.ndarray, frame: Frame, key: Key) -> None:
+def frame_picture(path: str | os.PathLike, image: np.ndarray, frame: Frame, key: PictureKey) -> None:
     """A picture of a scene in 3D with its title, the size of its box and what its colours mean.
 
     image: (height, width, 3) uint8; white margins are cut off.

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .plots import COLOURS, MOST_ASKED, PHASES, Frame, Key, frame_picture, prefix
+from .plots import COLOURS, MOST_ASKED, PHASES, Frame, PictureKey, frame_picture, prefix
 
 if TYPE_CHECKING:
     import pyvista
@@ -176,14 +176,15 @@ def _hand_over(scene: Scene3D, names: Sequence[str], folder: Path) -> dict[str, 
     return json.loads(answer.read_text(encoding="utf-8"))
 
 
-def _key_of(name: str, facts: Mapping[str, Any], names: Sequence[str], frame: Frame, body: int) -> Key:
+def _key_of(name: str, facts: Mapping[str, Any], names: Sequence[str], frame: Frame, body: int) -> PictureKey:
     if name == FLUIDS:
-        return Key(colours=[(names[body], PHASES[body]), (f"{names[1 - body]} (what is left of the pores)", "white"),
-                            ("interface", COLOURS[1])])
+        return PictureKey(colours=[(names[body], PHASES[body]),
+                                   (f"{names[1 - body]} (what is left of the pores)", "white"),
+                                   ("interface", COLOURS[1])])
     what, unit = ("speed", frame.units[1]) if name == FLOW else ("wall shear", "Pa" if frame.units[1] else "")
     factor, shown = prefix(unit, float(facts["top"]))
     colours, power = (LINES_MAP, 0.5) if name == FLOW else (STRESS_MAP, 1.0)
-    return Key(scale=(f"{what}  ({shown})" if shown else what, colours, power, factor * float(facts["top"])))
+    return PictureKey(scale=(f"{what}  ({shown})" if shown else what, colours, power, factor * float(facts["top"])))
 
 
 # -- what the process of the pictures does -----------------------------------------------------------------

@@ -325,7 +325,7 @@ def _check_scene(path: Path, before: Mapping[str, Any], now: Mapping[str, Any]) 
                        "with: run the case anew, with --out into another folder")
 
 
-def go_on(path: Path, saved: Saved, record: dict[str, Any], time: Time) -> dict[str, Any]:
+def resume(path: Path, saved: Saved, record: dict[str, Any], time: Time) -> dict[str, Any]:
     """The record of a run that goes on from a restart file: what it changes now stands behind what was changed before.
 
     record: of the case as it is now; time: its block. Raises RestartError where the case ends before what was reached.

@@ -82,7 +82,7 @@ class MovingRun:
     geometry: Geometry
     particles: Particles
     stepper: Stepper
-    march: TimeLoop
+    loop: TimeLoop
     measures: Measures | None
     cells: float
     seen: Seen
@@ -136,11 +136,11 @@ class MovingRun:
 
     def save(self, file: History) -> None:
         """Writes the restart file of the last step of which all is told."""
-        if self.march.last is not None:
+        if self.loop.last is not None:
             for table in self.tables.values():
                 table.sync()
             file.sync()  # a restart finds every row and every snapshot up to its step
-            restart.save(self.restart_file, self.march.last, self.record)
+            restart.save(self.restart_file, self.loop.last, self.record)
 
     def may_save(self, stop: BaseException) -> bool:
         """Whether all processes have stopped in the same place and can write the file together."""
@@ -177,31 +177,31 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     state, stepper, particles = prepare(case, geometry, clock)
     geometry = stepper.geometry  # of an image that is held by parts that of this process
     box = float(np.prod(geometry.upper - geometry.lower))
-    march = TimeLoop(case, stepper, particles.site_volume, box)
+    loop = TimeLoop(case, stepper, particles.site_volume, box)
     with clock("geometry"):
         distance = geometry.distance(particles.x) if geometry.has_solid else None
         cells = fluid_cells(geometry, particles, distance)
         if geometry.has_solid:
-            march.fluid_cells = fluid_cells(geometry, particles, distance, whole=True)
+            loop.fluid_cells = fluid_cells(geometry, particles, distance, whole=True)
     measures = None
     between = profiles = None
     if len(np.unique(particles.phase)) > 1:
         from ..scene.choose_measures import choose_measures, choose_profiles, choose_reservoir_measures
 
-        march.measure = measures = choose_measures(case, geometry, particles, stepper.fluids)
+        loop.measure = measures = choose_measures(case, geometry, particles, stepper.fluids)
         profiles = choose_profiles(case, geometry, stepper.fluids)
         between = choose_reservoir_measures(case, geometry, particles, stepper.fluids)
     if measures is not None and between is not None:
-        march.measure = _both(measures, between)
-    run = MovingRun(case, case.output.directory, clock, quiet, geometry, particles, stepper, march, measures, cells,
+        loop.measure = _both(measures, between)
+    run = MovingRun(case, case.output.directory, clock, quiet, geometry, particles, stepper, loop, measures, cells,
                     seen, on_first(lambda: restart.record_of(case)), between=between, profiles=profiles)
     if between is not None and drive_steps(case) is not None:
-        march.program = _program(run, between)
+        loop.program = _program(run, between)
     saved = None
     if resume is not None:
         saved = restart.load(Path(resume) / restart.NAME, state, run.record)
         state = saved.state
-        march.take_up(saved)
+        loop.resume(saved)
         run.record = _gone_on(case, Path(resume) / restart.NAME, saved, run.record, quiet)
         if Path(resume).resolve() == case.output.directory.resolve():  # elsewhere its files begin anew
             run.since, run.last_step = state.time, state.step
@@ -218,7 +218,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         run.tables[PROFILES] = History(run.directory / PROFILES, run.last_step)
         if run.tables[PROFILES].rows:
             run.profiled = read_history(run.directory / PROFILES)[-1]["step"]
-    if march.program is not None:
+    if loop.program is not None:
         run.tables[CURVE] = History(run.directory / CURVE, run.last_step)
     run.grids = grids_of(case, run.directory, run.since)
     return run, state, config
@@ -257,7 +257,7 @@ def _program(run: MovingRun, between: ReservoirMeasures) -> DriveProgram:
 
 def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, Configuration]:
     """The time loop with its files; (state, config) at the end."""
-    case, march = run.case, run.march
+    case, loop = run.case, run.loop
     assert case.time is not None
     # nobody knows when a flow will be steady: `end` and `max_steps` only bound how long it may take
     end = longest_time(case) if case.time.steady is None else None
@@ -287,11 +287,11 @@ def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, 
             reports = found.reports
             bar.update(state.step, state.time, found.dt, limit, {k: r.iterations for k, r in reports.items()},
                        {k: r.residual for k, r in reports.items()} | {"divergence": found.max_divergence}
-                       | ({} if march.steady is None else {f"change (steady at {steady:g})": march.steady.distance}))
+                       | ({} if loop.steady is None else {f"change (steady at {steady:g})": loop.steady.distance}))
             look_for_interrupts()
 
         try:
-            state, config = march.run(state, config, run.snapshot, row, show)
+            state, config = loop.run(state, config, run.snapshot, row, show)
             series = run.series or run.grids
             if series is None or not series.entries or series.entries[-1][0] < state.time:
                 run.snapshot(state, config)
@@ -311,8 +311,8 @@ def _leave_worst(run: MovingRun, stop: BaseException) -> None:
 
     if isinstance(stop, RunError) and current().size == 1:
         with suppress(OSError):
-            assert run.march.last is not None
-            last = run.march.last.state
+            assert run.loop.last is not None
+            last = run.loop.last.state
             stop.worst = write_worst(run.directory / NAME, last.x, stop.violation, velocity=last.u, pressure=last.p)
 
 
@@ -320,7 +320,7 @@ def _gone_on(case: Case, path: Path, saved: restart.Saved, record: dict[str, Any
     """The record of a case that goes on from a restart file; what it changes is said. Raises RestartError."""
     assert case.time is not None
     state, before = saved.state, len(saved.record["changes"])
-    record = restart.go_on(path, saved, record, case.time)
+    record = restart.resume(path, saved, record, case.time)
     said = [f"changed from {line}" for line in restart.sentences(record)[before:]]
     if case.time.end is not None and state.time >= case.time.end * (1.0 - 1e-12):
         said.append(f"the run has reached its end, time {state.time:g}: no step is left (--set time.end=... runs it "
@@ -340,25 +340,25 @@ def _drive_at_the_end(run: MovingRun, state: State) -> tuple[int | None, np.ndar
     if stepper.held_velocity is not None:
         assert state.pressure_gradient is not None
         axis = stepper.held_velocity.axis
-        held = force[axis] + state.pressure_gradient * run.march.steady_ratio(state)
+        held = force[axis] + state.pressure_gradient * run.loop.steady_ratio(state)
         force = held * stepper.fluids.held
     return (axis if float(np.linalg.norm(force)) > 0.0 else None), force
 
 
 def _flow_entries(run: MovingRun, state: State) -> Summary:
     """Entries of the summary on the flow at the end: velocities, and a permeability where a steady flow has one."""
-    stepper, march, two = run.stepper, run.march, run.measures is not None
+    stepper, loop, two = run.stepper, run.loop, run.measures is not None
     axis, force = _drive_at_the_end(run, state)
     superficial, mean = mean_velocities(run.geometry, state.x, state.u, run.particles.site_volume, run.cells)
     along = None if axis is None else darcy(run.geometry, superficial, axis, force, stepper.fluids.nu_max)
     resisted = run.geometry.has_solid and not two and not walls_move(run.case)
     permeability = error = None
-    if axis is not None and resisted and march.outcome == "steady":
-        assert along is not None and march.steady is not None and march.steady.distance is not None
-        permeability = float(along[axis]) * (march.steady_ratio(state) if stepper.held_velocity is None else 1.0)
-        error = abs(permeability) * march.steady.distance
+    if axis is not None and resisted and loop.outcome == "steady":
+        assert along is not None and loop.steady is not None and loop.steady.distance is not None
+        permeability = float(along[axis]) * (loop.steady_ratio(state) if stepper.held_velocity is None else 1.0)
+        error = abs(permeability) * loop.steady.distance
     free = axis is not None and not run.geometry.has_solid and not two
-    messages = [stopped_short(run.case, march, state, run.directory), absent_fluids(run.case, run.particles),
+    messages = [stopped_short(run.case, loop, state, run.directory), absent_fluids(run.case, run.particles),
                 added_viscosity(stepper.fluids), "no permeability: no wall resists the flow" if free else None,
                 *(f"changed by a restart from {line}" for line in restart.sentences(run.record, of_flow=True))]
     return {
@@ -382,7 +382,7 @@ def _finish_march(run: MovingRun, state: State, config: Configuration) -> tuple[
         permeability=flow["permeability"], geometry=run.geometry, history=history,
     )
     summary: Summary = {
-        "status": run.march.outcome,
+        "status": run.loop.outcome,
         "message": flow.pop("message"),
         "restarts": run.record["changes"],
         "warnings": run.seen.warnings,

@@ -142,17 +142,17 @@ def scene_entries(case: Case, geometry: Geometry, particles: Particles, cells: f
             "open_axes": seen.open_axes if geometry.has_solid else None, "throats": seen.throats}
 
 
-def stopped_short(case: Case, march: TimeLoop, state: State, directory: Path) -> str | None:
+def stopped_short(case: Case, loop: TimeLoop, state: State, directory: Path) -> str | None:
     """A sentence on a run that ended before it had what was asked for; None where it had."""
-    if march.outcome in COMPLETE:
+    if loop.outcome in COMPLETE:
         return None
     time = case.time
     assert time is not None  # of moving particles
     by_steps = state.step >= time.max_steps
     cause = (f"time.max_steps, {time.max_steps}, came" if by_steps else f"time.end, {time.end:g} s, came") + " first"
-    what, key = march.outcome, "time.max_steps" if by_steps else "time.end"
+    what, key = loop.outcome, "time.max_steps" if by_steps else "time.end"
     if time.steady is not None:
-        what = f"the flow is not steady: {march.standing}"
+        what = f"the flow is not steady: {loop.standing}"
     return f"{what}; {cause}. Go on with: isph run --restart {shlex.quote(str(directory))} --set {key}=..."
 
 

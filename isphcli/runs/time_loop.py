@@ -146,7 +146,7 @@ class TimeLoop:
         every = self.case.output.every
         return np.inf if every is None else (np.floor(time / every * (1.0 + 1e-9)) + 1.0) * every
 
-    def take_up(self, saved: Saved) -> None:
+    def resume(self, saved: Saved) -> None:
         """Go on with the record of a restart.Saved; from its time on where it has none."""
         if self.steady is not None:
             self.steady = Steady(saved.steady or ((saved.state.time, 0.0),))

@@ -15,10 +15,8 @@ from ..geometry.faces import Walls
 from ..geometry.protocol import Geometry
 
 if TYPE_CHECKING:
-    from ..case.blocks import Case
-    from ..case.blocks import Shape as ShapeOfCase
-    from ..case.blocks import Spheres as SpheresOfCase
-    from ..geometry.bodies import Body, Shape, Spheres
+    from ..case.blocks import Case, ShapeBlock, SpheresBlock
+    from ..geometry.bodies import Region, Shape, Spheres
 
 
 def build_geometry(case: Case, axis: int | None = None) -> Geometry:
@@ -119,7 +117,7 @@ def _shapes(case: Case, box: _Box, fluid: int, velocities: Mapping[int, np.ndarr
     shapes: list[Shape] = []
     for k, s in enumerate(case.geometry.shapes):
         if s.spheres is not None and s.spheres.random:
-            body: Body = _spheres_at_random(s.spheres, box, fluid, shapes)
+            body: Region = _spheres_at_random(s.spheres, box, fluid, shapes)
         elif s.spheres is not None:
             body = _spheres_of_file(s.spheres, box, said)
         else:
@@ -131,7 +129,7 @@ def _shapes(case: Case, box: _Box, fluid: int, velocities: Mapping[int, np.ndarr
     return shapes
 
 
-def _spheres_at_random(asked: SpheresOfCase, box: _Box, fluid: int, before: Sequence[Shape]) -> Spheres:
+def _spheres_at_random(asked: SpheresBlock, box: _Box, fluid: int, before: Sequence[Shape]) -> Spheres:
     """Spheres in the fluid that the shapes before them leave in the sample."""
     from ..geometry.shape_geometry import ShapeGeometry
     from .spheres import random_spheres
@@ -141,7 +139,7 @@ def _spheres_at_random(asked: SpheresOfCase, box: _Box, fluid: int, before: Sequ
     return random_spheres(free, asked.random, asked.radius, asked.clearance, asked.seed)
 
 
-def _spheres_of_file(asked: SpheresOfCase, box: _Box, said: _Said) -> Spheres:
+def _spheres_of_file(asked: SpheresBlock, box: _Box, said: _Said) -> Spheres:
     """Spheres of a file, those of the sample where it has clear layers."""
     from .sphere_files import spheres_of_file
 
@@ -204,7 +202,7 @@ def _describe_spheres(file: Path, body: Spheres, box: _Box, said: _Said) -> None
     said.warnings.extend(odd)
 
 
-def _body(spec: ShapeOfCase, lower: np.ndarray, upper: np.ndarray) -> Body:
+def _body(spec: ShapeBlock, lower: np.ndarray, upper: np.ndarray) -> Region:
     """The body of a shape of the case language that is not one of many spheres."""
     from ..geometry.bodies import Box, Cylinder, HalfSpace, Sphere
 

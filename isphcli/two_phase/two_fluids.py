@@ -44,13 +44,13 @@ SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like
 class TwoFluidForces(NamedTuple):
     """What moves two fluids.
 
-    body: (dim,) force on both, m/s2; push: (dim,) that of a pressure gradient on the first fluid, m/s2, which moves the
-    other as its density lets it; held: (dim,) unit vector along which a velocity is held, or None; beside: the forces
-    that are not of the drive.
+    body: (dim,) force on both, m/s2; drop_force: (dim,) that of a pressure gradient on the first fluid, m/s2,
+    which moves the other as its density lets it; held: (dim,) unit vector along which a velocity is held, or
+    None; beside: the forces that are not of the drive.
     """
 
     body: np.ndarray
-    push: np.ndarray
+    drop_force: np.ndarray
     held: np.ndarray | None = None
     beside: Sequence[Force] = ()
 
@@ -67,8 +67,8 @@ class TwoFluids:
                  contact: ContactAngle | None = None, line: WallChange | None = None):
         self.density = np.array(density, float)
         self.mu = np.array(viscosity, float)
-        self.body, self.push, self.held, self.forces = forces
-        self.force = self.body + self.push
+        self.body, self.drop_force, self.held, self.forces = forces
+        self.force = self.body + self.drop_force
         self.spacing, self.tension, self.contact, self.line = spacing, tension, contact, line
         self.rules = interface_rules(self.density, self.mu, 0.0 if tension is None else tension.tension, spacing)
         self.added_viscosity = self.rules.added_viscosity
@@ -88,10 +88,10 @@ class TwoFluids:
         """Density that pressures are divided by, kg/m3."""
         return self.density[0]
 
-    def driven_by(self, body: np.ndarray, push: np.ndarray) -> TwoFluids:
+    def driven_by(self, body: np.ndarray, drop_force: np.ndarray) -> TwoFluids:
         """The same fluids under other forces; see `one_fluid.Fluids`."""
         other = copy.copy(self)
-        other.body, other.push, other.force = body, push, body + push
+        other.body, other.drop_force, other.force = body, drop_force, body + drop_force
         return other
 
     def carried(self, ops: Operators, terms: Terms, u: np.ndarray, dr: np.ndarray | None, dt: float,
@@ -148,8 +148,8 @@ class TwoFluids:
             free = near if ops.walls is None else near & ~ops.walls.near_wall
             transposed_stress = TransposedStress.build(ops, viscous.weight, np.flatnonzero(free))
         force, jump, laplacian_of_jump, along = balanced_force(ops, self.body), None, None, None
-        if self.push.any():
-            force = force + weighted.potential_gradient(self.push)
+        if self.drop_force.any():
+            force = force + weighted.potential_gradient(self.drop_force)
         if self.held is not None:
             along = weighted.potential_gradient(self.held)
         if self.tension is not None:

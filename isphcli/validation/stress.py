@@ -120,7 +120,7 @@ def scene(name: str, setting: str, invariant: str, bound: float) -> Callable[[Me
 class Marched:
     """A run of moving particles in memory at its end.
 
-    start: its first state; rows: of the history; march: with the outcome; site_volume: m^dim.
+    start: its first state; rows: of the history; loop: with the outcome; site_volume: m^dim.
     """
 
     case: Case
@@ -130,7 +130,7 @@ class Marched:
     rows: list[dict[str, Any]]
     config: Configuration
     stepper: Stepper
-    march: TimeLoop
+    loop: TimeLoop
     site_volume: float
 
 
@@ -144,11 +144,11 @@ def marched(text: str, *sets: str, change: Callable[[State], State] | None = Non
     start, stepper, particles = prepare(case, geometry, Clock())
     if change is not None:
         start = change(start)
-    march = TimeLoop(case, stepper, particles.site_volume, float(np.prod(geometry.upper - geometry.lower)))
+    loop = TimeLoop(case, stepper, particles.site_volume, float(np.prod(geometry.upper - geometry.lower)))
     rows: list[dict[str, Any]] = []
     config = stepper.configure(start.x, start.time, start.phi)
-    state, config = march.run(start, config, lambda *_: None, rows.append, lambda *_: None)
-    return Marched(case, geometry, start, state, rows, config, stepper, march, particles.site_volume)
+    state, config = loop.run(start, config, lambda *_: None, rows.append, lambda *_: None)
+    return Marched(case, geometry, start, state, rows, config, stepper, loop, particles.site_volume)
 
 
 def creeping_scene(text: str, *sets: str, axis: int = 0) -> tuple[StokesResult, SteadyScene]:
@@ -798,7 +798,7 @@ def momentum(large: bool) -> float:
 @scene("energy budget", "the same", "energy lost over the exact 16 pi2 nu E dt, less one", 0.05)
 def energy(large: bool) -> float:
     run = marched(VORTEX, f"particles.spacing={0.025 if large else 0.05}", "time.end=0.2")
-    lost = np.log(run.march.stepper.bounds.speed(run.state.u, 1.0) / run.march.stepper.bounds.start)
+    lost = np.log(run.loop.stepper.bounds.speed(run.state.u, 1.0) / run.loop.stepper.bounds.start)
     return abs(float(lost / (-8 * np.pi**2 * 0.01 * 0.2)) - 1)
 
 

@@ -56,7 +56,7 @@ def test_the_depth_is_ours_before_yaml_sees_the_text(monkeypatch, form):
     """32 deep is read and 33 is not; 64 and more PyYAML is not even asked about, whose bounds change."""
 
     def depths(n):
-        report = case_yaml.Report()
+        report = case_yaml.ProblemList()
         case_yaml.parse(NESTED[form](n), case_yaml.Where("a", 1), report)
         return [problem.message for problem in report.problems]
 

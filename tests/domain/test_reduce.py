@@ -138,7 +138,7 @@ ALLOWED = {
     ("two_phase.two_fluids", "self.density.mean()"): FLUIDS,
     ("two_phase.two_fluids", "(self.mu / self.density).max()"): FLUIDS,
     ("two_phase.two_fluids", "(self.mu / self.density).min()"): FLUIDS,
-    ("two_phase.two_fluids", "self.push.any()"): AXES,
+    ("two_phase.two_fluids", "self.drop_force.any()"): AXES,
 }
 
 
