@@ -1,11 +1,11 @@
-"""What a permeability from so many particles a voxel is worth: every known body, against its true permeability.
+"""What a permeability from so many particles per voxel is worth: every known body, against its true permeability.
 
 usage: PYTHONPATH=. python benchmarks/calibration.py measure FILE.csv WALL[,WALL...] [NAME ...]
        PYTHONPATH=. python benchmarks/calibration.py report FILE.csv
        PYTHONPATH=. python benchmarks/calibration.py volumes FILE.csv [BEYOND]
        PYTHONPATH=. python benchmarks/calibration.py bars FILE.csv
 
-measure: solves the bodies of `isphcli.validation.known_bodies` at 1, 2 and 3 particles a voxel edge, as far as they
+measure: solves the bodies of `isphcli.validation.known_bodies` at 1, 2 and 3 particles per voxel edge, as far as they
 have MOST particles, and appends a row a body and wall to FILE.csv; rows that it has are kept. WALL: exact (the surface
 itself), labels, grey, stairs; "finite volumes" and "lattice Boltzmann" are those of benchmarks/finite_volumes.py and
 benchmarks/lattice_boltzmann.py on the labels. report: prints the table of bodies, and what
@@ -212,14 +212,14 @@ def fit(widths, errors, power=None):
 
 
 def bar_of(row, wall, levels):
-    """(value, bar) of a body by the spacings of so many particles a voxel."""
+    """(value, bar) of a body by the spacings of so many particles per voxel."""
     k = row["k"][np.array(levels) - 1]
     usual = calibrations()["exact", "spacing"].within(row["width"] * max(levels))
     return extrapolate([1 / level for level in levels], k, EDGE if wall == "stairs" else None, usual=usual)[:2]
 
 
 def bars_of(rows, wall, levels):
-    """(errors, bars, uncertainties) relative to the truth, of bodies that were solved at these particles a voxel; and
+    """(errors, bars, uncertainties) relative to the truth, of bodies that were solved at these particles per voxel; and
     their families."""
     found, families = [], []
     for row in rows:
@@ -252,7 +252,7 @@ def by_families(path):
             lines.append([f"{wall}, {levels}", str(len(bars)), f"{100 * np.mean(need <= 1):.0f}",
                           f"{np.median(ratios):.2f}", f"{factors.min():.2f} to {factors.max():.2f}",
                           f"{100 * np.mean(need <= factors):.0f}", f"{np.median(factors * ratios):.2f}"])
-    print("\n".join(table(["walls, particles a voxel", "bodies", "held, %", "bar over error", "factor by the others",
+    print("\n".join(table(["walls, particles per voxel", "bodies", "held, %", "bar over error", "factor by the others",
                            "held by it, %", "bar over error by it"], lines)))
 
 
@@ -286,7 +286,7 @@ def report(path):
     rows = measured(path)
     command = f"PYTHONPATH=. python benchmarks/calibration.py report {path}"
     print(f"`{command}`: errors at 1, 2 and 3\n"
-          "particles a voxel, of stairs from the body of cubes, of all others from the true body. Finite volumes\n"
+          "particles per voxel, of stairs from the body of cubes, of all others from the true body. Finite volumes\n"
           "(benchmarks/finite_volumes.py) and lattice Boltzmann (benchmarks/lattice_boltzmann.py) take the labels\n"
           "and as many cells.\n")
     print("\n".join(table_of_bodies(rows)))
@@ -315,7 +315,7 @@ def report(path):
 
 
 def volumes(path, beyond=0.03):
-    """Volume of the pores by six lattice points a voxel edge, of the labels and of the smooth body by three."""
+    """Volume of the pores by six lattice points per voxel edge, of the labels and of the smooth body by three."""
     lines = []
     for row in measured(path):
         k = float(row["k"][-1] / row["truth"] - 1)

@@ -2,7 +2,7 @@
 
     PYTHONPATH=. python benchmarks/clear_layers.py [layers | sides]
 
-Flow along x, one particle a voxel, walls smooth, lengths in voxels. Images: corners of the Berea cube of cases/data,
+Flow along x, one particle per voxel, walls smooth, lengths in voxels. Images: corners of the Berea cube of cases/data,
 a random field cut at its 60 % quantile, spheres of radius 8 as a close packing turned against the axes.
 """
 

@@ -1,4 +1,4 @@
-"""Where a steady solve needs its memory: resident bytes a particle during and after its parts (Linux).
+"""Where a steady solve needs its memory: resident bytes per particle during and after its parts (Linux).
 
 usage: PYTHONPATH=. python benchmarks/memory.py [NAME ...]
 
@@ -65,7 +65,7 @@ def measure(name):
     print(f"{name}: {n:,} particles, {scene.particles.n_dummy / n:.2f} dummies and "
           f"{len(scene.system.ops.column) / n:.1f} pairs a particle, {flow.report.iterations} iterations, k "
           f"{flow.permeability[axis or 0]:.7e} m2, whole process {max(most for _, most, _ in rows) / 1e9:.2f} GB; "
-          f"bytes a particle:\n{'':42}    most     after")
+          f"bytes per particle:\n{'':42}    most     after")
     for part, most, now in rows:
         if part != "before":
             print(f"{part:42} {(most - begin) / n:9.0f} {(now - begin) / n:9.0f}", flush=True)

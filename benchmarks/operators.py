@@ -1,4 +1,4 @@
-"""Cost of neighbours and operators on a jittered periodic lattice: CPU us a particle and ns a pair.
+"""Cost of neighbours and operators on a jittered periodic lattice: CPU us per particle and ns per pair.
 
     NUMBA_NUM_THREADS=1 python benchmarks/operators.py [--size N] [--dim 3] [--support 2.1] [--repeats 5]
 

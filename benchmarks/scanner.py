@@ -3,7 +3,7 @@
 usage: PYTHONPATH=. python benchmarks/scanner.py [VARIANT ...]        (all)
 
 A voxel of the scan has the share of solid in it (counted on 4^3 cells of the exact field), averaged with a Gaussian of
-`blur` voxels, and normal noise of `noise` times the contrast; threshold half-way, one particle a voxel. Mean of the
+`blur` voxels, and normal noise of `noise` times the contrast; threshold half-way, one particle per voxel. Mean of the
 signed errors of k over the bodies, in per cent, and their root mean square, for: the image as it is; denoised with a
 Gaussian of half a voxel; sharpened by the estimated (`auto`) and by the known blur, without and with that Gaussian
 before; and labels (the scan segmented at the threshold).

@@ -5,7 +5,7 @@ usage: python benchmarks/step_cost.py [POINTS] [STEPS]        (48 points across,
 Taylor-Green vortex at Re 100, the default support, solver tolerance of the case language. Compilation, the first
 configuration, files and the first two steps (which find the pressure and the hierarchy) are left out; the steps after
 that hold their share of hierarchy rebuilds. For comparison: implicit-sph (LAMMPS + Trilinos 13.2), Taylor-Green 3D
-32^3, took 166 us a particle and step with 107 neighbours (built and run once for this project, before 2026-11-22).
+32^3, took 166 us per particle and step with 107 neighbours (built and run once for this project, before 2026-11-22).
 """
 
 import os
@@ -49,7 +49,7 @@ def main(points=48, steps=12):
     print(f"{particles.n_fluid} particles, {steps} steps, {len(config.ops.column) / particles.n_fluid:.0f} neighbours, "
           f"iterations {iterations[-1]}")
     for name, seconds in spent.items():
-        print(f"  {name:15s} {seconds * scale:7.2f} us a particle and step")
+        print(f"  {name:15s} {seconds * scale:7.2f} us per particle and step")
     print(f"ratio to implicit-sph's {PEER:.0f} us: 1 / {PEER / (spent['total'] * scale):.1f}")
 
 

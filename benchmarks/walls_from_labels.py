@@ -38,7 +38,7 @@ def labels_of(field):
 
 
 def permeability(geometry, per_voxel):
-    """k along x, in square voxels, with `per_voxel` particles a voxel of 1 m."""
+    """k along x, in square voxels, with `per_voxel` particles per voxel of 1 m."""
     (axis, force), *_ = drives(CASE, geometry)
     clock = Clock()
     scene = build_scene(CASE, geometry, 1.0 / per_voxel, clock, (0,))
@@ -68,7 +68,7 @@ def main(*names):
     rms = np.sqrt(np.mean(np.square(found), axis=0))
     print("| root mean square | | " + " | ".join(f"{a:.1f}, {b:.1f}" for a, b in rms) + " |")
     drift = np.mean([[b - a for a, b in errors] for errors in found], axis=0)
-    print("| from 1 to 2 particles a voxel, mean | | " + " | ".join(f"{d:+.1f}" for d in drift) + " |")
+    print("| from 1 to 2 particles per voxel, mean | | " + " | ".join(f"{d:+.1f}" for d in drift) + " |")
 
 
 if __name__ == "__main__":

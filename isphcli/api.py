@@ -209,7 +209,7 @@ def permeability(image: np.ndarray, *, voxel_size: float | Sequence[float], axis
                  order: str = "zyx", refine: str | float | Sequence[float] = (), spacing: float | None = None,
                  options: Mapping[str, Any] | None = None, out: str | Path | None = None, quiet: bool = False,
                  threads: int | None = None) -> RunResult:
-    """Permeability of an image by steady creeping flow, one particle a voxel unless `spacing` says otherwise.
+    """Permeability of an image by steady creeping flow, one particle per voxel unless `spacing` says otherwise.
 
     image: (2D or 3D) integers or bools; voxel_size: m, one or one along each of x, y(, z). axis: of the flow, several
     as "xyz" or a list. solid: the value or values that are solid, all others are pores: 1 without it, but of bools, of

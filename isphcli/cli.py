@@ -229,7 +229,7 @@ def run(
     Prints permeability in m2 and millidarcy (mean velocities where there is none), what was warned of, the error
     against the case's reference and where the time went; leaves snapshots, history, summary and pictures in the
     output directory (docs/output.md). A directory that holds results is refused unless --restart or --overwrite is
-    given. An image in place of CASE is run as it is: its permeability along x to water, one particle a voxel.
+    given. An image in place of CASE is run as it is: its permeability along x to water, one particle per voxel.
 
     \b
     isph run beadpack.yaml

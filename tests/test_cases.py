@@ -29,7 +29,7 @@ SMALL = {
     "couette": ((), 0.005, "that of the case: 16 across, 1e-6; the rest is for how far from steady it may end"),
     "cylinder_array": (("particles.spacing=5e-3",), 0.02, "20 a cell in place of 32"),
     "decaying_channel": ((), 0.0015, "that of the case: 16 across, 8.1e-4"),
-    "grey_blobs": ((), 0.01, "that of the case, one particle a voxel: -0.6 %"),
+    "grey_blobs": ((), 0.01, "that of the case, one particle per voxel: -0.6 %"),
     "lid_driven_cavity": (
         ("particles.spacing=0.0625", "time.end=4"),
         0.15,
@@ -123,12 +123,12 @@ def test_two_tubes_carry_what_square_ducts_carry(tmp_path):
 @pytest.mark.slow
 def test_a_piece_of_berea(tmp_path):
     """40^3 voxels of 128^3. The porosity is a count of voxels. Half the spacing gives 4.62e-13 m2, 10 % less:
-    one particle a voxel is good to 15 % where throats are one to three voxels wide."""
+    one particle per voxel is good to 15 % where throats are one to three voxels wide."""
     solid = np.load(CASES / "data" / "berea_128.npz")["image"]
     summary = run("berea", tmp_path, PIECE)
     assert summary["porosity"] == pytest.approx(1 - solid[40:80, 40:80, 40:80].mean(), abs=1e-9)
     assert summary["permeability"] == pytest.approx(4.62e-13, rel=0.15)
-    # planes one voxel apart: each sums its flux with one particle a voxel across throats of a few voxels
+    # planes one voxel apart: each sums its flux with one particle per voxel across throats of a few voxels
     assert summary["mass_error"] < 0.05
 
 

@@ -102,7 +102,7 @@ def test_particles_change_their_process(found):
 
 @pytest.mark.parametrize("engine, ranks", [("auto", 2), ("petsc", 1)])
 def test_solves_leave_nothing_in_memory(found, engine, ranks):
-    """PETSc keeps what was not destroyed until its end, with all that the functions of a solve hold: 70 kB a particle
+    """PETSc keeps what was not destroyed until its end, with all that the functions of a solve hold: 70 kB per particle
     in 20 steps once."""
     assert (found(engine, ranks) / "left").read_text() == "0"
 

@@ -31,7 +31,7 @@ def cells_of(monkeypatch):
 
 
 def test_rock(cells_of):
-    """Beside the walls of voxels, at one particle a voxel: 1.01e-12 m2 (`isph run cases/berea.yaml --set
+    """Beside the walls of voxels, at one particle per voxel: 1.01e-12 m2 (`isph run cases/berea.yaml --set
     'geometry.voxels.crop=[[0,40],[0,40],[0,40]]'`). Smooth walls open throats: 11 % more measured."""
     found = cells_of("rock", size=40)["found"]
     assert found.permeability == pytest.approx(1.01e-12, rel=0.2)

@@ -115,7 +115,7 @@ class Voxels:
     )
     grey: Grey | None = key("how a grey image, which nobody has segmented, is understood", default=None)
     voxel_size: float | Vector | None = key(
-        "edge of a voxel: one number, or one an axis (x, y, z). Without it: that of the file; where "
+        "edge of a voxel: one number, or one per axis (x, y, z). Without it: that of the file; where "
         "that has no unit it is taken as metres",
         default=None,
         unit="m",
@@ -320,7 +320,7 @@ class GeometryBlock:
     )
     mirror: tuple[str, ...] = key(
         "axes along which an image is followed by its mirror image, and the two together repeat: its faces then fit "
-        "each other, without clear layers or sealed sides, for twice the particles an axis",
+        "each other, without clear layers or sealed sides, for twice the particles per axis",
         default=(),
         choices=AXES,
         unique=True,
@@ -651,7 +651,7 @@ class Reference:
 
     kind: str = key("the solution to compare with", choices=REFERENCE_KINDS)
     value: float | Vector | None = key(
-        "published number, for the kinds that need one (permeability: m2, one an axis, or one along `axes`)",
+        "published number, for the kinds that need one (permeability: m2, one per axis, or one along `axes`)",
         default=None,
     )
     axes: tuple[str, ...] | None = key(
@@ -666,7 +666,7 @@ class Reference:
         lengths=(2, 3),
     )
     voxel_size: float | Vector | None = key(
-        "edge of the voxels that a permeability is of, one number or one an axis; a run with other voxels is not "
+        "edge of the voxels that a permeability is of, one number or one per axis; a run with other voxels is not "
         "compared with it. Without it: that of the run",
         default=None,
         unit="m",
@@ -723,7 +723,7 @@ class Case:
     )
     measure: tuple[str, ...] = key(
         "what is measured beside the permeability, along the same axes (stokes): formation_factor, the electric "
-        "resistance over that of the fluid alone, and with it the effective diffusivity, by one more solve an axis",
+        "resistance over that of the fluid alone, and with it the effective diffusivity, by one more solve per axis",
         default=(),
         choices=MEASURES,
         unique=True,

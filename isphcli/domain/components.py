@@ -46,7 +46,7 @@ def _join(start, column, joined, parent):
     """Components of pairs, those of `joined` (n_pairs,) alone where it is not empty; returns their number.
 
     parent: every particle's own number, becomes its component; they are numbered in the order of their first particles.
-    scipy's needs the pairs and their transpose in double precision, 24 bytes a pair.
+    scipy's needs the pairs and their transpose in double precision, 24 bytes per pair.
     """
     for i in range(len(start) - 1):
         a = _root(parent, i)

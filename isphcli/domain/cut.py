@@ -1,4 +1,4 @@
-"""Bricks of a box, one a process, with equal numbers of particles: recursive bisection by histograms.
+"""Bricks of a box, one per process, with equal numbers of particles: recursive bisection by histograms.
 
 Every process knows the whole tree of cuts; nobody ever holds the positions of all particles. What a process owns beside
 its brick of them is its `Share`.

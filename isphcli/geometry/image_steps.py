@@ -57,7 +57,7 @@ def inverted(values: np.ndarray, path: str | Path = "image") -> np.ndarray:
 
 
 def is_fluid(values: np.ndarray, solids: Sequence[int]) -> np.ndarray:
-    """Mask of the values that are none of solids; one byte a voxel, where np.isin takes nine."""
+    """Mask of the values that are none of solids; one byte per voxel, where np.isin takes nine."""
     fluid = np.ones(values.shape, bool)
     for value in solids:
         fluid &= values != value

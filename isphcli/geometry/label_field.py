@@ -9,7 +9,7 @@ Slits of 2, 3 and 5 voxels in 14 are 2.14, 3.09 and 5.05 wide; sharp corners bec
 
 benchmarks/walls_from_labels.py compares it with Gaussian averages of the labels, on bodies whose truth is known: an
 average over half a voxel leaves the staircase as roughness, of which finer particles see more, and k falls by 3.4 %
-from one particle a voxel to two; a wider one opens the throats.
+from one particle per voxel to two; a wider one opens the throats.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from .modes import Modes
 # own length. With a share of 0.45 for all, staircases stay on large smooth bodies: k of pipes, annuli, spheres and
 # cylinders at four random places each, and of random bodies, is 4.8 % off (rms), with this rule 3.8 % (2026-11-29)
 RESOLVED = 6.85
-SHORTEST, LONGEST = 1.4, 8.0  # voxels. With 1.2 k of random bodies falls by 1.5 % from one particle a voxel to two
+SHORTEST, LONGEST = 1.4, 8.0  # voxels. With 1.2 k of random bodies falls by 1.5 % from one particle per voxel to two
 # Share of the shortest length in the prior: what is one voxel wide beside large smooth walls stays open. 0.03 leaves
 # roughness: -1.8 % in place of -0.9 % of k of an annulus of radii 7.6 and 15.2 voxels
 FINE = 0.003

@@ -22,7 +22,7 @@ def crop(
     sizes = values.shape[::-1]
     if len(ranges) != values.ndim:
         raise VoxelError(
-            f"{path}: crop has {len(ranges)} ranges for {values.ndim} dimensions; give one an axis"
+            f"{path}: crop has {len(ranges)} ranges for {values.ndim} dimensions; give one per axis"
         )
     for name, (first, end), size in zip("xyz", ranges, sizes):
         if not 0 <= first < end <= size:

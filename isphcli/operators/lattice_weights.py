@@ -231,7 +231,7 @@ def velocity_matrix(ops: LatticeWeights, dx: float, dtype: type = float) -> sp.c
 
 
 def nearest_matrix(ops: LatticeWeights, dx: float) -> sp.csr_matrix:
-    """-dx^2 lap of the nearest neighbours on a lattice alone, canonical CSR: 7 entries a row on a cubic one, for 33.
+    """-dx^2 lap of the nearest neighbours on a lattice alone, canonical CSR: 7 entries per row on a cubic one, for 33.
 
     Each weighs 2 dim / (number in a whole neighbourhood) dx^2 / distance^2, which is exact for quadratic functions
     there; what walls add is as in `velocity_matrix`. It is symmetric, and as a preconditioner as good.

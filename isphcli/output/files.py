@@ -228,7 +228,7 @@ def read_pvd(path: str | os.PathLike) -> list[tuple[float, str]]:
 
 
 class History:
-    """history.csv: a row a step; the first row's keys are the columns. A context manager."""
+    """history.csv: a row per step; the first row's keys are the columns. A context manager."""
 
     def __init__(self, path: str | os.PathLike, resume_step: int | None = None):
         """`resume_step`: go on with the file there, without its rows after this step."""

@@ -50,7 +50,7 @@ def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Permeability, m2 and mD: one number, one an axis, or the tensor; digits as far as the error bar says."""
+    """Permeability, m2 and mD: one number, one per axis, or the tensor; digits as far as the error bar says."""
     bars = dict(per_axis(summary.get("permeability_error")))
     given = summary.get("permeability_range")
     ranges: dict[str, Any] = {"": given} if given else {}

@@ -58,7 +58,7 @@ class Sites:
         return self.phase[self.sample][..., k] >= 0
 
     def connectivity(self) -> Connectivity:
-        """Of the sample; of lattices with two sites a cell, that of the better connected one."""
+        """Of the sample; of lattices with two sites per cell, that of the better connected one."""
         volume = float(self.lattice.cell.prod())
         found = [report(self.fluid(k).T, self.around, volume) for k in range(self.phase.shape[-1])]
         return max(found, key=lambda c: (sum(c.percolates), c.largest_share))

@@ -352,7 +352,7 @@ def array_errors(permeability: Callable[[float, float], float]) -> Callable[[Cas
 
 
 def published_permeability_errors(case: Case, result: Result) -> Errors:
-    """A published permeability: one number along `reference.axes`, or one an axis. Raises OtherSampleError."""
+    """A published permeability: one number along `reference.axes`, or one per axis. Raises OtherSampleError."""
     value = case.reference.value  # type: ignore[union-attr]
     if value is None:
         raise CompareError("reference.kind permeability needs reference.value, in m2")

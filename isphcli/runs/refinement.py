@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 LEVELS = 3  # spacings in all: of three the order can be observed
 SHAPES = (1.5, 2.0)  # finer spacings of shapes: the last one takes 8 times the particles in 3D
-# Exponent of the particles in the time of a solve. blobs20 at 1, 2, 3 particles a voxel: 1.0 to 1.1
+# Exponent of the particles in the time of a solve. blobs20 at 1, 2, 3 particles per voxel: 1.0 to 1.1
 # (`benchmarks/calibration.py measure`, 2026-11-29)
 GROWTH = 1.1
 

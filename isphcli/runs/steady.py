@@ -1,4 +1,4 @@
-"""Steady creeping flow and permeability: one coupled solve an axis, on one or several spacings."""
+"""Steady creeping flow and permeability: one coupled solve per axis, on one or several spacings."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from .image_file import grey_image, layout_of
 CASE = """\
 geometry:
   voxels: {{file: {file}, {values}, voxel_size: {size}}}   # m
-particles: {{spacing: {spacing}}}   # m: one particle a voxel
+particles: {{spacing: {spacing}}}   # m: one particle per voxel
 fluids: {{water: {{density: 1000, viscosity: 1.0e-3}}}}   # kg/m3, Pa s
 flow: stokes
 drive: {{axes: [{axes}]}}
@@ -42,7 +42,7 @@ def case_text(path: Path, values: str = "labels: {solid: 1, water: 0}", size: st
 
 
 def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
-    """Steady flow of water along x through an image, one particle a voxel; overrides: key=value, as of --set.
+    """Steady flow of water along x through an image, one particle per voxel; overrides: key=value, as of --set.
 
     Of two values the higher one is solid; grey values are parted by Otsu's threshold, the bright ones solid. Raises
     VoxelError where the size of a voxel is not known or there are several labels, CaseError for what overrides say.

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 PAIRS = {2: 2.72, 3: 3.46}  # neighbours over support^dim at one site a spacing^dim: 32 in 3D at 2.1
 # Bytes of a pair by flow and walls. stokes: 10 of its row; navier_stokes, which holds two configurations at a time,
-# from the peak of runs of 2026-11-22: 6.0 and, with walls, 11.3 kB a particle in 3D
+# from the peak of runs of 2026-11-22: 6.0 and, with walls, 11.3 kB per particle in 3D
 BYTES_PAIR = {
     ("stokes", True): 10,
     ("stokes", False): 10,
     ("navier_stokes", True): 310,
     ("navier_stokes", False): 150,
 }
-# Of a pair, in matrices and hierarchies. stokes: with the rest 1.7 kB a particle seen all round; the peaks were 1.68
+# Of a pair, in matrices and hierarchies. stokes: with the rest 1.7 kB per particle seen all round; the peaks were 1.68
 # (sphere array of 64 spacings), 1.92 (Berea 128^3, 46 iterations) and 2.28 kB (bead pack, 56): benchmarks/memory.py,
 # 2026-11-29
 BYTES_MATRIX = {"stokes": 14, "navier_stokes": 18}
@@ -127,7 +127,7 @@ def refuse_image(case: Case, parts: bool = False) -> None:
 def refuse_pores(case: Case, labels: np.ndarray, voxel_size: np.ndarray, clear: int) -> None:
     """Raises ParticleError where the particles in the pores of an image will not fit: before its wall distances.
 
-    labels: int, below 0 in solids, [z, y, x] or [y, x]; voxel_size: m, one or one an axis; clear: voxels of its clear
+    labels: int, below 0 in solids, [z, y, x] or [y, x]; voxel_size: m, one or one per axis; clear: voxels of its clear
     layers.
     """
     refuse_pore_voxels(case, labels.ndim, voxel_size, (labels.size + clear, int(np.count_nonzero(labels >= 0)) + clear),

@@ -86,7 +86,7 @@ def case_for_image(file: Path, folder: Path, voxel_size: float | Sequence[float]
         f"    voxel_size: {size}   # m, edge of a voxel{': NOT KNOWN, correct it' if unsure else ''}\n"
         "    # crop: [[0, 100], [0, 100], [0, 100]]   # voxels kept along x, y, z, for a quick first run\n"
         "  # mirror: [x, y, z]   # the image and its mirror image repeat: no sealed sides, more particles\n"
-        f"particles: {{spacing: {spacing:g}}}   # m: one particle a voxel\n"
+        f"particles: {{spacing: {spacing:g}}}   # m: one particle per voxel\n"
         "fluids: {water: {density: 1000, viscosity: 1.0e-3}}   # kg/m3, Pa s\n"
         "flow: stokes   # steady creeping flow; navier_stokes: moving particles, in time\n"
         f"drive: {{axes: [x]}}   # of {axes}: several give a permeability each\n"

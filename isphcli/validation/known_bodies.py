@@ -22,7 +22,7 @@ from ..references.published import DATA
 Level = Callable[[np.ndarray], np.ndarray]
 GREY_LEVEL = 32767.5  # grey value of the wall in all grey images; above it is solid
 PARTS = 6  # points along an edge of a voxel that its share of solid is counted from: steps of 1/216
-FINER = 4  # grid points a voxel edge between which a random field is a cubic spline: off by less than 1e-4 of it
+FINER = 4  # grid points per voxel edge between which a random field is a cubic spline: off by less than 1e-4 of it
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Body:
         return float(row["permeability"]), float(row["uncertainty"]), row["source"]
 
     def labels(self, finer: int = 1) -> np.ndarray:
-        """(nx, ny, nz) int8, 1 in pores and 0 in solid, by the middle of a voxel; `finer` points a voxel edge."""
+        """(nx, ny, nz) int8, 1 in pores and 0 in solid, by the middle of a voxel; `finer` points per voxel edge."""
         return (self.levels(finer) > 0.0).astype(np.int8)
 
     def grey(self) -> np.ndarray:
@@ -65,7 +65,7 @@ class Body:
         return np.rint(solid.mean(axis=(1, 3, 5)) * 2 * GREY_LEVEL).astype(np.uint16)
 
     def levels(self, finer: int = 1) -> np.ndarray:
-        """Level function in the middles of voxels, (nx, ny, nz) * finer; `finer` points a voxel edge."""
+        """Level function in the middles of voxels, (nx, ny, nz) * finer; `finer` points per voxel edge."""
         axes = [(np.arange(n * finer) + 0.5) / finer for n in self.size]
         out = np.empty([n * finer for n in self.size])
         for i, x in enumerate(axes[0]):  # slab by slab: memory

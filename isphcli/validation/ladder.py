@@ -1,7 +1,7 @@
 """Error against run time: a case with a `reference` on a ladder of resolutions.
 
 `validate_cases` runs every case, in every setting that `--vary` asks for, at twice its spacing, its own and
-half of it (and so on), prints a row a level, and leaves validation.json, .csv, .md and work_precision.png.
+half of it (and so on), prints a row per level, and leaves validation.json, .csv, .md and work_precision.png.
 The verdict is that of the case's own spacing, so that it does not depend on how fast the machine is.
 """
 
@@ -245,7 +245,7 @@ def _climb(
     quiet: bool,
     say: Say,
 ) -> None:
-    """Run the levels of a ladder until the budget would not do, a row a level."""
+    """Run the levels of a ladder until the budget would not do, a row per level."""
     case = ladder.case
     if ladder.name:
         say(f"-- {ladder.name}")
@@ -555,7 +555,7 @@ def _ladder_record(ladder: Ladder) -> dict[str, Any]:
 
 
 def _csv(ladders: Sequence[Ladder]) -> str:
-    """A row a level: setting, the fields of `Level`, an iterations_ and an error_ column of each name."""
+    """A row per level: setting, the fields of `Level`, an iterations_ and an error_ column of each name."""
     rows = []
     for ladder in ladders:
         for level in ladder.levels:

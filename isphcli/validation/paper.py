@@ -291,7 +291,7 @@ def table_1(seconds: float, folder: Path) -> Finding:
     return Finding(("N", "dx, m", "paper", "counted", "difference"), rows, [note], passed=exact)
 
 
-# -- figures 8 and 11: time and iterations a step ------------------------------------------------------------
+# -- figures 8 and 11: time and iterations per step ------------------------------------------------------------
 
 LADDER_STEPS = 6  # whose time is taken, of moving particles
 SECTIONS = {
@@ -301,7 +301,7 @@ SECTIONS = {
 
 
 def scaling(case: str, volume: float, *overrides: str) -> Callable[[float, Path], Finding]:
-    """Time and iterations a step against particles on one core, four sizes; where moving particles do not run in the
+    """Time and iterations per step against particles on one core, four sizes; where moving particles do not run in the
     scene, those of its steady creeping flow."""
 
     beads = case == "bead_pack"
@@ -328,7 +328,7 @@ def scaling(case: str, volume: float, *overrides: str) -> Callable[[float, Path]
             n, cpu = summary["particles"]["fluid"], summary["cpu_seconds"]
             parts = [1e6 / n / steps * sum(cpu.get(s, 0.0) for s in names) for names in SECTIONS.values()]
             points.append((n, *parts, *(count["mean"] for count in summary["iterations"].values())))
-        heads = ("particles", *(f"{name}, us a particle and step" for name in SECTIONS),
+        heads = ("particles", *(f"{name}, us per particle and step" for name in SECTIONS),
                  *(f"iterations {name}" for name in summary["iterations"]))  # fmt: skip
         rows = [[n, *(f"{value:.1f}" for value in rest)] for n, *rest in points]
         first, last = points[0], points[-1]
@@ -461,7 +461,7 @@ def draw_line(path: Path, forces: Sequence[float], velocities: Sequence[float], 
 
 
 def draw_ladder(path: Path, points: np.ndarray, heads: Sequence[str]) -> Path:
-    """Time and iterations a step over particles (figures 8 and 11)."""
+    """Time and iterations per step over particles (figures 8 and 11)."""
     from ..output import plots
 
     figure, ((left, right),) = plots.new_figure(9.6, 4.2, 1, 2)
@@ -470,7 +470,7 @@ def draw_ladder(path: Path, points: np.ndarray, heads: Sequence[str]) -> Path:
         axes = left if column < 3 else right
         label = heads[column].split(",")[0].removeprefix("iterations ")
         axes.plot(n, points[:, column], "o-", color=plots.COLOURS[column - 1], label=label)
-    left.set(xscale="log", xlabel="particles", ylabel="CPU us a particle and step", ylim=(0, None))
+    left.set(xscale="log", xlabel="particles", ylabel="CPU us per particle and step", ylim=(0, None))
     right.set(xscale="log", xlabel="particles", ylabel="GMRES iterations", ylim=(0, None))
     left.legend(frameon=False)
     right.legend(frameon=False)

@@ -234,7 +234,7 @@ def slit_of_one_voxel(large: bool) -> float:
     return abs(k * 8 * 12 - 1)
 
 
-@scene("one-voxel throats", "chambers of 8 voxels, one particle a voxel", "k with 4 particles a voxel", 0.35)
+@scene("one-voxel throats", "chambers of 8 voxels, one particle per voxel", "k with 4 particles per voxel", 0.35)
 def throats_of_one_voxel(large: bool) -> float:
     image = np.zeros((10, 60 if large else 12), dtype=int)
     image[[0, -1]] = 1

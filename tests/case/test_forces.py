@@ -86,7 +86,7 @@ def test_drag_and_shear_at_the_walls_balance_the_force():
 
 
 def test_voxels_of_microporous_rock_are_where_their_labels_are(tmp_path):
-    """The same slit as an image: labels by layers, one particle a voxel, the walls sealed sides."""
+    """The same slit as an image: labels by layers, one particle per voxel, the walls sealed sides."""
     n, k = 16, 0.01
     image = np.ones((n, 4), np.uint8)
     image[: n // 2] = 2

@@ -108,7 +108,7 @@ def test_convert_relabels_and_downsamples_by_majority(tmp_path):
         ({"labels": {9: 1}}, "no voxel has the value"),
         ({"labels": {1: 999}}, "0 to 255"),
         ({"crop_to": ((0, 9), (0, 3), (0, 3))}, "crop x"),
-        ({"crop_to": ((0, 2),)}, "one an axis"),
+        ({"crop_to": ((0, 2),)}, "one per axis"),
         ({"downsample": 4}, "downsample"),
         ({"downsample": 0}, "downsample"),
         ({"voxel_size": -1}, "positive"),

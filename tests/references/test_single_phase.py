@@ -161,7 +161,7 @@ def test_published_permeabilities():
 
 
 def tubes(case, periods=16, h=1.0):
-    """One particle a voxel of the two tubes, h the voxel, in the narrow tube and in the wide one."""
+    """One particle per voxel of the two tubes, h the voxel, in the narrow tube and in the wide one."""
     narrow = np.stack(np.meshgrid(np.arange(2, 6), np.arange(2, 6), np.arange(periods)), -1).reshape(-1, 3)
     wide = np.stack(np.meshgrid(np.arange(9, 15), np.arange(9, 15), np.arange(periods)), -1).reshape(-1, 3)
     return (narrow + 0.5) * h, (wide + 0.5) * h

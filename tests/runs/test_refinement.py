@@ -18,7 +18,7 @@ DISK = ("geometry: {box: [1, 1], periodic: [x, y], shapes: [{sphere: {centre: [0
 
 @pytest.fixture
 def image(tmp_path):
-    """A case of an image with two particles a voxel edge, and its geometry."""
+    """A case of an image with two particles per voxel edge, and its geometry."""
     pores = np.ones((6, 6, 6), np.uint8)
     pores[:, :2] = 0
     np.save(tmp_path / "slit.npy", pores)
@@ -45,7 +45,7 @@ def test_whole_particles_fit_a_voxel(image):
 
 
 def test_three_spacings_the_finer_the_more_time_there_is(image):
-    case, geometry = image  # 3 and 4 particles a voxel take 3.4 and 8 times the seconds of two
+    case, geometry = image  # 3 and 4 particles per voxel take 3.4 and 8 times the seconds of two
     assert chosen(case, geometry, 1.0) == pytest.approx([0.5, 1 / 3, 1 / 4])
     assert chosen(case, geometry, 100.0) == pytest.approx([0.5, 1 / 3, 1.0])
     assert chosen(case, geometry, 1000.0) == pytest.approx([0.5, 1.0])
@@ -73,7 +73,7 @@ def test_a_run_refines_itself_and_says_what_it_took(image):
 
 
 def test_one_spacing_alone_is_said(image):
-    """With one particle a voxel there is no coarser spacing of whole particles, and no time for a finer one."""
+    """With one particle per voxel there is no coarser spacing of whole particles, and no time for a finer one."""
     case, _ = image
     case = replace(case, particles=replace(case.particles, spacing=1.0), refine_budget=1e-9)
     summary = run_case(case, quiet=True)

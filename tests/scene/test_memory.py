@@ -60,7 +60,7 @@ def test_the_estimate_grows_with_the_scene():
     case = read_case(DISK, "case.yaml")
     small, large = (sum(memory.estimate(case, 3, True, n, 0).values()) - memory.BYTES_PROGRAM for n in (1e5, 1e6))
     assert large == pytest.approx(10 * small)
-    assert 1500e6 < large < 2000e6  # measured: 1.7 to 1.9 kB a particle
+    assert 1500e6 < large < 2000e6  # measured: 1.7 to 1.9 kB per particle
 
 
 @pytest.mark.parametrize("sets, who", [((), "400 fluid particles of two fluids"),
@@ -75,7 +75,7 @@ def test_moving_particles_are_refused_where_the_machine_is_full(monkeypatch, set
 
 
 def test_a_second_fluid_costs_memory():
-    """Measured on 2026-11-22: 5.4 and 8.1 kB a particle of a periodic cube, 7.5 and 11.0 kB beside walls."""
+    """Measured on 2026-11-22: 5.4 and 8.1 kB per particle of a periodic cube, 7.5 and 11.0 kB beside walls."""
     case = read_case(DISK, "case.yaml", ("flow=navier_stokes", "time={end: 1}"))
     for walls, one, two in ((False, 5440, 8100), (True, 7540, 11040)):
         found = [(sum(memory.estimate(case, 3, walls, 1e6, 0, two=k).values()) - memory.BYTES_PROGRAM) / 1e6

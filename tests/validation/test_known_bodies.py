@@ -75,7 +75,7 @@ def test_distance_and_crossing_of_a_level_function():
 
 
 def test_the_bar_of_exact_surfaces_holds_the_truth():
-    """At 1 and 2 particles a voxel, solved here: of six bodies two may miss their bar (of all 45 four do, two of them
+    """At 1 and 2 particles per voxel, solved here: of six bodies two may miss their bar (of all 45 four do, two of them
     are here: duct 6.4 and ellipse 6.3 3.6), and the bar is narrow enough to be of use."""
     held, widths = [], []
     for name in SMALL:
@@ -92,7 +92,7 @@ def test_the_bar_of_exact_surfaces_holds_the_truth():
 
 @pytest.mark.parametrize("grey", [False, True])
 def test_the_range_of_images_holds_the_truth(grey, tmp_path):
-    """At one particle a voxel, solved here: of six bodies one may miss its range, by which 90 % of all are held."""
+    """At one particle per voxel, solved here: of six bodies one may miss its range, by which 90 % of all are held."""
     held = []
     for name in VOXEL:
         one = body(name)
@@ -112,7 +112,7 @@ def test_the_range_of_images_holds_the_truth(grey, tmp_path):
 def test_bars_hold_nine_bodies_in_ten(wall, levels):
     """What was measured of all bodies, put through `extrapolate` as it is: 90 % hold the truth, and half of the bars
     are not wider than three times the error. Of stairs the truth is that of the cubes. Of channels whose edges all run
-    along the flow the value at three particles a voxel is within 0.05 %, less than their truth is known to, because
+    along the flow the value at three particles per voxel is within 0.05 %, less than their truth is known to, because
     the order of these edges is taken out: their bars are left out there, and four is the bound of the others."""
     errors, bars, ratios, fine = [], [], [], wall == "stairs" and 3 in levels
     for row, k in measured(wall):

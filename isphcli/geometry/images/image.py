@@ -85,7 +85,7 @@ UNITS = {"millimetres": 1e-3, "micrometres": 1e-6, "nanometres": 1e-9}  # that i
 
 
 def voxel_edges(voxel_size: float | Sequence[float] | np.ndarray, dim: int, path: str | Path) -> tuple[float, ...]:
-    """Edges of a voxel, m, one an axis, of one number or of one an axis; VoxelError where they are no lengths."""
+    """Edges of a voxel, m, one per axis, of one number or of one per axis; VoxelError where they are no lengths."""
     sizes = np.ravel(np.asarray(voxel_size, dtype=float))
     if sizes.size not in (1, dim) or not np.isfinite(sizes).all() or not (sizes > 0).all():
         raise VoxelError(f"{path}: voxel size {voxel_size} must be positive: one number or {dim}")

@@ -177,7 +177,7 @@ def _kept(path: Path, sizes: tuple[int, ...], ranges: Sequence[Sequence[int]] | 
     if ranges is None:
         return tuple(slice(0, n) for n in sizes)
     if len(ranges) != len(sizes):
-        raise VoxelError(f"{path}: crop has {len(ranges)} ranges for {len(sizes)} dimensions; give one an axis")
+        raise VoxelError(f"{path}: crop has {len(ranges)} ranges for {len(sizes)} dimensions; give one per axis")
     for name, (first, end), size in zip("xyz", ranges, sizes):
         if not 0 <= first < end <= size:
             raise VoxelError(f"{path}: crop {name} [{first}, {end}) does not lie in 0 to {size}; shorten it")

@@ -111,7 +111,7 @@ def _chosen(path: Path, piece: ElementTree.Element, name: str | None) -> tuple[s
         missing = "name one" if name is None else f"there is no '{name}'"
         raise VoxelError(f"{path}: holds the arrays {[one[0] for one in found][:20]}; {missing} with the key 'array'")
     if named[0][1].get("NumberOfComponents", "1") != "1":
-        raise VoxelError(f"{path}: '{named[0][0]}' has several components; name an array of one number a voxel")
+        raise VoxelError(f"{path}: '{named[0][0]}' has several components; name an array of one number per voxel")
     return named[0]
 
 
