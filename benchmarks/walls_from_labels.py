@@ -37,12 +37,12 @@ def labels_of(field):
     return np.where(field > 0, np.int8(0), np.int8(-1))
 
 
-def permeability(geometry, per_voxel):
-    """k along x, in square voxels, with `per_voxel` particles per voxel of 1 m."""
-    (axis, force), *_ = drives(CASE, geometry)
+def permeability(geometry, per_voxel, axis=0):
+    """k along an axis, in square voxels, with `per_voxel` particles per voxel of 1 m."""
+    (along, force), *_ = drives(CASE, geometry)
     clock = Clock()
-    scene = build_scene(CASE, geometry, 1.0 / per_voxel, clock, (0,))
-    return solve_axis(CASE, scene, axis, force, clock).permeability[0]
+    scene = build_scene(CASE, geometry, 1.0 / per_voxel, clock, (axis,))
+    return solve_axis(CASE, scene, axis, np.roll(force, axis - along), clock).permeability[axis]
 
 
 def geometry_of(wall, field):

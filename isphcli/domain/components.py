@@ -49,13 +49,19 @@ def _join(start, column, joined, parent):
     scipy's needs the pairs and their transpose in double precision, 24 bytes per pair.
     """
     for i in range(len(start) - 1):
-        a = _root(parent, i)
+        a = root(parent, i)
         for q in range(start[i], start[i + 1]):
             if len(joined) == 0 or joined[q]:
-                b = _root(parent, column[q])
+                b = root(parent, column[q])
                 if a != b:
                     a, b = min(a, b), max(a, b)
                     parent[b] = a
+    return numbered(parent)
+
+
+@njit(cache=True)
+def numbered(parent):
+    """Number of components, whose numbers replace the parents (n,): the smallest of a component is its own parent."""
     count = 0
     for i in range(len(parent)):
         if parent[i] == i:  # the smallest of its component: those before it have their labels
@@ -67,7 +73,7 @@ def _join(start, column, joined, parent):
 
 
 @njit(cache=True)
-def _root(parent, i):
+def root(parent, i):
     """The smallest particle that i is known to be joined with; the way to it is shortened."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]

@@ -15,7 +15,9 @@ class Force:
     name: in `terms` of summary.json and of the check of a case; words: its numbers, for that check; acceleration: of
     points (n, dim), m, (dim,) or (n, dim) m/s2, or None; largest: size of the largest one, m/s2; resistance: of points
     (n, dim), (n,) 1/m2, 0 and more, the inverse of a permeability: nu resistance u is Darcy's drag. It is taken
-    implicitly and bounds no step. None: no resistance.
+    implicitly and bounds no step. None: no resistance. An acceleration is not balanced in dead ends as the drive is,
+    and `runs.steady.solve_axis` knows no permeability beside one. Raises ValueError where an acceleration has no `largest`:
+    steps are bounded by it.
     """
 
     name: str
@@ -23,6 +25,10 @@ class Force:
     acceleration: Callable[[np.ndarray], np.ndarray] | None = None
     largest: float = 0.0
     resistance: Callable[[np.ndarray], np.ndarray] | None = None
+
+    def __post_init__(self) -> None:
+        if self.acceleration is not None and not self.largest > 0.0:
+            raise ValueError(f"{self.name}: an acceleration needs the size of the largest one, m/s2")
 
 
 def acceleration_of(forces: Sequence[Force], x: np.ndarray) -> np.ndarray | None:

@@ -27,8 +27,8 @@ from .modes import Modes
 # Correlation length, voxels, of a random field with walls of the same area, from which on it is that of the prior; of
 # shorter ones the prior has the share length / RESOLVED. The most probable field lacks the roughness that labels do not
 # tell, and so opens throats, the more the shorter: k of random bodies of 2 to 3 voxels is 3 to 7 % too much with their
-# own length. With a share of 0.45 for all, staircases stay on large smooth bodies: k of pipes, annuli, spheres and
-# cylinders at four random places each, and of random bodies, is 4.8 % off (rms), with this rule 3.8 % (2026-11-29)
+# own length. With a share of 0.45 for all, staircases stay on large smooth bodies: k of ellipses and annuli at random
+# places is 3.4 and 3.3 % off (rms), with this rule 2.8 and 3.1 %; others are alike (benchmarks/random_places.py)
 RESOLVED = 6.85
 SHORTEST, LONGEST = 1.4, 8.0  # voxels. With 1.2 k of random bodies falls by 1.5 % from one particle per voxel to two
 # Share of the shortest length in the prior: what is one voxel wide beside large smooth walls stays open. 0.03 leaves

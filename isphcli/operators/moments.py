@@ -404,7 +404,7 @@ def _solve(a, b, columns):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
 def stencil_weights(stencil, padded, tensors, order, out):
-    """Weights of every neighbour of a stencil into out (4, padded).
+    """Weights of every neighbour of a stencil (eqs 5 and 6) into out (4, padded).
 
     out[0]: of the Laplacian (times support^2); out[1:4]: of the gradient (times support).
     """

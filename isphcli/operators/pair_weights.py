@@ -1,4 +1,6 @@
-"""The operators of one configuration as weights of each pair (eqs 5-6); `wall_weights` builds those beside walls.
+"""The operators of one configuration as weights of each pair; `wall_weights` builds those beside walls.
+
+The weights are those of `moments.stencil_weights` (eqs 5 and 6); steady flow has them in `lattice_weights`.
 
 Sums are taken once a configuration: one weight of the Laplacian and `dim` of the gradient for each pair.
 """

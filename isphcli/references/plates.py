@@ -37,7 +37,7 @@ def startup_couette(
 ) -> Array:
     """Velocity (n,) at time t after the wall at y = height began to move.
 
-    Morris, Fox and Zhu (1997), J. Comput. Phys. 136, 214, eq. 22.
+    Morris, Fox and Zhu (1997), J. Comput. Phys. 136, 214, their (22).
     """
     y = np.asarray(y, dtype=float)
     n = np.arange(1, terms + 1)

@@ -1,4 +1,4 @@
-"""Linear systems of moving particles: GMRES, preconditioned by hierarchies that are kept over many steps (eqs 25-26).
+"""Linear systems of moving particles: GMRES, preconditioned by hierarchies that are kept over many steps.
 
 A hierarchy is kept until its iterations have grown; a solve that misses its tolerance is repeated with a new one, and
 then with more of it (see `flow.attempt`). A restart file does not hold hierarchies, which are ten times as large as the

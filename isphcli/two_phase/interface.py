@@ -25,6 +25,7 @@ import numpy as np
 from numba import njit
 
 from ..domain import reduce
+from ..domain.components import numbered, root
 from ..domain.row_threads import over_rows
 from ..flow.shifting import taylor
 from ..flow.state import phase_of
@@ -202,37 +203,22 @@ def _pieces(neighbours: Neighbourhood, band: np.ndarray) -> tuple[int, np.ndarra
     """(number of connected pieces of the particles `band` (m,), piece of each (m,))."""
     number = np.full(neighbours.n, -1)
     number[band] = np.arange(len(band))
-    piece = np.empty(len(band), np.int64)
-    return _number_pieces(neighbours.start, neighbours.column, band, number, np.arange(len(band)), piece), piece
+    piece = np.arange(len(band))
+    return _join_pieces(neighbours.start, neighbours.column, band, number, piece), piece
 
 
 @njit(cache=True)
-def _number_pieces(start, column, band, number, parent, piece):
+def _join_pieces(start, column, band, number, parent):
     """Pieces are trees of particles of the band, each of which knows a parent of a smaller number or is a root."""
     for m in range(len(band)):
-        own = _root(parent, m)
+        own = root(parent, m)
         for p in range(start[band[m]], start[band[m] + 1]):
             other = number[column[p]]
             if 0 <= other < m:  # each pair comes twice
-                other = _root(parent, other)
+                other = root(parent, other)
                 parent[max(own, other)] = min(own, other)
                 own = min(own, other)
-    count = 0
-    for m in range(len(band)):
-        if parent[m] == m:
-            piece[m] = count
-            count += 1
-        else:
-            piece[m] = piece[parent[m]]
-    return count
-
-
-@njit(cache=True)
-def _root(parent, m):
-    while parent[m] != m:
-        parent[m] = parent[parent[m]]
-        m = parent[m]
-    return m
+    return numbered(parent)
 
 
 def near_interface(start: np.ndarray, column: np.ndarray, colour: np.ndarray) -> np.ndarray:
