@@ -74,8 +74,8 @@ def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
     shown = f"{size[0]!r}" if len(set(size)) == 1 else f"[{', '.join(repr(float(s)) for s in size)}]"
     text = case_text(path, values, shown.replace("np.float64(", "").replace(")", ""), repr(float(min(size))))
     if "drive.axes" not in said and not any(key.startswith("drive") for key in said):
-        assumed.append("flow along x alone, between sealed sides, with clear layers before and behind the image; others: "
-                       "--set 'drive.axes=[x, y, z]'")
+        assumed.append("flow along x alone, between sealed sides, with clear layers before and behind the image; "
+                       "others: --set 'drive.axes=[x, y, z]'")
     # there is no case file to be named
     case = replace(read_case(text.encode(), case_file, overrides), path=path.absolute())
     return FirstCase(case, text, tuple(assumed))
