@@ -69,8 +69,8 @@ def main():
                 for spacings in itertools.combinations(found, count):
                     if max(spacings) > 2.05 * min(spacings):
                         continue
-                    value, bar, *_ = extrapolate(spacings, [found[h] for h in spacings], power=DIFFUSION,
-                                                  safety=DIFFUSION_BAR)
+                    value, bar, *_ = extrapolate(spacings, [found[h] for h in spacings],
+                                                  given=(DIFFUSION, DIFFUSION_BAR))
                     bars[count].append((abs(value - truth), bar))
     for count, known in bars.items():
         held = sum(error <= bar for error, bar in known)

@@ -472,13 +472,6 @@ def default_cases() -> tuple[Path, ...]:
     return example_files()
 
 
-def has_module(name: str) -> bool:
-    """Whether a module is installed; it is not imported."""
-    from importlib.util import find_spec
-
-    return find_spec(name) is not None
-
-
 def run_references(cases: list[Case], **options: Any) -> int:
     """Run the cases against their references; the exit code."""
     from .validation.ladder import validate_cases

@@ -395,7 +395,6 @@ def test_validate_runs_the_cases_that_name_a_reference(monkeypatch, folder, pass
         passed,
     )
     monkeypatch.setitem(sys.modules, "isphcli.validation.ladder", module)
-    monkeypatch.setattr(cli, "has_module", lambda name: True)
     done = isph("validate", "slit.yaml", "case.yaml", "--levels", 3)
     assert done.exit_code == code and "['slit'] 3" in done.stdout
     assert isph("validate", "slit.yaml", "--check-only").exit_code == 0

@@ -16,8 +16,8 @@ class Force:
     points (n, dim), m, (dim,) or (n, dim) m/s2, or None; largest: size of the largest one, m/s2; resistance: of
     points (n, dim), (n,) 1/m2, 0 and more, the inverse of a permeability: nu resistance u is Darcy's drag. It is
     taken implicitly and bounds no step. None: no resistance. An acceleration is not balanced in dead ends as the
-    drive is, and `runs.steady.solve_axis` knows no permeability beside one. Raises ValueError where an acceleration
-    has no `largest`: steps are bounded by it.
+    drive is, and there is no permeability beside one (`runs.steady.solve_axis` raises). Raises ValueError where an
+    acceleration has no `largest`: steps are bounded by it.
     """
 
     name: str

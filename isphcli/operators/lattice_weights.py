@@ -199,7 +199,7 @@ def _own_tensors(in_sight: np.ndarray, near: np.ndarray, offsets: int) -> np.nda
 
 def _with_remote(tensors: Factors, exchange: Exchange) -> Factors:
     """The tensors with rows of gradient_p and k_tensor_p for remote particles behind the others."""
-    if exchange.remote == 0:
+    if exchange is NO_EXCHANGE:  # a process that sees nobody may be seen, and sends
         return tensors
     n, rows = len(tensors.row), len(tensors.scale)
     more = [np.concatenate([tensor, exchange.forward(tensor[tensors.row])[n:]]) if len(tensor) else tensor

@@ -26,7 +26,7 @@ tests/operators/test_narrow_pores.py).
 | LOPSIDED | largest part of L beside a multiple of the identity, over that | the same |
 
 Interfaces have no class: they fit quadratic functions, and what the neighbours do not determine of one is held at zero
-by a small number on the diagonal of its moments, in `two_phase/quadratic_fit.py` always (RIDGE), in
+by a small number on the diagonal of its moments, in `two_phase/quadratic_fit.py` always (RIDGE_...), in
 `two_phase/two_fluids.py` where a pivot is below SINGULAR of their trace.
 
 What was measured with other rules: docs/design_notes.md, pores that hardly hold particles.

@@ -31,7 +31,7 @@ def compiling(going_on: bool) -> None:
 
 
 class Progress:
-    """Display of a time march: `with Progress(total_time=1.0) as p: p.update(step=1, time=0.01, dt=0.01)`."""
+    """Display of a time loop: `with Progress(total_time=1.0) as p: p.update(step=1, time=0.01, dt=0.01)`."""
 
     def __init__(
         self,

@@ -101,7 +101,7 @@ def _save_together(path: str | Path, saved: Saved, record: Mapping[str, Any]) ->
     ranks, values = current(), _fields(saved.state)
     number = values.pop("number")
     count = reduce.number(number)
-    names = [name for name, value in values.items() if np.ndim(value) and len(value) == len(number)]
+    names = [name for name in SPREAD if name in values]
     for name in names:
         if reduce.any_true(~np.isfinite(values[name])):
             raise RestartError(f"{path}: {name} is not finite; nothing was written")
@@ -152,8 +152,8 @@ def load(path: str | Path, like: State, record: Mapping[str, Any] | None = None)
     require(path)
     try:
         arrays, whole = _read_slabs(path) if shared else _read(path)
-        meta = json.loads(arrays["meta"].tobytes())
-        version = meta["version"]
+        meta = json.loads(arrays["meta"].tobytes()) if whole else {}
+        version = meta["version"] if whole else None
     # zipfile, zlib and numpy raise all of these for broken bytes
     except (OSError, KeyError, ValueError, EOFError, TypeError, AttributeError, NotImplementedError, RuntimeError,
             MemoryError, OverflowError, SyntaxError, zipfile.BadZipFile, zlib.error) as problem:
@@ -189,7 +189,7 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], bool]:
 def _read_slabs(path: Path) -> tuple[dict[str, np.ndarray], bool]:
     """The same on each of several processes, of state 0 its slab of the particles; rank 0 looks at the checksum."""
     ranks, arrays = current(), {}
-    total, claimed = hashlib.sha256(), b""
+    total, claimed, damaged = hashlib.sha256(), b"", False
     with zipfile.ZipFile(path) as archive:
         names = sorted(name.removesuffix(".npy") for name in archive.namelist())
         for name in names:
@@ -201,13 +201,19 @@ def _read_slabs(path: Path) -> tuple[dict[str, np.ndarray], bool]:
                 row, wanted = kind.itemsize * math.prod(shape[1:]), (0, shape[0] if shape else 1)
                 if name.rpartition(".")[2] in SPREAD:
                     wanted = _slab(shape[0])
-                data = _rows(file, row, wanted, total if ranks.rank == 0 and name != "sha256" else None)
+                try:
+                    data = _rows(file, row, wanted, total if ranks.rank == 0 and name != "sha256" else None)
+                except zipfile.BadZipFile:  # the first process alone reads all of an array, and tells the others below
+                    if ranks.rank > 0:
+                        raise
+                    damaged = True
+                    break
             if name == "sha256":
                 claimed = data
             elif not name.startswith("state") or name.startswith("state0."):
                 values = np.frombuffer(bytearray(data), kind)
                 arrays[name] = values.reshape(wanted[1] - wanted[0], *shape[1:]) if shape else values.reshape(())
-    return arrays, bool(ranks.first(total.digest() == claimed))
+    return arrays, bool(ranks.first(not damaged and total.digest() == claimed))
 
 
 def _slab(count: int) -> tuple[int, int]:

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 WIDTH = 960  # pixels of a film
 BLOCK = 16  # pixels: sides of an mp4 are multiples of it
-VIEWS = ("plane", "3d")
 FORMATS = (".gif", ".mp4")
 
 

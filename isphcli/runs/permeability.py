@@ -85,7 +85,6 @@ def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndar
 # holds 90 % of all others, 93, 96 and 92 % of those that were left out hold (two, two finer, three spacings;
 # `benchmarks/calibration.py bars`)
 ORDER, BAR, USUAL = 1.5, 0.7, 1 / 6
-SAFETY = 1.25  # bar over the errors of an order that is given (Roache 1994, J. Fluids Eng. 116, 405)
 # Order of k beside the edges of cubes: twice the exponent of the velocity there, because the error of k is that of the
 # dissipation. Across an edge of 90 degrees of solid it is 0.5445 (Dean and Montagnon 1949), along it 2/3 (Laplace)
 EDGE = (1.089, 4 / 3)
@@ -103,28 +102,29 @@ def clear_permeability(geometry: Geometry, axis: int) -> float:
 
 
 def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray,
-                known: tuple[float, float] | None = None, power: float | None = None,
-                usual: float = 0.0, safety: float = SAFETY) -> tuple[float, float, float | None, str]:
+                known: tuple[float, float] | None = None, given: tuple[float, float] | None = None,
+                usual: float = 0.0) -> tuple[float, float, float | None, str]:
     """The value at the limit of fine spacings from values (m,) at spacings (m,), m > 1: (value, error bar, order or
     None, sentence).
 
-    power: order of the errors that the bar takes from the differences, ORDER without it; safety: bar over the errors of
-    an order that is given; usual: relative error at the finest spacing that is usual (`expected_error.usual_error`),
-    part of the bar where no order is given. known: lowest and highest order of the error, where all of it is of a known
-    origin (`EDGE`): the value is then the limit by Richardson. Without it the value is that of the finest spacing
-    and the bar an estimate of its error, which 91 (two spacings) to 96 % (two finer ones) of the bodies of
-    `validation.known_bodies` keep within. Beside smooth walls the error changes with the way in which the walls lie
-    on each lattice, up and down: an extrapolation would carry that on, and an order that is observed means little.
+    given: (order, safety) of errors that are known: the bar is safety times what the differences tell by that
+    order; without it the order is ORDER; usual: relative error at the finest spacing that is usual
+    (`expected_error.usual_error`), part of the bar where no order is given. known: lowest and highest order of the
+    error, where all of it is of a known origin (`EDGE`): the value is then the limit by Richardson. Without it the
+    value is that of the finest spacing and the bar an estimate of its error, which 91 (two spacings) to 96 % (two
+    finer ones) of the bodies of `validation.known_bodies` keep within. Beside smooth walls the error changes with
+    the way in which the walls lie on each lattice, up and down: an extrapolation would carry that on, and an order
+    that is observed means little.
     """
     order = np.argsort(spacings)
     h, k = np.asarray(spacings, float)[order], np.asarray(values, float)[order]
     if known is not None:
         return _with_known_order(h, k, known)
-    order_of_bar = ORDER if power is None else power
-    told = float(np.mean(np.abs(k[1:] - k[0]) / ((h[1:] / h[0]) ** order_of_bar - 1.0)))
-    bar = BAR * math.hypot(told, USUAL * usual * k[0]) if power is None else safety * told
+    power, safety = (ORDER, 1.0) if given is None else given
+    told = float(np.mean(np.abs(k[1:] - k[0]) / ((h[1:] / h[0]) ** power - 1.0)))
+    bar = BAR * math.hypot(told, USUAL * usual * k[0]) if given is None else safety * told
     return float(k[0]), bar, None, (f"the value at the finest of {len(h)} spacings; the bar takes errors of order "
-                                    f"{order_of_bar:g} from their differences"
+                                    f"{power:g} from their differences"
                                     + (", and a part of what is usual in pores as wide" if usual else ""))
 
 

@@ -205,10 +205,10 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
     cell_velocity = flow.velocity + _quadrature(scene, laplacian)
     superficial, mean = mean_velocities(geometry, particles.x[: particles.n_fluid], cell_velocity,
                                         particles.site_volume, scene.cells)
-    # beside the drive others may accelerate the fluid: the flux is not that of the drive then
-    permeability = None
-    if axis is not None and system.acceleration is None:
-        permeability = darcy(geometry, superficial, axis, force, fluid.nu)
+    if axis is not None and system.acceleration is not None:
+        raise ValueError("the flux is not that of the drive where another force accelerates the fluid: its check of a "
+                         "case has to refuse drive.axes with flow: stokes")
+    permeability = None if axis is None else darcy(geometry, superficial, axis, force, fluid.nu)
     drop = 0.0 if axis is None else fluid.density * float(force[axis]) * float((geometry.upper - geometry.lower)[axis])
     return StokesResult(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
                  flow.pressure * fluid.density, superficial, mean, permeability,

@@ -318,7 +318,8 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
     if len(open_at) > 1:
         edges = EDGE if wall == "stairs" else None
         finest = min(open_at)
-        usual = usual_error(float(known[finest]), porosity, finest)
+        k = float(known[finest])
+        usual = usual_error(k, porosity, finest) if edges is None and k > 0.0 else 0.0
         limit, bar, _, sentence = extrapolate(open_at, [known[h] for h in open_at], edges, usual=usual)
         found = replace(found, permeability=float(limit), bar=bar, sentence=f"{name}: {sentence}")
     if found.permeability > 0.0:
@@ -413,7 +414,7 @@ def _measures(case: Case, flows: Flows) -> dict[str, Any]:
             known = {h: other.diffusivity for (a, h), other in flows.items() if a == axis and other.diffusivity}
             if len(known) > 1:
                 bars["xyz"[axis]] = extrapolate(list(known), [1.0 / d for d in known.values()],
-                                                 power=DIFFUSION, safety=DIFFUSION_BAR)[1]
+                                                 given=(DIFFUSION, DIFFUSION_BAR))[1]
     main = _main(flows)
     inside = inside_sample(main.geometry, main.particles.x[: main.particles.n_fluid])
     single = len(driven) == 1

@@ -27,7 +27,7 @@ BYTES_PAIR = {
 # (sphere array of 64 spacings), 1.92 (Berea 128^3, 46 iterations) and 2.28 kB (bead pack, 56): benchmarks/memory.py,
 # 2026-11-29
 BYTES_MATRIX = {"stokes": 14, "navier_stokes": 18}
-BYTES_PETSC = 40  # the same of several processes: PETSc stores the matrix that one process computes from the pairs
+BYTES_PETSC = 40  # the same where PETSc solves: it stores the matrix that PyAMG's cycle computes from the pairs
 # Of a pair, what a second fluid adds to moving particles: weighted operators, the transposed stress, normals. The peaks
 # of 60,000 particles with a drop less those without, on 2026-11-22: 71 and 83 (2D, 3D), beside walls 131 and 109
 BYTES_SECOND_FLUID = 110
@@ -67,13 +67,13 @@ def estimate(
     """
     pairs = fluid * neighbours(case, dim)
     steady = case.flow == "stokes"
-    several = steady and current().size > 1
+    petsc = steady and (case.solver.engine == "petsc" or current().size > 1)
     vectors = min(case.solver.restart, VECTORS) * (dim + 1) if steady else case.solver.restart
     parts = {
         "program": BYTES_PROGRAM,
         "operators": pairs * BYTES_PAIR[case.flow, walls] + fluid * BYTES_ROW[case.flow],
-        "matrices": pairs * (BYTES_PETSC if several else BYTES_MATRIX[case.flow]),
-        "Krylov vectors": fluid * vectors * (4 if steady and not several else 8),
+        "matrices": pairs * (BYTES_PETSC if petsc else BYTES_MATRIX[case.flow]),
+        "Krylov vectors": fluid * vectors * (4 if steady and not petsc else 8),
         "particles": (fluid + dummies) * BYTES_PARTICLE,
     }
     more = {"second fluid": pairs * BYTES_SECOND_FLUID} if two and not steady else {}

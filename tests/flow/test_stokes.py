@@ -204,7 +204,7 @@ def test_one_voxel_throat_isolated_pocket_and_dead_end_are_finite(distance, open
     assert np.isfinite(flow.velocity).all() and np.isfinite(flow.pressure).all()
     assert flow.permeability[0] > 1e-4 if open else abs(flow.permeability[0]) < 1e-9
     pocket = scene.system.means.labels != np.argmax(np.bincount(scene.system.means.labels))
-    # of nothing that flows the residual is left: 1e-9 of forces of one
+    # of nothing that flows the residual is left: the solve stops at 1e-9 of forces of one
     assert np.abs(flow.velocity[pocket]).max() < max(1e-6 * np.abs(flow.velocity).max(), 3e-9)
 
 

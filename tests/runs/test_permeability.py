@@ -57,7 +57,7 @@ def test_two_spacings_that_agree_by_chance_do_not_make_a_bar_of_nothing():
 def test_an_order_that_is_given_is_taken():
     """Errors of first order: the difference of two spacings of which one is half the other is the error, 1.25 of it
     the bar, whatever is usual."""
-    assert extrapolate([1.0, 0.5], [2.2, 2.1], power=1.0, usual=0.5)[1] == pytest.approx(1.25 * 0.1, rel=1e-9)
+    assert extrapolate([1.0, 0.5], [2.2, 2.1], given=(1.0, 1.25), usual=0.5)[1] == pytest.approx(1.25 * 0.1, rel=1e-9)
 
 
 def test_edges_are_extrapolated_with_their_own_orders():
