@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tests import ranks
+
 STEPS = 20
 PACK = """
 geometry:
@@ -39,16 +41,8 @@ fluids: {water: {density: 1, viscosity: 0.1}}
 drive: {superficial_velocity: {x: 0.1}}
 time: {end: 9}
 """
-FEW = """
-geometry:
-  box: [0.4, 1.0, 1.0]
-  periodic: [x, y, z]
-  shapes: [{box: {lower: [-1, 0.0, 0.0], upper: [2, 0.1, 0.1]}, outside: true, is: solid}]
-particles: {spacing: 0.1}
-fluids: {water: {density: 1, viscosity: 1}}
-drive: {body_force: [1, 0, 0]}
-time: {end: 9}
-"""  # a row of four particles: some of three processes have none
+# a row of four particles: some of three processes have none
+FEW = ranks.FEW.replace("flow: stokes\ndrive: {axes: [x]}", "drive: {body_force: [1, 0, 0]}\ntime: {end: 9}")
 FILES = {
     "vortices": ("taylor_green_2d_re100", ["particles.spacing=0.05", "time.end=9"]),
     "viscous": ("taylor_green_2d", ["time={end: 9, step: 0.02}"]),  # hierarchies of velocities too

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from ..domain.components import root
 from .connectivity import merge_periodic, report
 from .spline import value_and_slope
 
@@ -81,14 +82,6 @@ def surface_ways(coefficients: np.ndarray, around: np.ndarray, field: np.ndarray
 
 
 @njit(cache=True)
-def _root(parent, i):
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
-
-
-@njit(cache=True)
 def _joined(c, around, fluid, first, wraps):
     """(root of each voxel (n,), -1 in solids; links across periodic faces (m, 3): upper root, lower root, axis; edges
     that are open; faces that are closed)."""
@@ -130,7 +123,7 @@ def _joined(c, around, fluid, first, wraps):
                     opened += not face
                     here, other = (z * ny + y) * nx + x, (there[0] * ny + there[1]) * nx + there[2]
                     if crossed == 0:
-                        a, b = _root(parent, here), _root(parent, other)
+                        a, b = root(parent, here), root(parent, other)
                         parent[max(a, b)] = min(a, b)
                     elif crossed == 1:  # of edges across two faces there are few
                         links[count, 0], links[count, 1] = (here, other) if up else (other, here)
@@ -138,7 +131,7 @@ def _joined(c, around, fluid, first, wraps):
                         count += 1
     for i in range(len(parent)):
         if parent[i] >= 0:
-            parent[i] = _root(parent, i)
+            parent[i] = root(parent, i)
     for k in range(count):
         links[k, 0], links[k, 1] = parent[links[k, 0]], parent[links[k, 1]]
     return parent, links[:count], opened, closed

@@ -16,19 +16,10 @@ from isphcli.runs.time_loop import TimeLoop
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.place import place_case
 from isphcli.scene.prepare import prepare
+from tests import moving_ranks
 from tests.paths import CASES
 
-PACK = """
-geometry:
-  box: [2.0e-3, 2.8e-3, 2.0e-3]
-  origin: [-1.0e-3, -1.4e-3, -1.0e-3]
-  periodic: [y]
-  shapes: [{spheres: {file: beads.csv, radius: 2.5e-4}, is: solid}]
-particles: {spacing: 2.1e-4}
-fluids: {water: {density: 1000, viscosity: 1.0e-3}}
-drive: {body_force: [0, 1.06, 0]}
-time: {end: 1, steady: 1.0e-3}
-"""
+PACK = moving_ranks.PACK.replace("time: {end: 1}", "time: {end: 1, steady: 1.0e-3}")
 ORIFICE = """
 geometry: {box: [1, 1], periodic: [x], shapes: [BARS]}
 particles: {spacing: 0.1}
