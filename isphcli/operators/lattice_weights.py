@@ -598,7 +598,7 @@ def _divergence_and_rhie_chow(rows, weights, walls, u, pressure, factors, out):
         out[i] = a * divergence + b * tensors.scale[o] * odd_even
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _slope_along(pairs, tensors, i, k, u):
     """d u_k / d x_k of particle i: moments of the differences first, the tensors once."""
     first, second = pairs.first_moment, pairs.second_moment

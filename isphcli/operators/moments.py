@@ -129,7 +129,7 @@ def gather_stencil(neighbours, i, volume, stencil):
     return padded
 
 
-@njit(cache=True, fastmath=REDUCE)
+@njit(cache=True, fastmath=REDUCE, forceinline=True)
 def stencil_moments(stencil, padded, moments):
     """Moment sums of a stencil.
 
@@ -402,7 +402,7 @@ def _solve(a, b, columns):
     return True
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def stencil_weights(stencil, padded, tensors, order, out):
     """Weights of every neighbour of a stencil (eqs 5 and 6) into out (4, padded).
 

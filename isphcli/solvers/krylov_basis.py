@@ -58,7 +58,7 @@ class KrylovBasis:
         return out
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, forceinline=True)
 def _components(blocks, edges, basis, vector, dots):
     """Products of the vector with those of the basis by blocks of entries, dots (blocks, k)."""
     for block in range(blocks[0], blocks[1]):

@@ -218,7 +218,7 @@ def _gather(i, neighbours, field, work):
     return count
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"}, forceinline=True)
 def _normal_equations(work, count):
     """Moments, their lower half, and the right-hand side of the neighbours; sums in any order, so that they are
     vectors."""
@@ -236,7 +236,7 @@ def _normal_equations(work, count):
             work.moments[a, b] = total
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"}, forceinline=True)
 def _beyond_neighbours(work, count, steepness):
     """The right-hand side of the second fit: terms of third and fourth order of a distance at the ways d of the
     neighbours, with n the normal (unit) and h the form of its level, unchanged along it:

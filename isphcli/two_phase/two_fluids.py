@@ -327,7 +327,7 @@ def _transposed_stress_tensors(turns, neighbours, weights, rows, new_start, new_
                 tensor[at + k, v] = w[k] * here[k]
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"}, forceinline=True)
 def _moments(basis, w, work, moments):
     """Lower half of sum_k w basis (x) basis into `moments`, what `_invert` reads; sums in any order, so that they are
     vectors. work: (count,) scratch."""

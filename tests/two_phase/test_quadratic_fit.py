@@ -1,5 +1,9 @@
 """The fit to phi: planes, spheres, two interfaces, and slopes at walls."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -97,3 +101,24 @@ def test_a_slope_at_a_wall_is_part_of_the_fit():
     assert fit.slope[beside, 1] == pytest.approx(0.3, abs=0.05)
     far = above & (x[:, 1] > 0.6) & np.all(np.abs(x - 0.5) < 0.25, axis=1)
     assert np.abs(fit.slope[far] - [1.0, 0.0]).max() < 1e-4
+
+
+FIT = """
+import hashlib
+import numpy as np
+from tests.two_phase.test_quadratic_fit import SPACING, cloud, no_slopes, quadratic_fit, unit
+neighbours = cloud(2)
+arm = neighbours.x[: neighbours.n] - 0.4
+everywhere = np.ones(neighbours.n, np.bool_)
+fit = quadratic_fit(neighbours, 0.3 - np.linalg.norm(arm, axis=1), everywhere, everywhere, -unit(arm), SPACING[2],
+                    no_slopes(neighbours.n, 2))
+print(hashlib.sha256(fit.curvature.tobytes() + fit.value.tobytes()).hexdigest())
+"""
+
+
+@pytest.mark.slow
+def test_kernels_that_are_compiled_and_kernels_from_the_cache_give_the_same_bits(tmp_path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    first, second = (subprocess.run([sys.executable, "-c", FIT], env=environment, capture_output=True, text=True,
+                                    check=True).stdout for _ in range(2))
+    assert first == second and len(first.strip()) == 64
