@@ -52,8 +52,10 @@ class Geometry(Protocol):
         """(n,) int8: index of the microporous rock that fluid seeps through, -1 in clear fluid and solids."""
         ...
 
-    def distance(self, x: np.ndarray) -> np.ndarray:
-        """(n,) signed distance to the wall, > 0 in fluid; +inf where there is no wall at all."""
+    def distance(self, x: np.ndarray, depth: float = np.inf) -> np.ndarray:
+        """(n,) signed distance to the wall, > 0 in fluid; +inf where there is no wall at all.
+
+        depth: m; in solids that lie deeper any distance beyond it may be returned, which is quicker."""
         ...
 
     def wall(self, x: np.ndarray) -> np.ndarray:

@@ -135,15 +135,15 @@ class ShapeGeometry:
                 phi = np.maximum(phi, -d) if shape.phase == 0 else np.minimum(phi, d)
         return phi
 
-    def distance(self, x: np.ndarray) -> np.ndarray:
-        """(n,) signed distance to the wall, m.
+    def distance(self, x: np.ndarray, depth: float = np.inf) -> np.ndarray:
+        """(n,) signed distance to the wall, m; deeper in solids than `depth`, m, that to the nearest surface of a shape.
 
         Walls are where fluid meets solid, not where shapes of a kind touch. Exact where the nearest point of the
         wall lies on one surface or on an edge of planes; where it lies on an edge of curved surfaces that has
         several nearest points, never more than the distance to one of them and never less than that to the
         nearest surface of any shape.
         """
-        return self._nearest(x)[0]
+        return self._nearest(x, depth)[0]
 
     def wall(self, x: np.ndarray) -> np.ndarray:
         """(n,) int32 index of the face or shape whose surface gives `distance`; on a crossing point it is the
@@ -175,8 +175,8 @@ class ShapeGeometry:
                 x[:, a] = self.lower[a] + np.mod(x[:, a] - self.lower[a], self.period[a])
         return x
 
-    def _nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Signed distance and index of the wall that gives it."""
+    def _nearest(self, x: np.ndarray, depth: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
+        """Signed distance and index of the wall that gives it; depth: see `distance`."""
         x = self._wrapped(x)
         d = np.full(len(x), np.inf if self.fluid >= 0 else -np.inf)
         wall = np.zeros(len(x), dtype=np.int32)
@@ -198,7 +198,7 @@ class ShapeGeometry:
         # beside fluid, faces are walls, and so are solids that no fluid shape lies on
         bare = np.logical_and.accumulate([s.phase < 0 for s in self.shapes[::-1]])[::-1]
         is_wall = np.concatenate([np.ones(1 + 2 * self.dim, dtype=bool), bare])
-        ask = np.flatnonzero(np.isfinite(d) & ((d <= self.round_off) | ~is_wall[wall]))
+        ask = np.flatnonzero(np.isfinite(d) & (d >= -depth) & ((d <= self.round_off) | ~is_wall[wall]))
         if len(ask) and self.shapes:
             near, owner = d[ask], wall[ask]
             over_rows(put_walls, len(ask), in_3d(x[ask]), near, owner, self._pieces())

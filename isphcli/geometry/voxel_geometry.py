@@ -128,8 +128,8 @@ class VoxelGeometry:
     def interface_distance(self, x: np.ndarray) -> None:
         """None: labels say which fluid is where."""
 
-    def distance(self, x: np.ndarray) -> np.ndarray:
-        """(n,) signed distance to the wall, m; its sign agrees with `phase`."""
+    def distance(self, x: np.ndarray, depth: float = np.inf) -> np.ndarray:
+        """(n,) signed distance to the wall, m, at any depth; its sign agrees with `phase`."""
         u = self._points(x)
         if not self.has_solid:
             return np.full(len(u), np.inf)

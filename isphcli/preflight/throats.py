@@ -37,7 +37,7 @@ class Sites:
         for x in lattice.slabs():
             part = slice(first, first + len(x))
             if geometry.has_solid:
-                flat_distance[part] = d = geometry.distance(x)
+                flat_distance[part] = d = geometry.distance(x, 1.01 * support)
             # a distance among thousands of spheres costs a microsecond: with one fluid it tells the phase too
             flat_phase[part] = np.where(d > ON_WALL * support, 0, -1) if by_distance else geometry.phase(x)
             first += len(x)

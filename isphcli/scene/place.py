@@ -93,7 +93,8 @@ def place(geometry: Geometry, lattice: Lattice, support: float, jitter: float = 
         phases.append(phase[is_fluid])
         if geometry.has_solid:
             solid = x[~is_fluid]
-            seen = -geometry.distance(solid) < support * (1.0 + 1e-9)
+            reach = support * (1.0 + 1e-9)
+            seen = -geometry.distance(solid, reach) < reach
             dummies.append(solid[seen])
             left_out += int((~seen).sum())
         inside += int(np.all((x >= geometry.lower) & (x <= geometry.upper), axis=1).sum())
@@ -212,7 +213,7 @@ def _near_brick(geometry: Geometry, lattice: Lattice, support: float, cut: Cut) 
         kept = phase >= 0
         solid = np.flatnonzero(~kept)
         if geometry.has_solid:
-            kept[solid] = -geometry.distance(x[solid]) < reach
+            kept[solid] = -geometry.distance(x[solid], reach) < reach
             left_out += int((~kept & (owner == current().rank) & ~shift.any(axis=1)).sum())
         parts.append((image[kept], site[kept], owner[kept], phase[kept], shift[kept]))
     none = (np.zeros((0, dim)), np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.int8),

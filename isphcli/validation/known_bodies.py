@@ -130,8 +130,8 @@ class LevelGeometry:
         """(n,) int8, -1 in the solid."""
         return np.where(self.body.level(np.asarray(x, float)) > 0.0, 0, -1).astype(np.int8)
 
-    def distance(self, x: np.ndarray) -> np.ndarray:
-        """(n,) signed distance to the wall, voxels, cut off at `FARTHEST`."""
+    def distance(self, x: np.ndarray, depth: float = np.inf) -> np.ndarray:
+        """(n,) signed distance to the wall, voxels, at any depth, cut off at `FARTHEST`."""
         x = np.asarray(x, float)
         value, steepness = self.body.level(x), np.zeros(len(x))
         for step in np.eye(3) * self.STEP:

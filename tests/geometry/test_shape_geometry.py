@@ -239,6 +239,18 @@ def test_distances_where_shapes_join_against_a_grid_of_labels(name):
     assert farther.min() > -1e-8 and farther.max() < 1.5 * np.linalg.norm(h)
 
 
+@pytest.mark.parametrize("name", CARVED)
+def test_distances_that_are_exact_to_a_depth_only(name):
+    box, periodic, filled, shapes = CARVED[name]
+    g = ShapeGeometry([0] * len(box), box, periodic, filled, shapes)
+    x = np.random.default_rng(2).uniform(0.0, box, (2000, len(box)))
+    exact, found = g.distance(x), g.distance(x, 0.05)
+    shallow = exact >= -0.05
+    assert 0.1 < shallow.mean() < 0.95
+    assert np.array_equal(found[shallow], exact[shallow])
+    assert (found[~shallow] < -0.05).all() and (found[~shallow] >= exact[~shallow]).all()
+
+
 SCENES = {
     "on top": (0, [
         Shape(HalfSpace((0.5, 0.5, 0.5), (1, 0.3, 0.1))),
