@@ -136,7 +136,7 @@ class ShapeGeometry:
         return phi
 
     def distance(self, x: np.ndarray, depth: float = np.inf) -> np.ndarray:
-        """(n,) signed distance to the wall, m; deeper in solids than `depth`, m, that to the nearest surface of a shape.
+        """(n,) signed distance to the wall, m; in solids beyond `depth`, m, to the nearest surface of a shape.
 
         Walls are where fluid meets solid, not where shapes of a kind touch. Exact where the nearest point of the
         wall lies on one surface or on an edge of planes; where it lies on an edge of curved surfaces that has
