@@ -59,7 +59,8 @@ def main(edge="64"):
                                  options={"geometry": {"wall_distance": "stairs"}})
     pore, field = on_sites(found.x, found.velocity)
     lost, width = dissipation(pore, field), widths(pore)
-    print("| width, voxels | share of the pores | of the dissipation | particles, of those of half the spacing all over |")
+    print("| width, voxels | share of the pores | of the dissipation | "
+          "particles, of those of half the spacing all over |")
     print("|---|---|---|---|")
     for most in WIDTHS:
         narrow = pore & (width <= most)
