@@ -88,6 +88,19 @@ def total_by(label: np.ndarray, values: np.ndarray | None = None, labels: int = 
     return current().sum(np.bincount(label, values, minlength=labels))
 
 
+def largest_by(label: np.ndarray, values: np.ndarray, labels: int) -> np.ndarray:
+    """Largest (labels,) of values (n,) over the particles of each label (n,), -inf where there is none."""
+    found = np.full(labels, -np.inf)
+    np.maximum.at(found, label, values)
+    return current().max(found)
+
+
+def together(values: np.ndarray) -> np.ndarray:
+    """Rows (m, ...) that each process has, of all of them, on each: for what is few, such as points of a drop near a
+    wall."""
+    return np.concatenate(current().collect(values))
+
+
 def quantiles(values: np.ndarray, shares: Sequence[float]) -> np.ndarray:
     """Quantiles (m,) of values (n,) at shares (m,) between 0 and 1, interpolated between the values next to them.
 

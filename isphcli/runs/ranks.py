@@ -36,8 +36,6 @@ def refuse_what_is_not_distributed(case: Case) -> None:
     def bad(key: str, what: str, fix: str = ONE) -> None:
         problems.append(Problem(str(case.path), None, key, f"{what} on {current().size} processes", fix))
 
-    if case.flow != "stokes" and len(case.fluids) > 1:
-        bad("fluids", "two fluids that move are not distributed: no run")
     if case.flow == "stokes" and case.particles.jitter > 0.0:
         bad("particles.jitter", "no jitter in steady flow", "leave it out, or " + ONE)
     if case.output.snapshots and case.output.format == "xdmf":
