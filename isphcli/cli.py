@@ -198,6 +198,10 @@ threads_option = click.option(
     "--threads", type=click.IntRange(1, os.cpu_count() or 1), help="Threads of the kernels. [default: all]"
 )
 quiet_option = click.option("--quiet", is_flag=True, help="No progress display; results only.")
+ranks_option = click.option(
+    "--ranks", type=click.IntRange(1), metavar="N",
+    help="With --check-only: what each of N processes (mpiexec -n N isph run) holds and takes.",
+)  # fmt: skip
 
 
 # -- run -------------------------------------------------------------------------------------------------
@@ -216,13 +220,15 @@ quiet_option = click.option("--quiet", is_flag=True, help="No progress display; 
     "--overwrite", is_flag=True,
     help="Replace the results that the output directory holds: those files that its manifest.json names.",
 )  # fmt: skip
+@click.option("--check-only", is_flag=True, help="Say what the run would use, need and cost, and run nothing.")
+@ranks_option
 @threads_option
 @set_option
 @quiet_option
 @guarded
 def run(
-    case_file: Path | None, out: Path | None, restart: Path | None, overwrite: bool, threads: int | None,
-    overrides: tuple[str, ...], quiet: bool,
+    case_file: Path | None, out: Path | None, restart: Path | None, overwrite: bool, check_only: bool,
+    ranks: int | None, threads: int | None, overrides: tuple[str, ...], quiet: bool,
 ) -> int:  # fmt: skip
     """Run a case.
 
@@ -239,6 +245,11 @@ def run(
     """
     if (case_file is None) == (restart is None):
         raise click.UsageError("give a CASE, or --restart DIR")
+    if ranks is not None and not check_only:
+        raise click.UsageError("--ranks goes with --check-only; to run on N processes: mpiexec -n N isph run CASE")
+    if check_only:
+        set_threads(threads, quiet)
+        return check_cases([case_file or restart / "case.yaml"], overrides, ranks)[0]  # type: ignore[operator]
     if overwrite and restart is not None and (out is None or out.resolve() == restart.resolve()):
         raise click.UsageError("--restart goes on with the files in DIR, --overwrite replaces them: give one of them")
     set_threads(threads, quiet)
@@ -258,8 +269,8 @@ def run(
         if restart is not None and getattr(interrupt, "restart", None) is None:  # before it wrote one itself
             interrupt.restart = restart / "restart.npz"  # type: ignore[attr-defined]
         raise
-    ranks = several()
-    if ranks is not None and ranks.rank > 0:
+    joined = several()
+    if joined is not None and joined.rank > 0:
         return 0
     click.echo(str(found))
     if not found.complete:
@@ -349,6 +360,7 @@ def check_directory(path: Path) -> None:
 @click.argument("case_files", metavar="[CASE]...", nargs=-1, type=click.Path(path_type=Path))
 @set_option
 @click.option("--check-only", is_flag=True, help="Check the cases; run none of them.")
+@ranks_option
 @click.option("--stress", is_flag=True, help="Run stiff and extreme scenes instead; the page of docs/stability.md.")
 @click.option(
     "--levels", type=click.IntRange(1, 12), help="Resolutions at which a reference is run. [default: 3]"
@@ -379,6 +391,7 @@ def validate(
     case_files: tuple[Path, ...],
     overrides: tuple[str, ...],
     check_only: bool,
+    ranks: int | None,
     stress: bool,
     levels: int | None,
     budget: float | None,
@@ -397,11 +410,14 @@ def validate(
 
     \b
     isph validate --check-only beadpack.yaml
+    isph validate --check-only --ranks 64 beadpack.yaml
     isph validate cases/slit.yaml --levels 3 --budget 60
     isph validate cases/taylor_green_2d.yaml --vary particles.support=2.1,2.5,3
     isph validate --paper --budget 1500 --out out/paper
     """
     set_threads(threads, quiet)
+    if ranks is not None and not check_only:
+        raise click.UsageError("--ranks goes with --check-only")
     if stress:
         from .validation.stress import page
 
@@ -412,7 +428,7 @@ def validate(
         from .validation.paper import reproduce
 
         return told(reproduce(out, budget, click.echo))
-    code, to_run, estimates = check_cases(case_files or default_cases(), overrides)
+    code, to_run, estimates = check_cases(case_files or default_cases(), overrides, ranks)
     if check_only or not to_run:
         return code
     options = {"levels": levels, "budget": budget, "out": out, "quiet": quiet, "vary": vary}
@@ -426,16 +442,17 @@ def told(outcome: tuple[str, bool]) -> int:
     return 0 if passed else OUTSIDE
 
 
-def check_cases(case_files: Sequence[Path],
-                overrides: tuple[str, ...]) -> tuple[int, list[Case], dict[Path | None, float | None]]:
-    """Print the check of each case: (exit code, cases with a reference that can be run, their seconds by path)."""
+def check_cases(case_files: Sequence[Path], overrides: tuple[str, ...],
+                ranks: int | None = None) -> tuple[int, list[Case], dict[Path | None, float | None]]:
+    """Print the check of each case, for so many processes where they are given: (exit code, cases with a reference that
+    can be run, their seconds by path)."""
     from .preflight.check import check_case_file
 
     code, to_run, estimates = 0, [], {}
     for path in case_files:
         try:
             refuse_image(path)
-            report = check_case_file(path, overrides)
+            report = check_case_file(path, overrides, ranks)
         except (Exception, KeyboardInterrupt) as error:
             if len(case_files) == 1 or exit_code(error) != BAD_INPUT:
                 raise

@@ -64,7 +64,8 @@ def test_bubbles_and_drops_are_cut(found):
     from isphcli.output.files import read_vtu
 
     for name in ("drop", "half_drop", "bubbles", "drainage"):
-        pieces = [read_vtu(found("auto", 2) / name / f"snapshots/particles_000020_{rank:05d}.vtu")[1] for rank in (0, 1)]
+        folder = found("auto", 2) / name / "snapshots"
+        pieces = [read_vtu(folder / f"particles_000020_{rank:05d}.vtu")[1] for rank in (0, 1)]
         assert all(set(np.unique(fields["phase"])) == {0, 1} for fields in pieces)
 
 

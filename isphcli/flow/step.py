@@ -208,10 +208,11 @@ class Stepper:
         if self.migration is None:
             return moved, beside
         assert moved.number is not None
-        fields = {name: getattr(moved, name) for name in ("u", "u_old", "p", "phi") if getattr(moved, name) is not None}
-        more = [] if beside is None else [beside]
-        x, *found, number = self.migration.settled(moved.x, *fields.values(), *more, moved.number)
-        return replace(moved, x=x, number=number, **dict(zip(fields, found))), found[-1] if more else None
+        more = [values for values in (moved.phi, beside) if values is not None]
+        x, u, u_old, p, *found, number = self.migration.settled(moved.x, moved.u, moved.u_old, moved.p, *more,
+                                                                moved.number)
+        phi = None if moved.phi is None else found.pop(0)
+        return replace(moved, x=x, u=u, u_old=u_old, p=p, phi=phi, number=number), found[0] if found else None
 
     def advance(self, state: State, config: Configuration, dt: float) -> StepResult:
         """One step of length dt. Raises SolveError, StepError or RunError."""

@@ -50,7 +50,7 @@ def from_labels(stepper: Stepper, x: np.ndarray, phase: np.ndarray, reach: float
     side = np.where(phase == 0, 1.0, -1.0)
     phi = side * reach
     others, fluid = x, phase
-    if stepper.migration is not None:  # as far as phi is known, which is farther than a support
+    if stepper.migration is not None and number is not None:  # as far as phi is known, which is farther than a support
         seen = stepper.migration.reaching(reach).around(x, number)
         others = wrap(np.concatenate([x, seen.ghosts]), geometry.lower, geometry.upper, geometry.periodic)
         fluid = seen.exchange.forward(phase)

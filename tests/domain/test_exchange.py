@@ -1,4 +1,4 @@
-"""Of one process, and of two that are threads; tests/test_ranks.py has real ones, whose operators need remote particles."""
+"""Of one process, and of two that are threads; tests/test_ranks.py has operators of real ones."""
 
 import numpy as np
 
