@@ -108,7 +108,7 @@ def cases(folder):
     for name, (file, overrides) in (FILES | TWO_FLUIDS).items():
         yield name, load_case(CASES / f"{file}.yaml", tuple(overrides))
     yield "pack", read_case(PACK.encode(), str(folder / "pack.yaml"))
-    csf = DROP.replace("tension: 1", "tension: 1, method: csf").replace("0.05}\n", "0.05, jitter: 0.1}\n")
+    csf = DROP.replace("tension: 1", "tension: 1, method: csf").replace("{spacing: 0.05}", "{spacing: 0.05, jitter: 0.1}")
     texts = {"thin": THIN, "held": HELD, "few": FEW, "drop": DROP, "csf": csf, "half_drop": HALF_DROP,
              "stripes": STRIPES}
     for name, text in texts.items():
