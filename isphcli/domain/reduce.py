@@ -85,7 +85,8 @@ def total_by(label: np.ndarray, values: np.ndarray | None = None, labels: int = 
     """
     if current().size > 1:
         labels = int(current().max(max(labels, int(label.max(initial=-1)) + 1)))
-    return current().sum(np.bincount(label, values, minlength=labels))
+    found = np.bincount(label, values, minlength=labels)
+    return current().sum(found if values is None else found.astype(float))  # numpy makes integers of no values at all
 
 
 def largest_by(label: np.ndarray, values: np.ndarray, labels: int) -> np.ndarray:

@@ -204,3 +204,14 @@ def test_values():
     label = np.array([2, 0, 2, 0])
     assert reduce.total_by(label).tolist() == [2, 0, 2]
     assert reduce.total_by(label, weight, 4).tolist() == [3.0, 0.0, 3.0, 0.0]
+
+
+def test_sums_by_label_of_no_particles_are_numbers_like_those_of_others():
+    """A process without particles adds zeros of the same type: integers in their place were added bit by bit."""
+    none = np.zeros(0, np.int64)
+    assert reduce.total_by(none, np.zeros(0), 3).dtype == float and reduce.total_by(none, labels=3).dtype == np.int64
+
+
+def test_largest_by_label():
+    found = reduce.largest_by(np.array([2, 0, 2]), np.array([1.0, -5.0, 3.0]), 4)
+    assert found.tolist() == [-5.0, -np.inf, 3.0, -np.inf]
