@@ -94,8 +94,9 @@ time: {end: 9}
 TWO_FLUIDS = {
     "bubbles": ("co2_bubbles", ["geometry.box=[2.2e-3, 2.2e-3, 1.28e-3]", "geometry.shapes.0.cylinder.radius=1.1e-3",
                                 "geometry.shapes.1.spheres.random=8", "interface.contact_angle=40"]),
-    "drainage": ("berea_drainage", ["geometry.voxels.crop=[[0,12],[0,12],[0,12]]", "initial.flood.saturation=0.6",
-                                    "geometry.wall_distance=stairs"]),
+    # across the cut, which is that of the longest axis
+    "drainage": ("berea_drainage", ["geometry.voxels.crop=[[0,12],[0,12],[0,12]]", "geometry.wall_distance=stairs",
+                                    "initial.flood={fluid: co2, from: y_min, saturation: 0.4}"]),
     "slit": ("slit_drainage", ["drive.steps.duration=2.0e-6", "drive.steps.window=5.0e-7"]),
 }
 NAMES_OF_TWO = ["drop", "csf", "half_drop", "stripes", *TWO_FLUIDS]
@@ -108,7 +109,7 @@ def cases(folder):
     for name, (file, overrides) in (FILES | TWO_FLUIDS).items():
         yield name, load_case(CASES / f"{file}.yaml", tuple(overrides))
     yield "pack", read_case(PACK.encode(), str(folder / "pack.yaml"))
-    csf = DROP.replace("tension: 1", "tension: 1, method: csf").replace("{spacing: 0.05}", "{spacing: 0.05, jitter: 0.1}")
+    csf = DROP.replace("tension: 1", "tension: 1, method: csf").replace("spacing: 0.05", "spacing: 0.05, jitter: 0.1")
     texts = {"thin": THIN, "held": HELD, "few": FEW, "drop": DROP, "csf": csf, "half_drop": HALF_DROP,
              "stripes": STRIPES}
     for name, text in texts.items():

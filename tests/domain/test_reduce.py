@@ -106,7 +106,7 @@ ALLOWED = {
     ("solvers.pair_cycle", "self.prolongation.T @ rest"): ONE,
     ("solvers.pair_cycle", "self.coarse @ y"): ONE,
     ("solvers.pair_cycle", "self.prolongation @ y"): ONE,
-    ("two_phase.contact_angle", "owner.max(initial=-1)"): "the number of rows of the table of positions of this process",
+    ("two_phase.contact_angle", "owner.max(initial=-1)"): "the number of rows of the table of this process",
     ("two_phase.contact_angle", "(sees[owner] > 0).all(axis=1)"): FLUIDS,
     ("two_phase.interface", "np.einsum('ij,ij->i', fit.slope, fit.slope)"): OWN,
     ("two_phase.interface", "area.sum()"): "over the connected pieces of the interface, of which every process has all",
