@@ -198,10 +198,6 @@ threads_option = click.option(
     "--threads", type=click.IntRange(1, os.cpu_count() or 1), help="Threads of the kernels. [default: all]"
 )
 quiet_option = click.option("--quiet", is_flag=True, help="No progress display; results only.")
-ranks_option = click.option(
-    "--ranks", type=click.IntRange(1), metavar="N",
-    help="With --check-only: what each of N processes (mpiexec -n N isph run) holds and takes.",
-)  # fmt: skip
 
 
 # -- run -------------------------------------------------------------------------------------------------
@@ -220,15 +216,13 @@ ranks_option = click.option(
     "--overwrite", is_flag=True,
     help="Replace the results that the output directory holds: those files that its manifest.json names.",
 )  # fmt: skip
-@click.option("--check-only", is_flag=True, help="Say what the run would use, need and cost, and run nothing.")
-@ranks_option
 @threads_option
 @set_option
 @quiet_option
 @guarded
 def run(
-    case_file: Path | None, out: Path | None, restart: Path | None, overwrite: bool, check_only: bool,
-    ranks: int | None, threads: int | None, overrides: tuple[str, ...], quiet: bool,
+    case_file: Path | None, out: Path | None, restart: Path | None, overwrite: bool, threads: int | None,
+    overrides: tuple[str, ...], quiet: bool,
 ) -> int:  # fmt: skip
     """Run a case.
 
@@ -245,11 +239,6 @@ def run(
     """
     if (case_file is None) == (restart is None):
         raise click.UsageError("give a CASE, or --restart DIR")
-    if ranks is not None and not check_only:
-        raise click.UsageError("--ranks goes with --check-only; to run on N processes: mpiexec -n N isph run CASE")
-    if check_only:
-        set_threads(threads, quiet)
-        return check_cases([case_file or restart / "case.yaml"], overrides, ranks)[0]  # type: ignore[operator]
     if overwrite and restart is not None and (out is None or out.resolve() == restart.resolve()):
         raise click.UsageError("--restart goes on with the files in DIR, --overwrite replaces them: give one of them")
     set_threads(threads, quiet)
@@ -269,8 +258,8 @@ def run(
         if restart is not None and getattr(interrupt, "restart", None) is None:  # before it wrote one itself
             interrupt.restart = restart / "restart.npz"  # type: ignore[attr-defined]
         raise
-    joined = several()
-    if joined is not None and joined.rank > 0:
+    ranks = several()
+    if ranks is not None and ranks.rank > 0:
         return 0
     click.echo(str(found))
     if not found.complete:
@@ -360,7 +349,10 @@ def check_directory(path: Path) -> None:
 @click.argument("case_files", metavar="[CASE]...", nargs=-1, type=click.Path(path_type=Path))
 @set_option
 @click.option("--check-only", is_flag=True, help="Check the cases; run none of them.")
-@ranks_option
+@click.option(
+    "--ranks", type=click.IntRange(1), metavar="N",
+    help="With --check-only: what each of N processes (mpiexec -n N isph run) holds and takes.",
+)  # fmt: skip
 @click.option("--stress", is_flag=True, help="Run stiff and extreme scenes instead; the page of docs/stability.md.")
 @click.option(
     "--levels", type=click.IntRange(1, 12), help="Resolutions at which a reference is run. [default: 3]"
@@ -417,7 +409,7 @@ def validate(
     """
     set_threads(threads, quiet)
     if ranks is not None and not check_only:
-        raise click.UsageError("--ranks goes with --check-only")
+        raise click.UsageError("--ranks goes with --check-only; to run on N processes: mpiexec -n N isph run CASE")
     if stress:
         from .validation.stress import page
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from ..runs.ranks import not_distributed
 from ..scene import memory
 from ..scene.image_geometry import in_parts
-from .report import CheckReport, Ranks, in_bytes
+from .report import CheckReport, ShareOfRank, in_bytes
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
@@ -47,7 +48,8 @@ def of_ranks(result: CheckReport, geometry: Geometry, count: int) -> None:
     remote = float(((seen - volume) / np.prod(size)).max()) * fluid
     own = fluid / count
     dummies = result.particles.get("dummy", 0) * fluid / result.particles["fluid"] * float((seen / np.prod(size)).max())
-    need = memory.estimate(case, dim, geometry.has_solid, own + remote, dummies, two=len(case.fluids) > 1, ranks=count)
+    solved = case if count == 1 else replace(case, solver=replace(case.solver, engine="petsc"))
+    need = memory.estimate(solved, dim, geometry.has_solid, own + remote, dummies, two=len(case.fluids) > 1)
     need["program"] = BYTES_PROGRAM
     by_parts = geometry.voxel_size is not None and in_parts(case)
     if geometry.voxel_size is not None:
@@ -57,7 +59,7 @@ def of_ranks(result: CheckReport, geometry: Geometry, count: int) -> None:
     seconds = None
     if result.seconds is not None:
         seconds = result.seconds / count * (1.0 + remote / own) * WAITS if count > 1 else result.seconds
-    result.ranks = Ranks(count, own, remote, need, seconds)
+    result.ranks = ShareOfRank(count, own, remote, need, seconds)
     if count > 1:
         result.errors += [f"{found.key}: {found.message}; {found.fix}" for found in not_distributed(case, count)]
     if count > fluid:

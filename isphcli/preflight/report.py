@@ -66,7 +66,7 @@ class Steps:
 
 
 @dataclass(frozen=True)
-class Ranks:
+class ShareOfRank:
     """Of the largest of `count` processes: its fluid particles, the remote ones that these see, bytes by part, and
     seconds."""
 
@@ -93,7 +93,7 @@ class CheckReport:
     neighbours: float = 0.0
     memory: dict[str, float] = field(default_factory=dict)  # bytes, by part
     seconds: float | None = None  # one core
-    ranks: Ranks | None = None  # where it was asked for several processes
+    ranks: ShareOfRank | None = None  # where it was asked for several processes
     inputs: tuple[tuple[str, str], ...] = ()  # what was read and how it was understood: (name, text)
     warnings: list[str] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)

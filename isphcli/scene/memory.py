@@ -59,17 +59,15 @@ def neighbours(case: Case, dim: int) -> float:
 
 
 def estimate(
-    case: Case, dim: int, walls: bool, fluid: float, dummies: float, voxels: float = 0, two: bool = False,
-    ranks: int | None = None,
+    case: Case, dim: int, walls: bool, fluid: float, dummies: float, voxels: float = 0, two: bool = False
 ) -> dict[str, float]:
     """Bytes by part at the peak of a run with so many fluid particles, dummies and voxels.
 
-    two: particles of two fluids that differ or have an interface; ranks: of how many processes this is one, without it
-    of those that run.
+    two: particles of two fluids that differ or have an interface.
     """
     pairs = fluid * neighbours(case, dim)
     steady = case.flow == "stokes"
-    petsc = steady and (case.solver.engine == "petsc" or (ranks or current().size) > 1)
+    petsc = steady and (case.solver.engine == "petsc" or current().size > 1)
     vectors = min(case.solver.restart, VECTORS) * (dim + 1) if steady else case.solver.restart
     parts = {
         "program": BYTES_PROGRAM,

@@ -13,7 +13,7 @@ from tests.preflight.cases import IMAGE, SPHERE, read
 def test_bricks_are_those_of_the_cut():
     """Across the longest edge, in the shares of the processes; together they are the box."""
     assert bricks(np.array([4.0, 2.0]), 3).tolist() == [[4 / 3, 2.0], [4 / 3, 2.0], [4 / 3, 2.0]]
-    assert bricks(np.array([4.0, 2.0]), 4).tolist() == [[2.0, 1.0]] * 4
+    assert bricks(np.array([4.0, 2.0]), 4).tolist() == [[1.0, 2.0]] * 4
     for count in (1, 7, 64):
         assert bricks(np.array([3.0, 2.0, 1.0]), count).prod(axis=1).sum() == pytest.approx(6.0)
 
@@ -46,12 +46,12 @@ def test_what_is_not_distributed_is_refused():
 
 
 def test_an_image_is_held_whole_or_by_parts(tmp_path):
-    """40 bytes a voxel of all, or of a brick and its margin."""
+    """40 bytes a voxel of all, clear layers included, or of a brick and its margin."""
     image = np.zeros((20, 20, 200), np.uint8)
     image[:, :3] = 1
     np.save(tmp_path / "rock.npy", image)
     text = IMAGE.replace("rock.npy", str(tmp_path / "rock.npy"))
     whole, part = (check(read(text, f"geometry.wall_distance={kind}"), ranks=4).ranks.memory["image"]
                    for kind in ("smooth", "stairs"))
-    assert whole == 40 * image.size and 0.25 * whole < part < 0.5 * whole
+    assert 40 * image.size <= whole < 46 * image.size and 0.25 * whole < part < 0.5 * whole
     assert "each of 4: " in check(read(text), ranks=4).text()
