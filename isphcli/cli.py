@@ -349,6 +349,10 @@ def check_directory(path: Path) -> None:
 @click.argument("case_files", metavar="[CASE]...", nargs=-1, type=click.Path(path_type=Path))
 @set_option
 @click.option("--check-only", is_flag=True, help="Check the cases; run none of them.")
+@click.option(
+    "--ranks", type=click.IntRange(1), metavar="N",
+    help="With --check-only: what each of N processes (mpiexec -n N isph run) holds and takes.",
+)  # fmt: skip
 @click.option("--stress", is_flag=True, help="Run stiff and extreme scenes instead; the page of docs/stability.md.")
 @click.option(
     "--levels", type=click.IntRange(1, 12), help="Resolutions at which a reference is run. [default: 3]"
@@ -379,6 +383,7 @@ def validate(
     case_files: tuple[Path, ...],
     overrides: tuple[str, ...],
     check_only: bool,
+    ranks: int | None,
     stress: bool,
     levels: int | None,
     budget: float | None,
@@ -397,11 +402,14 @@ def validate(
 
     \b
     isph validate --check-only beadpack.yaml
+    isph validate --check-only --ranks 64 beadpack.yaml
     isph validate cases/slit.yaml --levels 3 --budget 60
     isph validate cases/taylor_green_2d.yaml --vary particles.support=2.1,2.5,3
     isph validate --paper --budget 1500 --out out/paper
     """
     set_threads(threads, quiet)
+    if ranks is not None and not check_only:
+        raise click.UsageError("--ranks goes with --check-only; to run on N processes: mpiexec -n N isph run CASE")
     if stress:
         from .validation.stress import page
 
@@ -412,7 +420,7 @@ def validate(
         from .validation.paper import reproduce
 
         return told(reproduce(out, budget, click.echo))
-    code, to_run, estimates = check_cases(case_files or default_cases(), overrides)
+    code, to_run, estimates = check_cases(case_files or default_cases(), overrides, ranks)
     if check_only or not to_run:
         return code
     options = {"levels": levels, "budget": budget, "out": out, "quiet": quiet, "vary": vary}
@@ -426,16 +434,17 @@ def told(outcome: tuple[str, bool]) -> int:
     return 0 if passed else OUTSIDE
 
 
-def check_cases(case_files: Sequence[Path],
-                overrides: tuple[str, ...]) -> tuple[int, list[Case], dict[Path | None, float | None]]:
-    """Print the check of each case: (exit code, cases with a reference that can be run, their seconds by path)."""
+def check_cases(case_files: Sequence[Path], overrides: tuple[str, ...],
+                ranks: int | None = None) -> tuple[int, list[Case], dict[Path | None, float | None]]:
+    """Print the check of each case, for so many processes where they are given: (exit code, cases with a reference that
+    can be run, their seconds by path)."""
     from .preflight.check import check_case_file
 
     code, to_run, estimates = 0, [], {}
     for path in case_files:
         try:
             refuse_image(path)
-            report = check_case_file(path, overrides)
+            report = check_case_file(path, overrides, ranks)
         except (Exception, KeyboardInterrupt) as error:
             if len(case_files) == 1 or exit_code(error) != BAD_INPUT:
                 raise

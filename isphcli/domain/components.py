@@ -67,7 +67,7 @@ def numbered(parent):
         if parent[i] == i:  # the smallest of its component: those before it have their labels
             parent[i] = count
             count += 1
-        else:
+        elif parent[i] >= 0:  # of `parts_of`, in a part
             parent[i] = parent[parent[i]]
     return count
 
@@ -81,16 +81,43 @@ def root(parent, i):
     return i
 
 
+def parts_of(start: np.ndarray, column: np.ndarray, inside: np.ndarray, joined: np.ndarray | None = None,
+             exchange: Exchange = NO_EXCHANGE) -> tuple[int, np.ndarray]:
+    """Connected parts of the particles `inside` (n + remote,) bool alone: (count, part (n,) int32, -1 of the others).
+    joined, exchange: as in `pair_components`, which numbers every particle: of a few parts this sends and holds
+    little."""
+    parts = np.where(inside, np.arange(len(inside), dtype=np.int32), np.int32(-1))
+    count = _join_inside(start, column, np.zeros(0, np.bool_) if joined is None else joined, parts)
+    return (count, parts) if current().size == 1 else _join_processes(len(start) - 1, parts, exchange)
+
+
+@njit(cache=True)
+def _join_inside(start, column, joined, parent):
+    """As `_join`, of the particles whose parent is not -1."""
+    for i in range(len(start) - 1):
+        if parent[i] >= 0:
+            a = root(parent, i)
+            for q in range(start[i], start[i + 1]):
+                if parent[column[q]] >= 0 and (len(joined) == 0 or joined[q]):
+                    b = root(parent, column[q])
+                    if a != b:
+                        a, b = min(a, b), max(a, b)
+                        parent[b] = a
+    return numbered(parent)
+
+
 def _join_processes(n: int, labels: np.ndarray, exchange: Exchange) -> tuple[int, np.ndarray]:
-    """Components over all processes from those of each, labels (n + remote,): a remote particle has a label here and
-    one at home, and the two are one component. There are as many such links as components reach over a cut, few."""
+    """Components over all processes from those of each, labels (n + remote,), -1 of what is in none: a remote particle
+    has a label here and one at home, and the two are one component. There are as many such links as components reach
+    over a cut, few."""
     ranks = current()
     counts = ranks.collect(int(labels.max(initial=-1)) + 1)
-    own = np.int64(sum(counts[: ranks.rank])) + labels
+    own = np.where(labels >= 0, np.int64(sum(counts[: ranks.rank])) + labels, -1)
     home = exchange.forward(own[:n])
-    links = np.concatenate(ranks.collect(np.unique(np.stack([own[n:], home[n:]], axis=1), axis=0)))
+    links = np.stack([own[n:], home[n:]], axis=1)[labels[n:] >= 0]
+    links = np.concatenate(ranks.collect(np.unique(links, axis=0)))
     total = sum(counts)
     graph = sp.coo_matrix((np.ones(len(links), np.int8), (links[:, 0], links[:, 1])), shape=(total, total))
     _, joined = sp.csgraph.connected_components(graph, directed=False)
     # a label that only remote particles bear is one of another process's components: no number is left out
-    return int(joined.max(initial=-1)) + 1, joined[own[:n]].astype(np.int32)
+    return int(joined.max(initial=-1)) + 1, np.append(joined, -1)[own[:n]].astype(np.int32)

@@ -24,8 +24,8 @@ class Share:
 
     lower, upper: (dim,) corners of its brick, m. ghosts: (g, dim) m, remote particles within a support of the brick,
     each once, where an image of it is near; shift: (g, dim) int8, whole boxes by which that is off its place; dummies:
-    (f, dim) m, those of other processes, likewise; exchange: how values of the remote particles come; cut: the bricks
-    of all; sites: (n,) int64 numbers of the sites of the own particles in the lattice.
+    (f, dim) m, those of other processes, likewise; exchange: how values of the remote particles come, of_dummies: those
+    of the dummies; cut: the bricks of all; sites: (n,) int64 numbers of the sites of the own particles in the lattice.
     """
 
     lower: np.ndarray
@@ -34,6 +34,7 @@ class Share:
     shift: np.ndarray
     dummies: np.ndarray
     exchange: Exchange
+    of_dummies: Exchange
     cut: Cut
     sites: np.ndarray
 

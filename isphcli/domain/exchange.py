@@ -28,6 +28,11 @@ class Exchange(Protocol):
         """values (n, ...) of the own particles, those of the remote ones behind them: (n + remote, ...)."""
         ...
 
+    def summed(self, values: np.ndarray) -> np.ndarray:
+        """What all processes together have for the own and the remote particles, where this one has values
+        (n + remote, ...)."""
+        ...
+
 
 class NoExchange:
     """Of one process, which owns all particles."""
@@ -41,6 +46,8 @@ class NoExchange:
     def forward(self, values: np.ndarray) -> np.ndarray:
         """The same array."""
         return values
+
+    summed = forward
 
 
 NO_EXCHANGE = NoExchange()
@@ -95,6 +102,20 @@ class NeighbourExchange:
         if self._slot is not None:
             out[n + self._slot] = found
         return out
+
+    def summed(self, values: np.ndarray) -> np.ndarray:
+        """See `Exchange`."""
+        n = len(values) - self.remote
+        known = np.ascontiguousarray(values[n:] if self._slot is None else values[n + self._slot])
+        come = np.empty((len(self._send), *values.shape[1:]), values.dtype)
+        pending = [self._comm.Irecv(come[part], target) for target, part in self._targets]
+        pending += [self._comm.Isend(known[part], source) for source, part in self._sources]
+        for request in pending:
+            request.Wait()
+        self.sent += known.nbytes
+        own = values[:n].copy()
+        np.add.at(own, self._send, come)
+        return self.forward(own)
 
 
 def deliver(comm: Any, owner: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import reduce
 from .cut import Share
 
 MOST = 9  # power of ten of lattice sites: far above what a machine holds
@@ -133,3 +134,14 @@ class Particles:
     def n_dummy(self) -> int:
         """Dummies; in `x` they come last."""
         return len(self.x) - len(self.phase)
+
+    @property
+    def dummies_in_sight(self) -> np.ndarray:
+        """(m, dim) m, dummies that the fluid of this process may see: its own, then those of others."""
+        own = self.x[self.n_fluid :]
+        return own if self.share is None else np.concatenate([own, self.share.dummies])
+
+    @property
+    def two_fluids(self) -> bool:
+        """Whether particles of more than one fluid are there, of all processes."""
+        return bool(reduce.largest(self.phase) > reduce.smallest(self.phase))

@@ -75,11 +75,16 @@ class Migration:
     share: of this process, of the lattice; lower, upper: (dim,) corners of the box, m; periodic: (dim,); support: m.
     """
 
-    def __init__(self, share: Share, lower: np.ndarray, upper: np.ndarray, periodic: Sequence[bool], support: float):
+    def __init__(self, share: Share, lower: np.ndarray, upper: np.ndarray, periodic: Sequence[bool] | np.ndarray,
+                 support: float):
         self.share, self.lower, self.upper = share, lower, upper
         self.periodic, self.support = np.array(periodic), support
         self._near = self._near_bricks()
         self._last: Numbered | None = None
+
+    def reaching(self, reach: float) -> Migration:
+        """The same, for what is seen within `reach`, m."""
+        return Migration(self.share, self.lower, self.upper, self.periodic, reach)
 
     def _near_bricks(self) -> list[tuple[int, np.ndarray]]:
         """(process, whole boxes in m) of every brick within a support of the own one, once moved by these."""

@@ -85,7 +85,21 @@ def total_by(label: np.ndarray, values: np.ndarray | None = None, labels: int = 
     """
     if current().size > 1:
         labels = int(current().max(max(labels, int(label.max(initial=-1)) + 1)))
-    return current().sum(np.bincount(label, values, minlength=labels))
+    found = np.bincount(label, values, minlength=labels)
+    return current().sum(found if values is None else found.astype(float))  # numpy makes integers of no values at all
+
+
+def largest_by(label: np.ndarray, values: np.ndarray, labels: int) -> np.ndarray:
+    """Largest (labels,) of values (n,) over the particles of each label (n,), -inf where there is none."""
+    found = np.full(labels, -np.inf)
+    np.maximum.at(found, label, values)
+    return current().max(found)
+
+
+def together(values: np.ndarray) -> np.ndarray:
+    """Rows (m, ...) that each process has, of all of them, on each: for what is few, such as points of a drop near a
+    wall."""
+    return np.concatenate(current().collect(values))
 
 
 def quantiles(values: np.ndarray, shares: Sequence[float]) -> np.ndarray:

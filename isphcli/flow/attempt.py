@@ -38,7 +38,7 @@ def attempt(stepper: Stepper, state: State, config: Configuration, dt: float) ->
                 raise StepError(f"the step {length:.3g} is lost in the digits of the time {state.time:.3g}")
             with np.errstate(all="ignore"):  # what is not finite is found by the bounds
                 found = stepper.advance(state, config, length)
-                stepper.bounds.check(state, found)
+                stepper.bounds.check(state, found, config.terms.density)
             return found
         except (SolveError, StepError) as failure:
             problem = failure

@@ -102,6 +102,10 @@ class _Twice:
         """Not asked for."""
         raise NotImplementedError
 
+    def summed(self, values: np.ndarray) -> np.ndarray:
+        """Not asked for."""
+        raise NotImplementedError
+
     def forward(self, values: np.ndarray) -> np.ndarray:
         """See `Exchange`."""
         parts = np.split(values, 2)

@@ -25,7 +25,7 @@ class StressCoupling(Protocol):
     """The part of the viscous stress that couples the components of the velocity (two_fluids.TransposedStress)."""
 
     def add(self, u: np.ndarray, out: np.ndarray, factor: float) -> None:
-        """out += factor times the stress over the density, m/s2; u, out: (n, dim)."""
+        """out += factor times the stress over the density, m/s2; u: (n + remote, dim); out: (n, dim)."""
 
 
 class FluidInterface(Protocol):
@@ -108,9 +108,13 @@ class Fluids(Protocol):
         """`State.phi` after a step of dt, s, from a configuration with these operators and terms; None of one fluid.
         u: (n, dim) m/s; dr: (n, dim) shifts, m, or None; speed: largest one, m/s."""
 
-    def relabelled(self, p: np.ndarray, carried: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
-        """The pressure (n,) that was p and is `carried` where the particles have gone, with what changes for those that
-        have come into the other fluid."""
+    def changing(self, p: np.ndarray, phi: np.ndarray, before: Terms) -> np.ndarray | None:
+        """What `relabelled` has to know of the particles (n,) before they have moved, a row each; None of one fluid. p:
+        (n,) of these Terms; phi: (n,) of `State` when they have moved."""
+
+    def relabelled(self, carried: np.ndarray, changing: np.ndarray | None, now: Terms) -> np.ndarray:
+        """The pressure (n,) that is `carried` where the particles have gone, with what changes for those that have come
+        into the other fluid."""
 
     def driven_by(self, body: np.ndarray, drop_force: np.ndarray) -> Fluids:
         """The same fluids under a body force and that of a pressure gradient on the first fluid, (dim,) m/s2 each."""
@@ -237,6 +241,9 @@ class OneFluid:
                 speed: float) -> None:
         """Nothing: there is no interface."""
 
-    def relabelled(self, p: np.ndarray, carried: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
+    def changing(self, p: np.ndarray, phi: np.ndarray, before: Terms) -> None:
+        """Nothing: particles keep their fluid."""
+
+    def relabelled(self, carried: np.ndarray, changing: np.ndarray | None, now: Terms) -> np.ndarray:
         """carried: particles keep their fluid."""
         return carried

@@ -180,10 +180,10 @@ class Stepper:
             inside = self.geometry.phase(x) < 0
             x[inside] = state.x[inside]
             stopped = reduce.count(inside)
+        phi = state.phi if phi is None else phi  # of fluids that differ in name only
         if self.seam is not None:
-            carried = state.phi if phi is None else phi
-            assert carried is not None  # reservoirs have two fluids
-            phi = self.seam.entered(x, carried)
+            assert phi is not None  # reservoirs have two fluids
+            phi = self.seam.entered(x, phi)
         return replace(state, x=x, u=u, u_old=u_old, p=p, phi=phi), stopped
 
     def _shift(self, state: State, config: Configuration, dt: float, speed: float,
@@ -202,25 +202,30 @@ class Stepper:
                 dr = self.walls.clamp_wall_distance(state.x, displacement, dr, nearest)
         return dr
 
-    def settled(self, moved: State) -> State:
-        """The particles that have come into the brick of this process, with those that stayed there."""
+    def settled(self, moved: State, beside: np.ndarray | None = None) -> tuple[State, np.ndarray | None]:
+        """The particles that have come into the brick of this process, with those that stayed there, and what else
+        (n, ...) goes with them."""
         if self.migration is None:
-            return moved
+            return moved, beside
         assert moved.number is not None
-        x, u, u_old, p, number = self.migration.settled(moved.x, moved.u, moved.u_old, moved.p, moved.number)
-        return replace(moved, x=x, u=u, u_old=u_old, p=p, number=number)
+        more = [values for values in (moved.phi, beside) if values is not None]
+        x, u, u_old, p, *found, number = self.migration.settled(moved.x, moved.u, moved.u_old, moved.p, *more,
+                                                                moved.number)
+        phi = None if moved.phi is None else found.pop(0)
+        return replace(moved, x=x, u=u, u_old=u_old, p=p, phi=phi, number=number), found[0] if found else None
 
     def advance(self, state: State, config: Configuration, dt: float) -> StepResult:
         """One step of length dt. Raises SolveError, StepError or RunError."""
         self.solvers.begin(state, dt)
         moved, stopped = self.move(state, config, dt)
-        moved = self.settled(moved)
-        before, config = config.terms, self.configure(moved.x, state.time + dt, moved.phi, moved.number)
+        changing = None if moved.phi is None else self.fluids.changing(state.p, moved.phi, config.terms)
+        moved, changing = self.settled(moved, changing)
+        config = self.configure(moved.x, state.time + dt, moved.phi, moved.number)
         ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0
         g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
         # eq. 2 in time: backward differences along the paths
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
-        p = self.fluids.relabelled(state.p, moved.p, before, config.terms)
+        p = self.fluids.relabelled(moved.p, changing, config.terms)
         held, known = state.pressure_gradient, history + config.terms.force
         system = pressure_system(config, self.solvers)
         expansion: float | np.ndarray = 0.0

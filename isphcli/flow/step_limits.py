@@ -69,8 +69,9 @@ class Bounds:
         square = ((u / largest) ** 2).sum(axis=1)
         return largest * np.sqrt(reduce.mean(square, np.broadcast_to(density, square.shape)))
 
-    def check(self, old: State, found: StepResult) -> None:
-        """Raises StepError where the step from the State `old` to the StepResult `found` broke a limit."""
+    def check(self, old: State, found: StepResult, old_density: np.ndarray | float = 1.0) -> None:
+        """Raises StepError where the step from the State `old` to the StepResult `found` broke a limit. old_density:
+        `Terms.density` of the old state, whose particles other processes may own by now."""
         new, dt = found.state, found.dt
         for name, values in (("position", new.x), ("velocity", new.u), ("pressure", new.p)):
             bad = ~np.isfinite(values)
@@ -80,7 +81,7 @@ class Bounds:
         density = found.config.terms.density
         speed, size = self.speed(new.u, density), np.sqrt((new.u**2).sum(axis=1))
         force = self.force if self.largest_force is None else self.largest_force(new.time)
-        before = (("of the step before", self.speed(old.u, density), dt), ("of the start", self.start, new.time))
+        before = (("of the step before", self.speed(old.u, old_density), dt), ("of the start", self.start, new.time))
         for since, begin, time in before:
             bound = GROWTH * (begin + force * time + self.other)
             if speed > bound:

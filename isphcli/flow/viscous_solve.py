@@ -123,11 +123,12 @@ def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right
 
     def apply(v: np.ndarray) -> np.ndarray:
         u = v.reshape(n, dim)
-        out = matrix @ exchange.forward(u)
+        everyone = exchange.forward(u)
+        out = matrix @ everyone
         if slip is not None:
             out -= factor * np.einsum("nkm,nm->nk", slip, u)
         if transposed_stress is not None:
-            transposed_stress.add(u, out, -1.0)
+            transposed_stress.add(everyone, out, -1.0)
         return (out / diagonal).ravel()
 
     def by_component(once: Apply) -> Apply:

@@ -30,9 +30,10 @@ class WallChange(Protocol):
     def at(self, phi: np.ndarray) -> WallChange:
         """The change for particles of signed distances phi (n,) to the interface, m."""
 
-    def wall_table(self, geometry: Geometry, wall: np.ndarray,
-                   neighbours: Neighbourhood) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-        """(wall (n_rows,), velocity, slip length and spin of the walls) of the nearest walls (n_rows,)."""
+    def wall_table(self, geometry: Geometry, wall: np.ndarray, neighbours: Neighbourhood,
+                   particles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+        """(wall (n_rows,), velocity, slip length and spin of the walls) of the nearest walls (n_rows,); particles: how
+        many there are before the dummies."""
 
 
 class WallScene:
@@ -96,7 +97,7 @@ class WallScene:
         wall, velocity = np.concatenate([geometry.wall(x), self.dummy_wall])[owner], geometry.wall_velocity
         slip_length, spin = geometry.slip_length, geometry.wall_spin
         if self.line is not None:
-            wall, velocity, slip_length, spin = self.line.wall_table(geometry, wall, neighbours)
+            wall, velocity, slip_length, spin = self.line.wall_table(geometry, wall, neighbours, n)
         walls = WallTable(
             owner < n,
             np.concatenate([geometry.distance(x), self.dummy_distance])[owner],

@@ -22,6 +22,7 @@ from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at, what_is_solid
 from .estimates import costs, flow_estimate, steps
 from .findings import absent_fluids, drive_findings, other_findings, resolution_findings
+from .ranks import of_ranks
 from .report import CheckReport, Term, in_bytes
 from .throats import Sites, throats
 
@@ -30,16 +31,19 @@ MOST_SITES = 30_000_000
 BYTES_SITE = 30  # of a lattice site in a check: phase, distance, labels of the connected parts
 
 
-def check_case_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckReport:
-    """Read and check a case; raises CaseError, VoxelError or ShapeError where it cannot even be set up."""
-    return check(load_case(path, tuple(overrides)))
+def check_case_file(path: str | Path, overrides: Sequence[str] = (), ranks: int | None = None) -> CheckReport:
+    """Read and check a case, and what it costs each of `ranks` processes where they are given; raises CaseError,
+    VoxelError or ShapeError where it cannot even be set up."""
+    return check(load_case(path, tuple(overrides)), ranks=ranks)
 
 
-def check(case: Case, geometry: Geometry | None = None, to_run: bool = False) -> CheckReport:
+def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
+          ranks: int | None = None) -> CheckReport:
     """Check a case; `geometry` where it is at hand already.
 
     to_run: it is about to be run. However many sites there are, to look at them is then little beside the solve; and
-    what the run itself finds out and tells is left to it: which axes are closed, which fluids are absent.
+    what the run itself finds out and tells is left to it: which axes are closed, which fluids are absent. ranks: how
+    many processes are to run it, on a machine that need not be this one.
     """
     if geometry is None:
         try:
@@ -51,7 +55,7 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False) ->
     try:
         lattice = lattice_at(case, geometry, case.particles.spacing)
         if lattice.sites > MOST_SITES and not to_run:
-            _from_samples(result, geometry, lattice)
+            _from_samples(result, geometry, lattice, ranks)
             return result
         memory.refuse(lattice.sites * BYTES_SITE, f"{lattice.sites:,} lattice sites, to be checked,",
                       memory.too_large(case))
@@ -77,6 +81,8 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False) ->
     if case.flow != "stokes":
         result.steps = steps(case, result.flow, result.throats)
     costs(result, geometry)
+    if ranks is not None:
+        of_ranks(result, geometry, ranks)
     if not to_run or case.flow != "stokes":
         drive_findings(result, geometry, driven, through)
     kinds = {(f.density, f.mu) for f in case.fluids.values()}
@@ -93,7 +99,7 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False) ->
     return result
 
 
-def _from_samples(result: CheckReport, geometry: Geometry, lattice: Lattice) -> None:
+def _from_samples(result: CheckReport, geometry: Geometry, lattice: Lattice, ranks: int | None) -> None:
     """What random points tell of a lattice that has too many sites to look at each."""
     case = result.case
     size = geometry.upper - geometry.lower
@@ -107,7 +113,9 @@ def _from_samples(result: CheckReport, geometry: Geometry, lattice: Lattice) -> 
         result.steps = steps(case, None, None) if case.time is not None and case.time.step else None
     costs(result, geometry)
     need, left = sum(result.memory.values()), memory.available()
-    if need > left:
+    if ranks is not None:
+        of_ranks(result, geometry, ranks)
+    elif need > left:
         result.errors.append(f"needs about {in_bytes(need)} of memory, {in_bytes(left)} are free; "
                              f"{memory.too_large(case)}")
     result.warnings.append(

@@ -118,7 +118,7 @@ def other_findings(result: CheckReport, geometry: Geometry, sites: Sites) -> Ite
     """Memory, Reynolds number, fluids without particles, pockets."""
     case, there = result.case, machine_memory()
     need = sum(result.memory.values())
-    if need > there:
+    if need > there and result.ranks is None:
         yield f"needs about {in_bytes(need)}, this machine has {in_bytes(there)}; take a larger particles.spacing"
     if (
         case.flow == "stokes"

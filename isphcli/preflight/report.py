@@ -65,6 +65,18 @@ class Steps:
         return min(self.limits, key=lambda name: self.limits[name])
 
 
+@dataclass(frozen=True)
+class ShareOfRank:
+    """Of the largest of `count` processes: its fluid particles, the remote ones that these see, bytes by part, and
+    seconds."""
+
+    count: int
+    fluid: float
+    remote: float
+    memory: dict[str, float]
+    seconds: float | None
+
+
 @dataclass
 class CheckReport:
     """What is known of a case without running it; lengths in m, axes in the order x, y(, z)."""
@@ -81,6 +93,7 @@ class CheckReport:
     neighbours: float = 0.0
     memory: dict[str, float] = field(default_factory=dict)  # bytes, by part
     seconds: float | None = None  # one core
+    ranks: ShareOfRank | None = None  # where it was asked for several processes
     inputs: tuple[tuple[str, str], ...] = ()  # what was read and how it was understood: (name, text)
     warnings: list[str] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)
@@ -133,6 +146,10 @@ def report_lines(r: CheckReport) -> Iterator[str]:
         yield _row("memory", f"about {in_bytes(sum(r.memory.values()))} ({parts})")
         if r.seconds is not None:
             yield _row("time", f"about {_seconds(r.seconds)} on one core, compilation not counted")
+    if r.ranks is not None:
+        each = f"{r.ranks.fluid:,.0f} fluid particles and about {r.ranks.remote:,.0f} remote ones"
+        time = "" if r.ranks.seconds is None else f", {_seconds(r.ranks.seconds)}"
+        yield _row("ranks", f"each of {r.ranks.count:,}: {each}, about {in_bytes(sum(r.ranks.memory.values()))}{time}")
     for text in r.warnings:
         yield _row("WARNING", text)
     for text in r.errors:

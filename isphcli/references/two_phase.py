@@ -10,6 +10,7 @@ from scipy.integrate import trapezoid
 from scipy.optimize import brentq, least_squares
 
 from ..case import forcing
+from ..domain import reduce
 from .drops import Layer, capillary_wave, drop_on_wall, drop_oscillation, drop_radius, laplace_jump
 from .errors import (
     AXES,
@@ -178,7 +179,8 @@ def amplitude(case: Case, x: Array, volume: Array, first: Array) -> float:
     """Height of the crest of a wave, or how much longer than round a drop is along x, m, of particles x (n, 2) of
     volumes (n,) with volume fractions `first` (n,) of the first fluid.
 
-    What a run writes as the column `amplitude` of its history where the kind of its reference is in `AMPLITUDES`.
+    What a run writes as the column `amplitude` of its history where the kind of its reference is in `AMPLITUDES`; of
+    several processes all of them ask, each with its own particles.
     First moments of the fluid as a set: 2 / width times its integral of cos(k x); its integral of z^n over
     pi R^(n + 1), z = x + i y from the middle of the drop. Both are exact for small amplitudes. Particles do not count
     alike: where shifting has taken some from one fluid to the other, fewer are left, each of a larger volume.
@@ -187,17 +189,17 @@ def amplitude(case: Case, x: Array, volume: Array, first: Array) -> float:
     lower, upper = box_of(case)
     if case.reference.kind == "capillary_wave":
         k = 2 * math.pi / number(case, "wavelength", float(upper[0] - lower[0]))
-        upside_down = np.average(x[:, 1], weights=volume * first) > np.average(x[:, 1], weights=volume * (1.0 - first))
+        upside_down = reduce.mean(x[:, 1], volume * first) > reduce.mean(x[:, 1], volume * (1.0 - first))
         # the upper fluid says the same with the other sign; what both have is no wave
         sign = (1.0 - 2.0 * first) if upside_down else (2.0 * first - 1.0)
-        return float(np.average(sign * np.cos(k * (x[:, 0] - lower[0])), weights=volume) * (upper[1] - lower[1]))
-    name = parameter(case, "drop", case.fluid_names[0 if np.average(first, weights=volume) < 0.5 else 1])
+        return float(reduce.mean(sign * np.cos(k * (x[:, 0] - lower[0])), volume) * (upper[1] - lower[1]))
+    name = parameter(case, "drop", case.fluid_names[0 if reduce.mean(first, volume) < 0.5 else 1])
     part = volume * (first if case.fluid_names.index(name) == 0 else 1.0 - first)
-    z = (x - np.average(x, axis=0, weights=part)) @ [1, 1j]
+    z = (x - reduce.dot(part, x) / reduce.total(part)) @ [1, 1j]
     n = _mode(case)
     # second moments give the radius: no volume of a particle is needed
-    radius = math.sqrt(2 * float(np.average(np.abs(z) ** 2, weights=part)))
-    return float(np.average((z**n).real, weights=part) / radius ** (n - 1))
+    radius = math.sqrt(2 * float(reduce.mean(np.abs(z) ** 2, part)))
+    return float(reduce.mean((z**n).real, part) / radius ** (n - 1))
 
 
 AMPLITUDES = ("capillary_wave", "oscillating_drop")

@@ -109,12 +109,11 @@ class MovingRun:
 
     def particles_at(self, state: State) -> Particles:
         """The particles with the fluids that they are of in a state."""
+        particles = self.particles
         if state.number is not None:  # they are not those that the process began with
-            dummies = self.particles.x[self.particles.n_fluid:]
-            return replace(self.particles, x=np.concatenate([state.x, dummies]), phase=np.zeros(len(state.x), np.int8))
-        if state.phi is None:
-            return self.particles
-        return replace(self.particles, phase=phase_of(state.phi))
+            dummies = particles.x[particles.n_fluid:]
+            particles = replace(particles, x=np.concatenate([state.x, dummies]), phase=np.zeros(len(state.x), np.int8))
+        return particles if state.phi is None else replace(particles, phase=phase_of(state.phi))
 
     def snapshot(self, state: State, config: Configuration) -> None:
         """Writes a snapshot, if there are any."""
@@ -185,7 +184,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
             loop.fluid_cells = fluid_cells(geometry, particles, distance, whole=True)
     measures = None
     between = profiles = None
-    if len(np.unique(particles.phase)) > 1:
+    if particles.two_fluids:
         from ..scene.choose_measures import choose_measures, choose_profiles, choose_reservoir_measures
 
         loop.measure = measures = choose_measures(case, geometry, particles, stepper.fluids)
@@ -206,7 +205,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         if Path(resume).resolve() == case.output.directory.resolve():  # elsewhere its files begin anew
             run.since, run.last_step = state.time, state.step
     with progress.stage("neighbours and operators", quiet):
-        state = stepper.settled(state)
+        state, _ = stepper.settled(state)
         config = stepper.configure(state.x, state.time, state.phi, state.number)
         if saved is not None:
             stepper.rebuild_hierarchies(saved.origins)
@@ -215,11 +214,11 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     on_first(lambda: write_case(run.directory, case, run.record["changes"]))
     run.series = series_of(case, run.directory, run.since)
     if run.profiles is not None:
-        run.tables[PROFILES] = History(run.directory / PROFILES, run.last_step)
-        if run.tables[PROFILES].rows:
-            run.profiled = read_history(run.directory / PROFILES)[-1]["step"]
+        run.tables[PROFILES] = ranks.table(run.directory / PROFILES, run.last_step)
+        if current().first(run.tables[PROFILES].rows):
+            run.profiled = on_first(lambda: read_history(run.directory / PROFILES)[-1]["step"])
     if loop.program is not None:
-        run.tables[CURVE] = History(run.directory / CURVE, run.last_step)
+        run.tables[CURVE] = ranks.table(run.directory / CURVE, run.last_step)
     run.grids = grids_of(case, run.directory, run.since)
     return run, state, config
 

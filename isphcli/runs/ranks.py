@@ -29,15 +29,18 @@ BY_PERMEABILITY = ("permeability", "sphere_array", "cylinder_array")  # referenc
 
 def refuse_what_is_not_distributed(case: Case) -> None:
     """Raises CaseError where several processes run a case that only one can."""
-    if current().size == 1:
-        return
+    problems = not_distributed(case, current().size) if current().size > 1 else []
+    if problems:
+        raise CaseError(tuple(problems))
+
+
+def not_distributed(case: Case, count: int) -> list[Problem]:
+    """What stands against a run of a case on so many processes, more than one."""
     problems = []
 
     def bad(key: str, what: str, fix: str = ONE) -> None:
-        problems.append(Problem(str(case.path), None, key, f"{what} on {current().size} processes", fix))
+        problems.append(Problem(str(case.path), None, key, f"{what} on {count} processes", fix))
 
-    if case.flow != "stokes" and len(case.fluids) > 1:
-        bad("fluids", "two fluids that move are not distributed: no run")
     if case.flow == "stokes" and case.particles.jitter > 0.0:
         bad("particles.jitter", "no jitter in steady flow", "leave it out, or " + ONE)
     if case.output.snapshots and case.output.format == "xdmf":
@@ -47,8 +50,7 @@ def refuse_what_is_not_distributed(case: Case) -> None:
     if case.geometry.voxels is not None and case.geometry.voxels.grey is not None and (
             case.geometry.voxels.grey.uncertainty):
         bad("geometry.voxels.grey.uncertainty", "no other thresholds", "leave it out, or " + ONE)
-    if problems:
-        raise CaseError(tuple(problems))
+    return problems
 
 
 def entry(fluid: int, exchange: Exchange) -> dict[str, Any]:

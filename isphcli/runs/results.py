@@ -15,6 +15,7 @@ from ..case.blocks import Case
 from ..case.forces import forces_of
 from ..case.forcing import body_force, changes, drive_steps, held_axis
 from ..case.load import dump_case
+from ..domain import reduce
 from ..domain.communicator import current
 from ..geometry.protocol import Geometry, inside_sample, sample_box, sample_voxels
 from ..output import restart
@@ -332,7 +333,7 @@ def added_viscosity(fluids: Fluids) -> str | None:
 
 def absent_fluids(case: Case, particles: Particles) -> str | None:
     """A sentence on the fluids that the case names and the scene does not have; None where all are there."""
-    absent = [name for k, name in enumerate(case.fluid_names) if not np.any(particles.phase == k)]
+    absent = [name for k, name in enumerate(case.fluid_names) if not reduce.any_true(particles.phase == k)]
     return f"no particle is of the fluid {' or '.join(absent)}: run as a single fluid" if absent else None
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from ..case.forces import forces_of
 from ..case.forcing import body_force, gradient_axis
 from ..domain import reduce
+from ..domain.exchange import NO_EXCHANGE, Exchange
 from ..flow.one_fluid import OneFluid
 from ..geometry.protocol import sample_box
 
@@ -43,7 +44,7 @@ def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: n
         if contact is not None and case.interface.slip_length > 0.0:
             from ..two_phase.contact_angle import SlipAtLine
 
-            line = SlipAtLine(case.interface.slip_length)
+            line = SlipAtLine(case.interface.slip_length, exchange=_exchange_of_dummies(particles))
     body = body_force(case, geometry.dim)
     moved = TwoFluidForces(body, force - body, held, forces)
     return TwoFluids([f.density for f in present], [f.mu for f in present], moved, spacing, tension, contact, line)
@@ -54,10 +55,14 @@ def _contact(case: Case, geometry: Geometry, particles: Particles, support: floa
     from ..two_phase.contact_angle import ContactAngle, WallDummies
 
     assert case.interface is not None
-    dummies = particles.x[particles.n_fluid:]
+    dummies = particles.dummies_in_sight
     walls = WallDummies(dummies, np.maximum(-geometry.distance(dummies), 0.0), wall_normals(geometry, dummies, support),
-                        _of_reservoirs(case, geometry, dummies))
+                        _of_reservoirs(case, geometry, dummies), _exchange_of_dummies(particles))
     return ContactAngle(case.interface.contact_angle, walls, case.particles.spacing)
+
+
+def _exchange_of_dummies(particles: Particles) -> Exchange:
+    return NO_EXCHANGE if particles.share is None else particles.share.of_dummies
 
 
 def _of_reservoirs(case: Case, geometry: Geometry, dummies: np.ndarray) -> np.ndarray | None:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..domain.halo import wrap
+
 if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..domain.lattice import Particles
@@ -19,39 +21,45 @@ PASSES = 40
 PASS = 0.2
 
 
-def first_interface(case: Case, geometry: Geometry, particles: Particles,
-                    stepper: Stepper) -> tuple[np.ndarray, float | None]:
+def first_interface(case: Case, geometry: Geometry, particles: Particles, stepper: Stepper,
+                    number: np.ndarray | None = None) -> tuple[np.ndarray, float | None]:
     """phi (n,), m, of the fluid particles: exact where shapes say where the interface is, else from the fluid of each
     particle; and the share of the first fluid in the volume of all, or None where it is not kept: between reservoirs,
-    and beside walls, where volumes of particles depend on how the dummies lie."""
+    and beside walls, where volumes of particles depend on how the dummies lie. number: (n,) of `State`."""
     from ..two_phase.interface import Interface, reach_of, share_of
 
     x, phase = particles.x[: particles.n_fluid], particles.phase
     reach = reach_of(stepper.support, stepper.spacing)
     flood = case.initial.flood if case.initial is not None else None
     phi = geometry.interface_distance(x) if flood is None and case.reservoirs is None else None
-    phi = from_labels(stepper, x, phase, reach) if phi is None else np.clip(phi, -reach, reach)
+    phi = from_labels(stepper, x, phase, reach, number) if phi is None else np.clip(phi, -reach, reach)
     if geometry.has_solid or stepper.seam is not None:
         return phi, None
-    config = stepper.configure(x, 0.0, phi)
+    config = stepper.configure(x, 0.0, phi, number)
     assert isinstance(config.terms.interface, Interface)
     return phi, share_of(config.terms.interface, config.ops)
 
 
-def from_labels(stepper: Stepper, x: np.ndarray, phase: np.ndarray, reach: float) -> np.ndarray:
-    """phi (n,), m, of particles x (n, dim) of fluids phase (n,); reach: largest, m."""
+def from_labels(stepper: Stepper, x: np.ndarray, phase: np.ndarray, reach: float,
+                number: np.ndarray | None = None) -> np.ndarray:
+    """phi (n,), m, of particles x (n, dim) of fluids phase (n,); reach: largest, m; number: (n,) of `State`."""
     from ..two_phase.interface import carried, find_interface
 
     geometry, spacing = stepper.geometry, stepper.spacing
     box = np.where(geometry.periodic, geometry.upper - geometry.lower, 0.0)
     side = np.where(phase == 0, 1.0, -1.0)
     phi = side * reach
+    others, fluid = x, phase
+    if stepper.migration is not None and number is not None:  # as far as phi is known, which is farther than a support
+        seen = stepper.migration.reaching(reach).around(x, number)
+        others = wrap(np.concatenate([x, seen.ghosts]), geometry.lower, geometry.upper, geometry.periodic)
+        fluid = seen.exchange.forward(phase)
     for k in (0, 1):
-        other = cKDTree(x[phase != k] - geometry.lower, boxsize=box)
+        other = cKDTree(others[fluid != k] - geometry.lower, boxsize=box)
         mine = np.flatnonzero(phase == k)
         near, _ = other.query(x[mine] - geometry.lower, distance_upper_bound=reach)
         phi[mine] *= np.minimum(np.maximum(near - 0.5 * spacing, 0.1 * spacing), reach) / reach
-    config = stepper.configure(x, 0.0, phi)
+    config = stepper.configure(x, 0.0, phi, number)
     for _ in range(PASSES):
         phi = carried(find_interface(config.ops, config.neighbours, phi, spacing), config.ops, None, PASS)
     return phi

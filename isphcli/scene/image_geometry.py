@@ -59,7 +59,7 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
 
     spec = case.geometry.voxels
     assert spec is not None
-    if current().size > 1 and _in_parts(case, spec):
+    if current().size > 1 and in_parts(case):
         return _brick_geometry(case, spec, axis, walls)
     memory.refuse_image(case)
     image = image_of(spec)
@@ -130,9 +130,11 @@ def _with_walls(case: Case, understood: Understood, edges: np.ndarray, periodic:
     return geometry, ways
 
 
-def _in_parts(case: Case, spec: Voxels) -> bool:
-    """Whether processes hold a part of an image each: labels whose walls are faces of voxels. A smooth wall is found
-    by waves that run through the whole image, and what fills a solid by the nearest voxel of fluid in it."""
+def in_parts(case: Case) -> bool:
+    """Whether processes hold a part of the image of a case each: labels whose walls are faces of voxels. A smooth wall
+    is found by waves that run through the whole image, and what fills a solid by the nearest voxel of fluid in it."""
+    spec = case.geometry.voxels
+    assert spec is not None
     return case.wall_distance == "stairs" and spec.grey is None and not case.geometry.mirror and not case.microporous
 
 

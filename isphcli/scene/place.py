@@ -28,12 +28,18 @@ def lattice_at(case: Case, geometry: Geometry, spacing: float) -> Lattice:
 
 
 def place_case(case: Case, geometry: Geometry, spacing: float) -> Particles:
-    """The particles of a case at a spacing, which may be another than its own. Raises ParticleError."""
+    """The particles of a case at a spacing, which may be another than its own. Of several processes their own, still
+    without jitter and of the fluids of the geometry (`jittered`, `with_fluids`). Raises ParticleError."""
     asked = case.particles
     if current().size > 1:
         return place_share(geometry, lattice_at(case, geometry, spacing), case.support * spacing)
     particles = place(geometry, lattice_at(case, geometry, spacing), case.support * spacing, asked.jitter, spacing,
                       asked.seed)
+    return with_fluids(case, geometry, particles)
+
+
+def with_fluids(case: Case, geometry: Geometry, particles: Particles) -> Particles:
+    """The particles, of the fluids that a flood and reservoirs of the case give them. Raises ParticleError."""
     flood = case.initial.flood if case.initial is not None else None
     if flood is not None:
         particles = flooded(particles, geometry, case.fluid_names.index(flood.fluid), flood.face, flood.saturation)
@@ -61,11 +67,13 @@ def flooded(particles: Particles, geometry: Geometry, fluid: int, face: str, sat
     x = particles.x[: particles.n_fluid]
     lower, upper = sample_box(geometry)
     depth = side * x[:, axis]
-    inside = np.sort(depth[inside_sample(geometry, x)])
-    if not len(inside):
+    inside = depth[inside_sample(geometry, x)]
+    number = reduce.number(inside)
+    if not number:
         raise ParticleError("no fluid particle in the sample: there is nothing to flood; "
                             f"check {what_is_solid(geometry)}, or take a smaller particles.spacing")
-    last = inside[max(round(saturation * len(inside)), 1) - 1]
+    wanted = max(round(saturation * number), 1)
+    last, = reduce.quantiles(inside, [(wanted - 1) / max(number - 1, 1)])
     phase = particles.phase.copy()
     phase[depth <= last + 1e-9 * abs(upper[axis] - lower[axis])] = fluid
     return replace(particles, phase=phase)
@@ -160,10 +168,14 @@ def place_share(geometry: Geometry, lattice: Lattice, support: float) -> Particl
     del x, found, slab
     near = _near_brick(geometry, lattice, support, cut)
     own, remote, foreign = near.here & (near.phase >= 0), near.there & (near.phase >= 0), near.there & (near.phase < 0)
-    exchange = NeighbourExchange.of_sites(ranks.raw, near.site[remote], near.owner[remote], near.site[own])  # type: ignore[attr-defined]
+    dummies = near.here & (near.phase < 0)
+    exchange, of_dummies = (
+        NeighbourExchange.of_sites(ranks.raw, near.site[others], near.owner[others], near.site[mine])  # type: ignore[attr-defined]
+        for others, mine in ((remote, own), (foreign, dummies)))
     lower, upper = cut.bricks[ranks.rank]
-    share = Share(lower, upper, near.x[remote], near.shift[remote], near.x[foreign], exchange, cut, near.site[own])
-    rows = np.concatenate([near.x[own], near.x[near.here & (near.phase < 0)]])
+    share = Share(lower, upper, near.x[remote], near.shift[remote], near.x[foreign], exchange, of_dummies, cut,
+                  near.site[own])
+    rows = np.concatenate([near.x[own], near.x[dummies]])
     return Particles(rows, near.phase[own], lattice.site_volume, inside, near.left_out, share)
 
 

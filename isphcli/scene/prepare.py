@@ -25,7 +25,7 @@ from ..solvers.engine import engine_of
 from ..solvers.kept_hierarchies import KeptHierarchies
 from . import memory
 from .choose_fluids import choose_fluids
-from .place import jittered, lattice_at, place_case
+from .place import jittered, lattice_at, place_case, with_fluids
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -53,8 +53,7 @@ def held_velocity(case: Case, particles: Particles, reference: float, geometry: 
     fraction = 1.0 if geometry.voxel_size is not None else here * volumes / max(length - (upper - lower), volumes)
     if not here:
         lower, upper, fraction = np.inf, -np.inf, fluid * volumes / length
-    two = len(np.unique(particles.phase)) > 1
-    return HeldVelocity(axis, wanted, two, lower, upper, fraction, porosity, reference * float(length))
+    return HeldVelocity(axis, wanted, particles.two_fluids, lower, upper, fraction, porosity, reference * float(length))
 
 
 SPREAD = 10.0  # root mean square speed over the mean of a held flow, at most; in rock it is 2 to 3
@@ -79,8 +78,9 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
             number = numbers_of(share.sites, lattice_at(case, geometry, spacing).sites)
             if case.particles.jitter > 0.0:
                 particles = jittered(case, geometry, particles, number)
+            particles = with_fluids(case, geometry, particles)
     n = particles.n_fluid
-    two = len(np.unique(particles.phase)) > 1
+    two = particles.two_fluids
     need = memory.estimate(case, geometry.dim, geometry.has_solid, n, particles.n_dummy, two=two)
     most = float(reduce.largest(np.array([sum(need.values())])))
     memory.refuse(most * current().here, f"{n:,} fluid particles{' of two fluids' * two}", memory.too_large(case))
@@ -90,9 +90,8 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     fluids = choose_fluids(case, geometry, particles, force)
     held = held_velocity(case, particles, fluids.reference, geometry)
     drive = timed_drive(case, geometry) if forcing.changes(case) else None
-    dummies = particles.x[n:] if share is None else np.concatenate([particles.x[n:], share.dummies])
     stepper = Stepper(
-        geometry=geometry, dummies=dummies, spacing=spacing, support=support,
+        geometry=geometry, dummies=particles.dummies_in_sight, spacing=spacing, support=support,
         kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,
         fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
         solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock,
@@ -109,8 +108,8 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         from .first_interface import first_interface
 
         with clock("geometry"):
-            phi, fluids.share = first_interface(case, geometry, particles, stepper)
-    elif stepper.seam is not None:  # fluids that differ in name only
+            phi, fluids.share = first_interface(case, geometry, particles, stepper, number)
+    elif two:  # that differ in name only: phi tells them apart
         phi = np.where(particles.phase == 0, spacing, -spacing)
     state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=gradient, shifting_flux=None if held is None else 0.0,
                   phi=phi, number=number)

@@ -23,6 +23,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
+from ..domain import reduce
+from ..domain.exchange import NO_EXCHANGE, Exchange
 from ..flow.state import phase_of
 from ..operators.kernel import shape
 from .quadratic_fit import FLATTEST, QuadraticFit, SlopesAtWalls, quadratic_fit
@@ -39,25 +41,28 @@ WEIGHT = 1.0  # of a slope at a wall point, times the support, over that of a va
 
 class SlipAtLine:
     """Walls near a contact line slip, so that the line can move as particles become many. length: Navier slip length,
-    m; phase: (n,) of the fluid particles, once it is known."""
+    m; phase: (n,) of the fluid particles, once it is known; exchange: of the dummies."""
 
-    def __init__(self, length: float, phase: np.ndarray | None = None):
-        self.length, self.phase = length, phase
+    def __init__(self, length: float, phase: np.ndarray | None = None, exchange: Exchange = NO_EXCHANGE):
+        self.length, self.phase, self.exchange = length, phase, exchange
 
     def at(self, phi: np.ndarray) -> SlipAtLine:
         """The same for particles of signed distances phi (n,) to the interface."""
-        return SlipAtLine(self.length, phase_of(phi))
+        return SlipAtLine(self.length, phase_of(phi), self.exchange)
 
-    def wall_table(self, geometry: Geometry, wall: np.ndarray,
-                   neighbours: Neighbourhood) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+    def wall_table(self, geometry: Geometry, wall: np.ndarray, neighbours: Neighbourhood,
+                   particles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
         """(wall (n_rows,), velocity, slip length, spin) of the walls, each there twice: as it is, and near a line.
 
-        wall: (n_rows,) nearest wall of each row; neighbours: of the fluid particles, dummies included.
+        wall: (n_rows,) nearest wall of each row; neighbours: of the fluid particles, dummies included; particles: how
+        many there are before the dummies.
         """
         assert self.phase is not None
-        n, owner = len(self.phase), neighbours.owner
-        sees = _fluids_in_sight(neighbours.start, neighbours.column, self.phase, int(owner.max()) + 1)
-        wall = wall + len(geometry.slip_length) * ((owner >= n) & sees[owner].all(axis=1)).astype(wall.dtype)
+        owner = neighbours.owner
+        sees = _fluids_in_sight(neighbours.start, neighbours.column, self.phase, int(owner.max(initial=-1)) + 1)
+        sees[:particles] = 0  # no walls
+        sees[particles:] = self.exchange.summed(sees[particles:])
+        wall = wall + len(geometry.slip_length) * (sees[owner] > 0).all(axis=1).astype(wall.dtype)
         slip = np.concatenate([geometry.slip_length, np.maximum(geometry.slip_length, self.length)])
         spin = None if geometry.wall_spin is None else np.concatenate([geometry.wall_spin] * 2)
         return wall, np.concatenate([geometry.wall_velocity] * 2), slip, spin
@@ -65,12 +70,14 @@ class SlipAtLine:
 
 class WallDummies(NamedTuple):
     """x: (n_dummy, dim) m; depth: (n_dummy,) below the wall, m; normal: (n_dummy, dim) of the wall, into the fluid;
-    neutral: (n_dummy,) bool, of walls that both fluids wet alike (90 degrees), or None."""
+    neutral: (n_dummy,) bool, of walls that both fluids wet alike (90 degrees), or None; exchange: of those of other
+    processes, which are the last ones."""
 
     x: np.ndarray
     depth: np.ndarray
     normal: np.ndarray
     neutral: np.ndarray | None = None
+    exchange: Exchange = NO_EXCHANGE
 
 
 class ContactAngle:
@@ -89,54 +96,58 @@ class ContactAngle:
     def at_walls(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray,
                  free: QuadraticFit) -> QuadraticFit:
         """The QuadraticFit `free` with those of particles that see wall points near a contact line made anew, with the
-        angle there. Arguments as those of `interface.find_interface`; known: (n,) bool."""
+        angle there. Arguments as those of `interface.find_interface`, phi of remote particles too; known: (n + remote,)
+        bool."""
         assert ops.walls is not None
         shallow = self.dummies.depth < SHALLOW * self.spacing
-        start, at, dummy = _seen(neighbours, known & ops.walls.near_wall, shallow, len(phi))
-        if len(at) == 0:
+        start, at, dummy = _seen(neighbours, known[: ops.n] & ops.walls.near_wall, shallow, len(phi))
+        if not reduce.number(at):
             return free
         normal = self.dummies.normal[dummy]
-        particle = np.repeat(np.arange(len(phi)), np.diff(start))
+        particle = np.repeat(np.arange(ops.n), np.diff(start))
         offset = neighbours.x[at] + self.dummies.depth[dummy][:, None] * normal - neighbours.x[particle]
         count = len(self.dummies.x)
         at_points = particle, offset, dummy
-        distance, steepness, curvature = _at_wall_points(at_points, normal, count, free, neighbours)
+        sums = self.dummies.exchange.summed(_at_wall_points(at_points, normal, count, free, neighbours))
+        distance, steepness, curvature = _means(sums)
         part = np.maximum(1.0 - (distance / (NEAR_LINE * self.spacing)) ** 2, 0.0) ** 2
         sharpest = 0.5 / (NEAR_LINE * self.spacing)  # kappa phi stays below a half
         bent = np.clip(curvature, -sharpest, sharpest) * np.where(part > 0.0, distance, 0.0)
         steepness /= 1.0 - bent
-        touched = np.zeros(len(phi), np.bool_)
+        touched = np.zeros(ops.n, np.bool_)
         touched[particle[part[dummy] > 0.0]] = True
         # in place of eqs 18-22
         slopes = SlopesAtWalls(start, offset, normal, steepness[dummy] * self._slope_of(dummy), WEIGHT * part[dummy])
-        bound = quadratic_fit(ops.neighbours, phi, known, touched, free.slope, self.spacing, slopes)
+        bound = quadratic_fit(ops.neighbours, phi, known, touched, ops.exchange.forward(free.slope), self.spacing,
+                              slopes)
         return QuadraticFit(*(np.where(touched if old.ndim == 1 else touched[:, None], new, old)
                               for old, new in zip(free, bound)))
 
 
 @njit(cache=True)
 def _fluids_in_sight(start, column, phase, count):
-    """(count, 2) bool, whether a particle or dummy has either fluid within its support."""
-    sees = np.zeros((count, 2), np.bool_)
+    """(count, 2) int32, above zero where a particle or dummy has either fluid within its support."""
+    sees = np.zeros((count, 2), np.int32)
     for i in range(len(start) - 1):
         for p in range(start[i], start[i + 1]):
-            sees[column[p], phase[i]] = True
+            sees[column[p], phase[i]] = 1
     return sees
 
 
 @njit(cache=True)
 def _seen(neighbours, mark, shallow, n):
-    """(row pointers (n + 1,), table rows, dummies) of the shallow dummies that the marked particles see."""
+    """(row pointers (rows + 1,), table rows, dummies) of the shallow dummies that the marked particles (rows,) see;
+    n particles are before the dummies."""
     start, column, row = neighbours.start, neighbours.column, neighbours.row
-    new_start = np.zeros(n + 1, np.int64)
-    for i in range(n):
+    new_start = np.zeros(len(mark) + 1, np.int64)
+    for i in range(len(mark)):
         new_start[i + 1] = new_start[i]
         if mark[i]:
             for p in range(start[i], start[i + 1]):
                 new_start[i + 1] += column[p] >= n and shallow[column[p] - n]
-    at, dummy = np.empty(new_start[n], np.int64), np.empty(new_start[n], np.int64)
+    at, dummy = np.empty(new_start[-1], np.int64), np.empty(new_start[-1], np.int64)
     count = 0
-    for i in range(n):
+    for i in range(len(mark)):
         if mark[i]:
             for p in range(start[i], start[i + 1]):
                 if column[p] >= n and shallow[column[p] - n]:
@@ -147,12 +158,11 @@ def _seen(neighbours, mark, shallow, n):
 
 @njit(cache=True, error_model="numpy")
 def _at_wall_points(at_points, normal, count, fit, neighbours):
-    """phi (count,), m, |grad phi| and the curvature across the line, 1/m, of the interface at the wall point above each
-    dummy: kernel averages of what the particles that see it make of theirs; infinite and zero where none does."""
+    """Kernel sums (count, 4) over the particles that see the wall point above each dummy: of one, of what they make of
+    phi there, m, of |grad phi| and of the curvature across the line, 1/m."""
     particle, offset, dummy = at_points
     dim = offset.shape[1]
-    total, out, steepness = np.zeros(count), np.zeros(count), np.zeros(count)
-    curvature = np.zeros(count)
+    sums = np.zeros((count, 4))
     for p in range(len(particle)):
         i, r2, square, there = particle[p], 0.0, 0.0, fit.value[particle[p]]
         for k in range(dim):
@@ -160,15 +170,20 @@ def _at_wall_points(at_points, normal, count, fit, neighbours):
             square += fit.slope[i, k] ** 2
             there += fit.slope[i, k] * offset[p, k]
         w = shape(neighbours.kind, math.sqrt(r2) / neighbours.support)
-        total[dummy[p]] += w
-        out[dummy[p]] += w * there
-        steepness[dummy[p]] += w * math.sqrt(square)
-        curvature[dummy[p]] += w * _across_line(fit, i, normal[p])
-    for d in range(count):
-        curvature[d] = curvature[d] / total[d] if total[d] > 0.0 else 0.0
-        out[d] = out[d] / total[d] if total[d] > 0.0 else np.inf
-        steepness[d] = steepness[d] / total[d] if total[d] > 0.0 else 0.0
-    return out, steepness, curvature
+        d = dummy[p]
+        sums[d, 0] += w
+        sums[d, 1] += w * there
+        sums[d, 2] += w * math.sqrt(square)
+        sums[d, 3] += w * _across_line(fit, i, normal[p])
+    return sums
+
+
+def _means(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """phi (count,), m, |grad phi| and the curvature across the line, 1/m, of the interface at wall points, of the sums
+    of `_at_wall_points`: infinite and zero where no particle sees it."""
+    seen = sums[:, 0] > 0.0
+    means = sums[:, 1:] / np.where(seen, sums[:, 0], 1.0)[:, None]
+    return np.where(seen, means[:, 0], np.inf), means[:, 1], means[:, 2]
 
 
 @njit(cache=True, error_model="numpy")

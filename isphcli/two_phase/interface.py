@@ -25,7 +25,7 @@ import numpy as np
 from numba import njit
 
 from ..domain import reduce
-from ..domain.components import numbered, root
+from ..domain.components import parts_of
 from ..domain.row_threads import over_rows
 from ..flow.shifting import taylor
 from ..flow.state import phase_of
@@ -103,20 +103,21 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
 
     ops: Operators; neighbours: all of them, dummies included; phi: (n,) m; contact: the angle at walls, or None.
     """
-    seen = ops.neighbours
+    seen, everyone = ops.neighbours, ops.exchange.forward
     reach = reach_of(seen.support, spacing)
-    known = np.abs(phi) < reach
-    gradient = own_gradient(seen, phi, known, ops.gradient_p(phi), spacing)
-    fit = quadratic_fit(seen, phi, known, known, gradient, spacing, no_slopes(ops.n, ops.dim))
+    far = everyone(phi)
+    known = np.abs(far) < reach
+    gradient = everyone(own_gradient(seen, far, known, everyone(ops.gradient_p(phi)), spacing))
+    fit = quadratic_fit(seen, far, known, known, gradient, spacing, no_slopes(ops.n, ops.dim))
     if contact is not None:
-        fit = contact.at_walls(ops, neighbours, phi, known, fit)
+        fit = contact.at_walls(ops, neighbours, far, known, fit)
     steepness = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
     strength = fraction_slope(phi, spacing) * steepness
     # the curvature does not change along the normals: any weight that ends within the support will do
-    weight = np.where(known, np.maximum(1.0 - (phi / seen.support) ** 2, 0.0) ** 2, 0.0)
+    weight = np.where(known, np.maximum(1.0 - (far / seen.support) ** 2, 0.0) ** 2, 0.0)
     # no drop is smaller than the spacing
     sharpest = (ops.dim - 1) / spacing
-    curvature = averages(seen, weight * ops.volume, np.clip(fit.curvature, -sharpest, sharpest))
+    curvature = averages(seen, weight * ops.volume, everyone(np.clip(fit.curvature, -sharpest, sharpest)))
     # over a layer of this thickness round a drop the mean of a fraction has that of the curvature beside it
     resolved = np.clip(curvature, -0.5 * sharpest, 0.5 * sharpest)
     bent = 0.5 * SPREAD * (THICKNESS * spacing) ** 2 * resolved * strength
@@ -133,27 +134,29 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     part of what |grad phi| differs from one that is made up for because particles have moved.
     """
     phi, fit, reach, spacing = interface.phi, interface.fit, interface.reach, interface.spacing
-    known = np.abs(phi) < reach
+    everyone, known = ops.exchange.forward, np.abs(interface.phi) < reach
+    far = everyone(phi)
     # the slope is brought to one as an explicit step of an advection away from the interface would do it: it has to be
     # slower than the smoothing that keeps it stable
     steepness = np.clip(interface.steepness, 0.0, 2.0)
-    stretched = averages(ops.neighbours, np.where(known, ops.volume, 0.0), steepness) - 1.0
+    weight = np.where(np.abs(far) < reach, ops.volume, 0.0)
+    stretched = averages(ops.neighbours, weight, everyone(steepness)) - 1.0
     change = np.clip(fit.value - phi, -spacing, spacing)
     slower = SLOWER * part + moved
     factor = 1.0 + np.clip(stretch, -LARGEST_STRETCH, LARGEST_STRETCH) - slower * stretched
     new = np.where(known, factor * phi + part * change, phi)
     # a distance has no minimum but at the interface: patches of particles that lost theirs would make one of their own
     left = np.zeros(ops.n, np.bool_)
-    over_rows(_left_behind, ops.n, ops.neighbours, phi, known, left)
+    over_rows(_left_behind, ops.n, ops.neighbours, far, known, left)
     new[left] = np.sign(phi[left]) * reach
     known &= ~left
     # particles that the interface comes near to, by less than a spacing a step, know their distance from those that do
     beyond, value = np.zeros(ops.n, np.bool_), np.zeros(ops.n)
-    over_rows(_extended, ops.n, ops.neighbours, phi, fit.slope, known, beyond, value)
+    over_rows(_extended, ops.n, ops.neighbours, far, everyone(fit.slope), everyone(known), beyond, value)
     beyond &= ~left
     there = np.sign(phi) * np.clip(np.sign(phi) * value, reach - spacing, reach)
     new[beyond] = there[beyond]
-    lost = 0.0 if share is None else (share - share_of(interface, ops)) * float(reduce.total(ops.volume))
+    lost = 0.0 if share is None else (share - share_of(interface, ops)) * float(reduce.total(ops.volume[: ops.n]))
     new = with_volumes_of(phi, np.clip(new, -reach, reach), ops, spacing, part * lost)
     if dr is not None:
         # eq. 9; without the second derivative each shift along a bent interface moves it to its outer side
@@ -165,23 +168,26 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
 def strain(interface: Interface, ops: Operators, u: np.ndarray) -> np.ndarray:
     """n . grad u . n (n,), 1/s, at which the velocity u (n, dim) parts the levels of phi; zero where n is not known."""
     out = np.zeros(ops.n)
-    over_rows(_strain, ops.n, ops.start, ops.column, ops.grad_p, interface.fit.slope, u, out)
+    over_rows(_strain, ops.n, ops.start, ops.column, ops.grad_p, interface.fit.slope, ops.exchange.forward(u), out)
     return out
 
 
 def share_of(interface: Interface, ops: Operators) -> float:
     """Share of the first fluid in the volume of all particles."""
-    return float(reduce.dot(ops.volume, interface.fraction) / reduce.total(ops.volume))
+    volume = ops.volume[: ops.n]
+    return float(reduce.dot(volume, interface.fraction) / reduce.total(volume))
 
 
 def with_volumes_of(before: np.ndarray, phi: np.ndarray, ops: Operators, spacing: float,
                     more: float = 0.0) -> np.ndarray:
     """phi (n,) moved along the normals by one length for each connected piece of the interface, so that the volume of
     the first fluid round it is that of `before` (n,), and `more`, m^dim, spread evenly over all of it."""
-    band = np.flatnonzero((fraction_slope(phi, spacing) > 0.0) | (fraction_slope(before, spacing) > 0.0))
-    if len(band) == 0:
+    inside = (fraction_slope(phi, spacing) > 0.0) | (fraction_slope(before, spacing) > 0.0)
+    if not reduce.any_true(inside):
         return phi
-    count, piece = _pieces(ops.neighbours, band)
+    band = np.flatnonzero(inside)
+    count, piece = parts_of(ops.start, ops.column, ops.exchange.forward(inside), exchange=ops.exchange)
+    piece = piece[band]
     volume = ops.volume[band]
     wanted = reduce.total_by(piece, volume * volume_fraction(before[band], spacing), count)
     if more:
@@ -197,28 +203,6 @@ def with_volumes_of(before: np.ndarray, phi: np.ndarray, ops: Operators, spacing
     out = phi.copy()
     out[band] += shift[piece]
     return out
-
-
-def _pieces(neighbours: Neighbourhood, band: np.ndarray) -> tuple[int, np.ndarray]:
-    """(number of connected pieces of the particles `band` (m,), piece of each (m,))."""
-    number = np.full(neighbours.n, -1)
-    number[band] = np.arange(len(band))
-    piece = np.arange(len(band))
-    return _join_pieces(neighbours.start, neighbours.column, band, number, piece), piece
-
-
-@njit(cache=True)
-def _join_pieces(start, column, band, number, parent):
-    """Pieces are trees of particles of the band, each of which knows a parent of a smaller number or is a root."""
-    for m in range(len(band)):
-        own = root(parent, m)
-        for p in range(start[band[m]], start[band[m] + 1]):
-            other = number[column[p]]
-            if 0 <= other < m:  # each pair comes twice
-                other = root(parent, other)
-                parent[max(own, other)] = min(own, other)
-                own = min(own, other)
-    return numbered(parent)
 
 
 def near_interface(start: np.ndarray, column: np.ndarray, colour: np.ndarray) -> np.ndarray:
@@ -273,8 +257,8 @@ def _strain(rows, start, column, grad, slope, u, out):
 
 def averages(neighbours: Neighbourhood, weight: np.ndarray, f: np.ndarray) -> np.ndarray:
     """Kernel averages sum_j w W f / sum_j w W of f (n,) over the particles of weight w (n,) above zero, j = i included;
-    f elsewhere."""
-    out = f.copy()
+    f elsewhere; (n,), what is given is that of remote particles too."""
+    out = f[: neighbours.n].copy()
     over_rows(_average, neighbours.n, neighbours, weight, f, out)
     return out
 

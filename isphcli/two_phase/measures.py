@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..domain import reduce
-from ..domain.components import pair_components
+from ..domain.components import parts_of
 from ..flow.state import phase_of
 from ..geometry.protocol import Geometry, inside_sample
 
@@ -155,11 +155,19 @@ class Measures:
         if reduce.smallest(self.geometry.distance(x)) < self.distance:
             return False
         for axis in np.flatnonzero(self.geometry.periodic):
-            along = np.sort(x[:, axis])
             length = self.geometry.upper[axis] - self.geometry.lower[axis]
-            if np.diff(along, append=along[0] + length).max() < LINKED * self.distance:
+            if self._widest_gap(x[:, axis] - self.geometry.lower[axis], length) < LINKED * self.distance:
                 return False
         return True
+
+    def _widest_gap(self, along: np.ndarray, length: float) -> float:
+        """Between coordinates (m,) in a period from 0 to `length`, m, of all processes; 0 if it is below a distance."""
+        count = math.ceil(length / self.distance)
+        cell = np.clip((along / length * count).astype(int), 0, count - 1)
+        last, first = reduce.largest_by(cell, along, count), -reduce.largest_by(cell, -along, count)
+        full = np.flatnonzero(np.isfinite(last))
+        gaps = np.append(first[full[1:]], first[full[:1]] + length) - last[full]
+        return float(gaps.max(initial=0.0))
 
     @staticmethod
     def _jump(p: np.ndarray, interface: FluidInterface) -> float:
@@ -172,9 +180,9 @@ class Measures:
 
     def ganglia(self, config: Configuration, k: int) -> int:
         """Number of the separate parts of fluid k."""
-        mine = self.phase_at(config) == k
-        parts, _ = pair_components(config.ops.start, config.ops.column, linked(config.ops, mine, self.distance))
-        return parts - reduce.count(~mine)  # each particle of the other fluid is a part of its own
+        ops, mine = config.ops, self.phase_at(config) == k
+        return parts_of(ops.start, ops.column, ops.exchange.forward(mine), linked(ops, mine, self.distance),
+                        ops.exchange)[0]
 
     def contact_angle(self, config: Configuration) -> float | None:
         """Degrees through the first fluid between a flat wall and the circle or sphere through the interface near it;
@@ -186,9 +194,11 @@ class Measures:
         depth = self.geometry.distance(points) if len(points) else np.zeros(0)
         kept = (depth > self.tension.support) & (depth < FARTHEST * self.distance)
         points, depth = points[kept], depth[kept]
+        normals = wall_normals(self.geometry, points, self.distance)
+        # a process knows the walls of its own brick; the points are of a surface, and few
+        points, depth, normals = (reduce.together(part) for part in (points, depth, normals))
         if len(points) == 0:
             return None
-        normals = wall_normals(self.geometry, points, self.distance)
         same = normals @ normals[np.argmin(depth)] > 0.99
         points, depth, normal = points[same], depth[same], normals[np.argmin(depth)]
         if len(points) < 3 * self.geometry.dim:
@@ -219,7 +229,8 @@ class Measures:
 
     def _crossings(self, config: Configuration) -> np.ndarray:
         """Points (m, dim) between particles side by side where phi is zero."""
-        start, column, phi = config.ops.start, config.ops.column, _interface(config).phi
+        start, column = config.ops.start, config.ops.column
+        phi = config.ops.exchange.forward(_interface(config).phi)
         owner = np.repeat(np.arange(len(start) - 1), np.diff(start))
         unlike = (phi[owner] > 0.0) & (phi[column] <= 0.0)
         inner, outer = phi[owner[unlike]], phi[column[unlike]]
@@ -268,6 +279,7 @@ class Measures:
 def linked(ops: Operators, mine: np.ndarray, distance: float) -> np.ndarray:
     """(n_pairs,) bool, pairs of the particles `mine` (n,) within LINKED times their mean distance, m, of each other."""
     owner = np.repeat(np.arange(ops.n), np.diff(ops.start))
+    mine = ops.exchange.forward(mine)
     pairs = np.flatnonzero(mine[owner] & mine[ops.column])
     offset = ops.neighbours.x[ops.neighbours.row[pairs]] - ops.neighbours.x[owner[pairs]]
     found = np.zeros(len(owner), np.bool_)

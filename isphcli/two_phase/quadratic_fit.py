@@ -87,9 +87,9 @@ def quadratic_fit(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray,
                   gradient: np.ndarray, spacing: float, walls: SlopesAtWalls) -> QuadraticFit:
     """QuadraticFit of the particles `wanted` (n,), from those that are `known` (n,); elsewhere the value is phi (n,),
     m, and slope and curvature are zero. neighbours: of the fluid particles; gradient: (n, dim) of phi, roughly;
-    spacing: m."""
+    spacing: m. phi, known and gradient are those of remote particles too."""
     n, dim = neighbours.n, neighbours.x.shape[1]
-    fit = QuadraticFit(phi.copy(), np.zeros((n, dim)), np.zeros(n), np.zeros((n, dim * dim)))
+    fit = QuadraticFit(phi[:n].copy(), np.zeros((n, dim)), np.zeros(n), np.zeros((n, dim * dim)))
     field = Distance(phi, known, directions(gradient), spacing / neighbours.support)
     over_rows(_fit, n, neighbours, field, wanted, walls, fit, work=partial(_scratch, dim, neighbours.longest))
     return fit
@@ -104,8 +104,8 @@ def directions(gradient: np.ndarray) -> np.ndarray:
 def own_gradient(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, gradient: np.ndarray,
                  spacing: float) -> np.ndarray:
     """Gradient (n, dim) of phi (n,), m, over the neighbours whose distance is to the same interface, of the particles
-    that are `known` (n,); gradient: over all of them."""
-    n, dim = gradient.shape
+    that are `known` (n,); gradient: over all of them. What is given is that of remote particles too."""
+    n, dim = neighbours.n, gradient.shape[1]
     out = np.zeros((n, dim))
     field = Distance(phi, known, directions(gradient), spacing / neighbours.support)
     over_rows(_linear, n, neighbours, field, out, work=lambda: (np.empty((dim, dim)), np.empty(dim), np.empty(dim)))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..domain import reduce
-from ..domain.components import pair_components
+from ..domain.components import parts_of
 from ..flow.state import phase_of
 from ..geometry.protocol import Geometry, inside_sample, sample_box
 from .measures import SELDOM, linked
@@ -62,19 +62,18 @@ class ReservoirMeasures:
         """Which particles (n,) are of fluid k and joined to a reservoir of it: by particles of it within LINKED mean
         distances of each other, but not over the seam."""
         ops, mine = config.ops, _phase(state) == k
-        x, column = ops.neighbours.x, ops.column
-        over = x[ops.neighbours.row, self.axis] != x[column, self.axis]
+        place = ops.neighbours.x[ops.neighbours.row, self.axis]
+        over = (place < self.geometry.lower[self.axis]) | (place >= self.geometry.upper[self.axis])
         joined = linked(ops, mine, self.site_volume ** (1.0 / self.geometry.dim)) & ~over
-        part = pair_components(ops.start, column, joined)[1]
+        count, part = parts_of(ops.start, ops.column, ops.exchange.forward(mine), joined, ops.exchange)
         lower, upper = (corner[self.axis] for corner in sample_box(self.geometry))
         along, home = state.x[:, self.axis], np.zeros(len(mine), np.bool_)
         if self.ends[0] == k:
             home |= along < lower
         if self.ends[1] == k:
             home |= along > upper
-        free = np.zeros(len(mine), np.bool_)
-        free[part[home & mine]] = True
-        return mine & free[part]
+        free = reduce.total_by(part[home & mine], labels=count) > 0
+        return mine & np.append(free, False)[part]
 
 
 def _phase(state: State) -> np.ndarray:

@@ -44,7 +44,8 @@ class SurfaceTension:
         """
         if self.method == "jump":
             across = weighted.lap_p if weighted.walls is None else weighted.walls.symmetric_laplacian
-            return _jump(weighted, across, interface.phi, interface.curvature, self.tension / reference)
+            phi, curvature = (weighted.exchange.forward(f) for f in (interface.phi, interface.curvature))
+            return _jump(weighted, across, phi, curvature, self.tension / reference)
         gradient = weighted.gradient_p(interface.fraction)
         return (self.tension / reference * interface.curvature)[:, None] * gradient, None  # eq. 24
 

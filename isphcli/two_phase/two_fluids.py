@@ -23,8 +23,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
+from ..domain import reduce
 from ..domain.row_threads import over_rows
 from ..flow.one_fluid import Terms, ViscousWeights, balanced_force, with_forces
+from ..flow.state import phase_of
 from ..operators.protocol import WallSums
 from .interface import MOST, RATE, Interface, carried, crossings, find_interface, near_interface, strain
 from .interface_rules import FIRST_PASSES, interface_rules
@@ -37,7 +39,8 @@ if TYPE_CHECKING:
     from .contact_angle import ContactAngle
     from .surface_tension import SurfaceTension
 
-SWEEPS = 20  # over particles that have come into the other fluid; whole rows of them are within 1e-5 then
+SWEEPS = 100  # at most, over particles that have come into the other fluid; whole rows of them gain a digit in four
+SETTLED = 1e-10  # of the largest change of a sweep: below this no more of them are made
 SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like a second derivative of a plane of them
 
 
@@ -106,23 +109,33 @@ class TwoFluids:
         stretch = dt * strain(interface, ops, u)
         return carried(interface, ops, dr, min(RATE * ways, MOST), self.share, stretch, min(RATE * moved, MOST))
 
-    def relabelled(self, p: np.ndarray, carried: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
-        """p, carried: (n,) m2/s2; see `Fluids.relabelled`.
+    def changing(self, p: np.ndarray, phi: np.ndarray, before: Terms) -> np.ndarray:
+        """(n, 2): by how much the number of the fluid of each particle falls, and the Laplacian of eq. 3 of p that it
+        had; see `Fluids.changing`."""
+        assert before.interface is not None
+        found = np.zeros((len(p), 2))
+        found[:, 0] = before.interface.phase - phase_of(phi)
+        rows = np.flatnonzero(found[:, 0])
+        if reduce.number(rows):
+            found[rows, 1] = _row_laplacians(before, before.ops.exchange.forward(p), rows)
+        return found
+
+    def relabelled(self, carried: np.ndarray, changing: np.ndarray | None, now: Terms) -> np.ndarray:
+        """carried: (n,) m2/s2; see `Fluids.relabelled`.
 
         The pressure of the heavy fluid is known to a part of rho g dx: in the light one such a part accelerates by its
         density ratio times g. A particle that has come into the other fluid takes the pressure with which its row of
         eq. 3 has the sum that it had before, from the neighbours that the weights of its new fluid listen to.
         """
-        assert before.interface is not None and now.interface is not None
-        change = before.interface.phase - now.interface.phase
+        assert changing is not None and now.interface is not None
+        change, sums = changing.T
         rows = np.flatnonzero(change)
-        if len(rows) == 0:
+        if not reduce.number(rows):
             return carried
         new = carried.copy()
         if self.tension is not None and self.tension.method == "jump":
             new[rows] += self.tension.tension / self.reference * now.interface.curvature[rows] * change[rows]
-        _balance(rows, _laplacian(now), _jumps(now, rows), _row_laplacians(before, p, rows), new, SWEEPS)
-        return new
+        return _balanced(rows, now, sums[rows], new)
 
     def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:
         """Terms of one configuration. ops: Operators; neighbours: all of them, dummies included; phi: (n,) m."""
@@ -130,18 +143,21 @@ class TwoFluids:
         interface = find_interface(ops, neighbours, phi, self.spacing, self.contact)
         reference = self.density[0]
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
-        rho = self.density[interface.phase] / reference
-        mu = self.mu[interface.phase] / reference
-        weighted, viscous, transposed_stress, smooth = ops, ViscousWeights(mu[0], ops.lap, ops.walls), None, None
+        everyone = ops.exchange.forward
+        phase = everyone(interface.phase)
+        rho, mu = self.density[phase] / reference, self.mu[phase] / reference
+        weighted, transposed_stress, smooth = ops, None, None
+        viscous = ViscousWeights(self.mu[0] / reference, ops.lap, ops.walls)
         if heavy or thick:
-            t = crossings(ops.start, ops.column, phi)
+            t = crossings(ops.start, ops.column, everyone(phi))
             weighted, viscous = self._weigh(ops, t, rho, mu, heavy)
+        rho, mu = rho[: ops.n], mu[: ops.n]
         if thick or self.added_viscosity > 0.0:
-            near = near_interface(ops.start, ops.column, interface.colour)
+            near = near_interface(ops.start, ops.column, everyone(interface.colour))
         if self.added_viscosity > 0.0:
             share = self.added_viscosity / reference / (viscous.factor * rho)
             thickened = viscous.weight.copy()
-            over_rows(_thicken, ops.n, ops.start, ops.column, ops.lap, near, share, thickened)
+            over_rows(_thicken, ops.n, ops.start, ops.column, ops.lap, everyone(near), share, thickened)
             viscous = replace(viscous, weight=thickened)
         if thick:
             smooth = ~near
@@ -177,7 +193,7 @@ class TwoFluids:
             lap_p, grad_p, symmetric = (np.empty_like(weight) for weight in weights)
             over_rows(_weigh_pressure, ops.n, ops.start, ops.column, t, rho, weights, (lap_p, grad_p, symmetric))
         if walls is not None:
-            nu = mu / rho
+            nu = mu[: ops.n] / rho[: ops.n]
             viscous_walls = WallSums(nu * walls.lap, nu[:, None] * walls.lap_velocity, walls.div, walls.div_velocity,
                                      None if walls.slip is None else nu[:, None, None] * walls.slip)
             walls = replace(walls, symmetric_laplacian=symmetric)
@@ -185,7 +201,7 @@ class TwoFluids:
 
 
 def _row_laplacians(terms: Terms, p: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """The Laplacian of eq. 3 of p (n,) without its jumps at particles `rows` (m,), (m,)."""
+    """The Laplacian of eq. 3 of p (n + remote,) without its jumps at particles `rows` (m,), (m,)."""
     sums = np.zeros(len(rows))
     over_rows(_row_sums, len(rows), rows, _laplacian(terms), p, sums)
     return sums - _jumps(terms, rows)
@@ -230,7 +246,7 @@ class TransposedStress:
         return cls(rows, start, column, tensor)
 
     def add(self, u: np.ndarray, out: np.ndarray, factor: float) -> None:
-        """out += factor times the stress; u, out: (n, dim)."""
+        """out += factor times the stress; u: (n + remote, dim); out: (n, dim)."""
         given = self.rows, self.start, self.column, self.tensor
         over_rows(_add_transposed_stress, len(self.rows), given, u, out, factor)
 
@@ -268,19 +284,34 @@ def _row_sums(turns, rows, pairs, p, sums):
             sums[m] += lap[k] * (p[column[k]] - p[i])
 
 
+def _balanced(rows: np.ndarray, now: Terms, sums: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """p (n,) with values at particles `rows` (m,) for which  lap p - jumps = sums (m,): a row of particles can change
+    at once, on several processes, whose order the result must not tell."""
+    pairs, right, most = _laplacian(now), -_jumps(now, rows) - sums, 0.0
+    for _ in range(SWEEPS):
+        everyone = now.ops.exchange.forward(p)
+        change = reduce.largest(np.array([_sweep(rows, pairs, right, everyone)]))
+        p, most = everyone[: len(p)], max(most, change)
+        if not change > SETTLED * most:
+            break
+    return p
+
+
 @njit(cache=True)
-def _balance(rows, pairs, jumps, sums, p, sweeps):
-    """Sweeps of Gauss and Seidel over `rows` (m,) of  lap p - jumps = sums: a row of particles can change at once."""
+def _sweep(rows, pairs, right, p):
+    """One sweep of Gauss and Seidel over `rows` (m,); returns the largest change."""
     start, column, lap = pairs
-    for _ in range(sweeps):
-        for m in range(len(rows)):
-            i = rows[m]
-            mean, total = -jumps[m] - sums[m], 0.0
-            for k in range(start[i], start[i + 1]):
-                mean += lap[k] * p[column[k]]
-                total += lap[k]
-            if total > 0.0:
-                p[i] = mean / total
+    largest = 0.0
+    for m in range(len(rows)):
+        i = rows[m]
+        mean, total = right[m], 0.0
+        for k in range(start[i], start[i + 1]):
+            mean += lap[k] * p[column[k]]
+            total += lap[k]
+        if total > 0.0:
+            largest = max(largest, abs(mean / total - p[i]))
+            p[i] = mean / total
+    return largest
 
 
 @njit(cache=True, nogil=True)

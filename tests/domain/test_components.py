@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isphcli.domain.components import ComponentMeans, pair_components
+from isphcli.domain.components import ComponentMeans, pair_components, parts_of
 from isphcli.operators.assemble import assemble
 from tests.solvers.systems import operators, solve
 
@@ -46,3 +46,14 @@ def test_component_means():
     assert ComponentMeans(labels).remove(v).tolist() == [-1.0, -5.0, 1.0, 0.0, 5.0]
     assert ComponentMeans(np.zeros(5, int)).remove(v).sum() == pytest.approx(0.0, abs=1e-14)
     assert v[0] == 1.0
+
+
+def test_parts_of_some_particles():
+    """Of a row of seven, without the third and without the link between the fifth and the sixth: three parts."""
+    start = np.array([0, 1, 3, 5, 7, 9, 11, 12])
+    column = np.array([1, 0, 2, 1, 3, 2, 4, 3, 5, 4, 6, 5], np.int32)
+    inside = np.arange(7) != 2
+    joined = ~np.isin(np.arange(12), [8, 9])
+    count, part = parts_of(start, column, inside, joined)
+    assert count == 3 and part.tolist() == [0, 0, -1, 1, 1, 2, 2]
+    assert parts_of(start, column, np.zeros(7, bool))[0] == 0 and parts_of(start, column, np.ones(7, bool))[0] == 1

@@ -1,11 +1,36 @@
-"""Of one process; remote particles are tested by tests/test_ranks.py, whose operators need them."""
+"""Of one process, and of two that are threads; tests/test_ranks.py has operators of real ones."""
 
 import numpy as np
 
-from isphcli.domain.exchange import NO_EXCHANGE
+from isphcli.domain.exchange import NO_EXCHANGE, NeighbourExchange
+from tests.domain.wires import counts, on_all, wires
 
 
 def test_one_process_has_no_remote_particles():
     values = np.arange(6.0).reshape(3, 2)
-    assert NO_EXCHANGE.forward(values) is values and NO_EXCHANGE.remote == 0
+    assert NO_EXCHANGE.forward(values) is values and NO_EXCHANGE.summed(values) is values and NO_EXCHANGE.remote == 0
     assert NO_EXCHANGE.numbers(3).tolist() == [0, 1, 2]
+
+
+def two():
+    """Particles 0, 1, 2 of the first process, of which the second sees 2 and 0, and 10, 11 of the second, of which the
+    first sees 11; the remote ones of the second stand the other way round than they arrive."""
+    a, b = wires(2)
+    return (NeighbourExchange(a, np.array([2, 0]), counts(0, 2), counts(0, 1)),
+            NeighbourExchange(b, np.array([1]), counts(1, 0), counts(2, 0), np.array([1, 0])))
+
+
+def test_values_of_remote_particles():
+    a, b = two()
+    first, second = on_all([lambda: a.forward(np.array([0.0, 1.0, 2.0])), lambda: b.forward(np.array([10.0, 11.0]))])
+    assert first.tolist() == [0.0, 1.0, 2.0, 11.0] and second.tolist() == [10.0, 11.0, 0.0, 2.0]
+    assert (a.sent, b.sent) == (16, 8)  # bytes
+
+
+def test_sums_of_what_processes_have_for_a_particle():
+    """Every process that sees a particle gets the sum of all that have something for it."""
+    a, b = two()
+    first, second = on_all([lambda: a.summed(np.array([[1, 1], [2, 0], [3, 0], [100, 5]])),
+                            lambda: b.summed(np.array([[10, 0], [20, 0], [1000, 1], [3000, 0]]))])
+    assert first.tolist() == [[1001, 2], [2, 0], [3003, 0], [120, 5]]
+    assert second.tolist() == [[10, 0], [120, 5], [1001, 2], [3003, 0]]

@@ -74,7 +74,7 @@ ALLOWED = {
     ("flow.timed_drive", "np.linalg.norm(vectors, axis=-1)"): AXES,
     ("flow.timed_drive", "np.linalg.norm(vectors, axis=-1).max()"): TIMES,
     ("flow.viscous_solve", "matrix @ exchange.forward(v)"): MATRIX,
-    ("flow.viscous_solve", "matrix @ exchange.forward(u)"): MATRIX,
+    ("flow.viscous_solve", "matrix @ everyone"): MATRIX,
     ("flow.viscous_solve", "np.einsum('nkm,nm->nk', slip, u)"): OWN,
     ("flow.viscous_solve", "np.abs(scaled - apply(solution)).reshape(n, dim).max(axis=1)"): OWN,
     ("flow.volume_control", "self.wanted.max()"): BLOCKS,
@@ -106,8 +106,8 @@ ALLOWED = {
     ("solvers.pair_cycle", "self.prolongation.T @ rest"): ONE,
     ("solvers.pair_cycle", "self.coarse @ y"): ONE,
     ("solvers.pair_cycle", "self.prolongation @ y"): ONE,
-    ("two_phase.contact_angle", "owner.max()"): "the number of rows of the table of positions of this process",
-    ("two_phase.contact_angle", "sees[owner].all(axis=1)"): FLUIDS,
+    ("two_phase.contact_angle", "owner.max(initial=-1)"): "the number of rows of the table of this process",
+    ("two_phase.contact_angle", "(sees[owner] > 0).all(axis=1)"): FLUIDS,
     ("two_phase.interface", "np.einsum('ij,ij->i', fit.slope, fit.slope)"): OWN,
     ("two_phase.interface", "area.sum()"): "over the connected pieces of the interface, of which every process has all",
     ("two_phase.interface_rules", "np.mean(density)"): FLUIDS,
@@ -126,7 +126,7 @@ ALLOWED = {
     ("two_phase.measures", "points @ normal"): VECTOR,
     ("two_phase.measures", "middle @ normal"): VECTOR,
     ("two_phase.measures", "centre @ centre"): VECTOR,
-    ("two_phase.measures", "np.diff(along, append=along[0] + length).max()"): GATHERED,
+    ("two_phase.measures", "gaps.max(initial=0.0)"): "over the layers across an axis, of which every process has all",
     ("two_phase.measures", "np.argmin(depth)"): GATHERED,
     ("two_phase.measures", "np.ptp(foot)"): GATHERED,
     ("two_phase.measures", "foot.mean()"): GATHERED,
@@ -204,3 +204,14 @@ def test_values():
     label = np.array([2, 0, 2, 0])
     assert reduce.total_by(label).tolist() == [2, 0, 2]
     assert reduce.total_by(label, weight, 4).tolist() == [3.0, 0.0, 3.0, 0.0]
+
+
+def test_sums_by_label_of_no_particles_are_numbers_like_those_of_others():
+    """A process without particles adds zeros of the same type: integers in their place were added bit by bit."""
+    none = np.zeros(0, np.int64)
+    assert reduce.total_by(none, np.zeros(0), 3).dtype == float and reduce.total_by(none, labels=3).dtype == np.int64
+
+
+def test_largest_by_label():
+    found = reduce.largest_by(np.array([2, 0, 2]), np.array([1.0, -5.0, 3.0]), 4)
+    assert found.tolist() == [-5.0, -np.inf, 3.0, -np.inf]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from isphcli.domain.exchange import NeighbourExchange
 from isphcli.domain.halo import wrap
 from isphcli.domain.lattice import make_lattice
 from isphcli.geometry.bodies import Shape, Sphere
@@ -13,6 +14,7 @@ from isphcli.operators.apply import laplacian
 from isphcli.operators.wall_operators import WallScene
 from isphcli.operators.wall_weights import build_wall_operators
 from isphcli.scene.place import place
+from tests.domain.wires import counts, on_all, wires
 from tests.threads import on_threads
 
 SPACING = 1 / 12
@@ -117,3 +119,20 @@ def test_bits_do_not_depend_on_the_threads(monkeypatch):
     first, *others = on_threads(monkeypatch, results)
     for other in others:
         assert all(np.array_equal(a, b) for a, b in zip(first, other))
+
+
+def test_a_process_that_sees_nobody_sends_its_tensors_to_those_who_see_it():
+    """The first of two processes has no remote particle, the second sees two of its particles: it waits for them."""
+    a, b = wires(2)
+    one = NeighbourExchange(a, np.array([1, 0]), counts(0, 2), counts(0, 0))
+    other = NeighbourExchange(b, np.zeros(0, np.int64), counts(0, 0), counts(2, 0))
+    rng, blank = np.random.default_rng(0), np.zeros(0)
+    row = np.array([0, 1, 0], np.int32)  # of the first; the second has one particle
+    factors = [factored.Factors(row[:n], blank, blank, rng.normal(size=(2, 2, 2)), np.zeros(2), blank,
+                                rng.normal(size=(2, 2, 6))) for n in (3, 1)]
+    first, second = on_all([lambda: factored._with_remote(factors[0], one),
+                            lambda: factored._with_remote(factors[1], other)])
+    assert np.array_equal(first.row, row) and second.row.tolist() == [0, 2, 3]
+    for name in ("gradient_p", "k_tensor_p"):
+        mine, seen = getattr(factors[0], name), getattr(second, name)
+        assert np.array_equal(getattr(first, name), mine) and np.array_equal(seen[2:], mine[[1, 0]])

@@ -1,0 +1,74 @@
+"""What a case costs each of several processes, before anything is started on a cluster."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..runs.ranks import not_distributed
+from ..scene import memory
+from ..scene.image_geometry import in_parts
+from .report import CheckReport, ShareOfRank, in_bytes
+
+if TYPE_CHECKING:
+    from ..geometry.protocol import Geometry
+
+BYTES_PROGRAM = 2.5e8  # Python, its libraries, MPI and PETSc: 245 MB, 2026-11-29
+FEWEST = 20_000  # fluid particles of a process, below which most of what it sees belongs to others
+# Wall time of one process, over their number, times the own and remote particles over the own ones, that N processes
+# take: 32.1 s of 50.3 s on two quiet cores, Berea 128^3 at 7469db6 (docs/clusters.md), 11 % remote
+WAITS = 1.15
+MARGIN = 7  # voxels of an image beside its brick that a process holds (geometry/image_brick.py), and a support
+
+
+def bricks(size: np.ndarray, count: int) -> np.ndarray:
+    """Edges (count, dim) of the bricks of so many processes in a box of edges (dim,) that fluid fills evenly: what
+    `domain.cut.Cut` makes of it."""
+    if count == 1:
+        return np.array([size])
+    axis, low = int(np.argmax(size)), count // 2
+    parts = []
+    for number in (low, count - low):
+        part = size.astype(float)
+        part[axis] *= number / count
+        parts.append(bricks(part, number))
+    return np.concatenate(parts)
+
+
+def of_ranks(result: CheckReport, geometry: Geometry, count: int) -> None:
+    """Adds to a CheckReport what each of `count` processes holds and takes, at most, and what stands against them."""
+    case, dim = result.case, result.dim
+    finest = min(case.spacings) if case.flow == "stokes" else case.particles.spacing
+    fluid = result.particles["fluid"] * (case.particles.spacing / finest) ** dim
+    size, reach = geometry.upper - geometry.lower, case.support * finest
+    edges = bricks(size, count)
+    volume, seen = edges.prod(axis=1), np.minimum(edges + 2.0 * reach, size).prod(axis=1)
+    remote = float(((seen - volume) / np.prod(size)).max()) * fluid
+    own = fluid / count
+    dummies = result.particles.get("dummy", 0) * fluid / result.particles["fluid"] * float((seen / np.prod(size)).max())
+    solved = case if count == 1 else replace(case, solver=replace(case.solver, engine="petsc"))
+    need = memory.estimate(solved, dim, geometry.has_solid, own + remote, dummies, two=len(case.fluids) > 1)
+    need["program"] = BYTES_PROGRAM
+    by_parts = geometry.voxel_size is not None and in_parts(case)
+    if geometry.voxel_size is not None:
+        near = np.minimum(edges + 2.0 * (reach + MARGIN * geometry.voxel_size), size) / geometry.voxel_size
+        whole = np.prod(size / geometry.voxel_size)
+        need["image"] = memory.BYTES_VOXEL * float(near.prod(axis=1).max() if by_parts else whole)
+    seconds = None
+    if result.seconds is not None:
+        seconds = result.seconds / count * (1.0 + remote / own) * WAITS if count > 1 else result.seconds
+    result.ranks = ShareOfRank(count, own, remote, need, seconds)
+    if count > 1:
+        result.errors += [f"{found.key}: {found.message}; {found.fix}" for found in not_distributed(case, count)]
+    if count > fluid:
+        result.errors.append(f"{count:,} processes for {fluid:,.0f} fluid particles: some would have none; take fewer")
+    elif count > 1 and own < FEWEST:
+        most = max(int(fluid / FEWEST), 1)
+        result.warnings.append(f"{own:,.0f} fluid particles a process, and about {remote:,.0f} remote ones: fewer than "
+                               f"{FEWEST:,} are not worth it; up to {most:,} processes are")
+    image = need.get("image", 0.0)
+    if count > 1 and not by_parts and image > 0.5 * sum(need.values()):
+        result.warnings.append(f"each process holds the whole image, {in_bytes(image)}: of labels with "
+                               "geometry.wall_distance: stairs it would hold a part")

@@ -1,0 +1,57 @@
+"""What each of several processes is said to hold, against what they had; and what stands against them."""
+
+import numpy as np
+import pytest
+
+from isphcli.case.load import load_case
+from isphcli.preflight.check import check
+from isphcli.preflight.ranks import bricks
+from tests.paths import CASES
+from tests.preflight.cases import IMAGE, SPHERE, read
+
+
+def test_bricks_are_those_of_the_cut():
+    """Across the longest edge, in the shares of the processes; together they are the box."""
+    assert bricks(np.array([4.0, 2.0]), 3).tolist() == [[4 / 3, 2.0], [4 / 3, 2.0], [4 / 3, 2.0]]
+    assert bricks(np.array([4.0, 2.0]), 4).tolist() == [[1.0, 2.0]] * 4
+    for count in (1, 7, 64):
+        assert bricks(np.array([3.0, 2.0, 1.0]), count).prod(axis=1).sum() == pytest.approx(6.0)
+
+
+def test_two_processes_of_a_box_full_of_fluid():
+    """Taylor-Green 32^3 (docs/clusters.md): 16,384 particles, of which others see two supports' faces; 4,264 and 4,360
+    remote ones and 0.36 GB were measured."""
+    case = load_case(CASES / "taylor_green_3d.yaml", ("particles.spacing=0.03125",))
+    ranks = check(case, ranks=2).ranks
+    assert ranks.fluid == 16384 and ranks.remote == pytest.approx(2 * 2.1 * 32**2)
+    assert sum(ranks.memory.values()) == pytest.approx(0.36e9, rel=0.15)
+
+
+def test_one_process_has_no_remote_particles_and_the_time_of_one():
+    report = check(read(SPHERE), ranks=1)
+    assert report.ranks.remote == 0.0 and report.ranks.seconds == report.seconds and report.can_run
+
+
+def test_processes_that_are_not_worth_it_and_those_that_are_too_many():
+    report = check(read(SPHERE), ranks=4)
+    assert report.can_run and any("not worth it; up to 1 processes" in text for text in report.warnings)
+    report = check(read(SPHERE), ranks=5000)
+    assert not report.can_run and "5,000 processes" in report.errors[0]
+
+
+def test_what_is_not_distributed_is_refused():
+    report = check(read(SPHERE, "particles.jitter=0.1"), ranks=2)
+    assert not report.can_run and "particles.jitter: no jitter in steady flow on 2 processes" in report.errors[0]
+    assert check(read(SPHERE, "particles.jitter=0.1")).can_run
+
+
+def test_an_image_is_held_whole_or_by_parts(tmp_path):
+    """40 bytes a voxel of all, clear layers included, or of a brick and its margin."""
+    image = np.zeros((20, 20, 200), np.uint8)
+    image[:, :3] = 1
+    np.save(tmp_path / "rock.npy", image)
+    text = IMAGE.replace("rock.npy", str(tmp_path / "rock.npy"))
+    whole, part = (check(read(text, f"geometry.wall_distance={kind}"), ranks=4).ranks.memory["image"]
+                   for kind in ("smooth", "stairs"))
+    assert 40 * image.size <= whole < 46 * image.size and 0.25 * whole < part < 0.5 * whole
+    assert "each of 4: " in check(read(text), ranks=4).text()
