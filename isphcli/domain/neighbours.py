@@ -10,6 +10,7 @@ from numba import njit
 
 from .row_threads import over_rows
 
+AT_ONCE = 1_000_000  # neighbours that are found before they are put aside: 4 MB
 FINE = 3  # cells are this much shorter along x, where those in line are contiguous: fewer pairs tried in vain
 
 
@@ -98,14 +99,22 @@ def find_pairs(x: np.ndarray, n: int, support: float) -> Pairs:
     width = np.maximum((upper - lower) / cells, narrowest) * (1.0 + 1e-12)
     order, first, cell, sorted_x = _bin(x, lower, 1.0 / width, cells)
     grid = CellList(order, first, cell, sorted_x, cells)
-    start = np.zeros(n + 1, dtype=np.int64)
-    over_rows(_count, n, x, grid, support * support, start[1:])
-    np.cumsum(start, out=start)
-    index = np.empty(start[-1], dtype=np.int32)
     reach = min(2 * FINE + 1, cells[0])
-    longest = _longest(start), int((first[reach:] - first[:-reach]).max(initial=0))
-    over_rows(_fill, n, x, grid, support * support, longest, start, index)
-    return Pairs(start, index)
+    candidates = int((first[reach:] - first[:-reach]).max(initial=0))  # of one line of cells
+    counts = np.zeros(n + 1, dtype=np.int64)
+
+    def fill(rows: tuple[int, int]) -> list[np.ndarray]:
+        begin, end = rows
+        parts: list[np.ndarray] = []
+        scratch = np.empty(9 * candidates + 2, np.int32), np.empty(candidates, np.uint8)
+        while begin < end:
+            part = np.empty(max(AT_ONCE, len(scratch[0])), np.int32)
+            begin, found = _fill((begin, end), x, grid, support * support, scratch, counts[1:], part)
+            parts.append(part[:found])
+        return parts
+
+    parts = over_rows(fill, n)
+    return Pairs(np.cumsum(counts), np.concatenate([part for some in parts for part in some]))
 
 
 def _longest(start: np.ndarray) -> int:
@@ -169,19 +178,7 @@ def _runs(cx, cy, cz, first, cells, runs):
     return count
 
 
-# The next two do the same arithmetic: what one counts the other finds. Unsigned loops spare the check for
-# negative indices, which keeps LLVM from vectorising.
-
-
-@njit(cache=True)
-def _count_run(begin, end, point, sorted_x, reach2):
-    """How many of the sorted rows from begin to end are within reach of a point (x, y, z)."""
-    (x0, x1, x2), (xs, ys, zs) = point, sorted_x
-    found = 0
-    for k in range(np.uint64(begin), np.uint64(end)):
-        d0, d1, d2 = xs[k] - x0, ys[k] - x1, zs[k] - x2
-        found += d0 * d0 + d1 * d1 + d2 * d2 < reach2
-    return found
+# Unsigned loops spare the check for negative indices, which keeps LLVM from vectorising.
 
 
 @njit(cache=True)
@@ -199,35 +196,22 @@ def _fill_run(run, point, sorted_x, order, reach2, scratch, found):
 
 
 @njit(cache=True, nogil=True)
-def _count(rows, x, grid, reach2, counts):
-    """Neighbours of rows of x (n_rows, dim) into counts (n,)."""
-    first, cell, cells = grid.first, grid.cell, grid.cells
+def _fill(rows, x, grid, reach2, scratch, counts, index):
+    """Neighbours of rows of x (n_rows, dim) one after the other into index, their numbers into counts (n,), until the
+    next row might not find room; returns that row and how many there are. scratch: see `_fill_run`."""
+    order, first, cell, cells, row = grid.order, grid.first, grid.cell, grid.cells, scratch[0]
     sorted_x = grid.x[0], grid.x[1], grid.x[2]
-    runs = np.empty((9, 2), np.int64)
+    runs, at = np.empty((9, 2), np.int64), 0
     for i in range(rows[0], rows[1]):
-        found = -1  # the particle itself is not its neighbour
+        if at + len(row) > len(index):
+            return i, at
+        found, begin = 0, at
         x2 = x[i, 2] if x.shape[1] == 3 else 0.0
         for r in range(_runs(cell[i, 0], cell[i, 1], cell[i, 2], first, cells, runs)):
-            found += _count_run(runs[r, 0], runs[r, 1], (x[i, 0], x[i, 1], x2), sorted_x, reach2)
-        counts[i] = found
-
-
-@njit(cache=True, nogil=True)
-def _fill(rows, x, grid, reach2, longest, start, index):
-    """Those neighbours into index. longest: of all rows, the most neighbours; of all runs, the most rows."""
-    order, first, cell, cells = grid.order, grid.first, grid.cell, grid.cells
-    sorted_x = grid.x[0], grid.x[1], grid.x[2]
-    runs = np.empty((9, 2), np.int64)
-    row = np.empty(longest[0] + 2, np.int32)  # with the particle itself, and a place to write to in vain
-    inside = np.empty(longest[1], np.uint8)
-    for i in range(rows[0], rows[1]):
-        found = 0
-        x2 = x[i, 2] if x.shape[1] == 3 else 0.0
-        for r in range(_runs(cell[i, 0], cell[i, 1], cell[i, 2], first, cells, runs)):
-            found = _fill_run((runs[r, 0], runs[r, 1]), (x[i, 0], x[i, 1], x2), sorted_x, order, reach2,
-                              (row, inside), found)
-        at = start[i]
+            found = _fill_run((runs[r, 0], runs[r, 1]), (x[i, 0], x[i, 1], x2), sorted_x, order, reach2, scratch, found)
         for k in range(found):
-            if row[k] != i:
+            if row[k] != i:  # the particle itself is not its neighbour
                 index[at] = row[k]
                 at += 1
+        counts[i] = at - begin
+    return rows[1], at

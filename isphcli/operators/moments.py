@@ -35,23 +35,32 @@ REDUCE = {"reassoc", "contract", "nsz"}
 def particle_volumes(neighbours: Neighbourhood) -> np.ndarray:
     """V_i = 1 / sum_j W_ij, the sum over all neighbours and j = i (eq. 7), (n,) m^dim."""
     volume = np.empty(neighbours.n)
-    over_rows(_volumes, neighbours.n, neighbours, volume)
+    over_rows(_volumes, neighbours.n, neighbours, volume, work=lambda: np.empty(neighbours.longest))
     return volume
 
 
-@njit(cache=True, nogil=True)
-def _volumes(rows, neighbours, volume):
+@njit(cache=True, nogil=True, fastmath=REDUCE)
+def _volumes(rows, q, neighbours, volume):
     x, start, index = neighbours.x, neighbours.start, neighbours.row
-    kind, support = neighbours.kind, neighbours.support
-    dim = x.shape[1]
-    scale = normalisation(kind, support, dim)
+    kind, per_support, dim = neighbours.kind, 1.0 / neighbours.support, x.shape[1]
+    last, deep = dim - 1, 1.0 if dim == 3 else 0.0
+    scale = normalisation(kind, neighbours.support, dim)
     for i in range(rows[0], rows[1]):
-        total = shape(kind, 0.0)
-        for p in range(start[i], start[i + 1]):
-            r2 = 0.0
-            for k in range(dim):
-                r2 += (x[index[p], k] - x[i, k]) ** 2
-            total += shape(kind, math.sqrt(r2) / support)
+        begin, count = np.uint64(start[i]), np.uint64(start[i + 1] - start[i])
+        x0, x1, x2, total = x[i, 0], x[i, 1], x[i, last], shape(kind, 0.0)
+        for k in range(count):
+            j = np.uint32(index[begin + k])
+            r2 = (x[j, 0] - x0) ** 2 + (x[j, 1] - x1) ** 2 + deep * (x[j, last] - x2) ** 2
+            q[k] = min(math.sqrt(r2) * per_support, 1.0)
+        if kind == WENDLAND_C2:  # as in `gather_stencil`
+            for k in range(count):
+                total += shape(WENDLAND_C2, q[k])
+        elif kind == WENDLAND_C4:
+            for k in range(count):
+                total += shape(WENDLAND_C4, q[k])
+        else:
+            for k in range(count):
+                total += shape(QUINTIC_SPLINE, q[k])
         volume[i] = 1.0 / (scale * total)  # eq. 7
 
 
