@@ -27,6 +27,7 @@ from ..domain.row_threads import over_rows
 from .kernel import QUINTIC_SPLINE, WENDLAND_C2, WENDLAND_C4, normalisation, shape, slope
 from .neighbourhood_class import LOPSIDED, ROUND, SINGULAR, THIN
 
+SWEEPS = 6  # of rotations: what is beside the diagonal is squared by each, and is round-off after four
 LANES = 8  # rows are padded to a multiple of this many neighbours: whole vectors
 # LLVM vectorises a sum only if it may reorder it. NaN and infinity keep their meaning (no nnan, no ninf).
 REDUCE = {"reassoc", "contract", "nsz"}
@@ -279,22 +280,42 @@ def extremes_3d(xx, yy, zz, yz, xz, xy):
     return mean + 2.0 * size * math.cos(angle + 2.0 * math.pi / 3.0), mean + 2.0 * size * math.cos(angle)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _pseudo_inverse(moments, dim, g, whole):
-    """Returns True where it left a direction out."""
-    a = np.empty((dim, dim))
-    for k in range(dim):
-        for m in range(dim):
-            a[k, m] = moments[_SECOND[k, m]]
-    values, vectors = np.linalg.eigh(a)
-    thin = False
+    """Adds it to g, by Jacobi's rotations (numpy's eigh took a second to compile); returns True where it left a
+    direction out."""
+    tensor, vectors = np.empty((3, 3)), np.empty((3, 3))
+    for k in range(3):
+        for m in range(3):
+            tensor[k, m], vectors[k, m] = moments[_SECOND[k, m]], 1.0 if k == m else 0.0
+    for _ in range(SWEEPS):
+        for k in range(dim - 1):
+            for m in range(k + 1, dim):
+                if tensor[k, m] == 0.0:
+                    continue
+                ratio = 0.5 * (tensor[m, m] - tensor[k, k]) / tensor[k, m]
+                tangent = math.copysign(1.0, ratio) / (abs(ratio) + math.sqrt(ratio * ratio + 1.0))
+                c = 1.0 / math.sqrt(tangent * tangent + 1.0)
+                s = tangent * c
+                for r in range(dim):
+                    a, b = tensor[r, k], tensor[r, m]
+                    tensor[r, k], tensor[r, m] = c * a - s * b, s * a + c * b
+                    a, b = vectors[r, k], vectors[r, m]
+                    vectors[r, k], vectors[r, m] = c * a - s * b, s * a + c * b
+                for r in range(dim):
+                    a, b = tensor[k, r], tensor[m, r]
+                    tensor[k, r], tensor[m, r] = c * a - s * b, s * a + c * b
+                tensor[k, m] = tensor[m, k] = 0.0
+    largest, thin = whole, False
     for v in range(dim):
-        if not values[v] > THIN * max(values[dim - 1], whole):
+        largest = max(largest, tensor[v, v])
+    for v in range(dim):
+        if not tensor[v, v] > THIN * largest:
             thin = True
         else:
             for k in range(dim):
                 for m in range(dim):
-                    g[k, m] += vectors[k, v] * vectors[m, v] / values[v]
+                    g[k, m] += vectors[k, v] * vectors[m, v] / tensor[v, v]
     return thin
 
 
