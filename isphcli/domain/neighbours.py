@@ -10,7 +10,10 @@ from numba import njit
 
 from .row_threads import over_rows
 
-FINE = 3  # cells are this much shorter along x, where those in line are contiguous: fewer pairs tried in vain
+AT_ONCE = 1_000_000  # neighbours that are found before they are put aside: 4 MB
+# Cells are this much shorter along the last axis, where those in line are contiguous: fewer pairs tried in vain.
+# Particles are numbered along that axis first (`domain.lattice`): neighbours then come in rising numbers.
+FINE = 3
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class Neighbourhood(NamedTuple):
 
 
 class CellList(NamedTuple):
-    """The rows of a table of positions sorted by cell, as kernels take them.
+    """The rows of a table of positions sorted by cell, as kernels take them; axes from the last to the first one.
 
     order: (n_rows,) int32 rows in the order of their cells; first: first place of each cell in it; cell: (n_rows, 3)
     int32 of each row; x: (3, n_rows) coordinates in that order, m: neighbours in space are neighbours in memory; cells:
@@ -88,7 +91,10 @@ def find_pairs(x: np.ndarray, n: int, support: float) -> Pairs:
     """
     if n == 0:  # a process without particles
         return Pairs(np.zeros(1, np.int64), np.zeros(0, np.int32))
-    lower, upper = _extent(x)
+    columns = x.T[::-1]
+    lower, upper = np.zeros(3), np.zeros(3)
+    lower[: len(columns)] = [column.min() for column in columns]
+    upper[: len(columns)] = [column.max() for column in columns]
     narrowest = support / np.array([FINE, 1, 1])
     # clipped: the number of cells of a sparse scene in a huge box must not overflow
     cells = np.clip(np.floor((upper - lower) / narrowest), 1, 2**20).astype(np.int64)
@@ -96,16 +102,28 @@ def find_pairs(x: np.ndarray, n: int, support: float) -> Pairs:
     while cells.prod() > max(64, 4 * len(x)):
         cells = np.maximum(1, cells // 2)
     width = np.maximum((upper - lower) / cells, narrowest) * (1.0 + 1e-12)
-    order, first, cell, sorted_x = _bin(x, lower, 1.0 / width, cells)
-    grid = CellList(order, first, cell, sorted_x, cells)
-    start = np.zeros(n + 1, dtype=np.int64)
-    over_rows(_count, n, x, grid, support * support, start[1:])
-    np.cumsum(start, out=start)
-    index = np.empty(start[-1], dtype=np.int32)
+    # arrays made in a kernel are compiled
+    grid = CellList(np.empty(len(x), np.int32), np.zeros(cells.prod() + 1, np.int64), np.zeros((len(x), 3), np.int32),
+                    np.zeros((3, len(x))), cells)
+    first = grid.first
+    _bin(x, lower, 1.0 / width, np.empty(len(x), np.int64), grid)
+    first[1:], first[0] = first[:-1].copy(), 0  # where each cell has ended is where the next one begins
     reach = min(2 * FINE + 1, cells[0])
-    longest = _longest(start), int((first[reach:] - first[:-reach]).max(initial=0))
-    over_rows(_fill, n, x, grid, support * support, longest, start, index)
-    return Pairs(start, index)
+    candidates = int((first[reach:] - first[:-reach]).max(initial=0))  # of one line of cells
+    counts = np.zeros(n + 1, dtype=np.int64)
+
+    def fill(rows: tuple[int, int]) -> list[np.ndarray]:
+        begin, end = rows
+        parts: list[np.ndarray] = []
+        scratch = np.empty(9 * candidates + 2, np.int32), np.empty(candidates, np.uint8), np.empty((9, 2), np.int64)
+        while begin < end:
+            part = np.empty(max(AT_ONCE, len(scratch[0])), np.int32)
+            begin, found = _fill((begin, end), x, grid, support * support, scratch, counts[1:], part)
+            parts.append(part[:found])
+        return parts
+
+    parts = over_rows(fill, n)
+    return Pairs(np.cumsum(counts), np.concatenate([part for some in parts for part in some]))
 
 
 def _longest(start: np.ndarray) -> int:
@@ -114,51 +132,30 @@ def _longest(start: np.ndarray) -> int:
 
 
 @njit(cache=True)
-def _extent(x):
-    """Corners of the smallest box round x, (3,) each."""
-    lower, upper = np.zeros(3), np.zeros(3)
-    for axis in range(x.shape[1]):
-        lower[axis] = upper[axis] = x[0, axis]
-    for k in range(x.shape[0]):
-        for axis in range(x.shape[1]):
-            lower[axis], upper[axis] = min(lower[axis], x[k, axis]), max(upper[axis], x[k, axis])
-    return lower, upper
-
-
-@njit(cache=True)
-def _bin(x, lower, per_width, cells):
-    """Counting sort of the rows by cell.
-
-    Returns the rows in the order of their cells, the first place of each cell in it, the cell of each row
-    and the sorted coordinates (3, n_rows): neighbours in space are neighbours in memory.
-    """
+def _bin(x, lower, per_width, flat, grid):
+    """Counting sort of the rows by cell into a CellList, whose `first` are zeros and become the ends of the cells.
+    flat: (n_rows,) int64, scratch."""
     n, dim = x.shape
-    cell = np.zeros((n, 3), np.int32)
-    flat = np.empty(n, np.int64)
-    first = np.zeros(cells[0] * cells[1] * cells[2] + 1, np.int64)
+    order, first, cell, sorted_x, cells = grid
     for k in range(n):
         for axis in range(dim):
-            cell[k, axis] = min(max(int((x[k, axis] - lower[axis]) * per_width[axis]), 0), cells[axis] - 1)
+            cell[k, axis] = min(max(int((x[k, dim - 1 - axis] - lower[axis]) * per_width[axis]), 0), cells[axis] - 1)
         flat[k] = (cell[k, 2] * cells[1] + cell[k, 1]) * cells[0] + cell[k, 0]
         first[flat[k] + 1] += 1
     for c in range(len(first) - 1):
         first[c + 1] += first[c]
-    order = np.empty(n, np.int32)
-    sorted_x = np.zeros((3, n))
-    cursor = first[:-1].copy()
     for k in range(n):
-        place = cursor[flat[k]]
-        cursor[flat[k]] += 1
+        place = first[flat[k]]
+        first[flat[k]] += 1
         order[place] = k
         for axis in range(dim):
-            sorted_x[axis, place] = x[k, axis]
-    return order, first, cell, sorted_x
+            sorted_x[axis, place] = x[k, dim - 1 - axis]
 
 
 @njit(cache=True)
 def _runs(cx, cy, cz, first, cells, runs):
-    """Sorted rows near a cell into runs[:, 0:2], begin and end; returns how many runs: cells in line along x
-    are contiguous."""
+    """Sorted rows near a cell into runs[:, 0:2], begin and end; returns how many runs: cells in line along
+    the first axis of `CellList` are contiguous."""
     count = 0
     left, right = max(cx - FINE, 0), min(cx + FINE + 1, cells[0])
     for z in range(max(cz - 1, 0), min(cz + 2, cells[2])):
@@ -169,25 +166,13 @@ def _runs(cx, cy, cz, first, cells, runs):
     return count
 
 
-# The next two do the same arithmetic: what one counts the other finds. Unsigned loops spare the check for
-# negative indices, which keeps LLVM from vectorising.
-
-
-@njit(cache=True)
-def _count_run(begin, end, point, sorted_x, reach2):
-    """How many of the sorted rows from begin to end are within reach of a point (x, y, z)."""
-    (x0, x1, x2), (xs, ys, zs) = point, sorted_x
-    found = 0
-    for k in range(np.uint64(begin), np.uint64(end)):
-        d0, d1, d2 = xs[k] - x0, ys[k] - x1, zs[k] - x2
-        found += d0 * d0 + d1 * d1 + d2 * d2 < reach2
-    return found
+# Unsigned loops spare the check for negative indices, which keeps LLVM from vectorising.
 
 
 @njit(cache=True)
 def _fill_run(run, point, sorted_x, order, reach2, scratch, found):
-    """Appends those rows to row[0:found]; returns the new number. run: begin, end; scratch: row, inside."""
-    (begin, end), (x0, x1, x2), (xs, ys, zs), (row, inside) = run, point, sorted_x, scratch
+    """Appends those rows to row[0:found]; returns the new number. run: begin, end; scratch: row, inside, runs."""
+    (begin, end), (x0, x1, x2), (xs, ys, zs), (row, inside, _) = run, point, sorted_x, scratch
     begin, end, found = np.uint64(begin), np.uint64(end), np.uint64(found)
     for k in range(begin, end):
         d0, d1, d2 = xs[k] - x0, ys[k] - x1, zs[k] - x2
@@ -199,35 +184,22 @@ def _fill_run(run, point, sorted_x, order, reach2, scratch, found):
 
 
 @njit(cache=True, nogil=True)
-def _count(rows, x, grid, reach2, counts):
-    """Neighbours of rows of x (n_rows, dim) into counts (n,)."""
-    first, cell, cells = grid.first, grid.cell, grid.cells
+def _fill(rows, x, grid, reach2, scratch, counts, index):
+    """Neighbours of rows of x (n_rows, dim) one after the other into index, their numbers into counts (n,), until the
+    next row might not find room; returns that row and how many there are. scratch: see `_fill_run`."""
+    order, first, cell, cells, row = grid.order, grid.first, grid.cell, grid.cells, scratch[0]
     sorted_x = grid.x[0], grid.x[1], grid.x[2]
-    runs = np.empty((9, 2), np.int64)
+    runs, at, last = scratch[2], 0, x.shape[1] - 1
     for i in range(rows[0], rows[1]):
-        found = -1  # the particle itself is not its neighbour
-        x2 = x[i, 2] if x.shape[1] == 3 else 0.0
+        if at + len(row) > len(index):
+            return i, at
+        found, begin = np.int64(0), at  # a literal 0 would be a type of its own
+        point = x[i, last], x[i, last - 1], x[i, 0] if last == 2 else 0.0
         for r in range(_runs(cell[i, 0], cell[i, 1], cell[i, 2], first, cells, runs)):
-            found += _count_run(runs[r, 0], runs[r, 1], (x[i, 0], x[i, 1], x2), sorted_x, reach2)
-        counts[i] = found
-
-
-@njit(cache=True, nogil=True)
-def _fill(rows, x, grid, reach2, longest, start, index):
-    """Those neighbours into index. longest: of all rows, the most neighbours; of all runs, the most rows."""
-    order, first, cell, cells = grid.order, grid.first, grid.cell, grid.cells
-    sorted_x = grid.x[0], grid.x[1], grid.x[2]
-    runs = np.empty((9, 2), np.int64)
-    row = np.empty(longest[0] + 2, np.int32)  # with the particle itself, and a place to write to in vain
-    inside = np.empty(longest[1], np.uint8)
-    for i in range(rows[0], rows[1]):
-        found = 0
-        x2 = x[i, 2] if x.shape[1] == 3 else 0.0
-        for r in range(_runs(cell[i, 0], cell[i, 1], cell[i, 2], first, cells, runs)):
-            found = _fill_run((runs[r, 0], runs[r, 1]), (x[i, 0], x[i, 1], x2), sorted_x, order, reach2,
-                              (row, inside), found)
-        at = start[i]
+            found = _fill_run((runs[r, 0], runs[r, 1]), point, sorted_x, order, reach2, scratch, found)
         for k in range(found):
-            if row[k] != i:
+            if row[k] != i:  # the particle itself is not its neighbour
                 index[at] = row[k]
                 at += 1
+        counts[i] = at - begin
+    return rows[1], at

@@ -16,6 +16,7 @@ from numba import njit
 from ..domain.neighbours import Neighbourhood
 from ..domain.row_threads import over_rows
 from ..operators.apply import gradient_one_sided, total_gradient
+from ..operators.moments import REDUCE
 from ..operators.pair_weights import Operators
 
 LONGEST = 0.1  # of the spacing: a longer shift is cut, so that the Taylor series stays good
@@ -55,65 +56,58 @@ def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray
 def taylor(ops: Operators, fields: np.ndarray, slope: np.ndarray, dr: np.ndarray, second: np.ndarray) -> np.ndarray:
     """fields (n, c) of slopes (n, c, dim) at positions displaced by dr (n, dim) (eq. 9); second: (n,) bool, where the
     second derivative is taken too, from the slopes of the neighbours."""
-    out = fields.copy()
-    slope = ops.exchange.forward(slope)
-    over_rows(_carry, ops.n, (ops.start, ops.column, ops.grad_p), fields, slope, dr, second, out)
+    out, slope = np.empty_like(fields), ops.exchange.forward(slope)
+    over_rows(_carry, ops.n, (ops.start, ops.column, ops.grad_p), fields, slope, dr, second, out,
+              work=lambda: np.empty(ops.neighbours.longest))
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=REDUCE, error_model="numpy")
 def _shift(rows, neighbours, amount, longest, out):
     x, start, index = neighbours.x, neighbours.start, neighbours.row
     dim = x.shape[1]
+    last, deep = dim - 1, 1.0 if dim == 3 else 0.0
     for i in range(rows[0], rows[1]):
-        mean = 0.0
-        for p in range(start[i], start[i + 1]):
-            r2 = 0.0
-            for k in range(dim):
-                r2 += (x[i, k] - x[index[p], k]) ** 2
-            mean += math.sqrt(r2)
+        s0, s1, s2, mean, together, x0, x1, x2 = 0.0, 0.0, 0.0, 0.0, 0, x[i, 0], x[i, 1], x[i, last]
+        for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            j = np.uint32(index[p])
+            d0, d1, d2 = x0 - x[j, 0], x1 - x[j, 1], deep * (x2 - x[j, last])
+            r2 = d0 * d0 + d1 * d1 + d2 * d2
+            r = math.sqrt(r2)
+            weight = 1.0 / (r2 * r) if r2 > 0.0 else 0.0  # eq. 8: (rbar / r)^2 e, rbar below
+            s0, s1, s2, mean = s0 + weight * d0, s1 + weight * d1, s2 + weight * d2, mean + r
+            together += r2 == 0.0
         mean /= max(start[i + 1] - start[i], 1)
-        for p in range(start[i], start[i + 1]):
-            j = index[p]
-            r2 = 0.0
-            for k in range(dim):
-                r2 += (x[i, k] - x[j, k]) ** 2
-            if r2 > 0.0:
-                weight = mean * mean / (r2 * math.sqrt(r2))  # eq. 8: (rbar / r)^2 e
-                for k in range(dim):
-                    out[i, k] += weight * (x[i, k] - x[j, k])
-            else:  # coincident particles part along x, one to each side
-                out[i, 0] += 100.0 if i < j else -100.0
-        length = 0.0
-        for k in range(dim):
-            out[i, k] *= amount
-            length += out[i, k] ** 2
-        length = math.sqrt(length)
-        if length > longest:
-            for k in range(dim):
-                out[i, k] *= longest / length
-    return out
+        s0, s1, s2 = s0 * mean * mean, s1 * mean * mean, s2 * mean * mean
+        if together > 0:  # coincident particles part along x, one to each side
+            for p in range(start[i], start[i + 1]):
+                j = index[p]
+                if x[j, 0] == x0 and x[j, 1] == x1 and x[j, last] == x2:
+                    s0 += 100.0 if i < j else -100.0
+        length = amount * math.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
+        factor = amount * longest / length if length > longest else amount
+        out[i, 0], out[i, 1] = factor * s0, factor * s1
+        if dim == 3:
+            out[i, 2] = factor * s2
 
 
-@njit(cache=True, nogil=True)
-def _carry(rows, pairs, f, slope, dr, second, out):
+@njit(cache=True, nogil=True, fastmath=REDUCE)
+def _carry(rows, along, pairs, f, slope, dr, second, out):
     start, column, grad = pairs
     width, dim = f.shape[1], grad.shape[1]
+    last, deep = dim - 1, 1.0 if dim == 3 else 0.0
     for i in range(rows[0], rows[1]):
+        d0, d1, d2 = dr[i, 0], dr[i, 1], deep * dr[i, last]
+        begin, count = np.uint64(start[i]), np.uint64(start[i + 1] - start[i]) if second[i] else np.uint64(0)
+        for k in range(count):
+            p = begin + k
+            along[k] = grad[p, 0] * d0 + grad[p, 1] * d1 + grad[p, last] * d2
         for c in range(width):
-            for k in range(dim):
-                out[i, c] += slope[i, c, k] * dr[i, k]  # eq. 9
-        if second[i]:
-            d0, d1, d2 = dr[i, 0], dr[i, 1], 0.0 if dim == 2 else dr[i, 2]
-            for c in range(width):
-                total, g0, g1, g2 = out[i, c], slope[i, c, 0], slope[i, c, 1], slope[i, c, dim - 1]
-                for p in range(start[i], start[i + 1]):
-                    j = column[p]
-                    along = grad[p, 0] * d0 + grad[p, 1] * d1
-                    bend = (slope[j, c, 0] - g0) * d0 + (slope[j, c, 1] - g1) * d1
-                    if dim == 3:
-                        along += grad[p, 2] * d2
-                        bend += (slope[j, c, 2] - g2) * d2
-                    total += 0.5 * along * bend  # beyond eq. 9: the second derivative
-                out[i, c] = total
-    return out
+            g0, g1, g2, s0, s1, s2 = slope[i, c, 0], slope[i, c, 1], slope[i, c, last], 0.0, 0.0, 0.0
+            for k in range(count):
+                a, j = along[k], np.uint32(column[begin + k])
+                s0 += a * (slope[j, c, 0] - g0)
+                s1 += a * (slope[j, c, 1] - g1)
+                s2 += a * (slope[j, c, last] - g2)
+            # eq. 9, and beyond it the second derivative
+            out[i, c] = f[i, c] + (g0 + 0.5 * s0) * d0 + (g1 + 0.5 * s1) * d1 + (g2 + 0.5 * s2) * d2

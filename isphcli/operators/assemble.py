@@ -10,19 +10,23 @@ from ..domain.row_threads import over_rows
 
 
 def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: float | np.ndarray, scale: float,
-             diagonal: np.ndarray | None = None, remote: int = 0) -> sp.csr_matrix:
+             diagonal: np.ndarray | None = None, remote: int = 0,
+             kept: tuple[np.ndarray, float] | None = None) -> sp.csr_matrix:
     """The matrix  shift - scale * L  in canonical CSR form, L f_i = sum_j w_ij (f_j - f_i) - diagonal_i f_i.
 
     weights: (n_pairs,); shift: a number or (n,); scale: a number; diagonal: (n,) wall sums or None; remote: columns of
-    remote particles, behind the n.
+    remote particles, behind the n. kept: (n_pairs,) sizes and the part of the sum of a row's below which a pair is left
+    out of L, or None where all are in it.
     """
-    n, size = len(start) - 1, len(column) + len(start) - 1
-    # scipy takes 4-byte row pointers only together with 4-byte columns
-    first = (start + np.arange(n + 1)).astype(np.int32 if size < 2**31 else np.int64)
-    index, entries = np.empty(size, first.dtype), np.empty(size)
+    n, (sizes, least) = len(start) - 1, (weights, 0.0) if kept is None else kept
     walls = np.zeros(0) if diagonal is None else diagonal
-    shifts = np.full(n, shift, float)
-    twice = over_rows(_put_rows, n, (start, column, weights), walls, shifts, scale, (index, entries))
+    given = (start, column, weights, sizes), walls, np.full(n, shift, float), (scale, least)
+    # scipy takes 4-byte row pointers only together with 4-byte columns
+    first = np.zeros(n + 1, np.int32 if len(column) + n < 2**31 else np.int64)
+    over_rows(_put_rows, n, *given, False, (first, np.empty(0, first.dtype), np.empty(0)))
+    np.cumsum(first, out=first)
+    index, entries = np.empty(first[-1], first.dtype), np.empty(first[-1])
+    twice = over_rows(_put_rows, n, *given, True, (first, index, entries))
     matrix = sp.csr_matrix((entries, index, first), shape=(n, n + remote))
     matrix.has_sorted_indices, matrix.has_canonical_format = True, not any(twice)
     matrix.sum_duplicates()  # of a neighbour that is seen through two sides of a thin box
@@ -46,16 +50,27 @@ def _row_sums(rows, start, values, total):
 
 
 @njit(cache=True, nogil=True)
-def _put_rows(rows, pairs, walls, shifts, scale, out):
-    """Columns, sorted, and entries of rows; returns whether a column occurs twice in one."""
-    start, column, weights = pairs
-    index, entries = out
+def _put_rows(rows, pairs, walls, shifts, scales, fill, matrix):
+    """Columns, sorted, and entries of rows, or their numbers into first[1:]; returns whether a column occurs twice."""
+    (start, column, weights, sizes), (scale, least), (first, index, entries) = pairs, scales, matrix
     twice = False
     for i in range(rows[0], rows[1]):
-        begin = start[i] + i
-        end, total = begin + 1, walls[i] if len(walls) > 0 else 0.0
+        bound = 0.0
+        if least > 0.0:
+            for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+                bound += least * abs(sizes[p])
+        if not fill:
+            count = 1
+            for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+                count += not abs(sizes[p]) < bound  # what is no number stays
+            first[i + 1] = count
+            continue
+        begin, total = first[i], walls[i] if len(walls) > 0 else 0.0
+        end = begin + 1
         index[begin], entries[begin] = i, 0.0
-        for p in range(start[i], start[i + 1]):
+        for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            if abs(sizes[p]) < bound:
+                continue
             total += weights[p]
             j, at = column[p], end
             while at > begin and index[at - 1] > j:  # most neighbours come in runs of rising columns

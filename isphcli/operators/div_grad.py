@@ -10,7 +10,7 @@ p, beside walls too (Rhie and Chow 1983 in the particles' words).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -18,52 +18,80 @@ from numba import njit
 from ..domain import reduce
 from ..domain.migration import Numbered
 from ..domain.row_threads import over_rows
+from .moments import REDUCE
 
 if TYPE_CHECKING:
     from .pair_weights import Operators
 
 
-def div_grad_rhie_chow(ops: Operators, symmetric_p: np.ndarray, p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
-    """-div(grad p) - S p beside walls, (n,).
+class DivGrad(NamedTuple):
+    """-div(grad p) - S p beside walls in weights, made once a configuration.
 
-    ops: with walls; p: (n,); symmetric_p: (n_pairs,) w_ij, over the density of the pair where that varies, grad_p
-    (n, dim) then being the gradient over the density.
+    pair: (n_pairs, dim + 1), of the differences of the gradient and of p over each pair; own: (n, dim), of the gradient
+    of the particle.
     """
+
+    pair: np.ndarray
+    own: np.ndarray
+
+
+def div_grad_weights(ops: Operators, symmetric_p: np.ndarray) -> DivGrad:
+    """ops: with walls; symmetric_p: (n_pairs,) w_ij, over the density of the pair where that varies, the gradients that
+    the weights are for then being over the density."""
     walls = ops.walls
     assert walls is not None
-    weights, out = (ops.grad, walls.symmetric_laplacian, symmetric_p), np.empty(ops.n)
+    found = DivGrad(np.empty((len(ops.column), ops.dim + 1)), walls.div.copy())
+    over_rows(_div_grad_weights, ops.n, ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p), *found)
+    return found
+
+
+def div_grad_rhie_chow(ops: Operators, weights: DivGrad, p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
+    """-div(grad p) - S p beside walls, (n,). p: (n,); grad_p: (n, dim), its gradient."""
+    out = np.empty(ops.n)
     p, grad_p = ops.exchange.forward(p), ops.exchange.forward(grad_p)
-    over_rows(_div_grad_rhie_chow, ops.n, ops.neighbours, weights, walls.div, p, grad_p, out)
+    over_rows(_div_grad_rhie_chow, ops.n, (ops.start, ops.column), *weights, p, grad_p, out)
     return out
 
 
 @njit(cache=True, nogil=True)
-def _div_grad_rhie_chow(rows, neighbours, weights, wall_div, p, grad_p, out):
-    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+def _div_grad_weights(rows, neighbours, weights, pair, own):
+    start, row, x = neighbours.start, neighbours.row, neighbours.x
     grad, symmetric, symmetric_p = weights
-    dim = grad_p.shape[1]
+    dim = x.shape[1]
     for i in range(rows[0], rows[1]):
-        divergence, odd_even = 0.0, 0.0
-        for k in range(dim):
-            divergence -= wall_div[i, k] * grad_p[i, k]
         for q in range(start[i], start[i + 1]):
-            j, r = column[q], row[q]
-            expected = 0.0
             for k in range(dim):
-                expected += 0.5 * (grad_p[i, k] + grad_p[j, k]) * (x[r, k] - x[i, k])
-                divergence += grad[q, k] * (grad_p[j, k] - grad_p[i, k])
-            odd_even += symmetric_p[q] * (p[j] - p[i]) - symmetric[q] * expected
-        out[i] = -divergence - odd_even  # eq. 3 beside walls: -(div grad p + S p)
+                # of (grad p_i + grad p_j) / 2 the half of the difference goes with the pair, grad p_i with the particle
+                half = 0.5 * symmetric[q] * (x[row[q], k] - x[i, k])
+                pair[q, k] = grad[q, k] - half
+                own[i, k] += 2.0 * half
+            pair[q, dim] = symmetric_p[q]
 
 
-def diagonal(ops: Operators, symmetric_p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
+@njit(cache=True, nogil=True, fastmath=REDUCE)
+def _div_grad_rhie_chow(rows, pairs, pair, own, p, grad_p, out):
+    (start, column), dim = pairs, grad_p.shape[1]
+    last = dim - 1
+    for i in range(rows[0], rows[1]):
+        s0, s1, s2, s3, pi = 0.0, 0.0, 0.0, 0.0, p[i]
+        g0, g1, g2 = grad_p[i, 0], grad_p[i, 1], grad_p[i, last]
+        for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            j = np.uint32(column[q])
+            s0 += pair[q, 0] * (grad_p[j, 0] - g0)
+            s1 += pair[q, 1] * (grad_p[j, 1] - g1)
+            s2 += pair[q, last] * (grad_p[j, last] - g2)
+            s3 += pair[q, dim] * (p[j] - pi)
+        total = s0 + s1 + s3 - own[i, 0] * g0 - own[i, 1] * g1
+        out[i] = -(total + s2 - own[i, last] * g2 if dim == 3 else total)  # eq. 3 beside walls: -(div grad p + S p)
+
+
+def diagonal(ops: Operators, weights: DivGrad, grad_p: np.ndarray) -> np.ndarray:
     """Diagonal (n,) of the matrix that `div_grad_rhie_chow` applies with the gradients grad_p (n_pairs, dim), of rows
-    that see a wall; of the others that of the Laplacian symmetric_p."""
+    that see a wall; of the others that of the Laplacian."""
     walls = ops.walls
     assert walls is not None
-    weights = ops.grad, walls.symmetric_laplacian, symmetric_p, grad_p
     out = np.zeros(ops.n)
-    over_rows(_diagonal, ops.n, ops.neighbours, weights, walls.div, walls.near_wall, out)
+    over_rows(_diagonal, ops.n, (ops.start, ops.column), *weights, grad_p, walls.near_wall, out)
     return out
 
 
@@ -129,27 +157,27 @@ def _adjoint_divergence(neighbours, volume, grad_p, narrow, grad, wall_div, wall
 
 
 @njit(cache=True, nogil=True)
-def _diagonal(rows, neighbours, weights, wall_div, near_wall, out):
-    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
-    grad, symmetric, symmetric_p, grad_p = weights
-    dim = wall_div.shape[1]
+def _diagonal(rows, pairs, pair, own, grad_p, near_wall, out):
+    (start, column), dim = pairs, own.shape[1]
     for i in range(rows[0], rows[1]):
         for q in range(start[i], start[i + 1]):
-            out[i] += symmetric_p[q]
+            out[i] += pair[q, dim]
         if not near_wall[i]:
             continue
-        # div a + S p = own . a_i + sum_j other_j . a_j + sum_j w_ij (p_j - p_i)
+        # div a + S p = sum_j pair_ij . a_j - (own + sum_j pair_ij) . a_i + sum_j w_ij (p_j - p_i)
         for k in range(dim):
-            own, slope = -wall_div[i, k], 0.0
+            weight, slope = own[i, k], 0.0
             for q in range(start[i], start[i + 1]):
-                half = 0.5 * symmetric[q] * (x[row[q], k] - x[i, k])
-                own -= grad[q, k] + half
+                weight += pair[q, k]
                 slope -= grad_p[q, k]
-                other, j = grad[q, k] - half, column[q]
-                if j >= len(start) - 1:  # a remote row: as if the weights were antisymmetric, which they nearly are
-                    out[i] += other * grad_p[q, k]
-                    continue
-                for back in range(start[j], start[j + 1]):
-                    if column[back] == i:
-                        out[i] -= other * grad_p[back, k]
-            out[i] -= own * slope
+            out[i] += weight * slope
+        for q in range(start[i], start[i + 1]):
+            j = column[q]
+            if j >= len(start) - 1:  # a remote row: as if the weights were antisymmetric, which they nearly are
+                for k in range(dim):
+                    out[i] += pair[q, k] * grad_p[q, k]
+                continue
+            for back in range(start[j], start[j + 1]):
+                if column[back] == i:
+                    for k in range(dim):
+                        out[i] -= pair[q, k] * grad_p[back, k]

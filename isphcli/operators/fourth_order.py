@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from ..domain.row_threads import over_rows
+from .moments import REDUCE
 
 if TYPE_CHECKING:
     from .pair_weights import Operators
@@ -30,16 +31,16 @@ def laplacian_excess(ops: Operators) -> np.ndarray:
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=REDUCE)
 def _laplacian_excess(rows, neighbours, lap, near_wall, out):
     start, row, x = neighbours.start, neighbours.row, neighbours.x
     dim = x.shape[1]
+    last, deep = dim - 1, 1.0 if dim == 3 else 0.0
     for i in range(rows[0], rows[1]):
-        fourth, total = 0.0, 0.0
-        for p in range(start[i], start[i + 1]):
-            r2 = 0.0
-            for k in range(dim):
-                r2 += (x[row[p], k] - x[i, k]) ** 2
+        fourth, total, x0, x1, x2 = 0.0, 0.0, x[i, 0], x[i, 1], x[i, last]
+        for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            j = np.uint32(row[p])
+            r2 = (x[j, 0] - x0) ** 2 + (x[j, 1] - x1) ** 2 + deep * (x[j, last] - x2) ** 2
             fourth += lap[p] * r2 * r2
             total += abs(lap[p])
         if not near_wall[i] and fourth > 0.0:

@@ -26,7 +26,7 @@ from numba import njit
 from ..domain import reduce
 from ..domain.exchange import NO_EXCHANGE, Exchange
 from ..domain.row_threads import over_rows
-from .crossings import MEETS_WALL, WallStencils
+from .crossings import MEETS_WALL, WallStencils, in_sight
 from .kernel import normalisation, slope
 from .moments import (
     correction,
@@ -162,7 +162,8 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1,
     """(LatticeWeights, row of each pair in the table of positions). order: of the velocity gradient, 1 (eq. 5) or 2."""
     everyone, walls, links, volume = stencils.neighbours, stencils.walls, stencils.links, stencils.volume
     x, n = everyone.x, everyone.n
-    start, row = _in_sight(everyone.start, everyone.row, links.link)
+    start, row = np.zeros(n + 1, np.int64), everyone.row[links.link != MEETS_WALL]
+    np.cumsum(in_sight(everyone.start, links.link), out=start[1:])
     offset_id, step, count = _offsets(x, start, row, 1e-6 * everyone.support)
     largest = reduce.largest(volume)
     on_lattice = reduce.largest(np.array([count])) <= MOST_OFFSETS and reduce.smallest(volume) == largest
@@ -187,12 +188,12 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1,
                           narrow, _whole_rows(pairs, tensors), exchange), row
 
 
-def _own_tensors(in_sight: np.ndarray, near: np.ndarray, offsets: int) -> np.ndarray:
+def _own_tensors(seen: np.ndarray, near: np.ndarray, offsets: int) -> np.ndarray:
     """The particle (int32) of each row of `Factors`; the first has a whole neighbourhood, or is -1 where none has.
 
-    in_sight, near: (n,) neighbours of each particle, without those beyond walls and with them; offsets: of the lattice.
+    seen, near: (n,) neighbours of each particle, without those beyond walls and with them; offsets: of the lattice.
     """
-    whole = (in_sight == offsets) & (near == offsets)
+    whole = (seen == offsets) & (near == offsets)
     one = np.flatnonzero(whole)[:1]
     return np.concatenate([one if len(one) else [-1], np.flatnonzero(~whole)]).astype(np.int32)
 
@@ -242,8 +243,7 @@ def nearest_matrix(ops: LatticeWeights, dx: float) -> sp.csr_matrix:
     whole = reduce.largest(np.array([np.count_nonzero(near)]))
     weight = np.where(near, 2.0 * ops.dim / whole * dx * dx / square, 0.0)
     first = np.zeros(ops.n + 1, np.int32)
-    over_rows(_count_near, ops.n, ops.pairs, weight, first[1:])
-    np.cumsum(first, out=first)
+    np.cumsum(1 + in_sight(ops.start, (weight > 0.0).view(np.int8)[ops.pairs.offset_id]), out=first[1:])
     matrix = first, np.empty(first[-1], np.int32), np.empty(first[-1])
     over_rows(_near_entries, ops.n, ops.pairs, weight, ops.walls.lap, dx * dx, matrix)
     return canonical(ops, *matrix)
@@ -310,24 +310,6 @@ def _second_order(pairs: LatticePairs, tensors: Factors, p: np.ndarray) -> np.nd
 
 
 # --- building ----------------------------------------------------------------------------------------------------
-
-
-@njit(cache=True)
-def _in_sight(start, index, link):
-    """Row pointers and rows in the table of the neighbours that no wall hides."""
-    n = len(start) - 1
-    first = np.zeros(n + 1, np.int64)
-    for i in range(n):
-        first[i + 1] = first[i]
-        for q in range(start[i], start[i + 1]):
-            first[i + 1] += link[q] != MEETS_WALL
-    row = np.empty(first[n], np.int32)
-    at = 0
-    for q in range(len(index)):
-        if link[q] != MEETS_WALL:
-            row[at] = index[q]
-            at += 1
-    return first, row
 
 
 @njit(cache=True)
@@ -506,15 +488,6 @@ def _velocity_entries(rows, pairs, tensors, wall_lap, area, matrix):
             total += a
             index[q + i + 1], entries[q + i + 1] = column[q], -area * a
         index[at], entries[at] = i, area * total
-
-
-@njit(cache=True, nogil=True)
-def _count_near(rows, pairs, weight, count):
-    for i in range(rows[0], rows[1]):
-        found = 1
-        for q in range(pairs.start[i], pairs.start[i + 1]):
-            found += weight[pairs.offset_id[q]] > 0.0
-        count[i] = found
 
 
 @njit(cache=True, nogil=True)

@@ -27,6 +27,7 @@ from ..domain.row_threads import over_rows
 from .kernel import QUINTIC_SPLINE, WENDLAND_C2, WENDLAND_C4, normalisation, shape, slope
 from .neighbourhood_class import LOPSIDED, ROUND, SINGULAR, THIN
 
+SWEEPS = 6  # of rotations: what is beside the diagonal is squared by each, and is round-off after four
 LANES = 8  # rows are padded to a multiple of this many neighbours: whole vectors
 # LLVM vectorises a sum only if it may reorder it. NaN and infinity keep their meaning (no nnan, no ninf).
 REDUCE = {"reassoc", "contract", "nsz"}
@@ -35,23 +36,32 @@ REDUCE = {"reassoc", "contract", "nsz"}
 def particle_volumes(neighbours: Neighbourhood) -> np.ndarray:
     """V_i = 1 / sum_j W_ij, the sum over all neighbours and j = i (eq. 7), (n,) m^dim."""
     volume = np.empty(neighbours.n)
-    over_rows(_volumes, neighbours.n, neighbours, volume)
+    over_rows(_volumes, neighbours.n, neighbours, volume, work=lambda: np.empty(neighbours.longest))
     return volume
 
 
-@njit(cache=True, nogil=True)
-def _volumes(rows, neighbours, volume):
+@njit(cache=True, nogil=True, fastmath=REDUCE)
+def _volumes(rows, q, neighbours, volume):
     x, start, index = neighbours.x, neighbours.start, neighbours.row
-    kind, support = neighbours.kind, neighbours.support
-    dim = x.shape[1]
-    scale = normalisation(kind, support, dim)
+    kind, per_support, dim = neighbours.kind, 1.0 / neighbours.support, x.shape[1]
+    last, deep = dim - 1, 1.0 if dim == 3 else 0.0
+    scale = normalisation(kind, neighbours.support, dim)
     for i in range(rows[0], rows[1]):
-        total = shape(kind, 0.0)
-        for p in range(start[i], start[i + 1]):
-            r2 = 0.0
-            for k in range(dim):
-                r2 += (x[index[p], k] - x[i, k]) ** 2
-            total += shape(kind, math.sqrt(r2) / support)
+        begin, count = np.uint64(start[i]), np.uint64(start[i + 1] - start[i])
+        x0, x1, x2, total = x[i, 0], x[i, 1], x[i, last], shape(kind, 0.0)
+        for k in range(count):
+            j = np.uint32(index[begin + k])
+            r2 = (x[j, 0] - x0) ** 2 + (x[j, 1] - x1) ** 2 + deep * (x[j, last] - x2) ** 2
+            q[k] = min(math.sqrt(r2) * per_support, 1.0)
+        if kind == WENDLAND_C2:  # as in `gather_stencil`
+            for k in range(count):
+                total += shape(WENDLAND_C2, q[k])
+        elif kind == WENDLAND_C4:
+            for k in range(count):
+                total += shape(WENDLAND_C4, q[k])
+        else:
+            for k in range(count):
+                total += shape(QUINTIC_SPLINE, q[k])
         volume[i] = 1.0 / (scale * total)  # eq. 7
 
 
@@ -270,22 +280,42 @@ def extremes_3d(xx, yy, zz, yz, xz, xy):
     return mean + 2.0 * size * math.cos(angle + 2.0 * math.pi / 3.0), mean + 2.0 * size * math.cos(angle)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _pseudo_inverse(moments, dim, g, whole):
-    """Returns True where it left a direction out."""
-    a = np.empty((dim, dim))
-    for k in range(dim):
-        for m in range(dim):
-            a[k, m] = moments[_SECOND[k, m]]
-    values, vectors = np.linalg.eigh(a)
-    thin = False
+    """Adds it to g, by Jacobi's rotations (numpy's eigh took a second to compile); returns True where it left a
+    direction out."""
+    tensor, vectors = np.empty((3, 3)), np.empty((3, 3))
+    for k in range(3):
+        for m in range(3):
+            tensor[k, m], vectors[k, m] = moments[_SECOND[k, m]], 1.0 if k == m else 0.0
+    for _ in range(SWEEPS):
+        for k in range(dim - 1):
+            for m in range(k + 1, dim):
+                if tensor[k, m] == 0.0:
+                    continue
+                ratio = 0.5 * (tensor[m, m] - tensor[k, k]) / tensor[k, m]
+                tangent = math.copysign(1.0, ratio) / (abs(ratio) + math.sqrt(ratio * ratio + 1.0))
+                c = 1.0 / math.sqrt(tangent * tangent + 1.0)
+                s = tangent * c
+                for r in range(dim):
+                    a, b = tensor[r, k], tensor[r, m]
+                    tensor[r, k], tensor[r, m] = c * a - s * b, s * a + c * b
+                    a, b = vectors[r, k], vectors[r, m]
+                    vectors[r, k], vectors[r, m] = c * a - s * b, s * a + c * b
+                for r in range(dim):
+                    a, b = tensor[k, r], tensor[m, r]
+                    tensor[k, r], tensor[m, r] = c * a - s * b, s * a + c * b
+                tensor[k, m] = tensor[m, k] = 0.0
+    largest, thin = whole, False
     for v in range(dim):
-        if not values[v] > THIN * max(values[dim - 1], whole):
+        largest = max(largest, tensor[v, v])
+    for v in range(dim):
+        if not tensor[v, v] > THIN * largest:
             thin = True
         else:
             for k in range(dim):
                 for m in range(dim):
-                    g[k, m] += vectors[k, v] * vectors[m, v] / values[v]
+                    g[k, m] += vectors[k, v] * vectors[m, v] / tensor[v, v]
     return thin
 
 

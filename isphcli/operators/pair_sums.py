@@ -7,6 +7,7 @@ from numba import njit
 
 from ..domain.neighbours import Neighbourhood
 from ..domain.row_threads import over_rows
+from .moments import REDUCE
 
 
 def laplacian(start: np.ndarray, column: np.ndarray, lap: np.ndarray, f: np.ndarray) -> np.ndarray:
@@ -14,6 +15,13 @@ def laplacian(start: np.ndarray, column: np.ndarray, lap: np.ndarray, f: np.ndar
     n = len(start) - 1
     result = np.empty((n, f.shape[1]))
     over_rows(_laplacian, n, start, column, lap, f, result)
+    return result
+
+
+def laplacian_of_scalar(start: np.ndarray, column: np.ndarray, lap: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """Laplacian (n,) of f (n,)."""
+    result = np.empty(len(start) - 1)
+    over_rows(_laplacian_of_scalar, len(result), start, column, lap, f, result)
     return result
 
 
@@ -49,44 +57,52 @@ def gradient_of_potential(neighbours: Neighbourhood, grad: np.ndarray, force: np
 # is stored each time. Where there is no third column the second is taken again, and its sum not stored.
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=REDUCE)
 def _laplacian(rows, start, column, lap, f, result):
     for i in range(rows[0], rows[1]):
         for c0 in range(0, f.shape[1], 3):
             c1, c2 = min(c0 + 1, f.shape[1] - 1), min(c0 + 2, f.shape[1] - 1)
             s0, s1, s2, f0, f1, f2 = 0.0, 0.0, 0.0, f[i, c0], f[i, c1], f[i, c2]
-            for p in range(start[i], start[i + 1]):
-                j, a = column[p], lap[p]
+            for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+                j, a = np.uint32(column[p]), lap[p]
                 s0, s1, s2 = s0 + a * (f[j, c0] - f0), s1 + a * (f[j, c1] - f1), s2 + a * (f[j, c2] - f2)  # eq. 6
             result[i, c0], result[i, c1], result[i, c2] = s0, s1, s2
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=REDUCE)
+def _laplacian_of_scalar(rows, start, column, lap, f, result):
+    for i in range(rows[0], rows[1]):
+        s, own = 0.0, f[i]
+        for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            s += lap[p] * (f[np.uint32(column[p])] - own)  # eq. 6
+        result[i] = s
+
+
+@njit(cache=True, nogil=True, fastmath=REDUCE)
 def _gradient(rows, start, column, grad, f, result):
     last = grad.shape[1] - 1
     for i in range(rows[0], rows[1]):
         for c in range(f.shape[1]):
             s0, s1, s2, own = 0.0, 0.0, 0.0, f[i, c]
-            for p in range(start[i], start[i + 1]):
-                d = f[column[p], c] - own
+            for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+                d = f[np.uint32(column[p]), c] - own
                 s0, s1, s2 = s0 + grad[p, 0] * d, s1 + grad[p, 1] * d, s2 + grad[p, last] * d  # eq. 5
             result[i, c, 0], result[i, c, 1] = s0, s1
             if last == 2:
                 result[i, c, 2] = s2
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=REDUCE)
 def _divergence(rows, start, column, grad, u, result):
-    flat = grad.shape[1] == 2
+    last = grad.shape[1] - 1
     for i in range(rows[0], rows[1]):
-        s, u0, u1, u2 = 0.0, u[i, 0], u[i, 1], 0.0 if flat else u[i, 2]
-        for p in range(start[i], start[i + 1]):
-            j = column[p]
-            s += grad[p, 0] * (u[j, 0] - u0)  # the trace of eq. 5
-            s += grad[p, 1] * (u[j, 1] - u1)
-            if not flat:
-                s += grad[p, 2] * (u[j, 2] - u2)
-        result[i] = s
+        s0, s1, s2, u0, u1, u2 = 0.0, 0.0, 0.0, u[i, 0], u[i, 1], u[i, last]
+        for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            j = np.uint32(column[p])
+            s0 += grad[p, 0] * (u[j, 0] - u0)  # the trace of eq. 5
+            s1 += grad[p, 1] * (u[j, 1] - u1)
+            s2 += grad[p, last] * (u[j, last] - u2)
+        result[i] = s0 + s1 + (s2 if last == 2 else 0.0)
 
 
 @njit(cache=True, nogil=True)

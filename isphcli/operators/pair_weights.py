@@ -69,6 +69,10 @@ class Operators:
         """Pressure gradient (n, dim) of p (n,)."""
         return pair_sums.gradient_of_scalar(self.start, self.column, self.grad_p, self.exchange.forward(p))
 
+    def laplacian_p(self, p: np.ndarray) -> np.ndarray:
+        """Laplacian (n,) of the pressure p (n,) in weights of eq. 6, walls left out."""
+        return pair_sums.laplacian_of_scalar(self.start, self.column, self.lap_p, self.exchange.forward(p))
+
     def potential_gradient(self, force: np.ndarray) -> np.ndarray:
         """The acceleration force (dim,) as the gradient of its potential, (n, dim): see `DiscreteOperators`."""
         return pair_sums.gradient_of_potential(self.neighbours, self.grad_p, force)

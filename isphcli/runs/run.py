@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
@@ -78,6 +79,8 @@ def _compile_listener(clock: Clock) -> Iterator[None]:
     tells the display of kernels that are not in the cache."""
     from numba.core import event
 
+    collects = gc.isenabled()
+
     class Compiling(event.Listener):
         depth = 0
         section: AbstractContextManager[None]
@@ -97,13 +100,20 @@ def _compile_listener(clock: Clock) -> Iterator[None]:
         depth = 0
 
         def on_start(self, _: event.Event) -> None:
+            gc.disable()  # the search for cycles of references takes an eighth of the compiler's time, and finds few
             self.depth += 1
             progress.compiling(True)
 
         def on_end(self, _: event.Event) -> None:
             self.depth -= 1
+            if self.depth == 0 and collects:
+                gc.enable()
             progress.compiling(self.depth > 0)
 
     with event.install_listener("numba:compiler_lock", Compiling()):
         with event.install_listener("numba:compile", NotInCache()):
-            yield
+            try:
+                yield
+            finally:
+                if collects:  # the compiler may have been interrupted
+                    gc.enable()

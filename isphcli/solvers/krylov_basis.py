@@ -7,6 +7,8 @@ vector: less than a solve is asked for, and a solve that is asked for more start
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from numba import njit
 
@@ -16,6 +18,54 @@ from ..domain.row_threads import over_blocks
 CHUNK = 1024  # entries of a block: those of 50 vectors stay in the cache between the two uses of a pass
 # What a vector may still have of the others, of its length, before it is orthogonalised once more
 LEFT = 1e-4
+
+
+class Basis(Protocol):
+    """Orthonormal vectors of unknowns."""
+
+    def append(self, vector: np.ndarray, length: float) -> None:
+        """See `KrylovBasis`."""
+
+    def last(self) -> np.ndarray:
+        """See `KrylovBasis`."""
+
+    def orthogonalise(self, vector: np.ndarray) -> tuple[np.ndarray, float]:
+        """See `KrylovBasis`."""
+
+    def combine(self, weights: np.ndarray) -> np.ndarray:
+        """See `KrylovBasis`."""
+
+
+class DoubleBasis:
+    """A `KrylovBasis` in double precision, by BLAS: of solves with few vectors, without kernels to compile."""
+
+    def __init__(self, most: int, size: int):
+        self._vectors = np.empty((most, size))
+        self.count = 0
+
+    def append(self, vector: np.ndarray, length: float) -> None:
+        """See `KrylovBasis`."""
+        np.multiply(vector, 1.0 / length, out=self._vectors[self.count])
+        self.count += 1
+
+    def last(self) -> np.ndarray:
+        """See `KrylovBasis`."""
+        return self._vectors[self.count - 1].copy()
+
+    def orthogonalise(self, vector: np.ndarray) -> tuple[np.ndarray, float]:
+        """See `KrylovBasis`."""
+        known = self._vectors[: self.count]
+        components = reduce.dot(vector, known.T)
+        vector -= components @ known
+        more, length = reduce.dot(vector, known.T), reduce.norm(vector)
+        if not np.abs(more).max(initial=0.0) <= LEFT * length:
+            vector -= more @ known
+            components, length = components + more, reduce.norm(vector)
+        return components, length
+
+    def combine(self, weights: np.ndarray) -> np.ndarray:
+        """See `KrylovBasis`."""
+        return weights @ self._vectors[: len(weights)]
 
 
 class KrylovBasis:

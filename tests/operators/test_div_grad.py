@@ -5,7 +5,7 @@ import pytest
 
 from isphcli.case.load import read_case
 from isphcli.operators.assemble import assemble
-from isphcli.operators.div_grad import diagonal, div_grad_rhie_chow
+from isphcli.operators.div_grad import diagonal, div_grad_rhie_chow, div_grad_weights
 from isphcli.output.clock import Clock
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
@@ -24,7 +24,8 @@ def pressure_matrix(case):
     state, stepper, _ = prepare(case, build_geometry(case), Clock())
     config = stepper.configure(state.x)
     ops, one = config.ops, np.eye(len(state.x))
-    columns = [div_grad_rhie_chow(ops, ops.walls.symmetric_laplacian, e, ops.gradient_p(e)) for e in one]
+    weights = div_grad_weights(ops, ops.walls.symmetric_laplacian)
+    columns = [div_grad_rhie_chow(ops, weights, e, ops.gradient_p(e)) for e in one]
     return np.array(columns).T, config
 
 
@@ -36,7 +37,7 @@ def touching():
 def test_the_diagonal_is_that_of_the_matrix(touching):
     matrix, config = touching
     ops, near = config.ops, config.ops.walls.near_wall
-    found = diagonal(ops, ops.walls.symmetric_laplacian, ops.grad_p)
+    found = diagonal(ops, div_grad_weights(ops, ops.walls.symmetric_laplacian), ops.grad_p)
     assert near.any() and np.abs(found - np.diag(matrix))[near].max() < 1e-12 * found.max()
 
 
@@ -46,7 +47,8 @@ def test_rows_divided_by_their_diagonal_suit_the_laplacian(touching):
     matrix, config = touching
     ops, n = config.ops, len(touching[0])
     laplacian = assemble(ops.start, ops.column, ops.lap_p, 0.0, 1.0).toarray()
-    scale = np.maximum(diagonal(ops, ops.walls.symmetric_laplacian, ops.grad_p) / np.diag(laplacian), 1.0)
+    own = diagonal(ops, div_grad_weights(ops, ops.walls.symmetric_laplacian), ops.grad_p)
+    scale = np.maximum(own / np.diag(laplacian), 1.0)
     rows = matrix / scale[:, None]
     values = np.linalg.eigvals(np.linalg.pinv(laplacian, rcond=1e-9) @ (rows - rows.mean(axis=0)))
     values = np.sort(values.real)[1:]  # of the constant: zero

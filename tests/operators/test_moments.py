@@ -21,6 +21,22 @@ def test_a_faint_star_knows_no_gradient():
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+def test_the_inverse_leaves_thin_directions_out(dim):
+    """Tensors turned any way, with eigenvalues that are equal, vanish, or lie on either side of a twentieth."""
+    random = np.random.default_rng(0)
+    for some in ([1.0, 1e-3, 0.3], [1.0, 1e-3, 1e-3], [0.2, 0.2, 0.0], [1e-3, 1.0, 1.0], [1.0, 0.06, 1e-9]):
+        turn, _ = np.linalg.qr(random.normal(size=(dim, dim)))
+        values, tensor, inverse = np.array(some[:dim]), np.zeros((3, 3)), np.zeros((3, 3))
+        tensor[:dim, :dim] = turn * values @ turn.T
+        kept = values > 0.05 * values.max()
+        assert invert_gradient(tensor[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]], dim, inverse) == (not kept.all())
+        expected = turn[:, kept] / values[kept] @ turn[:, kept].T
+        # round-off of the tensor over its smallest eigenvalue that is kept
+        np.testing.assert_allclose(inverse[:dim, :dim], expected, atol=1e-12 * np.abs(expected).max())
+
+
+
+@pytest.mark.parametrize("dim", [2, 3])
 def test_volumes_fill_the_box(dim):
     """Sum of 1 / sum_j W_ij over a box: its volume to a few percent; uniform on a lattice."""
     n, support = 10, 2.5 / 10

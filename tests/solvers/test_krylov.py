@@ -64,3 +64,24 @@ def test_report_not_finite(where):
     precondition = (lambda v: v + bad) if where == "preconditioner" else (lambda v: v)
     _, report = gmres(apply, bad if where == "rhs" else rhs, precondition, Limits(1e-8, 10, 20))
     assert not report.converged and report.reason == "not finite"
+
+
+def test_a_space_that_is_not_enough_grows_on():
+    """Rows weighed by 1 to 1e-4: the residual that is watched from the left is small long before the true one is. The
+    space that is there then grows: one cycle an iteration and one of the first residual, however often the true one was
+    looked at."""
+    matrix, rhs = small()
+    weight = 10.0 ** np.random.default_rng(1).uniform(-4.0, 0.0, len(rhs))
+    products, cycles = [], []
+
+    def apply(v):
+        products.append(v)
+        return matrix @ v
+
+    def precondition(v):
+        cycles.append(v)
+        return weight * v
+
+    q, report = gmres(apply, rhs, precondition, Limits(1e-10, 144, 144))
+    assert report.converged and np.linalg.norm(rhs - matrix @ q) <= 1e-10 * np.linalg.norm(rhs)
+    assert len(products) > report.iterations + 1 and len(cycles) == report.iterations + 1
