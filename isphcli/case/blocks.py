@@ -674,8 +674,8 @@ class Reference:
     )
     geometry: Table[Any] = key(
         "what else of `geometry` the value is of, keys as they stand there, such as {voxels: {labels: {solid: 1}}, "
-        "mirror: []}; a run in which one of them is otherwise is not compared with it. Those that are not named may be "
-        "as they like",
+        "mirror: []}; a run in which one of them is otherwise is not compared with it. Keys that are not named "
+        "may have any value",
         default=Table(),
         part_of=GeometryBlock,
     )

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from . import single_phase, two_phase
 from .arrays import cylinder_array_permeability, sphere_array_permeability
 from .errors import CompareError, Errors, OtherSampleError
-from .sample import other_sample
+from .sample import other_geometry
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -34,7 +34,7 @@ def compare(case: Case, result: Result) -> Errors:
         known = ", ".join(PARAMETERS[reference.kind]) or "none"
         name = min(unknown)
         raise CompareError(f"reference.parameters.{name}: kind {reference.kind} does not know it; it knows {known}")
-    other = other_sample(case, result.geometry)
+    other = other_geometry(case)
     if other is not None:
         raise OtherSampleError(other)
     errors = COMPARISONS[reference.kind](case, result)

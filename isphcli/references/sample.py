@@ -21,6 +21,15 @@ if TYPE_CHECKING:
 Ranges = tuple[tuple[int, int], ...]
 
 
+def other_geometry(case: Case) -> str | None:
+    """What of its geometry is otherwise in `reference.geometry`, a sentence; None where nothing is."""
+    assert case.reference is not None
+    for name, of, run in _named(plain(case.reference.geometry), plain(case.geometry), "geometry"):
+        if not _same(of, run):
+            return f"the reference is of {name} {_shown(of)}, this run has {_shown(run)}"
+    return None
+
+
 def other_sample(case: Case, geometry: Geometry) -> str | None:
     """Why `reference` cannot be compared with a run of the case, a sentence; None where it can.
 
@@ -29,11 +38,9 @@ def other_sample(case: Case, geometry: Geometry) -> str | None:
     reference, spec = case.reference, case.geometry.voxels
     if reference is None:
         return None
-    for name, of, run in _named(plain(reference.geometry), plain(case.geometry), "geometry"):
-        if not _same(of, run):
-            return f"the reference is of {name} {_shown(of)}, this run has {_shown(run)}"
-    if reference.kind != "permeability":
-        return None
+    other = other_geometry(case)
+    if other is not None or reference.kind != "permeability":
+        return other
     driven = [AXES[axis] for axis in forcing.driven_axes(case, geometry.upper - geometry.lower)]
     if reference.axes is not None and driven and not set(driven) & set(reference.axes):
         return f"the value is of flow along {', '.join(reference.axes)}, this run of flow along {', '.join(driven)}"

@@ -25,6 +25,7 @@ from .errors import (
     Array,
     CompareError,
     Errors,
+    OtherSampleError,
     acceleration_along_x,
     along_x,
     at_points,
@@ -55,6 +56,7 @@ from .plates import (
     startup_poiseuille,
 )
 from .published import cavity
+from .sample import other_sample
 from .vortices import spectral_velocity, taylor_green_2d, taylor_green_3d
 
 if TYPE_CHECKING:
@@ -350,10 +352,13 @@ def array_errors(permeability: Callable[[float, float], float]) -> Callable[[Cas
 
 
 def published_permeability_errors(case: Case, result: Result) -> Errors:
-    """A published permeability: one number along `reference.axes`, or one per axis."""
+    """A published permeability: one number along `reference.axes`, or one per axis. Raises OtherSampleError."""
     value = case.reference.value  # type: ignore[union-attr]
     if value is None:
         raise CompareError("reference.kind permeability needs reference.value, in m2")
+    other = other_sample(case, result.geometry)
+    if other is not None:
+        raise OtherSampleError(other)
     axes = case.reference.axes or AXES  # type: ignore[union-attr]
     values = zip(AXES, value) if isinstance(value, tuple) else ((axis, value) for axis in axes)
     expected = {axis: k for axis, k in values if axis in axes}

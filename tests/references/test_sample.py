@@ -69,7 +69,7 @@ def test_one_value_counts_for_its_axes_only():
     ("berea", "geometry.mirror=[x]", "geometry.mirror [], this run has [x]"),
     ("berea", "geometry.wall_distance=smooth", "geometry.wall_distance stairs, this run has smooth"),
     ("two_tubes", "geometry.voxels.labels={solid: 1, water: 0}", "geometry.voxels.labels.solid [0], this run has [1]"),
-    ("two_tubes", "geometry.voxels.crop=[[0,8],[0,8],[0,4]]", "geometry.voxels.crop none, this run has [[0, 8], [0, 8]"),
+    ("two_tubes", "geometry.voxels.crop=[[0,8],[0,8],[0,4]]", "geometry.voxels.crop none, this run has [[0, 8], [0,"),
 ])
 def test_another_body(name, override, words):
     """What the reference names of the geometry is otherwise in the run: nothing is compared, whatever the kind."""
@@ -94,7 +94,7 @@ def test_the_part_of_the_geometry_is_read_like_the_geometry():
     assert other_sample(case, of_voxels()) == "the reference is of geometry.slip_length none, this run has 0"
     again = read_case(dump_case(case).encode(), "again.yaml")
     assert again.reference.geometry == case.reference.geometry
-    with pytest.raises(CaseError, match="reference.geometry.voxels.lables: unknown key; did you mean 'labels'"):
+    with pytest.raises(CaseError, match=r"reference\.geometry\.voxels\.lables: unknown key; did you mean .labels."):
         the_case("berea", "reference.geometry={voxels: {lables: {solid: 1}}}")
-    with pytest.raises(CaseError, match="reference.geometry.voxels.voxel_size: must be above 0"):
+    with pytest.raises(CaseError, match=r"reference\.geometry\.voxels\.voxel_size: must be above 0"):
         the_case("berea", "reference.geometry={voxels: {voxel_size: -1}}")
