@@ -195,7 +195,8 @@ class Reader:
 
     def _part(self, cls: type, node: Node, path: str) -> Table:
         """The keys of a block that are given, as they are in a `cls`; blocks in it are parts too, null is None."""
-        declared, values = keys_of(cls), {}
+        declared = keys_of(cls)
+        values: dict[str, Any] = {}
         for name, child in node.entries.items():
             if name not in declared:
                 self._unknown(name, node, path, declared, "key")

@@ -26,7 +26,7 @@ def other_geometry(case: Case) -> str | None:
     assert case.reference is not None
     for name, of, run in _named(plain(case.reference.geometry), plain(case.geometry), "geometry"):
         if not _same(of, run):
-            return f"the reference is of {name} {_shown(of)}, this run has {_shown(run)}"
+            return f"it is of {name} {_shown(of)}, this run has {_shown(run)}"
     return None
 
 

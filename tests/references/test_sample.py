@@ -91,7 +91,7 @@ def test_the_part_of_the_geometry_is_read_like_the_geometry():
     """Units, one value for a list of one, and errors; what a run leaves of it is read back."""
     case = the_case("berea", "reference.geometry={voxels: {voxel_size: 3 um, labels: {solid: 1}}, slip_length: null}")
     assert case.reference.geometry["voxels"]["voxel_size"] == pytest.approx(3e-6)
-    assert other_sample(case, of_voxels()) == "the reference is of geometry.slip_length none, this run has 0"
+    assert other_sample(case, of_voxels()) == "it is of geometry.slip_length none, this run has 0"
     again = read_case(dump_case(case).encode(), "again.yaml")
     assert again.reference.geometry == case.reference.geometry
     with pytest.raises(CaseError, match=r"reference\.geometry\.voxels\.lables: unknown key; did you mean .labels."):
