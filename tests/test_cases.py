@@ -120,6 +120,13 @@ def test_two_tubes_carry_what_square_ducts_carry(tmp_path):
     assert (k if isinstance(k, float) else k["z"]) == pytest.approx(expected, rel=0.015)
 
 
+def test_another_threshold_is_another_body(tmp_path):
+    """Its permeability, 10 % higher, is no error against that of the body that the reference names."""
+    summary = run("grey_blobs", tmp_path, "geometry.voxels.grey.threshold=33000")
+    assert summary["errors"] is None and summary["status"] in COMPLETE
+    assert summary["not_compared"] == "it is of geometry.voxels.grey.threshold 32768, this run has 33000"
+
+
 @pytest.mark.slow
 def test_a_piece_of_berea(tmp_path):
     """40^3 voxels of 128^3. The porosity is a count of voxels. Half the spacing gives 4.62e-13 m2, 10 % less:

@@ -176,6 +176,23 @@ def defined(file):
     return found
 
 
+def words():
+    """(word, [(file, function)]) of the rows of the glossary."""
+    text = (ROOT / "docs/glossary.md").read_text(encoding="utf-8")
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    return [(cells[0], re.findall(r"`([\w/]+\.py)`: `([\w.]+)`", cells[-1])) for cells in rows if cells[0] != "word"]
+
+
+def test_every_word_of_the_glossary_has_a_place_in_the_code():
+    """And stands once, with a letter, a unit or neither, and what it is."""
+    text = (ROOT / "docs/glossary.md").read_text(encoding="utf-8")
+    assert len(words()) > 60 and len({word for word, _ in words()}) == len(words())
+    assert {line.count(" |") for line in text.splitlines() if line.startswith("| ")} == {5}
+    wrong = [f"{word}: {file}: {name}" for word, places in words() for file, name in places or [("no file", "")]
+             if not (ROOT / "isphcli" / file).is_file() or name not in defined(file)]
+    assert not wrong, "\n".join(wrong)
+
+
 def test_every_equation_of_the_paper_has_one_row():
     rows = [number for number, _, _ in equations()]
     assert rows == sorted(set(rows)) and set(range(1, EQUATIONS + 1)) <= set(rows)

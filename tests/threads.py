@@ -8,8 +8,8 @@ from isphcli.domain import row_threads
 
 
 def on_threads(monkeypatch, compute):
-    """What compute() returns on 1, 2, 3 and 8 threads, in ranges of 16 rows and more: a test has too few rows for
-    FEWEST, and the machine may have one core."""
+    """What compute() returns on 1, 2, 3 and 8 threads, in ranges of 16 rows and more (blocks of rows keep their size):
+    a test has too few rows for FEWEST, and the machine may have one core."""
     monkeypatch.setattr(row_threads, "FEWEST", 16)
     found = []
     for threads in (1, 2, 3, 8):

@@ -9,6 +9,7 @@ Without names all of them, as SVG beside this file; with --png as pictures to lo
 from __future__ import annotations
 
 import argparse
+import csv
 import pathlib
 import re
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from collections.abc import Callable
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, PathPatch, Polygon
 from matplotlib.path import Path
@@ -32,10 +34,15 @@ from isphcli.operators.apply import divergence
 from isphcli.operators.assemble import assemble
 from isphcli.operators.kernel import KERNELS, WENDLAND_C2, normalisation, shape
 from isphcli.operators.moments import particle_volumes
+from isphcli.operators.narrow_pores import classify_neighbourhoods
 from isphcli.operators.pair_weights import Operators, build_operators
 from isphcli.operators.wall_operators import WallScene
+from isphcli.references.published import DATA
+from isphcli.runs.expected_error import usual_error
+from isphcli.runs.permeability import EDGE, extrapolate
 from isphcli.scene.place import place
 from isphcli.solvers.multigrid import hierarchy
+from isphcli.validation.known_bodies import body
 
 HERE = pathlib.Path(__file__).parent
 INK, GREY, SOLID, FLUID, DUMMY = "#2f2f2f", "#9a9a9a", "#dcdad5", "#20608c", "#d1495b"
@@ -182,6 +189,98 @@ def periodic_operators(x: np.ndarray, spacing: float) -> Operators:
     return build_operators(neighbours, particle_volumes(neighbours))
 
 
+def pair_weights() -> Figure:
+    """Weights of the neighbours of one particle in disorder: of d/dx and of the Laplacian."""
+    figure, every = panels(2, 6.4, 2.9)
+    n = 9
+    lattice = (np.stack(np.meshgrid(*[np.arange(n)] * 2), axis=-1).reshape(-1, 2) + 0.5) / n
+    x = lattice + np.random.default_rng(7).uniform(-0.25, 0.25, lattice.shape) / n
+    ops = periodic_operators(x, 1 / n)
+    i = len(x) // 2
+    own = slice(ops.start[i], ops.start[i + 1])
+    place_of = ops.neighbours.x[ops.neighbours.row[own]]
+    for axes, weight, title in ((every[0], ops.grad[own, 0] / n, "∂f/∂x"), (every[1], ops.lap[own] / n**2, "∇²f")):
+        axes.add_patch(Circle(tuple(x[i]), SUPPORT / n, fill=False, ec=GREY, lw=0.8))
+        dots(axes, x, GREY, 2.5, hollow=True)
+        most = np.abs(weight).max()
+        axes.scatter(*place_of.T, c=weight, cmap="coolwarm", s=95, lw=0, vmin=-most, vmax=most, zorder=4)
+        for at, value in zip(place_of, weight):
+            axes.text(*at, f"{value:.2f}", fontsize=4.6, ha="center", va="center", zorder=5,
+                      color="white" if abs(value) > 0.7 * most else INK)
+        dots(axes, x[[i]], INK, 5)
+        axes.set(xlim=(0.16, 0.84), ylim=(0.16, 0.84), title=f"weights of fⱼ − fᵢ in {title}")
+    return figure
+
+
+def ends_of_images() -> Figure:
+    """What stands beyond the faces of an image: clear layers, its mirror image, itself."""
+    figure, every = panels(3, 7.4, 2.5)
+    n = 24
+    noise = np.random.default_rng(11).standard_normal((1, n, n))
+    modes = Modes((1, n, n), np.zeros(3, bool))
+    body = modes.filtered(noise, np.exp(-2 * (np.pi * 1.8) ** 2 * modes.square_frequencies()))[0]
+    rock = body < np.quantile(body, 0.45)
+    clear = np.zeros((n, 6), bool)
+    shown = (("clear layers, sealed sides", np.concatenate([clear, rock, clear], axis=1), 6),
+             ("mirror: [x]", np.concatenate([rock, rock[:, ::-1]], axis=1), 0),
+             ("periodic: [x]", np.concatenate([rock, rock], axis=1), 0))
+    for axes, (title, solid, first) in zip(every, shown):
+        axes.imshow(solid, origin="lower", interpolation="none", cmap=ListedColormap([PALE, GREY]), vmin=0, vmax=1)
+        axes.add_patch(Polygon(np.array([(0, 0), (n, 0), (n, n), (0, n)]) + [first - 0.5, -0.5], fill=False, ec=DUMMY,
+                               lw=1.2))
+        axes.set(title=title)
+        if first:
+            axes.plot([-0.5, solid.shape[1] - 0.5], [[-0.5, n - 0.5]] * 2, color=INK, lw=2)
+    return figure
+
+
+def neighbourhood_classes() -> Figure:
+    """The classes of particles between two solid disks that touch each other and a wall."""
+    figure, (axes,) = panels(1, 4.4, 3.3)
+    cells, names = 27, {"full": FLUID, "wall": OTHER, "narrow": DUMMY, "isolated": INK}
+    disks = [Disk((0.25, 0.25), 0.25), Disk((0.75, 0.25), 0.25)]
+    geometry = ShapeGeometry([0, 0], [1, 0.75], [True, False], shapes=[Shape(disk) for disk in disks])
+    lattice = make_lattice("square", geometry.lower, geometry.upper, geometry.periodic, 1 / cells, SUPPORT / cells)
+    particles = place(geometry, lattice, SUPPORT / cells)
+    x, dummies = particles.x[: particles.n_fluid], particles.x[particles.n_fluid:]
+    scene = WallScene(geometry, dummies, SUPPORT / cells, WENDLAND_C2, particles.site_volume)
+    classes = classify_neighbourhoods(scene.stencils(x)[0])
+    for disk in disks:
+        axes.add_patch(Circle(disk.centre, disk.radius, color=SOLID, lw=0))
+    for y in (0.0, 0.75):
+        axes.plot([0, 1], [y, y], color=INK, lw=1.5)
+    for k, (name, colour) in enumerate(names.items()):
+        if np.any(classes == k):
+            dots(axes, x[classes == k], colour, 4)
+            axes.plot([], [], "o", color=colour, ms=4, label=name)
+    axes.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    axes.set(xlim=(0, 1), ylim=(-0.02, 0.77))
+    return figure
+
+
+def error_bars() -> Figure:
+    """k of a random body over the spacing, with its bar, beside smooth walls and on the faces of voxels: rows of the
+    table of known bodies."""
+    figure, every = panels(2, 7.0, 2.7, bare=False)
+    name, porosity = "blobs 11", body("blobs 11").labels(3).mean()
+    with open(DATA / "known_bodies_measured.csv", encoding="utf-8", newline="") as file:
+        rows = {row["wall"]: row for row in csv.DictReader(line for line in file if not line.startswith("#"))
+                if row["body"] == name}
+    spacings = np.array([1.0, 1 / 2, 1 / 3])
+    for axes, wall, title in zip(every, ("exact", "stairs"), ("smooth walls", "faces of voxels")):
+        k, truth = np.array(rows[wall]["k"].split(), float), float(rows[wall]["truth"])
+        value, bar, *_ = extrapolate(spacings, k, EDGE if wall == "stairs" else None,
+                                     usual=usual_error(k[-1], porosity, spacings[-1]))
+        axes.axhline(truth, color=GREY, lw=1, ls="--")
+        axes.plot(spacings, k, "o-", color=FLUID, ms=5, lw=0.8)
+        axes.errorbar([0.0 if wall == "stairs" else spacings[-1]], [value], [bar], color=DUMMY, capsize=4, lw=1.4,
+                      marker="s", ms=4, zorder=4)
+        axes.set(xlabel="spacing over that of the voxels", xlim=(-0.06, 1.06), title=title)
+        axes.spines[["top", "right"]].set_visible(False)
+    every[0].set(ylabel="k, voxel²")
+    return figure
+
+
 def time_step() -> Figure:
     """Move, predict, project: of a vortex, by the operators themselves."""
     figure, every = panels(4, 7.6, 2.2)
@@ -308,7 +407,8 @@ def contact_angle() -> Figure:
 
 
 FIGURES: dict[str, Callable[[], Figure]] = {function.__name__: function for function in (
-    kernel_and_support, wall_crossing, surface_of_labels, time_step, aggregates, interface_crossing, contact_angle)}
+    kernel_and_support, pair_weights, wall_crossing, surface_of_labels, ends_of_images, time_step,
+    neighbourhood_classes, error_bars, aggregates, interface_crossing, contact_angle)}
 
 
 def short(svg: str) -> str:

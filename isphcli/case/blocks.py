@@ -672,6 +672,13 @@ class Reference:
         unit="m",
         above=0,
     )
+    geometry: Table[Any] = key(
+        "what else of `geometry` the value is of, keys as they stand there, such as {voxels: {labels: {solid: 1}}, "
+        "mirror: []}; a run in which one of them is otherwise is not compared with it. Keys that are not named "
+        "may have any value",
+        default=Table(),
+        part_of=GeometryBlock,
+    )
     tolerance: float | None = key("bound on the relative error", default=None, above=0)
     source: str = key("where the value is from", default="")
     reason: str = key("why that bound", default="")

@@ -151,6 +151,8 @@ def _option(hint: Any, spec: Key) -> dict[str, Any]:
     if is_block(hint):
         return {"$ref": f"#/$defs/{hint.__name__}"}
     origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if spec.part_of is not None:
+        return {"type": "object", "propertyNames": {"enum": list(keys_of(spec.part_of))}}
     if origin is Table:
         table = {"type": "object", "additionalProperties": _type(args[0], spec)}
         return table | ({"propertyNames": {"enum": list(spec.names)}} if spec.names else {})

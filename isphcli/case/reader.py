@@ -49,6 +49,7 @@ class Key:
     formula: tuple[str, ...] = ()  # text is one for `expressions`, of these variables
     input: bool = False  # a file that must exist
     folder: bool = False  # which may be a folder
+    part_of: type | None = None  # a block, of which any keys may be given and none is needed; read as a Table
 
 
 def key(doc: str, *, default: Any = MISSING, factory: Any = MISSING, **spec: Any) -> Any:
@@ -137,7 +138,7 @@ def _describe(hint: Any, spec: Key) -> str:
         item = describe(args[0], spec)
         return f"{item} or list of {_plural(item)}" if spec.single else f"list of {_plural(item)}"
     if origin is Table:
-        return f"block of name: {describe(args[0], spec)}"
+        return "block" if spec.part_of else f"block of name: {describe(args[0], spec)}"
     if hint is str and spec.formula:
         return "formula"
     words = {bool: "true or false", int: "whole number", float: "number", str: "text", Path: "file path"}
@@ -192,6 +193,23 @@ class Reader:
         self._one_of(cls, children, meant, node.where, path)
         return cls(**values)
 
+    def _part(self, cls: type, node: Node, path: str) -> Table:
+        """The keys of a block that are given, as they are in a `cls`; blocks in it are parts too, null is None."""
+        declared = keys_of(cls)
+        values: dict[str, Any] = {}
+        for name, child in node.entries.items():
+            if name not in declared:
+                self._unknown(name, node, path, declared, "key")
+            elif child.is_null:
+                values[name] = None
+            else:
+                hint, spec = declared[name].hint, declared[name].spec
+                inner = next((option for option in options(hint) if is_block(option)), None)
+                if inner is not None:
+                    spec = dataclasses.replace(spec, part_of=inner)
+                values[name] = self._attempt(hint, child, _join(path, name), spec)
+        return Table(values)
+
     def _missing(self, declared: Declared, node: Node, path: str, said: bool) -> None:
         """Report a required key, unless the message about an unknown one has already named it."""
         child_path = _join(path, declared.name)
@@ -229,6 +247,8 @@ class Reader:
         return self._scalar(hint, node, path, spec)
 
     def _mapping(self, hint: Any, node: Node, path: str, spec: Key) -> Any:
+        if spec.part_of is not None:
+            return self._part(spec.part_of, node, path)
         for option in options(hint):
             if is_block(option):
                 return self.block(option, node, path)

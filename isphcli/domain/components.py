@@ -10,6 +10,11 @@ from . import reduce
 from .communicator import current
 from .exchange import NO_EXCHANGE, Exchange
 
+# Share by which diagonals of a pressure matrix are raised before a hierarchy is built on it. Pressure is known up to a
+# constant in each component: in a pocket smaller than an aggregate, and on a coarsest level, a coarse matrix holds
+# nothing but that constant, and the hierarchy would divide by round-off.
+GROUND = 1e-6
+
 
 class ComponentMeans:
     """The projection P of eq. 26 for one constant vector a connected component.

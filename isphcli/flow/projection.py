@@ -129,9 +129,9 @@ def _odd_even(config: Configuration, gradient: np.ndarray, old: np.ndarray, rate
 
     w is the part of inertia in what a particle sets against a force, rate / (rate + nu sum_j lap_ij), nu that of
     the thinner fluid. Without it, what A sees of p and the gradient does not, its odd-even part, is handed on from
-    step to step, hardly damped: layers of density ratio 100 at rest grew by 5 % a step, whatever its length, and a
-    drop of density ratio 1000 blew up. Where drag sets the speed there is nothing to damp, and w = 1 would keep the
-    pressure from growing to what balances it.
+    step to step, hardly damped: in layers of density ratio 100 at rest it grows by 5 % a step, whatever the length of
+    the step, and a drop of density ratio 1000 blows up. Where drag sets the speed there is nothing to damp, and w = 1
+    would keep the pressure from growing to what balances it.
     """
     ops, terms = config.ops, config.terms
     odd_even, drag = -ops.total_divergence(gradient) - old, row_sums(ops.start, ops.lap)

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from .timed_drive import TimedDrive
     from .volume_control import KeptVolume
 
-NEAR_WALL = 0.25  # of the spacing: no particle comes nearer to a wall than this; at 0.015 a cavity blew up
+NEAR_WALL = 0.25  # of the spacing: no particle comes nearer to a wall than this; with 0.015 a cavity blows up
 # The same for particles in narrow pores (`neighbourhood_class`) of scenes with dead ends. Where beads touch, half of
 # the fluid lies within 0.25: kept off that far, particles crowd into the middle of the pores, and the flux of a pack is
 # 40 % too large.

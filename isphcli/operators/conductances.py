@@ -10,20 +10,17 @@ import numpy as np
 import scipy.sparse as sp
 from numba import njit
 
+from ..domain.components import GROUND
 from ..domain.row_threads import over_blocks, over_rows
 from .lattice_weights import LatticeWeights, canonical
-
-# Share by which diagonals of the conductances are raised. Pressure is known up to a constant in each component; in a
-# pocket smaller than an aggregate the coarse matrices hold nothing but that constant and divide by round-off.
-GROUND = 1e-6
 
 
 class Conductances:
     """-dx^2 div(w grad) with the symmetric weights and the means of w (n,) of the pairs.
 
     Means are arithmetic: a pressure acts on the velocities of both particles of a pair, and div A^-1 grad of the one on
-    the wall is that of its neighbours. With harmonic means, which cut it off from them, beads that touch took twice the
-    iterations. diagonal: (n,), raised by `GROUND`.
+    the wall is that of its neighbours. Harmonic means cut it off from them: a solve between beads that touch then takes
+    twice the iterations. diagonal: (n,), raised by `GROUND`.
     """
 
     def __init__(self, ops: LatticeWeights, w: np.ndarray, dx: float):

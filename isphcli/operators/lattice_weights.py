@@ -10,7 +10,7 @@ the weights of eqs 5-6 (see `moments` and `wall_weights`) are
 
 K makes the gradient of the velocity exact for quadratic functions. A lattice has as many different (a, T) as a
 neighbourhood has neighbours, however many particles there are: a pair keeps the number of its offset, one byte, where
-the weights took 80.
+the weights themselves would take 80.
 """
 
 from __future__ import annotations

@@ -10,6 +10,9 @@ G_i makes linear functions exact. L_i (3 unknowns in 2D, 6 in 3D) makes every qu
 the error of the corrected gradient included (Fatehi and Manzari 2011; Trask et al. 2015). The same small
 system gives the term K_i that makes the gradient exact for quadratics too: `order=2`.
 
+In the kernels: `g` is G_i, column 0 of `right` L_i, its columns 1 to 3 K_i, `w` F V_j and `s` the distance over the
+support; `moments` are the sums over the neighbourhood that all three follow from.
+
 Lengths inside the kernels are divided by the support radius, so that nothing depends on the unit of length.
 Scenes in 2D carry a third component of zero: one code path serves both.
 """

@@ -27,9 +27,9 @@ def classify_neighbourhoods(stencils: WallStencils, exchange: Exchange = NO_EXCH
     exchange: of the remote particles.
 
     Nobody shares the pressure with isolated particles: they have no gradient, no force (the body force is taken with
-    the same weights) and no divergence, and move as the fluid around them drags them. Else the pressure of one or two
-    particles hangs on a thread, of which shape and length change as they move: it reached 1e4 times that of the fluid
-    around them, and where the thread grew a little stronger it threw them out.
+    the same weights) and no divergence, and move as the fluid around them drags them. Else one weak pair that
+    changes as particles move would set the pressure of one or two of them: it reaches 1e4 times that of the fluid
+    around, and throws them out once the pair grows a little stronger.
     """
     neighbours, link = stencils.neighbours, stencils.links.link
     start, column = neighbours.start, neighbours.column

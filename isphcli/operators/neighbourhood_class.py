@@ -39,8 +39,8 @@ NARROW_SHARE = 0.42
 # The same of particles that stay on their lattice (steady flow): below a corner, whose consistent divergence is sound
 # there; what is below it lies between two walls
 NARROW_SHARE_FIXED = 0.3
-# Share below which a direction is not known. At 1e-4 beads that touch threw particles out: neighbourhoods in a plane on
-# the lattice were inverted when they had moved a little, and one neighbour at the rim of the support was enough.
+# Share below which a direction is not known. With 1e-4 particles are thrown out from between beads that touch: a
+# neighbourhood in a plane is inverted once a single neighbour, at the rim of the support, has moved a little out of it.
 THIN = 0.05
 ROUND = 0.2  # determinant over the cube of the mean share above which no share is below THIN, and none is computed
 SINGULAR = 1e-7  # scaled pivot below which the system of L counts as rank-deficient

@@ -132,10 +132,3 @@ def costs(result: CheckReport, geometry: Geometry) -> None:
     density_of_pairs = result.neighbours / (memory.PAIRS[dim] * 2.1**dim)
     if runs is not None:
         result.seconds = fluid * runs * density_of_pairs * MICROSECONDS[case.flow, dim] * 1e-6
-
-
-def machine_memory() -> float:
-    """Bytes of memory of this machine."""
-    import psutil
-
-    return float(psutil.virtual_memory().total)

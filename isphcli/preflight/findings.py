@@ -12,8 +12,8 @@ from ..case import forcing
 from ..case.blocks import AXES
 from ..domain.lattice import Lattice
 from ..geometry.connectivity import report
+from ..geometry.images.image import machine_memory
 from ..runs.expected_error import calibrations, wall_of
-from .estimates import machine_memory
 from .report import THIN, CheckReport, in_bytes
 from .throats import TINY, Sites
 

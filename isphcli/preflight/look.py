@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 def look(case: Case, geometry: Geometry, clock: Clock, quiet: bool) -> Seen:
     """What was seen of a scene that is about to run; what is warned of stands on stderr unless `quiet`.
 
-    On Berea (128^3 voxels) it took 1.5 s on an idle core, 5 s on a busy one: the lattice is looked at,
-    no neighbours are searched.
+    On Berea (128^3 voxels) that takes 1.5 s of an idle core, 5 s of a busy one: the lattice is looked at, no neighbours
+    are searched.
     """
     with clock("check"), progress.stage("check of the scene", quiet):
         found = check(case, geometry, to_run=True)

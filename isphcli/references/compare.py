@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from . import single_phase, two_phase
 from .arrays import cylinder_array_permeability, sphere_array_permeability
-from .errors import CompareError, Errors
+from .errors import CompareError, Errors, OtherSampleError
+from .sample import other_geometry
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 def compare(case: Case, result: Result) -> Errors:
     """Errors by name; `main` is the name of the one that `reference.tolerance` bounds.
 
-    Raises CompareError.
+    Raises CompareError; OtherSampleError where the reference is of another body than that of the case.
     """
     reference = case.reference
     if reference is None:
@@ -33,6 +34,9 @@ def compare(case: Case, result: Result) -> Errors:
         known = ", ".join(PARAMETERS[reference.kind]) or "none"
         name = min(unknown)
         raise CompareError(f"reference.parameters.{name}: kind {reference.kind} does not know it; it knows {known}")
+    other = other_geometry(case)
+    if other is not None:
+        raise OtherSampleError(other)
     errors = COMPARISONS[reference.kind](case, result)
     for name, value in errors.items():
         if name != "main" and not math.isfinite(value):

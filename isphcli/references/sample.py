@@ -1,13 +1,16 @@
-"""Whether a published permeability is of what a case runs: of the same part of an image, its voxels and axes."""
+"""Whether a reference is of what a case runs: of the geometry that it names; a permeability of the same part of an
+image, the same voxels and axes."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..case import forcing
-from ..case.blocks import AXES
+from ..case.blocks import AXES, plain
 from ..geometry.images.read import image_shape
 from ..scene.image_file import layout_of
 
@@ -18,14 +21,26 @@ if TYPE_CHECKING:
 Ranges = tuple[tuple[int, int], ...]
 
 
+def other_geometry(case: Case) -> str | None:
+    """What of its geometry is otherwise in `reference.geometry`, a sentence; None where nothing is."""
+    assert case.reference is not None
+    for name, of, run in _named(plain(case.reference.geometry), plain(case.geometry), "geometry"):
+        if not _same(of, run):
+            return f"it is of {name} {_shown(of)}, this run has {_shown(run)}"
+    return None
+
+
 def other_sample(case: Case, geometry: Geometry) -> str | None:
-    """Why the permeability of `reference` cannot be compared with that of a case, a sentence; None where it can.
+    """Why `reference` cannot be compared with a run of the case, a sentence; None where it can.
 
     geometry: of the case, whose voxels have their size (m) by the case or by the file.
     """
     reference, spec = case.reference, case.geometry.voxels
-    if reference is None or reference.kind != "permeability":
+    if reference is None:
         return None
+    other = other_geometry(case)
+    if other is not None or reference.kind != "permeability":
+        return other
     driven = [AXES[axis] for axis in forcing.driven_axes(case, geometry.upper - geometry.lower)]
     if reference.axes is not None and driven and not set(driven) & set(reference.axes):
         return f"the value is of flow along {', '.join(reference.axes)}, this run of flow along {', '.join(driven)}"
@@ -41,6 +56,33 @@ def other_sample(case: Case, geometry: Geometry) -> str | None:
         if not np.allclose(of_size, size, rtol=1e-6):
             return f"the value is of voxels of {_sizes(of_size)} m, this run has voxels of {_sizes(size)} m"
     return None
+
+
+def _named(part: dict[str, Any], block: dict[str, Any], path: str) -> Iterator[tuple[str, Any, Any]]:
+    """(dotted name, value, value in the block or None) of every key of a part of a block."""
+    for name, value in part.items():
+        there = block.get(name)
+        if isinstance(value, dict):
+            yield from _named(value, there if isinstance(there, dict) else {}, f"{path}.{name}")
+        else:
+            yield f"{path}.{name}", value, there
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two values of a key are the same, numbers to round-off of what a user types, words in any order."""
+    if isinstance(one, list) and isinstance(other, list):
+        if all(isinstance(entry, str) for entry in one + other):
+            return sorted(one) == sorted(other)
+        return len(one) == len(other) and all(map(_same, one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=1e-6)
+    return bool(one == other)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_shown, value))}]"
+    return "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _whole(spec: Voxels) -> Ranges | None:

@@ -81,7 +81,7 @@ def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndar
 # Bar beside smooth walls: BAR times the root of the square of what differences of spacings tell, errors of the order
 # ORDER, and of the square of USUAL times the error that nine in ten bodies with pores as wide keep within. ORDER is the
 # power of that error in calibration.csv. Without the second part two spacings that agree by chance make a bar of
-# nothing: a pipe was off by 15 times its bar. With one family of bodies left out at a time, and BAR the smallest that
+# nothing: a pipe is off by 15 times such a bar. With one family of bodies left out at a time, and BAR the smallest that
 # holds 90 % of all others, 93, 96 and 92 % of those that were left out hold (two, two finer, three spacings;
 # `benchmarks/calibration.py bars`)
 ORDER, BAR, USUAL = 1.5, 0.7, 1 / 6

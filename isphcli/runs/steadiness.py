@@ -23,8 +23,8 @@ WINDOWS, PARTS = 3, 8  # windows, and parts of a window
 START = 0.25  # of the elapsed time, where the first window begins
 # Steps in a window: the noise of moving particles is correlated over some ten steps, and parts of a window that are
 # shorter do not see it; particles leave the lattice that they start from over some hundred steps, and the flow with
-# them. A duct of 8 particles across was off by 1.8, 0.35 and 0.10 % with 5, 25 and 100 for a tolerance of 2 %, and by
-# more than was said with 5 and 25 (docs/method.md 6).
+# them. A duct of 8 particles across is off by 1.8, 0.35 and 0.10 % with 5, 25 and 100 for a tolerance of 2 %, and by
+# more than was said with 5 and 25 (docs/design_notes.md, steady states).
 LEAST = 100
 # Student's t for 95 % and the 12 degrees of freedom that 16 parts leave after two straight lines
 CONFIDENCE = 2.179

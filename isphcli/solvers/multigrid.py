@@ -93,8 +93,8 @@ class BlockCycle:
     """W-cycles of a hierarchy on three right-hand sides at once: the matrices are read once for all three.
 
     levels: hierarchy of a matrix; count: cycles. Called with (n, 3), returns the same. Matrices are kept in single
-    precision, vectors are not: their round-off would make the preconditioner a little nonlinear, and GMRES stalled at
-    residuals of 1e-5 on long pores.
+    precision, vectors are not: their round-off would make the preconditioner a little nonlinear, and GMRES would stall
+    at residuals of 1e-5 on long pores.
 
     Sweeps of Gauss and Seidel go through BLOCKS blocks of rows side by side, each with the values that the others had
     before: with 64 blocks two cycles on Berea 128^3 leave 0.0105 of a residual instead of 0.0100. Bits do not depend on

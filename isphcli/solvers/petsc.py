@@ -14,6 +14,7 @@ import scipy.sparse as sp
 
 from ..domain import reduce
 from ..domain.communicator import INSTALL, Ranks, RanksError, current
+from ..domain.components import GROUND
 from ..domain.exchange import Exchange
 from ..domain.migration import Numbered
 from .krylov import Apply, Limits, Report, Watch, report_of
@@ -52,9 +53,6 @@ GAMG = {
     "mg_levels_ksp_max_it": 1,
     "mg_levels_pc_type": "sor",
 }
-# Share by which diagonals are raised where a hierarchy is kept: the matrix of the pressure is singular, and hypre and
-# GAMG divide by the round-off of what is left of it on their coarsest level
-GROUND = 1e-6
 _number = count()  # of the prefix of options: each preconditioner has its own
 
 
@@ -79,7 +77,7 @@ class Petsc:
         """See `engine.Engine`."""
         n, diagonal = matrix.shape[0], matrix.diagonal()
         raised = matrix.copy()
-        # an isolated particle has an empty row
+        # hypre and GAMG divide by what is left on their coarsest level; an isolated particle has an empty row
         raised.setdiag(np.where(diagonal > 0.0, diagonal * (1.0 + GROUND), 1.0))
         return PetscKept(self._cycle_of(self._aij(raised, exchange)), n, exchange, self.comm)
 

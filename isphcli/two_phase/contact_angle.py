@@ -1,8 +1,7 @@
 """The contact angle: the slope of the signed distance that walls ask for where an interface meets them.
 
-Eqs 18-22 turn the normals of the fluid near a wall towards the contact angle; asked for 150 degrees, a drop then
-settles at 84. Here the fit of `quadratic_fit` takes the angle in, as a boundary condition: with theta measured
-through the first fluid and p the normal of the wall, into the fluid,
+The fit of `quadratic_fit` takes the angle in as a boundary condition. With theta measured through the first fluid and
+p the normal of the wall, into the fluid, it is
 
     p . grad phi = -cos(theta) |grad phi| / (1 - kappa phi)     at the wall points above the dummies, near the line
                                                                 where phi = 0 meets the wall,
@@ -10,9 +9,10 @@ through the first fluid and p the normal of the wall, into the fluid,
 |grad phi| and kappa those of the fit without them. The angle is that of the interface: the other levels of the distance
 to a round interface have the same centre, and meet the wall at other angles. kappa is the curvature of the interface in
 the plane of its normal and p, across the line: along the line the angle does not change. Without it the curvature
-beside walls was 20 % off at every resolution, and the largest spurious velocities were there.
+beside walls is 20 % off at every resolution, and drives the largest spurious velocities.
 
-Normals and curvature beside the wall, and the smoothing of phi, follow from the fit: no normal is turned by hand.
+Normals and curvature beside the wall, and the smoothing of phi, follow from the fit. This is in the place of eqs 18-22,
+which turn the normals of the fluid near a wall towards the angle: with them a drop asked for 150 degrees settles at 84.
 """
 
 from __future__ import annotations

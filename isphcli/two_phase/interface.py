@@ -7,8 +7,8 @@ follows from a quadratic function fitted to phi (`quadratic_fit`):
     the fluid of a particle: the sign of phi;       a pair of unlike particles meets the interface at
     t = phi_i / (phi_i - phi_j);       n = g / |g| into the first fluid;       kappa = -(tr H - n . H n) / |g|.
 
-Colours alone cannot hold an interface: roughness of two or three spacings costs next to no energy as an averaged
-curvature sees it, and drops came apart. A field need not have any. In each step a part of what the quadratic function
+Colours alone cannot hold an interface: an averaged curvature hardly sees roughness of two or three spacings, nothing
+opposes it, and drops fall apart. A field need not be rough. In each step a part of what the quadratic function
 does not fit is taken out of phi, and |grad phi| is brought towards one; an interface that is smooth over a support is
 moved by neither (errors of fourth order). What that changes of the volume of the first fluid is given back along the
 interface, to each connected piece its own: bubbles do not feed each other. Without walls, what the errors of the

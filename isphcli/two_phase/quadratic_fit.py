@@ -5,8 +5,8 @@
 a wall point asks in the same sum for its slope along the normal p of the wall: support (p . (g + H d) - slope) with the
 weight of a neighbour there. C are the terms of third and fourth order that a distance has (|grad phi| does not change
 along grad phi) if the curvatures of its level stay as they are along it. They follow from g and H of a first fit and
-are taken off in a second one: fits to one side, beside walls, were of first order without. A sphere is its own fit to
-fourth order in the support, and roughness shorter than the support is not.
+are taken off in a second one: without that, fits to one side, beside walls, are of first order. A sphere is its own fit
+to fourth order in the support, and roughness shorter than the support is not.
 
 Half way between two interfaces the distance has an edge. Neighbours whose gradient points another way know the distance
 to another interface and are left out: the fit is that of a particle's own one.

@@ -8,10 +8,11 @@ from pyamg.aggregation.tentative import fit_candidates
 from pyamg.relaxation.relaxation import gauss_seidel
 from pyamg.strength import symmetric_strength_of_connection
 
-from isphcli.domain import row_threads
-from isphcli.operators.conductances import GROUND, Conductances
+from isphcli.domain.components import GROUND
+from isphcli.operators.conductances import Conductances
 from isphcli.operators.lattice_weights import symmetric_laplacian
 from tests.operators.test_lattice_weights import SPACING, both
+from tests.threads import on_threads
 
 THRESHOLD = 0.05
 
@@ -71,14 +72,15 @@ def test_sweeps(matrix):
 
 
 def test_bits_do_not_depend_on_the_threads(monkeypatch):
-    monkeypatch.setattr(row_threads, "FEWEST", 16)
-    rows, found = both(3, 0.0)[1], []
+    rows = both(3, 0.0)[1]
     w, blocks = 1.0 + np.random.default_rng(2).random(rows.n), np.linspace(0, rows.n, 9).astype(np.int64)
-    for threads in (1, 2, 3, 8):
-        monkeypatch.setattr(row_threads, "get_num_threads", lambda threads=threads: threads)
+
+    def results():
         matrix = Conductances(rows, w, SPACING)
         x, rest = matrix.sweep_from_zero(blocks, w)
         matrix.sweep_back(blocks, w, x)
-        found.append([matrix.tocsr().data, matrix.strong(THRESHOLD).indices, x, rest])
-    for other in found[1:]:
-        assert all(np.array_equal(a, b) for a, b in zip(found[0], other))
+        return [matrix.tocsr().data, matrix.strong(THRESHOLD).indices, x, rest]
+
+    first, *others = on_threads(monkeypatch, results)
+    for other in others:
+        assert all(np.array_equal(a, b) for a, b in zip(first, other))

@@ -9,9 +9,9 @@ from isphcli.cli import main
 from isphcli.domain.lattice import ParticleError
 from isphcli.geometry import iso_surface
 from isphcli.geometry.images import read
+from isphcli.geometry.images.image import machine_memory
 from isphcli.output.clock import Clock
 from isphcli.preflight.check import check
-from isphcli.preflight.estimates import machine_memory
 from isphcli.runs import steady
 from isphcli.runs.run import run_case
 from isphcli.runs.steady import build_scene

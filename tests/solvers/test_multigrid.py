@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from isphcli.domain import row_threads
 from isphcli.domain.components import ComponentMeans, pair_components
 from isphcli.operators.assemble import assemble
 from isphcli.solvers import multigrid
 from isphcli.solvers.multigrid import hierarchy
 from tests.solvers.systems import operators, solve
+from tests.threads import on_threads
 
 
 def poisson(dim, n, ratio):
@@ -57,12 +57,9 @@ def test_the_bits_of_block_cycles_do_not_depend_on_the_threads(monkeypatch):
     cycles = multigrid.BlockCycle(hierarchy(matrix), 2)
     assert len(cycles.blocks[0]) == multigrid.BLOCKS + 1
     b = np.random.default_rng(3).standard_normal((ops.n, 3))
-    found = []
-    for threads in (1, 2, 3, 8):
-        monkeypatch.setattr(row_threads, "get_num_threads", lambda threads=threads: threads)
-        found.append(cycles(b))
-    assert all(np.array_equal(found[0], other) for other in found)
-    assert np.linalg.norm(b - matrix @ found[0]) < 0.1 * np.linalg.norm(b)
+    first, *others = on_threads(monkeypatch, lambda: cycles(b))
+    assert all(np.array_equal(first, other) for other in others)
+    assert np.linalg.norm(b - matrix @ first) < 0.1 * np.linalg.norm(b)
 
 
 def test_sweeps_by_blocks_of_rows(monkeypatch):
@@ -70,12 +67,10 @@ def test_sweeps_by_blocks_of_rows(monkeypatch):
     right-hand side as PyAMG's sweeps through all rows do, within a fifth: of 1.6 layers a block."""
     _, ops = operators(2, 64, 2.1)
     matrix = assemble(ops.start, ops.column, ops.lap, 100.0, 1.0)
-    levels, b, found = hierarchy(matrix), np.random.default_rng(4).standard_normal(ops.n), []
+    levels, b = hierarchy(matrix), np.random.default_rng(4).standard_normal(ops.n)
     through = multigrid.cycle(levels)(b)
     monkeypatch.setattr(multigrid, "ROWS", 60)
-    for threads in (1, 2, 3, 8):
-        monkeypatch.setattr(row_threads, "get_num_threads", lambda threads=threads: threads)
-        found.append(multigrid.cycle(levels)(b))
-    assert all(np.array_equal(found[0], other) for other in found)
-    one, other = (np.linalg.norm(b - matrix @ x) for x in (through, found[0]))
+    first, *others = on_threads(monkeypatch, lambda: multigrid.cycle(levels)(b))
+    assert all(np.array_equal(first, other) for other in others)
+    one, other = (np.linalg.norm(b - matrix @ x) for x in (through, first))
     assert 0.0 < abs(other - one) < 0.2 * one

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from isphcli.domain import row_threads
 from isphcli.operators.conductances import Conductances
 from isphcli.solvers import multigrid, pair_cycle
 from tests.operators.test_lattice_weights import SPACING, both
+from tests.threads import on_threads
 
 
 def conductances():
@@ -28,12 +28,14 @@ def test_the_bits_of_blocks_do_not_depend_on_the_threads(monkeypatch):
     """And it reduces a residual as a cycle does: to less than a third."""
     monkeypatch.setattr(multigrid, "ROWS", 20)
     matrix = conductances()
-    b, found = np.random.default_rng(3).standard_normal(matrix.n), []
+    b = np.random.default_rng(3).standard_normal(matrix.n)
     b -= b.mean()
-    for threads in (1, 2, 3, 8):
-        monkeypatch.setattr(row_threads, "get_num_threads", lambda threads=threads: threads)
+
+    def cycled():
         cycle = pair_cycle.PairCycle(matrix)
         assert len(cycle.blocks) == multigrid.BLOCKS + 1
-        found.append(cycle(b))
-    assert all(np.array_equal(found[0], other) for other in found)
-    assert np.linalg.norm(b - matrix.tocsr() @ found[0]) < np.linalg.norm(b) / 3
+        return cycle(b)
+
+    first, *others = on_threads(monkeypatch, cycled)
+    assert all(np.array_equal(first, other) for other in others)
+    assert np.linalg.norm(b - matrix.tocsr() @ first) < np.linalg.norm(b) / 3

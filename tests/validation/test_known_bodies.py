@@ -28,6 +28,14 @@ def measured(wall):
                 yield row, np.array(row["k"].split(), float)
 
 
+AGREE = 1e-4  # of k: the table has six digits, solves have a tolerance of 1e-6 of their right-hand side
+
+
+def table_of(name, wall):
+    """k (levels,) of one body in that table, voxel^2."""
+    return next(k for row, k in measured(wall) if row["body"] == name)
+
+
 def solve(one, geometry, spacing, case):
     scene = build_scene(case, geometry, spacing, Clock(), [one.axis])
     flow = solve_axis(case, scene, one.axis, np.eye(3)[one.axis], Clock())
@@ -75,25 +83,27 @@ def test_distance_and_crossing_of_a_level_function():
 
 
 def test_the_bar_of_exact_surfaces_holds_the_truth():
-    """At 1 and 2 particles per voxel, solved here: of six bodies two may miss their bar (of all 45 four do, two of them
-    are here: duct 6.4 and ellipse 6.3 3.6), and the bar is narrow enough to be of use."""
-    held, widths = [], []
+    """At 1 and 2 particles per voxel, solved here: k is that of the table on which bars and ranges rest, and so are the
+    two bodies that miss their bar (of all 45 four do). The bar of the others is narrow enough to be of use."""
+    missed, widths = [], []
     for name in SMALL:
         one = body(name)
         case, geometry = case_of(one, f"box: {[float(n) for n in one.size]}"), LevelGeometry(one)
         (coarse, _), (fine, porosity) = (solve(one, geometry, spacing, case) for spacing in (1.0, 0.5))
+        assert [coarse, fine] == pytest.approx(table_of(name, "exact")[:2], rel=AGREE), name
         value, bar, *_ = extrapolate((1.0, 0.5), (coarse, fine), usual=usual_error(fine, porosity, 0.5))
         truth, uncertainty, _ = one.truth()
-        held.append(abs(value - truth) <= bar + uncertainty * truth)
+        if abs(value - truth) > bar + uncertainty * truth:
+            missed.append(name)
         widths.append(bar / truth)
-    assert sum(held) >= len(SMALL) - 2
+    assert missed == ["duct 6.4", "ellipse 6.3 3.6"]
     assert np.median(widths) < 0.01
 
 
 @pytest.mark.parametrize("grey", [False, True])
 def test_the_range_of_images_holds_the_truth(grey, tmp_path):
-    """At one particle per voxel, solved here: of six bodies one may miss its range, by which 90 % of all are held."""
-    held = []
+    """At one particle per voxel, solved here: k is that of the table, and the range holds the truth of each body; of
+    all it does so for nine in ten."""
     for name in VOXEL:
         one = body(name)
         np.save(tmp_path / "image.npy", one.grey() if grey else one.labels())
@@ -101,10 +111,10 @@ def test_the_range_of_images_holds_the_truth(grey, tmp_path):
         case = case_of(one, f"voxels: {{file: {tmp_path / 'image.npy'}, {kind}, voxel_size: 1, axes: xyz}}")
         geometry = build_geometry(case)
         k, porosity = solve(one, geometry, 1.0, case)
-        found = expected("grey" if grey else "labels", k, porosity, 1.0, scan_of(geometry))
-        low, high = found.bounds(k)
-        held.append(low <= one.truth()[0] <= high)
-    assert sum(held) >= len(VOXEL) - 1
+        wall = "grey" if grey else "labels"
+        assert k == pytest.approx(table_of(name, wall)[0], rel=AGREE), name
+        low, high = expected(wall, k, porosity, 1.0, scan_of(geometry)).bounds(k)
+        assert low <= one.truth()[0] <= high, name
 
 
 @pytest.mark.parametrize("levels", [(1, 2), (2, 3), (1, 2, 3)])

@@ -178,11 +178,11 @@ def in_smallest_type(values: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(values, dtype=np.min_scalar_type(int(values.max())))
 
 
-def _memory() -> int:
-    """Bytes that one image may take: half of the machine's memory."""
+def machine_memory() -> int:
+    """Bytes of memory of this machine, whoever uses them now."""
     import psutil
 
-    return int(psutil.virtual_memory().total) // 2
+    return int(psutil.virtual_memory().total)
 
 
 def check_size(path: Path, needed: int, there: int) -> None:
@@ -196,8 +196,8 @@ def check_size(path: Path, needed: int, there: int) -> None:
 
 
 def check_memory(path: Path, needed: int) -> None:
-    """The bytes of what is to be read against the memory of the machine."""
-    if needed > _memory():
+    """The bytes of what is to be read against half of the memory of the machine."""
+    if needed > machine_memory() // 2:
         raise VoxelError(
             f"{path}: the header asks for {needed} bytes, more than half of the memory; crop the image"
         )
