@@ -53,8 +53,8 @@ def test_farther_neighbours_are_those_in_sight_that_know_their_distance():
 
 def test_roughness_in_space_is_seen_as_roughness():
     """White noise of a hundredth of a spacing on a flat interface: the fit over 2.8 spacings keeps half of it, as it
-    does in the plane, and that over the 2.1 of the operators, ten unknowns for hardly more neighbours, 0.8; the curvature is
-    twice as rough."""
+    does in the plane, and that over the 2.1 of the operators, ten unknowns for hardly more neighbours, 0.8; the
+    curvature is twice as rough."""
     text = """
 geometry: {box: [1.6, 0.8, 0.8], periodic: [x, y, z], fluid: b,
            shapes: [{half_space: {point: [0.8, 0, 0], normal: [1, 0, 0]}, is: a}]}
