@@ -72,13 +72,13 @@ def numbers_of(sites: np.ndarray, count: int) -> np.ndarray:
 class Migration:
     """Between bricks of a box.
 
-    share: of this process, of the lattice; lower, upper: (dim,) corners of the box, m; periodic: (dim,); support: m.
+    share: of this process, of the lattice; lower, upper: (dim,) corners of the box, m; periodic: (dim,); sight: how far particles see, m.
     """
 
     def __init__(self, share: Share, lower: np.ndarray, upper: np.ndarray, periodic: Sequence[bool] | np.ndarray,
-                 support: float):
+                 sight: float):
         self.share, self.lower, self.upper = share, lower, upper
-        self.periodic, self.support = np.array(periodic), support
+        self.periodic, self.sight = np.array(periodic), sight
         self._near = self._near_bricks()
         self._last: Numbered | None = None
 
@@ -87,8 +87,8 @@ class Migration:
         return Migration(self.share, self.lower, self.upper, self.periodic, reach)
 
     def _near_bricks(self) -> list[tuple[int, np.ndarray]]:
-        """(process, whole boxes in m) of every brick within a support of the own one, once moved by these."""
-        size, bricks, reach = self.upper - self.lower, self.share.cut.bricks, self.support * (1.0 + 1e-9)
+        """(process, whole boxes in m) of every brick in sight of the own one, once moved by these."""
+        size, bricks, reach = self.upper - self.lower, self.share.cut.bricks, self.sight * (1.0 + 1e-9)
         most = np.where(self.periodic, np.ceil(reach / size), 0).astype(int)
         found = []
         for boxes in itertools.product(*(range(-k, k + 1) for k in most)):
@@ -113,7 +113,7 @@ class Migration:
     def around(self, x: np.ndarray, number: np.ndarray) -> Share:
         """What the own particles at x (n, dim) see of other processes. number: (n,) int64."""
         comm: Any = current().raw  # type: ignore[attr-defined]
-        bricks, reach = self.share.cut.bricks, self.support * (1.0 + 1e-9)
+        bricks, reach = self.share.cut.bricks, self.sight * (1.0 + 1e-9)
         rows: list[np.ndarray] = [np.zeros(0, np.int64)]
         places = [np.zeros((0, x.shape[1]))]
         give = np.zeros(current().size, np.int64)

@@ -85,6 +85,10 @@ class Fluids(Protocol):
     forces: Sequence[Force]
 
     @property
+    def reach(self) -> float:
+        """How far particles see, m, or the support where that is more."""
+
+    @property
     def tension(self) -> Tension | None:
         """Of the interface, or None."""
 
@@ -207,6 +211,7 @@ class OneFluid:
     line: WallChange | None = None
     first_passes = 3
     added_viscosity = 0.0
+    reach = 0.0
 
     def __init__(self, reference: float, viscosity: float, force: np.ndarray, held: np.ndarray | None = None,
                  forces: Sequence[Force] = ()):

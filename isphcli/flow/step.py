@@ -94,6 +94,12 @@ class Stepper:
 
             self.walls = WallScene(self.geometry, self.dummies, self.support, self.kind, self.site_volume,
                                    self.fluids.line)
+            self.walls.reach = self.reach
+
+    @property
+    def reach(self) -> float:
+        """How far any particle sees, m."""
+        return max(self.support, self.fluids.reach)
 
     @property
     def clock(self) -> Clock:
@@ -135,7 +141,7 @@ class Stepper:
             with self.clock("neighbours"):
                 exchange, seen, brick = (NO_EXCHANGE, x, None) if share is None else (
                     share.exchange, np.concatenate([x, share.ghosts]), (share.lower, share.upper))
-                images = build_halo(seen, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support,
+                images = build_halo(seen, geometry.lower, geometry.upper, np.array(geometry.periodic), self.reach,
                                     brick)
                 neighbours = neighbourhood(images.positions(seen), images.owners(len(seen)), n, self.kind,
                                            self.support)

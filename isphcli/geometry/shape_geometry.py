@@ -10,6 +10,7 @@ import numpy as np
 from ..domain.row_threads import over_rows
 from .bodies import ROUND_OFF, Cylinder, HalfSpace, Shape, ShapeError, Sphere, check_body
 from .faces import AT_REST, Walls, face_distance
+from .fluid_faces import FluidFaces
 from .nearest_wall import PROBE, in_3d, put_beside, put_walls
 from .segment_walls import CELLS_A_PIECE, extent_of, fill_cells, periodic_images, put_crossings
 
@@ -125,15 +126,18 @@ class ShapeGeometry:
     def interface_distance(self, x: np.ndarray) -> np.ndarray:
         """(n,) signed distance to where fluids 0 and 1 meet, m, > 0 in fluid 0; solids lie on it and end nothing.
 
-        Exact but beyond the edges of shapes, where it is that to the nearest surface.
+        Exact but beyond the edges of shapes, where it is that to the nearest surface. Faces of shapes along walls are
+        no interface (`FluidFaces`).
         """
-        x = self._wrapped(x)
+        x, whole = self._wrapped(x), True
         phi = np.full(len(x), np.inf if self.fluid == 0 else -np.inf)
         for shape in self.shapes:
             if shape.phase >= 0:
-                d = shape.signed_distance(x, self.period)
-                phi = np.maximum(phi, -d) if shape.phase == 0 else np.minimum(phi, d)
-        return phi
+                faces = FluidFaces(shape.body, self.lower, self.upper, self.period, self.phase)
+                d = -faces.signed_distance(x) if shape.outside else faces.signed_distance(x)
+                phi, whole = np.maximum(phi, -d) if shape.phase == 0 else np.minimum(phi, d), whole and faces.whole
+        # beyond the wall that a face lies along there may be a pore of the other fluid
+        return phi if whole else np.copysign(phi, np.where(self.phase(x) == 0, 1.0, -1.0))
 
     def distance(self, x: np.ndarray, depth: float = np.inf) -> np.ndarray:
         """(n,) signed distance to the wall, m; in solids beyond `depth`, m, to the nearest surface of a shape.

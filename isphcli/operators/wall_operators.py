@@ -40,7 +40,7 @@ class WallScene:
     """Dummies of a scene and their wall data, which never change.
 
     geometry: Geometry; dummies: (n_dummy, dim) m; support: m; kind: kernel number; site_volume: m^dim;
-    line: what changes walls near a contact line, or None.
+    line: what changes walls near a contact line, or None. reach: how far any particle sees, m, the support unless set.
     """
 
     def __init__(self, geometry: Geometry, dummies: np.ndarray, support: float, kind: int, site_volume: float,
@@ -49,7 +49,7 @@ class WallScene:
         self.support, self.kind, self.site_volume = support, kind, site_volume
         self.dummy_distance = geometry.distance(dummies)
         self.dummy_wall = geometry.wall(dummies)
-        self.line = line
+        self.line, self.reach = line, support
         self.slips = line is not None or bool(np.any(geometry.slip_length > 0.0))
         self.dummy_normal = self._normals(dummies) if self.slips else None
 
@@ -86,7 +86,7 @@ class WallScene:
             x = np.concatenate([x, share.ghosts])
         n = len(x)
         owned = np.concatenate([x, self.dummies])
-        images = build_halo(owned, geometry.lower, geometry.upper, np.array(geometry.periodic), self.support,
+        images = build_halo(owned, geometry.lower, geometry.upper, np.array(geometry.periodic), self.reach,
                             None if share is None else (share.lower, share.upper))
         table, owner = images.positions(owned), images.owners(len(owned))
         if fixed:

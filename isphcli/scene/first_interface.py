@@ -29,7 +29,7 @@ def first_interface(case: Case, geometry: Geometry, particles: Particles, steppe
     from ..two_phase.interface import Interface, reach_of, share_of
 
     x, phase = particles.x[: particles.n_fluid], particles.phase
-    reach = reach_of(stepper.support, stepper.spacing)
+    reach = reach_of(stepper.reach, stepper.spacing)
     flood = case.initial.flood if case.initial is not None else None
     phi = geometry.interface_distance(x) if flood is None and case.reservoirs is None else None
     phi = from_labels(stepper, x, phase, reach, number) if phi is None else np.clip(phi, -reach, reach)
@@ -44,6 +44,7 @@ def from_labels(stepper: Stepper, x: np.ndarray, phase: np.ndarray, reach: float
                 number: np.ndarray | None = None) -> np.ndarray:
     """phi (n,), m, of particles x (n, dim) of fluids phase (n,); reach: largest, m; number: (n,) of `State`."""
     from ..two_phase.interface import carried, find_interface
+    from ..two_phase.two_fluids import TwoFluids
 
     geometry, spacing = stepper.geometry, stepper.spacing
     box = np.where(geometry.periodic, geometry.upper - geometry.lower, 0.0)
@@ -59,7 +60,8 @@ def from_labels(stepper: Stepper, x: np.ndarray, phase: np.ndarray, reach: float
         mine = np.flatnonzero(phase == k)
         near, _ = other.query(x[mine] - geometry.lower, distance_upper_bound=reach)
         phi[mine] *= np.minimum(np.maximum(near - 0.5 * spacing, 0.1 * spacing), reach) / reach
-    config = stepper.configure(x, 0.0, phi, number)
+    assert isinstance(stepper.fluids, TwoFluids)
+    config, sight = stepper.configure(x, 0.0, phi, number), stepper.fluids.sight
     for _ in range(PASSES):
-        phi = carried(find_interface(config.ops, config.neighbours, phi, spacing), config.ops, None, PASS)
+        phi = carried(find_interface(config.ops, config.neighbours, phi, spacing, sight=sight), config.ops, None, PASS)
     return phi

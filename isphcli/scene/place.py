@@ -27,12 +27,23 @@ def lattice_at(case: Case, geometry: Geometry, spacing: float) -> Lattice:
                         case.support * spacing, case.particles.offset)
 
 
+def sight_of(case: Case, spacing: float) -> float:
+    """How far particles of a case at a spacing see, m: its support, and the fit of an interface with tension may see farther."""
+    farthest = case.support
+    if case.interface is not None:
+        from ..two_phase.sight import SIGHT
+
+        farthest = max(farthest, SIGHT)
+    return farthest * spacing
+
+
 def place_case(case: Case, geometry: Geometry, spacing: float) -> Particles:
     """The particles of a case at a spacing, which may be another than its own. Of several processes their own, still
     without jitter and of the fluids of the geometry (`jittered`, `with_fluids`). Raises ParticleError."""
     asked = case.particles
     if current().size > 1:
-        return place_share(geometry, lattice_at(case, geometry, spacing), case.support * spacing)
+        support = case.support * spacing
+        return place_share(geometry, lattice_at(case, geometry, spacing), support, sight_of(case, spacing))
     particles = place(geometry, lattice_at(case, geometry, spacing), case.support * spacing, asked.jitter, spacing,
                       asked.seed)
     return with_fluids(case, geometry, particles)
@@ -140,11 +151,12 @@ def _all_solid(geometry: Geometry) -> ParticleError:
                          f"check {what_is_solid(geometry)}, or take a smaller particles.spacing")
 
 
-def place_share(geometry: Geometry, lattice: Lattice, support: float) -> Particles:
+def place_share(geometry: Geometry, lattice: Lattice, support: float, sight: float = 0.0) -> Particles:
     """What this process owns of the particles of a lattice, and what those see (`Share`); all processes together.
 
-    Each classifies a slab of the lattice for the cut, then the sites of its own brick and a support round it: nothing
-    is sent but histograms. A site is known by its number, and what is asked of the geometry is asked at its place in
+    support: m; sight: how far particles see, m, where that is farther.
+    Each classifies a slab of the lattice for the cut, then the sites of its own brick and what is in sight round it:
+    nothing is sent but histograms. A site is known by its number, and what is asked of the geometry is asked at its place in
     the box, with the same bits on every process that sees it. Raises ParticleError where there is no fluid.
     """
     ranks, box = current(), (geometry.lower, geometry.upper, geometry.periodic)
@@ -166,7 +178,7 @@ def place_share(geometry: Geometry, lattice: Lattice, support: float) -> Particl
     cut = Cut(x, np.where(around, geometry.lower, np.minimum(geometry.lower, lattice.corner)),
               np.where(around, geometry.upper, np.maximum(geometry.upper, lattice.corner + counts * lattice.cell)))
     del x, found, slab
-    near = _near_brick(geometry, lattice, support, cut)
+    near = _near_brick(geometry, lattice, (support, max(support, sight)), cut)
     own, remote, foreign = near.here & (near.phase >= 0), near.there & (near.phase >= 0), near.there & (near.phase < 0)
     dummies = near.here & (near.phase < 0)
     exchange, of_dummies = (
@@ -181,7 +193,7 @@ def place_share(geometry: Geometry, lattice: Lattice, support: float) -> Particl
 
 @dataclass
 class _Sites:
-    """Sites of the fluid within a support of a brick, and those of solids that fluid may see.
+    """Sites of the fluid in sight of a brick, and those of solids that fluid may see.
 
     x: (k, dim) m, of an image near the brick; site: (k,) number in the lattice; owner: (k,) process; phase: (k,) int8;
     shift: (k, dim) int8 whole boxes from the place in the box to x. here: (k,) bool, owned by this process, and not an
@@ -203,13 +215,14 @@ class _Sites:
         self.there = ~mine & once
 
 
-def _near_brick(geometry: Geometry, lattice: Lattice, support: float, cut: Cut) -> _Sites:
+def _near_brick(geometry: Geometry, lattice: Lattice, lengths: tuple[float, float], cut: Cut) -> _Sites:
     lower, upper = cut.bricks[current().rank]
-    geometry = geometry.within(lower, upper, support)
+    support, sight = lengths
+    geometry = geometry.within(lower, upper, sight)
     around, counts, dim = np.array(geometry.periodic), lattice.counts, geometry.dim
-    reach = support * (1.0 + 1e-9)
-    first = np.floor((lower - support - lattice.corner) / lattice.cell).astype(int) - 1
-    end = np.ceil((upper + support - lattice.corner) / lattice.cell).astype(int) + 2
+    deepest, reach = support * (1.0 + 1e-9), sight * (1.0 + 1e-9)
+    first = np.floor((lower - sight - lattice.corner) / lattice.cell).astype(int) - 1
+    end = np.ceil((upper + sight - lattice.corner) / lattice.cell).astype(int) + 2
     first, end = np.where(around, first, np.maximum(first, 0)), np.where(around, end, np.minimum(end, counts))
     parts: list[tuple[np.ndarray, ...]] = []
     left_out = 0
@@ -225,7 +238,7 @@ def _near_brick(geometry: Geometry, lattice: Lattice, support: float, cut: Cut) 
         kept = phase >= 0
         solid = np.flatnonzero(~kept)
         if geometry.has_solid:
-            kept[solid] = -geometry.distance(x[solid], reach) < reach
+            kept[solid] = -geometry.distance(x[solid], deepest) < deepest
             left_out += int((~kept & (owner == current().rank) & ~shift.any(axis=1)).sum())
         parts.append((image[kept], site[kept], owner[kept], phase[kept], shift[kept]))
     none = (np.zeros((0, dim)), np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.int8),

@@ -25,7 +25,7 @@ from ..solvers.engine import engine_of
 from ..solvers.kept_hierarchies import KeptHierarchies
 from . import memory
 from .choose_fluids import choose_fluids
-from .place import jittered, lattice_at, place_case, with_fluids
+from .place import jittered, lattice_at, place_case, sight_of, with_fluids
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -74,7 +74,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         if share is not None:
             from ..domain.migration import Migration, numbers_of
 
-            geometry = geometry.within(share.lower, share.upper, support)
+            geometry = geometry.within(share.lower, share.upper, sight_of(case, spacing))
             number = numbers_of(share.sites, lattice_at(case, geometry, spacing).sites)
             if case.particles.jitter > 0.0:
                 particles = jittered(case, geometry, particles, number)
@@ -100,7 +100,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         volume=kept_volume(case, geometry, x), timed_drive=drive, seam=seam(case, geometry),
     )
     if share is not None:
-        stepper.migration = Migration(share, geometry.lower, geometry.upper, geometry.periodic, support)
+        stepper.migration = Migration(share, geometry.lower, geometry.upper, geometry.periodic, stepper.reach)
     if drive is not None:
         stepper.bounds = replace(stepper.bounds, largest_force=drive.largest_force)
     gradient, phi = None if forcing.gradient_axis(case) is None else 0.0, None

@@ -32,7 +32,6 @@ from .quadratic_fit import FLATTEST, QuadraticFit, SlopesAtWalls, quadratic_fit
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..geometry.protocol import Geometry
-    from ..operators.pair_weights import Operators
 
 NEAR_LINE = 2.0  # spacings: wall points are given the angle less and less up to this distance from the interface
 SHALLOW = 1.01  # spacings: dummies deeper than this have wall points that others have too
@@ -93,14 +92,14 @@ class ContactAngle:
             slope[self.dummies.neutral[dummy]] = 0.0
         return slope
 
-    def at_walls(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray,
+    def at_walls(self, ops: Operators, seen: tuple[Neighbourhood, Neighbourhood], phi: np.ndarray, known: np.ndarray,
                  free: QuadraticFit) -> QuadraticFit:
         """The QuadraticFit `free` with those of particles that see wall points near a contact line made anew, with the
-        angle there. Arguments as those of `interface.find_interface`, phi of remote particles too; known: (n + remote,)
+        angle there. seen: neighbours that the fit takes, and all of them, dummies included; phi, known: (n + remote,) m,
         bool."""
-        assert ops.walls is not None
+        fitted, neighbours = seen
         shallow = self.dummies.depth < SHALLOW * self.spacing
-        start, at, dummy = _seen(neighbours, known[: ops.n] & ops.walls.near_wall, shallow, len(phi))
+        start, at, dummy = _seen(neighbours, known[: ops.n], shallow, len(phi))
         if not reduce.number(at):
             return free
         normal = self.dummies.normal[dummy]
@@ -118,8 +117,7 @@ class ContactAngle:
         touched[particle[part[dummy] > 0.0]] = True
         # in place of eqs 18-22
         slopes = SlopesAtWalls(start, offset, normal, steepness[dummy] * self._slope_of(dummy), WEIGHT * part[dummy])
-        bound = quadratic_fit(ops.neighbours, phi, known, touched, ops.exchange.forward(free.slope), self.spacing,
-                              slopes)
+        bound = quadratic_fit(fitted, phi, known, touched, ops.exchange.forward(free.slope), self.spacing, slopes)
         return QuadraticFit(*(np.where(touched if old.ndim == 1 else touched[:, None], new, old)
                               for old, new in zip(free, bound)))
 

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..operators.pair_weights import Operators
     from .contact_angle import ContactAngle
+    from .sight import Sight
 
 THICKNESS = 1.5  # spacings: half of the thickness over which the volume fraction of the first fluid goes from 0 to 1
 SPREAD = 1.0 / 3.0 - 2.0 / math.pi**2  # variance of the slope of the volume fraction, of the square of THICKNESS
@@ -98,19 +99,21 @@ def fraction_slope(phi: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, spacing: float,
-                   contact: ContactAngle | None = None) -> Interface:
+                   contact: ContactAngle | None = None, sight: Sight | None = None) -> Interface:
     """The Interface of a configuration.
 
-    ops: Operators; neighbours: all of them, dummies included; phi: (n,) m; contact: the angle at walls, or None.
+    ops: Operators; neighbours: all of them, dummies included; phi: (n,) m; contact: the angle at walls, or None; sight:
+    of the fit where it sees farther than the operators, or None.
     """
     seen, everyone = ops.neighbours, ops.exchange.forward
-    reach = reach_of(seen.support, spacing)
+    reach = reach_of(seen.support if sight is None else max(seen.support, sight.reach), spacing)
     far = everyone(phi)
     known = np.abs(far) < reach
-    gradient = everyone(own_gradient(seen, far, known, everyone(ops.gradient_p(phi)), spacing))
-    fit = quadratic_fit(seen, far, known, known, gradient, spacing, no_slopes(ops.n, ops.dim))
+    fitted, neighbours = (seen, neighbours) if sight is None else sight.neighbours(ops, neighbours, known)
+    gradient = everyone(own_gradient(fitted, far, known, everyone(ops.gradient_p(phi)), spacing))
+    fit = quadratic_fit(fitted, far, known, known, gradient, spacing, no_slopes(ops.n, ops.dim))
     if contact is not None:
-        fit = contact.at_walls(ops, neighbours, far, known, fit)
+        fit = contact.at_walls(ops, (fitted, neighbours), far, known, fit)
     steepness = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
     strength = fraction_slope(phi, spacing) * steepness
     # the curvature does not change along the normals: any weight that ends within the support will do

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ..operators.pair_weights import Operators
     from ..operators.wall_operators import WallChange
     from .contact_angle import ContactAngle
+    from .sight import Sight
     from .surface_tension import SurfaceTension
 
 SWEEPS = 100  # at most, over particles that have come into the other fluid; whole rows of them gain a digit in four
@@ -64,6 +65,7 @@ class TwoFluids:
 
     first_passes = FIRST_PASSES
     share: float | None = None  # of the first fluid in the volume of all particles, where it is kept: without walls
+    sight: Sight | None = None  # of the curvature, where there is tension
 
     def __init__(self, density: Sequence[float] | np.ndarray, viscosity: Sequence[float] | np.ndarray,
                  forces: TwoFluidForces, spacing: float, tension: SurfaceTension | None = None,
@@ -75,6 +77,11 @@ class TwoFluids:
         self.spacing, self.tension, self.contact, self.line = spacing, tension, contact, line
         self.rules = interface_rules(self.density, self.mu, 0.0 if tension is None else tension.tension, spacing)
         self.added_viscosity = self.rules.added_viscosity
+
+    @property
+    def reach(self) -> float:
+        """How far particles see, m, or the support where that is more."""
+        return 0.0 if self.sight is None else self.sight.reach
 
     @property
     def nu_max(self) -> float:
@@ -140,7 +147,7 @@ class TwoFluids:
     def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:
         """Terms of one configuration. ops: Operators; neighbours: all of them, dummies included; phi: (n,) m."""
         assert phi is not None
-        interface = find_interface(ops, neighbours, phi, self.spacing, self.contact)
+        interface = find_interface(ops, neighbours, phi, self.spacing, self.contact, self.sight)
         reference = self.density[0]
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
         everyone = ops.exchange.forward

@@ -1,12 +1,13 @@
 """Where an interface meets a wall: slip at the line, and how fast it spreads."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from isphcli.two_phase.interface import reach_of
-from tests.two_phase.scenes import run, scene
+from tests.two_phase.scenes import march, run, scene
 
 SIDE_BY_SIDE = """
 geometry:
@@ -127,7 +128,33 @@ def test_curvature_of_a_meniscus_between_plates_in_space(angle):
     radius = 0.5 / abs(math.cos(math.radians(angle)))
     # the axis of the cylinder is outside of fluid a where that wets the walls
     phi = sign * (np.hypot(np.abs(x[:, 0] - 1.25) - 0.75 - sign * radius, x[:, 1] - 0.5) - radius)
-    phi = np.clip(phi, -reach_of(stepper.support, stepper.spacing), reach_of(stepper.support, stepper.spacing))
+    phi = np.clip(phi, -reach_of(stepper.reach, stepper.spacing), reach_of(stepper.reach, stepper.spacing))
     interface = stepper.configure(x, phi=phi).terms.interface
     near = np.abs(phi) < stepper.spacing
     assert interface.curvature[near] == pytest.approx(-sign / radius, rel=0.04)
+
+
+def test_a_meniscus_in_space_comes_to_rest():
+    """Between plates ten spacings apart, from the exact shape: after t = 2 sqrt(rho D^3 / sigma) largest speeds of Ca
+    3e-6 and a jump 0.2 % off, as in the plane. With a fit over the support of the operators, 2.1 spacings, it moved at
+    3e-5 and the jump was 1.2 % off; from a flat start Ca grew to 1e-3."""
+    text = """
+geometry:
+  box: [2.5, 1, 0.4]
+  periodic: [x, z]
+  fluid: b
+  shapes: [{box: {lower: [0.5, -1, -1], upper: [2, 2, 2]}, is: a}]
+particles: {spacing: 0.1}
+fluids: {a: {density: 1, viscosity: 0.03}, b: {density: 1, viscosity: 0.03}}
+interface: {tension: 1, contact_angle: 60}
+time: {end: 2, capillary: 4}
+"""
+    case, geometry, state, stepper, particles = scene(text)
+    reach = reach_of(stepper.reach, stepper.spacing)
+    phi = np.hypot(np.abs(state.x[:, 0] - 1.25) - 1.75, state.x[:, 1] - 0.5) - 1.0
+    state = march(case, geometry, replace(state, phi=np.clip(phi, -reach, reach)), stepper, particles)
+    assert 0.03 * np.linalg.norm(state.u, axis=1).max() < 1e-5
+    interface = stepper.configure(state.x, phi=state.phi).terms.interface
+    far = interface.strength == 0.0
+    jump = state.p[far & (interface.phase == 0)].mean() - state.p[far & (interface.phase == 1)].mean()
+    assert jump == pytest.approx(-1.0, rel=5e-3)

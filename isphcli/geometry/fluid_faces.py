@@ -1,0 +1,148 @@
+"""The faces of a fluid shape that lie along a wall: they are no interface, and the shape goes on behind them.
+
+A slug that ends where a plate begins has faces along the plates. The signed distance to its surface is small beside
+them, and a run would carry an interface along the walls: between plates ten spacings apart such a slug swam along them
+at Ca 3e-3, and the volume of its fluid was 3 % short.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from .bodies import Box, Cylinder, HalfSpace, Region, Sphere, nearest_image
+from .faces import block_distance
+
+SAMPLES = 32  # points along each direction of a face that say what is on its sides
+BESIDE = 1e-6  # of the largest side of the box: how far from a face they are
+Phases = Callable[[np.ndarray], np.ndarray]
+
+
+class FluidFaces:
+    """Of a body of fluid in a box: lower, upper (dim,), m; period (dim,), m, infinite along axes that are not periodic;
+    phase: fluid (n,) of points, -1 of solids. kept: of each face, whether there is fluid on both sides of it anywhere."""
+
+    def __init__(self, body: Region, lower: np.ndarray, upper: np.ndarray, period: np.ndarray, phase: Phases):
+        self.body, self.period = body, period
+        off, kept = BESIDE * float((upper - lower).max()), []
+        for points, normals in _faces(body, lower, upper, period):
+            sides = np.stack([phase(points + sign * off * normals) for sign in (-1.0, 1.0)])
+            kept.append(bool((sides >= 0).all(axis=0).any()))
+        self.kept = kept
+
+    @property
+    def whole(self) -> bool:
+        """Whether none lies along a wall."""
+        return all(self.kept)
+
+    def signed_distance(self, x: np.ndarray) -> np.ndarray:
+        """(n,) distance of x (n, dim) to the surface, m, < 0 inside, as if the others were infinitely far off."""
+        body = self.body
+        if self.whole:
+            return body.signed_distance(x, self.period)
+        if isinstance(body, Box):
+            lower, upper = np.asarray(body.lower, float), np.asarray(body.upper, float)
+            q = _between(x, lower, upper, self.period, np.reshape(self.kept, (-1, 2)))
+        elif isinstance(body, Cylinder) and body.ends is not None:
+            along = [body.axis]
+            side = Cylinder(body.axis, body.centre, body.radius).signed_distance(x, self.period)
+            ends = _between(x[:, along], *np.reshape(body.ends, (2, 1)), self.period[along],
+                            np.reshape(self.kept[1:], (1, 2)))
+            q = np.stack([side if self.kept[0] else np.full(len(x), -np.inf), ends[:, 0]], axis=1)
+        else:
+            return np.full(len(x), -np.inf)
+        return block_distance(q)
+
+
+def _between(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, period: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """(n, k) distance of x (n, k) beyond the nearer of two planes across each axis, < 0 between them; kept: (k, 2)
+    bool, which of them are there. A space that fills the period has none."""
+    offset = nearest_image(x - (lower + upper) / 2, period)
+    half = (upper - lower) / 2
+    planes = np.stack([-half - offset, offset - half], axis=2)
+    return np.where(kept & (2.0 * half < period)[:, None], planes, -np.inf).max(axis=2)
+
+
+def _faces(body: Region, lower: np.ndarray, upper: np.ndarray,
+           period: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """(points (m, dim), normals (m, dim)) on each face of a body, within the box; none of bodies that are not told."""
+    if isinstance(body, Box):
+        return _faces_of_block(body, lower, upper, period)
+    if isinstance(body, Cylinder):
+        return _faces_of_cylinder(body, lower, upper, period)
+    if isinstance(body, Sphere):
+        normals = _directions(len(lower))
+        return [_inside(np.asarray(body.centre, float) + body.radius * normals, normals, lower, upper, period)]
+    if isinstance(body, HalfSpace):
+        points, normal = _grid(lower, upper), body.unit_normal
+        points = points - body.signed_distance(points, period)[:, None] * normal
+        return [_inside(points, np.broadcast_to(normal, points.shape), lower, upper, np.full(len(lower), np.inf))]
+    return []
+
+
+def _faces_of_block(body: Box, lower: np.ndarray, upper: np.ndarray,
+                    period: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    corners = np.array([body.lower, body.upper], float)
+    around = np.isfinite(period)
+    # the part of it that the box holds; along periodic axes all of it may be in the box
+    first = np.where(around, corners[0], np.maximum(corners[0], lower))
+    last = np.where(around, np.minimum(corners[1], corners[0] + period), np.minimum(corners[1], upper))
+    faces = []
+    for axis in range(len(lower)):
+        for side in (0, 1):
+            points = _grid(first, last, axis)
+            points[:, axis] = corners[side, axis]
+            normals = np.zeros_like(points)
+            normals[:, axis] = 2.0 * side - 1.0
+            faces.append(_inside(points, normals, lower, upper, period))
+    return faces
+
+
+def _faces_of_cylinder(body: Cylinder, lower: np.ndarray, upper: np.ndarray,
+                       period: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    axis, ends = body.axis, body.ends or (lower[body.axis], upper[body.axis])
+    across = [a for a in range(3) if a != axis]
+    angle = 2.0 * math.pi * (np.arange(2 * SAMPLES) + 0.5) / (2 * SAMPLES)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    along = np.linspace(*ends, SAMPLES + 1)
+    normals = np.zeros((SAMPLES, 2 * SAMPLES, 3))
+    normals[:, :, across] = ring
+    points = np.asarray(body.centre, float) + body.radius * normals
+    points[:, :, axis] = (0.5 * (along[1:] + along[:-1]))[:, None]
+    faces = [_inside(points.reshape(-1, 3), normals.reshape(-1, 3), lower, upper, period)]
+    for end, sign in zip(ends, (-1.0, 1.0)) if body.ends is not None else ():
+        radii = body.radius * np.sqrt((np.arange(SAMPLES) + 0.5) / SAMPLES)
+        points = np.asarray(body.centre, float) + np.zeros((SAMPLES, 2 * SAMPLES, 3))
+        points[:, :, across] += radii[:, None, None] * ring
+        points[:, :, axis] = end
+        normals = np.zeros_like(points)
+        normals[:, :, axis] = sign
+        faces.append(_inside(points.reshape(-1, 3), normals.reshape(-1, 3), lower, upper, period))
+    return faces
+
+
+def _grid(lower: np.ndarray, upper: np.ndarray, flat: int = -1) -> np.ndarray:
+    """(m, dim) points all over a block, m; along the axis `flat` one."""
+    steps = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    axes = [lower[a] + (upper[a] - lower[a]) * (steps if a != flat else steps[:1]) for a in range(len(lower))]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(lower))
+
+
+def _directions(dim: int) -> np.ndarray:
+    """(m, dim) unit vectors, spread evenly."""
+    count = SAMPLES * SAMPLES
+    turn = np.arange(count) + 0.5
+    if dim == 2:
+        return np.stack([np.cos(2.0 * math.pi * turn / count), np.sin(2.0 * math.pi * turn / count)], axis=1)
+    height, angle = 1.0 - 2.0 * turn / count, math.pi * (1.0 + math.sqrt(5.0)) * turn
+    flat = np.sqrt(1.0 - height * height)
+    return np.stack([flat * np.cos(angle), flat * np.sin(angle), height], axis=1)
+
+
+def _inside(points: np.ndarray, normals: np.ndarray, lower: np.ndarray, upper: np.ndarray,
+            period: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Those of the points that are in the box, or by a period."""
+    there = (np.isfinite(period) | ((points >= lower) & (points <= upper))).all(axis=1)
+    return points[there], normals[there]
