@@ -56,9 +56,9 @@ def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray
 def taylor(ops: Operators, fields: np.ndarray, slope: np.ndarray, dr: np.ndarray, second: np.ndarray) -> np.ndarray:
     """fields (n, c) of slopes (n, c, dim) at positions displaced by dr (n, dim) (eq. 9); second: (n,) bool, where the
     second derivative is taken too, from the slopes of the neighbours."""
-    out, slope = np.empty_like(fields), ops.exchange.forward(slope)
-    over_rows(_carry, ops.n, (ops.start, ops.column, ops.grad_p), fields, slope, dr, second, out,
-              work=lambda: np.empty(ops.neighbours.longest))
+    out, flat = np.empty_like(fields), ops.exchange.forward(slope.reshape(len(slope), -1))
+    over_rows(_carry, ops.n, (ops.start, ops.column, ops.grad_p), fields, flat, dr, second, out,
+              work=lambda: (np.empty(ops.neighbours.longest), np.empty(flat.shape[1])))
     return out
 
 
@@ -92,22 +92,25 @@ def _shift(rows, neighbours, amount, longest, out):
 
 
 @njit(cache=True, nogil=True, fastmath=REDUCE)
-def _carry(rows, along, pairs, f, slope, dr, second, out):
-    start, column, grad = pairs
+def _carry(rows, work, pairs, f, slope, dr, second, out):
+    (start, column, grad), (along, bend) = pairs, work
     width, dim = f.shape[1], grad.shape[1]
     last, deep = dim - 1, 1.0 if dim == 3 else 0.0
     for i in range(rows[0], rows[1]):
-        d0, d1, d2 = dr[i, 0], dr[i, 1], deep * dr[i, last]
+        d0, d1, d2, total = dr[i, 0], dr[i, 1], deep * dr[i, last], 0.0
         begin, count = np.uint64(start[i]), np.uint64(start[i + 1] - start[i]) if second[i] else np.uint64(0)
         for k in range(count):
             p = begin + k
             along[k] = grad[p, 0] * d0 + grad[p, 1] * d1 + grad[p, last] * d2
+            total += along[k]
+        for m in range(np.uint64(len(bend))):
+            bend[m] = -total * slope[i, m]
+        for k in range(count):
+            a, j = along[k], np.uint32(column[begin + k])
+            for m in range(np.uint64(len(bend))):
+                bend[m] += a * slope[j, m]
         for c in range(width):
-            g0, g1, g2, s0, s1, s2 = slope[i, c, 0], slope[i, c, 1], slope[i, c, last], 0.0, 0.0, 0.0
-            for k in range(count):
-                a, j = along[k], np.uint32(column[begin + k])
-                s0 += a * (slope[j, c, 0] - g0)
-                s1 += a * (slope[j, c, 1] - g1)
-                s2 += a * (slope[j, c, last] - g2)
-            # eq. 9, and beyond it the second derivative
-            out[i, c] = f[i, c] + (g0 + 0.5 * s0) * d0 + (g1 + 0.5 * s1) * d1 + (g2 + 0.5 * s2) * d2
+            g, s = c * dim, f[i, c]
+            for k in range(dim):
+                s += (slope[i, g + k] + 0.5 * bend[g + k]) * dr[i, k]  # eq. 9, and beyond it the second derivative
+            out[i, c] = s

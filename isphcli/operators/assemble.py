@@ -7,6 +7,7 @@ import scipy.sparse as sp
 from numba import njit
 
 from ..domain.row_threads import over_rows
+from .moments import REDUCE
 
 
 def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: float | np.ndarray, scale: float,
@@ -49,7 +50,7 @@ def _row_sums(rows, start, values, total):
         total[i] = s
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=REDUCE)
 def _put_rows(rows, pairs, walls, shifts, scales, fill, matrix):
     """Columns, sorted, and entries of rows, or their numbers into first[1:]; returns whether a column occurs twice."""
     (start, column, weights, sizes), (scale, least), (first, index, entries) = pairs, scales, matrix
