@@ -30,6 +30,7 @@ from .quadratic_fit import FLATTEST, QuadraticFit, SlopesAtWalls, quadratic_fit
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..geometry.protocol import Geometry
+    from ..operators.pair_weights import Operators
 
 NEAR_LINE = 2.0  # spacings: wall points are given the angle less and less up to this distance from the interface
 SHALLOW = 1.01  # spacings: dummies deeper than this have wall points that others have too
@@ -85,14 +86,15 @@ class ContactAngle:
             slope[self.dummies.neutral[dummy]] = 0.0
         return slope
 
-    def at_walls(self, seen: tuple[Neighbourhood, Neighbourhood], phi: np.ndarray, known: np.ndarray,
+    def at_walls(self, ops: Operators, seen: tuple[Neighbourhood, Neighbourhood], phi: np.ndarray, known: np.ndarray,
                  free: QuadraticFit) -> QuadraticFit:
         """The QuadraticFit `free` with those of particles that see wall points near a contact line made anew, with the
-        angle there. seen: neighbours that the fit takes, and all of them, dummies included; phi: (n,) m; known: (n,)
-        bool."""
+        angle there. ops: Operators; seen: neighbours that the fit takes, and all of them, dummies included; phi: (n,)
+        m; known: (n,) bool."""
+        assert ops.walls is not None
         fitted, neighbours = seen
         shallow = self.dummies.depth < SHALLOW * self.spacing
-        start, at, dummy = _seen(neighbours, known, shallow, len(phi))
+        start, at, dummy = _seen(neighbours, known & ops.walls.near_wall, shallow, len(phi))
         if len(at) == 0:
             return free
         normal = self.dummies.normal[dummy]

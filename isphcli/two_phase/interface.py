@@ -112,7 +112,7 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     gradient = own_gradient(fitted, phi, known, ops.gradient_p(phi), spacing)
     fit = quadratic_fit(fitted, phi, known, known, gradient, spacing, no_slopes(ops.n, ops.dim))
     if contact is not None:
-        fit = contact.at_walls((fitted, neighbours), phi, known, fit)
+        fit = contact.at_walls(ops, (fitted, neighbours), phi, known, fit)
     steepness = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
     strength = fraction_slope(phi, spacing) * steepness
     # the curvature does not change along the normals: any weight that ends within the support will do
