@@ -32,6 +32,7 @@ from .quadratic_fit import FLATTEST, QuadraticFit, SlopesAtWalls, quadratic_fit
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..geometry.protocol import Geometry
+    from ..operators.pair_weights import Operators
 
 NEAR_LINE = 2.0  # spacings: wall points are given the angle less and less up to this distance from the interface
 SHALLOW = 1.01  # spacings: dummies deeper than this have wall points that others have too
@@ -95,11 +96,12 @@ class ContactAngle:
     def at_walls(self, ops: Operators, seen: tuple[Neighbourhood, Neighbourhood], phi: np.ndarray, known: np.ndarray,
                  free: QuadraticFit) -> QuadraticFit:
         """The QuadraticFit `free` with those of particles that see wall points near a contact line made anew, with the
-        angle there. seen: neighbours that the fit takes, and all of them, dummies included; phi, known: (n + remote,) m,
-        bool."""
+        angle there. ops: Operators; seen: neighbours that the fit takes, and all of them, dummies included; phi, known:
+        (n + remote,) m, bool."""
+        assert ops.walls is not None
         fitted, neighbours = seen
         shallow = self.dummies.depth < SHALLOW * self.spacing
-        start, at, dummy = _seen(neighbours, known[: ops.n], shallow, len(phi))
+        start, at, dummy = _seen(neighbours, known[: ops.n] & ops.walls.near_wall, shallow, len(phi))
         if not reduce.number(at):
             return free
         normal = self.dummies.normal[dummy]
