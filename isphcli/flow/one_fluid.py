@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from ..operators.pair_weights import Operators
     from ..operators.protocol import DiscreteOperators, WallSums
     from ..operators.wall_operators import WallChange
+    from ..two_phase.cut_cells import CutCells
+    from .state import State
 
 
 class StressCoupling(Protocol):
@@ -50,6 +52,10 @@ class FluidInterface(Protocol):
     @property
     def strength(self) -> np.ndarray:
         """(n,) gradient of the volume fraction, 1/m."""
+
+    @property
+    def cut(self) -> CutCells | None:
+        """The volumes on both sides of it, or None where they are not asked for."""
 
 
 class Tension(Protocol):
@@ -103,10 +109,10 @@ class Fluids(Protocol):
     def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:
         """Terms of one configuration. neighbours: all of them, dummies included; phi: (n,) of `State`."""
 
-    def carried(self, ops: Operators, terms: Terms, u: np.ndarray, dr: np.ndarray | None, dt: float,
-                speed: float) -> np.ndarray | None:
-        """`State.phi` after a step of dt, s, from a configuration with these operators and terms; None of one fluid.
-        u: (n, dim) m/s; dr: (n, dim) shifts, m, or None; speed: largest one, m/s."""
+    def carried(self, ops: Operators, terms: Terms, state: State, dr: np.ndarray | None, dt: float,
+                speed: float) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """`State.phi` and `State.volume` after a step of dt, s, from a state whose configuration has these operators
+        and terms; None of one fluid. dr: (n, dim) shifts, m, or None; speed: largest one, m/s."""
 
     def relabelled(self, p: np.ndarray, carried: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
         """The pressure (n,) that was p and is `carried` where the particles have gone, with what changes for those that
@@ -233,9 +239,10 @@ class OneFluid:
                       excess=laplacian_excess(ops))
         return with_forces(terms, self.forces, neighbours.x[: ops.n], self.viscosity)
 
-    def carried(self, ops: Operators, terms: Terms, u: np.ndarray, dr: np.ndarray | None, dt: float,
-                speed: float) -> None:
+    def carried(self, ops: Operators, terms: Terms, state: State, dr: np.ndarray | None, dt: float,
+                speed: float) -> tuple[None, None]:
         """Nothing: there is no interface."""
+        return None, None
 
     def relabelled(self, p: np.ndarray, carried: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
         """carried: particles keep their fluid."""

@@ -170,7 +170,7 @@ class Stepper:
                 u, u_old = np.ascontiguousarray(fields[:, : u.shape[1]]), np.ascontiguousarray(fields[:, u.shape[1] :])
                 displacement += dr  # eq. 8
         with self.clock("terms"):
-            phi = self.fluids.carried(config.ops, config.terms, state.u, dr, dt, speed)
+            phi, volume = self.fluids.carried(config.ops, config.terms, state, dr, dt, speed)
         terms, stopped = config.terms, 0
         # eqs 4 and 10: the pressure is carried over the whole displacement, with the flow and by the shift
         p = p + terms.density * (terms.pressure_gradient(p) * (displacement - dt * wind)).sum(axis=1)
@@ -184,7 +184,7 @@ class Stepper:
             carried = state.phi if phi is None else phi
             assert carried is not None  # reservoirs have two fluids
             phi = self.seam.entered(x, carried)
-        return replace(state, x=x, u=u, u_old=u_old, p=p, phi=phi), stopped
+        return replace(state, x=x, u=u, u_old=u_old, p=p, phi=phi, volume=volume), stopped
 
     def _shift(self, state: State, config: Configuration, dt: float, speed: float,
                displacement: np.ndarray) -> np.ndarray | None:
@@ -243,7 +243,7 @@ class Stepper:
                 u, p, increment = self._hold(config, system, u, p, g0 / dt, moved.shifting_flux)
                 held += increment
         new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.shifting_flux, moved.phi,
-                    moved.drive_step, moved.number)
+                    moved.drive_step, moved.number, moved.volume)
         return StepResult(new, config, dt, config.ops.total_divergence(u), stopped, self.solvers.reports,
                           self.solvers.rebuilt, volume_drift)
 

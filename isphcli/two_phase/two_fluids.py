@@ -26,12 +26,15 @@ from numba import njit
 from ..domain.row_threads import over_rows
 from ..flow.one_fluid import Terms, ViscousWeights, balanced_force, with_forces
 from ..operators.protocol import WallSums
+from .cut_cells import Cells, cut
 from .interface import MOST, RATE, Interface, carried, crossings, find_interface, near_interface, strain
 from .interface_rules import FIRST_PASSES, interface_rules
+from .kept_volumes import kept_volumes
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..flow.forces import Force
+    from ..flow.state import State
     from ..operators.pair_weights import Operators
     from ..operators.wall_operators import WallChange
     from .contact_angle import ContactAngle
@@ -60,7 +63,7 @@ class TwoFluids:
     SurfaceTension or None; contact: contact_angle.ContactAngle or None; line: contact_angle.SlipAtLine or None."""
 
     first_passes = FIRST_PASSES
-    share: float | None = None  # of the first fluid in the volume of all particles, where it is kept: without walls
+    cells: Cells | None = None  # that the volumes of both are measured on, and kept by
 
     def __init__(self, density: Sequence[float] | np.ndarray, viscosity: Sequence[float] | np.ndarray,
                  forces: TwoFluidForces, spacing: float, tension: SurfaceTension | None = None,
@@ -94,17 +97,21 @@ class TwoFluids:
         other.body, other.drop_force, other.force = body, drop_force, body + drop_force
         return other
 
-    def carried(self, ops: Operators, terms: Terms, u: np.ndarray, dr: np.ndarray | None, dt: float,
-                speed: float) -> np.ndarray:
-        """phi (n,) after a step; see `Fluids.carried`."""
+    def carried(self, ops: Operators, terms: Terms, state: State, dr: np.ndarray | None, dt: float,
+                speed: float) -> tuple[np.ndarray, np.ndarray | None]:
+        """phi and volume (n,) after a step; see `Fluids.carried`."""
         moved = speed * dt / self.spacing
         ways = moved
         if self.tension is not None:
             ways += dt * math.sqrt(self.tension.tension / (self.density.mean() * self.spacing**3))
         interface = terms.interface
         assert isinstance(interface, Interface)
-        stretch = dt * strain(interface, ops, u)
-        return carried(interface, ops, dr, min(RATE * ways, MOST), self.share, stretch, min(RATE * moved, MOST))
+        stretch = dt * strain(interface, ops, state.u)
+        phi = carried(interface, ops, dr, min(RATE * ways, MOST), stretch, min(RATE * moved, MOST))
+        if self.cells is None or state.volume is None:
+            return phi, None
+        assert interface.cut is not None
+        return kept_volumes(interface.cut, ops.neighbours, interface.phi, phi, state.volume, self.spacing)
 
     def relabelled(self, p: np.ndarray, carried: np.ndarray, before: Terms, now: Terms) -> np.ndarray:
         """p, carried: (n,) m2/s2; see `Fluids.relabelled`.
@@ -128,6 +135,8 @@ class TwoFluids:
         """Terms of one configuration. ops: Operators; neighbours: all of them, dummies included; phi: (n,) m."""
         assert phi is not None
         interface = find_interface(ops, neighbours, phi, self.spacing, self.contact)
+        if self.cells is not None:
+            interface = replace(interface, cut=cut(self.cells, neighbours.x[: ops.n], phi, interface.fit))
         reference = self.density[0]
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
         rho = self.density[interface.phase] / reference
