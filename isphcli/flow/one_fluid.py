@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from ..operators.pair_weights import Operators
     from ..operators.protocol import DiscreteOperators, WallSums
     from ..operators.wall_operators import WallChange
+    from ..two_phase.cut_cells import CutCells
+    from .state import State
 
 
 class StressCoupling(Protocol):
@@ -50,6 +52,10 @@ class FluidInterface(Protocol):
     @property
     def strength(self) -> np.ndarray:
         """(n,) gradient of the volume fraction, 1/m."""
+
+    @property
+    def cut(self) -> CutCells | None:
+        """The volumes on both sides of it, or None where they are not asked for."""
 
 
 class Tension(Protocol):
@@ -107,10 +113,10 @@ class Fluids(Protocol):
     def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:
         """Terms of one configuration. neighbours: all of them, dummies included; phi: (n,) of `State`."""
 
-    def carried(self, ops: Operators, terms: Terms, u: np.ndarray, dr: np.ndarray | None, dt: float,
-                speed: float) -> np.ndarray | None:
-        """`State.phi` after a step of dt, s, from a configuration with these operators and terms; None of one fluid.
-        u: (n, dim) m/s; dr: (n, dim) shifts, m, or None; speed: largest one, m/s."""
+    def carried(self, ops: Operators, terms: Terms, state: State, dr: np.ndarray | None, dt: float,
+                speed: float) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """`State.phi` and `State.volume` after a step of dt, s, from a state whose configuration has these operators
+        and terms; None of one fluid. dr: (n, dim) shifts, m, or None; speed: largest one, m/s."""
 
     def changing(self, p: np.ndarray, phi: np.ndarray, before: Terms) -> np.ndarray | None:
         """What `relabelled` has to know of the particles (n,) before they have moved, a row each; None of one fluid. p:
@@ -242,9 +248,10 @@ class OneFluid:
                       excess=laplacian_excess(ops))
         return with_forces(terms, self.forces, neighbours.x[: ops.n], self.viscosity)
 
-    def carried(self, ops: Operators, terms: Terms, u: np.ndarray, dr: np.ndarray | None, dt: float,
-                speed: float) -> None:
+    def carried(self, ops: Operators, terms: Terms, state: State, dr: np.ndarray | None, dt: float,
+                speed: float) -> tuple[None, None]:
         """Nothing: there is no interface."""
+        return None, None
 
     def changing(self, p: np.ndarray, phi: np.ndarray, before: Terms) -> None:
         """Nothing: particles keep their fluid."""

@@ -176,7 +176,7 @@ class Stepper:
                 u, u_old = np.ascontiguousarray(fields[:, : u.shape[1]]), np.ascontiguousarray(fields[:, u.shape[1] :])
                 displacement += dr  # eq. 8
         with self.clock("terms"):
-            phi = self.fluids.carried(config.ops, config.terms, state.u, dr, dt, speed)
+            phi, volume = self.fluids.carried(config.ops, config.terms, state, dr, dt, speed)
         terms, stopped = config.terms, 0
         # eqs 4 and 10: the pressure is carried over the whole displacement, with the flow and by the shift
         p = p + terms.density * (terms.pressure_gradient(p) * (displacement - dt * wind)).sum(axis=1)
@@ -190,7 +190,7 @@ class Stepper:
         if self.seam is not None:
             assert phi is not None  # reservoirs have two fluids
             phi = self.seam.entered(x, phi)
-        return replace(state, x=x, u=u, u_old=u_old, p=p, phi=phi), stopped
+        return replace(state, x=x, u=u, u_old=u_old, p=p, phi=phi, volume=volume), stopped
 
     def _shift(self, state: State, config: Configuration, dt: float, speed: float,
                displacement: np.ndarray) -> np.ndarray | None:
@@ -214,11 +214,13 @@ class Stepper:
         if self.migration is None:
             return moved, beside
         assert moved.number is not None
-        more = [values for values in (moved.phi, beside) if values is not None]
+        more = [values for values in (moved.phi, moved.volume, beside) if values is not None]
         x, u, u_old, p, *found, number = self.migration.settled(moved.x, moved.u, moved.u_old, moved.p, *more,
                                                                 moved.number)
         phi = None if moved.phi is None else found.pop(0)
-        return replace(moved, x=x, u=u, u_old=u_old, p=p, phi=phi, number=number), found[0] if found else None
+        volume = None if moved.volume is None else found.pop(0)
+        moved = replace(moved, x=x, u=u, u_old=u_old, p=p, phi=phi, volume=volume, number=number)
+        return moved, found[0] if found else None
 
     def advance(self, state: State, config: Configuration, dt: float) -> StepResult:
         """One step of length dt. Raises SolveError, StepError or RunError."""
@@ -254,7 +256,7 @@ class Stepper:
                 u, p, increment = self._hold(config, system, u, p, g0 / dt, moved.shifting_flux)
                 held += increment
         new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.shifting_flux, moved.phi,
-                    moved.drive_step, moved.number)
+                    moved.drive_step, moved.number, moved.volume)
         return StepResult(new, config, dt, config.ops.total_divergence(u), stopped, self.solvers.reports,
                           self.solvers.rebuilt, volume_drift)
 

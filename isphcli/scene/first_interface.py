@@ -22,22 +22,21 @@ PASS = 0.2
 
 
 def first_interface(case: Case, geometry: Geometry, particles: Particles, stepper: Stepper,
-                    number: np.ndarray | None = None) -> tuple[np.ndarray, float | None]:
+                    number: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """phi (n,), m, of the fluid particles: exact where shapes say where the interface is, else from the fluid of each
-    particle; and the share of the first fluid in the volume of all, or None where it is not kept: between reservoirs,
-    and beside walls, where volumes of particles depend on how the dummies lie. number: (n,) of `State`."""
-    from ..two_phase.interface import Interface, reach_of, share_of
+    particle; and `State.volume` (n,), m^dim. number: (n,) of `State`."""
+    from ..two_phase.interface import Interface, reach_of
+    from ..two_phase.kept_volumes import first_shares
 
     x, phase = particles.x[: particles.n_fluid], particles.phase
     reach = reach_of(stepper.reach, stepper.spacing)
     flood = case.initial.flood if case.initial is not None else None
     phi = geometry.interface_distance(x) if flood is None and case.reservoirs is None else None
     phi = from_labels(stepper, x, phase, reach, number) if phi is None else np.clip(phi, -reach, reach)
-    if geometry.has_solid or stepper.seam is not None:
-        return phi, None
     config = stepper.configure(x, 0.0, phi, number)
-    assert isinstance(config.terms.interface, Interface)
-    return phi, share_of(config.terms.interface, config.ops)
+    interface = config.terms.interface
+    assert isinstance(interface, Interface) and interface.cut is not None
+    return phi, first_shares(interface.cut, config.ops, phi, stepper.spacing)
 
 
 def from_labels(stepper: Stepper, x: np.ndarray, phase: np.ndarray, reach: float,

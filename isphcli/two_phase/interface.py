@@ -11,8 +11,8 @@ Colours alone cannot hold an interface: an averaged curvature hardly sees roughn
 opposes it, and drops fall apart. A field need not be rough. In each step a part of what the quadratic function
 does not fit is taken out of phi, and |grad phi| is brought towards one; an interface that is smooth over a support is
 moved by neither (errors of fourth order). What that changes of the volume of the first fluid is given back along the
-interface, to each connected piece its own: bubbles do not feed each other. Without walls, what the errors of the
-motion change over many steps is made up for at the same rate, along all of the interface.
+interface, to each connected piece its own: bubbles do not feed each other. What the motion changes over many steps is
+made up for by `kept_volumes`.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..operators.pair_weights import Operators
     from .contact_angle import ContactAngle
+    from .cut_cells import CutCells
     from .sight import Sight
 
 THICKNESS = 1.5  # spacings: half of the thickness over which the volume fraction of the first fluid goes from 0 to 1
@@ -53,7 +54,7 @@ class Interface:
 
     phi: (n,) signed distance, up to `reach` on either side; fit: QuadraticFit to it; steepness: (n,) size of its slope;
     reach, spacing: m; fraction: (n,) volume fraction of the first fluid; strength: (n,) its gradient, 1/m; curvature:
-    (n,) 1/m, averaged along the interface.
+    (n,) 1/m, averaged along the interface; cut: the volumes on both sides of it, or None where they are not asked for.
     """
 
     phi: np.ndarray
@@ -64,6 +65,7 @@ class Interface:
     fraction: np.ndarray
     strength: np.ndarray
     curvature: np.ndarray
+    cut: CutCells | None = None
 
     @property
     def normal(self) -> np.ndarray:
@@ -128,12 +130,11 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
 
 
 def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: float,
-            share: float | None = None, stretch: np.ndarray | float = 0.0, moved: float = 0.0) -> np.ndarray:
+            stretch: np.ndarray | float = 0.0, moved: float = 0.0) -> np.ndarray:
     """phi (n,) of the particles after a step: smoother by a part of its roughness, |grad phi| nearer to one, with the
     volumes that the fluids had before, and shifted by dr (n, dim), m, or None.
 
-    ops: Operators before the step; share: of the first fluid in the volume of all particles, to be kept, or None;
-    stretch: (n,) or 0, by which the flow parts the levels of phi in the step, relative: they are numbered anew; moved:
+    ops: Operators before the step; stretch: (n,) or 0, by which the flow parts the levels of phi in the step, relative: they are numbered anew; moved:
     part of what |grad phi| differs from one that is made up for because particles have moved.
     """
     phi, fit, reach, spacing = interface.phi, interface.fit, interface.reach, interface.spacing
@@ -159,8 +160,7 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     beyond &= ~left
     there = np.sign(phi) * np.clip(np.sign(phi) * value, reach - spacing, reach)
     new[beyond] = there[beyond]
-    lost = 0.0 if share is None else (share - share_of(interface, ops)) * float(reduce.total(ops.volume[: ops.n]))
-    new = with_volumes_of(phi, np.clip(new, -reach, reach), ops, spacing, part * lost)
+    new = with_volumes_of(phi, np.clip(new, -reach, reach), ops, spacing)
     if dr is not None:
         # eq. 9; without the second derivative each shift along a bent interface moves it to its outer side
         second = np.abs(phi) < THICKNESS * spacing  # all neighbours know their slopes
@@ -175,16 +175,9 @@ def strain(interface: Interface, ops: Operators, u: np.ndarray) -> np.ndarray:
     return out
 
 
-def share_of(interface: Interface, ops: Operators) -> float:
-    """Share of the first fluid in the volume of all particles."""
-    volume = ops.volume[: ops.n]
-    return float(reduce.dot(volume, interface.fraction) / reduce.total(volume))
-
-
-def with_volumes_of(before: np.ndarray, phi: np.ndarray, ops: Operators, spacing: float,
-                    more: float = 0.0) -> np.ndarray:
+def with_volumes_of(before: np.ndarray, phi: np.ndarray, ops: Operators, spacing: float) -> np.ndarray:
     """phi (n,) moved along the normals by one length for each connected piece of the interface, so that the volume of
-    the first fluid round it is that of `before` (n,), and `more`, m^dim, spread evenly over all of it."""
+    the first fluid round it is that of `before` (n,)."""
     inside = (fraction_slope(phi, spacing) > 0.0) | (fraction_slope(before, spacing) > 0.0)
     if not reduce.any_true(inside):
         return phi
@@ -193,9 +186,6 @@ def with_volumes_of(before: np.ndarray, phi: np.ndarray, ops: Operators, spacing
     piece = piece[band]
     volume = ops.volume[band]
     wanted = reduce.total_by(piece, volume * volume_fraction(before[band], spacing), count)
-    if more:
-        area = reduce.total_by(piece, volume * fraction_slope(before[band], spacing), count)
-        wanted += more * area / max(area.sum(), np.finfo(float).tiny)
     shift = np.zeros(count)
     for _ in range(ITERATIONS):
         now = phi[band] + shift[piece]

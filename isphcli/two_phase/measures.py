@@ -1,7 +1,7 @@
 """What is measured of two fluids as a run goes. Imported only by scenes with two fluids.
 
-Volumes are those of the particles, 1 / sum W (eq. 7), scaled so that together they fill the pores, in the parts that
-the volume fraction of the interface gives to each fluid (`interface.Interface`).
+Volumes and areas are those of the cells that the interface cuts (`cut_cells`); of fluids that differ in name only the
+volumes of the particles, 1 / sum W (eq. 7), scaled so that together they fill the pores.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from ..domain import reduce
 from ..domain.components import parts_of
 from ..flow.state import phase_of
 from ..geometry.protocol import Geometry, inside_sample
+from .cut_cells import outline
 
 if TYPE_CHECKING:
     from ..flow.one_fluid import FluidInterface, Tension
@@ -73,7 +74,7 @@ class Measures:
             row["amplitude"] = self.amplitude(state.x, volume, _interface(config).fraction)
         everything = everything or state.step % SELDOM == 0
         if self.tension is not None:
-            row |= self._interface(state, config, volume)
+            row |= self._interface(state, config)
             if self.geometry.has_solid:
                 row["contact_angle"] = self.contact_angle(config) if everything else None
         for k, name in enumerate(self.names):
@@ -92,15 +93,19 @@ class Measures:
         row: dict[str, Any] = {}
         phase, interface = self.phase_at(config), config.terms.interface
         masks = [phase == k for k in (0, 1)]
-        first = masks[0].astype(float) if interface is None else interface.fraction
-        parts = [volume * first, volume * (1.0 - first)]
-        inside = inside_sample(self.geometry, state.x)
-        sample = reduce.total(volume[inside])
+        if interface is None:
+            x, parts = state.x, [volume * mask for mask in masks]
+        else:
+            cut = interface.cut
+            assert cut is not None
+            x, parts = cut.cells.middle, [cut.volume, cut.cells.fluid - cut.volume]
+        inside = inside_sample(self.geometry, x)
+        sample = sum(reduce.total(part[inside]) for part in parts)
         for name, mask, part, k in zip(self.names, masks, parts, (0, 1)):
             u, there = state.u[mask], part > 0.0
             row[f"volume_{name}"] = float(reduce.total(part))
             row[f"saturation_{name}"] = float(reduce.total(part[inside]) / sample)
-            self.centres[k] = centre = self._centre(state.x[there], part[there], self.centres[k])
+            self.centres[k] = centre = self._centre(x[there], part[there], self.centres[k])
             row |= {f"centre_{a}_{name}": c for a, c in zip("xyz", centre)}
             row |= {f"velocity_{a}_{name}": float(v) for a, v in zip("xyz", reduce.mean(u))}
             square = reduce.total((u * u).ravel())
@@ -127,10 +132,14 @@ class Measures:
         mean = middle + float(reduce.dot(weight, offset) / reduce.total(weight))
         return mean if before is None else mean + length * round((before - mean) / length)
 
-    def _interface(self, state: State, config: Configuration, volume: np.ndarray) -> dict[str, Any]:
+    def _interface(self, state: State, config: Configuration) -> dict[str, Any]:
         assert self.tension is not None
         sigma, interface = self.tension.tension, _interface(config)
-        area = float(reduce.dot(volume, interface.strength))
+        assert interface.cut is not None
+        area, volume = float(reduce.total(interface.cut.area)), None
+        if self.geometry.dim == 2:
+            volume = self._enclosed_volume(state.x, interface)
+            area = area if volume is None else outline(interface.cut)
         speed = np.sqrt(reduce.largest((state.u * state.u).sum(axis=1)))
         row: dict[str, Any] = {
             "interface_area": area, "surface_energy": sigma * area,
@@ -138,16 +147,17 @@ class Measures:
             "capillary_number": float(speed * max(self.viscosity) / sigma),
         }
         if self.geometry.dim == 2:
-            row["circularity"] = self._circularity(state.x, volume, interface, area)
+            row["circularity"] = None if volume is None else 2.0 * math.sqrt(math.pi * volume) / area
         return row
 
-    def _circularity(self, x: np.ndarray, volume: np.ndarray, interface: FluidInterface,
-                     length: float) -> float | None:
-        """Of the fluid that the other one encloses; None where neither is: not all its outline is interface."""
+    def _enclosed_volume(self, x: np.ndarray, interface: FluidInterface) -> float | None:
+        """Of the fluid that the other one encloses, m2; None where neither is: not all its outline is interface."""
+        cut = interface.cut
+        assert cut is not None
         for k in (0, 1):
-            part = interface.fraction if k == 0 else 1.0 - interface.fraction
+            part = cut.volume if k == 0 else cut.cells.fluid - cut.volume
             if self._enclosed(x[interface.phase == k]):
-                return 2.0 * math.sqrt(math.pi * reduce.dot(volume, part)) / length
+                return float(reduce.total(part))
         return None
 
     def _enclosed(self, x: np.ndarray) -> bool:

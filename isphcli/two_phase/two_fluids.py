@@ -28,12 +28,15 @@ from ..domain.row_threads import over_rows
 from ..flow.one_fluid import Terms, ViscousWeights, balanced_force, with_forces
 from ..flow.state import phase_of
 from ..operators.protocol import WallSums
+from .cut_cells import Cells, cut
 from .interface import MOST, RATE, Interface, carried, crossings, find_interface, near_interface, strain
 from .interface_rules import FIRST_PASSES, interface_rules
+from .kept_volumes import kept_volumes
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..flow.forces import Force
+    from ..flow.state import State
     from ..operators.pair_weights import Operators
     from ..operators.wall_operators import WallChange
     from .contact_angle import ContactAngle
@@ -64,7 +67,7 @@ class TwoFluids:
     SurfaceTension or None; contact: contact_angle.ContactAngle or None; line: contact_angle.SlipAtLine or None."""
 
     first_passes = FIRST_PASSES
-    share: float | None = None  # of the first fluid in the volume of all particles, where it is kept: without walls
+    cells: Cells | None = None  # that the volumes of both are measured on, and kept by
     sight: Sight | None = None  # of the curvature, where there is tension
 
     def __init__(self, density: Sequence[float] | np.ndarray, viscosity: Sequence[float] | np.ndarray,
@@ -104,17 +107,21 @@ class TwoFluids:
         other.body, other.drop_force, other.force = body, drop_force, body + drop_force
         return other
 
-    def carried(self, ops: Operators, terms: Terms, u: np.ndarray, dr: np.ndarray | None, dt: float,
-                speed: float) -> np.ndarray:
-        """phi (n,) after a step; see `Fluids.carried`."""
+    def carried(self, ops: Operators, terms: Terms, state: State, dr: np.ndarray | None, dt: float,
+                speed: float) -> tuple[np.ndarray, np.ndarray | None]:
+        """phi and volume (n,) after a step; see `Fluids.carried`."""
         moved = speed * dt / self.spacing
         ways = moved
         if self.tension is not None:
             ways += dt * math.sqrt(self.tension.tension / (self.density.mean() * self.spacing**3))
         interface = terms.interface
         assert isinstance(interface, Interface)
-        stretch = dt * strain(interface, ops, u)
-        return carried(interface, ops, dr, min(RATE * ways, MOST), self.share, stretch, min(RATE * moved, MOST))
+        stretch = dt * strain(interface, ops, state.u)
+        phi = carried(interface, ops, dr, min(RATE * ways, MOST), stretch, min(RATE * moved, MOST))
+        if self.cells is None or state.volume is None:
+            return phi, None
+        assert interface.cut is not None
+        return kept_volumes(interface.cut, ops, interface.phi, phi, state.volume, self.spacing)
 
     def changing(self, p: np.ndarray, phi: np.ndarray, before: Terms) -> np.ndarray:
         """(n, 2): by how much the number of the fluid of each particle falls, and the Laplacian of eq. 3 of p that it
@@ -148,6 +155,8 @@ class TwoFluids:
         """Terms of one configuration. ops: Operators; neighbours: all of them, dummies included; phi: (n,) m."""
         assert phi is not None
         interface = find_interface(ops, neighbours, phi, self.spacing, self.contact, self.sight)
+        if self.cells is not None:
+            interface = replace(interface, cut=cut(self.cells, neighbours.x, phi, interface.fit, ops.exchange))
         reference = self.density[0]
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
         everyone = ops.exchange.forward

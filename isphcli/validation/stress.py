@@ -728,9 +728,9 @@ def carried(large: bool, place: Map = lambda x: x, turn: Map = lambda u: u,
             order: slice | np.ndarray = slice(None)) -> Marched:
     """The drop with its places and velocities mapped."""
     def change(state: State) -> State:
-        assert state.phi is not None
+        assert state.phi is not None and state.volume is not None
         return replace(state, x=place(state.x)[order], u=turn(state.u)[order], u_old=turn(state.u_old)[order],
-                       phi=state.phi[order])
+                       phi=state.phi[order], volume=state.volume[order])
 
     return marched(DROP, *CARRIED, EXACT, f"time.max_steps={60 if large else 10}", change=change)
 

@@ -1,0 +1,223 @@
+"""Volumes of the two fluids and the area of their interface, on the cells of a grid that the interface cuts.
+
+What particles carry is phi; their own volumes (eq. 7) are those of a disordered sample of the fluid, beside walls one
+that depends on how the dummies lie, and a layer of a thickness round the interface, over which a fraction of them goes
+from one fluid to the other, ends at walls. Sums over particles are off by 0.2 % in a bubble that rises, and by 2 % of
+the pores in rock. Here the box has cells of about a spacing; in the middle of each phi is the mean of what the
+particles round it make of theirs, with slopes and curvatures. The cell is cut by a plane there. Of a box of sides a_k,
+in units of which the plane's normal has the components n_k >= 0, the part on the side of phi > 0 at phi = d is
+
+    F(d) = sum_s (prod_k s_k) max(d + sum_k s_k b_k / 2, 0)^dim / (dim! prod_k b_k),   b_k = n_k a_k,  s_k = -1 or 1,
+
+A surface of curvature kappa lies kappa a^2 / 24 beside its plane in the mean over a cell. The area of
+the interface is what the volume changes by if the plane moves by a side: F' itself jumps where it lies along a cell. That of an outline in 2D is known better, from phi in the middles.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit
+
+if TYPE_CHECKING:
+    from ..geometry.protocol import Geometry
+    from .quadratic_fit import QuadraticFit
+
+REACH = 2.0  # sides of a cell, from its middle to the particles that are asked there
+SAMPLES = 4  # along each side of a cell: points that say how much of it is fluid
+AT_ONCE = 1 << 20  # points
+THINNEST = 1e-3  # n_k below which the plane is taken for one along axis k: a division by zero
+
+
+class Cells(NamedTuple):
+    """lower: (dim,) corner of the box, m; side: (dim,) of a cell, m; shape: (dim,) number of cells along each axis;
+    periodic: (dim,) bool; fluid: (n_cells,) volume of the fluid in each, m^dim, all of it together that of the
+    particles."""
+
+    lower: np.ndarray
+    side: np.ndarray
+    shape: np.ndarray
+    periodic: np.ndarray
+    fluid: np.ndarray
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(n_cells, dim) m."""
+        axes = [lower + (np.arange(n) + 0.5) * side for lower, n, side in zip(self.lower, self.shape, self.side)]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(self.side))
+
+
+class CutCells(NamedTuple):
+    """The cells as an interface cuts them.
+
+    cells: Cells; phi: (n_cells,) in their middles, m; volume: (n_cells,) of the first fluid, m^dim; area: (n_cells,) of the interface, m^(dim - 1); nearest: (n_cells, 2)
+    particle of either fluid that is nearest to the middle of the cell, -1 where none is near.
+    """
+
+    cells: Cells
+    phi: np.ndarray
+    volume: np.ndarray
+    area: np.ndarray
+    nearest: np.ndarray
+
+
+def cells_of(geometry: Geometry, spacing: float, total: float) -> Cells:
+    """Cells of about a spacing, m, over the box of a geometry; total: volume of the fluid, m^dim."""
+    size, dim = geometry.upper - geometry.lower, geometry.dim
+    shape = np.maximum(np.round(size / spacing), 1).astype(np.int64)
+    cells = Cells(geometry.lower, size / shape, shape, np.array(geometry.periodic), np.ones(int(np.prod(shape))))
+    fluid = cells.fluid
+    if geometry.has_solid:
+        middle, count = cells.middle, SAMPLES**dim
+        within = (np.stack(np.meshgrid(*[np.arange(SAMPLES)] * dim, indexing="ij"), axis=-1).reshape(-1, dim) + 0.5
+                  ) / SAMPLES - 0.5
+        for begin in range(0, len(middle), AT_ONCE // count):
+            points = middle[begin : begin + AT_ONCE // count, None] + within * cells.side
+            inside = geometry.phase(points.reshape(-1, dim)) >= 0
+            fluid[begin : begin + AT_ONCE // count] = inside.reshape(-1, count).mean(axis=1)
+    return cells._replace(fluid=fluid * (total / fluid.sum()))
+
+
+def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit) -> CutCells:
+    """CutCells of particles x (n, dim), m, with phi (n,), m, and its QuadraticFit."""
+    n, dim = len(cells.fluid), len(cells.side)
+    weight, sums = np.zeros((n, 3)), np.zeros((n, dim + 3))
+    nearest = np.full((n, 2), -1)
+    _gather(x, phi, (fit.slope, fit.form), cells, weight, sums, nearest)
+    volume, area = np.zeros(n), np.zeros(n)
+    _cut(cells.fluid, cells.side, weight, sums, nearest, volume, area)
+    seen = weight[:, 0] > 0.0
+    return CutCells(cells, np.divide(sums[:, 0], weight[:, 0], out=np.full(n, math.inf), where=seen), volume, area, nearest)
+
+
+def outline(cut: CutCells) -> float:
+    """Length of the interface in 2D, m, of what keeps off the walls: straight from side to side of the squares between
+    the middles of four cells."""
+    cells = cut.cells
+    return float(_outline(cut.phi.reshape(cells.shape[0], cells.shape[1]), cells.side, cells.periodic))
+
+
+@njit(cache=True)
+def _gather(x, phi, fit, cells, weight, sums, nearest):
+    """Adds the particles to the cells round them. weight: (n_cells, 3) all of them, largest of one of either fluid;
+    sums: (n_cells, dim + 3) weighted phi, slope, curvature of the level, size of the slope."""
+    slope, form = fit
+    lower, side, count, periodic, fluid = cells
+    dim = x.shape[1]
+    reach = REACH * side.max()
+    first, last = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    place, d = np.zeros(3, np.int64), np.zeros(3)
+    for i in range(len(x)):
+        size, trace = 0.0, 0.0
+        for k in range(dim):
+            first[k] = int(math.floor((x[i, k] - reach - lower[k]) / side[k] + 0.5))
+            last[k] = int(math.floor((x[i, k] + reach - lower[k]) / side[k] - 0.5)) + 1
+            if not periodic[k]:
+                first[k], last[k] = max(first[k], 0), min(last[k], count[k])
+            size += slope[i, k] ** 2
+            trace += form[i, k * dim + k]
+        if dim == 2:
+            first[2], last[2] = 0, 1
+        size = math.sqrt(size)
+        side_of = 1 if phi[i] <= 0.0 else 0
+        for a in range(first[0], last[0]):
+            for b in range(first[1], last[1]):
+                for c in range(first[2], last[2]):
+                    place[0], place[1], place[2] = a, b, c
+                    cell, r2 = 0, 0.0
+                    for k in range(dim):
+                        d[k] = lower[k] + (place[k] + 0.5) * side[k] - x[i, k]
+                        r2 += d[k] ** 2
+                        cell = cell * count[k] + place[k] % count[k]
+                    if fluid[cell] > 0.0 and r2 < reach * reach:
+                        w = (1.0 - math.sqrt(r2) / reach) ** 4
+                        there = phi[i]
+                        for k in range(dim):
+                            there += slope[i, k] * d[k]
+                            turned = 0.0
+                            for m in range(dim):
+                                turned += form[i, k * dim + m] * d[m]
+                            there += 0.5 * size * d[k] * turned
+                            sums[cell, 1 + k] += w * slope[i, k]
+                        weight[cell, 0] += w
+                        sums[cell, 0] += w * there
+                        sums[cell, dim + 1] -= w * trace
+                        sums[cell, dim + 2] += w * size
+                        if w > weight[cell, 1 + side_of]:
+                            weight[cell, 1 + side_of] = w
+                            nearest[cell, side_of] = i
+
+
+@njit(cache=True, error_model="numpy")
+def _cut(fluid, side, weight, sums, nearest, volume, area):
+    """Volumes of the first fluid and areas of the interface in the cells."""
+    dim = len(side)
+    b = np.empty(dim)
+    smallest = side.min()
+    square = 0.0
+    for k in range(dim):
+        square += side[k] ** 2 / dim
+    for c in range(len(fluid)):
+        size, steepness = 0.0, sums[c, dim + 2]
+        for k in range(dim):
+            size += sums[c, 1 + k] ** 2
+        size = math.sqrt(size)
+        if size > 0.0:
+            distance = sums[c, 0] / size
+            for k in range(dim):
+                b[k] = max(abs(sums[c, 1 + k]) / size, THINNEST) * side[k]
+            part = _beyond(b, distance)
+            density = (_beyond(b, distance + 0.5 * smallest) - _beyond(b, distance - 0.5 * smallest)) / smallest
+            area[c] = fluid[c] * density
+            # no surface is bent more than a cell is wide
+            kappa = min(max(sums[c, dim + 1] / weight[c, 0], -1.0 / smallest), 1.0 / smallest)
+            part -= density * kappa * square / 24.0
+        else:
+            part = 0.5
+        if nearest[c].min() < 0:  # of one fluid all round
+            part, area[c] = 1.0 if nearest[c, 0] >= 0 else 0.0, 0.0
+        volume[c] = fluid[c] * min(max(part, 0.0), 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _beyond(b, distance):
+    """F of the module."""
+    dim, total = len(b), 0.0
+    if abs(distance) >= 0.5 * b.sum():  # far away the sum is a difference of large numbers
+        return 1.0 if distance > 0.0 else 0.0
+    for corner in range(1 << dim):
+        sign, over = 1.0, distance
+        for k in range(dim):
+            if corner >> k & 1:
+                over += 0.5 * b[k]
+            else:
+                over -= 0.5 * b[k]
+                sign = -sign
+        if over > 0.0:
+            total += sign * over**dim
+    faculty = 2.0 if dim == 2 else 6.0
+    for k in range(dim):
+        faculty *= b[k]
+    return min(max(total / faculty, 0.0), 1.0)
+
+
+@njit(cache=True)
+def _outline(phi, side, periodic):
+    total, ends, height = 0.0, np.empty((4, 2)), np.empty(4)
+    for i in range(phi.shape[0] if periodic[0] else phi.shape[0] - 1):
+        for j in range(phi.shape[1] if periodic[1] else phi.shape[1] - 1):
+            i1, j1 = (i + 1) % phi.shape[0], (j + 1) % phi.shape[1]
+            height[:] = phi[i, j], phi[i1, j], phi[i1, j1], phi[i, j1]
+            count = 0
+            for k in range(4):  # the sides, round the square
+                a, b = height[k], height[(k + 1) % 4]
+                if (a > 0.0) != (b > 0.0):
+                    along = a / (a - b)
+                    ends[count, 0] = (along, 1.0, 1.0 - along, 0.0)[k] * side[0]
+                    ends[count, 1] = (0.0, along, 1.0, 1.0 - along)[k] * side[1]
+                    count += 1
+            for k in range(0, count, 2):
+                total += math.hypot(ends[k, 0] - ends[k + 1, 0], ends[k, 1] - ends[k + 1, 1])
+    return total

@@ -1,0 +1,154 @@
+"""The volume of each part of either fluid, kept over a run by the level of phi.
+
+A part is what hangs together of one fluid, a ganglion or what surrounds it. Its volume is made or lost where phi moves
+otherwise than the fluid: eq. 3 leaves a divergence, particles that are shifted take phi from its Taylor series, and what
+is smoothed out of a thin layer was part of it. Particles remember it: each holds a share of the volume of the part that
+it is of (`State.volume`), which it takes along. Parts that join or fall apart have those of their particles, and over
+the seam between two reservoirs as much of one fluid comes in as of the other leaves. A particle that comes to the other
+fluid without a seam, because the interface has moved past it, leaves its share behind.
+
+What a part has too little, r, comes back along its interfaces, from the parts that it touches there: the level between
+parts a and b is moved by m_a - m_b with
+
+    sum_b area_ab (m_a - m_b) = r_a,        or   - sum_a area_ab (m_a - m_b) = r_b   of the other fluid,
+
+which is the least motion of the interface that does it. Nothing goes from one ganglion to another but through what
+lies between them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+from numba import njit
+from scipy.sparse.linalg import spsolve
+
+from ..domain.components import numbered, root
+from ..domain.row_threads import over_rows
+
+if TYPE_CHECKING:
+    from ..domain.neighbours import Neighbourhood
+    from .cut_cells import CutCells
+
+LINKED = 1.5  # spacings that like particles of one part are apart at most
+RATE = 0.5  # part of what is lacking that comes back in a step
+FARTHEST = 0.05  # spacings that a level is moved in a step at most
+BAND = 1.5  # spacings on either side of the interface where phi is moved
+RIDGE = 1e-9  # of the largest diagonal entry: only differences of m count, and parts without an interface have none
+
+
+def first_shares(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, spacing: float) -> np.ndarray:
+    """`State.volume` (n,), m^dim, of particles that begin with phi (n,), m: what the parts have there."""
+    part = _parts(neighbours, phi, spacing)
+    return _shared(_volumes(cut, part), part)
+
+
+def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new: np.ndarray,
+                 volume: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """(phi, `State.volume`) after a step, (n,) m and (n,) m^dim.
+
+    cut: CutCells of phi (n,), m, before the step; new: (n,) what becomes of phi in it; volume: (n,) of the step before;
+    neighbours: of the fluid particles.
+    """
+    part = _parts(neighbours, phi, spacing)
+    across = np.full(len(phi), -1)
+    over_rows(_nearest_across, len(phi), neighbours, phi, across)
+    wanted = np.bincount(part, volume)
+    between = _areas(cut, part, len(wanted))
+    level = _levels(wanted - _volumes(cut, part), between)
+    moved = np.abs(new) < BAND * spacing
+    moved &= across >= 0
+    other = part[across]
+    first = phi > 0.0
+    rise = np.where(first, level[part] - level[other], level[other] - level[part])
+    new = np.where(moved, new + np.clip(RATE * rise, -FARTHEST * spacing, FARTHEST * spacing), new)
+    changed = (new > 0.0) != first
+    alone = changed & (across < 0)  # no interface is near that could have moved past them
+    new[alone], changed = phi[alone], changed & ~alone
+    now = np.where(changed, other, part)
+    for gone in np.setdiff1d(part, now):
+        # smaller than a particle: what it had goes to the part of its fluid that is next to what is there now
+        around = np.bincount(now[part == gone]).argmax()
+        kin = between[[around]].toarray()[0]
+        kin[gone] = 0.0
+        wanted[kin.argmax() if kin.max() > 0.0 else around] += wanted[gone]
+    return new, _shared(wanted, now)
+
+
+def _parts(neighbours: Neighbourhood, phi: np.ndarray, spacing: float) -> np.ndarray:
+    """Part (n,) of each particle."""
+    part = np.arange(len(phi))
+    _join_like(neighbours.start, neighbours.column, neighbours.row, neighbours.x, phi, (LINKED * spacing) ** 2, part)
+    return part
+
+
+def _shared(volumes: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Volumes of the parts, shared out evenly among the particles of each, (n,)."""
+    return (volumes / np.maximum(np.bincount(part, minlength=len(volumes)), 1))[part]
+
+
+def _volumes(cut: CutCells, part: np.ndarray) -> np.ndarray:
+    """Volume of each part, m^dim."""
+    count, total = int(part.max()) + 1, 0.0
+    for nearest, volume in zip(cut.nearest.T, (cut.volume, cut.cells.fluid - cut.volume)):
+        seen = nearest >= 0
+        total = total + np.bincount(part[nearest[seen]], volume[seen], minlength=count)
+    return np.asarray(total)
+
+
+def _areas(cut: CutCells, part: np.ndarray, count: int) -> sp.csr_matrix:
+    """Area of the interface between each two of so many parts, m^(dim - 1)."""
+    both = cut.area > 0.0
+    between = sp.coo_matrix((cut.area[both], part[cut.nearest[both]].T), shape=(count, count)).tocsr()
+    return between + between.T
+
+
+def _levels(lacking: np.ndarray, between: sp.csr_matrix) -> np.ndarray:
+    """m of the parts, m, from what they lack, m^dim, and the areas between them."""
+    diagonal = np.asarray(between.sum(axis=1)).ravel()
+    alone = diagonal <= 0.0
+    if alone.all():
+        return np.zeros(len(diagonal))
+    matrix = sp.diags(diagonal + RIDGE * diagonal.max()) - between
+    level = np.asarray(spsolve(matrix.tocsc(), np.where(alone, 0.0, lacking)))
+    return np.where(alone, 0.0, level)
+
+
+@njit(cache=True)
+def _join_like(start, column, row, x, phi, most, parent):
+    """Parts are trees of particles of one fluid within a distance whose square is `most` of each other."""
+    dim = x.shape[1]
+    for i in range(len(phi)):
+        own = root(parent, i)
+        for p in range(start[i], start[i + 1]):
+            j = column[p]
+            if j < i and (phi[j] > 0.0) == (phi[i] > 0.0):  # each pair comes twice
+                r2 = 0.0
+                for k in range(dim):
+                    r2 += (x[row[p], k] - x[i, k]) ** 2
+                if r2 < most:
+                    other = root(parent, j)
+                    parent[max(own, other)] = min(own, other)
+                    own = min(own, other)
+    return numbered(parent)
+
+
+@njit(cache=True, nogil=True)
+def _nearest_across(rows, neighbours, phi, across):
+    """The nearest particle of the other fluid that each one sees, (n,)."""
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    dim = x.shape[1]
+    for i in range(rows[0], rows[1]):
+        least = math.inf
+        for p in range(start[i], start[i + 1]):
+            j = column[p]
+            if (phi[j] > 0.0) != (phi[i] > 0.0):
+                r2 = 0.0
+                for k in range(dim):
+                    r2 += (x[row[p], k] - x[i, k]) ** 2
+                if r2 < least:
+                    least = r2
+                    across[i] = j
