@@ -36,7 +36,7 @@ def first_interface(case: Case, geometry: Geometry, particles: Particles, steppe
     config = stepper.configure(x, 0.0, phi, number)
     interface = config.terms.interface
     assert isinstance(interface, Interface) and interface.cut is not None
-    return phi, first_shares(interface.cut, config.ops, phi, stepper.spacing)
+    return phi, first_shares(interface.cut, config.ops.neighbours, phi, stepper.spacing, config.ops.exchange)
 
 
 def from_labels(stepper: Stepper, x: np.ndarray, phase: np.ndarray, reach: float,

@@ -7,10 +7,11 @@ the pores in rock. Here the box has cells of about a spacing; in the middle of e
 particles round it make of theirs, with slopes and curvatures. The cell is cut by a plane there. Of a box of sides a_k,
 in units of which the plane's normal has the components n_k >= 0, the part on the side of phi > 0 at phi = d is
 
-    F(d) = sum_s (prod_k s_k) max(d + sum_k s_k b_k / 2, 0)^dim / (dim! prod_k b_k),   b_k = n_k a_k,  s_k = -1 or 1,
+    F(d) = sum_s (prod_k s_k) max(d + sum_k s_k b_k / 2, 0)^dim / (dim! prod_k b_k),   b_k = n_k a_k,  s_k = -1 or 1.
 
-A surface of curvature kappa lies kappa a^2 / 24 beside its plane in the mean over a cell. The area of
-the interface is what the volume changes by if the plane moves by a side: F' itself jumps where it lies along a cell. That of an outline in 2D is known better, from phi in the middles.
+A surface of curvature kappa lies kappa a^2 / 24 beside its plane in the mean over a cell. The area of the interface is
+what the volume changes by if the plane moves by a side: F' itself jumps where the plane lies along the cell. The length
+of an outline in 2D is known better, from phi in the middles of the cells.
 """
 
 from __future__ import annotations
@@ -20,6 +21,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
+
+from ..domain import reduce
+from ..domain.exchange import NO_EXCHANGE, Exchange
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
@@ -32,28 +36,35 @@ THINNEST = 1e-3  # n_k below which the plane is taken for one along axis k: a di
 
 
 class Cells(NamedTuple):
-    """lower: (dim,) corner of the box, m; side: (dim,) of a cell, m; shape: (dim,) number of cells along each axis;
-    periodic: (dim,) bool; fluid: (n_cells,) volume of the fluid in each, m^dim, all of it together that of the
-    particles."""
+    """Those whose middles lie in the brick of this process, all of one process.
+
+    lower: (dim,) corner of the box, m; side: (dim,) of a cell, m; shape: (dim,) number of cells of the box along each
+    axis; periodic: (dim,) bool; first, end: (dim,) of them here; fluid: (n_cells,) volume of the fluid in each that is
+    here, m^dim, that of all processes together that of the particles.
+    """
 
     lower: np.ndarray
     side: np.ndarray
     shape: np.ndarray
     periodic: np.ndarray
+    first: np.ndarray
+    end: np.ndarray
     fluid: np.ndarray
 
     @property
     def middle(self) -> np.ndarray:
         """(n_cells, dim) m."""
-        axes = [lower + (np.arange(n) + 0.5) * side for lower, n, side in zip(self.lower, self.shape, self.side)]
+        axes = [lower + (np.arange(first, end) + 0.5) * side
+                for lower, first, end, side in zip(self.lower, self.first, self.end, self.side)]
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(self.side))
 
 
 class CutCells(NamedTuple):
     """The cells as an interface cuts them.
 
-    cells: Cells; phi: (n_cells,) in their middles, m; volume: (n_cells,) of the first fluid, m^dim; area: (n_cells,) of the interface, m^(dim - 1); nearest: (n_cells, 2)
-    particle of either fluid that is nearest to the middle of the cell, -1 where none is near.
+    cells: Cells; phi: (n_cells,) in their middles, m; volume: (n_cells,) of the first fluid, m^dim; area: (n_cells,) of
+    the interface, m^(dim - 1); nearest: (n_cells, 2) particle of either fluid, own or remote, that is nearest to the
+    middle of the cell, -1 where none is near.
     """
 
     cells: Cells
@@ -63,11 +74,19 @@ class CutCells(NamedTuple):
     nearest: np.ndarray
 
 
-def cells_of(geometry: Geometry, spacing: float, total: float) -> Cells:
-    """Cells of about a spacing, m, over the box of a geometry; total: volume of the fluid, m^dim."""
+def cells_of(geometry: Geometry, spacing: float, total: float,
+             brick: tuple[np.ndarray, np.ndarray] | None = None) -> Cells:
+    """Cells of about a spacing, m, over the box of a geometry; total: volume of all the fluid, m^dim; brick: (lower,
+    upper) corners (dim,) of what this process has, or None of one."""
     size, dim = geometry.upper - geometry.lower, geometry.dim
     shape = np.maximum(np.round(size / spacing), 1).astype(np.int64)
-    cells = Cells(geometry.lower, size / shape, shape, np.array(geometry.periodic), np.ones(int(np.prod(shape))))
+    side, first, end = size / shape, np.zeros(dim, np.int64), shape
+    if brick is not None:  # bricks end where the next ones begin, with the same bits
+        first, end = (np.clip(np.ceil((corner - geometry.lower) / side - 0.5).astype(np.int64), 0, shape)
+                      for corner in brick)
+        end = np.maximum(end, first)
+    cells = Cells(geometry.lower, side, shape, np.array(geometry.periodic), first, end,
+                  np.ones(int(np.prod(end - first))))
     fluid = cells.fluid
     if geometry.has_solid:
         middle, count = cells.middle, SAMPLES**dim
@@ -77,34 +96,52 @@ def cells_of(geometry: Geometry, spacing: float, total: float) -> Cells:
             points = middle[begin : begin + AT_ONCE // count, None] + within * cells.side
             inside = geometry.phase(points.reshape(-1, dim)) >= 0
             fluid[begin : begin + AT_ONCE // count] = inside.reshape(-1, count).mean(axis=1)
-    return cells._replace(fluid=fluid * (total / fluid.sum()))
+    return cells._replace(fluid=fluid * (total / reduce.total(fluid)))
 
 
-def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit) -> CutCells:
-    """CutCells of particles x (n, dim), m, with phi (n,), m, and its QuadraticFit."""
+def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchange: Exchange = NO_EXCHANGE) -> CutCells:
+    """CutCells of particles with phi (n,), m, and its QuadraticFit; x: (n + remote, dim) m, and rows behind them that
+    are not asked for; exchange: of remote particles."""
+    phi, slope, form = (exchange.forward(values) for values in (phi, fit.slope, fit.form))
+    x = x[: len(phi)]
     n, dim = len(cells.fluid), len(cells.side)
-    weight, sums = np.zeros((n, 3)), np.zeros((n, dim + 3))
+    weight, sums = np.zeros((n, 3)), np.zeros((n, dim + 2))
     nearest = np.full((n, 2), -1)
-    _gather(x, phi, (fit.slope, fit.form), cells, weight, sums, nearest)
+    _gather(x, phi, (slope, form), cells, weight, sums, nearest)
     volume, area = np.zeros(n), np.zeros(n)
     _cut(cells.fluid, cells.side, weight, sums, nearest, volume, area)
-    seen = weight[:, 0] > 0.0
-    return CutCells(cells, np.divide(sums[:, 0], weight[:, 0], out=np.full(n, math.inf), where=seen), volume, area, nearest)
+    there = np.divide(sums[:, 0], weight[:, 0], out=np.full(n, math.inf), where=weight[:, 0] > 0.0)
+    return CutCells(cells, there, volume, area, nearest)
 
 
 def outline(cut: CutCells) -> float:
     """Length of the interface in 2D, m, of what keeps off the walls: straight from side to side of the squares between
     the middles of four cells."""
-    cells = cut.cells
-    return float(_outline(cut.phi.reshape(cells.shape[0], cells.shape[1]), cells.side, cells.periodic))
+    cells, most = cut.cells, cut.cells.side.sum()
+    place = np.stack(np.unravel_index(np.arange(len(cut.phi)), cells.end - cells.first), axis=1) + cells.first
+    near = np.abs(cut.phi) < most  # of four that have zero between them all are
+    # a process knows its own cells; those round an interface are few
+    place, phi = reduce.together(place[near]), reduce.together(cut.phi[near])
+    number = place[:, 0] * cells.shape[1] + place[:, 1]
+    order = np.argsort(number)
+    height = np.full((4, len(phi)), np.nan)
+    for k, step in enumerate(((0, 0), (1, 0), (1, 1), (0, 1))):
+        beyond = place + step
+        inside = (beyond < cells.shape) | cells.periodic
+        beyond %= cells.shape
+        wanted = beyond[:, 0] * cells.shape[1] + beyond[:, 1]
+        found = order[np.minimum(np.searchsorted(number, wanted, sorter=order), len(order) - 1)]
+        height[k] = np.where(inside.all(axis=1) & (number[found] == wanted), phi[found], np.nan)
+    height = height[:, np.isfinite(height).all(axis=0)]
+    return float(_outline(np.ascontiguousarray(height.T), cells.side))
 
 
 @njit(cache=True)
 def _gather(x, phi, fit, cells, weight, sums, nearest):
     """Adds the particles to the cells round them. weight: (n_cells, 3) all of them, largest of one of either fluid;
-    sums: (n_cells, dim + 3) weighted phi, slope, curvature of the level, size of the slope."""
+    sums: (n_cells, dim + 2) weighted phi, slope, and curvature of the level."""
     slope, form = fit
-    lower, side, count, periodic, fluid = cells
+    lower, side, count, periodic, begin, end, fluid = cells
     dim = x.shape[1]
     reach = REACH * side.max()
     first, last = np.zeros(3, np.int64), np.zeros(3, np.int64)
@@ -112,8 +149,8 @@ def _gather(x, phi, fit, cells, weight, sums, nearest):
     for i in range(len(x)):
         size, trace = 0.0, 0.0
         for k in range(dim):
-            first[k] = int(math.floor((x[i, k] - reach - lower[k]) / side[k] + 0.5))
-            last[k] = int(math.floor((x[i, k] + reach - lower[k]) / side[k] - 0.5)) + 1
+            first[k] = math.floor((x[i, k] - reach - lower[k]) / side[k] + 0.5)
+            last[k] = math.floor((x[i, k] + reach - lower[k]) / side[k] - 0.5) + 1
             if not periodic[k]:
                 first[k], last[k] = max(first[k], 0), min(last[k], count[k])
             size += slope[i, k] ** 2
@@ -126,12 +163,14 @@ def _gather(x, phi, fit, cells, weight, sums, nearest):
             for b in range(first[1], last[1]):
                 for c in range(first[2], last[2]):
                     place[0], place[1], place[2] = a, b, c
-                    cell, r2 = 0, 0.0
+                    cell, r2, here = 0, 0.0, True
                     for k in range(dim):
                         d[k] = lower[k] + (place[k] + 0.5) * side[k] - x[i, k]
                         r2 += d[k] ** 2
-                        cell = cell * count[k] + place[k] % count[k]
-                    if fluid[cell] > 0.0 and r2 < reach * reach:
+                        at = place[k] % count[k]
+                        here &= begin[k] <= at < end[k]
+                        cell = cell * (end[k] - begin[k]) + at - begin[k]
+                    if here and r2 < reach * reach and fluid[cell] > 0.0:
                         w = (1.0 - math.sqrt(r2) / reach) ** 4
                         there = phi[i]
                         for k in range(dim):
@@ -144,7 +183,6 @@ def _gather(x, phi, fit, cells, weight, sums, nearest):
                         weight[cell, 0] += w
                         sums[cell, 0] += w * there
                         sums[cell, dim + 1] -= w * trace
-                        sums[cell, dim + 2] += w * size
                         if w > weight[cell, 1 + side_of]:
                             weight[cell, 1 + side_of] = w
                             nearest[cell, side_of] = i
@@ -160,7 +198,7 @@ def _cut(fluid, side, weight, sums, nearest, volume, area):
     for k in range(dim):
         square += side[k] ** 2 / dim
     for c in range(len(fluid)):
-        size, steepness = 0.0, sums[c, dim + 2]
+        size = 0.0
         for k in range(dim):
             size += sums[c, 1 + k] ** 2
         size = math.sqrt(size)
@@ -204,20 +242,18 @@ def _beyond(b, distance):
 
 
 @njit(cache=True)
-def _outline(phi, side, periodic):
-    total, ends, height = 0.0, np.empty((4, 2)), np.empty(4)
-    for i in range(phi.shape[0] if periodic[0] else phi.shape[0] - 1):
-        for j in range(phi.shape[1] if periodic[1] else phi.shape[1] - 1):
-            i1, j1 = (i + 1) % phi.shape[0], (j + 1) % phi.shape[1]
-            height[:] = phi[i, j], phi[i1, j], phi[i1, j1], phi[i, j1]
-            count = 0
-            for k in range(4):  # the sides, round the square
-                a, b = height[k], height[(k + 1) % 4]
-                if (a > 0.0) != (b > 0.0):
-                    along = a / (a - b)
-                    ends[count, 0] = (along, 1.0, 1.0 - along, 0.0)[k] * side[0]
-                    ends[count, 1] = (0.0, along, 1.0, 1.0 - along)[k] * side[1]
-                    count += 1
-            for k in range(0, count, 2):
-                total += math.hypot(ends[k, 0] - ends[k + 1, 0], ends[k, 1] - ends[k + 1, 1])
+def _outline(heights, side):
+    """heights: (n, 4) in the corners of squares, round each."""
+    total, ends = 0.0, np.empty((4, 2))
+    for n in range(len(heights)):
+        count = 0
+        for k in range(4):  # the sides, round the square
+            a, b = heights[n, k], heights[n, (k + 1) % 4]
+            if (a > 0.0) != (b > 0.0):
+                along = a / (a - b)
+                ends[count, 0] = (along, 1.0, 1.0 - along, 0.0)[k] * side[0]
+                ends[count, 1] = (0.0, along, 1.0, 1.0 - along)[k] * side[1]
+                count += 1
+        for k in range(0, count, 2):
+            total += math.hypot(ends[k, 0] - ends[k + 1, 0], ends[k, 1] - ends[k + 1, 1])
     return total

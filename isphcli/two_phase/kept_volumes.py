@@ -1,11 +1,11 @@
 """The volume of each part of either fluid, kept over a run by the level of phi.
 
 A part is what hangs together of one fluid, a ganglion or what surrounds it. Its volume is made or lost where phi moves
-otherwise than the fluid: eq. 3 leaves a divergence, particles that are shifted take phi from its Taylor series, and what
-is smoothed out of a thin layer was part of it. Particles remember it: each holds a share of the volume of the part that
-it is of (`State.volume`), which it takes along. Parts that join or fall apart have those of their particles, and over
-the seam between two reservoirs as much of one fluid comes in as of the other leaves. A particle that comes to the other
-fluid without a seam, because the interface has moved past it, leaves its share behind.
+otherwise than the fluid: eq. 3 leaves a divergence, shifted particles take phi from its Taylor series, and what is
+smoothed out of a thin layer was part of it. Particles remember it: each holds an even share of the volume of the part
+that it is of (`State.volume`), and takes it along. Parts that join or fall apart have those of their particles, and
+over the seam between two reservoirs as much of one fluid comes in as of the other leaves. A particle that the interface
+moves past leaves its share behind: phi says where a fluid is, the shares how much of it there is.
 
 What a part has too little, r, comes back along its interfaces, from the parts that it touches there: the level between
 parts a and b is moved by m_a - m_b with
@@ -26,7 +26,9 @@ import scipy.sparse as sp
 from numba import njit
 from scipy.sparse.linalg import spsolve
 
-from ..domain.components import numbered, root
+from ..domain import reduce
+from ..domain.components import pair_components
+from ..domain.exchange import NO_EXCHANGE, Exchange
 from ..domain.row_threads import over_rows
 
 if TYPE_CHECKING:
@@ -40,28 +42,31 @@ BAND = 1.5  # spacings on either side of the interface where phi is moved
 RIDGE = 1e-9  # of the largest diagonal entry: only differences of m count, and parts without an interface have none
 
 
-def first_shares(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, spacing: float) -> np.ndarray:
+def first_shares(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, spacing: float,
+                 exchange: Exchange = NO_EXCHANGE) -> np.ndarray:
     """`State.volume` (n,), m^dim, of particles that begin with phi (n,), m: what the parts have there."""
-    part = _parts(neighbours, phi, spacing)
-    return _shared(_volumes(cut, part), part)
+    count, part = _parts(neighbours, phi, spacing, exchange)
+    return _shared(_volumes(cut, exchange.forward(part), count), part)
 
 
 def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new: np.ndarray,
-                 volume: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+                 volume: np.ndarray, spacing: float,
+                 exchange: Exchange = NO_EXCHANGE) -> tuple[np.ndarray, np.ndarray]:
     """(phi, `State.volume`) after a step, (n,) m and (n,) m^dim.
 
     cut: CutCells of phi (n,), m, before the step; new: (n,) what becomes of phi in it; volume: (n,) of the step before;
-    neighbours: of the fluid particles.
+    neighbours: of the fluid particles; exchange: of the remote ones among them.
     """
-    part = _parts(neighbours, phi, spacing)
+    count, part = _parts(neighbours, phi, spacing, exchange)
+    everyone = exchange.forward(part)
     across = np.full(len(phi), -1)
-    over_rows(_nearest_across, len(phi), neighbours, phi, across)
-    wanted = np.bincount(part, volume)
-    between = _areas(cut, part, len(wanted))
-    level = _levels(wanted - _volumes(cut, part), between)
+    over_rows(_nearest_across, len(phi), neighbours, exchange.forward(phi), across)
+    wanted = reduce.total_by(part, volume, count)
+    between = _areas(cut, everyone, count)
+    level = _levels(wanted - _volumes(cut, everyone, count), between)
     moved = np.abs(new) < BAND * spacing
     moved &= across >= 0
-    other = part[across]
+    other = everyone[across]
     first = phi > 0.0
     rise = np.where(first, level[part] - level[other], level[other] - level[part])
     new = np.where(moved, new + np.clip(RATE * rise, -FARTHEST * spacing, FARTHEST * spacing), new)
@@ -69,40 +74,42 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
     alone = changed & (across < 0)  # no interface is near that could have moved past them
     new[alone], changed = phi[alone], changed & ~alone
     now = np.where(changed, other, part)
-    for gone in np.setdiff1d(part, now):
+    for gone in np.flatnonzero((reduce.total_by(part, None, count) > 0) & (reduce.total_by(now, None, count) == 0)):
         # smaller than a particle: what it had goes to the part of its fluid that is next to what is there now
-        around = np.bincount(now[part == gone]).argmax()
+        around = reduce.total_by(now[part == gone], None, count).argmax()
         kin = between[[around]].toarray()[0]
         kin[gone] = 0.0
         wanted[kin.argmax() if kin.max() > 0.0 else around] += wanted[gone]
     return new, _shared(wanted, now)
 
 
-def _parts(neighbours: Neighbourhood, phi: np.ndarray, spacing: float) -> np.ndarray:
-    """Part (n,) of each particle."""
-    part = np.arange(len(phi))
-    _join_like(neighbours.start, neighbours.column, neighbours.row, neighbours.x, phi, (LINKED * spacing) ** 2, part)
-    return part
+def _parts(neighbours: Neighbourhood, phi: np.ndarray, spacing: float, exchange: Exchange) -> tuple[int, np.ndarray]:
+    """How many parts there are, and that of each particle (n,)."""
+    like = np.zeros(len(neighbours.column), np.bool_)
+    over_rows(_like, len(phi), neighbours, exchange.forward(phi), (LINKED * spacing) ** 2, like)
+    return pair_components(neighbours.start, neighbours.column, like, exchange)
 
 
 def _shared(volumes: np.ndarray, part: np.ndarray) -> np.ndarray:
     """Volumes of the parts, shared out evenly among the particles of each, (n,)."""
-    return (volumes / np.maximum(np.bincount(part, minlength=len(volumes)), 1))[part]
+    return (volumes / np.maximum(reduce.total_by(part, None, len(volumes)), 1))[part]
 
 
-def _volumes(cut: CutCells, part: np.ndarray) -> np.ndarray:
-    """Volume of each part, m^dim."""
-    count, total = int(part.max()) + 1, 0.0
-    for nearest, volume in zip(cut.nearest.T, (cut.volume, cut.cells.fluid - cut.volume)):
-        seen = nearest >= 0
-        total = total + np.bincount(part[nearest[seen]], volume[seen], minlength=count)
-    return np.asarray(total)
+def _volumes(cut: CutCells, part: np.ndarray, count: int) -> np.ndarray:
+    """Volume of each of so many parts, m^dim. part: (n + remote,) of the particles."""
+    seen = cut.nearest >= 0
+    volume = np.stack([cut.volume, cut.cells.fluid - cut.volume], axis=1)
+    return reduce.total_by(part[cut.nearest[seen]], volume[seen], count)
 
 
 def _areas(cut: CutCells, part: np.ndarray, count: int) -> sp.csr_matrix:
     """Area of the interface between each two of so many parts, m^(dim - 1)."""
     both = cut.area > 0.0
-    between = sp.coo_matrix((cut.area[both], part[cut.nearest[both]].T), shape=(count, count)).tocsr()
+    pair = part[cut.nearest[both]]
+    local = sp.coo_matrix((cut.area[both], pair.T), shape=(count, count)).tocsr().tocoo()
+    # between parts, of which there are few, not between cells
+    row, column, area = (reduce.together(values) for values in (local.row, local.col, local.data))
+    between = sp.coo_matrix((area, (row, column)), shape=(count, count)).tocsr()
     return between + between.T
 
 
@@ -117,23 +124,17 @@ def _levels(lacking: np.ndarray, between: sp.csr_matrix) -> np.ndarray:
     return np.where(alone, 0.0, level)
 
 
-@njit(cache=True)
-def _join_like(start, column, row, x, phi, most, parent):
-    """Parts are trees of particles of one fluid within a distance whose square is `most` of each other."""
-    dim = x.shape[1]
-    for i in range(len(phi)):
-        own = root(parent, i)
+@njit(cache=True, nogil=True)
+def _like(rows, neighbours, phi, most, like):
+    """Which pairs are of one fluid and within a distance whose square is `most`, (n_pairs,)."""
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    for i in range(rows[0], rows[1]):
         for p in range(start[i], start[i + 1]):
-            j = column[p]
-            if j < i and (phi[j] > 0.0) == (phi[i] > 0.0):  # each pair comes twice
+            if (phi[column[p]] > 0.0) == (phi[i] > 0.0):
                 r2 = 0.0
-                for k in range(dim):
+                for k in range(x.shape[1]):
                     r2 += (x[row[p], k] - x[i, k]) ** 2
-                if r2 < most:
-                    other = root(parent, j)
-                    parent[max(own, other)] = min(own, other)
-                    own = min(own, other)
-    return numbered(parent)
+                like[p] = r2 < most
 
 
 @njit(cache=True, nogil=True)

@@ -121,7 +121,7 @@ class TwoFluids:
         if self.cells is None or state.volume is None:
             return phi, None
         assert interface.cut is not None
-        return kept_volumes(interface.cut, ops, interface.phi, phi, state.volume, self.spacing)
+        return kept_volumes(interface.cut, ops.neighbours, interface.phi, phi, state.volume, self.spacing, ops.exchange)
 
     def changing(self, p: np.ndarray, phi: np.ndarray, before: Terms) -> np.ndarray:
         """(n, 2): by how much the number of the fluid of each particle falls, and the Laplacian of eq. 3 of p that it
