@@ -12,12 +12,12 @@ import sys
 
 from stokes import CASES, SCENES
 
-PARTS = """run.steady.place_case run.steady.WallScene operators.wall_operators.build_halo
-operators.wall_operators.neighbourhood operators.wall_operators.crossings run.steady.build_lattice_weights
-run.steady._percolation
+PARTS = """runs.steady.place_case runs.steady.WallScene operators.wall_operators.build_halo
+operators.wall_operators.neighbourhood operators.wall_operators.crossings runs.steady.build_lattice_weights
+runs.steady._percolation
 flow.stokes.pair_components flow.stokes.nearest_matrix flow.stokes.Conductances
-solvers.engine.hierarchy solvers.engine.BlockCycle solvers.engine.PairCycle run.steady.fluid_cells
-run.steady._edge_shares solvers.engine.gmres_from_the_right run.steady.wall_stress""".split()
+solvers.engine.hierarchy solvers.engine.BlockCycle solvers.engine.PairCycle runs.steady.fluid_cells
+runs.steady._edge_shares solvers.engine.gmres_from_the_right runs.steady.wall_stress""".split()
 
 
 def resident():

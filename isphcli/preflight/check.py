@@ -80,7 +80,8 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
     result.flow = flow_estimate(case, geometry, sites, result.throats, driven)
     if case.flow != "stokes":
         result.steps = steps(case, result.flow, result.throats)
-    costs(result, geometry)
+    share = memory.fluid_round(geometry, sites.points(memory.SAMPLE), case.support * min(case.spacings))
+    costs(result, geometry, share)
     if ranks is not None:
         of_ranks(result, geometry, ranks)
     if not to_run or case.flow != "stokes":

@@ -114,15 +114,15 @@ def steps(case: Case, flow: Flow | None, widths: Throats | None) -> Steps:
     return Steps(limits, count)
 
 
-def costs(result: CheckReport, geometry: Geometry) -> None:
-    """Neighbours, memory and time."""
+def costs(result: CheckReport, geometry: Geometry, share: float = 1.0) -> None:
+    """Neighbours, memory and time. share: see `memory.fluid_round`."""
     case, dim = result.case, result.dim
     result.neighbours = memory.neighbours(case, dim)
     spacing = case.particles.spacing
     finest = (spacing / min(case.spacings)) ** dim
     fluid, labels = result.particles["fluid"] * finest, geometry.labels
     result.memory = memory.estimate(case, dim, geometry.has_solid, fluid, result.particles.get("dummy", 0) * finest,
-                                    0 if labels is None else labels.size, two=len(case.fluids) > 1)
+                                    0 if labels is None else labels.size, two=len(case.fluids) > 1, share=share)
     runs: float | None = 1.0
     if case.flow == "stokes":
         sizes = sum((spacing / other) ** dim for other in case.spacings) / finest

@@ -123,16 +123,17 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
         if particles.share is not None:
             geometry = geometry.within(particles.share.lower, particles.share.upper, support)
     n = particles.n_fluid
-    need = memory.estimate(case, geometry.dim, True, n, particles.n_dummy)
+    share = memory.fluid_round(geometry, particles.x[:n], support)
+    need = memory.estimate(case, geometry.dim, True, n, particles.n_dummy, share=share)
     most = float(reduce.largest(np.array([sum(need.values())])))
     memory.refuse(most * current().here, f"{n:,} fluid particles", memory.too_large(case))
     with clock("operators"):
-        share, dummies = particles.share, particles.x[n:]
-        seen = dummies if share is None else np.concatenate([dummies, share.dummies])
+        dummies = particles.x[n:]
+        seen = dummies if particles.share is None else np.concatenate([dummies, particles.share.dummies])
         walls = WallScene(geometry, seen, support, kind, particles.site_volume)
         ops, row, images, distance = _operators(walls, particles, case.particles.jitter == 0.0)
     with clock("assembly"):
-        percolates = _percolation(ops, row, _shifts(n, len(seen), images, share))
+        percolates = _percolation(ops, row, _shifts(n, len(seen), images, particles.share))
         del row
     if needs and not percolates[:, list(needs)].any():
         raise NoPathError(why_closed(case, *needs))

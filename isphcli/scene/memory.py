@@ -32,13 +32,15 @@ BYTES_PETSC = 40  # the same where PETSc solves: it stores the matrix that PyAMG
 # of 60,000 particles with a drop less those without, on 2026-11-22: 71 and 83 (2D, 3D), beside walls 131 and 109
 BYTES_SECOND_FLUID = 110
 BYTES_ROW = {"stokes": 350, "navier_stokes": 0}  # of a particle, beside its pairs
-VECTORS = 25  # Krylov vectors of a usual steady solve; those of a long restart are allocated but never touched
+# Krylov vectors of a steady solve: 18 to 30 in wide pores, 46 to 56 in rock and packs of beads; those of a long restart
+# are allocated but never touched
+VECTORS = 40
 BYTES_PARTICLE = 200  # positions, fields and work arrays of a particle of any kind
 # Of an image while its geometry is built, from the peaks of random bodies of 64^3 to 192^3 voxels at 47588b5: labels 39
 # to 44 (of which 32 to 35 stay), grey values 36 to 48 (sharpened too), `wall_distance: stairs` 19 to 23
 BYTES_VOXEL = 40
 BYTES_PROGRAM = 2e8  # Python and its libraries
-SAMPLE = 10_000  # points at which the fluid of a lattice is counted before it is placed
+SAMPLE = 10_000  # points at which the fluid of a lattice is counted before it is placed, and that round particles
 CROP = "take a part with geometry.voxels.crop, or a coarser image (isph convert-voxels --downsample)"
 
 
@@ -58,15 +60,25 @@ def neighbours(case: Case, dim: int) -> float:
     return PAIRS[dim] * density(case, dim) * case.support**dim
 
 
-def estimate(
-    case: Case, dim: int, walls: bool, fluid: float, dummies: float, voxels: float = 0, two: bool = False
-) -> dict[str, float]:
+def fluid_round(geometry: Geometry, x: np.ndarray, support: float) -> float:
+    """Share of what lies within a support, m, of fluid particles x (n, dim) that is fluid: of the neighbours that they
+    would have in a box full of it they have about as many."""
+    rng = np.random.default_rng(0)
+    chosen = x[rng.integers(len(x), size=SAMPLE)] if len(x) else x
+    offset = rng.normal(size=chosen.shape)
+    offset *= (support * rng.random(len(chosen)) ** (1 / geometry.dim) / np.linalg.norm(offset, axis=1))[:, None]
+    return float((geometry.phase(chosen + offset) >= 0).mean()) if len(x) else 1.0
+
+
+def estimate(case: Case, dim: int, walls: bool, fluid: float, dummies: float, voxels: float = 0, two: bool = False,
+             share: float = 1.0) -> dict[str, float]:
     """Bytes by part at the peak of a run with so many fluid particles, dummies and voxels.
 
-    two: particles of two fluids that differ or have an interface.
+    two: particles of two fluids that differ or have an interface; share: see `fluid_round`. Moving particles keep pairs
+    with dummies too: there the share counts for nothing.
     """
-    pairs = fluid * neighbours(case, dim)
     steady = case.flow == "stokes"
+    pairs = fluid * neighbours(case, dim) * (share if steady else 1.0)
     petsc = steady and (case.solver.engine == "petsc" or current().size > 1)
     vectors = min(case.solver.restart, VECTORS) * (dim + 1) if steady else case.solver.restart
     parts = {
