@@ -91,6 +91,18 @@ fluids: {water: {density: 1, viscosity: 0.1}, dyed: {density: 1, viscosity: 0.1}
 initial: {velocity: ["1 + sin(2*pi*x)*cos(4*pi*y)", "-0.5*cos(2*pi*x)*sin(4*pi*y)"]}
 time: {end: 9}
 """  # fluids that differ in name only
+THIN_LAYERS = """
+geometry:
+  box: [1.0, 0.1]
+  periodic: [x, y]
+  fluid: light
+  shapes: [{box: {lower: [0.33, -1], upper: [0.71, 2]}, is: heavy}]
+particles: {spacing: 0.05, jitter: 0.2}
+fluids: {light: {density: 1, viscosity: 0.01}, heavy: {density: 3, viscosity: 0.02}}
+interface: {tension: 0.5}
+initial: {velocity: ["0.3", 0]}
+time: {end: 9}
+"""  # no wider than a support: pieces of the interface are seen from several sides
 TWO_FLUIDS = {
     "bubbles": ("co2_bubbles", ["geometry.box=[2.2e-3, 2.2e-3, 1.28e-3]", "geometry.shapes.0.cylinder.radius=1.1e-3",
                                 "geometry.shapes.1.spheres.random=8", "interface.contact_angle=40"]),
@@ -99,7 +111,7 @@ TWO_FLUIDS = {
                                     "initial.flood={fluid: co2, from: y_min, saturation: 0.4}"]),
     "slit": ("slit_drainage", ["drive.steps.duration=2.0e-6", "drive.steps.window=5.0e-7"]),
 }
-NAMES_OF_TWO = ["drop", "csf", "half_drop", "stripes", *TWO_FLUIDS]
+NAMES_OF_TWO = ["drop", "csf", "half_drop", "stripes", "thin_layers", *TWO_FLUIDS]
 
 
 def cases(folder):
@@ -111,7 +123,7 @@ def cases(folder):
     yield "pack", read_case(PACK.encode(), str(folder / "pack.yaml"))
     csf = DROP.replace("tension: 1", "tension: 1, method: csf").replace("spacing: 0.05", "spacing: 0.05, jitter: 0.1")
     texts = {"thin": THIN, "held": HELD, "few": FEW, "drop": DROP, "csf": csf, "half_drop": HALF_DROP,
-             "stripes": STRIPES}
+             "stripes": STRIPES, "thin_layers": THIN_LAYERS}
     for name, text in texts.items():
         yield name, read_case(text.encode(), f"{name}.yaml")
 

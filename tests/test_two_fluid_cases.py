@@ -180,8 +180,8 @@ def test_co2_is_injected_into_the_rock(tmp_path):
 @pytest.mark.slow
 def test_a_slit_is_drained_above_its_entry_pressure(tmp_path):
     """346 Pa. Below it each fluid comes to rest with the drop between their pressures, at 8 across within 25 Pa. At 450
-    Pa CO2 goes through."""
-    steps = "drive.steps={pressure_drop: [200, 300, 450], duration: 3e-3, settled: 0.01, window: 5e-4}"
+    Pa CO2 goes through. One of the 64 particles of the slit may go to and fro between the fluids: 0.016."""
+    steps = "drive.steps={pressure_drop: [200, 300, 450], duration: 3e-3, settled: 0.02, window: 5e-4}"
     run("slit_drainage", tmp_path, "particles.spacing=1.25e-5", steps)
     low, high, through = read_history(tmp_path / "curve.csv")
     assert [row["settled"] for row in (low, high)] == [1, 1] and high["saturation_co2"] < 0.5

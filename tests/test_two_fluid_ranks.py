@@ -13,7 +13,7 @@ from tests.test_moving_ranks import CLOSE, assert_same_state, folders, gone_on, 
 from tests.test_ranks import pytestmark  # noqa: F401 - pytest reads pytestmark
 
 SEVERAL = {("auto", 2): NAMES_OF_TWO, ("auto", 3): ["drop", "half_drop", "bubbles", "drainage"],
-           ("auto", 4): ["csf", "slit"]}
+           ("auto", 4): ["csf", "slit", "thin_layers"]}
 ONES = {"step", "limit", "rebuilt", "iterations_velocity", "iterations_pressure", "residual_velocity",
         "residual_pressure", "divergence"}  # not of the flow, or compared apart
 

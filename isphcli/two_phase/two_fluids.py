@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from .surface_tension import SurfaceTension
 
 SWEEPS = 100  # at most, over particles that have come into the other fluid; whole rows of them gain a digit in four
-SETTLED = 1e-10  # of the largest change of a sweep: below this no more of them are made
+SETTLED = 1e-12  # of the largest change of a sweep: below this no more of them are made
 SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like a second derivative of a plane of them
 
 
