@@ -80,7 +80,7 @@ class CellList(NamedTuple):
 def neighbourhood(x: np.ndarray, owner: np.ndarray, n: int, kind: int, support: float) -> Neighbourhood:
     """All neighbours of the first n rows of the table x (n_rows, dim), m. owner: (n_rows,) int32; support: m."""
     pairs = find_pairs(x, n, support)
-    return Neighbourhood(pairs.start, owner[pairs.index], pairs.index, x, owner, kind, support)
+    return Neighbourhood(pairs.start, owner.take(pairs.index), pairs.index, x, owner, kind, support)
 
 
 def find_pairs(x: np.ndarray, n: int, support: float) -> Pairs:

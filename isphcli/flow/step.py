@@ -165,7 +165,7 @@ class Stepper:
         # without walls nothing tells a wind from a motion of the box: shifting and the carried pressure must not either
         wind = 0.0 if self.walls is not None else reduce.mean(u)
         displacement = dt * (u + 0.5 * ratio * (u - u_old))  # eq. 4: the mean of the old and the new velocity
-        speed = np.sqrt(reduce.largest(((u - wind) ** 2).sum(axis=1)))
+        speed = np.sqrt(reduce.largest(_products(u - wind, u - wind)))
         dr = self._shift(state, config, dt, speed, displacement)
         if self.held_velocity is not None:
             state = replace(state, shifting_flux=self.held_velocity.averaged_shifting_flux(state, dr, dt))
@@ -179,7 +179,7 @@ class Stepper:
             phi, volume = self.fluids.carried(config.ops, config.terms, state, dr, dt, speed)
         terms, stopped = config.terms, 0
         # eqs 4 and 10: the pressure is carried over the whole displacement, with the flow and by the shift
-        p = p + terms.density * (terms.pressure_gradient(p) * (displacement - dt * wind)).sum(axis=1)
+        p = p + terms.density * _products(terms.pressure_gradient(p), displacement - dt * wind)
         x = wrap(state.x + displacement, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
         if self.walls is not None:
             # a particle never enters a wall: one that would stays where it is
@@ -309,3 +309,8 @@ class Stepper:
         axis = "xyz"[self.held_velocity.axis]
         raise RunError(f"no pressure drop moves the fluid along {axis}: no pore leads through the scene, or its "
                        "throats are closed at this spacing")
+
+
+def _products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Scalar products (n,) of the rows of two arrays (n, dim)."""
+    return np.einsum("nk,nk->n", a, b)

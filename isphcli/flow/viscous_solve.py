@@ -93,20 +93,17 @@ def _by_pairs(terms: Terms, rate: float, right: np.ndarray, guess: np.ndarray,
     """All components at once with the weights of the pairs, preconditioned by the diagonal: a matrix would be made for
     three or four products."""
     ops, viscous, walls, (n, dim) = terms.ops, terms.viscous, terms.viscous.walls, right.shape
-    shift, scale = (np.broadcast_to(part, n)[:, None] for part in _shift_and_scale(terms, rate))
+    shift, scale = (np.full(n, part, float) for part in _shift_and_scale(terms, rate))
     with solvers.clock("assembly"):
-        own = shift if walls is None else shift + (viscous.factor * walls.lap)[:, None]
-        inverse = 1.0 / (own + scale * row_sums(ops.start, viscous.weight)[:, None])
+        own = shift if walls is None else shift + viscous.factor * walls.lap
+        less, inverse = -scale, np.repeat(1.0 / (own + scale * row_sums(ops.start, viscous.weight)), dim)
 
     def apply(v: np.ndarray) -> np.ndarray:
-        u = v.reshape(n, dim)
-        out = pair_sums.laplacian(ops.start, ops.column, viscous.weight, ops.exchange.forward(u))
-        out *= scale
-        return np.subtract(own * u, out, out=out).ravel()
+        u = ops.exchange.forward(v.reshape(n, dim))
+        return pair_sums.laplacian(ops.start, ops.column, viscous.weight, u, own, less).ravel()
 
     with solvers.clock("krylov"):
-        found, report = solvers.krylov(apply, right.ravel(), lambda v: (inverse * v.reshape(n, dim)).ravel(),
-                                       np.ascontiguousarray(guess).ravel())
+        found, report = solvers.krylov(apply, right.ravel(), lambda v: inverse * v, np.ascontiguousarray(guess).ravel())
     return found.reshape(n, dim), report
 
 

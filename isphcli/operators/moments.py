@@ -370,7 +370,7 @@ def correction(moments, dim, order, tensors):
                 system[u, v] = 0.0
                 system[v, u] = 0.0
             system[v, v] = system[0, 0]
-    deficient = not _solve(system, right, 1 if order == 1 else 4)  # L_i of eq. 6, and K_i
+    deficient = not _solve(system, right)  # L_i of eq. 6, and K_i
     if not deficient:
         # a system that is only nearly singular shows in an L_i far from a multiple of the identity
         largest = 0.0
@@ -399,9 +399,11 @@ def correction(moments, dim, order, tensors):
     return thin or deficient
 
 
-@njit(cache=True, error_model="numpy")
-def _solve(a, b, columns):
-    """Gaussian elimination with row pivoting of a (6, 6) and b (6, columns), in place. False: singular."""
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _solve(a, b):
+    """Gaussian elimination with row pivoting of a (6, 6) and b (6, 4), in place. False: singular.
+
+    Whole rows are taken, of known length, though their first entries are zeros by then: they are vectors."""
     largest, smallest = 0.0, math.inf
     for k in range(6):
         best = k
@@ -411,7 +413,7 @@ def _solve(a, b, columns):
         if best != k:
             for c in range(6):
                 a[k, c], a[best, c] = a[best, c], a[k, c]
-            for c in range(columns):
+            for c in range(4):
                 b[k, c], b[best, c] = b[best, c], b[k, c]
         pivot = abs(a[k, k])
         largest, smallest = max(largest, pivot), min(smallest, pivot)
@@ -421,17 +423,18 @@ def _solve(a, b, columns):
         for r in range(k + 1, 6):
             f = a[r, k] * inverse
             if f != 0.0:
-                for c in range(k + 1, 6):
+                for c in range(6):
                     a[r, c] -= f * a[k, c]
-                for c in range(columns):
+                for c in range(4):
                     b[r, c] -= f * b[k, c]
     for k in range(5, -1, -1):
+        for m in range(k + 1, 6):
+            f = a[k, m]
+            for c in range(4):
+                b[k, c] -= f * b[m, c]
         inverse = 1.0 / a[k, k]
-        for c in range(columns):
-            s = b[k, c]
-            for m in range(k + 1, 6):
-                s -= a[k, m] * b[m, c]
-            b[k, c] = s * inverse
+        for c in range(4):
+            b[k, c] *= inverse
     return True
 
 

@@ -9,12 +9,16 @@ from ..domain.neighbours import Neighbourhood
 from ..domain.row_threads import over_rows
 from .moments import REDUCE
 
+NONE, ONCE = np.zeros(1), np.ones(1)  # factors of all rows
 
-def laplacian(start: np.ndarray, column: np.ndarray, lap: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """Laplacian of f (n, c) with weights lap (n_pairs,), (n, c)."""
+
+def laplacian(start: np.ndarray, column: np.ndarray, lap: np.ndarray, f: np.ndarray, own: np.ndarray = NONE,
+              scale: np.ndarray = ONCE) -> np.ndarray:
+    """own f + scale L f, (n, c), with L f the Laplacian of f (n, c) with weights lap (n_pairs,); L f alone without own
+    and scale, (n,) or (1,)."""
     n = len(start) - 1
     result = np.empty((n, f.shape[1]))
-    over_rows(_laplacian, n, start, column, lap, f, result)
+    over_rows(_laplacian, n, start, column, lap, f, (own, scale), result)
     return result
 
 
@@ -58,15 +62,17 @@ def gradient_of_potential(neighbours: Neighbourhood, grad: np.ndarray, force: np
 
 
 @njit(cache=True, nogil=True, fastmath=REDUCE)
-def _laplacian(rows, start, column, lap, f, result):
+def _laplacian(rows, start, column, lap, f, factors, result):
+    own, scale = factors
     for i in range(rows[0], rows[1]):
+        a, b = own[i if len(own) > 1 else 0], scale[i if len(scale) > 1 else 0]
         for c0 in range(0, f.shape[1], 3):
             c1, c2 = min(c0 + 1, f.shape[1] - 1), min(c0 + 2, f.shape[1] - 1)
             s0, s1, s2, f0, f1, f2 = 0.0, 0.0, 0.0, f[i, c0], f[i, c1], f[i, c2]
             for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
-                j, a = np.uint32(column[p]), lap[p]
-                s0, s1, s2 = s0 + a * (f[j, c0] - f0), s1 + a * (f[j, c1] - f1), s2 + a * (f[j, c2] - f2)  # eq. 6
-            result[i, c0], result[i, c1], result[i, c2] = s0, s1, s2
+                j, w = np.uint32(column[p]), lap[p]
+                s0, s1, s2 = s0 + w * (f[j, c0] - f0), s1 + w * (f[j, c1] - f1), s2 + w * (f[j, c2] - f2)  # eq. 6
+            result[i, c0], result[i, c1], result[i, c2] = a * f0 + b * s0, a * f1 + b * s1, a * f2 + b * s2
 
 
 @njit(cache=True, nogil=True, fastmath=REDUCE)
