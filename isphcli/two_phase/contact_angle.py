@@ -64,7 +64,8 @@ class SlipAtLine:
 
 
 class WallDummies(NamedTuple):
-    """x: (n_dummy, dim) m; depth: (n_dummy,) below the wall, m; normal: (n_dummy, dim) of the wall, into the fluid;
+    """x: (n_dummy, dim) m; depth: (n_dummy,) below the wall, m, infinite below an edge, which has no normal and so no
+    angle; normal: (n_dummy, dim) of the wall, into the fluid;
     neutral: (n_dummy,) bool, of walls that both fluids wet alike (90 degrees), or None."""
 
     x: np.ndarray
