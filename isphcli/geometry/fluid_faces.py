@@ -22,7 +22,7 @@ Phases = Callable[[np.ndarray], np.ndarray]
 
 class FluidFaces:
     """Of a body of fluid in a box: lower, upper (dim,), m; period (dim,), m, infinite along axes that are not periodic;
-    phase: fluid (n,) of points, -1 of solids. kept: of each face, whether there is fluid on both sides of it anywhere."""
+    phase: fluid (n,) of points, -1 of solids. kept: of each face, whether there is fluid on both its sides anywhere."""
 
     def __init__(self, body: Region, lower: np.ndarray, upper: np.ndarray, period: np.ndarray, phase: Phases):
         self.body, self.period = body, period
