@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
 
 # Parts of the weight of a particle that are added to the moments, to those of second derivatives and to those of first
-# ones: where too few neighbours are in sight to resolve a derivative it is zero, where they are its error is of this size.
-# In 2D a drop that spreads to 30 degrees lost a splinter with 1e-8; in 3D a tenth changes nothing.
+# ones: where too few neighbours are in sight to resolve a derivative it is zero, where they are its error is of this
+# size. In 2D a drop that spreads to 30 degrees lost a splinter with 1e-8; in 3D a tenth changes nothing.
 RIDGE = 1e-6
 RIDGE_FIRST = 1e-9
 MOST_BENT = 1.0  # times 1 / support: curvature up to which the terms of higher order are taken
