@@ -22,7 +22,7 @@ Phases = Callable[[np.ndarray], np.ndarray]
 
 class FluidFaces:
     """Of a body of fluid in a box: lower, upper (dim,), m; period (dim,), m, infinite along axes that are not periodic;
-    phase: fluid (n,) of points, -1 of solids. kept: of each face, whether there is fluid on both sides of it anywhere."""
+    phase: fluid (n,) of points, -1 of solids. kept: of each face, whether there is fluid on both its sides anywhere."""
 
     def __init__(self, body: Region, lower: np.ndarray, upper: np.ndarray, period: np.ndarray, phase: Phases):
         self.body, self.period = body, period
@@ -48,7 +48,7 @@ class FluidFaces:
         elif isinstance(body, Cylinder) and body.ends is not None:
             along = [body.axis]
             side = Cylinder(body.axis, body.centre, body.radius).signed_distance(x, self.period)
-            ends = _between(x[:, along], *np.reshape(body.ends, (2, 1)), self.period[along],
+            ends = _between(x[:, along], np.array(body.ends[:1]), np.array(body.ends[1:]), self.period[along],
                             np.reshape(self.kept[1:], (1, 2)))
             q = np.stack([side if self.kept[0] else np.full(len(x), -np.inf), ends[:, 0]], axis=1)
         else:
@@ -102,15 +102,15 @@ def _faces_of_block(body: Box, lower: np.ndarray, upper: np.ndarray,
 
 def _faces_of_cylinder(body: Cylinder, lower: np.ndarray, upper: np.ndarray,
                        period: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    axis, ends = body.axis, body.ends or (lower[body.axis], upper[body.axis])
+    axis, ends = body.axis, body.ends or (float(lower[body.axis]), float(upper[body.axis]))
     across = [a for a in range(3) if a != axis]
     angle = 2.0 * math.pi * (np.arange(2 * SAMPLES) + 0.5) / (2 * SAMPLES)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    along = np.linspace(*ends, SAMPLES + 1)
+    along = ends[0] + (ends[1] - ends[0]) * (np.arange(SAMPLES) + 0.5) / SAMPLES
     normals = np.zeros((SAMPLES, 2 * SAMPLES, 3))
     normals[:, :, across] = ring
     points = np.asarray(body.centre, float) + body.radius * normals
-    points[:, :, axis] = (0.5 * (along[1:] + along[:-1]))[:, None]
+    points[:, :, axis] = along[:, None]
     faces = [_inside(points.reshape(-1, 3), normals.reshape(-1, 3), lower, upper, period)]
     for end, sign in zip(ends, (-1.0, 1.0)) if body.ends is not None else ():
         radii = body.radius * np.sqrt((np.arange(SAMPLES) + 0.5) / SAMPLES)

@@ -21,7 +21,7 @@ from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at, what_is_solid
 from .estimates import costs, flow_estimate, steps
-from .findings import absent_fluids, drive_findings, other_findings, resolution_findings
+from .findings import absent_fluids, contact_angle_findings, drive_findings, other_findings, resolution_findings
 from .ranks import of_ranks
 from .report import CheckReport, Term, in_bytes
 from .throats import Sites, throats
@@ -90,6 +90,7 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
     if case.flow == "stokes" and sites.per_fluid[1:].any() and len(kinds) > 1:
         result.errors.append("a steady solve has one fluid; use flow: navier_stokes for two")
     result.warnings += list(resolution_findings(result, geometry, lattice))
+    result.warnings += list(contact_angle_findings(case, geometry))
     result.warnings += list(other_findings(result, geometry, sites))
     if not to_run:
         other = other_sample(case, geometry)

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from ..two_phase.contact_angle import ContactAngle
     from ..two_phase.two_fluids import TwoFluids
 
+FROM_WALL = 0.5  # spacings off the wall at which it is told whether a wall point is on a face
+ON_FACE = 0.9  # of those: along the diagonal of a right angle the wall is 0.71 of the way off
+
 
 def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: np.ndarray) -> OneFluid | TwoFluids:
     """OneFluid or TwoFluids: the one place that chooses what an interface needs."""
@@ -60,8 +63,11 @@ def _contact(case: Case, geometry: Geometry, particles: Particles, support: floa
 
     assert case.interface is not None
     dummies = particles.dummies_in_sight
-    walls = WallDummies(dummies, np.maximum(-geometry.distance(dummies), 0.0), wall_normals(geometry, dummies, support),
-                        _of_reservoirs(case, geometry, dummies), _exchange_of_dummies(particles))
+    depth, normal = np.maximum(-geometry.distance(dummies), 0.0), wall_normals(geometry, dummies, support)
+    # off an edge that the fluid is in the angle of, the wall is farther along than off a face
+    ahead = FROM_WALL * case.particles.spacing
+    depth[geometry.distance(dummies + (depth + ahead)[:, None] * normal) < ON_FACE * ahead] = np.inf
+    walls = WallDummies(dummies, depth, normal, _of_reservoirs(case, geometry, dummies), _exchange_of_dummies(particles))
     return ContactAngle(case.interface.contact_angle, walls, case.particles.spacing)
 
 

@@ -27,13 +27,10 @@ from ..operators.kernel import shape
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
 
-# Parts of the weight of a particle that are added to the moments, to those of second derivatives, in 2D and in 3D, and
-# to those of first ones: where too few neighbours are in sight to resolve a derivative it is zero, and where they are
-# its error is of this size. In 3D, with a support of 2.1 spacings, a second derivative rests on a third row of weight
-# 2.5e-5 beside a wall. Ca of a meniscus between plates 10 across after t = 6, and of a cap of 5 in radius after t = 3:
-# 5e-3 and 4e-4 with 1e-6, 3e-3 and 3e-4 with 1e-7, 9e-4 and 2e-3 with 1e-9. In 2D a drop that spreads to 30 degrees
-# lost a splinter with 1e-8.
-RIDGE_2D, RIDGE_3D = 1e-6, 1e-7
+# Parts of the weight of a particle that are added to the moments, to those of second derivatives and to those of first
+# ones: where too few neighbours are in sight to resolve a derivative it is zero, where they are its error is of this
+# size. In 2D a drop that spreads to 30 degrees lost a splinter with 1e-8; in 3D a tenth changes nothing.
+RIDGE = 1e-6
 RIDGE_FIRST = 1e-9
 MOST_BENT = 1.0  # times 1 / support: curvature up to which the terms of higher order are taken
 # Power of (1 + cosine) / 2: it falls to a half at 50 degrees between two gradients. With 2 and 4 bubbles three spacings
@@ -150,7 +147,6 @@ def _fit(rows, work, neighbours, field, wanted, walls, fit):
     moments, right, more, basis, d = work.moments, work.right, work.more, work.basis, work.d
     phi, (value, slope, curvature, form) = field.phi, fit
     dim, size, own = len(d), len(right), shape(kind, 0.0)
-    ridge = own * (RIDGE_2D if dim == 2 else RIDGE_3D)
     for i in range(rows[0], rows[1]):
         if not wanted[i]:
             continue
@@ -162,7 +158,7 @@ def _fit(rows, work, neighbours, field, wanted, walls, fit):
             _slopes(basis, d, normal[p])
             _add(moments, right, basis, w, support * wall_slope[p])
         for a in range(1, size):
-            moments[a, a] += ridge if a > dim else own * RIDGE_FIRST
+            moments[a, a] += own * (RIDGE if a > dim else RIDGE_FIRST)
         _factors(moments)
         _solve(moments, right)
         # what a quadratic function cannot have of a distance follows from it, and is taken off in a second fit

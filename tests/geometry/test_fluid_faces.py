@@ -46,7 +46,7 @@ def test_where_fluids_meet_nothing_changes(body, outside):
 
 
 def test_fluid_that_fills_a_cave_meets_nobody():
-    """A ball of fluid in a hole of its size, and another fluid in another cave: no interface is anywhere, and each point
+    """A ball of fluid in a hole of its size, and another fluid in another cave: there is no interface, and each point
     keeps its fluid."""
     rock = Shape(Box([-1, -1], [3, 3]), -1)
     holes = [Shape(Sphere([0.5, 0.5], 0.3), 0), Shape(Sphere([1.5, 0.5], 0.3), 1)]

@@ -158,3 +158,23 @@ time: {end: 2, capillary: 4}
     far = interface.strength == 0.0
     jump = state.p[far & (interface.phase == 0)].mean() - state.p[far & (interface.phase == 1)].mean()
     assert jump == pytest.approx(-1.0, rel=5e-3)
+
+
+def test_no_angle_is_asked_below_an_edge():
+    """In a closed square box the dummies beyond a corner have the corner itself as their wall point, on which no normal
+    stands; those below the faces, and below the rounded top of a hill, all have one."""
+    text = """
+geometry: {box: [1, 1], fluid: b, shapes: [{sphere: {centre: [0.5, 0], radius: 0.3}, is: solid},
+           {half_space: {point: [0.5, 0.6], normal: [0, -1]}, is: a}]}
+particles: {spacing: 0.1}
+fluids: {a: {density: 1, viscosity: 1}, b: {density: 1, viscosity: 1}}
+interface: {tension: 1, contact_angle: 60}
+time: {end: 1}
+"""
+    _, _, _, stepper, _ = scene(text)
+    dummies = stepper.fluids.contact.dummies
+    beyond = ((dummies.x < 0.0) | (dummies.x > 1.0)).all(axis=1)
+    hill = np.linalg.norm(dummies.x - [0.5, 0.0], axis=1) < 0.25
+    assert beyond.sum() >= 4 and np.isinf(dummies.depth[beyond]).all()
+    assert hill.any() and np.isfinite(dummies.depth[hill & (dummies.x[:, 1] > 0.1)]).all()
+    assert np.isfinite(dummies.depth[~beyond & ~hill & (dummies.x[:, 1] > 0.4)]).all()
