@@ -170,7 +170,7 @@ class Stepper:
                 u, u_old = np.ascontiguousarray(fields[:, : u.shape[1]]), np.ascontiguousarray(fields[:, u.shape[1] :])
                 displacement += dr  # eq. 8
         with self.clock("terms"):
-            phi, volume = self.fluids.carried(config.ops, config.terms, state, dr, dt, speed)
+            phi, volume = self.fluids.carried(config.ops, config.terms, (state.u, state.volume), dr, dt, speed)
         terms, stopped = config.terms, 0
         # eqs 4 and 10: the pressure is carried over the whole displacement, with the flow and by the shift
         p = p + terms.density * (terms.pressure_gradient(p) * (displacement - dt * wind)).sum(axis=1)

@@ -7,10 +7,11 @@ the pores in rock. Here the box has cells of about a spacing; in the middle of e
 particles round it make of theirs, with slopes and curvatures. The cell is cut by a plane there. Of a box of sides a_k,
 in units of which the plane's normal has the components n_k >= 0, the part on the side of phi > 0 at phi = d is
 
-    F(d) = sum_s (prod_k s_k) max(d + sum_k s_k b_k / 2, 0)^dim / (dim! prod_k b_k),   b_k = n_k a_k,  s_k = -1 or 1,
+    F(d) = sum_s (prod_k s_k) max(d + sum_k s_k b_k / 2, 0)^dim / (dim! prod_k b_k),   b_k = n_k a_k,  s_k = -1 or 1.
 
-A surface of curvature kappa lies kappa a^2 / 24 beside its plane in the mean over a cell. The area of
-the interface is what the volume changes by if the plane moves by a side: F' itself jumps where it lies along a cell. That of an outline in 2D is known better, from phi in the middles.
+A surface of curvature kappa lies kappa a^2 / 24 beside its plane in the mean over a cell. The area of the interface is
+what the volume changes by if the plane moves by a side: F' itself jumps where the plane lies along the cell. The length
+of an outline in 2D is known better, from phi in the middles of the cells.
 """
 
 from __future__ import annotations
@@ -52,8 +53,9 @@ class Cells(NamedTuple):
 class CutCells(NamedTuple):
     """The cells as an interface cuts them.
 
-    cells: Cells; phi: (n_cells,) in their middles, m; volume: (n_cells,) of the first fluid, m^dim; area: (n_cells,) of the interface, m^(dim - 1); nearest: (n_cells, 2)
-    particle of either fluid that is nearest to the middle of the cell, -1 where none is near.
+    cells: Cells; phi: (n_cells,) in their middles, m; volume: (n_cells,) of the first fluid, m^dim; area: (n_cells,) of
+    the interface, m^(dim - 1); nearest: (n_cells, 2) particle of either fluid that is nearest to the middle of the
+    cell, -1 where none is near.
     """
 
     cells: Cells
@@ -83,13 +85,13 @@ def cells_of(geometry: Geometry, spacing: float, total: float) -> Cells:
 def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit) -> CutCells:
     """CutCells of particles x (n, dim), m, with phi (n,), m, and its QuadraticFit."""
     n, dim = len(cells.fluid), len(cells.side)
-    weight, sums = np.zeros((n, 3)), np.zeros((n, dim + 3))
+    weight, sums = np.zeros((n, 3)), np.zeros((n, dim + 2))
     nearest = np.full((n, 2), -1)
     _gather(x, phi, (fit.slope, fit.form), cells, weight, sums, nearest)
     volume, area = np.zeros(n), np.zeros(n)
     _cut(cells.fluid, cells.side, weight, sums, nearest, volume, area)
-    seen = weight[:, 0] > 0.0
-    return CutCells(cells, np.divide(sums[:, 0], weight[:, 0], out=np.full(n, math.inf), where=seen), volume, area, nearest)
+    there = np.divide(sums[:, 0], weight[:, 0], out=np.full(n, math.inf), where=weight[:, 0] > 0.0)
+    return CutCells(cells, there, volume, area, nearest)
 
 
 def outline(cut: CutCells) -> float:
@@ -102,7 +104,7 @@ def outline(cut: CutCells) -> float:
 @njit(cache=True)
 def _gather(x, phi, fit, cells, weight, sums, nearest):
     """Adds the particles to the cells round them. weight: (n_cells, 3) all of them, largest of one of either fluid;
-    sums: (n_cells, dim + 3) weighted phi, slope, curvature of the level, size of the slope."""
+    sums: (n_cells, dim + 2) weighted phi, slope, and curvature of the level."""
     slope, form = fit
     lower, side, count, periodic, fluid = cells
     dim = x.shape[1]
@@ -112,8 +114,8 @@ def _gather(x, phi, fit, cells, weight, sums, nearest):
     for i in range(len(x)):
         size, trace = 0.0, 0.0
         for k in range(dim):
-            first[k] = int(math.floor((x[i, k] - reach - lower[k]) / side[k] + 0.5))
-            last[k] = int(math.floor((x[i, k] + reach - lower[k]) / side[k] - 0.5)) + 1
+            first[k] = math.floor((x[i, k] - reach - lower[k]) / side[k] + 0.5)
+            last[k] = math.floor((x[i, k] + reach - lower[k]) / side[k] - 0.5) + 1
             if not periodic[k]:
                 first[k], last[k] = max(first[k], 0), min(last[k], count[k])
             size += slope[i, k] ** 2
@@ -144,7 +146,6 @@ def _gather(x, phi, fit, cells, weight, sums, nearest):
                         weight[cell, 0] += w
                         sums[cell, 0] += w * there
                         sums[cell, dim + 1] -= w * trace
-                        sums[cell, dim + 2] += w * size
                         if w > weight[cell, 1 + side_of]:
                             weight[cell, 1 + side_of] = w
                             nearest[cell, side_of] = i
@@ -160,7 +161,7 @@ def _cut(fluid, side, weight, sums, nearest, volume, area):
     for k in range(dim):
         square += side[k] ** 2 / dim
     for c in range(len(fluid)):
-        size, steepness = 0.0, sums[c, dim + 2]
+        size = 0.0
         for k in range(dim):
             size += sums[c, 1 + k] ** 2
         size = math.sqrt(size)

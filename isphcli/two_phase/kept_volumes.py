@@ -1,11 +1,11 @@
 """The volume of each part of either fluid, kept over a run by the level of phi.
 
 A part is what hangs together of one fluid, a ganglion or what surrounds it. Its volume is made or lost where phi moves
-otherwise than the fluid: eq. 3 leaves a divergence, particles that are shifted take phi from its Taylor series, and what
-is smoothed out of a thin layer was part of it. Particles remember it: each holds a share of the volume of the part that
-it is of (`State.volume`), which it takes along. Parts that join or fall apart have those of their particles, and over
-the seam between two reservoirs as much of one fluid comes in as of the other leaves. A particle that comes to the other
-fluid without a seam, because the interface has moved past it, leaves its share behind.
+otherwise than the fluid: eq. 3 leaves a divergence, shifted particles take phi from its Taylor series, and what is
+smoothed out of a thin layer was part of it. Particles remember it: each holds an even share of the volume of the part
+that it is of (`State.volume`), and takes it along. Parts that join or fall apart have those of their particles, and
+over the seam between two reservoirs as much of one fluid comes in as of the other leaves. A particle that the interface
+moves past leaves its share behind: phi says where a fluid is, the shares how much of it there is.
 
 What a part has too little, r, comes back along its interfaces, from the parts that it touches there: the level between
 parts a and b is moved by m_a - m_b with
@@ -92,11 +92,12 @@ def _shared(volumes: np.ndarray, part: np.ndarray) -> np.ndarray:
 
 def _volumes(cut: CutCells, part: np.ndarray) -> np.ndarray:
     """Volume of each part, m^dim."""
-    count, total = int(part.max()) + 1, 0.0
+    count = int(part.max()) + 1
+    total = np.zeros(count)
     for nearest, volume in zip(cut.nearest.T, (cut.volume, cut.cells.fluid - cut.volume)):
         seen = nearest >= 0
-        total = total + np.bincount(part[nearest[seen]], volume[seen], minlength=count)
-    return np.asarray(total)
+        total += np.bincount(part[nearest[seen]], volume[seen], minlength=count)
+    return total
 
 
 def _areas(cut: CutCells, part: np.ndarray, count: int) -> sp.csr_matrix:
