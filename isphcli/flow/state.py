@@ -28,7 +28,8 @@ class State:
     interface, positive in the first one, m; volume: (n,) m^dim, what the part of its fluid that a particle is of has,
     over the number of its particles (two_phase/kept_volumes.py). Of a drive in steps, otherwise None:
     pressure_gradient: as above, of this step; drive_step: (4,) which one, and what was seen of it
-    (`drive_steps.begun`). Of several processes, otherwise None: number: (n,) int64 of the particles, which one process has in this order.
+    (`drive_steps.begun`). Of several processes, otherwise None: number: (n,) int64 of the particles, which one process
+    has in this order.
     """
 
     x: np.ndarray

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 NAME = "restart.npz"
 VERSION = 3  # of the file: one more whenever what it holds means something else
-SPREAD = ("x", "u", "u_old", "p", "phi")  # arrays of a state with a row per particle
+SPREAD = ("x", "u", "u_old", "p", "phi", "volume")  # arrays of a state with a row per particle
 AT_ONCE = 1 << 24  # bytes of a file read in one go where it need not be held
 # Keys of the scene; all others are values, but for those that change no flow (IDLE). A wall may move or slip otherwise.
 SCENE = re.compile(r"geometry\b|initial\b|reservoirs\b|fluids$|particles\.(spacing|lattice|offset|jitter|seed)\b")

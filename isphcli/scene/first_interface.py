@@ -22,15 +22,19 @@ PASS = 0.2
 def first_interface(case: Case, geometry: Geometry, particles: Particles,
                     stepper: Stepper) -> tuple[np.ndarray, np.ndarray]:
     """phi (n,), m, of the fluid particles: exact where shapes say where the interface is, else from the fluid of each
-    particle; and `State.volume` (n,), m^dim."""
+    particle; and `State.volume` (n,), m^dim. Gives the fluids the cells that volumes are measured on."""
+    from ..two_phase.cut_cells import cells_of
     from ..two_phase.interface import Interface, reach_of
     from ..two_phase.kept_volumes import first_shares
+    from ..two_phase.two_fluids import TwoFluids
 
     x, phase = particles.x[: particles.n_fluid], particles.phase
     reach = reach_of(stepper.support, stepper.spacing)
     flood = case.initial.flood if case.initial is not None else None
     phi = geometry.interface_distance(x) if flood is None and case.reservoirs is None else None
     phi = from_labels(stepper, x, phase, reach) if phi is None else np.clip(phi, -reach, reach)
+    assert isinstance(stepper.fluids, TwoFluids)
+    stepper.fluids.cells = cells_of(geometry, stepper.spacing, particles.site_volume * len(x))
     config = stepper.configure(x, 0.0, phi)
     interface = config.terms.interface
     assert isinstance(interface, Interface) and interface.cut is not None

@@ -106,11 +106,9 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         stepper.bounds = replace(stepper.bounds, largest_force=drive.largest_force)
     gradient, phi, volume = None if forcing.gradient_axis(case) is None else 0.0, None, None
     if not isinstance(fluids, OneFluid):
-        from ..two_phase.cut_cells import cells_of
         from .first_interface import first_interface
 
         with clock("geometry"):
-            fluids.cells = cells_of(geometry, spacing, particles.site_volume * n)
             phi, volume = first_interface(case, geometry, particles, stepper)
     elif stepper.seam is not None:  # fluids that differ in name only
         phi = np.where(particles.phase == 0, spacing, -spacing)

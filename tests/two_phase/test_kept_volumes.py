@@ -29,7 +29,8 @@ def test_each_disk_has_its_own_volume_back():
     near = np.linalg.norm(stepper.fluids.cells.middle - 0.2, axis=1) < 0.25
     wanted = config.terms.interface.cut.volume
     wrong = state.phi + np.where(small, 0.1, -0.1) * spacing
-    phi, volume = kept_volumes(config.terms.interface.cut, config.ops.neighbours, state.phi, wrong, state.volume, spacing)
+    there, seen = config.terms.interface.cut, config.ops.neighbours
+    phi, volume = kept_volumes(there, seen, state.phi, wrong, state.volume, spacing)
     phi, volume, found = passes(stepper, config, phi, volume, 12)
     for mine in (near, ~near):
         assert found.volume[mine].sum() == pytest.approx(wanted[mine].sum(), rel=1e-4)
@@ -74,5 +75,6 @@ def test_a_splinter_that_vanishes_leaves_its_volume_to_its_fluid():
     volume = first_shares(config.terms.interface.cut, config.ops.neighbours, phi, spacing)
     first = volume[phi > 0.0].sum()
     assert volume[lone] > 0 and (phi > 0.0).sum() == (state.phi > 0.0).sum() + 1
-    after, kept = kept_volumes(config.terms.interface.cut, config.ops.neighbours, phi, state.phi.copy(), volume, spacing)
+    there, seen = config.terms.interface.cut, config.ops.neighbours
+    after, kept = kept_volumes(there, seen, phi, state.phi.copy(), volume, spacing)
     assert after[lone] < 0.0 and kept[after > 0.0].sum() == pytest.approx(first)
