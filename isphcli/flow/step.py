@@ -159,6 +159,7 @@ class Stepper:
         # without walls nothing tells a wind from a motion of the box: shifting and the carried pressure must not either
         wind = 0.0 if self.walls is not None else reduce.mean(u)
         displacement = dt * (u + 0.5 * ratio * (u - u_old))  # eq. 4: the mean of the old and the new velocity
+        way = displacement[:, self.seam.axis].copy() if self.seam is not None else np.zeros(0)
         speed = np.sqrt(reduce.largest(((u - wind) ** 2).sum(axis=1)))
         dr = self._shift(state, config, dt, speed, displacement)
         if self.held_velocity is not None:
@@ -184,6 +185,8 @@ class Stepper:
             carried = state.phi if phi is None else phi
             assert carried is not None  # reservoirs have two fluids
             phi = self.seam.entered(x, carried)
+            if volume is not None:
+                volume = self.seam.let_in(state.x, x, way, (phi > 0.0) != (carried > 0.0), volume)
         return replace(state, x=x, u=u, u_old=u_old, p=p, phi=phi, volume=volume), stopped
 
     def _shift(self, state: State, config: Configuration, dt: float, speed: float,
