@@ -139,9 +139,18 @@ def test_co2_bubbles_start_to_fall_with_the_body_force(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_bubble_that_rises_keeps_its_volume(tmp_path):
+    """10 across, between walls, until its edge is sharp: what is left is what the cells make of particles that move.
+    Without the shares that particles hold of it the volume is off by 0.4 %."""
+    _, rows = run("rising_bubble", tmp_path, "particles.spacing=0.05", "time={end: 1.5}", "reference=null")
+    volumes = np.array([row["volume_bubble"] for row in rows])
+    assert volumes[0] == pytest.approx(math.pi / 16, rel=1e-3) and np.abs(volumes / volumes[0] - 1).max() < 2.5e-3
+
+
+@pytest.mark.slow
 def test_co2_goes_into_the_rock(tmp_path):
     """A piece of 16^3 voxels at a flux held in its clear layers. CO2 is neither made nor lost: its volume is kept to
-    1 % of the pores (0.19 measured, 0.44 where the process has compiled its kernels: bits differ, and menisci swing).
+    0.3 % of the pores (0.13 measured over 300 steps).
     Once the flat front of the start has its menisci, which pull brine out of the rock at first, the saturation rises
     as the flux says: 3 % less measured."""
     summary, rows = run("berea_drainage", tmp_path, "geometry.voxels.crop=[[40, 56], [40, 56], [40, 56]]",
@@ -150,7 +159,7 @@ def test_co2_goes_into_the_rock(tmp_path):
     assert [row["superficial_velocity_x"] for row in rows] == pytest.approx([0.026] * len(rows), rel=0.15)
     pores = summary["porosity"] * (16 * 3e-6) ** 3
     volumes = np.array([row["volume_co2"] for row in rows]) / pores
-    assert np.abs(volumes - volumes[0]).max() < 1e-2
+    assert np.abs(volumes - volumes[0]).max() < 3e-3
     first = rows[len(rows) // 4]
     volume = 0.026 * (rows[-1]["time"] - first["time"]) * (16 * 3e-6) ** 2
     assert rows[-1]["saturation_co2"] - first["saturation_co2"] == pytest.approx(volume / pores, rel=0.15)

@@ -72,7 +72,8 @@ def numbers_of(sites: np.ndarray, count: int) -> np.ndarray:
 class Migration:
     """Between bricks of a box.
 
-    share: of this process, of the lattice; lower, upper: (dim,) corners of the box, m; periodic: (dim,); sight: how far particles see, m.
+    share: of this process, of the lattice; lower, upper: (dim,) corners of the box, m; periodic: (dim,); sight: how far
+    particles see, m.
     """
 
     def __init__(self, share: Share, lower: np.ndarray, upper: np.ndarray, periodic: Sequence[bool] | np.ndarray,

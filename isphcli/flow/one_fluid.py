@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from ..operators.pair_weights import Operators
     from ..operators.protocol import DiscreteOperators, WallSums
     from ..operators.wall_operators import WallChange
-    from ..two_phase.cut_cells import CutCells
-    from .state import State
 
 
 class StressCoupling(Protocol):
@@ -52,10 +50,6 @@ class FluidInterface(Protocol):
     @property
     def strength(self) -> np.ndarray:
         """(n,) gradient of the volume fraction, 1/m."""
-
-    @property
-    def cut(self) -> CutCells | None:
-        """The volumes on both sides of it, or None where they are not asked for."""
 
 
 class Tension(Protocol):
@@ -113,10 +107,11 @@ class Fluids(Protocol):
     def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:
         """Terms of one configuration. neighbours: all of them, dummies included; phi: (n,) of `State`."""
 
-    def carried(self, ops: Operators, terms: Terms, state: State, dr: np.ndarray | None, dt: float,
-                speed: float) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """`State.phi` and `State.volume` after a step of dt, s, from a state whose configuration has these operators
-        and terms; None of one fluid. dr: (n, dim) shifts, m, or None; speed: largest one, m/s."""
+    def carried(self, ops: Operators, terms: Terms, moving: tuple[np.ndarray, np.ndarray | None],
+                dr: np.ndarray | None, dt: float, speed: float) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """`State.phi` and `State.volume` after a step of dt, s, from a configuration with these operators and terms;
+        None of one fluid. moving: `State.u` and `State.volume`; dr: (n, dim) shifts, m, or None; speed: largest one,
+        m/s."""
 
     def changing(self, p: np.ndarray, phi: np.ndarray, before: Terms) -> np.ndarray | None:
         """What `relabelled` has to know of the particles (n,) before they have moved, a row each; None of one fluid. p:
@@ -248,8 +243,8 @@ class OneFluid:
                       excess=laplacian_excess(ops))
         return with_forces(terms, self.forces, neighbours.x[: ops.n], self.viscosity)
 
-    def carried(self, ops: Operators, terms: Terms, state: State, dr: np.ndarray | None, dt: float,
-                speed: float) -> tuple[None, None]:
+    def carried(self, ops: Operators, terms: Terms, moving: tuple[np.ndarray, np.ndarray | None],
+                dr: np.ndarray | None, dt: float, speed: float) -> tuple[None, None]:
         """Nothing: there is no interface."""
         return None, None
 

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..domain import reduce
+
 TINY = 1e-6  # of the depth of the seam: a particle on the seam itself is this far from it, so that phi has a sign
 
 
@@ -34,3 +36,24 @@ class Seam:
             side = 1.0 if fluid == 0 else -1.0
             phi = np.where(behind < self.depth, side * np.maximum(behind, TINY * self.depth), phi)
         return phi
+
+    def let_in(self, x: np.ndarray, there: np.ndarray, way: np.ndarray, changed: np.ndarray,
+               volume: np.ndarray) -> np.ndarray:
+        """`State.volume` (n,), m^dim, with what flows over the seam in a step: the inlet's fluid has more of it, that
+        of the outlet less. What particles bring along comes a row at a time; what flows is the mean of what those near
+        the seam move by.
+
+        x, there: (n, dim) before and after the step, in the box, m; way: (n,) by which the flow moves them along the
+        axis, m; changed: (n,) bool, which have come into the other fluid at the seam; volume: (n,) before.
+        """
+        length = self.upper - self.lower
+        behind, ahead = there[:, self.axis] - self.lower, self.upper - there[:, self.axis]
+        inlet, outlet = behind < self.depth, ahead < self.depth
+        if not (reduce.any_true(inlet) and reduce.any_true(outlet)):
+            return volume
+        over = changed * np.rint((x[:, self.axis] + way - there[:, self.axis]) / length)
+        before = x[:, self.axis] - self.lower
+        near = np.minimum(np.minimum(before, length - before) / self.depth, 1.0)
+        weight = (1.0 + np.cos(np.pi * near)) / (2.0 * self.depth)
+        more = reduce.dot(volume * way, weight) - reduce.dot(volume, over)
+        return volume + more * (inlet / reduce.count(inlet) - outlet / reduce.count(outlet))

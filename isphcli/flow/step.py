@@ -165,6 +165,7 @@ class Stepper:
         # without walls nothing tells a wind from a motion of the box: shifting and the carried pressure must not either
         wind = 0.0 if self.walls is not None else reduce.mean(u)
         displacement = dt * (u + 0.5 * ratio * (u - u_old))  # eq. 4: the mean of the old and the new velocity
+        way = displacement[:, self.seam.axis].copy() if self.seam is not None else np.zeros(0)
         speed = np.sqrt(reduce.largest(_products(u - wind, u - wind)))
         dr = self._shift(state, config, dt, speed, displacement)
         if self.held_velocity is not None:
@@ -176,7 +177,7 @@ class Stepper:
                 u, u_old = np.ascontiguousarray(fields[:, : u.shape[1]]), np.ascontiguousarray(fields[:, u.shape[1] :])
                 displacement += dr  # eq. 8
         with self.clock("terms"):
-            phi, volume = self.fluids.carried(config.ops, config.terms, state, dr, dt, speed)
+            phi, volume = self.fluids.carried(config.ops, config.terms, (state.u, state.volume), dr, dt, speed)
         terms, stopped = config.terms, 0
         # eqs 4 and 10: the pressure is carried over the whole displacement, with the flow and by the shift
         p = p + terms.density * _products(terms.pressure_gradient(p), displacement - dt * wind)
@@ -189,7 +190,10 @@ class Stepper:
         phi = state.phi if phi is None else phi  # of fluids that differ in name only
         if self.seam is not None:
             assert phi is not None  # reservoirs have two fluids
-            phi = self.seam.entered(x, phi)
+            carried = phi
+            phi = self.seam.entered(x, carried)
+            if volume is not None:
+                volume = self.seam.let_in(state.x, x, way, (phi > 0.0) != (carried > 0.0), volume)
         return replace(state, x=x, u=u, u_old=u_old, p=p, phi=phi, volume=volume), stopped
 
     def _shift(self, state: State, config: Configuration, dt: float, speed: float,

@@ -67,7 +67,8 @@ def _contact(case: Case, geometry: Geometry, particles: Particles, support: floa
     # off an edge that the fluid is in the angle of, the wall is farther along than off a face
     ahead = FROM_WALL * case.particles.spacing
     depth[geometry.distance(dummies + (depth + ahead)[:, None] * normal) < ON_FACE * ahead] = np.inf
-    walls = WallDummies(dummies, depth, normal, _of_reservoirs(case, geometry, dummies), _exchange_of_dummies(particles))
+    walls = WallDummies(dummies, depth, normal, _of_reservoirs(case, geometry, dummies),
+                        _exchange_of_dummies(particles))
     return ContactAngle(case.interface.contact_angle, walls, case.particles.spacing)
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..domain import reduce
 from ..domain.halo import wrap
 
 if TYPE_CHECKING:
@@ -24,15 +25,21 @@ PASS = 0.2
 def first_interface(case: Case, geometry: Geometry, particles: Particles, stepper: Stepper,
                     number: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """phi (n,), m, of the fluid particles: exact where shapes say where the interface is, else from the fluid of each
-    particle; and `State.volume` (n,), m^dim. number: (n,) of `State`."""
+    particle; and `State.volume` (n,), m^dim. Gives the fluids the cells that volumes are measured on. number: (n,) of
+    `State`."""
+    from ..two_phase.cut_cells import cells_of
     from ..two_phase.interface import Interface, reach_of
     from ..two_phase.kept_volumes import first_shares
+    from ..two_phase.two_fluids import TwoFluids
 
     x, phase = particles.x[: particles.n_fluid], particles.phase
     reach = reach_of(stepper.reach, stepper.spacing)
     flood = case.initial.flood if case.initial is not None else None
     phi = geometry.interface_distance(x) if flood is None and case.reservoirs is None else None
     phi = from_labels(stepper, x, phase, reach, number) if phi is None else np.clip(phi, -reach, reach)
+    assert isinstance(stepper.fluids, TwoFluids)
+    brick = None if particles.share is None else (particles.share.lower, particles.share.upper)
+    stepper.fluids.cells = cells_of(geometry, stepper.spacing, particles.site_volume * reduce.number(x), brick)
     config = stepper.configure(x, 0.0, phi, number)
     interface = config.terms.interface
     assert isinstance(interface, Interface) and interface.cut is not None

@@ -28,7 +28,8 @@ def lattice_at(case: Case, geometry: Geometry, spacing: float) -> Lattice:
 
 
 def sight_of(case: Case, spacing: float) -> float:
-    """How far particles of a case at a spacing see, m: its support, and the fit of an interface with tension may see farther."""
+    """How far particles of a case at a spacing see, m: its support, and the fit of an interface with tension may see
+    farther."""
     farthest = case.support
     if case.interface is not None:
         from ..two_phase.sight import SIGHT
@@ -156,8 +157,8 @@ def place_share(geometry: Geometry, lattice: Lattice, support: float, sight: flo
 
     support: m; sight: how far particles see, m, where that is farther.
     Each classifies a slab of the lattice for the cut, then the sites of its own brick and what is in sight round it:
-    nothing is sent but histograms. A site is known by its number, and what is asked of the geometry is asked at its place in
-    the box, with the same bits on every process that sees it. Raises ParticleError where there is no fluid.
+    nothing is sent but histograms. A site is known by its number, and what is asked of the geometry is asked at its
+    place in the box, with the same bits on every process that sees it. Raises ParticleError where there is no fluid.
     """
     ranks, box = current(), (geometry.lower, geometry.upper, geometry.periodic)
     counts, dim = lattice.counts, geometry.dim

@@ -105,12 +105,9 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         stepper.bounds = replace(stepper.bounds, largest_force=drive.largest_force)
     gradient, phi, volume = None if forcing.gradient_axis(case) is None else 0.0, None, None
     if not isinstance(fluids, OneFluid):
-        from ..two_phase.cut_cells import cells_of
         from .first_interface import first_interface
 
         with clock("geometry"):
-            brick = None if share is None else (share.lower, share.upper)
-            fluids.cells = cells_of(geometry, spacing, particles.site_volume * reduce.number(x), brick)
             phi, volume = first_interface(case, geometry, particles, stepper, number)
     elif two:  # that differ in name only: phi tells them apart
         phi = np.where(particles.phase == 0, spacing, -spacing)

@@ -134,8 +134,9 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     """phi (n,) of the particles after a step: smoother by a part of its roughness, |grad phi| nearer to one, with the
     volumes that the fluids had before, and shifted by dr (n, dim), m, or None.
 
-    ops: Operators before the step; stretch: (n,) or 0, by which the flow parts the levels of phi in the step, relative: they are numbered anew; moved:
-    part of what |grad phi| differs from one that is made up for because particles have moved.
+    ops: Operators before the step; stretch: (n,) or 0, by which the flow parts the levels of phi in the step, relative:
+    they are numbered anew; moved: part of what |grad phi| differs from one that is made up for because particles have
+    moved.
     """
     phi, fit, reach, spacing = interface.phi, interface.fit, interface.reach, interface.spacing
     everyone, known = ops.exchange.forward, np.abs(interface.phi) < reach

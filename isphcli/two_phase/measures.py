@@ -18,6 +18,7 @@ from ..domain.components import parts_of
 from ..flow.state import phase_of
 from ..geometry.protocol import Geometry, inside_sample
 from .cut_cells import outline
+from .interface import Interface
 
 if TYPE_CHECKING:
     from ..flow.one_fluid import FluidInterface, Tension
@@ -96,7 +97,7 @@ class Measures:
         if interface is None:
             x, parts = state.x, [volume * mask for mask in masks]
         else:
-            cut = interface.cut
+            cut = _interface(config).cut
             assert cut is not None
             x, parts = cut.cells.middle, [cut.volume, cut.cells.fluid - cut.volume]
         inside = inside_sample(self.geometry, x)
@@ -150,7 +151,7 @@ class Measures:
             row["circularity"] = None if volume is None else 2.0 * math.sqrt(math.pi * volume) / area
         return row
 
-    def _enclosed_volume(self, x: np.ndarray, interface: FluidInterface) -> float | None:
+    def _enclosed_volume(self, x: np.ndarray, interface: Interface) -> float | None:
         """Of the fluid that the other one encloses, m2; None where neither is: not all its outline is interface."""
         cut = interface.cut
         assert cut is not None
@@ -297,9 +298,9 @@ def linked(ops: Operators, mine: np.ndarray, distance: float) -> np.ndarray:
     return found
 
 
-def _interface(config: Configuration) -> FluidInterface:
+def _interface(config: Configuration) -> Interface:
     """The interface of a configuration of fluids that differ or have tension."""
-    assert config.terms.interface is not None
+    assert isinstance(config.terms.interface, Interface)
     return config.terms.interface
 
 

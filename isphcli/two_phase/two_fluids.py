@@ -36,7 +36,6 @@ from .kept_volumes import kept_volumes
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..flow.forces import Force
-    from ..flow.state import State
     from ..operators.pair_weights import Operators
     from ..operators.wall_operators import WallChange
     from .contact_angle import ContactAngle
@@ -107,21 +106,20 @@ class TwoFluids:
         other.body, other.drop_force, other.force = body, drop_force, body + drop_force
         return other
 
-    def carried(self, ops: Operators, terms: Terms, state: State, dr: np.ndarray | None, dt: float,
-                speed: float) -> tuple[np.ndarray, np.ndarray | None]:
+    def carried(self, ops: Operators, terms: Terms, moving: tuple[np.ndarray, np.ndarray | None],
+                dr: np.ndarray | None, dt: float, speed: float) -> tuple[np.ndarray, np.ndarray | None]:
         """phi and volume (n,) after a step; see `Fluids.carried`."""
-        moved = speed * dt / self.spacing
+        (u, volume), moved = moving, speed * dt / self.spacing
         ways = moved
         if self.tension is not None:
             ways += dt * math.sqrt(self.tension.tension / (self.density.mean() * self.spacing**3))
         interface = terms.interface
         assert isinstance(interface, Interface)
-        stretch = dt * strain(interface, ops, state.u)
+        stretch = dt * strain(interface, ops, u)
         phi = carried(interface, ops, dr, min(RATE * ways, MOST), stretch, min(RATE * moved, MOST))
-        if self.cells is None or state.volume is None:
+        if interface.cut is None or volume is None:
             return phi, None
-        assert interface.cut is not None
-        return kept_volumes(interface.cut, ops.neighbours, interface.phi, phi, state.volume, self.spacing, ops.exchange)
+        return kept_volumes(interface.cut, ops.neighbours, interface.phi, phi, volume, self.spacing, ops.exchange)
 
     def changing(self, p: np.ndarray, phi: np.ndarray, before: Terms) -> np.ndarray:
         """(n, 2): by how much the number of the fluid of each particle falls, and the Laplacian of eq. 3 of p that it
