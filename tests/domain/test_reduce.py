@@ -56,6 +56,8 @@ ALLOWED = {
     ("domain.migration", "np.all((image > bricks[process, 0] - reach) & (image < bricks[process, 1] + reach), "
                          "axis=1)"): OWN,
     ("domain.neighbours", "cells.prod()"): AXES,
+    ("domain.neighbours", "column.min()"): SCRATCH,
+    ("domain.neighbours", "column.max()"): SCRATCH,
     ("domain.neighbours", "np.diff(start).max(initial=0)"): SCRATCH,
     ("domain.neighbours", "(first[reach:] - first[:-reach]).max(initial=0)"): SCRATCH,
     ("flow.diffusion", "np.any(div != 0.0, axis=1)"): OWN,
