@@ -103,6 +103,20 @@ interface: {tension: 0.5}
 initial: {velocity: ["0.3", 0]}
 time: {end: 9}
 """  # no wider than a support: pieces of the interface are seen from several sides
+FEW_OF_TWO = """
+geometry:
+  box: [0.4, 1.0, 1.0]
+  periodic: [x, y, z]
+  fluid: a
+  shapes:
+    - {box: {lower: [0.12, -1, -1], upper: [0.27, 2, 2]}, is: b}
+    - {box: {lower: [-1, 0.0, 0.0], upper: [2, 0.1, 0.1]}, outside: true, is: solid}
+particles: {spacing: 0.1}
+fluids: {a: {density: 1, viscosity: 1}, b: {density: 2, viscosity: 0.5}}
+interface: {tension: 0.1, contact_angle: 70}
+drive: {body_force: [1, 0, 0]}
+time: {end: 9}
+"""  # a row of four particles: some of three processes have none
 TWO_FLUIDS = {
     "bubbles": ("co2_bubbles", ["geometry.box=[2.2e-3, 2.2e-3, 1.28e-3]", "geometry.shapes.0.cylinder.radius=1.1e-3",
                                 "geometry.shapes.1.spheres.random=8", "interface.contact_angle=40"]),
@@ -111,7 +125,7 @@ TWO_FLUIDS = {
                                     "initial.flood={fluid: co2, from: y_min, saturation: 0.4}"]),
     "slit": ("slit_drainage", ["drive.steps.duration=2.0e-6", "drive.steps.window=5.0e-7"]),
 }
-NAMES_OF_TWO = ["drop", "csf", "half_drop", "stripes", "thin_layers", *TWO_FLUIDS]
+NAMES_OF_TWO = ["drop", "csf", "half_drop", "stripes", "thin_layers", "few_of_two", *TWO_FLUIDS]
 
 
 def cases(folder):
@@ -123,7 +137,7 @@ def cases(folder):
     yield "pack", read_case(PACK.encode(), str(folder / "pack.yaml"))
     csf = DROP.replace("tension: 1", "tension: 1, method: csf").replace("spacing: 0.05", "spacing: 0.05, jitter: 0.1")
     texts = {"thin": THIN, "held": HELD, "few": FEW, "drop": DROP, "csf": csf, "half_drop": HALF_DROP,
-             "stripes": STRIPES, "thin_layers": THIN_LAYERS}
+             "stripes": STRIPES, "thin_layers": THIN_LAYERS, "few_of_two": FEW_OF_TWO}
     for name, text in texts.items():
         yield name, read_case(text.encode(), f"{name}.yaml")
 

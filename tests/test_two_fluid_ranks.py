@@ -12,7 +12,7 @@ from tests.moving_ranks import NAMES_OF_TWO
 from tests.test_moving_ranks import CLOSE, assert_same_state, folders, gone_on, rows, state
 from tests.test_ranks import pytestmark  # noqa: F401 - pytest reads pytestmark
 
-SEVERAL = {("auto", 2): NAMES_OF_TWO, ("auto", 3): ["drop", "half_drop", "bubbles", "drainage"],
+SEVERAL = {("auto", 2): NAMES_OF_TWO, ("auto", 3): ["drop", "half_drop", "few_of_two", "bubbles", "drainage"],
            ("auto", 4): ["csf", "slit", "thin_layers"]}
 ONES = {"step", "limit", "rebuilt", "iterations_velocity", "iterations_pressure", "residual_velocity",
         "residual_pressure", "divergence"}  # not of the flow, or compared apart
