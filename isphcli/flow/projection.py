@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..domain import reduce
-from ..operators.assemble import assemble, row_sums
+from ..operators.assemble import assemble_near, row_sums
 from ..solvers.kept_hierarchies import KeptHierarchies
 from ..solvers.krylov import Apply
 
@@ -54,8 +54,7 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
     ops, terms = config.ops, config.terms
     with solvers.clock("assembly"):
         # judged before densities divide them: those that are left out lie on both sides of an interface
-        matrix = assemble(ops.start, ops.column, terms.ops.lap_p, 0.0, 1.0, remote=ops.exchange.remote,
-                          kept=(ops.lap_p, LEAST))
+        matrix = assemble_near(ops.start, ops.column, terms.ops.lap_p, ops.lap_p, LEAST, ops.exchange.remote)
     if ops.walls is None:  # eq. 3 by the Laplacian of eq. 6
         return PressureSystem(matrix, lambda p, gradient=None: -terms.ops.laplacian_p(p), None)
     from ..operators.div_grad import diagonal, div_grad_rhie_chow, div_grad_weights

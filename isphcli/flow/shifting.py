@@ -57,7 +57,7 @@ def taylor(ops: Operators, fields: np.ndarray, slope: np.ndarray, dr: np.ndarray
     """fields (n, c) of slopes (n, c, dim) at positions displaced by dr (n, dim) (eq. 9); second: (n,) bool, where the
     second derivative is taken too, from the slopes of the neighbours."""
     out, flat = np.empty_like(fields), ops.exchange.forward(slope.reshape(len(slope), -1))
-    over_rows(_carry, ops.n, (ops.start, ops.column, ops.grad_p), fields, flat, dr, second, out,
+    over_rows(_carry, ops.n, (ops.start, ops.column, ops.grad_p), (fields, flat), dr, second, out,
               work=lambda: (np.empty(ops.neighbours.longest), np.empty(flat.shape[1])))
     return out
 
@@ -92,8 +92,8 @@ def _shift(rows, neighbours, amount, longest, out):
 
 
 @njit(cache=True, nogil=True, fastmath=REDUCE)
-def _carry(rows, work, pairs, f, slope, dr, second, out):
-    (start, column, grad), (along, bend) = pairs, work
+def _carry(rows, work, pairs, fields, dr, second, out):
+    (start, column, grad), (along, bend), (f, slope) = pairs, work, fields
     width, dim = f.shape[1], grad.shape[1]
     last, deep = dim - 1, 1.0 if dim == 3 else 0.0
     for i in range(rows[0], rows[1]):

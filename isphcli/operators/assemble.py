@@ -11,19 +11,30 @@ from .moments import REDUCE
 
 
 def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: float | np.ndarray, scale: float,
-             diagonal: np.ndarray | None = None, remote: int = 0,
-             kept: tuple[np.ndarray, float] | None = None) -> sp.csr_matrix:
+             diagonal: np.ndarray | None = None, remote: int = 0) -> sp.csr_matrix:
     """The matrix  shift - scale * L  in canonical CSR form, L f_i = sum_j w_ij (f_j - f_i) - diagonal_i f_i.
 
     weights: (n_pairs,); shift: a number or (n,); scale: a number; diagonal: (n,) wall sums or None; remote: columns of
-    remote particles, behind the n. kept: (n_pairs,) sizes and the part of the sum of a row's below which a pair is left
-    out of L, or None where all are in it.
+    remote particles, behind the n.
     """
-    n, (sizes, least) = len(start) - 1, (weights, 0.0) if kept is None else kept
     walls = np.zeros(0) if diagonal is None else diagonal
-    given = (start, column, weights, sizes), walls, np.full(n, shift, float), (scale, least)
+    return _assembled((start, column, weights, weights), walls, shift, (scale, 0.0), remote)
+
+
+def assemble_near(start: np.ndarray, column: np.ndarray, weights: np.ndarray, sizes: np.ndarray, least: float,
+                  remote: int = 0) -> sp.csr_matrix:
+    """-L as `assemble` makes it, without pairs whose size, sizes (n_pairs,), is below the part `least` of the sum of
+    the sizes of its row."""
+    return _assembled((start, column, weights, sizes), np.zeros(0), 0.0, (1.0, least), remote)
+
+
+def _assembled(pairs: tuple[np.ndarray, ...], walls: np.ndarray, shift: float | np.ndarray,
+               scales: tuple[float, float], remote: int) -> sp.csr_matrix:
+    """pairs: start, column, weights, sizes; walls: (n,) or (0,); scales: scale, least."""
+    n = len(pairs[0]) - 1
+    given = pairs, walls, np.full(n, shift, float), scales
     # scipy takes 4-byte row pointers only together with 4-byte columns
-    first = np.zeros(n + 1, np.int32 if len(column) + n < 2**31 else np.int64)
+    first = np.zeros(n + 1, np.int32 if len(pairs[1]) + n < 2**31 else np.int64)
     over_rows(_put_rows, n, *given, False, (first, np.empty(0, first.dtype), np.empty(0)))
     np.cumsum(first, out=first)
     index, entries = np.empty(first[-1], first.dtype), np.empty(first[-1])

@@ -643,16 +643,19 @@ def _potential_gradient(rows, pairs, tensors, force, out):
     dim, gradient_p, k_tensor_p = len(force), tensors.gradient_p, tensors.k_tensor_p
     for i in range(rows[0], rows[1]):
         o = tensors.row[i]
+        s0 = s1 = s2 = 0.0
         for q in range(start[i], start[i + 1]):
-            rise = 0.0
+            t, rise = np.uint32(offset_id[q]), 0.0
             for k in range(dim):
-                rise += force[k] * step[offset_id[q], k]
-            for k in range(dim):
-                for m in range(dim):
-                    out[i, k] += gradient_p[o, k, m] * first_moment[offset_id[q], m] * rise
-                if len(k_tensor_p) > 0:
+                rise += force[k] * step[t, k]
+            s0, s1, s2 = s0 + first_moment[t, 0] * rise, s1 + first_moment[t, 1] * rise, s2 + first_moment[t, 2] * rise
+            if len(k_tensor_p) > 0:
+                for k in range(dim):
                     for v in range(6):
-                        out[i, k] -= k_tensor_p[o, k, v] * second_moment[offset_id[q], v] * rise
+                        out[i, k] -= k_tensor_p[o, k, v] * second_moment[t, v] * rise
+        for k in range(dim):
+            g = gradient_p[o, k]
+            out[i, k] += g[0] * s0 + g[1] * s1 + (g[2] * s2 if dim == 3 else 0.0)
 
 
 @njit(cache=True, nogil=True)

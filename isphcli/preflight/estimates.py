@@ -24,15 +24,12 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 
-# Measured 2026-11-22 on one core at support 2.1, compilation left out: CPU microseconds a particle and step,
-# for stokes a particle and axis. stokes: 57 (sphere array, 86,608 particles), 60 (two tubes), 27 in 2D.
-# navier_stokes: 7.5 and 14 in 2D, in 3D 22 to 24 without walls, 20 to 63 with them (63: large viscous steps)
-MICROSECONDS = {
-    ("stokes", 2): 27.0,
-    ("stokes", 3): 60.0,
-    ("navier_stokes", 2): 10.0,
-    ("navier_stokes", 3): 30.0,
-}
+# CPU microseconds a particle and axis of steady flow on one core at support 2.1, compilation left out: 27 in 2D
+# (2026-11-22), 26 (sphere array) to 54 (Berea, 64^3 voxels) in 3D (`benchmarks/stokes.py`, 2026-11-30)
+MICROSECONDS_STEADY = {2: 27.0, 3: 54.0}
+# The same a particle and step of moving ones, by dimension and whether there are walls (2026-11-30): Taylor-Green 4.5
+# in 2D and 4.1 in 3D (`benchmarks/step_cost.py`), a rising bubble 9.0, spheres that nearly touch 12.6
+MICROSECONDS_MOVING = {(2, False): 4.5, (2, True): 9.0, (3, False): 4.5, (3, True): 12.5}
 STEPS_TO_STEADY = 16  # at least, however large they are (trials before 2026-11-22)
 
 
@@ -131,4 +128,6 @@ def costs(result: CheckReport, geometry: Geometry, share: float = 1.0) -> None:
         runs = result.steps.count
     density_of_pairs = result.neighbours / (memory.PAIRS[dim] * 2.1**dim)
     if runs is not None:
-        result.seconds = fluid * runs * density_of_pairs * MICROSECONDS[case.flow, dim] * 1e-6
+        steady = case.flow == "stokes"
+        each = MICROSECONDS_STEADY[dim] if steady else MICROSECONDS_MOVING[dim, geometry.has_solid]
+        result.seconds = fluid * runs * density_of_pairs * each * 1e-6

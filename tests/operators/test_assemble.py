@@ -3,7 +3,7 @@
 import numpy as np
 
 from isphcli.operators.apply import laplacian
-from isphcli.operators.assemble import assemble, row_sums
+from isphcli.operators.assemble import assemble, assemble_near, row_sums
 from tests.solvers.systems import operators
 
 
@@ -26,6 +26,21 @@ def test_images_of_one_owner_are_added_up():
     assert matrix.nnz == 81 and len(ops.column) > 81
     f = np.random.default_rng(0).normal(size=9)
     np.testing.assert_allclose(matrix @ f, -laplacian(ops, f[:, None])[:, 0], rtol=1e-11, atol=1e-9)
+
+
+def test_far_pairs_are_left_out():
+    """Those below a part of a row's sum, judged by other weights than those that are put in; constants stay zero."""
+    _, ops = operators(3, 6, 2.1)
+    sizes = np.random.default_rng(0).random(len(ops.column))
+    matrix = assemble_near(ops.start, ops.column, ops.lap, sizes, 0.02)
+    row = np.repeat(np.arange(ops.n), np.diff(ops.start))
+    near = sizes >= 0.02 * np.bincount(row, sizes)[row]
+    assert 0.2 < near.mean() < 0.8
+    expected = np.zeros((ops.n, ops.n))
+    np.add.at(expected, (row[near], ops.column[near]), -ops.lap[near])
+    np.add.at(expected, (row[near], row[near]), ops.lap[near])
+    np.testing.assert_allclose(matrix.toarray(), expected, atol=1e-12 * np.abs(expected).max())
+    assert np.abs(matrix @ np.ones(ops.n)).max() < 1e-12 * np.abs(expected).max()
 
 
 def test_row_sums_with_empty_rows():

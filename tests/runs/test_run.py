@@ -1,18 +1,21 @@
 """A run from its case to its files."""
 
+import gc
 import json
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from numba.core import event
 
 from isphcli.case.load import load_case
 from isphcli.case.yaml import CaseError
+from isphcli.output.clock import Clock
 from isphcli.output.files import read_history, read_pvd, read_vtu
 from isphcli.preflight.look import look
 from isphcli.runs import steady
-from isphcli.runs.run import run_case
+from isphcli.runs.run import _compile_listener, run_case
 from isphcli.runs.time_loop import TimeLoop
 
 DISK = """
@@ -252,3 +255,13 @@ def test_warnings_come_before_the_solve_and_stay_in_the_summary(tmp_path, monkey
 def test_a_run_that_stops_short_says_what_came_first(tmp_path, time, status, key):
     found = run(tmp_path, DISK + f"drive: {{body_force: [1, 0]}}\ntime: {time}\n", "output.plots=false")
     assert status in found["message"] and f"--set {key}=" in found["message"] and found["permeability"] is None
+
+
+def test_the_collector_rests_while_the_compiler_works():
+    """A compiler that is interrupted has no end: the collector is at work again after the run."""
+    with _compile_listener(Clock()):
+        with event.trigger_event("numba:compile"):
+            assert not gc.isenabled()
+        assert gc.isenabled()
+        event.start_event("numba:compile")
+    assert gc.isenabled()
