@@ -2,11 +2,11 @@
 
 usage: python benchmarks/menisci_at_rest.py [NAME ...]     (rows of SCENES; all of them without one)
 
-A slug of fluid that meets walls at 60 degrees, D = 1 across, density and tension 1, viscosity 0.03, in a periodic
-channel of the other fluid, which is like it, 10 spacings across; a cap is half a ball at first.
+A slug of fluid, D = 1 across, density and tension 1, viscosity 0.03, in a periodic channel of another fluid, which is
+like it and meets the walls at 60 degrees, 10 spacings across; a cap is half a ball at first.
 Printed: capillary number of the largest speed from t = 4.8 to 5 and in the last twentieth, the pressure jump over
 the exact one at t = 5 and at the end, volume of the slug at the end over that at the start, CPU seconds without
-compilation. The jump of a cap is over that of the sphere of its volume at 60 degrees.
+compilation. The jump of a cap is over that of the cap of its volume on a plane.
 """
 
 import math
@@ -52,8 +52,8 @@ def case_of(depth=0.0, tube=False, square=False, cap=False, end=15.0, **_):
 
 
 def jump_of_cap(volume):
-    """2 / R of the cap of a volume at ANGLE on a plane."""
-    return 2.0 * (math.pi / 3.0 * (2.0 + COS) * (1.0 - COS) ** 2 / volume) ** (1.0 / 3.0)
+    """-2 / R of the cap of a volume that meets a plane at 180 degrees less ANGLE."""
+    return -2.0 * (math.pi / 3.0 * (2.0 - COS) * (1.0 + COS) ** 2 / volume) ** (1.0 / 3.0)
 
 
 def main(*names):
