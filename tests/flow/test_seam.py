@@ -50,8 +50,8 @@ def test_a_piston_fills_the_sample_with_the_fluid_of_the_end_that_it_comes_from(
 
 def test_what_comes_over_the_seam_is_what_flows():
     """Not what rows of particles bring, half of a row more or less here: the volume of the gas is that of a quarter of
-    the box and of what has flowed, to 1 % of that (0.7 measured, how exactly rows of particles sum up to a flux), and phi
-    follows within a tenth of a row."""
+    the box and of what has flowed, to 1 % of that (0.7 measured, how exactly rows of particles sum up to a flux), and
+    phi follows within a tenth of a row."""
     state, config, *_ = run(PISTON.replace("HELD", "0.25").replace("end: 3.0", "end: 1.25"))
     gas, flowed = config.terms.interface.phase == 1, 0.5 * 0.25 * 1.25
     assert state.volume[gas].sum() == pytest.approx(0.25 + flowed, abs=0.01 * flowed)
