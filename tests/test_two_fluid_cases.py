@@ -140,11 +140,12 @@ def test_co2_bubbles_start_to_fall_with_the_body_force(tmp_path):
 
 @pytest.mark.slow
 def test_a_bubble_that_rises_keeps_its_volume(tmp_path):
-    """10 across, between walls, until its edge is sharp: what is left is what the cells make of particles that move.
-    Without the shares that particles hold of it the volume is off by 0.4 %."""
-    _, rows = run("rising_bubble", tmp_path, "particles.spacing=0.05", "time={end: 1.5}", "reference=null")
+    """15 across, between walls, until its edge is sharp: 0.21 % at most is what one step makes, 0.01 % is left over
+    many. Without the shares that particles hold of it, it had gained 0.3 % and went on."""
+    _, rows = run("rising_bubble", tmp_path, "particles.spacing=0.033333333", "time.end=1.5", "reference=null")
     volumes = np.array([row["volume_bubble"] for row in rows])
-    assert volumes[0] == pytest.approx(math.pi / 16, rel=1e-3) and np.abs(volumes / volumes[0] - 1).max() < 2.5e-3
+    assert volumes[0] == pytest.approx(math.pi / 16, rel=1e-3) and np.abs(volumes / volumes[0] - 1).max() < 4e-3
+    assert volumes[-len(rows) // 3 :].mean() == pytest.approx(volumes[0], rel=1e-3)
 
 
 @pytest.mark.slow
