@@ -101,6 +101,7 @@ particles: {spacing: 0.05, jitter: 0.2}
 fluids: {light: {density: 1, viscosity: 0.01}, heavy: {density: 3, viscosity: 0.02}}
 interface: {tension: 0.5}
 initial: {velocity: ["0.3", 0]}
+drive: {pressure_drop: {x: 2}}
 time: {end: 9}
 """  # no wider than a support: pieces of the interface are seen from several sides
 FEW_OF_TWO = """

@@ -399,7 +399,7 @@ def correction(moments, dim, order, tensors):
     return thin or deficient
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _solve(a, b):
     """Gaussian elimination with row pivoting of a (6, 6) and b (6, 4), in place. False: singular.
 

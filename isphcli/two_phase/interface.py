@@ -109,17 +109,17 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     """
     seen, everyone = ops.neighbours, ops.exchange.forward
     reach = reach_of(seen.support if sight is None else max(seen.support, sight.reach), spacing)
-    far = everyone(phi)
-    known = np.abs(far) < reach
+    distance = everyone(phi)
+    known = np.abs(distance) < reach
     fitted, neighbours = (seen, neighbours) if sight is None else sight.neighbours(ops, neighbours, known)
-    gradient = everyone(own_gradient(fitted, far, known, everyone(ops.gradient_p(phi)), spacing))
-    fit = quadratic_fit(fitted, far, known, known, gradient, spacing, no_slopes(ops.n, ops.dim))
+    gradient = everyone(own_gradient(fitted, distance, known, everyone(ops.gradient_p(phi)), spacing))
+    fit = quadratic_fit(fitted, distance, known, known, gradient, spacing, no_slopes(ops.n, ops.dim))
     if contact is not None:
-        fit = contact.at_walls(ops, (fitted, neighbours), far, known, fit)
+        fit = contact.at_walls(ops, (fitted, neighbours), distance, known, fit)
     steepness = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
     strength = fraction_slope(phi, spacing) * steepness
     # the curvature does not change along the normals: any weight that ends within the support will do
-    weight = np.where(known, np.maximum(1.0 - (far / seen.support) ** 2, 0.0) ** 2, 0.0)
+    weight = np.where(known, np.maximum(1.0 - (distance / seen.support) ** 2, 0.0) ** 2, 0.0)
     # no drop is smaller than the spacing
     sharpest = (ops.dim - 1) / spacing
     curvature = averages(seen, weight * ops.volume, everyone(np.clip(fit.curvature, -sharpest, sharpest)))
@@ -140,11 +140,11 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     """
     phi, fit, reach, spacing = interface.phi, interface.fit, interface.reach, interface.spacing
     everyone, known = ops.exchange.forward, np.abs(interface.phi) < reach
-    far = everyone(phi)
+    distance = everyone(phi)
     # the slope is brought to one as an explicit step of an advection away from the interface would do it: it has to be
     # slower than the smoothing that keeps it stable
     steepness = np.clip(interface.steepness, 0.0, 2.0)
-    weight = np.where(np.abs(far) < reach, ops.volume, 0.0)
+    weight = np.where(np.abs(distance) < reach, ops.volume, 0.0)
     stretched = averages(ops.neighbours, weight, everyone(steepness)) - 1.0
     change = np.clip(fit.value - phi, -spacing, spacing)
     slower = SLOWER * part + moved
@@ -152,12 +152,12 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     new = np.where(known, factor * phi + part * change, phi)
     # a distance has no minimum but at the interface: patches of particles that lost theirs would make one of their own
     left = np.zeros(ops.n, np.bool_)
-    over_rows(_left_behind, ops.n, ops.neighbours, far, known, left)
+    over_rows(_left_behind, ops.n, ops.neighbours, distance, known, left)
     new[left] = np.sign(phi[left]) * reach
     known &= ~left
     # particles that the interface comes near to, by less than a spacing a step, know their distance from those that do
     beyond, value = np.zeros(ops.n, np.bool_), np.zeros(ops.n)
-    over_rows(_extended, ops.n, ops.neighbours, far, everyone(fit.slope), everyone(known), beyond, value)
+    over_rows(_extended, ops.n, ops.neighbours, distance, everyone(fit.slope), everyone(known), beyond, value)
     beyond &= ~left
     there = np.sign(phi) * np.clip(np.sign(phi) * value, reach - spacing, reach)
     new[beyond] = there[beyond]
