@@ -80,10 +80,7 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
     result.flow = flow_estimate(case, geometry, sites, result.throats, driven)
     if case.flow != "stokes":
         result.steps = steps(case, result.flow, result.throats)
-    share = memory.fluid_round(geometry, sites.points(memory.SAMPLE), case.support * min(case.spacings))
-    costs(result, geometry, share)
-    if ranks is not None:
-        of_ranks(result, geometry, ranks)
+    _costs(result, geometry, sites, ranks)
     if not to_run or case.flow != "stokes":
         drive_findings(result, geometry, driven, through)
     kinds = {(f.density, f.mu) for f in case.fluids.values()}
@@ -99,6 +96,15 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
     elif case.flow != "stokes":  # a run in time goes on, and finds out
         result.warnings += result.errors
     return result
+
+
+def _costs(result: CheckReport, geometry: Geometry, sites: Sites, ranks: int | None) -> None:
+    """Memory and time, and those of each of so many processes."""
+    case = result.case
+    costs(result, geometry,
+          memory.fluid_round(geometry, sites.points(memory.SAMPLE), case.support * min(case.spacings)))
+    if ranks is not None:
+        of_ranks(result, geometry, ranks)
 
 
 def _from_samples(result: CheckReport, geometry: Geometry, lattice: Lattice, ranks: int | None) -> None:

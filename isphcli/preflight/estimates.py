@@ -119,7 +119,9 @@ def costs(result: CheckReport, geometry: Geometry, share: float = 1.0) -> None:
     finest = (spacing / min(case.spacings)) ** dim
     fluid, labels = result.particles["fluid"] * finest, geometry.labels
     result.memory = memory.estimate(case, dim, geometry.has_solid, fluid, result.particles.get("dummy", 0) * finest,
-                                    0 if labels is None else labels.size, two=len(case.fluids) > 1, share=share)
+                                    two=len(case.fluids) > 1, share=share)
+    if labels is not None:
+        result.memory["image"] = labels.size * memory.BYTES_VOXEL
     runs: float | None = 1.0
     if case.flow == "stokes":
         sizes = sum((spacing / other) ** dim for other in case.spacings) / finest

@@ -70,9 +70,9 @@ def fluid_round(geometry: Geometry, x: np.ndarray, support: float) -> float:
     return float((geometry.phase(chosen + offset) >= 0).mean()) if len(x) else 1.0
 
 
-def estimate(case: Case, dim: int, walls: bool, fluid: float, dummies: float, voxels: float = 0, two: bool = False,
+def estimate(case: Case, dim: int, walls: bool, fluid: float, dummies: float, two: bool = False,
              share: float = 1.0) -> dict[str, float]:
-    """Bytes by part at the peak of a run with so many fluid particles, dummies and voxels.
+    """Bytes by part at the peak of a run with so many fluid particles and dummies, without its image.
 
     two: particles of two fluids that differ or have an interface; share: see `fluid_round`. Moving particles keep pairs
     with dummies too: there the share counts for nothing.
@@ -89,7 +89,7 @@ def estimate(case: Case, dim: int, walls: bool, fluid: float, dummies: float, vo
         "particles": (fluid + dummies) * BYTES_PARTICLE,
     }
     more = {"second fluid": pairs * BYTES_SECOND_FLUID} if two and not steady else {}
-    return parts | more | ({"image": voxels * BYTES_VOXEL} if voxels else {})
+    return parts | more
 
 
 def refuse_lattice(case: Case, geometry: Geometry, spacing: float) -> None:
@@ -155,8 +155,8 @@ def refuse_pore_voxels(case: Case, dim: int, voxel_size: np.ndarray, voxels: tup
     if not 100 * SAMPLE <= sites < 10.0**MOST:  # as in refuse_lattice
         return
     fluid = voxels[1] * particles
-    need = estimate(case, dim, True, fluid, 0, voxels[0], two=two)
-    refuse(_of_this_machine(sum(need.values())), f"about {fluid:.3g} fluid particles", too_large(case))
+    need = sum(estimate(case, dim, True, fluid, 0, two=two).values()) + voxels[0] * BYTES_VOXEL
+    refuse(_of_this_machine(need), f"about {fluid:.3g} fluid particles", too_large(case))
 
 
 def refuse(need: float, what: str, fix: str) -> None:

@@ -31,6 +31,8 @@ RANKS = "over the processes, or of this one alone before they are joined"
 SCRATCH = "length of scratch arrays, which every process makes for its own rows"
 ONE = "of the hierarchy of one process alone"
 OFFSETS = "of the offsets of a lattice and the tensors of one particle"
+BASIS = "over the vectors of a basis"
+PARTS = "over the parts of the fluids, of which every process has all"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
     ("domain.components", "joined.max(initial=-1)"): RANKS,
@@ -64,9 +66,7 @@ ALLOWED = {
     ("flow.diffusion", "np.einsum('nk,nk->n', div[beside], normal)"): OWN,
     ("flow.forces", "np.sum(found, axis=0)"): "over the list of forces",
     ("flow.one_fluid", "force.any()"): AXES,
-    ("flow.projection", "matrix @ exchange.forward(p)"): MATRIX,
-    ("flow.step", "(terms.pressure_gradient(p) * (displacement - dt * wind)).sum(axis=1)"): OWN,
-    ("flow.step", "((u - wind) ** 2).sum(axis=1)"): OWN,
+    ("flow.step", "np.einsum('nk,nk->n', a, b)"): OWN,
     ("flow.step_limits", "((u / largest) ** 2).sum(axis=1)"): OWN,
     ("flow.step_limits", "bad.any(axis=1)"): OWN,
     ("flow.step_limits", "(new.u ** 2).sum(axis=1)"): OWN,
@@ -96,7 +96,10 @@ ALLOWED = {
     ("operators.wall_weights", "np.any(slip_length > 0.0)"): WALLS,
     ("operators.wall_operators", "np.any(geometry.slip_length > 0.0)"): WALLS,
     ("solvers.kept_hierarchies", "matrix @ exchange.forward(x)"): MATRIX,
-    ("solvers.krylov_basis", "np.abs(more).max(initial=0.0)"): "over the vectors of a basis",
+    ("solvers.krylov_basis", "np.abs(more).max(initial=0.0)"): BASIS,
+    ("solvers.krylov_basis", "components @ known"): BASIS,
+    ("solvers.krylov_basis", "more @ known"): BASIS,
+    ("solvers.krylov_basis", "weights @ self._vectors[:len(weights)]"): BASIS,
     ("solvers.multigrid", "level.R @ rest"): MATRIX,
     ("solvers.multigrid", "level.A @ x"): MATRIX,
     ("solvers.multigrid", "levels.levels[k + 1].A @ y"): MATRIX,
@@ -111,7 +114,17 @@ ALLOWED = {
     ("two_phase.contact_angle", "owner.max(initial=-1)"): "the number of rows of the table of this process",
     ("two_phase.contact_angle", "(sees[owner] > 0).all(axis=1)"): FLUIDS,
     ("two_phase.interface", "np.einsum('ij,ij->i', fit.slope, fit.slope)"): OWN,
-    ("two_phase.interface", "area.sum()"): "over the connected pieces of the interface, of which every process has all",
+    ("two_phase.cut_cells", "np.prod(end - first)"): AXES,
+    ("two_phase.cut_cells", "cut.cells.side.sum()"): AXES,
+    ("two_phase.cut_cells", "inside.reshape(-1, count).mean(axis=1)"): "over the samples of a cell",
+    ("two_phase.cut_cells", "inside.all(axis=1)"): AXES,
+    ("two_phase.cut_cells", "np.isfinite(height).all(axis=0)"): "over the corners of a square",
+    ("two_phase.kept_volumes", "between.sum(axis=1)"): PARTS,
+    ("two_phase.kept_volumes", "alone.all()"): PARTS,
+    ("two_phase.kept_volumes", "diagonal.max()"): PARTS,
+    ("two_phase.kept_volumes", "reduce.total_by(now[part == gone], None, count).argmax()"): PARTS,
+    ("two_phase.kept_volumes", "kin.max()"): PARTS,
+    ("two_phase.kept_volumes", "kin.argmax()"): PARTS,
     ("two_phase.interface_rules", "np.mean(density)"): FLUIDS,
     ("two_phase.interface_rules", "np.mean(viscosity)"): FLUIDS,
     ("two_phase.interface_rules", "density.min()"): FLUIDS,
