@@ -34,8 +34,8 @@ def test_a_square_drop_relaxes_to_its_pressure(name, side, tmp_path):
 
 
 def test_a_cube_of_fluid_contracts_to_a_ball(tmp_path):
-    """At 0.03 s the corners are gone. Nothing else has: volume, centre, one drop. What is measured of a cube of 6
-    spacings at the start has its edges rounded: 0.19 for the 6 x 0.04 of its faces, which energies are compared with."""
+    """At 0.03 s the corners are gone. Nothing else has: volume, centre, one drop. A cube of 6 spacings is measured
+    with rounded edges at the start: 0.19 for the 6 x 0.04 of its faces, which energies are compared with."""
     summary, rows = run("drop_3d", tmp_path, "particles.spacing=0.033333333", "time.end=0.03")
     found = summary["two_fluids"]
     assert found["volume_drop"] == pytest.approx(0.008, rel=0.05)
