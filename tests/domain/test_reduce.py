@@ -31,6 +31,7 @@ RANKS = "over the processes, or of this one alone before they are joined"
 SCRATCH = "length of scratch arrays, which every process makes for its own rows"
 ONE = "of the hierarchy of one process alone"
 OFFSETS = "of the offsets of a lattice and the tensors of one particle"
+BASIS = "over the vectors of a basis"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
     ("domain.components", "joined.max(initial=-1)"): RANKS,
@@ -56,15 +57,15 @@ ALLOWED = {
     ("domain.migration", "np.all((image > bricks[process, 0] - reach) & (image < bricks[process, 1] + reach), "
                          "axis=1)"): OWN,
     ("domain.neighbours", "cells.prod()"): AXES,
+    ("domain.neighbours", "column.min()"): "the box that the cells of this process fill",
+    ("domain.neighbours", "column.max()"): "the box that the cells of this process fill",
     ("domain.neighbours", "np.diff(start).max(initial=0)"): SCRATCH,
     ("domain.neighbours", "(first[reach:] - first[:-reach]).max(initial=0)"): SCRATCH,
     ("flow.diffusion", "np.any(div != 0.0, axis=1)"): OWN,
     ("flow.diffusion", "np.einsum('nk,nk->n', div[beside], normal)"): OWN,
     ("flow.forces", "np.sum(found, axis=0)"): "over the list of forces",
     ("flow.one_fluid", "force.any()"): AXES,
-    ("flow.projection", "matrix @ exchange.forward(p)"): MATRIX,
-    ("flow.step", "(terms.pressure_gradient(p) * (displacement - dt * wind)).sum(axis=1)"): OWN,
-    ("flow.step", "((u - wind) ** 2).sum(axis=1)"): OWN,
+    ("flow.step", "np.einsum('nk,nk->n', a, b)"): OWN,
     ("flow.step_limits", "((u / largest) ** 2).sum(axis=1)"): OWN,
     ("flow.step_limits", "bad.any(axis=1)"): OWN,
     ("flow.step_limits", "(new.u ** 2).sum(axis=1)"): OWN,
@@ -94,7 +95,10 @@ ALLOWED = {
     ("operators.wall_weights", "np.any(slip_length > 0.0)"): WALLS,
     ("operators.wall_operators", "np.any(geometry.slip_length > 0.0)"): WALLS,
     ("solvers.kept_hierarchies", "matrix @ exchange.forward(x)"): MATRIX,
-    ("solvers.krylov_basis", "np.abs(more).max(initial=0.0)"): "over the vectors of a basis",
+    ("solvers.krylov_basis", "np.abs(more).max(initial=0.0)"): BASIS,
+    ("solvers.krylov_basis", "components @ known"): BASIS,
+    ("solvers.krylov_basis", "more @ known"): BASIS,
+    ("solvers.krylov_basis", "weights @ self._vectors[:len(weights)]"): BASIS,
     ("solvers.multigrid", "level.R @ rest"): MATRIX,
     ("solvers.multigrid", "level.A @ x"): MATRIX,
     ("solvers.multigrid", "levels.levels[k + 1].A @ y"): MATRIX,
