@@ -17,7 +17,7 @@ from isphcli.runs.run import run_case
 from isphcli.two_phase import surface_tension, two_fluids
 
 TIMED = (
-    (two_fluids, ("find_interface", "carried", "crossings", "_weigh_viscous", "_weigh_pressure", "_thicken",
+    (two_fluids, ("find_interface", "carried", "interface_fractions", "_weigh_viscous", "_weigh_pressure", "_thicken",
                   "_transposed_stress_tensors", "near_interface")),
     (two_fluids.TransposedStress, ("add",)),
     (surface_tension, ("_jump",)),

@@ -17,9 +17,9 @@ import time
 import numpy as np
 
 from isphcli.case.load import read_case
-from isphcli.domain.components import ComponentMeans
 from isphcli.domain.halo import build_halo, wrap
 from isphcli.domain.neighbours import neighbourhood
+from isphcli.domain.null_space import ComponentMeans
 from isphcli.operators.assemble import assemble
 from isphcli.operators.moments import particle_volumes
 from isphcli.operators.pair_weights import build_operators

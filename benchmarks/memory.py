@@ -12,8 +12,8 @@ import sys
 
 from stokes import CASES, SCENES
 
-PARTS = """runs.steady.place_case runs.steady.WallScene operators.wall_operators.build_halo
-operators.wall_operators.neighbourhood operators.wall_operators.crossings runs.steady.build_lattice_weights
+PARTS = """runs.steady.place_case runs.steady.WallScene operators.wall_scene.build_halo
+operators.wall_scene.neighbourhood operators.wall_scene.crossings runs.steady.build_lattice_weights
 runs.steady._percolation
 flow.stokes.pair_components flow.stokes.nearest_matrix flow.stokes.Conductances
 solvers.engine.hierarchy solvers.engine.BlockCycle solvers.engine.PairCycle runs.steady.fluid_cells

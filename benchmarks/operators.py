@@ -19,7 +19,7 @@ from isphcli.operators.apply import divergence, gradient, laplacian
 from isphcli.operators.crossings import MEETS_WALL, crossings
 from isphcli.operators.moments import particle_volumes
 from isphcli.operators.pair_weights import build_operators
-from isphcli.operators.wall_operators import WallScene
+from isphcli.operators.wall_scene import WallScene
 from isphcli.operators.wall_weights import build_wall_operators
 from isphcli.scene.place import place
 

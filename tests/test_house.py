@@ -48,7 +48,7 @@ def forbidden(one, other):
 
 
 def test_the_reader_of_imports_sees_them():
-    assert "solvers.krylov" in ARROWS["flow.stokes"] and "operators.wall_operators" in ARROWS["flow.step"]
+    assert "solvers.krylov" in ARROWS["flow.stokes"] and "operators.wall_scene" in ARROWS["flow.step"]
     assert forbidden("flow.step", "output.files") and not forbidden("flow.step", "output.clock")
 
 
@@ -152,6 +152,12 @@ def test_one_class_has_a_name():
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 found.setdefault(node.name, []).append(name)
     assert {word: names for word, names in found.items() if len(names) > 1} == {}
+
+
+def test_one_file_has_a_name():
+    """But `protocol.py`, the protocols of a room."""
+    stems = [name.rpartition(".")[2] for name in FILES]
+    assert {stem for stem in stems if stems.count(stem) > 1} <= {"__init__", "protocol"}
 
 
 def calls_of(tree, name):

@@ -36,7 +36,7 @@ from isphcli.operators.kernel import KERNELS, WENDLAND_C2, normalisation, shape
 from isphcli.operators.moments import particle_volumes
 from isphcli.operators.narrow_pores import classify_neighbourhoods
 from isphcli.operators.pair_weights import Operators, build_operators
-from isphcli.operators.wall_operators import WallScene
+from isphcli.operators.wall_scene import WallScene
 from isphcli.references.published import DATA
 from isphcli.runs.expected_error import usual_error
 from isphcli.runs.permeability import EDGE, extrapolate

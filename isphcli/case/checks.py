@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import expressions, forcing
 from .blocks import AXES, LATTICES, SOLID, Grey, ShapeBlock
-from .forces import wrong_with_forces
+from .force_list import wrong_with_forces
 from .reader import Key, Table, keys_of, suggest
 from .yaml import ProblemList, Where, as_key, shown
 
@@ -39,11 +39,11 @@ FEWEST_STEPS = 10  # in which blocks may return to their volume: each brings bac
 MAX_SITES = 1e9  # of the lattice: far above what a machine holds, so the lengths must be mistaken
 
 
-def check_case(case: Case, report: ProblemList, places: dict[str, Where]) -> None:
+def check_case(case: Case, problems: ProblemList, places: dict[str, Where]) -> None:
     """Report what is wrong between the keys; `places` says where each path was written."""
     if any(block is None for block in (case.geometry, case.particles, case.fluids)):
         return  # a required block that could not be read has been reported; the checks need all three
-    checks = _Checks(case, report, places)
+    checks = _Checks(case, problems, places)
     for check in (
         checks.fluids,
         checks.scene,
@@ -70,8 +70,8 @@ def check_case(case: Case, report: ProblemList, places: dict[str, Where]) -> Non
 
 def check_dimension(case: Case, dim: int) -> None:
     """Raise CaseError where a case does not fit its image of `dim` dimensions, known only once the image is read."""
-    report = ProblemList()
-    checks = _Checks(case, report, {"": Where(str(case.path or "case"), None)}, dim)
+    problems = ProblemList()
+    checks = _Checks(case, problems, {"": Where(str(case.path or "case"), None)}, dim)
     checks.periodic()
     checks.voxel_size()
     checks.vectors()
@@ -80,15 +80,15 @@ def check_dimension(case: Case, dim: int) -> None:
     checks.reservoirs()
     checks.formulas()
     checks.forces()
-    report.raise_if_any()
+    problems.raise_if_any()
 
 
 class _Checks:
-    def __init__(self, case: Case, report: ProblemList, places: dict[str, Where], dim: int | None = None):
+    def __init__(self, case: Case, problems: ProblemList, places: dict[str, Where], dim: int | None = None):
         self.case = case
-        self.report = report
+        self.problems = problems
         self.places = places
-        self.clear = report.clear_of
+        self.clear = problems.clear_of
         self.dim = dim or (case.dim if self.clear("geometry.box", "geometry.voxels") else None)
         self.axes = AXES[: self.dim or 3]
 
@@ -97,7 +97,7 @@ class _Checks:
         place = path
         while place not in self.places:
             place = place.rpartition(".")[0]
-        self.report.add(self.places[place], path, message, fix)
+        self.problems.add(self.places[place], path, message, fix)
 
     def format(self) -> None:
         """Said before hours of a run whose files could not be written."""

@@ -36,17 +36,17 @@ def read_case(data: bytes, path: str | Path, overrides: Sequence[str] = ()) -> C
     """As `load_case`, from the bytes of the file; `path` is for messages and relative paths."""
     from .checks import check_case
 
-    report = ProblemList()
-    root = parse(data, Where(str(path), 1), report)
+    problems = ProblemList()
+    root = parse(data, Where(str(path), 1), problems)
     if root is not None:
         for text in overrides:
-            override(root, text, report)
+            override(root, text, problems)
         source = Path(path).absolute()
-        reader = Reader(source.parent, report)
+        reader = Reader(source.parent, problems)
         case = reader.read(Case, root)
         if case is not None:
-            check_case(case, report, reader.places)
-    report.raise_if_any()
+            check_case(case, problems, reader.places)
+    problems.raise_if_any()
     return replace(case, path=source).completed()
 
 

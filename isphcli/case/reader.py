@@ -160,20 +160,20 @@ class Reader:
     A value with a problem becomes None, so that the rest can still be read and checked.
     """
 
-    def __init__(self, directory: Path, report: ProblemList):
+    def __init__(self, directory: Path, problems: ProblemList):
         self.directory = directory  # that relative paths of inputs start from
-        self.report = report
+        self.problems = problems
         self.places: dict[str, Where] = {}
 
     def read(self, cls: type, root: Node) -> Any:
-        """The whole tree as a `cls`, or None; what is wrong with it is in the report."""
+        """The whole tree as a `cls`, or None; what is wrong with it is in the problems."""
         try:
             return self.block(cls, Node({}, root.where) if root.is_null or root.is_empty else root)
         except _Bad:
             return None
 
     def block(self, cls: type, node: Node, path: str = "") -> Any:
-        """An instance of the dataclass `cls`; what is wrong with it is in the report."""
+        """An instance of the dataclass `cls`; what is wrong with it is in the problems."""
         self.places[path] = node.where
         if not isinstance(node.value, dict):
             raise self._bad(node, path, f"expected a block of keys, found {_found(node)}")
@@ -214,17 +214,17 @@ class Reader:
         """Report a required key, unless the message about an unknown one has already named it."""
         child_path = _join(path, declared.name)
         if said:
-            self.report.broken.add(child_path)
+            self.problems.broken.add(child_path)
         else:
-            self.report.add(node.where, child_path, "missing", _summary(declared.spec))
+            self.problems.add(node.where, child_path, "missing", _summary(declared.spec))
 
     def _one_of(self, cls: type, children: dict[str, Node], meant: set, where: Where, path: str) -> None:
         names: tuple[str, ...] = getattr(cls, "ONE_OF", ())
         given = [name for name in names if name in children and not children[name].is_null]
         if len(given) > 1:
-            self.report.add(where, path, f"{' and '.join(given)} exclude each other", "keep one of them")
+            self.problems.add(where, path, f"{' and '.join(given)} exclude each other", "keep one of them")
         elif names and not given and not meant.intersection(names):
-            self.report.add(where, path, f"needs one of {', '.join(names)}")
+            self.problems.add(where, path, f"needs one of {', '.join(names)}")
 
     def _attempt(self, hint: Any, node: Node, path: str, spec: Key) -> Any:
         try:
@@ -359,15 +359,15 @@ class Reader:
 
     def _unknown(self, name: str, node: Node, path: str, known: Iterable[str], what: str) -> str | None:
         """Report an entry of `node` that nobody knows; returns the name that was probably meant."""
-        if self.report.full:
+        if self.problems.full:
             return None  # looking for similar names is not free
-        self.report.add(
+        self.problems.add(
             node.entries[name].where, _join(path, as_key(name)), f"unknown {what}", suggest(name, known)
         )
         return closest(name, known)
 
     def _bad(self, node: Node, path: str, message: str, fix: str = "") -> _Bad:
-        self.report.add(node.where, path, message, fix)
+        self.problems.add(node.where, path, message, fix)
         return _Bad()
 
 

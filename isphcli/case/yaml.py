@@ -150,44 +150,44 @@ def as_key(text: str) -> str:
     return text if text.isprintable() and 0 < len(text) <= 40 else shown(text)
 
 
-def parse(text: str | bytes, where: Where, report: ProblemList) -> Node | None:
+def parse(text: str | bytes, where: Where, problems: ProblemList) -> Node | None:
     """The tree of a YAML text, or None after reporting why there is none.
 
     A line in `where` means that lines are counted; without it (a `--set` value) all nodes have the same
     place. An empty text is an empty scalar.
     """
     if len(text) > MAX_BYTES:
-        report.add(Where(where.file), "", f"longer than {MAX_BYTES} bytes", "put long lists in a file")
+        problems.add(Where(where.file), "", f"longer than {MAX_BYTES} bytes", "put long lists in a file")
         return None
     try:
         text = text.decode() if isinstance(text, bytes) else text
         _refuse_deep(text, where)
-        return _Builder(where, report).build(yaml.parse(text, Loader=_LOADER))
+        return _Builder(where, problems).build(yaml.parse(text, Loader=_LOADER))
     except UnicodeDecodeError as error:
         newlines = error.object.count(b"\n", 0, error.start)
-        report.add(Where(where.file, newlines + 1), "", "not text", "save it as UTF-8")
+        problems.add(Where(where.file, newlines + 1), "", "not text", "save it as UTF-8")
     except _Refused as refused:
-        report.add(refused.where, "", *refused.args)
+        problems.add(refused.where, "", *refused.args)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = None if mark is None or where.line is None else mark.line + 1
         message = ", ".join(filter(None, (error.context, error.problem)))
         fix = "indent with spaces, not tabs" if _tab_at(text, mark) else ""
-        report.add(Where(where.file, line), "", f"not YAML: {message}", fix)
+        problems.add(Where(where.file, line), "", f"not YAML: {message}", fix)
     except (yaml.YAMLError, ValueError, OverflowError) as error:
-        report.add(where, "", f"not YAML: {str(error).splitlines()[0]}")
+        problems.add(where, "", f"not YAML: {str(error).splitlines()[0]}")
     return None
 
 
-def override(root: Node, text: str, report: ProblemList) -> None:
+def override(root: Node, text: str, problems: ProblemList) -> None:
     """Put the `key.sub=value` of a `--set` into the tree; blocks that are missing are made."""
     name, equals, value = text.partition("=")
     parts = name.strip().split(".")
     where = Where(f"--set {as_key(name.strip())}")
     if not equals or not all(parts):
-        report.add(where, "", "not of the form key.sub=value")
+        problems.add(where, "", "not of the form key.sub=value")
         return
-    node = parse(value, where, report)
+    node = parse(value, where, problems)
     if node is None:
         return
     parent = root
@@ -195,7 +195,7 @@ def override(root: Node, text: str, report: ProblemList) -> None:
         child = node if depth == len(parts) - 1 else _child(parent, part, where)
         if not _put(parent, part, child):
             above = as_key(".".join(parts[:depth])) if depth else "the case"
-            report.add(where, "", f"{above} has no entry {shown(part)}", _entries_of(parent))
+            problems.add(where, "", f"{above} has no entry {shown(part)}", _entries_of(parent))
             return
         parent = child
 
@@ -275,9 +275,9 @@ def _line(where: Where, number: int) -> Where:
 class _Builder:
     """Builds the tree with explicit stacks for the open collections."""
 
-    def __init__(self, where: Where, report: ProblemList):
+    def __init__(self, where: Where, problems: ProblemList):
         self.start = where
-        self.report = report
+        self.problems = problems
         self.root: Node | None = None
         self.stack: list[Node] = []
         self.keys: list[Node | None] = []  # the key that waits for its value, for each of them
@@ -353,6 +353,6 @@ class _Builder:
         if name in parent:
             path = ".".join([*self.path[1:], as_key(name)])
             first = parent[name].where
-            self.report.add(key.where, path, f"given twice, first in line {first.line}", "keep one of them")
+            self.problems.add(key.where, path, f"given twice, first in line {first.line}", "keep one of them")
         else:
             parent[name] = node

@@ -1,4 +1,4 @@
-"""Connected components of the fluid, and the projection that takes the mean of each out of a vector (eqs 25-26)."""
+"""Connected components of the fluid."""
 
 from __future__ import annotations
 
@@ -6,32 +6,8 @@ import numpy as np
 import scipy.sparse as sp
 from numba import njit
 
-from . import reduce
 from .communicator import current
 from .exchange import NO_EXCHANGE, Exchange
-
-# Share by which diagonals of a pressure matrix are raised before a hierarchy is built on it. Pressure is known up to a
-# constant in each component: in a pocket smaller than an aggregate, and on a coarsest level, a coarse matrix holds
-# nothing but that constant, and the hierarchy would divide by round-off.
-GROUND = 1e-6
-
-
-class ComponentMeans:
-    """The projection P of eq. 26 for one constant vector a connected component.
-
-    labels: (n,) component of each particle, of those of all processes.
-    """
-
-    def __init__(self, labels: np.ndarray):
-        self.labels = labels
-        self.count = reduce.total_by(labels)
-
-    def remove(self, v: np.ndarray) -> np.ndarray:
-        """v without its mean over each component, (n,)."""
-        if len(self.count) == 1:
-            return v - reduce.mean(v)  # eq. 26
-        # eq. 26, with one constant vector a component
-        return v - (reduce.total_by(self.labels, v, len(self.count)) / self.count)[self.labels]
 
 
 def pair_components(start: np.ndarray, column: np.ndarray, joined: np.ndarray | None = None,

@@ -21,7 +21,7 @@ from ..solvers.engine import ONE_PROCESS, Engine
 from ..solvers.krylov import Limits, SolveError, Watch
 
 if TYPE_CHECKING:
-    from ..domain.components import ComponentMeans
+    from ..domain.null_space import ComponentMeans
     from ..geometry.protocol import Geometry
 
 

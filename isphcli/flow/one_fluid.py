@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..operators.pair_weights import Operators
     from ..operators.protocol import DiscreteOperators, WallSums
-    from ..operators.wall_operators import WallChange
+    from ..operators.wall_scene import WallChange
 
 
 class StressCoupling(Protocol):

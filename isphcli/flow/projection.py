@@ -4,7 +4,7 @@
     p <- p + q - nu rho div u*                                                    (eq. 4, rotational form)
 
 Pressures are divided by the density of the first fluid (m2/s2). Another projection, P of eqs 25-26, takes the constants
-out of the system for q: `ComponentMeans` of `domain/components.py`.
+out of the system for q: `ComponentMeans` of `domain/null_space.py`.
 """
 
 from __future__ import annotations

@@ -93,7 +93,7 @@ def _shift(rows, neighbours, amount, longest, out):
 
 @njit(cache=True, nogil=True, fastmath=REDUCE)
 def _carry(rows, work, pairs, fields, dr, second, out):
-    (start, column, grad), (along, bend), (f, slope) = pairs, work, fields
+    (start, column, grad), (along, change), (f, slope) = pairs, work, fields
     width, dim = f.shape[1], grad.shape[1]
     last, deep = dim - 1, 1.0 if dim == 3 else 0.0
     for i in range(rows[0], rows[1]):
@@ -103,14 +103,14 @@ def _carry(rows, work, pairs, fields, dr, second, out):
             p = begin + k
             along[k] = grad[p, 0] * d0 + grad[p, 1] * d1 + grad[p, last] * d2
             total += along[k]
-        for m in range(np.uint64(len(bend))):
-            bend[m] = -total * slope[i, m]
+        for m in range(np.uint64(len(change))):
+            change[m] = -total * slope[i, m]
         for k in range(count):
             a, j = along[k], np.uint32(column[begin + k])
-            for m in range(np.uint64(len(bend))):
-                bend[m] += a * slope[j, m]
+            for m in range(np.uint64(len(change))):
+                change[m] += a * slope[j, m]
         for c in range(width):
             g, s = c * dim, f[i, c]
             for k in range(dim):
-                s += (slope[i, g + k] + 0.5 * bend[g + k]) * dr[i, k]  # eq. 9, and beyond it the second derivative
+                s += (slope[i, g + k] + 0.5 * change[g + k]) * dr[i, k]  # eq. 9, and beyond it the second derivative
             out[i, c] = s

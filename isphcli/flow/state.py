@@ -10,8 +10,8 @@ import numpy as np
 from ..domain import reduce
 
 if TYPE_CHECKING:
-    from ..domain.components import ComponentMeans
     from ..domain.neighbours import Neighbourhood
+    from ..domain.null_space import ComponentMeans
     from ..operators.pair_weights import Operators
     from ..solvers.krylov import Report
     from .one_fluid import Terms

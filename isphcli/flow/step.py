@@ -22,10 +22,11 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 
 from ..domain import reduce
-from ..domain.components import ComponentMeans, pair_components
+from ..domain.components import pair_components
 from ..domain.exchange import NO_EXCHANGE
 from ..domain.halo import build_halo, wrap
 from ..domain.neighbours import neighbourhood
+from ..domain.null_space import ComponentMeans
 from ..operators.moments import particle_volumes
 from ..operators.pair_weights import build_operators
 from ..solvers.kept_hierarchies import KeptHierarchies
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     from ..domain.cut import Share
     from ..domain.migration import Migration
     from ..geometry.protocol import Geometry
-    from ..operators.wall_operators import WallScene
+    from ..operators.wall_scene import WallScene
     from ..output.clock import Clock
     from .one_fluid import Fluids
     from .seam import Seam
@@ -90,7 +91,7 @@ class Stepper:
     def __post_init__(self) -> None:
         self.walls: WallScene | None = None
         if self.geometry.has_solid:
-            from ..operators.wall_operators import WallScene
+            from ..operators.wall_scene import WallScene
 
             self.walls = WallScene(self.geometry, self.dummies, self.support, self.kind, self.site_volume,
                                    self.fluids.line)

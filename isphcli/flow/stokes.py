@@ -16,7 +16,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..domain import reduce
-from ..domain.components import ComponentMeans, pair_components
+from ..domain.components import pair_components
+from ..domain.null_space import ComponentMeans
 from ..operators.conductances import Conductances
 from ..operators.lattice_weights import (
     LatticeWeights,

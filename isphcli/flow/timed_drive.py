@@ -14,7 +14,7 @@ import numpy as np
 # How far what drives the flow may be from linear over a step, of its largest value so far. A sine is then followed in
 # steps of 0.05 to 0.16 of a radian (`isph run cases/oscillating_slit.yaml`), some 100 a period. With ten times as many
 # its response changes by 8e-4 (--set time.step=5e-5)
-BEND = 3e-4
+DEVIATION = 3e-4
 INSIDE = np.array([0.0, 0.13, 0.29, 0.41, 0.5, 0.63, 0.77, 0.89, 1.0])  # of a step, where its drive is looked at
 # Of the step that other limits allow, and of the time that is left: the shortest for the sake of the drive. A force
 # that jumps is not linear over any step: it is met in some 14 steps, each half of the one before
@@ -52,16 +52,16 @@ class TimedDrive:
         return float(self.strongest(time * PASSED).max())
 
     def limit(self, time: float, dt: float, left: float = np.inf) -> float:
-        """The step of at most dt, s, over which forces and velocities of walls stay linear within BEND. left: time to
+        """The step of at most dt, s, over which forces and velocities of walls stay linear within DEVIATION. left: to
         the end of the run, s, which bounds the shortest step alone: the others are the same whenever it ends."""
         largest = {name: _largest(values) for name, values in self._values(time * PASSED).items()}
         shortest = SHORTEST * min(dt, left)
-        while (bend := self._bend(time, dt, largest) / BEND) > 1.0 and dt > shortest:
+        while (deviation := self._deviation(time, dt, largest) / DEVIATION) > 1.0 and dt > shortest:
             # what bends does so with the square of the step
-            dt = max(dt * min(max(0.95 * bend**-0.5, 0.1), 0.95), shortest)
+            dt = max(dt * min(max(0.95 * deviation**-0.5, 0.1), 0.95), shortest)
         return dt
 
-    def _bend(self, time: float, dt: float, largest: dict[str, float]) -> float:
+    def _deviation(self, time: float, dt: float, largest: dict[str, float]) -> float:
         """Largest deviation from linear over a step, of the largest value up to its end. largest: up to its begin."""
         try:
             found, worst = self._values(time + dt * INSIDE), 0.0

@@ -51,7 +51,7 @@ def components(fluid: np.ndarray, periodic: tuple[bool, ...]) -> tuple[np.ndarra
     return labels, n, percolates
 
 
-def report(fluid: np.ndarray, periodic: tuple[bool, ...], cell_volume: float = 1.0) -> Connectivity:
+def connectivity_of(fluid: np.ndarray, periodic: tuple[bool, ...], cell_volume: float = 1.0) -> Connectivity:
     """Porosity, components, percolation and pockets of a fluid mask [z, y, x] or [y, x]; see `components`."""
     fluid = np.asarray(fluid, dtype=bool)
     labels, n, percolates = components(fluid, periodic)
@@ -73,8 +73,8 @@ def report(fluid: np.ndarray, periodic: tuple[bool, ...], cell_volume: float = 1
 
 
 class SlabConnectivity:
-    """`report` of a mask [z, y, x] that is not periodic and comes slab by slab along z: what is kept of a slab are the
-    sizes of its parts and its last layer."""
+    """`connectivity_of` of a mask [z, y, x] that is not periodic and comes slab by slab along z: what is kept of a slab
+    are the sizes of its parts and its last layer."""
 
     def __init__(self) -> None:
         self.count = self.cells = 0  # parts and cells so far
@@ -109,8 +109,8 @@ class SlabConnectivity:
         found = np.unique(face)
         return found[found > 0].astype(np.int64) - 1 + self.count
 
-    def report(self, cell_volume: float = 1.0) -> Connectivity:
-        """Of all slabs; see `report`."""
+    def connectivity(self, cell_volume: float = 1.0) -> Connectivity:
+        """Of all slabs; see `connectivity_of`."""
         assert self.last is not None
         self.faces[2][1].append(np.unique(self.last[self.last >= 0]))
         edges = np.concatenate(self.edges)

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from ..domain.components import root
-from .connectivity import merge_periodic, report
+from .connectivity import connectivity_of, merge_periodic
 from .spline import value_and_slope
 
 # From a voxel to those that share a face with it, then an edge: z, y, x. Of two opposite ways one.
@@ -76,7 +76,7 @@ def surface_ways(coefficients: np.ndarray, around: np.ndarray, field: np.ndarray
         if not periodic[axis]:
             ends = np.take(labelled, [0, -1], axis=2 - axis).swapaxes(0, 2 - axis)
             through[axis] = bool((np.intersect1d(ends[0], ends[-1]) >= 0).any())
-    of_labels = report(~solid if dim == 3 else ~solid[0], periodic)
+    of_labels = connectivity_of(~solid if dim == 3 else ~solid[0], periodic)
     return SurfaceWays(int((fluid == solid).sum()), opened, closed, count, of_labels.components,
                        tuple(bool(t) for t in through[:dim]), of_labels.percolates)
 

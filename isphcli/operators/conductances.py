@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numba import njit
 
-from ..domain.components import GROUND
+from ..domain.null_space import GROUND
 from ..domain.row_threads import over_blocks, over_rows
 from .lattice_weights import LatticeWeights, canonical
 

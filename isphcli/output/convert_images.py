@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry.connectivity import Connectivity, SlabConnectivity, report
+from ..geometry.connectivity import Connectivity, SlabConnectivity, connectivity_of
 from ..geometry.image_steps import connected_part, inverted, is_fluid, thresholded, trimmed
 from ..geometry.images.image import SPACING, Image, Layout, VoxelError, in_smallest_type, voxel_edges
 from ..geometry.images.metaimage import META_TYPES
@@ -151,7 +151,7 @@ def convert(source: str | Path, target: str | Path, how: Conversion | None = Non
             plot_slices(slices_picture(target), values, solids, spacing, target.name)
     fluid = is_fluid(values, solids)
     cell = 1.0 if spacing is None else float(np.prod(spacing[: values.ndim]))
-    found = report(fluid, (False,) * values.ndim, cell)
+    found = connectivity_of(fluid, (False,) * values.ndim, cell)
     return _report_of(target, image, values.shape, (spacing, whence, notes), facts, solids, (found, histogram(values)))
 
 
@@ -267,7 +267,7 @@ def _convert_by_slabs(source: Path, target: Path, how: Conversion, picture: bool
         facts["picture"] = str(slices_picture(target))
         with writing(slices_picture(target)):
             plot_cuts(slices_picture(target), written.cuts, written.shape, solids, spacing, target.name)
-    known = written.found.report(1.0 if spacing is None else float(np.prod(spacing)))
+    known = written.found.connectivity(1.0 if spacing is None else float(np.prod(spacing)))
     labels = dict(sorted(written.labels.items()))
     return _report_of(target, first, written.shape, (spacing, whence, notes), facts, solids, (known, labels))
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..case import forcing
 from ..case.blocks import AXES, Case
-from ..case.forces import FORCES, forces_of
+from ..case.force_list import FORCES, forces_of
 from ..case.load import load_case
 from ..domain.lattice import Lattice, ParticleError
 from ..geometry.protocol import Geometry
@@ -20,10 +20,10 @@ from ..references.sample import other_sample
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at, what_is_solid
+from .check_report import CheckReport, Term, in_bytes
 from .estimates import costs, flow_estimate, steps
 from .findings import absent_fluids, contact_angle_findings, drive_findings, other_findings, resolution_findings
 from .ranks import of_ranks
-from .report import CheckReport, Term, in_bytes
 from .throats import Sites, throats
 
 # Of a lattice that is looked at site by site: 0.6 us each on an idle core, 2 us on a busy one (Berea, 2026-11-29)

@@ -13,10 +13,10 @@ import numpy as np
 
 from ..case import expressions, forcing
 from ..case.blocks import AXES
-from ..case.forces import forces_of
+from ..case.force_list import forces_of
 from ..flow.forces import largest_of, resistance_of
 from ..scene import memory
-from .report import CheckReport, Flow, Steps, Throats
+from .check_report import CheckReport, Flow, Steps, Throats
 from .throats import LINE_POINTS, Sites
 
 if TYPE_CHECKING:

@@ -11,10 +11,10 @@ import numpy as np
 from ..case import forcing
 from ..case.blocks import AXES
 from ..domain.lattice import Lattice
-from ..geometry.connectivity import report
+from ..geometry.connectivity import connectivity_of
 from ..geometry.images.image import machine_memory
 from ..runs.expected_error import calibrations, wall_of
-from .report import THIN, CheckReport, in_bytes
+from .check_report import THIN, CheckReport, in_bytes
 from .throats import TINY, Sites
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def _open_when_finer(case: Case, geometry: Geometry, axis: int) -> bool:
     around = tuple(AXES[a] in case.geometry.repeats for a in range(geometry.dim))
     lattice = Lattice(np.full((1, geometry.dim), 0.5), (upper - lower) / cells, cells, lower)
     fluid = np.concatenate([geometry.phase(x) >= 0 for x in lattice.slabs()]).reshape(cells)
-    return bool(report(fluid.T, around).percolates[axis])
+    return bool(connectivity_of(fluid.T, around).percolates[axis])
 
 
 def resolution_findings(result: CheckReport, geometry: Geometry, lattice: Lattice) -> Iterator[str]:

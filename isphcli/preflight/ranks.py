@@ -10,7 +10,7 @@ import numpy as np
 from ..runs.ranks import not_distributed
 from ..scene import memory
 from ..scene.image_geometry import in_parts
-from .report import CheckReport, ShareOfRank, in_bytes
+from .check_report import CheckReport, ShareOfRank, in_bytes
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
-from ..geometry.connectivity import Connectivity, report
-from .report import THIN, Throats
+from ..geometry.connectivity import Connectivity, connectivity_of
+from .check_report import THIN, Throats
 
 if TYPE_CHECKING:
     from ..domain.lattice import Lattice
@@ -60,7 +60,7 @@ class Sites:
     def connectivity(self) -> Connectivity:
         """Of the sample; of lattices with two sites per cell, that of the better connected one."""
         volume = float(self.lattice.cell.prod())
-        found = [report(self.fluid(k).T, self.around, volume) for k in range(self.phase.shape[-1])]
+        found = [connectivity_of(self.fluid(k).T, self.around, volume) for k in range(self.phase.shape[-1])]
         return max(found, key=lambda c: (sum(c.percolates), c.largest_share))
 
     def microporous(self, geometry: Geometry, rocks: int) -> np.ndarray:
@@ -140,6 +140,6 @@ def _critical(distance: np.ndarray, around: tuple[bool, ...], axis: int, spacing
     low, high = 0.0, float(distance.max())
     while high - low > 0.02 * spacing:
         middle = (low + high) / 2
-        passes = report((distance >= middle).T, around).percolates[axis]
+        passes = connectivity_of((distance >= middle).T, around).percolates[axis]
         low, high = (middle, high) if passes else (low, middle)
     return 2 * low + 0.5 * spacing  # the centre of the throat lies up to half a spacing beside a site

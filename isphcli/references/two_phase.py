@@ -232,9 +232,9 @@ def capillary_wave_errors(case: Case, result: Result) -> Errors:
         raise CompareError("give reference.parameters.amplitude or .speed: without them there is no wave")
     deviation, size = (math.sqrt(trapezoid(f**2, t)) for f in (height - expected, expected))
     errors = {"amplitude_relative_l2": deviation / size, "main": "amplitude_relative_l2"}
-    crossings = [np.flatnonzero(np.diff(np.sign(f))) for f in (height, expected)]
-    if all(len(found) for found in crossings):
-        zeros = [_zero(t, f, found[0]) for f, found in zip((height, expected), crossings)]
+    changes = [np.flatnonzero(np.diff(np.sign(f))) for f in (height, expected)]
+    if all(len(found) for found in changes):
+        zeros = [_zero(t, f, found[0]) for f, found in zip((height, expected), changes)]
         errors["first_zero_relative"] = zeros[0] / zeros[1] - 1
     return errors
 

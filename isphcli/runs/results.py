@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import COMPLETE
 from ..case.blocks import Case
-from ..case.forces import forces_of
+from ..case.force_list import forces_of
 from ..case.forcing import body_force, changes, drive_steps, held_axis
 from ..case.load import dump_case
 from ..domain import reduce

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..case.forces import forces_of
+from ..case.force_list import forces_of
 from ..case.forcing import why_closed
 from ..domain import reduce
 from ..domain.communicator import current
@@ -20,7 +20,7 @@ from ..geometry.connectivity import merge_periodic
 from ..geometry.wall_normals import wall_normals
 from ..operators.kernel import KERNELS
 from ..operators.lattice_weights import LatticeWeights, build_lattice_weights
-from ..operators.wall_operators import WallScene
+from ..operators.wall_scene import WallScene
 from ..scene import memory
 from ..scene.place import place_case
 from ..solvers.engine import engine_of

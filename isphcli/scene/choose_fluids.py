@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..case.forces import forces_of
+from ..case.force_list import forces_of
 from ..case.forcing import body_force, gradient_axis
 from ..domain import reduce
 from ..domain.exchange import NO_EXCHANGE, Exchange

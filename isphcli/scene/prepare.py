@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..case import expressions, forcing
-from ..case.forces import forces_of
+from ..case.force_list import forces_of
 from ..case.forcing import drives, held_flux
 from ..domain import reduce
 from ..domain.communicator import current

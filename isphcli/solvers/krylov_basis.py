@@ -55,13 +55,13 @@ class DoubleBasis:
     def orthogonalise(self, vector: np.ndarray) -> tuple[np.ndarray, float]:
         """See `KrylovBasis`."""
         known = self._vectors[: self.count]
-        components = reduce.dot(vector, known.T)
-        vector -= components @ known
+        coefficients = reduce.dot(vector, known.T)
+        vector -= coefficients @ known
         more, length = reduce.dot(vector, known.T), reduce.norm(vector)
         if not np.abs(more).max(initial=0.0) <= LEFT * length:
             vector -= more @ known
-            components, length = components + more, reduce.norm(vector)
-        return components, length
+            coefficients, length = coefficients + more, reduce.norm(vector)
+        return coefficients, length
 
     def combine(self, weights: np.ndarray) -> np.ndarray:
         """See `KrylovBasis`."""
@@ -86,19 +86,19 @@ class KrylovBasis:
         return self._vectors[self.count - 1].astype(float)
 
     def orthogonalise(self, vector: np.ndarray) -> tuple[np.ndarray, float]:
-        """Takes the components along the basis out of a vector in place: (components (count,), length of the rest).
+        """Takes the coefficients along the basis out of a vector in place: (coefficients (count,), length of the rest).
 
         Gram and Schmidt once, and once more where more than LEFT of it is left."""
         blocks = len(self._edges) - 1
         dots, squares = np.zeros((blocks, self.count)), np.zeros((blocks, 1))
-        over_blocks(_components, self._edges, self._vectors, vector, dots)
-        components = reduce.total(dots)
-        over_blocks(_take_out, self._edges, self._vectors, components, vector, (dots, squares))
+        over_blocks(_coefficients, self._edges, self._vectors, vector, dots)
+        coefficients = reduce.total(dots)
+        over_blocks(_take_out, self._edges, self._vectors, coefficients, vector, (dots, squares))
         more, length = reduce.total(dots), float(np.sqrt(reduce.total(squares)[0]))
         if not np.abs(more).max(initial=0.0) <= LEFT * length:
             over_blocks(_take_out, self._edges, self._vectors, more, vector, (dots, squares))
-            components, length = components + more, float(np.sqrt(reduce.total(squares)[0]))
-        return components, length
+            coefficients, length = coefficients + more, float(np.sqrt(reduce.total(squares)[0]))
+        return coefficients, length
 
     def combine(self, weights: np.ndarray) -> np.ndarray:
         """The sum of the first vectors with weights (k,), (size,)."""
@@ -109,7 +109,7 @@ class KrylovBasis:
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, forceinline=True)
-def _components(blocks, edges, basis, vector, dots):
+def _coefficients(blocks, edges, basis, vector, dots):
     """Products of the vector with those of the basis by blocks of entries, dots (blocks, k)."""
     for block in range(blocks[0], blocks[1]):
         for j in range(dots.shape[1]):
@@ -132,4 +132,4 @@ def _take_out(blocks, edges, basis, weights, vector, left):
         for k in range(begin, end):
             square += vector[k] * vector[k]
         squares[block, 0] = square
-        _components((block, block + 1), edges, basis, vector, dots)  # while they are in the cache
+        _coefficients((block, block + 1), edges, basis, vector, dots)  # while they are in the cache

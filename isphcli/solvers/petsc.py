@@ -14,9 +14,9 @@ import scipy.sparse as sp
 
 from ..domain import reduce
 from ..domain.communicator import INSTALL, Ranks, RanksError, current
-from ..domain.components import GROUND
 from ..domain.exchange import Exchange
 from ..domain.migration import Numbered
+from ..domain.null_space import GROUND
 from .krylov import Apply, Limits, Report, Watch, report_of
 from .pair_cycle import SweptMatrix
 

@@ -215,15 +215,15 @@ def _near_interface(rows, start, column, colour, near):
                 break
 
 
-def crossings(start: np.ndarray, column: np.ndarray, phi: np.ndarray) -> np.ndarray:
+def interface_fractions(start: np.ndarray, column: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """Fraction t of the way from i to j at which a pair meets the interface, (n_pairs,); 0.5 for like pairs."""
     t = np.full(len(column), 0.5)
-    over_rows(_crossings, len(start) - 1, start, column, phi, t)
+    over_rows(_interface_fractions, len(start) - 1, start, column, phi, t)
     return t
 
 
 @njit(cache=True, nogil=True)
-def _crossings(rows, start, column, phi, t):
+def _interface_fractions(rows, start, column, phi, t):
     for i in range(rows[0], rows[1]):
         for p in range(start[i], start[i + 1]):
             j = column[p]

@@ -201,7 +201,7 @@ class Measures:
         from ..geometry.wall_normals import wall_normals
 
         assert self.tension is not None
-        points = self._crossings(config)
+        points = self._interface_points(config)
         depth = self.geometry.distance(points) if len(points) else np.zeros(0)
         kept = (depth > self.tension.support) & (depth < FARTHEST * self.distance)
         points, depth = points[kept], depth[kept]
@@ -238,7 +238,7 @@ class Measures:
         at_wall = mine[self.geometry.distance(mine) < self.distance]
         return not reduce.any_true(~(wall_normals(self.geometry, at_wall, self.distance) @ normal > 0.99))
 
-    def _crossings(self, config: Configuration) -> np.ndarray:
+    def _interface_points(self, config: Configuration) -> np.ndarray:
         """Points (m, dim) between particles side by side where phi is zero."""
         start, column = config.ops.start, config.ops.column
         phi = config.ops.exchange.forward(_interface(config).phi)

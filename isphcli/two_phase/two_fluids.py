@@ -2,7 +2,7 @@
 
 The pressure stays a pressure over the density of the first fluid, so that fluids of one density share every array
 with a scene of one fluid. With t the fraction of the way from i to j at which a pair meets the interface
-(`interface.crossings`), r_ij and m_ij are what is left of a density and a viscosity between i and j when the normal
+(`interface_fractions`), r_ij and m_ij are what is left of a density and a viscosity between i and j when the normal
 acceleration and the stress are continuous:
 
     grad p / rho  ->  sum_j (1 / r_ij) (p_j - p_i) grad_ij,      r_ij = t rho_i + (1 - t) rho_j
@@ -29,7 +29,7 @@ from ..flow.one_fluid import Terms, ViscousWeights, balanced_force, with_forces
 from ..flow.state import phase_of
 from ..operators.protocol import WallSums
 from .cut_cells import Cells, cut
-from .interface import MOST, RATE, Interface, carried, crossings, find_interface, near_interface, strain
+from .interface import MOST, RATE, Interface, carried, find_interface, interface_fractions, near_interface, strain
 from .interface_rules import FIRST_PASSES, interface_rules
 from .kept_volumes import kept_volumes
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..flow.forces import Force
     from ..operators.pair_weights import Operators
-    from ..operators.wall_operators import WallChange
+    from ..operators.wall_scene import WallChange
     from .contact_angle import ContactAngle
     from .sight import Sight
     from .surface_tension import SurfaceTension
@@ -163,7 +163,7 @@ class TwoFluids:
         weighted, transposed_stress, smooth = ops, None, None
         viscous = ViscousWeights(self.mu[0] / reference, ops.lap, ops.walls)
         if heavy or thick:
-            t = crossings(ops.start, ops.column, everyone(phi))
+            t = interface_fractions(ops.start, ops.column, everyone(phi))
             weighted, viscous = self._weigh(ops, t, rho, mu, heavy)
         rho, mu = rho[: ops.n], mu[: ops.n]
         if thick or self.added_viscosity > 0.0:

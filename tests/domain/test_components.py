@@ -1,9 +1,9 @@
 """Components of the pressure: null vectors are found and taken out one by one."""
 
 import numpy as np
-import pytest
 
-from isphcli.domain.components import ComponentMeans, pair_components, parts_of
+from isphcli.domain.components import pair_components
+from isphcli.domain.null_space import ComponentMeans, parts_of
 from isphcli.operators.assemble import assemble
 from tests.solvers.systems import operators, solve
 
@@ -39,13 +39,6 @@ def test_one_null_vector_a_component():
         np.testing.assert_allclose(q[part], alone.remove(single), atol=1e-6 * np.abs(single).max())
         assert np.linalg.norm(q[part] - exact[part]) < 0.1 * np.linalg.norm(exact[part])
 
-
-def test_component_means():
-    labels = np.array([0, 1, 0, 2, 1])
-    v = np.array([1.0, 10.0, 3.0, 7.0, 20.0])
-    assert ComponentMeans(labels).remove(v).tolist() == [-1.0, -5.0, 1.0, 0.0, 5.0]
-    assert ComponentMeans(np.zeros(5, int)).remove(v).sum() == pytest.approx(0.0, abs=1e-14)
-    assert v[0] == 1.0
 
 
 def test_parts_of_some_particles():

@@ -94,7 +94,7 @@ ALLOWED = {
     ("operators.lattice_weights", "first[:, :dim] @ tensors.gradient[0].T"): OFFSETS,
     ("operators.lattice_weights", "second @ tensors.k_tensor[0].T"): OFFSETS,
     ("operators.wall_weights", "np.any(slip_length > 0.0)"): WALLS,
-    ("operators.wall_operators", "np.any(geometry.slip_length > 0.0)"): WALLS,
+    ("operators.wall_scene", "np.any(geometry.slip_length > 0.0)"): WALLS,
     ("solvers.kept_hierarchies", "matrix @ exchange.forward(x)"): MATRIX,
     ("solvers.krylov_basis", "np.abs(more).max(initial=0.0)"): BASIS,
     ("solvers.krylov_basis", "components @ known"): BASIS,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from isphcli.flow.step_limits import StepError
-from isphcli.flow.timed_drive import BEND, SHORTEST, TimedDrive
+from isphcli.flow.timed_drive import DEVIATION, SHORTEST, TimedDrive
 from isphcli.references.plates import oscillating_wall
 from tests.flow.runs import run
 from tests.flow.steps import scene
@@ -30,12 +30,12 @@ def drive(force, walls=None):
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e6])
 @pytest.mark.parametrize("omega", [0.01, 3.0, 1e5])
 def test_a_sine_is_followed_in_steps_of_a_part_of_a_radian(omega, scale):
-    """The chord of a step h is h^2 / 8 off at a crest: sqrt(8 BEND) is allowed there. Over a zero it is
+    """The chord of a step h is h^2 / 8 off at a crest: sqrt(8 DEVIATION) is allowed there. Over a zero it is
     h^3 / (18 sqrt 3) off: three times as much. By 0.95 a trial less."""
     wave = drive(lambda t: scale * np.sin(omega * t))
     steps = np.array([omega * wave.limit(t / omega, 100 / omega) for t in np.linspace(7, 7 + 2 * np.pi, 40)])
-    assert 0.8 * np.sqrt(8 * BEND) < steps.min() < 1.05 * np.sqrt(8 * BEND)
-    assert steps.max() < 1.05 * (18 * np.sqrt(3) * BEND) ** (1 / 3)
+    assert 0.8 * np.sqrt(8 * DEVIATION) < steps.min() < 1.05 * np.sqrt(8 * DEVIATION)
+    assert steps.max() < 1.05 * (18 * np.sqrt(3) * DEVIATION) ** (1 / 3)
 
 
 def test_what_is_linear_bounds_no_step():
@@ -73,7 +73,7 @@ def test_a_jump_is_met_with_the_shortest_steps_and_no_shorter():
 
 
 def test_small_waves_on_a_large_force_are_judged_by_the_largest_so_far():
-    """After a burst of 1000 a wave of 0.1 is a part of 1e-4 of it, less than BEND: it bounds no step."""
+    """After a burst of 1000 a wave of 0.1 is a part of 1e-4 of it, less than DEVIATION: it bounds no step."""
     burst = drive(lambda t: np.where(t < 1.0, 1000.0, 0.1 * np.sin(50 * t)))
     assert burst.limit(2.0, 10.0) == 10.0
     assert drive(lambda t: 0.1 * np.sin(50 * t)).limit(2.0, 10.0) < 0.01

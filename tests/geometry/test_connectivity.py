@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isphcli.geometry.connectivity import SlabConnectivity, components, percolating, report
+from isphcli.geometry.connectivity import SlabConnectivity, components, connectivity_of, percolating
 
 
 def two_tubes():
@@ -25,7 +25,7 @@ def duct_and_pockets():
 
 
 def test_tubes_percolate_along_their_axis_only():
-    found = report(two_tubes(), (False, False, False))
+    found = connectivity_of(two_tubes(), (False, False, False))
     assert found.components == 2 and found.isolated_pockets == 0
     assert found.percolates == (False, False, True)
     assert found.porosity == (16 + 81) / 256
@@ -33,7 +33,7 @@ def test_tubes_percolate_along_their_axis_only():
 
 
 def test_pockets_are_counted_with_their_volume():
-    found = report(duct_and_pockets(), (False,) * 3, cell_volume=2.0)
+    found = connectivity_of(duct_and_pockets(), (False,) * 3, cell_volume=2.0)
     assert found.isolated_pockets == 2 and found.isolated_volume == 6.0
     assert found.percolating_porosity == (0.0, 0.0, 0.25)
     mask = percolating(duct_and_pockets(), (False,) * 3, 2)
@@ -41,48 +41,48 @@ def test_pockets_are_counted_with_their_volume():
 
 
 def test_all_solid_and_all_fluid():
-    none = report(np.zeros((4, 4, 4), dtype=bool), (True,) * 3)
+    none = connectivity_of(np.zeros((4, 4, 4), dtype=bool), (True,) * 3)
     assert none.components == 0 and none.largest_share == 0 and none.percolates == (False,) * 3
-    every = report(np.ones((4, 4, 4), dtype=bool), (True, False, True))
+    every = connectivity_of(np.ones((4, 4, 4), dtype=bool), (True, False, True))
     assert every.components == 1 and every.percolates == (True,) * 3
 
 
 def test_a_closed_box_percolates_nowhere():
     fluid = np.zeros((12, 12, 12), dtype=bool)
     fluid[3:9, 3:9, 3:9] = True
-    assert report(fluid, (True,) * 3).percolates == (False,) * 3
+    assert connectivity_of(fluid, (True,) * 3).percolates == (False,) * 3
 
 
 def test_touching_both_faces_is_not_percolating_in_a_periodic_axis():
     """A bar from face to face whose ends do not meet across the face: walls, yes; periodic, no."""
     fluid = np.zeros((6, 6), dtype=bool)
     fluid[1, :3], fluid[1:5, 2], fluid[4, 2:] = True, True, True
-    assert report(fluid, (False, False)).percolates == (True, False)
-    assert report(fluid, (True, True)).percolates == (False, False)
+    assert connectivity_of(fluid, (False, False)).percolates == (True, False)
+    assert connectivity_of(fluid, (True, True)).percolates == (False, False)
     fluid[1:5, 5] = True  # now it closes
-    assert report(fluid, (True, False)).percolates == (True, False)
+    assert connectivity_of(fluid, (True, False)).percolates == (True, False)
 
 
 def test_a_staircase_winds_round_both_axes():
     fluid = np.zeros((4, 4), dtype=bool)
     for k in range(4):
         fluid[k, k] = fluid[k, (k + 1) % 4] = True
-    found = report(fluid, (True, True))
+    found = connectivity_of(fluid, (True, True))
     assert found.components == 1 and found.percolates == (True, True)
-    assert report(fluid, (True, False)).percolates == (False, True)
+    assert connectivity_of(fluid, (True, False)).percolates == (False, True)
 
 
 def test_a_path_may_wrap_in_another_axis():
     """Along x the way leads through the periodic face of y."""
     fluid = np.zeros((5, 6), dtype=bool)
     fluid[0, :3], fluid[4, 2:] = True, True
-    assert report(fluid, (False, True)).percolates == (True, False)
-    assert report(fluid, (False, False)).percolates == (False, False)
+    assert connectivity_of(fluid, (False, True)).percolates == (True, False)
+    assert connectivity_of(fluid, (False, False)).percolates == (False, False)
 
 
 def test_wrong_number_of_axes():
     with pytest.raises(ValueError, match="periodic"):
-        report(np.ones((3, 3)), (True,) * 3)
+        connectivity_of(np.ones((3, 3)), (True,) * 3)
 
 
 @settings(max_examples=40, deadline=None)
@@ -129,7 +129,7 @@ def test_slabs_have_the_connectivity_of_the_whole(thick):
     found = SlabConnectivity()
     for first in range(0, 20, thick):
         found.add(fluid[first : first + thick])
-    assert found.report(0.5) == report(fluid, (False,) * 3, 0.5)
+    assert found.connectivity(0.5) == connectivity_of(fluid, (False,) * 3, 0.5)
     empty = SlabConnectivity()
     empty.add(np.zeros((2, 3, 4), bool))
-    assert empty.report() == report(np.zeros((2, 3, 4), bool), (False,) * 3)
+    assert empty.connectivity() == connectivity_of(np.zeros((2, 3, 4), bool), (False,) * 3)

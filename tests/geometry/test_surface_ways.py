@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isphcli.geometry.connectivity import report
+from isphcli.geometry.connectivity import connectivity_of
 from isphcli.geometry.spline import spline_coefficients
 from isphcli.geometry.surface_ways import surface_ways
 from tests.geometry.fields import phases, waves
@@ -27,7 +27,7 @@ def all_of(field):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_of_a_body_that_is_resolved_both_agree(seed, periodic):
     field = waves(24, 24, 12, seed, 0.5)
-    found, labels = ways(field, periodic=periodic), report(field > 0, periodic)
+    found, labels = ways(field, periodic=periodic), connectivity_of(field > 0, periodic)
     assert found.percolates == found.label_percolates == labels.percolates
     assert found.parts == found.label_parts == labels.components
     assert found.moved == 0 and not found.warnings()

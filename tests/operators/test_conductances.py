@@ -8,7 +8,7 @@ from pyamg.aggregation.tentative import fit_candidates
 from pyamg.relaxation.relaxation import gauss_seidel
 from pyamg.strength import symmetric_strength_of_connection
 
-from isphcli.domain.components import GROUND
+from isphcli.domain.null_space import GROUND
 from isphcli.operators.conductances import Conductances
 from isphcli.operators.lattice_weights import symmetric_laplacian
 from tests.operators.test_lattice_weights import SPACING, both

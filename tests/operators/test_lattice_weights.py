@@ -11,7 +11,7 @@ from isphcli.geometry.faces import Walls
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.operators import lattice_weights as factored
 from isphcli.operators.apply import laplacian
-from isphcli.operators.wall_operators import WallScene
+from isphcli.operators.wall_scene import WallScene
 from isphcli.operators.wall_weights import build_wall_operators
 from isphcli.scene.place import place
 from tests.domain.wires import counts, on_all, wires

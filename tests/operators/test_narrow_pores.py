@@ -9,7 +9,7 @@ from isphcli.flow.step_limits import VOLUME
 from isphcli.geometry.iso_surface import ImageField, IsoSurfaceGeometry
 from isphcli.operators.moments import extremes_2d, extremes_3d
 from isphcli.operators.narrow_pores import extrapolate_pressure
-from isphcli.operators.wall_operators import WallScene
+from isphcli.operators.wall_scene import WallScene
 from isphcli.output.clock import Clock
 from isphcli.runs.steady import build_scene, solve_axis
 from isphcli.runs.time_loop import TimeLoop

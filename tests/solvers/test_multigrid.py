@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from isphcli.domain.components import ComponentMeans, pair_components
+from isphcli.domain.components import pair_components
+from isphcli.domain.null_space import ComponentMeans
 from isphcli.operators.assemble import assemble
 from isphcli.solvers import multigrid
 from isphcli.solvers.multigrid import hierarchy

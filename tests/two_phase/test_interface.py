@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isphcli.two_phase.interface import carried, crossings, near_interface, volume_fraction, with_volumes_of
+from isphcli.two_phase.interface import carried, interface_fractions, near_interface, volume_fraction, with_volumes_of
 from tests.two_phase.scenes import drop, layers, scene
 
 
@@ -18,7 +18,7 @@ def test_crossings_of_a_flat_interface_are_exact_wherever_it_lies():
     """Also between two layers of the lattice, at 0.4 of the height."""
     state, config, _ = interface_of(layers(1 / 16, mu=5).replace("point: [0, 0.5]", "point: [0, 0.4]"))
     ops, seen = config.ops, config.ops.neighbours
-    t = crossings(ops.start, ops.column, state.phi)
+    t = interface_fractions(ops.start, ops.column, state.phi)
     i = np.repeat(np.arange(ops.n), np.diff(ops.start))
     unlike = (state.phi[i] > 0) != (state.phi[ops.column] > 0)
     y = seen.x[i, 1] + t * (seen.x[seen.row, 1] - seen.x[i, 1])

@@ -8,7 +8,7 @@ from isphcli.geometry.bodies import Disk, Shape
 from isphcli.geometry.faces import Walls
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.operators.apply import laplacian
-from isphcli.operators.wall_operators import WallScene
+from isphcli.operators.wall_scene import WallScene
 from isphcli.scene.place import place
 
 SPACING = 1 / 8
