@@ -182,20 +182,36 @@ def kernels_of(name):
     return [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and is_kernel(node)]
 
 
+def called_by_kernels():
+    """((file, kernel), (file, kernel that it calls)) of all of them, and what each is compiled with."""
+    options = {(name, node.name): ast.unparse(node.decorator_list[0]) for name in FILES for node in kernels_of(name)}
+    pairs = []
+    for name in FILES:
+        tree = ast.parse(FILES[name].read_text(encoding="utf-8"))
+        imported = {alias.name for node in tree.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+        for node in kernels_of(name):
+            words = {ast.unparse(call.func) for call in ast.walk(node) if isinstance(call, ast.Call)}
+            pairs += [((name, node.name), (file, word)) for file, word in options
+                      if word in words and (file == name or word in imported)]
+    return pairs, options
+
+
 def test_sums_in_any_order_are_part_of_the_kernel_that_calls_them():
     """Such a function has other last digits alone than as part of another kernel, where it is optimised once more. A
     process that compiles both calls the one, a process that loads the kernel from the cache the other."""
-    options = {(name, node.name): ast.unparse(node.decorator_list[0]) for name in FILES for node in kernels_of(name)}
-    free = {kernel for kernel, said in options.items() if "fastmath" in said and "forceinline=True" not in said}
-    assert ("solvers.multigrid", "_forward") in free  # the reader sees them
-    called = set()
-    for name in FILES:
-        calls = {ast.unparse(call.func) for node in kernels_of(name) for call in ast.walk(node)
-                 if isinstance(call, ast.Call)}
-        tree = ast.parse(FILES[name].read_text(encoding="utf-8"))
-        imported = {alias.name for node in tree.body if isinstance(node, ast.ImportFrom) for alias in node.names}
-        called |= {(file, word) for file, word in free if word in calls and (file == name or word in imported)}
-    assert called == set()
+    pairs, options = called_by_kernels()
+    assert (("operators.pair_weights", "_rows"), ("operators.moments", "stencil_moments")) in pairs
+    free = {kernel for kernel, said in options.items() if "fastmath={" in said or "fastmath=REDUCE" in said}
+    assert {called for _, called in pairs if called in free and "forceinline=True" not in options[called]} == set()
+
+
+@pytest.mark.parametrize("word", ["fastmath", "error_model"])
+def test_kernels_inherit_no_rounding_from_those_that_call_them(word):
+    """A kernel that does not say how it rounds is compiled as the first one that calls it is: its digits would depend
+    on what a machine has run before."""
+    pairs, options = called_by_kernels()
+    assert [pair for pair in pairs if word in options[pair[0]] and word not in options[pair[1]]
+            and "inline='always'" not in options[pair[1]]] == []
 
 
 def is_kernel(node):

@@ -590,7 +590,7 @@ def _slope_along(pairs, tensors, i, k, u):
     return slope
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=False)
 def _adjoint_flux(pairs, tensors, i, k, u):
     """Part of component k in the adjoint divergence of particle i: a_ji V_j = -a_ij V_i, T_ji V_j = T_ij V_i."""
     first, second = pairs.first_moment, pairs.second_moment

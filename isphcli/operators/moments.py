@@ -235,7 +235,7 @@ _FOURTH = np.array(
 _SECOND = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def invert_gradient(moments, dim, g, whole=1.0):
     """G_i = (sum w s e e)^-1 into g (3, 3); on a rank-deficient neighbourhood the pseudo-inverse.
 
@@ -263,14 +263,14 @@ def invert_gradient(moments, dim, g, whole=1.0):
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def extremes_2d(xx, yy, xy):
     """Smallest and largest eigenvalue of a symmetric tensor."""
     middle, radius = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
     return middle - radius, middle + radius
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def extremes_3d(xx, yy, zz, yz, xz, xy):
     """As `extremes_2d`, in closed form, several times faster than numpy's eigvalsh."""
     mean = (xx + yy + zz) / 3.0

@@ -421,7 +421,7 @@ def _invert(matrix, least, first, inverse):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _fill(basis, row, x, i, begin, count, unit):
     """The terms d_a, d_a d_a / 2 and d_a d_b of d = (x_j - x_i) / unit, one row (count,) each."""
     dim = x.shape[1]

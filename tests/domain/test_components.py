@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from isphcli.domain.components import pair_components
-from isphcli.domain.null_space import ComponentMeans, parts_of
+from isphcli.domain.components import pair_components, parts_of
+from isphcli.domain.null_space import ComponentMeans
 from isphcli.operators.assemble import assemble
 from tests.solvers.systems import operators, solve
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isphcli.case import forces as listed
+from isphcli.case import force_list as listed
 from isphcli.flow.forces import Force, acceleration_of, largest_of, resistance_of
 from tests.flow.steps import scene
 
