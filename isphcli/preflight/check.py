@@ -21,9 +21,9 @@ from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at, what_is_solid
 from .check_report import CheckReport, Term, in_bytes
+from .costs_of_ranks import of_ranks
 from .estimates import costs, flow_estimate, steps
 from .findings import absent_fluids, contact_angle_findings, drive_findings, other_findings, resolution_findings
-from .ranks import of_ranks
 from .throats import Sites, throats
 
 # Of a lattice that is looked at site by site: 0.6 us each on an idle core, 2 us on a busy one (Berea, 2026-11-29)

@@ -5,7 +5,7 @@ import pytest
 
 from isphcli.case.load import load_case
 from isphcli.preflight.check import check
-from isphcli.preflight.ranks import bricks
+from isphcli.preflight.costs_of_ranks import bricks
 from tests.paths import CASES
 from tests.preflight.cases import IMAGE, SPHERE, read
 
