@@ -69,7 +69,7 @@ MUTATIONS = (
     Mutation("first_order_in_time", "order", "implicit Euler in place of the second-order scheme",
              "flow.step", "dt / state.dt_old if (state.dt_old and self.second_order) else 0.0", "0.0"),
     Mutation("shift_without_carry", "order", "shifted particles keep their velocity (eq. 9 dropped)",
-             "flow.shifting", "fields, slope, dr, second, out)", "fields, slope, 0.0 * dr, second, out)"),
+             "flow.shifting", "taylor(ops, fields, slope, dr, second)", "taylor(ops, fields, slope, 0.0 * dr, second)"),
     Mutation("darcy_factor", "factor", "permeability of the mean velocity of the pores, not the superficial one",
              "runs.permeability", "total * (site_volume / np.prod(upper - lower))",
              "total / max(int(inside.sum()), 1)"),

@@ -97,7 +97,7 @@ ALLOWED = {
     ("operators.wall_scene", "np.any(geometry.slip_length > 0.0)"): WALLS,
     ("solvers.kept_hierarchies", "matrix @ exchange.forward(x)"): MATRIX,
     ("solvers.krylov_basis", "np.abs(more).max(initial=0.0)"): BASIS,
-    ("solvers.krylov_basis", "components @ known"): BASIS,
+    ("solvers.krylov_basis", "coefficients @ known"): BASIS,
     ("solvers.krylov_basis", "more @ known"): BASIS,
     ("solvers.krylov_basis", "weights @ self._vectors[:len(weights)]"): BASIS,
     ("solvers.multigrid", "level.R @ rest"): MATRIX,
