@@ -56,7 +56,7 @@ def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray
 def taylor(ops: Operators, fields: np.ndarray, slope: np.ndarray, dr: np.ndarray, second: np.ndarray) -> np.ndarray:
     """fields (n, c) of slopes (n, c, dim) at positions displaced by dr (n, dim) (eq. 9); second: (n,) bool, where the
     second derivative is taken too, from the slopes of the neighbours."""
-    out, flat = np.empty_like(fields), ops.exchange.forward(slope.reshape(len(slope), -1))
+    out, flat = np.empty_like(fields), ops.exchange.forward(slope.reshape(len(slope), math.prod(slope.shape[1:])))
     over_rows(_carry, ops.n, (ops.start, ops.column, ops.grad_p), (fields, flat), dr, second, out,
               work=lambda: (np.empty(ops.neighbours.longest), np.empty(flat.shape[1])))
     return out

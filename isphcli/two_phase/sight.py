@@ -37,7 +37,7 @@ class Sight:
                    known: np.ndarray) -> tuple[Neighbourhood, Neighbourhood]:
         """(fluid neighbours that no wall hides, all of them, dummies included) of the particles that are `known`
         (n,), among these. ops: Operators; everyone: neighbours within its support, dummies included."""
-        if not self.reach > everyone.support:
+        if not self.reach > everyone.support or len(known) == 0:  # a process that sees nobody
             return ops.neighbours, everyone
         owner, n = everyone.owner, len(known)
         rows = np.flatnonzero((owner >= n) | known[np.minimum(owner, n - 1)]).astype(np.int32)
