@@ -747,12 +747,16 @@ def rotation_of_two(large: bool) -> float:
     return apart(other.state.u[:, ::-1] * [1, -1], carried(large).state.u)
 
 
-@scene("translation", "a drop in a vortex, by a third of a spacing", "the same flow", 1e-9)
+# Volumes of two fluids are measured on cells that stay where they are (`two_phase.cut_cells`), and given back
+CELLS = 0.02  # of the velocity: what the place of the cells does to it; 5.5e-3 and 6.8e-3 in the large setting
+
+
+@scene("translation", "a drop in a vortex, by a third of a spacing", "the same flow", CELLS)
 def translation_of_two(large: bool) -> float:
     return apart(carried(large, lambda x: (x + 0.04 / 3) % 1.0).state.u, carried(large).state.u)
 
 
-@scene("Galilean boost", "a drop in a vortex with a wind of its own speed", "the flow less the wind", 1e-9)
+@scene("Galilean boost", "a drop in a vortex with a wind of its own speed", "the flow less the wind", CELLS)
 def boost_of_two(large: bool) -> float:
     other = carried(large, turn=lambda u: u + [1, -0.5])
     return apart(other.state.u - [1, -0.5], carried(large).state.u)
