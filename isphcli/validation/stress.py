@@ -747,7 +747,7 @@ def rotation_of_two(large: bool) -> float:
     return apart(other.state.u[:, ::-1] * [1, -1], carried(large).state.u)
 
 
-# Volumes of two fluids are measured on cells that stay where they are (`two_phase.cut_cells`), and given back
+# Volumes of two fluids are measured on cells that stay where they are (two_phase/cut_cells.py), and given back
 CELLS = 0.02  # of the velocity: what the place of the cells does to it; 5.5e-3 and 6.8e-3 in the large setting
 
 
