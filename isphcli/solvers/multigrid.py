@@ -196,7 +196,7 @@ def _forward(blocks, edges, matrix, at, b, x):
                 j = np.uint32(indices[q])
                 if j >= begin:
                     s -= data[q] * x[j]
-            x[i] = s / data[own]
+            x[i] = s / data[own] if data[own] != 0.0 else 0.0  # a row of zeros: a particle that bears no pressure
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -231,7 +231,7 @@ def _backward(blocks, edges, matrix, at, b, x, before):
                 q += np.uint64(1)
             for k in range(q, last):
                 s -= data[k] * before[np.uint32(indices[k])]
-            x[i] = s / data[own]
+            x[i] = s / data[own] if data[own] != 0.0 else 0.0  # a row of zeros: a particle that bears no pressure
 
 
 # Three columns are written out: a loop over them costs twice the time

@@ -75,3 +75,19 @@ def test_sweeps_by_blocks_of_rows(monkeypatch):
     assert all(np.array_equal(first, other) for other in others)
     one, other = (np.linalg.norm(b - matrix @ x) for x in (through, first))
     assert 0.0 < abs(other - one) < 0.2 * one
+
+
+def test_a_particle_that_bears_no_pressure_stays_without(monkeypatch):
+    """A row of zeros, as of a particle that sees nobody: in large matrices too, which are swept through by blocks."""
+    monkeypatch.setattr(multigrid, "ROWS", 60)
+    _, ops = operators(2, 64, 2.1)
+    matrix = assemble(ops.start, ops.column, ops.lap, 0.0, 1.0).tolil()
+    matrix[7, :] = 0.0
+    matrix[:, 7] = 0.0
+    matrix = matrix.tocsr()
+    matrix[7, 7] = 0.0
+    matrix.setdiag(matrix.diagonal() - np.asarray(matrix.sum(axis=1)).ravel())
+    right = np.random.default_rng(0).normal(size=ops.n)
+    right[7] = 0.0
+    found = multigrid.cycle(hierarchy(matrix))(right)
+    assert np.isfinite(found).all() and found[7] == 0.0 and found.any()
