@@ -6,6 +6,7 @@ two to four times as long to compile as the serial loops in them (numba 0.68).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 from numba import get_num_threads
 
+APART = 64  # entries between scratch arrays: more than a loop takes at once
 FEWEST = 4096  # rows of a range: to hand it to a thread costs about 50 us, a row 0.03 us and more
 RANGES = 2  # for each thread, so that none waits long for one with long rows
 
@@ -32,6 +34,15 @@ def over_rows(kernel: Callable[..., Any], n: int, *arguments: Any, work: Callabl
     threads = get_num_threads()
     ranges = max(min(RANGES * threads, n // FEWEST), 1) if threads > 1 else 1
     return _share_out(call, cut(n, ranges))
+
+
+def in_one_piece(*shapes: tuple[int, ...]) -> list[np.ndarray]:
+    """Scratch arrays of these shapes, one behind the other in memory. Loops over several arrays look at where they lie
+    before they take several entries at once: of arrays that are made one by one the last digits of sums in any order
+    would depend on where the memory was free."""
+    sizes = [-(-math.prod(shape) // APART) * APART + APART for shape in shapes]
+    piece, starts = np.empty(sum(sizes)), np.cumsum([0, *sizes])
+    return [piece[start : start + math.prod(shape)].reshape(shape) for start, shape in zip(starts, shapes)]
 
 
 def over_blocks(kernel: Callable[..., Any], edges: np.ndarray, *arguments: Any) -> None:

@@ -37,23 +37,19 @@ class Seam:
             phi = np.where(behind < self.depth, side * np.maximum(behind, TINY * self.depth), phi)
         return phi
 
-    def let_in(self, x: np.ndarray, there: np.ndarray, way: np.ndarray, changed: np.ndarray,
-               volume: np.ndarray) -> np.ndarray:
+    def let_in(self, x: np.ndarray, way: np.ndarray, changed: np.ndarray, volume: np.ndarray) -> np.ndarray:
         """`State.volume` (n,), m^dim, with what flows over the seam in a step: the inlet's fluid has more of it, that
-        of the outlet less. What particles bring along comes a row at a time; what flows is the mean of what those near
-        the seam move by.
+        of the outlet less. A particle that is told another fluid at the seam leaves its share behind: particles come a
+        row at a time. As much flows over the seam as through every other section of the loop, and the velocity of a
+        single section is not known well between menisci: what flows is the mean of what all particles move by, which is
+        what a held velocity holds.
 
-        x, there: (n, dim) before and after the step, in the box, m; way: (n,) by which the flow moves them along the
-        axis, m; changed: (n,) bool, which have come into the other fluid at the seam; volume: (n,) before.
+        x: (n, dim) after the step, in the box, m; way: (n,) by which they have moved along the axis, m; changed: (n,)
+        bool, which have come into the other fluid at the seam; volume: (n,) before.
         """
-        length = self.upper - self.lower
-        behind, ahead = there[:, self.axis] - self.lower, self.upper - there[:, self.axis]
-        inlet, outlet = behind < self.depth, ahead < self.depth
+        inlet, outlet = x[:, self.axis] - self.lower < self.depth, self.upper - x[:, self.axis] < self.depth
         if not (reduce.any_true(inlet) and reduce.any_true(outlet)):
             return volume
-        over = changed * np.rint((x[:, self.axis] + way - there[:, self.axis]) / length)
-        before = x[:, self.axis] - self.lower
-        near = np.minimum(np.minimum(before, length - before) / self.depth, 1.0)
-        weight = (1.0 + np.cos(np.pi * near)) / (2.0 * self.depth)
-        more = reduce.dot(volume * way, weight) - reduce.dot(volume, over)
+        told = changed * (inlet.astype(float) - outlet)
+        more = reduce.dot(volume, way) / (self.upper - self.lower) - reduce.dot(volume, told)
         return volume + more * (inlet / reduce.count(inlet) - outlet / reduce.count(outlet))

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from ..domain.neighbours import Neighbourhood
-from ..domain.row_threads import over_rows
+from ..domain.row_threads import in_one_piece, over_rows
 from ..operators.apply import gradient_one_sided, total_gradient
 from ..operators.moments import REDUCE
 from ..operators.pair_weights import Operators
@@ -58,7 +58,7 @@ def taylor(ops: Operators, fields: np.ndarray, slope: np.ndarray, dr: np.ndarray
     second derivative is taken too, from the slopes of the neighbours."""
     out, flat = np.empty_like(fields), ops.exchange.forward(slope.reshape(len(slope), math.prod(slope.shape[1:])))
     over_rows(_carry, ops.n, (ops.start, ops.column, ops.grad_p), (fields, flat), dr, second, out,
-              work=lambda: (np.empty(ops.neighbours.longest), np.empty(flat.shape[1])))
+              work=lambda: tuple(in_one_piece((ops.neighbours.longest,), (flat.shape[1],))))
     return out
 
 

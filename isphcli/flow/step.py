@@ -166,7 +166,6 @@ class Stepper:
         # without walls nothing tells a wind from a motion of the box: shifting and the carried pressure must not either
         wind = 0.0 if self.walls is not None else reduce.mean(u)
         displacement = dt * (u + 0.5 * ratio * (u - u_old))  # eq. 4: the mean of the old and the new velocity
-        way = displacement[:, self.seam.axis].copy() if self.seam is not None else np.zeros(0)
         speed = np.sqrt(reduce.largest(_products(u - wind, u - wind)))
         dr = self._shift(state, config, dt, speed, displacement)
         if self.held_velocity is not None:
@@ -186,7 +185,7 @@ class Stepper:
         if self.walls is not None:
             # a particle never enters a wall: one that would stays where it is
             inside = self.geometry.phase(x) < 0
-            x[inside] = state.x[inside]
+            x[inside], displacement[inside] = state.x[inside], 0.0
             stopped = reduce.count(inside)
         phi = state.phi if phi is None else phi  # of fluids that differ in name only
         if self.seam is not None:
@@ -194,7 +193,8 @@ class Stepper:
             carried = phi
             phi = self.seam.entered(x, carried)
             if volume is not None:
-                volume = self.seam.let_in(state.x, x, way, (phi > 0.0) != (carried > 0.0), volume)
+                way = displacement[:, self.seam.axis]
+                volume = self.seam.let_in(x, way, (phi > 0.0) != (carried > 0.0), volume)
         return replace(state, x=x, u=u, u_old=u_old, p=p, phi=phi, volume=volume), stopped
 
     def _shift(self, state: State, config: Configuration, dt: float, speed: float,

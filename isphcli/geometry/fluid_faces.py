@@ -15,19 +15,25 @@ import numpy as np
 from .bodies import Box, Cylinder, HalfSpace, Region, Sphere, nearest_image
 from .faces import block_distance
 
-SAMPLES = 32  # points along each direction of a face that say what is on its sides
+SAMPLES = 32  # points at least along each direction of a face that say what is on its sides
+MOST = {2: 4096, 3: 512}  # such points: of 512 x 512 a face takes a second
 BESIDE = 1e-6  # of the largest side of the box: how far from a face they are
 Phases = Callable[[np.ndarray], np.ndarray]
 
 
 class FluidFaces:
-    """Of a body of fluid in a box: lower, upper (dim,), m; period (dim,), m, infinite along axes that are not periodic;
-    phase: fluid (n,) of points, -1 of solids. kept: of each face, whether there is fluid on both its sides anywhere."""
+    """Of a body of fluid. box: (lower, upper) corners (dim,), m; period: (dim,) m, infinite along axes that are not
+    periodic; phase: fluid (n,) of points, -1 of solids; spacing: m, openings in a face that are narrower than half
+    of it may be missed. kept: of each face, whether there is fluid on both its sides anywhere."""
 
-    def __init__(self, body: Region, lower: np.ndarray, upper: np.ndarray, period: np.ndarray, phase: Phases):
+    def __init__(self, body: Region, box: tuple[np.ndarray, np.ndarray], period: np.ndarray, phase: Phases,
+                 spacing: float):
         self.body, self.period = body, period
-        off, kept = BESIDE * float((upper - lower).max()), []
-        for points, normals in _faces(body, lower, upper, period):
+        lower, upper = box
+        longest = float((upper - lower).max())
+        samples = int(np.clip(math.ceil(2.0 * longest / spacing), SAMPLES, MOST[len(lower)]))
+        off, kept = BESIDE * longest, []
+        for points, normals in _faces(body, lower, upper, period, samples):
             sides = np.stack([phase(points + sign * off * normals) for sign in (-1.0, 1.0)])
             kept.append(bool((sides >= 0).all(axis=0).any()))
         self.kept = kept
@@ -66,24 +72,26 @@ def _between(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, period: np.nda
 
 
 def _faces(body: Region, lower: np.ndarray, upper: np.ndarray,
-           period: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+           period: np.ndarray, samples: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """(points (m, dim), normals (m, dim)) on each face of a body, within the box; none of bodies that are not told."""
     if isinstance(body, Box):
-        return _faces_of_block(body, lower, upper, period)
+        return _faces_of_block(body, lower, upper, period, samples)
     if isinstance(body, Cylinder):
-        return _faces_of_cylinder(body, lower, upper, period)
+        return _faces_of_cylinder(body, lower, upper, period, samples)
     if isinstance(body, Sphere):
-        normals = _directions(len(lower))
+        normals = _directions(len(lower), samples)
         return [_inside(np.asarray(body.centre, float) + body.radius * normals, normals, lower, upper, period)]
     if isinstance(body, HalfSpace):
-        points, normal = _grid(lower, upper), body.unit_normal
-        points = points - body.signed_distance(points, period)[:, None] * normal
+        normal = body.unit_normal
+        axis = int(np.argmax(np.abs(normal)))
+        points = _grid(lower, upper, samples, axis)
+        points[:, axis] -= body.signed_distance(points, period) / normal[axis]
         return [_inside(points, np.broadcast_to(normal, points.shape), lower, upper, np.full(len(lower), np.inf))]
     return []
 
 
 def _faces_of_block(body: Box, lower: np.ndarray, upper: np.ndarray,
-                    period: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+                    period: np.ndarray, samples: int) -> list[tuple[np.ndarray, np.ndarray]]:
     corners = np.array([body.lower, body.upper], float)
     around = np.isfinite(period)
     # the part of it that the box holds; along periodic axes all of it may be in the box
@@ -92,7 +100,7 @@ def _faces_of_block(body: Box, lower: np.ndarray, upper: np.ndarray,
     faces = []
     for axis in range(len(lower)):
         for side in (0, 1):
-            points = _grid(first, last, axis)
+            points = _grid(first, last, samples, axis)
             points[:, axis] = corners[side, axis]
             normals = np.zeros_like(points)
             normals[:, axis] = 2.0 * side - 1.0
@@ -101,20 +109,20 @@ def _faces_of_block(body: Box, lower: np.ndarray, upper: np.ndarray,
 
 
 def _faces_of_cylinder(body: Cylinder, lower: np.ndarray, upper: np.ndarray,
-                       period: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+                       period: np.ndarray, samples: int) -> list[tuple[np.ndarray, np.ndarray]]:
     axis, ends = body.axis, body.ends or (float(lower[body.axis]), float(upper[body.axis]))
     across = [a for a in range(3) if a != axis]
-    angle = 2.0 * math.pi * (np.arange(2 * SAMPLES) + 0.5) / (2 * SAMPLES)
+    angle = 2.0 * math.pi * (np.arange(2 * samples) + 0.5) / (2 * samples)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    along = ends[0] + (ends[1] - ends[0]) * (np.arange(SAMPLES) + 0.5) / SAMPLES
-    normals = np.zeros((SAMPLES, 2 * SAMPLES, 3))
+    along = ends[0] + (ends[1] - ends[0]) * (np.arange(samples) + 0.5) / samples
+    normals = np.zeros((samples, 2 * samples, 3))
     normals[:, :, across] = ring
     points = np.asarray(body.centre, float) + body.radius * normals
     points[:, :, axis] = along[:, None]
     faces = [_inside(points.reshape(-1, 3), normals.reshape(-1, 3), lower, upper, period)]
     for end, sign in zip(ends, (-1.0, 1.0)) if body.ends is not None else ():
-        radii = body.radius * np.sqrt((np.arange(SAMPLES) + 0.5) / SAMPLES)
-        points = np.asarray(body.centre, float) + np.zeros((SAMPLES, 2 * SAMPLES, 3))
+        radii = body.radius * np.sqrt((np.arange(samples) + 0.5) / samples)
+        points = np.asarray(body.centre, float) + np.zeros((samples, 2 * samples, 3))
         points[:, :, across] += radii[:, None, None] * ring
         points[:, :, axis] = end
         normals = np.zeros_like(points)
@@ -123,16 +131,16 @@ def _faces_of_cylinder(body: Cylinder, lower: np.ndarray, upper: np.ndarray,
     return faces
 
 
-def _grid(lower: np.ndarray, upper: np.ndarray, flat: int = -1) -> np.ndarray:
-    """(m, dim) points all over a block, m; along the axis `flat` one."""
-    steps = (np.arange(SAMPLES) + 0.5) / SAMPLES
+def _grid(lower: np.ndarray, upper: np.ndarray, samples: int, flat: int) -> np.ndarray:
+    """(m, dim) points all over a block across the axis `flat`, m."""
+    steps = (np.arange(samples) + 0.5) / samples
     axes = [lower[a] + (upper[a] - lower[a]) * (steps if a != flat else steps[:1]) for a in range(len(lower))]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(lower))
 
 
-def _directions(dim: int) -> np.ndarray:
+def _directions(dim: int, samples: int) -> np.ndarray:
     """(m, dim) unit vectors, spread evenly."""
-    count = SAMPLES * SAMPLES
+    count = 8 * samples if dim == 2 else 2 * samples * samples
     turn = np.arange(count) + 0.5
     if dim == 2:
         return np.stack([np.cos(2.0 * math.pi * turn / count), np.sin(2.0 * math.pi * turn / count)], axis=1)

@@ -67,8 +67,10 @@ class Geometry(Protocol):
         1.0 where none is met."""
         ...
 
-    def interface_distance(self, x: np.ndarray) -> np.ndarray | None:
-        """(n,) signed distance to where fluids 0 and 1 meet, m, > 0 in fluid 0; None where labels alone say it."""
+    def interface_distance(self, x: np.ndarray, spacing: float) -> np.ndarray | None:
+        """(n,) signed distance to where fluids 0 and 1 meet, m, > 0 in fluid 0; None where labels alone say it.
+
+        spacing: of the particles, m: what is narrower may be missed."""
         ...
 
 

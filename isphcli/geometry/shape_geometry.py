@@ -123,17 +123,17 @@ class ShapeGeometry:
             found[shape.signed_distance(x, self.period) <= self.round_off] = shape.microporous
         return found
 
-    def interface_distance(self, x: np.ndarray) -> np.ndarray:
+    def interface_distance(self, x: np.ndarray, spacing: float) -> np.ndarray:
         """(n,) signed distance to where fluids 0 and 1 meet, m, > 0 in fluid 0; solids lie on it and end nothing.
 
         Exact but beyond the edges of shapes, where it is that to the nearest surface. Faces of shapes along walls are
-        no interface (`FluidFaces`).
+        no interface (`FluidFaces`). spacing: of the particles, m.
         """
         x, whole = self._wrapped(x), True
         phi = np.full(len(x), np.inf if self.fluid == 0 else -np.inf)
         for shape in self.shapes:
             if shape.phase >= 0:
-                faces = FluidFaces(shape.body, self.lower, self.upper, self.period, self.phase)
+                faces = FluidFaces(shape.body, (self.lower, self.upper), self.period, self.phase, spacing)
                 d = -faces.signed_distance(x) if shape.outside else faces.signed_distance(x)
                 phi, whole = np.maximum(phi, -d) if shape.phase == 0 else np.minimum(phi, d), whole and faces.whole
         # beyond the wall that a face lies along there may be a pore of the other fluid

@@ -125,7 +125,7 @@ class VoxelGeometry:
             return np.full(len(x), -1, dtype=np.int8)
         return self._labels_at(x, self._microporous)
 
-    def interface_distance(self, x: np.ndarray) -> None:
+    def interface_distance(self, x: np.ndarray, spacing: float) -> None:
         """None: labels say which fluid is where."""
 
     def distance(self, x: np.ndarray, depth: float = np.inf) -> np.ndarray:

@@ -26,7 +26,7 @@ import numpy as np
 from numba import njit
 
 from ..domain.neighbours import Neighbourhood
-from ..domain.row_threads import over_rows
+from ..domain.row_threads import in_one_piece, over_rows
 from .kernel import QUINTIC_SPLINE, WENDLAND_C2, WENDLAND_C4, normalisation, shape, slope
 from .neighbourhood_class import LOPSIDED, ROUND, SINGULAR, THIN
 
@@ -88,15 +88,10 @@ class Workspace(NamedTuple):
 def new_workspace(neighbours: Neighbourhood) -> Workspace:
     """Scratch arrays for any particle of a neighbourhood."""
     size, dim = int(neighbours.longest) + LANES, neighbours.x.shape[1]
-    return Workspace(
-        tuple(np.empty(size) for _ in range(5)),
-        np.empty(41),
-        (np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 4)), np.empty(3), np.empty((3, 3))),
-        np.empty((4, size)),
-        np.empty((3, 3)),
-        (np.empty(4), np.empty(dim), np.empty((dim, dim))),
-        (np.empty((1, 3)), np.empty((1, 6))),
-    )
+    part = in_one_piece(*[(size,)] * 5, (41,), (3, 3), (6, 6), (6, 4), (3,), (3, 3), (4, size), (3, 3), (4,), (dim,),
+                        (dim, dim), (1, 3), (1, 6))
+    return Workspace(tuple(part[:5]), part[5], tuple(part[6:11]), part[11], part[12], tuple(part[13:16]),
+                     tuple(part[16:]))
 
 
 @njit(cache=True, error_model="numpy")

@@ -31,8 +31,16 @@ class CompareError(ValueError):
     """A reference that lacks what its comparison needs, or a result that does not have it."""
 
 
-class OtherSampleError(CompareError):
-    """A published value of another body than that of the run: there is nothing to compare, and nothing is wrong."""
+class NotComparedError(CompareError):
+    """There is nothing to compare, and nothing is wrong."""
+
+
+class OtherSampleError(NotComparedError):
+    """A published value of another body than that of the run."""
+
+
+class TooShortError(NotComparedError):
+    """A run that ends, or was ended, before what is compared happens."""
 
 
 # -- numbers of the case --------------------------------------------------------------------------------

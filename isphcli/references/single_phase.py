@@ -26,6 +26,7 @@ from .errors import (
     CompareError,
     Errors,
     OtherSampleError,
+    TooShortError,
     acceleration_along_x,
     along_x,
     at_points,
@@ -266,7 +267,7 @@ def _response(case: Case, result: Result, field: Callable[[Case, Array, float | 
     period = 2 * math.pi / oscillation["omega"]
     last = t > t[-1] - period * (1 + 1e-9)
     if t[-1] - t[0] < period or last.sum() < 8:
-        raise CompareError("the run is too short to tell amplitude and phase: give it a period, in 8 steps or more")
+        raise TooShortError("the run is too short to tell amplitude and phase: give it a period, in 8 steps or more")
     weight = np.sqrt(np.gradient(t)[last])
     waves = np.exp(-1j * oscillation["omega"] * t[last])
     basis = np.stack([waves.real, waves.imag], axis=1) * weight[:, None]

@@ -17,6 +17,7 @@ from .errors import (
     Array,
     CompareError,
     Errors,
+    TooShortError,
     along_x,
     box_of,
     column,
@@ -263,7 +264,7 @@ def oscillating_drop_errors(case: Case, result: Result) -> Errors:
     t = times(result, len(a))
     kept = t >= number(case, "from", math.pi / s.imag)
     if kept.sum() < 10 or np.ptp(t[kept]) < math.pi / s.imag:
-        raise CompareError("the run is too short to tell the frequency of the drop: less than half a period is left")
+        raise TooShortError("the run is too short to tell the frequency of the drop: less than half a period is left")
     found = fit_oscillation(t[kept], a[kept], s)
     return {
         "rate_relative": abs(found - s) / abs(s),
@@ -341,7 +342,7 @@ def rising_bubble_errors(case: Case, result: Result) -> Errors:
     if t[-1] >= 3.0 * (1 - 1e-9):
         errors["centre_height_relative"] = float(np.interp(3.0, t, height) / bubble["centre_height_at_3"] - 1)
     if not errors:
-        raise CompareError("the run ends before the bubble is fastest, at t = 0.92: there is nothing to compare")
+        raise TooShortError("the run ends before the bubble is fastest, at t = 0.92: there is nothing to compare")
     judged = [errors[k] for k in ("rise_velocity_relative", "circularity_relative", "centre_height_relative")
               if k in errors]  # fmt: skip
     errors |= _size(case, result, case.fluid_names.index(name))[1]

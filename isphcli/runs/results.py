@@ -165,11 +165,11 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
     if case.reference is not None:
         with clock("reference"):
             from ..references.compare import CompareError, compare
-            from ..references.errors import OtherSampleError
+            from ..references.errors import NotComparedError
 
             try:
                 errors = compare(case, result)
-            except OtherSampleError as error:
+            except NotComparedError as error:
                 summary["not_compared"] = str(error)
             except CompareError as error:
                 incomparable = error

@@ -35,7 +35,7 @@ def first_interface(case: Case, geometry: Geometry, particles: Particles, steppe
     x, phase = particles.x[: particles.n_fluid], particles.phase
     reach = reach_of(stepper.reach, stepper.spacing)
     flood = case.initial.flood if case.initial is not None else None
-    phi = geometry.interface_distance(x) if flood is None and case.reservoirs is None else None
+    phi = geometry.interface_distance(x, stepper.spacing) if flood is None and case.reservoirs is None else None
     phi = from_labels(stepper, x, phase, reach, number) if phi is None else np.clip(phi, -reach, reach)
     assert isinstance(stepper.fluids, TwoFluids)
     brick = None if particles.share is None else (particles.share.lower, particles.share.upper)

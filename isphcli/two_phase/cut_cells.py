@@ -213,7 +213,7 @@ def _cut(fluid, side, weight, sums, nearest, volume, area):
             kappa = min(max(sums[c, dim + 1] / weight[c, 0], -1.0 / smallest), 1.0 / smallest)
             part -= density * kappa * square / 24.0
         else:
-            part = 0.5
+            part = 1.0 if sums[c, 0] > 0.0 else 0.0  # no interface is near
         if nearest[c].min() < 0:  # of one fluid all round
             part, area[c] = 1.0 if nearest[c, 0] >= 0 else 0.0, 0.0
         volume[c] = fluid[c] * min(max(part, 0.0), 1.0)

@@ -74,11 +74,12 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
     alone = changed & (across < 0)  # no interface is near that could have moved past them
     new[alone], changed = phi[alone], changed & ~alone
     now = np.where(changed, other, part)
-    for gone in np.flatnonzero((reduce.total_by(part, None, count) > 0) & (reduce.total_by(now, None, count) == 0)):
+    there = reduce.total_by(now, None, count) > 0
+    for gone in np.flatnonzero((reduce.total_by(part, None, count) > 0) & ~there):
         # smaller than a particle: what it had goes to the part of its fluid that is next to what is there now
         around = reduce.total_by(now[part == gone], None, count).argmax()
         kin = between[[around]].toarray()[0]
-        kin[gone] = 0.0
+        kin[~there] = 0.0
         wanted[kin.argmax() if kin.max() > 0.0 else around] += wanted[gone]
     return new, _shared(wanted, now)
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
-from ..domain.row_threads import over_rows
+from ..domain.row_threads import in_one_piece, over_rows
 from ..operators.kernel import shape
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def own_gradient(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, 
     n, dim = neighbours.n, gradient.shape[1]
     out = np.zeros((n, dim))
     field = Distance(phi, known, directions(gradient), spacing / neighbours.support)
-    over_rows(_linear, n, neighbours, field, out, work=lambda: (np.empty((dim, dim)), np.empty(dim), np.empty(dim)))
+    over_rows(_linear, n, neighbours, field, out, work=lambda: tuple(in_one_piece((dim, dim), (dim,), (dim,))))
     return out
 
 
@@ -135,9 +135,8 @@ class Scratch(NamedTuple):
 
 def _scratch(dim: int, neighbours: int) -> Scratch:
     size, most = 1 + dim + dim * (dim + 1) // 2, max(neighbours, 1)
-    return Scratch(np.empty((size, size)), np.empty(size), np.empty(size), np.empty(size), np.empty(dim), np.empty(dim),
-                   np.empty((dim, dim)), np.empty(dim), np.empty(dim), np.empty(dim), np.empty((dim, most)),
-                   np.empty((dim, most)), np.empty((size, most)), np.empty(most), np.empty(most), np.empty(most))
+    return Scratch(*in_one_piece((size, size), (size,), (size,), (size,), (dim,), (dim,), (dim, dim), (dim,), (dim,),
+                                 (dim,), (dim, most), (dim, most), (size, most), (most,), (most,), (most,)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

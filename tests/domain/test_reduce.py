@@ -67,6 +67,8 @@ ALLOWED = {
     ("flow.forces", "np.sum(found, axis=0)"): "over the list of forces",
     ("flow.one_fluid", "force.any()"): AXES,
     ("flow.step", "np.einsum('nk,nk->n', a, b)"): OWN,
+    ("domain.row_threads", "math.prod(shape)"): SCRATCH,
+    ("flow.shifting", "math.prod(slope.shape[1:])"): SCRATCH,
     ("flow.step_limits", "((u / largest) ** 2).sum(axis=1)"): OWN,
     ("flow.step_limits", "bad.any(axis=1)"): OWN,
     ("flow.step_limits", "(new.u ** 2).sum(axis=1)"): OWN,

@@ -20,7 +20,7 @@ def test_a_slug_between_plates_ends_at_its_menisci_alone(beyond):
     slug = Shape(Box([0.5, -beyond, -beyond], [2.0, 1.0 + beyond, 1.0 + beyond]), 0)
     geometry = ShapeGeometry([0, 0, 0], [2.5, 1, 0.6], (True, False, True), 1, [slug])
     x = points(geometry)
-    assert geometry.interface_distance(x) == pytest.approx(np.minimum(x[:, 0] - 0.5, 2.0 - x[:, 0]), abs=1e-12)
+    assert geometry.interface_distance(x, 0.05) == pytest.approx(np.minimum(x[:, 0] - 0.5, 2.0 - x[:, 0]), abs=1e-12)
 
 
 def test_a_slug_in_a_tube_ends_at_its_menisci_alone():
@@ -29,7 +29,7 @@ def test_a_slug_in_a_tube_ends_at_its_menisci_alone():
     slug = Shape(Cylinder(0, [0, 0.5, 0.5], 0.4, (0.5, 2.0)), 0)
     geometry = ShapeGeometry([0, 0, 0], [2.5, 1, 1], (True, False, False), 1, [tube, slug])
     x = points(geometry)
-    assert geometry.interface_distance(x) == pytest.approx(np.minimum(x[:, 0] - 0.5, 2.0 - x[:, 0]), abs=1e-12)
+    assert geometry.interface_distance(x, 0.05) == pytest.approx(np.minimum(x[:, 0] - 0.5, 2.0 - x[:, 0]), abs=1e-12)
 
 
 @pytest.mark.parametrize("body", [Box([0.3, 0.2, 0.2], [0.7, 0.6, 0.8]), Box([0.3, -0.5, 0.2], [0.7, 0.6, 0.8]),
@@ -42,7 +42,7 @@ def test_where_fluids_meet_nothing_changes(body, outside):
     x = points(geometry)
     exact = body.signed_distance(x, geometry.period) * (1 if outside else -1)
     near = np.abs(exact) < 0.08  # the part of a box that goes on below the floor has an end there, farther off
-    assert near.sum() > 50 and geometry.interface_distance(x)[near] == pytest.approx(exact[near], abs=1e-12)
+    assert near.sum() > 50 and geometry.interface_distance(x, 0.05)[near] == pytest.approx(exact[near], abs=1e-12)
 
 
 def test_fluid_that_fills_a_cave_meets_nobody():
@@ -52,5 +52,16 @@ def test_fluid_that_fills_a_cave_meets_nobody():
     holes = [Shape(Sphere([0.5, 0.5], 0.3), 0), Shape(Sphere([1.5, 0.5], 0.3), 1)]
     geometry = ShapeGeometry([0, 0], [2, 1], (False, False), 1, [rock, *holes])
     x = points(geometry)
-    phi = geometry.interface_distance(x)
+    phi = geometry.interface_distance(x, 0.05)
     assert np.array_equal(phi > 0, x[:, 0] < 1.0) and np.isinf(phi).all()
+
+
+@pytest.mark.parametrize("middle", [0.5, 0.515625])
+@pytest.mark.parametrize("body", [Box([-1, -1], [0.2, 2]), HalfSpace([0.2, 0.5], [1, 0])])
+def test_fluids_meet_in_an_opening_of_a_few_particles(body, middle):
+    """A 38th of the face, wherever it lies: the interface in it is not missed."""
+    wall = Shape(Box([0.2, -1], [0.3, 2]), -1)
+    slit = Shape(Box([0.2, middle - 0.013], [0.3, middle + 0.013]), 1)
+    geometry = ShapeGeometry([0, 0], [1, 1], (False, False), 1, [Shape(body, 0), wall, slit])
+    x = np.array([[0.19, middle], [0.21, middle]])
+    assert geometry.interface_distance(x, 0.026 / 5) == pytest.approx([0.01, -0.01], abs=1e-12)
