@@ -10,14 +10,9 @@ without compilation.
 
 import math
 import sys
-import tempfile
 
 import yaml
-from measuring import QUIET  # sets the number of threads before numba is there
-
-from isphcli.case.load import read_case
-from isphcli.output.files import read_history
-from isphcli.runs.run import run_case
+from measuring import ran  # sets the number of threads before numba is there
 
 # name: Laplace number, spacings across, density and viscosity outside over those of the drop, and what else
 SCENES = {
@@ -59,17 +54,14 @@ def main(*names):
     print("| scene | parts | Ca at t = 1 | at t = 20 | jump | volume | CPU s |\n|---|---|---|---|---|---|---|")
     for name in names or SCENES:
         asked = SCENES[name]
-        with tempfile.TemporaryDirectory() as folder:
-            case = read_case(case_of(**asked).encode(), "drop.yaml", (*QUIET, f"output.directory={folder}"))
-            summary = run_case(case, quiet=True)
-            rows = read_history(f"{folder}/history.csv")
+        summary, rows, seconds = ran(case_of(**asked))
         dim, end = asked.get("dim", 2), rows[-1]["time"]
         early = max(r["capillary_number"] for r in rows if 0.9 < r["time"] < 1.1)
         late = max(r["capillary_number"] for r in rows if r["time"] > 0.95 * end)
-        found, cpu = summary["two_fluids"], summary["cpu_seconds"]
+        found = summary["two_fluids"]
         exact = math.pi / 4 if dim == 2 else math.pi / 6
         jump = found["pressure_jump"] / (2 * (dim - 1))
-        volume, seconds = found["volume_drop"] / exact, cpu["total"] - cpu.get("compile", 0.0)
+        volume = found["volume_drop"] / exact
         print(f"| {name} | {found['ganglia_drop']} | {early:.1e} | {late:.1e} | {jump:.4f} | {volume:.4f} | "
               f"{seconds:.0f} |", flush=True)
 

@@ -21,9 +21,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-from isphcli.case.load import load_case
+from isphcli.case.load import load_case, read_case
 from isphcli.output.clock import Clock
-from isphcli.output.files import History
+from isphcli.output.files import History, read_history
 from isphcli.references import compare
 from isphcli.runs.run import run_case
 from isphcli.runs.time_loop import TimeLoop
@@ -38,6 +38,16 @@ def of_children():
     """CPU seconds of the processes that were waited for."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
+
+
+def ran(text):
+    """(summary, rows of the history, CPU seconds without compilation) of a case of this text."""
+    with tempfile.TemporaryDirectory() as folder:
+        case = read_case(text.encode(), "case.yaml", (*QUIET, f"output.directory={folder}"))
+        summary = run_case(case, quiet=True)
+        rows = read_history(f"{folder}/history.csv")
+    cpu = summary["cpu_seconds"]
+    return summary, rows, cpu["total"] - cpu.get("compile", 0.0)
 
 
 class Timed:

@@ -14,9 +14,8 @@ import numpy as np
 from numba import njit
 
 from ..domain.neighbours import Neighbourhood
-from ..domain.row_threads import in_one_piece, over_rows
+from ..domain.row_threads import REDUCE, in_one_piece, over_rows
 from ..operators.apply import gradient_one_sided, total_gradient
-from ..operators.moments import REDUCE
 from ..operators.pair_weights import Operators
 
 LONGEST = 0.1  # of the spacing: a longer shift is cut, so that the Taylor series stays good

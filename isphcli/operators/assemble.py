@@ -6,8 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from numba import njit
 
-from ..domain.row_threads import over_rows
-from .moments import REDUCE
+from ..domain.row_threads import REDUCE, over_rows
 
 
 def assemble(start: np.ndarray, column: np.ndarray, weights: np.ndarray, shift: float | np.ndarray, scale: float,

@@ -17,8 +17,7 @@ from numba import njit
 
 from ..domain import reduce
 from ..domain.migration import Numbered
-from ..domain.row_threads import over_rows
-from .moments import REDUCE
+from ..domain.row_threads import REDUCE, over_rows
 
 if TYPE_CHECKING:
     from .pair_weights import Operators

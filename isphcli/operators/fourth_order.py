@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from ..domain.row_threads import over_rows
-from .moments import REDUCE
+from ..domain.row_threads import REDUCE, over_rows
 
 if TYPE_CHECKING:
     from .pair_weights import Operators

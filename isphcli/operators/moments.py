@@ -26,14 +26,12 @@ import numpy as np
 from numba import njit
 
 from ..domain.neighbours import Neighbourhood
-from ..domain.row_threads import in_one_piece, over_rows
+from ..domain.row_threads import REDUCE, in_one_piece, over_rows
 from .kernel import QUINTIC_SPLINE, WENDLAND_C2, WENDLAND_C4, normalisation, shape, slope
 from .neighbourhood_class import LOPSIDED, ROUND, SINGULAR, THIN
 
 SWEEPS = 6  # of rotations: what is beside the diagonal is squared by each, and is round-off after four
 LANES = 8  # rows are padded to a multiple of this many neighbours: whole vectors
-# LLVM vectorises a sum only if it may reorder it. NaN and infinity keep their meaning (no nnan, no ninf).
-REDUCE = {"reassoc", "contract", "nsz"}
 
 
 def particle_volumes(neighbours: Neighbourhood) -> np.ndarray:

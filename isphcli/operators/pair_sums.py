@@ -6,8 +6,7 @@ import numpy as np
 from numba import njit
 
 from ..domain.neighbours import Neighbourhood
-from ..domain.row_threads import over_rows
-from .moments import REDUCE
+from ..domain.row_threads import REDUCE, over_rows
 
 NONE, ONCE = np.zeros(1), np.ones(1)  # factors of all rows
 

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from ..domain import reduce
-from ..domain.row_threads import over_blocks
+from ..domain.row_threads import REDUCE, over_blocks
 
 CHUNK = 1024  # entries of a block: those of 50 vectors stay in the cache between the two uses of a pass
 # What a vector may still have of the others, of its length, before it is orthogonalised once more
@@ -108,7 +108,7 @@ class KrylovBasis:
         return out
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, forceinline=True)
+@njit(cache=True, nogil=True, fastmath=REDUCE, forceinline=True)
 def _coefficients(blocks, edges, basis, vector, dots):
     """Products of the vector with those of the basis by blocks of entries, dots (blocks, k)."""
     for block in range(blocks[0], blocks[1]):
@@ -119,7 +119,7 @@ def _coefficients(blocks, edges, basis, vector, dots):
             dots[block, j] = s
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, fastmath=REDUCE)
 def _take_out(blocks, edges, basis, weights, vector, left):
     """Subtracts the vectors of the basis with weights; left: (dots, squares), of the rest by blocks of entries."""
     dots, squares = left

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
-from ..domain.row_threads import in_one_piece, over_rows
+from ..domain.row_threads import REDUCE, in_one_piece, over_rows
 from ..operators.kernel import shape
 
 if TYPE_CHECKING:
@@ -213,7 +213,7 @@ def _gather(i, neighbours, field, work):
     return count
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"}, forceinline=True)
+@njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
 def _normal_equations(work, count):
     """Moments, their lower half, and the right-hand side of the neighbours; sums in any order, so that they are
     vectors."""
@@ -231,7 +231,7 @@ def _normal_equations(work, count):
             work.moments[a, b] = total
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"}, forceinline=True)
+@njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
 def _beyond_neighbours(work, count, steepness):
     """The right-hand side of the second fit: terms of third and fourth order of a distance at the ways d of the
     neighbours, with n the normal (unit) and h the form of its level, unchanged along it:

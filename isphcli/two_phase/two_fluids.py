@@ -24,7 +24,7 @@ import numpy as np
 from numba import njit
 
 from ..domain import reduce
-from ..domain.row_threads import over_rows
+from ..domain.row_threads import REDUCE, over_rows
 from ..flow.one_fluid import Terms, ViscousWeights, balanced_force, with_forces
 from ..flow.state import phase_of
 from ..operators.protocol import WallSums
@@ -372,7 +372,7 @@ def _transposed_stress_tensors(turns, neighbours, weights, rows, new_start, new_
                 tensor[at + k, v] = w[k] * here[k]
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"}, forceinline=True)
+@njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
 def _moments(basis, w, work, moments):
     """Lower half of sum_k w basis (x) basis into `moments`, what `_invert` reads; sums in any order, so that they are
     vectors. work: (count,) scratch."""
