@@ -135,6 +135,7 @@ def two_fluid_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, s
     found = summary.get("two_fluids") or {}
     lines = [(f"saturation {name}", found.get(f"saturation_{name}"), "") for name in case.fluids]
     lines += [(f"  trapped {name}", found.get(f"trapped_{name}"), "") for name in case.fluids]
+    lines += [("  closed pockets", found.get("closed_pockets") or None, " of the fluid: no flow reaches them")]
     lines += [("capillary pressure", found.get("capillary_pressure"), " Pa")]
     lines += [("pressure jump", found.get("pressure_jump"), " Pa")]
     lines += [("contact angle", found.get("contact_angle"), f" degrees through {next(iter(case.fluids))}")]
