@@ -95,8 +95,7 @@ class Stepper:
             from ..operators.wall_scene import WallScene
 
             self.walls = WallScene(self.geometry, self.dummies, self.support, self.kind, self.site_volume,
-                                   self.fluids.line)
-            self.walls.reach = self.reach
+                                   self.fluids.line, self.reach)
 
     @property
     def reach(self) -> float:

@@ -21,8 +21,8 @@ class Result:
     fluid in case order; spacing: m; time: s, None of a steady solve; geometry: where fluid and walls are; history: a
     dict a step, or a solve (docs/output.md).
     permeability: m2 along the drive, {axis: m2} of several, (dim, dim) m2 or None where there is none; tensor:
-    (dim, dim) m2, or None; two_fluids: what is measured of two fluids at the end, by the names of summary.json, which the
-    last row of the history need not have: some of it is measured every few steps only.
+    (dim, dim) m2, or None; two_fluids: what is measured of two fluids at the end, by the names of summary.json; the
+    last row of the history need not have all of it, as some is measured every few steps only.
     """
 
     x: np.ndarray

@@ -119,8 +119,7 @@ def _size(case: Case, result: Result, drop: int) -> tuple[float, Errors]:
 
 
 def static_drop_errors(case: Case, result: Result) -> Errors:
-    """Pressure jump of a drop at rest (Young and Laplace); capillary number of the largest speed and circularity of what
-    is left."""
+    """Pressure jump of a drop at rest (Young and Laplace); capillary number of the largest speed, and circularity."""
     drop = _drop(case, result)
     dim = result.x.shape[1]
     size, errors = _size(case, result, drop)

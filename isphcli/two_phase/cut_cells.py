@@ -66,9 +66,9 @@ class Cells(NamedTuple):
 class CutCells(NamedTuple):
     """The cells as an interface cuts them.
 
-    cells: Cells; phi: (n_cells,) in their middles, m; slope: (n_cells, dim) of phi there; volume: (n_cells,) of the first fluid, m^dim; area: (n_cells,) of
-    the interface, m^(dim - 1); nearest: (n_cells, 2) particle of either fluid, own or remote, that is nearest to the
-    middle of the cell, -1 where none is near.
+    cells: Cells; phi: (n_cells,) in their middles, m; slope: (n_cells, dim) of phi there, inf where it is not
+    known; volume: (n_cells,) of the first fluid, m^dim; area: (n_cells,) of the interface, m^(dim - 1); nearest:
+    (n_cells, 2) particle of either fluid, own or remote, that is nearest to the middle of the cell, -1 where none is.
     """
 
     cells: Cells

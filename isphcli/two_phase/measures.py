@@ -175,8 +175,8 @@ class Measures:
 
     @staticmethod
     def _jump(p: np.ndarray, config: Configuration) -> float:
-        """Of p (n,), m2/s2, from the second fluid to the first, at the interface: each particle that knows its distance
-        and lies off the band carries its pressure there with its gradient, which is where the weight of a fluid goes."""
+        """Of p (n,), m2/s2, from the second fluid to the first, at the interface: each particle that knows its
+        distance and lies off the band carries its pressure there with its gradient, where the weight of a fluid is."""
         interface, terms, means = _interface(config), config.terms, []
         slope = terms.density * np.einsum("ij,ij->i", terms.pressure_gradient(p), interface.normal)
         there = p - slope * interface.phi
@@ -307,8 +307,9 @@ def summary(measures: Measures, state: State, config: Configuration, rows: Seque
     """The block `two_fluids` of summary.json. rows: of the history; driven: whether more than tension moves fluid."""
     block = measures(state, config, everything=True)
     if measures.tension is not None:
-        late = [row["peak_capillary_number"] for row in rows[int(0.9 * len(rows)):] if row.get("peak_capillary_number")]
-        block["spurious_capillary_number"] = max(late, default=block["peak_capillary_number"]) if not driven else None
+        peak = "peak_capillary_number"
+        late = [row[peak] for row in rows[int(0.9 * len(rows)):] if row.get(peak)]
+        block["spurious_capillary_number"] = max(late, default=block[peak]) if not driven else None
     if "contact_angle" in block:
         block["contact_angle_through"] = measures.names[0]
     return block

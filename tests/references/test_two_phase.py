@@ -117,8 +117,8 @@ def test_contact_angle_of_a_cap_of_particles(angle, drop, through_first):
     expected = WRONG * angle if through_first else 180 - WRONG * (180 - angle)
     assert errors["angle_relative"] == pytest.approx(expected / angle - 1)
     assert abs(errors["angle_of_cap_relative"]) < 2e-3 and abs(errors["height_relative"]) < 0.02
-    flat = compare(case, result_of(case, x, phase=phase, history=rows(**columns | {
-        f"centre_y_{drop}": 1 - 1e-4, "contact_angle": first, "peak_capillary_number": 0}), spacing=1 / 400))  # fmt: skip
+    columns |= {f"centre_y_{drop}": 1 - 1e-4, "contact_angle": first, "peak_capillary_number": 0}
+    flat = compare(case, result_of(case, x, phase=phase, history=rows(**columns), spacing=1 / 400))
     assert flat["angle_of_cap_relative"] == pytest.approx(1 / angle - 1)
 
 
@@ -128,7 +128,8 @@ def test_the_error_of_the_angle_is_of_the_angle_that_is_printed():
     end = {"volume_brine": 0.04, "volume_oil": 0.9, "centre_y_brine": 0.05, "peak_capillary_number": 1e-5}
     history = [end | {"contact_angle": 80.0}, end | {"contact_angle": None}]
     x, phase = oil_below(case, 0.5)
-    errors = compare(case, result_of(case, x, phase=1 - phase, history=history, two_fluids=end | {"contact_angle": 63.0}))
+    found = result_of(case, x, phase=1 - phase, history=history, two_fluids=end | {"contact_angle": 63.0})
+    errors = compare(case, found)
     assert errors["angle_relative"] == pytest.approx(63 / 60 - 1)
     with pytest.raises(CompareError, match="no contact_angle at its end"):
         compare(case, result_of(case, x, phase=1 - phase, history=history))

@@ -35,7 +35,8 @@ def test_layers_between_plates_carry_the_cubes_of_their_shares(tmp_path):
     assert found.permeability == pytest.approx(1 / 12, rel=2e-3)
     assert found.relative == pytest.approx((0.375**3, 0.625**3), rel=5e-3)
     printed = CliRunner().invoke(main, ["relperm", str(out), "--all"]).stdout.splitlines()
-    assert printed[0] == ("time,saturation_water,saturation_oil,k_r_water,k_r_oil,leads_through_water,leads_through_oil")
+    assert printed[0] == ("time,saturation_water,saturation_oil,k_r_water,k_r_oil,"
+                          "leads_through_water,leads_through_oil")
     assert len(printed) == 3 and printed[-1].endswith(",1,1")
     assert float(printed[-1].split(",")[4]) == pytest.approx(found.relative[1], rel=1e-4)
 
