@@ -45,7 +45,8 @@ def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     if summary.get("open_axes") is not None:
         lines += [("open axes", ", ".join(summary["open_axes"]) or "none: no pore leads through the scene")]
     if throats:
-        lines += [("throats", f"median {throats['median']:.1f} particles wide, 10 % below {throats['narrow']:.1f}")]
+        lines += [("throats", f"median {throats['median']:.1f} particles wide, 10 % of the fluid in pores below "
+                              f"{throats['narrow']:.1f}")]
     return lines
 
 
