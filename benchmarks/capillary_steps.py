@@ -27,7 +27,8 @@ def main(*cases):
                                  quiet=True)
             errors, cpu = found["errors"], found["cpu_seconds"]
             print(f"{path.stem:18s} {factor:14d} {found['steps']:6d} {cpu['total'] - cpu.get('compile', 0.0):7.1f}   "
-                  f"{errors[errors['main']]:+.4f} {errors['main']:25s} {found['two_fluids']['capillary_number']:.1e}",
+                  f"{errors[errors['main']]:+.4f} {errors['main']:25s} "
+                  f"{found['two_fluids']['peak_capillary_number']:.1e}",
                   flush=True)
 
 

@@ -56,8 +56,8 @@ def main(*names):
         asked = SCENES[name]
         summary, rows, seconds = ran(case_of(**asked))
         dim, end = asked.get("dim", 2), rows[-1]["time"]
-        early = max(r["capillary_number"] for r in rows if 0.9 < r["time"] < 1.1)
-        late = max(r["capillary_number"] for r in rows if r["time"] > 0.95 * end)
+        early = max(r["peak_capillary_number"] for r in rows if 0.9 < r["time"] < 1.1)
+        late = max(r["peak_capillary_number"] for r in rows if r["time"] > 0.95 * end)
         found = summary["two_fluids"]
         exact = math.pi / 4 if dim == 2 else math.pi / 6
         jump = found["pressure_jump"] / (2 * (dim - 1))

@@ -61,7 +61,7 @@ def main(*names):
         for begin, stop in ((4.8, 5.0), (0.95 * last["time"], last["time"])):
             some = [row for row in rows if begin <= row["time"] <= stop]
             jump = some[-1]["pressure_jump"] / asked.get("jump", jump_of_cap(some[-1]["volume_slug"]))
-            line += f"| {max(row['capillary_number'] for row in some):.1e} | {jump:.4f} "
+            line += f"| {max(row['peak_capillary_number'] for row in some):.1e} | {jump:.4f} "
         print(line + f"| {last['volume_slug'] / first['volume_slug']:.4f} | "
               f"{seconds:.0f} |", flush=True)
 

@@ -694,16 +694,19 @@ def share_of(text: str) -> tuple[float, float]:
 def relative_lines(found: Relative) -> list[tuple[str, str]]:
     """What is printed of one snapshot."""
     lines = [("time", f"{found.time:g} s"), (f"permeability {found.axis}", permeability(found.permeability))]
-    for name, saturation, relative in zip(found.names, found.saturation, found.relative):
-        lines += [(f"saturation {name}", f"{saturation:.4g}"), (f"k_r {name}", f"{relative:.{DIGITS}g}")]
+    for k, (name, saturation, relative) in enumerate(zip(found.names, found.saturation, found.relative)):
+        why = found.why_zero(k)
+        shown = f"{relative:.{DIGITS}g}" + (f" ({why})" if why else "")
+        lines += [(f"saturation {name}", f"{saturation:.4g}"), (f"k_r {name}", shown)]
     return lines
 
 
 def relative_table(found: Sequence[Relative]) -> str:
-    """Comma-separated values, a line a snapshot."""
+    """Comma-separated values, a line a snapshot; leads_through_<fluid> is 1 where a path of its own does, else 0."""
     a, b = found[0].names
-    lines = [f"time,saturation_{a},saturation_{b},k_r_{a},k_r_{b}"]
-    return "\n".join(lines + [",".join(f"{v:.6g}" for v in (f.time, *f.saturation, *f.relative)) for f in found])
+    lines = [f"time,saturation_{a},saturation_{b},k_r_{a},k_r_{b},leads_through_{a},leads_through_{b}"]
+    return "\n".join(lines + [",".join(f"{v:.6g}" for v in (f.time, *f.saturation, *f.relative, *f.leads_through))
+                              for f in found])
 
 
 # -- init, examples, report ---------------------------------------------------------------------------------

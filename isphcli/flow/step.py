@@ -15,7 +15,8 @@ Pressures here are divided by the density of the first fluid (m2/s2).
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NoReturn
 
@@ -94,8 +95,7 @@ class Stepper:
             from ..operators.wall_scene import WallScene
 
             self.walls = WallScene(self.geometry, self.dummies, self.support, self.kind, self.site_volume,
-                                   self.fluids.line)
-            self.walls.reach = self.reach
+                                   self.fluids.line, self.reach)
 
     @property
     def reach(self) -> float:
@@ -236,19 +236,18 @@ class Stepper:
         config = self.configure(moved.x, state.time + dt, moved.phi, moved.number)
         ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0
         g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
-        # eq. 2 in time: backward differences along the paths
-        history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
         p = self.fluids.relabelled(moved.p, changing, config.terms)
-        held, known = state.pressure_gradient, history + config.terms.force
         system = pressure_system(config, self.solvers)
         expansion: float | np.ndarray = 0.0
         volume_drift: float | None = None
         if self.volume is not None:  # a step that is tried again with half its length is not to expand twice as hard
             expansion, volume_drift = self.volume.expansion(moved.x, max(dt, state.dt_old))
         first = not state.dt_old
-        if first and self.held_velocity is not None and not leads_through(
-                config.ops, self.held_velocity.axis, (self.geometry.lower, self.geometry.upper)):
-            self._nothing_flows()
+        if first and self.held_velocity is not None:
+            moved = self._set_in_motion(config, system, moved)
+        # eq. 2 in time: backward differences along the paths
+        history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
+        held, known = state.pressure_gradient, history + config.terms.force
         # the first step finds the pressure of the start: it is taken again with what it found
         for _ in range(self.fluids.first_passes if first else 1):
             # eq. 1: what drives the fluid, then pressure and viscosity
@@ -279,6 +278,44 @@ class Stepper:
         u = u_star - terms.ops.gradient_p(q) / rate  # eq. 3
         return u, without_constants(config, p + q - terms.bulk * div)  # eq. 4
 
+    def _set_in_motion(self, config: Configuration, system: PressureSystem, moved: State) -> State:
+        """The state of the start with the superficial velocity that is held, as an impulse of the pressure gradient
+        makes it: in a step of dt that impulse would be a pressure drop of rho U / dt times the length, with the
+        opposite of it in the next step, whose backward difference sees the jump."""
+        held, terms = self.held_velocity, config.terms
+        assert held is not None and terms.along is not None and moved.shifting_flux is not None
+        if not leads_through(config.ops, held.axis, (self.geometry.lower, self.geometry.upper)):
+            self._nothing_flows()
+        along = np.ascontiguousarray(np.broadcast_to(terms.along, moved.u.shape))
+        with self._response_tolerance():
+            v = self._without_divergence(config, system, along, 1.0)[0]
+        impulse = held.gradient_for_flux(config.x, moved.u, v, 1.0, moved.shifting_flux)
+        if impulse is None:
+            self._nothing_flows()
+        return replace(moved, u=moved.u + impulse * v, u_old=moved.u_old + impulse * v)
+
+    @contextmanager
+    def _response_tolerance(self) -> Iterator[None]:
+        """Solves to UNIT_RESPONSE_TOLERANCE, but for the first one of the pressure: a new hierarchy is judged by it."""
+        solvers, tolerance = self.solvers, self.solvers.tolerance
+        if "pressure" in solvers:
+            solvers.tolerance = max(tolerance, UNIT_RESPONSE_TOLERANCE)
+        try:
+            yield
+        finally:
+            solvers.tolerance = tolerance
+
+    def _without_divergence(self, config: Configuration, system: PressureSystem, field: np.ndarray,
+                            rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(field (n, dim) without its divergence, the q of eq. 3 that takes it out, the divergence) beside walls at
+        rest. rate: g0 / dt of eq. 3."""
+        ops, solvers = config.ops, self.solvers
+        div = ops.total_divergence(field)
+        if ops.walls is not None:
+            div -= ops.walls.div_velocity
+        q = solve_pressure(config, system, config.means.remove(-rate * div), solvers.tolerance, solvers)
+        return field - config.terms.ops.gradient_p(q) / rate, q, div
+
     def _hold(self, config: Configuration, system: PressureSystem, u: np.ndarray, p: np.ndarray, rate: float,
               shifting_flux: float | None) -> tuple[np.ndarray, np.ndarray, float]:
         """(velocity, pressure, increment of the pressure gradient) that have the superficial velocity that is held:
@@ -286,24 +323,14 @@ class Stepper:
 
         shifting_flux: m/s, of the shifts; other arguments as those of `_project`.
         """
-        held, solvers = self.held_velocity, self.solvers
-        assert held is not None and shifting_flux is not None
-        ops, terms, tolerance = config.ops, config.terms, solvers.tolerance
-        if "pressure" in solvers:  # a new hierarchy is judged by its first solve, which has to be a whole one
-            solvers.tolerance = max(tolerance, UNIT_RESPONSE_TOLERANCE)
-        try:
-            assert terms.along is not None
-            along = np.ascontiguousarray(np.broadcast_to(terms.along, u.shape))
-            u_star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), solvers,
+        held, terms = self.held_velocity, config.terms
+        assert held is not None and shifting_flux is not None and terms.along is not None
+        along = np.ascontiguousarray(np.broadcast_to(terms.along, u.shape))
+        with self._response_tolerance():
+            u_star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), self.solvers,
                                    False)
             rate += terms.least_drag
-            div = ops.total_divergence(u_star)
-            if ops.walls is not None:
-                div -= ops.walls.div_velocity
-            q = solve_pressure(config, system, config.means.remove(-rate * div), solvers.tolerance, solvers)
-        finally:
-            solvers.tolerance = tolerance
-        v = u_star - terms.ops.gradient_p(q) / rate
+            v, q, div = self._without_divergence(config, system, u_star, rate)
         increment = held.gradient_for_flux(config.x, u, v, rate, shifting_flux)
         if increment is None:
             self._nothing_flows()

@@ -74,7 +74,7 @@ def crossings(geometry: Geometry, neighbours: Neighbourhood, walls: WallTable) -
     """Where each pair meets a wall: its t and MEETS_WALL, or SHARES_PRESSURE for fluid pairs in sight."""
     x, start = neighbours.x, neighbours.start
     t, link = [np.zeros(0)], np.full(len(neighbours.row), SHARES_PRESSURE, np.int8)
-    suspect = _suspects(neighbours, walls.fluid, walls.distance)
+    suspect = _may_cross_a_wall(neighbours, walls.fluid, walls.distance)
     for begin in range(0, len(suspect), SCANNED):
         ask = begin + np.flatnonzero(suspect[begin : begin + SCANNED])
         for some in np.split(ask, range(AT_ONCE, len(ask), AT_ONCE)):
@@ -90,7 +90,7 @@ def crossings(geometry: Geometry, neighbours: Neighbourhood, walls: WallTable) -
 
 
 @njit(cache=True)
-def _suspects(neighbours, fluid, distance):
+def _may_cross_a_wall(neighbours, fluid, distance):
     """Which pairs may cross a wall (n_pairs,): those with a dummy, and fluid pairs that two free balls do not cover."""
     x, start, index = neighbours.x, neighbours.start, neighbours.row
     keep = np.empty(len(index), np.bool_)

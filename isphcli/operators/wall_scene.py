@@ -40,16 +40,16 @@ class WallScene:
     """Dummies of a scene and their wall data, which never change.
 
     geometry: Geometry; dummies: (n_dummy, dim) m; support: m; kind: kernel number; site_volume: m^dim;
-    line: what changes walls near a contact line, or None. reach: how far any particle sees, m, the support unless set.
+    line: what changes walls near a contact line, or None. reach: how far any particle sees, m, or None for the support.
     """
 
     def __init__(self, geometry: Geometry, dummies: np.ndarray, support: float, kind: int, site_volume: float,
-                 line: WallChange | None = None):
+                 line: WallChange | None = None, reach: float | None = None):
         self.geometry, self.dummies = geometry, dummies
         self.support, self.kind, self.site_volume = support, kind, site_volume
         self.dummy_distance = geometry.distance(dummies)
         self.dummy_wall = geometry.wall(dummies)
-        self.line, self.reach = line, support
+        self.line, self.reach = line, support if reach is None else reach
         self.slips = line is not None or bool(np.any(geometry.slip_length > 0.0))
         self.dummy_normal = self._normals(dummies) if self.slips else None
 

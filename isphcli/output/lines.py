@@ -45,7 +45,8 @@ def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     if summary.get("open_axes") is not None:
         lines += [("open axes", ", ".join(summary["open_axes"]) or "none: no pore leads through the scene")]
     if throats:
-        lines += [("throats", f"median {throats['median']:.1f} particles wide, 10 % below {throats['narrow']:.1f}")]
+        lines += [("throats", f"median {throats['median']:.1f} particles wide, 10 % of the fluid in pores below "
+                              f"{throats['narrow']:.1f}")]
     return lines
 
 
@@ -135,6 +136,7 @@ def two_fluid_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, s
     found = summary.get("two_fluids") or {}
     lines = [(f"saturation {name}", found.get(f"saturation_{name}"), "") for name in case.fluids]
     lines += [(f"  trapped {name}", found.get(f"trapped_{name}"), "") for name in case.fluids]
+    lines += [("  closed pockets", found.get("closed_pockets") or None, " of the fluid: no flow reaches them")]
     lines += [("capillary pressure", found.get("capillary_pressure"), " Pa")]
     lines += [("pressure jump", found.get("pressure_jump"), " Pa")]
     lines += [("contact angle", found.get("contact_angle"), f" degrees through {next(iter(case.fluids))}")]

@@ -199,7 +199,7 @@ PHYSICAL: Panels = (
     ("saturation", ("saturation",), False),
     ("centre (m)", ("centre",), False),
     ("circularity", ("circularity",), False),
-    ("capillary number", ("capillary_number",), True),
+    ("capillary number", ("capillary_number", "peak_capillary_number"), True),
     ("contact angle (degrees)", ("contact_angle",), False),
 )
 NUMERICAL: Panels = (

@@ -31,9 +31,9 @@ class Term:
 class Throats:
     """Widths of the pores in spacings, at the points farthest from their walls.
 
-    narrow, median: 10th and 50th percentile; thin: share of the fluid where fewer than `THIN` particles fit
-    across; critical: per axis, the largest ball that passes along it (within half a spacing), for periodic
-    axes only, because closed faces count as walls.
+    narrow, median: 10 % and half of the fluid lie in narrower pores; thin: share of the fluid where fewer than `THIN`
+    particles fit across; critical: per axis, the largest ball that passes along it (within half a spacing), for
+    periodic axes only, because closed faces count as walls.
     """
 
     narrow: float

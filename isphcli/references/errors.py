@@ -214,6 +214,14 @@ def column(result: Result, name: str) -> Array:
     return np.array(values, dtype=float)
 
 
+def at_end(result: Result, name: str) -> float:
+    """What was measured of two fluids at the end, which is what a run prints. Raises CompareError."""
+    value = result.two_fluids.get(name)
+    if value is None:
+        raise CompareError(f"the run has no {name} at its end; the reference needs it")
+    return float(value)
+
+
 def times(result: Result, count: int) -> Array:
     """Times of the last steps of the history, (count,) s."""
     return column(result, "time")[-count:]

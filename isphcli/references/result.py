@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +21,8 @@ class Result:
     fluid in case order; spacing: m; time: s, None of a steady solve; geometry: where fluid and walls are; history: a
     dict a step, or a solve (docs/output.md).
     permeability: m2 along the drive, {axis: m2} of several, (dim, dim) m2 or None where there is none; tensor:
-    (dim, dim) m2, or None.
+    (dim, dim) m2, or None; two_fluids: what is measured of two fluids at the end, by the names of summary.json; the
+    last row of the history need not have all of it, as some is measured every few steps only.
     """
 
     x: np.ndarray
@@ -35,3 +36,4 @@ class Result:
     history: Sequence[Mapping[str, Any]]
     permeability: float | Mapping[str, float] | np.ndarray | None = None
     tensor: np.ndarray | None = None
+    two_fluids: Mapping[str, Any] = field(default_factory=dict)

@@ -19,6 +19,7 @@ from .errors import (
     Errors,
     TooShortError,
     along_x,
+    at_end,
     box_of,
     column,
     lid_speed,
@@ -99,7 +100,7 @@ def _gravity(case: Case, dim: int) -> float:
 def _drop(case: Case, result: Result) -> int:
     """Index of the fluid of the drop: reference.parameters.drop, or that of which there is less."""
     _two_fluids(case)
-    volumes = [column(result, f"volume_{name}")[-1] for name in case.fluid_names]
+    volumes = [at_end(result, f"volume_{name}") for name in case.fluid_names]
     name = parameter(case, "drop", case.fluid_names[int(np.argmin(volumes))])
     if name not in case.fluid_names:
         raise CompareError(f"reference.parameters.drop is {name!r}; the fluids are {', '.join(case.fluid_names)}")
@@ -112,22 +113,23 @@ def _tension(case: Case) -> float:
 
 def _size(case: Case, result: Result, drop: int) -> tuple[float, Errors]:
     """Area or volume of the drop, and how far it went in the run from what it was."""
-    volume = column(result, f"volume_{case.fluid_names[drop]}")
-    return float(volume[-1]), {"volume_relative": float(volume[-1] / volume[0] - 1)}
+    name = f"volume_{case.fluid_names[drop]}"
+    volume = at_end(result, name)
+    return volume, {"volume_relative": float(volume / column(result, name)[0] - 1)}
 
 
 def static_drop_errors(case: Case, result: Result) -> Errors:
-    """Pressure jump of a drop at rest (Young and Laplace); capillary number and circularity of what is left."""
+    """Pressure jump of a drop at rest (Young and Laplace); capillary number of the largest speed, and circularity."""
     drop = _drop(case, result)
     dim = result.x.shape[1]
     size, errors = _size(case, result, drop)
     radius = number(case, "radius", drop_radius(size, dim))
     expected = laplace_jump(_tension(case), radius, dim)
-    measured = (1 - 2 * drop) * column(result, "pressure_jump")[-1]  # of the inside over the outside
+    measured = (1 - 2 * drop) * at_end(result, "pressure_jump")  # of the inside over the outside
     errors = {"laplace_relative": float(measured / expected - 1), **errors}
-    errors["capillary_number"] = float(column(result, "capillary_number")[-1])
+    errors["peak_capillary_number"] = at_end(result, "peak_capillary_number")
     if dim == 2:
-        errors["circularity"] = float(column(result, "circularity")[-1] - 1)
+        errors["circularity"] = at_end(result, "circularity") - 1
     return {**errors, "main": "laplace_relative"}
 
 
@@ -147,10 +149,10 @@ def contact_angle_errors(case: Case, result: Result) -> Errors:
         raise CompareError("reference.parameters.tilt turns the wall y_min of a scene of two axes")
     up = np.eye(dim)[axis] if tilt == 0.0 else np.array([-math.sin(tilt), math.cos(tilt)])
     foot = number(case, "at", float(box_of(case, result)[0 if lowest else 1][axis]) if tilt == 0.0 else None)
-    place = [column(result, f"centre_{a}_{case.fluid_names[drop]}")[-1] for a, n in zip(AXES, up) if n]
+    place = [at_end(result, f"centre_{a}_{case.fluid_names[drop]}") for a, n in zip(AXES, up) if n]
     centre = abs(up[up != 0.0] @ place - foot)
     cap = _angle_of_cap(centre, size, dim)
-    measured = column(result, "contact_angle")[-1]
+    measured = at_end(result, "contact_angle")
     measured = measured if drop == 0 else 180.0 - measured
     expected = drop_on_wall(size, asked, dim)
     mine = result.x[result.phase == drop] @ up - foot
@@ -160,7 +162,7 @@ def contact_angle_errors(case: Case, result: Result) -> Errors:
         "angle_of_cap_relative": float(cap / asked - 1),
         "height_relative": height / expected["height"] - 1,
         **errors,
-        "capillary_number": float(column(result, "capillary_number")[-1]),
+        "peak_capillary_number": at_end(result, "peak_capillary_number"),
         "main": "angle_relative",
     }
 

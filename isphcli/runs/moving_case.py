@@ -399,6 +399,7 @@ def _finish_march(run: MovingRun, state: State, config: Configuration) -> tuple[
     }
     if run.measures is not None:
         _add_two_fluids(run, run.measures, summary, state, config)
+        result.two_fluids = summary["two_fluids"]
     if current().size > 1:
         return _finish_ranks(run, summary, result, config), result
     if case.output.plots:

@@ -42,14 +42,26 @@ class SnapshotError(ValueError):
 @dataclass(frozen=True)
 class Relative:
     """One snapshot: time, s; axis of the flow; names of both fluids; their saturations in the sample; their relative
-    permeabilities, 0 of one that no path of its own leads through; permeability: m2, of both as a single fluid."""
+    permeabilities; leads_through: whether a path of its own does, of both, without which it is 0; permeability: m2, of
+    both as a single fluid."""
 
     time: float
     axis: str
     names: tuple[str, str]
     saturation: tuple[float, float]
     relative: tuple[float, float]
+    leads_through: tuple[bool, bool]
     permeability: float
+
+    def why_zero(self, k: int) -> str | None:
+        """Why the relative permeability of fluid k, 0 or 1, is zero; None where it is not."""
+        if self.relative[k] > 0.0:
+            return None
+        if self.saturation[k] == 0.0:
+            return "there is none of it in the sample"
+        if not self.leads_through[k]:
+            return f"no path through {self.names[k]} alone leads through the sample along {self.axis}"
+        return "its flow is less than the error of the solve"
 
 
 def relative_permeabilities(directory: Path, clock: Clock, every: bool = False, along: str | None = None,
@@ -69,8 +81,8 @@ def relative_permeabilities(directory: Path, clock: Clock, every: bool = False, 
     if axis >= geometry.dim:
         raise SnapshotError(f"{directory}: a 2D scene has no axis {'xyz'[axis]}")
     sample = Sample(case, geometry, axis, clock, part)
-    whole = sample.permeability(np.full(len(sample.wall), np.inf))
-    if whole == 0.0:
+    whole, open_at_all = sample.permeability(np.full(len(sample.wall), np.inf))
+    if whole == 0.0 or not open_at_all:
         raise NoFlowError(f"no path leads through the sample along {'xyz'[axis]}: its permeability is zero")
     found = []
     for time, file in entries if every else entries[-1:]:
@@ -80,9 +92,9 @@ def relative_permeabilities(directory: Path, clock: Clock, every: bool = False, 
         inside = np.all((x >= sample.lower) & (x <= sample.upper), axis=1)
         share = float((phase[inside] == 0).mean()) if inside.any() else 0.0
         sides = [sample.distance_from_the_other(x, phase, k) for k in (0, 1)]
-        first, second = (sample.permeability(side) / whole for side in sides)
-        found.append(Relative(time, "xyz"[axis], (case.fluid_names[0], case.fluid_names[1]),
-                              (share, 1.0 - share), (first, second), whole))
+        (first, first_leads), (second, second_leads) = (sample.permeability(side) for side in sides)
+        found.append(Relative(time, "xyz"[axis], (case.fluid_names[0], case.fluid_names[1]), (share, 1.0 - share),
+                              (first / whole, second / whole), (first_leads, second_leads), whole))
     return found
 
 
@@ -134,8 +146,9 @@ class Sample:
         side = np.clip(nearest - 0.5 * self.spacing, LEAST * self.spacing, far)
         return np.where(to_mine <= to_other, side, -side)
 
-    def permeability(self, distance: np.ndarray) -> float:
-        """Of what is off the walls and off another fluid, m2; distance: (n,) m from that. 0 without a path."""
+    def permeability(self, distance: np.ndarray) -> tuple[float, bool]:
+        """Of what is off the walls and off another fluid, m2, and whether a path leads through it; distance: (n,) m
+        from that."""
         from ..geometry.faces import Walls
         from ..geometry.iso_surface import ImageField, IsoSurfaceGeometry
         from ..geometry.labels import ClearLayers
@@ -157,9 +170,9 @@ class Sample:
             built = build_scene(self.case, geometry, self.spacing, self.clock, [axis])
             flow = solve_axis(self.case, built, axis, np.eye(geometry.dim)[axis], self.clock)
         except NoFlowError:
-            return 0.0
+            return 0.0, False
         assert flow.permeability is not None  # of a flow along an axis
-        return max(float(flow.permeability[axis]), 0.0)
+        return max(float(flow.permeability[axis]), 0.0), True
 
 
 def _steady(case: Case, axis: int) -> Case:

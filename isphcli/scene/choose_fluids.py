@@ -37,24 +37,22 @@ def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: n
 
     spacing = case.particles.spacing
     support = case.support * spacing
-    tension = contact = line = sight = None
+    tension = contact = line = None
     if case.interface is not None:
         from ..two_phase.sight import SIGHT, Sight
         from ..two_phase.surface_tension import SurfaceTension
 
         contact = _contact(case, geometry, particles, support) if geometry.has_solid else None
-        tension = SurfaceTension(case.interface.tension, case.interface.method, [f.density for f in present], support,
-                                 spacing)
         sight = Sight(SIGHT * spacing, geometry if geometry.has_solid else None)
+        tension = SurfaceTension(case.interface.tension, case.interface.method, [f.density for f in present], support,
+                                 spacing, sight)
         if contact is not None and case.interface.slip_length > 0.0:
             from ..two_phase.contact_angle import SlipAtLine
 
             line = SlipAtLine(case.interface.slip_length, exchange=_exchange_of_dummies(particles))
     body = body_force(case, geometry.dim)
     moved = TwoFluidForces(body, force - body, held, forces)
-    fluids = TwoFluids([f.density for f in present], [f.mu for f in present], moved, spacing, tension, contact, line)
-    fluids.sight = sight
-    return fluids
+    return TwoFluids([f.density for f in present], [f.mu for f in present], moved, spacing, tension, contact, line)
 
 
 def _contact(case: Case, geometry: Geometry, particles: Particles, support: float) -> ContactAngle:

@@ -11,7 +11,8 @@ in units of which the plane's normal has the components n_k >= 0, the part on th
 
 A surface of curvature kappa lies kappa a^2 / 24 beside its plane in the mean over a cell. The area of the interface is
 what the volume changes by if the plane moves by a side: F' itself jumps where the plane lies along the cell. The length
-of an outline in 2D is known better, from phi in the middles of the cells.
+of an outline in 2D is known better, from phi and its slope in the middles of the cells: cubic functions say where it
+passes between them, and arcs that turn as the normals do lead from one such place to the next.
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 REACH = 2.0  # sides of a cell, from its middle to the particles that are asked there
 SAMPLES = 4  # along each side of a cell: points that say how much of it is fluid
 AT_ONCE = 1 << 20  # points
+HALVINGS = 30  # of the side of a cell, to where the outline passes
+TURN = 0.5 * math.pi  # radians by which an outline turns within a cell at most, as round a drop of two cells
+STRAIGHT = 1e-6  # radians: an arc that turns by twice as much at most is as long as its chord to round-off
 THINNEST = 1e-3  # n_k below which the plane is taken for one along axis k: a division by zero
 
 
@@ -62,13 +66,14 @@ class Cells(NamedTuple):
 class CutCells(NamedTuple):
     """The cells as an interface cuts them.
 
-    cells: Cells; phi: (n_cells,) in their middles, m; volume: (n_cells,) of the first fluid, m^dim; area: (n_cells,) of
-    the interface, m^(dim - 1); nearest: (n_cells, 2) particle of either fluid, own or remote, that is nearest to the
-    middle of the cell, -1 where none is near.
+    cells: Cells; phi: (n_cells,) in their middles, m; slope: (n_cells, dim) of phi there, inf where it is not
+    known; volume: (n_cells,) of the first fluid, m^dim; area: (n_cells,) of the interface, m^(dim - 1); nearest:
+    (n_cells, 2) particle of either fluid, own or remote, that is nearest to the middle of the cell, -1 where none is.
     """
 
     cells: Cells
     phi: np.ndarray
+    slope: np.ndarray
     volume: np.ndarray
     area: np.ndarray
     nearest: np.ndarray
@@ -110,30 +115,46 @@ def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchang
     _gather(x, phi, (slope, form), cells, weight, sums, nearest)
     volume, area = np.zeros(n), np.zeros(n)
     _cut(cells.fluid, cells.side, weight, sums, nearest, volume, area)
-    there = np.divide(sums[:, 0], weight[:, 0], out=np.full(n, math.inf), where=weight[:, 0] > 0.0)
-    return CutCells(cells, there, volume, area, nearest)
+    known = weight[:, :1] > 0.0
+    there = np.divide(sums[:, : dim + 1], weight[:, :1], out=np.full((n, dim + 1), math.inf), where=known)
+    return CutCells(cells, there[:, 0], there[:, 1:], volume, area, nearest)
 
 
-def outline(cut: CutCells) -> float:
-    """Length of the interface in 2D, m, of what keeps off the walls: straight from side to side of the squares between
-    the middles of four cells."""
+def outline(cut: CutCells) -> tuple[float, float]:
+    """(length of the interface in 2D, m, area inside of it, m2) of what keeps off the walls and leaves a gap along
+    every periodic axis: arcs from side to side of the squares between the middles of four cells.
+
+    Both are of one closed curve: no outline is shorter than that of the circle of its area."""
     cells, most = cut.cells, cut.cells.side.sum()
     place = np.stack(np.unravel_index(np.arange(len(cut.phi)), cells.end - cells.first), axis=1) + cells.first
     near = np.abs(cut.phi) < most  # of four that have zero between them all are
     # a process knows its own cells; those round an interface are few
-    place, phi = reduce.together(place[near]), reduce.together(cut.phi[near])
+    place, phi, slope = (reduce.together(values[near]) for values in (place, cut.phi, cut.slope))
     number = place[:, 0] * cells.shape[1] + place[:, 1]
     order = np.argsort(number)
-    height = np.full((4, len(phi)), np.nan)
+    height = np.full((len(phi), 4, 3), np.nan)
     for k, step in enumerate(((0, 0), (1, 0), (1, 1), (0, 1))):
         beyond = place + step
         inside = (beyond < cells.shape) | cells.periodic
         beyond %= cells.shape
         wanted = beyond[:, 0] * cells.shape[1] + beyond[:, 1]
         found = order[np.minimum(np.searchsorted(number, wanted, sorter=order), len(order) - 1)]
-        height[k] = np.where(inside.all(axis=1) & (number[found] == wanted), phi[found], np.nan)
-    height = height[:, np.isfinite(height).all(axis=0)]
-    return float(_outline(np.ascontiguousarray(height.T), cells.side))
+        there = inside.all(axis=1) & (number[found] == wanted)
+        height[there, k, 0], height[there, k, 1:] = phi[found[there]], slope[found[there]]
+    positive = height[:, :, 0] > 0.0
+    passed = np.isfinite(height).all(axis=(1, 2)) & (positive.any(axis=1) != positive.all(axis=1))
+    length, area = _outline(height[passed], _in_one_piece(place[passed], cells.shape), cells.side)
+    return float(length), abs(float(area))
+
+
+def _in_one_piece(place: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """Squares (n, dim) of a box of this many, moved by periods so that the widest gap along each axis lies outside."""
+    place = place.copy()
+    for axis, count in enumerate(shape if len(place) else ()):
+        full = np.unique(place[:, axis])
+        gap = np.diff(full, append=full[0] + count)
+        place[:, axis] = (place[:, axis] - full[(np.argmax(gap) + 1) % len(full)]) % count
+    return place
 
 
 @njit(cache=True)
@@ -242,18 +263,49 @@ def _beyond(b, distance):
 
 
 @njit(cache=True)
-def _outline(heights, side):
-    """heights: (n, 4) in the corners of squares, round each."""
-    total, ends = 0.0, np.empty((4, 2))
+def _outline(heights, place, side):
+    """Length, and the area inside, positive of phi > 0. heights: (n, 4, 3) phi and slope in the corners of squares,
+    round each; place: (n, 2) of the squares."""
+    length, area, ends = 0.0, 0.0, np.empty((4, 4))
     for n in range(len(heights)):
-        count = 0
+        count, first = 0, heights[n, 0, 0] > 0.0
         for k in range(4):  # the sides, round the square
-            a, b = heights[n, k], heights[n, (k + 1) % 4]
-            if (a > 0.0) != (b > 0.0):
-                along = a / (a - b)
-                ends[count, 0] = (along, 1.0, 1.0 - along, 0.0)[k] * side[0]
-                ends[count, 1] = (0.0, along, 1.0, 1.0 - along)[k] * side[1]
+            one, other = heights[n, k], heights[n, (k + 1) % 4]
+            if (one[0] > 0.0) != (other[0] > 0.0):
+                along = _root(one, other, k % 2, side[k % 2] if k < 2 else -side[k % 2])
+                ends[count, 0] = (place[n, 0] + (along, 1.0, 1.0 - along, 0.0)[k]) * side[0]
+                ends[count, 1] = (place[n, 1] + (0.0, along, 1.0, 1.0 - along)[k]) * side[1]
+                ends[count, 2] = (1.0 - along) * one[1] + along * other[1]
+                ends[count, 3] = (1.0 - along) * one[2] + along * other[2]
                 count += 1
-        for k in range(0, count, 2):
-            total += math.hypot(ends[k, 0] - ends[k + 1, 0], ends[k, 1] - ends[k + 1, 1])
-    return total
+        for k in range(0, count, 2):  # phi > 0 on the left of the way from a to b
+            a, b = (ends[k], ends[k + 1]) if first else (ends[k + 1], ends[k])
+            turn = math.atan2(a[2] * b[3] - a[3] * b[2], a[2] * b[2] + a[3] * b[3])
+            half = 0.5 * min(max(turn, -TURN), TURN)
+            chord = math.hypot(a[0] - b[0], a[1] - b[1])
+            area += 0.5 * (a[0] * b[1] - a[1] * b[0])
+            if abs(half) > STRAIGHT:
+                radius = 0.5 * chord / math.sin(half)
+                length += 2.0 * radius * half
+                area += radius * radius * (half - 0.5 * math.sin(2.0 * half))
+            else:
+                length += chord
+    return length, area
+
+
+@njit(cache=True)
+def _root(one, other, axis, length):
+    """Where the cubic function of the values and slopes at two corners, `length` m apart along an axis, is zero, as a
+    part of the way."""
+    a, b = one[0], other[0]
+    slope_a, slope_b = one[1 + axis] * length, other[1 + axis] * length
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        s = 0.5 * (low + high)
+        r = 1.0 - s
+        value = (a * (1.0 + 2.0 * s) + slope_a * s) * r * r + (b * (1.0 + 2.0 * r) - slope_b * r) * s * s
+        if (value > 0.0) == (a > 0.0):
+            low = s
+        else:
+            high = s
+    return 0.5 * (low + high)

@@ -21,7 +21,7 @@ from .cut_cells import outline
 from .interface import Interface
 
 if TYPE_CHECKING:
-    from ..flow.one_fluid import FluidInterface, Tension
+    from ..flow.one_fluid import Tension
     from ..flow.state import Configuration, State
     from ..operators.pair_weights import Operators
 
@@ -137,29 +137,22 @@ class Measures:
         assert self.tension is not None
         sigma, interface = self.tension.tension, _interface(config)
         assert interface.cut is not None
-        area, volume = float(reduce.total(interface.cut.area)), None
-        if self.geometry.dim == 2:
-            volume = self._enclosed_volume(state.x, interface)
-            area = area if volume is None else outline(interface.cut)
+        area, circularity = float(reduce.total(interface.cut.area)), None
+        if self.geometry.dim == 2 and any(self._enclosed(state.x[interface.phase == k]) for k in (0, 1)):
+            area, inside = outline(interface.cut)
+            circularity = 2.0 * math.sqrt(math.pi * inside) / area if area > 0.0 else None
+        flux = np.linalg.norm(reduce.total(state.u)) * self.site_volume
+        flux /= np.prod(self.geometry.upper - self.geometry.lower)
         speed = np.sqrt(reduce.largest((state.u * state.u).sum(axis=1)))
         row: dict[str, Any] = {
             "interface_area": area, "surface_energy": sigma * area,
-            "pressure_jump": self._jump(state.p, interface) * self.pressure,
-            "capillary_number": float(speed * max(self.viscosity) / sigma),
+            "pressure_jump": self._jump(state.p, config) * self.pressure,
+            "capillary_number": float(flux * max(self.viscosity) / sigma),
+            "peak_capillary_number": float(speed * max(self.viscosity) / sigma),
         }
         if self.geometry.dim == 2:
-            row["circularity"] = None if volume is None else 2.0 * math.sqrt(math.pi * volume) / area
+            row["circularity"] = circularity
         return row
-
-    def _enclosed_volume(self, x: np.ndarray, interface: Interface) -> float | None:
-        """Of the fluid that the other one encloses, m2; None where neither is: not all its outline is interface."""
-        cut = interface.cut
-        assert cut is not None
-        for k in (0, 1):
-            part = cut.volume if k == 0 else cut.cells.fluid - cut.volume
-            if self._enclosed(x[interface.phase == k]):
-                return float(reduce.total(part))
-        return None
 
     def _enclosed(self, x: np.ndarray) -> bool:
         """Whether particles (m, dim) keep off the walls and leave a gap along every periodic axis."""
@@ -181,12 +174,17 @@ class Measures:
         return float(gaps.max(initial=0.0))
 
     @staticmethod
-    def _jump(p: np.ndarray, interface: FluidInterface) -> float:
-        means = []
+    def _jump(p: np.ndarray, config: Configuration) -> float:
+        """Of p (n,), m2/s2, from the second fluid to the first, at the interface: each particle that knows its
+        distance and lies off the band carries its pressure there with its gradient, where the weight of a fluid is."""
+        interface, terms, means = _interface(config), config.terms, []
+        slope = terms.density * np.einsum("ij,ij->i", terms.pressure_gradient(p), interface.normal)
+        there = p - slope * interface.phi
+        near = (interface.strength == 0.0) & (np.abs(interface.phi) < interface.reach)
         for k in (0, 1):
             mine = interface.phase == k
-            far = mine & (interface.strength == 0.0)
-            means.append(reduce.mean(p[far if reduce.any_true(far) else mine]))
+            beside = mine & near
+            means.append(reduce.mean(there[beside if reduce.any_true(beside) else mine]))
         return float(means[0] - means[1])
 
     def ganglia(self, config: Configuration, k: int) -> int:
@@ -309,8 +307,9 @@ def summary(measures: Measures, state: State, config: Configuration, rows: Seque
     """The block `two_fluids` of summary.json. rows: of the history; driven: whether more than tension moves fluid."""
     block = measures(state, config, everything=True)
     if measures.tension is not None:
-        late = [row["capillary_number"] for row in rows[int(0.9 * len(rows)):] if row.get("capillary_number")]
-        block["spurious_capillary_number"] = max(late, default=block["capillary_number"]) if not driven else None
+        peak = "peak_capillary_number"
+        late = [row[peak] for row in rows[int(0.9 * len(rows)):] if row.get(peak)]
+        block["spurious_capillary_number"] = max(late, default=block[peak]) if not driven else None
     if "contact_angle" in block:
         block["contact_angle_through"] = measures.names[0]
     return block

@@ -34,14 +34,18 @@ class ReservoirMeasures:
         """Entries of a row of the history; what takes longer only every `SELDOM` steps, unless everything is asked
         for, and otherwise None."""
         if not (everything or state.step % SELDOM == 0):
-            return dict.fromkeys(("capillary_pressure", *(f"trapped_{name}" for name in self.names)))
+            return dict.fromkeys(("capillary_pressure", "closed_pockets", *(f"trapped_{name}" for name in self.names)))
         inside, phase = inside_sample(self.geometry, state.x), _phase(state)
         joined = [self.joined(state, config, k) for k in (0, 1)]
         held = [inside & mine for mine in joined]
-        row: dict[str, Any] = {"capillary_pressure": self._capillary_pressure(state, held)}
+        everything_seen = np.ones(len(config.ops.column), np.bool_)
+        reached = self._reached(state, config, np.ones(len(phase), np.bool_), everything_seen, (True, True))
+        all_of_it = max(reduce.count(inside), 1)
+        row: dict[str, Any] = {"capillary_pressure": self._capillary_pressure(state, held),
+                               "closed_pockets": reduce.count(inside & ~reached) / all_of_it}
         for k, name in enumerate(self.names):
-            cut_off = inside & (phase == k) & ~joined[k]
-            row[f"trapped_{name}"] = reduce.count(cut_off) / max(reduce.count(inside), 1)
+            cut_off = inside & reached & (phase == k) & ~joined[k]
+            row[f"trapped_{name}"] = reduce.count(cut_off) / all_of_it
         return row
 
     def saturation(self, state: State) -> float:
@@ -61,16 +65,23 @@ class ReservoirMeasures:
     def joined(self, state: State, config: Configuration, k: int) -> np.ndarray:
         """Which particles (n,) are of fluid k and joined to a reservoir of it: by particles of it within LINKED mean
         distances of each other, but not over the seam."""
-        ops, mine = config.ops, _phase(state) == k
+        mine = _phase(state) == k
+        near = linked(config.ops, mine, self.site_volume ** (1.0 / self.geometry.dim))
+        return self._reached(state, config, mine, near, (self.ends[0] == k, self.ends[1] == k))
+
+    def _reached(self, state: State, config: Configuration, mine: np.ndarray, near: np.ndarray,
+                 homes: tuple[bool, bool]) -> np.ndarray:
+        """Which particles (n,) of `mine` (n,) are joined to reservoirs by pairs `near` (n_pairs,), but not over the
+        seam. homes: whether those of inlet and outlet count."""
+        ops = config.ops
         place = ops.neighbours.x[ops.neighbours.row, self.axis]
         over = (place < self.geometry.lower[self.axis]) | (place >= self.geometry.upper[self.axis])
-        joined = linked(ops, mine, self.site_volume ** (1.0 / self.geometry.dim)) & ~over
-        count, part = parts_of(ops.start, ops.column, ops.exchange.forward(mine), joined, ops.exchange)
+        count, part = parts_of(ops.start, ops.column, ops.exchange.forward(mine), near & ~over, ops.exchange)
         lower, upper = (corner[self.axis] for corner in sample_box(self.geometry))
         along, home = state.x[:, self.axis], np.zeros(len(mine), np.bool_)
-        if self.ends[0] == k:
+        if homes[0]:
             home |= along < lower
-        if self.ends[1] == k:
+        if homes[1]:
             home |= along > upper
         free = reduce.total_by(part[home & mine], labels=count) > 0
         return mine & np.append(free, False)[part]

@@ -61,14 +61,14 @@ class Sight:
         distance = np.zeros(len(known))
         distance[known] = self.geometry.distance(far.x[: len(known)][known])
         ask = np.zeros(len(seen), np.bool_)
-        _suspects(ops.neighbours, everyone, far, distance, seen, ask)
+        _known_or_asked(ops.neighbours, everyone, far, distance, seen, ask)
         asked = np.flatnonzero(ask)
         particle = np.searchsorted(far.start, asked, side="right") - 1
         seen[asked] = self.geometry.crossing(far.x[particle], far.x[far.row[asked]]) >= 1.0
 
 
 @njit(cache=True)
-def _suspects(in_sight, everyone, far, distance, seen, ask):
+def _known_or_asked(in_sight, everyone, far, distance, seen, ask):
     """Of the pairs `far` those that a wall hides by what is known, taken out of seen (n_pairs,), and those that it may
     hide, in ask (n_pairs,): two free balls round the particles, distance (n,) m, do not cover the way."""
     mark, n = np.zeros(len(far.x), np.int64), len(distance)  # 2 i + 2: a neighbour of i in sight; 2 i + 1: hidden

@@ -20,15 +20,17 @@ from ..domain.row_threads import over_rows
 if TYPE_CHECKING:
     from ..operators.pair_weights import Operators
     from .interface import Interface
+    from .sight import Sight
 
 
 class SurfaceTension:
-    """tension: N/m; method: jump or csf; density: (2,) kg/m3; support, spacing: m."""
+    """tension: N/m; method: jump or csf; density: (2,) kg/m3; support, spacing: m; sight: of the fit that the curvature
+    comes from, or None where it sees as far as the operators."""
 
     def __init__(self, tension: float, method: str, density: Sequence[float] | np.ndarray, support: float,
-                 spacing: float):
+                 spacing: float, sight: Sight | None = None):
         self.tension, self.method, self.density = tension, method, np.asarray(density, float)
-        self.support, self.spacing = support, spacing
+        self.support, self.spacing, self.sight = support, spacing, sight
 
     @property
     def largest_step(self) -> float:

@@ -67,7 +67,6 @@ class TwoFluids:
 
     first_passes = FIRST_PASSES
     cells: Cells | None = None  # that the volumes of both are measured on, and kept by
-    sight: Sight | None = None  # of the curvature, where there is tension
 
     def __init__(self, density: Sequence[float] | np.ndarray, viscosity: Sequence[float] | np.ndarray,
                  forces: TwoFluidForces, spacing: float, tension: SurfaceTension | None = None,
@@ -79,6 +78,11 @@ class TwoFluids:
         self.spacing, self.tension, self.contact, self.line = spacing, tension, contact, line
         self.rules = interface_rules(self.density, self.mu, 0.0 if tension is None else tension.tension, spacing)
         self.added_viscosity = self.rules.added_viscosity
+
+    @property
+    def sight(self) -> Sight | None:
+        """How far the fit of the interface sees, where there is tension; else None."""
+        return None if self.tension is None else self.tension.sight
 
     @property
     def reach(self) -> float:

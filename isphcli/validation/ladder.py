@@ -102,6 +102,11 @@ class Ladder:
         return slope([level.spacing for level in self.done], [level.error for level in self.done])
 
     @property
+    def own(self) -> Level | None:
+        """The level of the spacing that stands in the case, which the verdict is about, where it ran."""
+        return next((level for level in self.done if level.own), None)
+
+    @property
     def best(self) -> Level | None:
         """The level with the smallest error."""
         return min(self.done, key=lambda level: abs(level.error or 0.0), default=None)
@@ -510,7 +515,7 @@ def _write_page(out: Path, ladders: Sequence[Ladder], page: str) -> None:
     """The closing page of several cases."""
     head = origin()
     rows = [_verdict_cells(ladder) for ladder in ladders]
-    verdicts = table(("case", "verdict", "why", "best error", "CPU s", "order", "why this bound"), rows)
+    verdicts = table(VERDICTS, rows)
     lines = ["# Validation", "", *items(f"{k}: {v}" for k, v in head.items()), "", *verdicts]
     text = "\n".join([*lines, "", page.splitlines()[-1], ""])
     write_text(out / "validation.md", text)
@@ -518,14 +523,17 @@ def _write_page(out: Path, ladders: Sequence[Ladder], page: str) -> None:
     write_summary(out / "validation.json", {**head, "results": results})
 
 
+# CPU s are of the spacing that the verdict names, those of the best error of its own
+VERDICTS = ("case", "verdict", "why", "CPU s", "best error", "its spacing", "its CPU s", "order", "why this bound")
+
+
 def _verdict_cells(ladder: Ladder) -> list[str]:
-    result, best = verdict(ladder), ladder.best
+    result, own, best = verdict(ladder), ladder.own, ladder.best
     assert ladder.case.reference is not None
-    error = "-" if best is None else f"{best.error:.3e}"
-    cpu = None if best is None else best.cpu_seconds
     return [
-        _name(ladder), result.word, result.why, error, _or_dash(cpu), _or_dash(ladder.order),
-        ladder.case.reference.reason or "-",
+        _name(ladder), result.word, result.why, _or_dash(own and own.cpu_seconds),
+        *(("-", "-", "-") if best is None else (f"{best.error:.3e}", f"{best.spacing:g}", _or_dash(best.cpu_seconds))),
+        _or_dash(ladder.order), ladder.case.reference.reason or "-",
     ]  # fmt: skip
 
 

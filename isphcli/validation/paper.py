@@ -359,7 +359,7 @@ def square_drops(seconds: float, folder: Path) -> Finding:
         jump = tension / radius * (1 + errors["laplace_relative"])
         points.append((1 / radius, jump))
         rows.append([side, f"{radius:.4f}", f"{tension / radius:.3f}", f"{jump:.3f}",
-                     f"{100 * errors['laplace_relative']:+.2f} %", f"{errors['capillary_number']:.1e}",
+                     f"{100 * errors['laplace_relative']:+.2f} %", f"{errors['peak_capillary_number']:.1e}",
                      f"{errors.get('circularity', math.nan):+.4f}",
                      f"{summary['cpu_seconds']['total']:.0f}"])  # fmt: skip
         pictures += sorted((folder / name).glob("slice*.png"))
@@ -385,7 +385,7 @@ def drops_on_walls(seconds: float, folder: Path) -> Finding:
         worst = max(worst, abs(errors["angle_relative"]) * angle)
         found = [angle * (1 + errors[f"{name}_relative"]) for name in ("angle", "angle_of_cap")]
         rows.append([angle, *(f"{value:.1f}" for value in found), f"{100 * errors['height_relative']:+.1f} %",
-                     f"{errors['capillary_number']:.1e}", f"{summary['cpu_seconds']['total']:.0f}"])  # fmt: skip
+                     f"{errors['peak_capillary_number']:.1e}", f"{summary['cpu_seconds']['total']:.0f}"])  # fmt: skip
         pictures += sorted((folder / name).glob("slice*.png"))
     return Finding(
         ("asked", "measured", "of the cap of the same centre of mass", "height", "capillary number", "CPU s"), rows,

@@ -26,7 +26,8 @@ def result_of(case, x=None, velocity=None, **more):
     velocity = np.zeros_like(x) if velocity is None else velocity
     known = dict(x=x, velocity=velocity, cell_velocity=velocity, pressure=np.zeros(len(x)), time=None)
     known |= dict(phase=np.zeros(len(x), np.int8), spacing=case.particles.spacing, geometry=build_geometry(case))
-    return Result(**({**known, "history": []} | more))
+    history = more.get("history", [])
+    return Result(**({**known, "history": history, "two_fluids": history[-1] if history else {}} | more))
 
 
 def rows(**columns):

@@ -35,14 +35,22 @@ def test_layers_between_plates_carry_the_cubes_of_their_shares(tmp_path):
     assert found.permeability == pytest.approx(1 / 12, rel=2e-3)
     assert found.relative == pytest.approx((0.375**3, 0.625**3), rel=5e-3)
     printed = CliRunner().invoke(main, ["relperm", str(out), "--all"]).stdout.splitlines()
-    assert printed[0] == "time,saturation_water,saturation_oil,k_r_water,k_r_oil" and len(printed) == 3
+    assert printed[0] == ("time,saturation_water,saturation_oil,k_r_water,k_r_oil,"
+                          "leads_through_water,leads_through_oil")
+    assert len(printed) == 3 and printed[-1].endswith(",1,1")
     assert float(printed[-1].split(",")[4]) == pytest.approx(found.relative[1], rel=1e-4)
 
 
 @pytest.mark.slow
 def test_a_slug_across_the_channel_stops_both(tmp_path):
-    (found,) = relative_permeabilities(left(tmp_path / "out", "{lower: [0.125, 0], upper: [0.25, 1]}"), Clock())
+    """And it is said why they do not flow."""
+    out = left(tmp_path / "out", "{lower: [0.125, 0], upper: [0.25, 1]}")
+    (found,) = relative_permeabilities(out, Clock())
     assert found.relative == (0.0, 0.0) and found.saturation == pytest.approx((2 / 3, 1 / 3))
+    assert found.leads_through == (False, False)
+    printed = CliRunner().invoke(main, ["relperm", str(out)]).stdout
+    for name in ("water", "oil"):
+        assert f"0 (no path through {name} alone leads through the sample along x)" in printed
 
 
 @pytest.mark.slow
@@ -51,6 +59,7 @@ def test_a_part_of_the_sample_is_that_between_its_shares(tmp_path):
     out = left(tmp_path / "out", "{lower: [0, 0], upper: [0.1875, 1]}")
     (found,) = relative_permeabilities(out, Clock(), part=(0.5, 1.0))
     assert found.relative == pytest.approx((1.0, 0.0)) and found.saturation == (1.0, 0.0)
+    assert found.why_zero(0) is None and found.why_zero(1) == "there is none of it in the sample"
     printed = CliRunner().invoke(main, ["relperm", str(out), "--part", "1:0.5"])
     assert printed.exit_code == 2 and "is not of the form" in printed.output
 

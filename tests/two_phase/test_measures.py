@@ -99,7 +99,9 @@ def test_kinetic_energy_and_velocity_are_those_of_the_masses():
     assert row["kinetic_energy_oil"] == pytest.approx(0.5 * 800 * share * 4)
     assert row["kinetic_energy_water"] == pytest.approx(0.5 * 1000 * (1 - share))
     assert (row["velocity_x_oil"], row["velocity_y_oil"], row["velocity_x_water"]) == (0, 2, 1)
-    assert row["capillary_number"] == pytest.approx(2.0 * 2 / 3)  # the thicker fluid, 2 Pa s; 3 N/m
+    # the thicker fluid, 2 Pa s; 3 N/m: of the largest speed, and of the flux, which oil and water make at right angles
+    assert row["peak_capillary_number"] == pytest.approx(2.0 * 2 / 3)
+    assert row["capillary_number"] == pytest.approx(math.hypot(2.0 * share, 1 - share) * 2 / 3)
 
 
 def test_pressure_jump_leaves_the_band_out():
@@ -109,6 +111,21 @@ def test_pressure_jump_leaves_the_band_out():
     p = np.where(scene.phase == 0, 5.0, 1.0)
     p[band.strength > 0] = 100.0
     assert scene.row(p=p)["pressure_jump"] == pytest.approx(4.0 * 800)  # p is over the density of the first fluid
+
+
+@pytest.mark.parametrize("shape, jump", [
+    ("{sphere: {centre: [0.5, 0.42], radius: 0.25}, is: oil}", 12.0),  # sigma / R: a bubble
+    ("{box: {lower: [-1, 0.4], upper: [2, 2]}, is: oil}", 0.0),  # a layer over another one
+])  # fmt: skip
+def test_pressure_jump_is_that_of_the_interface_not_of_the_weight(shape, jump):
+    """Between walls under gravity, at rest: means over the fluids differ by the weight of what lies between their
+    centres, 2000 Pa for the bubble and 4500 for the layers."""
+    scene = Scene(DISK, f"geometry.shapes=[{shape}]", "geometry.periodic=[x]", "drive.body_force=[0, -10]",
+                  "particles.jitter=0")
+    y, oil = scene.state.x[:, 1], scene.phase == 0
+    base = 0.42 if jump else 0.4
+    p = np.where(oil, jump - 8000 * (y - base), -10000 * (y - base))
+    assert scene.row(p=p / 800)["pressure_jump"] == pytest.approx(jump, abs=2.0)
 
 
 def test_centre_of_a_drop_that_crosses_a_periodic_face():

@@ -46,6 +46,16 @@ def test_a_drop_and_a_bubble_are_cut_off():
     assert row["trapped_water"] == pytest.approx(16 / 128) and row["trapped_gas"] == pytest.approx(16 / 128)
 
 
+def test_a_closed_pocket_of_the_rock_is_not_trapped():
+    """Water in 2 x 2 sites of a block of 8 x 6: no flow can reach it. The gas round it is that of the inlet."""
+    hole = "{lower: [1.625, 0.25], upper: [1.875, 0.5]}"
+    shapes = (f"[{{box: {{lower: [0, 0], upper: [3, 1]}}, is: gas}}, "
+              f"{{box: {{lower: [1.25, 0.0], upper: [2.25, 0.75]}}, is: solid}}, {{box: {hole}, is: water}}]")
+    row = row_of(shapes)
+    left = 128 - 8 * 6 + 4
+    assert row["trapped_water"] == 0.0 and row["closed_pockets"] == pytest.approx(4 / left)
+
+
 def test_what_only_touches_the_other_reservoir_over_the_seam_is_cut_off():
     """Gas at the outlet, which has broken through from nowhere, lies beside the gas of the inlet only over the seam."""
     *_, state, stepper, _, between = scene()

@@ -41,6 +41,15 @@ def level(spacing, seconds=None, error=1e-3, steps=None, own=False):
     return Level(1, spacing, own, error=error, wall_seconds=seconds, steps=steps, dimension=2)
 
 
+def test_seconds_of_a_row_are_of_the_spacing_that_its_verdict_names():
+    """The best error is of a finer one, which took longer."""
+    own, finer = level(0.1, error=2e-4, own=True), level(0.05, error=1e-4)
+    own.cpu_seconds, finer.cpu_seconds = 0.25, 7.0
+    row = dict(zip(validate.VERDICTS, validate._verdict_cells(ladder(level(0.2), own, finer))))
+    assert "at spacing 0.1" in row["why"] and row["CPU s"] == "0.25"
+    assert (row["best error"], row["its spacing"], row["its CPU s"]) == ("1.000e-04", "0.05", "7.00")
+
+
 # -- spacings, order, prediction -------------------------------------------------------------------------
 
 
