@@ -17,7 +17,7 @@ from ..domain import reduce
 from ..domain.components import parts_of
 from ..flow.state import phase_of
 from ..geometry.protocol import Geometry, inside_sample
-from ..operators.apply import total_gradient
+from ..operators.apply import gradient_one_sided
 from .cut_cells import CutCells, outline
 from .interface import Interface
 
@@ -128,7 +128,7 @@ class Measures:
         if not reduce.any_true(seen):
             return np.asarray(reduce.mean(u[self.phase_at(config) == k]))
         near, volume = cut.nearest[seen, k], volume[seen]
-        gradient = ops.exchange.forward(total_gradient(ops, u).reshape(len(u), ops.dim**2))[near]
+        gradient = ops.exchange.forward(gradient_one_sided(ops, u).reshape(len(u), ops.dim**2))[near]
         normal = ops.exchange.forward(_interface(config).normal)[near] * (1.0 - 2.0 * k)  # into fluid k
         beside = 0.5 * (1.0 - volume / cells.fluid[seen])[:, None] * normal * cells.side  # middle of a slab
         way = cells.middle[seen] + beside - config.neighbours.x[near]
