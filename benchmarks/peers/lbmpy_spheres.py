@@ -34,15 +34,18 @@ def permeability(fraction: float, nodes: int) -> tuple[float, float]:
                        force=(FORCE, 0, 0), compressible=False)  # fmt: skip
     scene = LatticeBoltzmannStep(domain_size=(nodes,) * 3, periodicity=(True,) * 3, lbm_config=config)
     radius = (3 * fraction / (4 * math.pi)) ** (1 / 3) * nodes
-    scene.boundary_handling.set_boundary(
-        NoSlip(), mask_callback=lambda *x: sum((axis - nodes / 2) ** 2 for axis in x) < radius**2)  # fmt: skip
+
+    def solid(*x: np.ndarray) -> np.ndarray:
+        return sum((axis - nodes / 2) ** 2 for axis in x) < radius**2
+
+    scene.boundary_handling.set_boundary(NoSlip(), mask_callback=solid)
+    fluid = ~solid(*np.meshgrid(*[np.arange(nodes) + 0.5] * 3, indexing="ij"))
     block = max(int(0.1 * nodes**2 / VISCOSITY / 10), 10)  # a tenth of a time of diffusion, of which k needs about one
     scene.run(1)  # compiles
     began, before = time.process_time(), 0.0
     while True:
         scene.run(block)
-        u = np.nan_to_num(np.asarray(scene.velocity[:, :, :, 0]))
-        mean = float(u.sum()) / nodes**3
+        mean = float(np.asarray(scene.velocity[:, :, :, 0])[fluid].sum()) / nodes**3
         if abs(mean - before) < 1e-5 * abs(mean):
             return VISCOSITY * mean / FORCE / nodes**2, time.process_time() - began
         before = mean

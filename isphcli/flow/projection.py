@@ -61,7 +61,7 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
 
     assert terms.ops.walls is not None
     with solvers.clock("assembly"):
-        weights = div_grad_weights(ops, terms.ops.walls.symmetric_laplacian)
+        weights = div_grad_weights(ops, terms.ops.walls.symmetric_laplacian, terms.density)
         exact, own = diagonal(ops, weights, terms.ops.grad_p), row_sums(ops.start, terms.ops.lap_p)
         scale = np.where(exact > own, exact / np.where(own > 0.0, own, 1.0), 1.0)
 

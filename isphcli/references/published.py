@@ -43,6 +43,7 @@ RISING_BUBBLE: dict[str, Any] = {
     "circularity_min": 0.9013,
     "time_of_circularity_min": 1.90,
     "centre_height_at_3": 1.0817,
+    "series": table("rising_bubble"),  # of the rise velocity and the height of the centre
 }
 # Berea sandstone, 128^3 voxels (LukasMosser/PorousMediaGan, MIT): permeability by finite volumes on this very
 # cube, flow along each axis with the sides sealed, in voxel^2. (The published file took 2 um a voxel.)

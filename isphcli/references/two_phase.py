@@ -327,18 +327,46 @@ def imbibition_errors(case: Case, result: Result) -> Errors:
     }
 
 
+PEAK = 0.96  # of the largest value: a cubic function goes through what is above, 0.3 on either side for the bubble
+LEAST = 10  # rows above it: through fewer no function is fitted
+
+
+def _peak(t: Array, f: Array) -> tuple[float, float]:
+    """Time and value of the largest of f (n,) at times t (n,), by a cubic function fitted to what lies round it: the
+    rise velocity of the bubble is 0.1 % less 5 % of the time away from its largest."""
+    top = int(np.argmax(f))
+    low = np.flatnonzero(f < PEAK * f[top])
+    part = slice(low[low < top].max(initial=-1) + 1, low[low > top].min(initial=len(f)))
+    if len(f[part]) < LEAST:
+        return float(t[top]), float(f[top])
+    fit = np.polynomial.Polynomial.fit(t[part], f[part], 3)
+    when = [float(r.real) for r in fit.deriv().roots() if abs(r.imag) < 1e-9 and t[part][0] <= r.real <= t[part][-1]]
+    best = max(when, key=fit, default=float(t[top]))
+    return best, float(fit(best))
+
+
+def _worst(t: Array, f: Array, times: Array, published: Array) -> float:
+    """Deviation of f (n,) at times t (n,) from published values at theirs, over the largest of those: the worst."""
+    reached = times <= t[-1]
+    deviation = np.interp(times[reached], t, f) - published[reached]
+    return float(max(deviation, key=abs) / published.max())
+
+
 def rising_bubble_errors(case: Case, result: Result) -> Errors:
-    """The numbers of the benchmark that the run got to; `benchmark_relative` is the worst of the three bold ones."""
+    """The numbers of the benchmark that the run got to, and the worst deviations from the published series, over their
+    largest values; `benchmark_relative` is the worst of the three bold numbers."""
     name = case.fluid_names[_drop(case, result)]
-    bubble = RISING_BUBBLE
+    bubble, series = RISING_BUBBLE, RISING_BUBBLE["series"]
     rise, roundness = column(result, f"velocity_y_{name}"), column(result, "circularity")
     height = column(result, f"centre_y_{name}")
     t = times(result, len(rise))
     errors = {}
     if t[-1] > bubble["time_of_rise_velocity_max"][1]:
-        peak = int(np.argmax(rise))
-        errors["rise_velocity_relative"] = float(rise[peak] / bubble["rise_velocity_max"] - 1)
-        errors["time_of_rise_velocity"] = float(t[peak] / np.mean(bubble["time_of_rise_velocity_max"]) - 1)
+        when, largest = _peak(t, rise)
+        errors["rise_velocity_relative"] = largest / bubble["rise_velocity_max"] - 1
+        errors["time_of_rise_velocity"] = float(when / np.mean(bubble["time_of_rise_velocity_max"]) - 1)
+        errors["rise_velocity_series"] = _worst(t, rise, series["time_of_velocity"], series["rise_velocity"])
+        errors["centre_height_series"] = _worst(t, height, series["time_of_height"], series["centre_height"])
     if t[-1] > bubble["time_of_circularity_min"]:
         errors["circularity_relative"] = float(roundness.min() / bubble["circularity_min"] - 1)
     if t[-1] >= 3.0 * (1 - 1e-9):
