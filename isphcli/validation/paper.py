@@ -291,7 +291,7 @@ def table_1(seconds: float, folder: Path) -> Finding:
     rows = [[n, f"{DIAMETER / n:.3e}", f"{expected:,}", f"{count_table_1(n):,}", f"{count_table_1(n) - expected:+d}"]
             for n, expected in TABLE_1.items()]  # fmt: skip
     exact = all(count_table_1(n) == expected for n, expected in TABLE_1.items())
-    note = "The paper's processors (432 to 11,376) are those of a machine that we do not have: figures 8 and 11 model it."
+    note = "The paper's processors, 432 to 11,376, are those of a machine that we do not have: figures 8 and 11 model it."
     return Finding(("N", "dx, m", "paper", "counted", "difference"), rows, [note], passed=exact)
 
 
@@ -358,18 +358,18 @@ def growth(first: Sequence[float], last: Sequence[float]) -> float:
     return max(math.log(sum(last[3:]) / sum(first[3:])) / math.log(last[0] / first[0]), 0.0)
 
 
-# Fluid particles of the bead pack over the sites in its column (docs/clusters.md: 2,621,926 of 6,083,687); a cylinder of
-# bubbles is all fluid
+# Fluid particles of the bead pack over the sites in its column (docs/clusters.md: 2,621,926 of 6,083,687); a cylinder
+# of bubbles is all fluid
 FLUID_IN_BEADS = 0.431
 ASSUMED = (
-    "The second table is a model: nobody ran this on so many processes. Measured are CPU seconds and iterations, in one "
-    "process (the last row of the ladder, on this machine, whose cores are faster than those of 2013), and what a step "
-    "sends, in runs of 1 to 8 processes (benchmarks/scaling.py). From the bricks of the cut follow remote particles and "
-    "neighbours. Assumed are 2 us a message, 0.25 GB/s a process (Gemini, 6 GB/s for 24 cores), two trees of messages "
-    "a sum over all processes, and of the multigrid cycle levels of a sixth of the rows down to 9, five exchanges a "
-    "level with twice as many neighbours, and ten times that to build it; nothing overlaps. The iterations grow with "
-    "the particles as on the ladder, far beyond its end. The paper's curves are drawn without numbers that we could "
-    "put beside these; its text says: almost constant for Helmholtz, slowly growing for Poisson."
+    "The second table is a model: nobody ran this on so many processes. Measured are CPU seconds and iterations, in "
+    "one process (the last row of the ladder, on this machine, whose cores are faster than those of the paper), and "
+    "what a step sends, in runs of 1 to 8 processes (benchmarks/scaling.py). From the bricks of the cut follow remote "
+    "particles and neighbours. Assumed are 2 us a message, 0.25 GB/s a process (Gemini, 6 GB/s for 24 cores), two "
+    "trees of messages a sum over all processes, and of the multigrid cycle levels of a sixth of the rows down to 9, "
+    "five exchanges a level with twice as many neighbours, and ten times that to build it; nothing overlaps. The "
+    "iterations grow with the particles as on the ladder, far beyond its end. The paper's curves are drawn without "
+    "numbers that could stand beside these; its text says: almost constant for Helmholtz, slowly growing for Poisson."
 )
 
 
