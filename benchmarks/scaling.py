@@ -113,8 +113,8 @@ def report(out, counts):
     entries += [entry | {"mode": "strong"} for entry in entries if entry["ranks"] == 8 and entry["kind"] != "drops"]
     for kind in SIZES:
         print(f"\n| {kind}: processes | particles of one | imbalance | remote over own: measured, model | "
-              "neighbours: model | iterations | of an iteration: messages, collectives, bytes a remote particle, CPU ms | "
-              "of a step |\n|---|---|---|---|---|---|---|---|")
+              "neighbours: model | iterations | of an iteration: messages, collectives, bytes a remote particle, "
+              "CPU ms | of a step |\n|---|---|---|---|---|---|---|---|")
         for mode in ("weak", "strong"):
             for entry in (e for e in entries if e["kind"] == kind and e["mode"] == mode):
                 near = busiest(np.zeros(3), np.array(entry["cells"], float), entry["ranks"], 2.1 * 0.05, (True,) * 3)

@@ -291,7 +291,7 @@ def table_1(seconds: float, folder: Path) -> Finding:
     rows = [[n, f"{DIAMETER / n:.3e}", f"{expected:,}", f"{count_table_1(n):,}", f"{count_table_1(n) - expected:+d}"]
             for n, expected in TABLE_1.items()]  # fmt: skip
     exact = all(count_table_1(n) == expected for n, expected in TABLE_1.items())
-    note = "The paper's processors, 432 to 11,376, are those of a machine that we do not have: figures 8 and 11 model it."
+    note = "The paper's processors, 432 to 11,376, are those of a machine that we do not have: a model is at figure 8."
     return Finding(("N", "dx, m", "paper", "counted", "difference"), rows, [note], passed=exact)
 
 
