@@ -131,6 +131,23 @@ def test_particles_change_their_process(found):
     assert ((first[:, axis] < 0.5) != (last[:, axis] < 0.5)).sum() > 2
 
 
+@pytest.mark.parametrize("ranks, name, reach", [(2, "vortices_3d", 0.21), (2, "vortices", 0.115),
+                                                (3, "vortices", 0.115)])
+def test_remote_particles_and_messages_are_those_of_the_model(found, ranks, name, reach):
+    """Of boxes full of fluid: particles within a support of a brick, to a fifth, since a few layers are seen or not;
+    and a message a neighbour for every exchange, of which there are as many on two and three processes but for the
+    particles that change their process and for iterations."""
+    from isphcli.validation.scaling import busiest
+
+    counted = json.loads((found("auto", ranks) / name / "summary.json").read_text())["ranks"]
+    dim = 3 if name == "vortices_3d" else 2
+    near = busiest(np.zeros(dim), np.ones(dim), ranks, reach, (True,) * dim)
+    assert counted["remote"][1] / counted["fluid"][0] == pytest.approx(near.remote, rel=0.2)
+    two = json.loads((found("auto", 2) / name / "summary.json").read_text())["ranks"]
+    assert near.neighbours == ranks - 1
+    assert counted["messages"][1] / near.neighbours == pytest.approx(two["messages"][1], rel=0.2)
+
+
 @pytest.mark.parametrize("engine, ranks", [("auto", 2), ("petsc", 1)])
 def test_solves_leave_nothing_in_memory(found, engine, ranks):
     """PETSc keeps what was not destroyed until its end, with all that the functions of a solve hold: 70 kB per particle
