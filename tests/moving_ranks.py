@@ -1,6 +1,7 @@
 """What `test_moving_ranks.py` and `test_two_fluid_ranks.py` run on several processes: mpiexec -n N python -m
-tests.moving_ranks OUT ENGINE NAMES; without mpiexec, on one. Each of the scenes NAME,NAME,... makes its steps and
-leaves its files in OUT/<name>; the restart file has the particles in the same order however many processes there are.
+tests.moving_ranks OUT ENGINE NAMES; without mpiexec, on one. Each of the scenes NAME,NAME,..., or all, makes its steps
+and leaves its files in OUT/<name>; the restart file has the particles in the same order however many processes there
+are.
 
 mpiexec -n N python -m tests.moving_ranks goes_on FOLDER...: ten more steps from the restart files in these folders.
 """
@@ -164,7 +165,7 @@ def main(folder, engine, names):
     out = Path(folder)
     on_first(lambda: (out.mkdir(exist_ok=True), write_beads(out)))
     for name, case in cases(out):
-        if name not in names.split(","):
+        if names != "all" and name not in names.split(","):
             continue
         case = replace(case, solver=replace(case.solver, engine=engine, tolerance=1e-11),
                        output=replace(case.output, plots=False, restart_every=STEPS // 2),

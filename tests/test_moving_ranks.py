@@ -19,7 +19,7 @@ import pytest
 
 from tests.moving_ranks import NAMES, NAMES_OF_TWO, STEPS
 from tests.paths import CASES
-from tests.test_ranks import ENVIRONMENT, pytestmark, start  # noqa: F401 - pytest reads pytestmark
+from tests.test_ranks import ENVIRONMENT, OF_ONE, pytestmark, start  # noqa: F401 - pytest reads pytestmark
 
 SEVERAL = {("auto", 2): NAMES, ("auto", 3): ["vortices", "pack", "thin", "few"], ("auto", 4): ["cavity", "pack"],
            ("petsc", 1): ["vortices", "viscous", "cavity"]}
@@ -42,10 +42,12 @@ def found(tmp_path_factory):
 
     def of(engine="auto", ranks=1):
         key = engine, ranks
+        if key == ("auto", 1) and OF_ONE is not None:
+            return Path(OF_ONE) / "moving"
         if key not in _known:
             folder = tmp_path_factory.mktemp(f"{engine}{ranks}")
-            names = [*NAMES, *NAMES_OF_TWO] if key == ("auto", 1) else SEVERAL[key] + SEVERAL_OF_TWO.get(key, [])
-            done = start("-m", "tests.moving_ranks", folder, engine, ",".join(names), ranks=ranks)
+            names = ",".join([*SEVERAL[key], *SEVERAL_OF_TWO.get(key, [])]) if key in SEVERAL else "all"
+            done = start("-m", "tests.moving_ranks", folder, engine, names, ranks=ranks)
             assert done.returncode == 0, done.stdout + done.stderr
             _known[key] = folder
         return _known[key]
