@@ -2,6 +2,7 @@
 isphcli/validation/scaling.py.
 
 usage: python benchmarks/scaling.py FOLDER [RANKS...]      (1 2 4 8; mpiexec, mpi4py and petsc4py have to be there)
+       python benchmarks/scaling.py sizes                  what large steady scenes would take, extrapolated
 
 Fluid between spheres in a periodic box, 20 spacings a sphere: creeping flow to two tolerances, moving particles of 4
 and of 10 steps, and with drops in the place of the spheres. weak: a sphere a process, 6,300 particles, as many as the
@@ -131,6 +132,46 @@ def report(out, counts):
                       f"{cells[0]} | {cells[1] if len(cells) > 1 else ''} |")
 
 
+# Of docs/clusters.md: bytes of a process, of an own or remote particle; those that a process may hold; power with which
+# iterations grow with the particles (PETSc, Berea 64^3 and 128^3: 32 and 41 of 88,635 and 728,845). Then CPU us a
+# particle of the set-up and of an iteration; iterations of a scene of so many particles: the pack of N = 192 in one
+# process (2373 CPU s, 1558 of them in 59 iterations, other programs beside it), Berea 128^3 by PETSc
+PROGRAM, BYTES, ROOM, GROWTH = 2.45e8, 3.7e3, 3.5e9, 0.12
+COSTS = {"pack": (77.0, 3.0, 59, 8.85e6), "rock": (23.9, 1.29, 41, 7.29e5)}
+
+
+def sizes():
+    """Prints a table of processes of ROOM bytes."""
+    from isphcli.preflight.costs_of_ranks import WAITS
+    from isphcli.validation.paper import LENGTH, RADIUS, TABLE_1, fluid_of_table_1
+
+    side = np.pi**0.5 * RADIUS
+    scenes = [(f"table 1, N = {n}", fluid_of_table_1(n), "pack", np.array([side, LENGTH, side]), sites)
+              for n, sites in TABLE_1.items()]
+    scenes.append(("rock of 1000^3 voxels, porosity 0.21", 2.1e8, "rock", np.ones(3), 1e9))
+    print("| scene | fluid particles | processes | own and remote of one | memory of one, all | iterations | wall |\n"
+          "|---|---|---|---|---|---|---|")
+    for name, fluid, kind, box, sites in scenes:
+        reach = 2.1 * (np.prod(box) / sites) ** (1 / 3)
+        chosen = next(count for count in range(2, 100_000, 2 if fluid < 1e7 else 16)
+                      if held(fluid, count, box, reach)[1] < ROOM)
+        near, memory = held(fluid, chosen, box, reach)
+        set_up, each, iterations, of = COSTS[kind]
+        iterations *= (fluid / of) ** GROWTH
+        seconds = 1e-6 * (set_up + each * iterations) * fluid / chosen * (1.0 + near.remote) * WAITS
+        print(f"| {name} | {fluid / 1e6:,.1f} million | {chosen:,} | {fluid / chosen:,.0f} and "
+              f"{near.remote * fluid / chosen:,.0f} | {memory / 1e9:.2f} GB, {memory * chosen / 1e9:,.0f} GB | "
+              f"{iterations:.0f} | {seconds:,.0f} s |")
+
+
+def held(fluid, count, box, reach):
+    """The busiest of so many processes, and bytes that it holds."""
+    from isphcli.validation.scaling import busiest
+
+    near = busiest(np.zeros(3), box, count, reach, (False, True, False))
+    return near, PROGRAM + BYTES * fluid / count * (1.0 + near.remote)
+
+
 def main(folder, *counts):
     out = Path(folder)
     out.mkdir(exist_ok=True)
@@ -144,7 +185,9 @@ def main(folder, *counts):
 
 
 if __name__ == "__main__":
-    if sys.argv[2:] == ["several"]:
+    if sys.argv[1:] == ["sizes"]:
+        sizes()
+    elif sys.argv[2:] == ["several"]:
         on_ranks(Path(sys.argv[1]))
     else:
         main(*sys.argv[1:])
