@@ -1,11 +1,11 @@
 """Weak and strong scaling on few processes: what each holds, sends and takes, measured beside the model of
 isphcli/validation/scaling.py.
 
-usage: python benchmarks/scaling.py FOLDER [RANKS...]      (1 2 4 8; mpiexec, mpi4py and petsc4py have to be there)
-       python benchmarks/scaling.py sizes                  what large steady scenes would take, extrapolated
+usage: python benchmarks/scaling.py FOLDER [weak] [RANKS...]     (1 2 4 8; needs mpiexec, mpi4py and petsc4py)
+       python benchmarks/scaling.py sizes                         what large steady scenes would take, extrapolated
 
-Fluid between spheres in a periodic box, 20 spacings a sphere: creeping flow to two tolerances, moving particles of 4
-and of 10 steps, and with drops in the place of the spheres. weak: a sphere a process, 6,300 particles, as many as the
+Fluid between spheres in a periodic box, 20 spacings a sphere: creeping flow to two tolerances, moving particles of 2
+and of 5 steps, and with drops in the place of the spheres. weak: a sphere a process, 6,300 particles, as many as the
 paper gave one; strong: 8 spheres on all. Prints a table of each in Markdown. On a machine with fewer cores than
 processes their CPU seconds hold what they wait for each other: what they waited outside of PETSc is taken off, what
 they wait within it is not.
@@ -40,8 +40,8 @@ FLOWS = {"steady": "flow: stokes\ndrive: {axes: [x]}", "moving": PUSHED,
          "drops": "  oil: {density: 0.5, viscosity: 0.05}\ninterface: {tension: 1}\n" + PUSHED}
 # (tolerance, steps): what the last has more than the one before is that of iterations, and of moving particles what the
 # second has more than the first that of steps
-SIZES = {"steady": ((1e-3, 0), (1e-6, 0)), "moving": ((1e-6, 4), (1e-6, 10), (1e-9, 10)),
-         "drops": ((1e-6, 4), (1e-6, 10), (1e-9, 10))}
+SIZES = {"steady": ((1e-3, 0), (1e-6, 0)), "moving": ((1e-6, 2), (1e-6, 5), (1e-9, 5)),
+         "drops": ((1e-6, 2), (1e-6, 5), (1e-9, 5))}
 CELLS = {1: (1, 1, 1), 2: (2, 1, 1), 4: (2, 2, 1), 8: (2, 2, 2)}  # of the weak runs, by their processes
 COUNTED = ("messages", "sent", "collectives", "iterations", "cpu")
 
@@ -70,7 +70,7 @@ def measured(kind, cells, size, out):
     spent = time.process_time() - begin - (TRAFFIC.waited - before.waited)
     rows = current().first(read_history(out / "history.csv") if current().rank == 0 else None)
     names = [name for name in rows[0] if name.startswith("iterations")]
-    steps = rows[4:] or rows  # the first ones find the pressure
+    steps = rows[2:] or rows  # the first ones find the pressure
     fluid, remote = (summary["ranks"][name][1] if current().size > 1 else summary["particles"]["fluid"] * own
                      for name, own in (("fluid", 1), ("remote", 0)))
     own = {"messages": TRAFFIC.messages - before.messages, "sent": TRAFFIC.sent - before.sent,
@@ -82,7 +82,7 @@ def measured(kind, cells, size, out):
                    "mean": sum(row[name] for row in steps for name in names) / max(len(steps), 1)}
 
 
-def on_ranks(out):
+def on_ranks(out, modes):
     """One program of several processes: every scene of so many. Leaves <ranks>.json."""
     from isphcli.domain.communicator import current, join
     from isphcli.output.environment import launched
@@ -92,10 +92,10 @@ def on_ranks(out):
     found = []
     for mode, cells in (("weak", CELLS[ranks]), ("strong", CELLS[8])):
         for kind, sizes in SIZES.items():
-            if mode == "strong" and (ranks == 8 or kind == "drops"):
+            if mode not in modes or (mode == "strong" and (ranks == 8 or kind == "drops")):
                 continue
-            # the first one compiles
-            runs = [measured(kind, cells, size, out / f"{kind}_{mode}") for size in (sizes[0], *sizes)][1:]
+            measured(kind, cells, (1e-3, 1), out / "first")  # compiles
+            runs = [measured(kind, cells, size, out / f"{kind}_{mode}") for size in sizes]
             entry = {"mode": mode, "kind": kind, "ranks": ranks, "cells": cells, **runs[1]}
             more = runs[-1]["iterations"] - runs[-2]["iterations"]
             entry |= {f"{name}_iteration": (runs[-1][name] - runs[-2][name]) / more for name in COUNTED}
@@ -172,22 +172,23 @@ def held(fluid, count, box, reach):
     return near, PROGRAM + BYTES * fluid / count * (1.0 + near.remote)
 
 
-def main(folder, *counts):
+def main(folder, *words):
     out = Path(folder)
     out.mkdir(exist_ok=True)
-    counts = [int(count) for count in counts] or [1, 2, 4, 8]
+    counts = [int(count) for count in words if count != "weak"] or [1, 2, 4, 8]
+    modes = "weak" if "weak" in words else "weak,strong"
     environment = os.environ | {"NUMBA_NUM_THREADS": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1",
                                 "OMPI_MCA_mpi_yield_when_idle": "1"}
     for ranks in counts:
         launcher = ["mpiexec", "-n", str(ranks)] if ranks > 1 else []
-        subprocess.run([*launcher, sys.executable, __file__, str(out), "several"], env=environment, check=True)
+        subprocess.run([*launcher, sys.executable, __file__, str(out), "several", modes], env=environment, check=True)
     report(out, counts)
 
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["sizes"]:
         sizes()
-    elif sys.argv[2:] == ["several"]:
-        on_ranks(Path(sys.argv[1]))
+    elif sys.argv[2:3] == ["several"]:
+        on_ranks(Path(sys.argv[1]), sys.argv[3].split(","))
     else:
         main(*sys.argv[1:])
