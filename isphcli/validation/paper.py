@@ -360,7 +360,7 @@ def growth(first: Sequence[float], last: Sequence[float]) -> float:
 
 def fluid_of_table_1(n: int) -> float:
     """Fluid particles of the bead pack among the sites that table 1 counts, of which those beyond the column and in
-    beads are none: 2.62 and 8.85 million of N = 128 and 192 (2,621,926 and 8,853,468 are placed)."""
+    beads are none: 2.62 and 8.85 million of N = 128 and 192 (2,621,926 and 8,852,854 are placed)."""
     return TABLE_1[n] * POROSITY * (n / (n + 8)) ** 2
 
 
