@@ -1,6 +1,9 @@
-"""What `test_moving_ranks.py` runs on several processes: mpiexec -n N python -m tests.moving_ranks OUT ENGINE NAMES;
-without mpiexec, on one. Each of the scenes NAME,NAME,... makes its steps and leaves its files in OUT/<name>; the
-restart file has the particles in the same order however many processes there are.
+"""What `test_moving_ranks.py` and `test_two_fluid_ranks.py` run on several processes: mpiexec -n N python -m
+tests.moving_ranks OUT ENGINE NAMES; without mpiexec, on one. Each of the scenes NAME,NAME,..., or all, makes its steps
+and leaves its files in OUT/<name>; the restart file has the particles in the same order however many processes there
+are.
+
+mpiexec -n N python -m tests.moving_ranks goes_on FOLDER...: ten more steps from the restart files in these folders.
 """
 
 import gc
@@ -158,21 +161,40 @@ def main(folder, engine, names):
     from isphcli.output.environment import launched
 
     join(launched())
-    if set(names.split(",")) <= set(NAMES_OF_TWO):  # what forgets its distance depends on the last digits of the drop
-        step.UNIT_RESPONSE_TOLERANCE = 0.0
+    usual = step.UNIT_RESPONSE_TOLERANCE
     out = Path(folder)
     on_first(lambda: (out.mkdir(exist_ok=True), write_beads(out)))
     for name, case in cases(out):
-        if name not in names.split(","):
+        if names != "all" and name not in names.split(","):
             continue
         case = replace(case, solver=replace(case.solver, engine=engine, tolerance=1e-11),
                        output=replace(case.output, plots=False, restart_every=STEPS // 2),
                        time=replace(case.time, max_steps=STEPS), title=name)
+        # what forgets its distance to an interface depends on the last digits of the drop
+        step.UNIT_RESPONSE_TOLERANCE = 0.0 if name in NAMES_OF_TWO else usual
         api.run(case, out=out / name, quiet=True, check=False, overwrite=True)
     petsc = sys.modules.get("isphcli.solvers.petsc")
     left = 0 if petsc is None else sum(isinstance(known, petsc._Shell) for known in gc.get_objects())
     on_first(lambda: (out / "left").write_text(str(left)))
 
 
+def go_on(*folders):
+    from isphcli import api
+    from isphcli.case.load import load_case
+    from isphcli.domain.communicator import join
+    from isphcli.flow import step
+    from isphcli.output.environment import launched
+
+    join(launched())
+    usual = step.UNIT_RESPONSE_TOLERANCE
+    for folder in map(Path, folders):
+        step.UNIT_RESPONSE_TOLERANCE = 0.0 if folder.name in NAMES_OF_TWO else usual
+        case = load_case(folder / "case.yaml", (f"time.max_steps={STEPS + 10}",))
+        api.run(case, out=folder, restart=folder, quiet=True, check=False)
+
+
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    if sys.argv[1] == "goes_on":
+        go_on(*sys.argv[2:])
+    else:
+        main(*sys.argv[1:])

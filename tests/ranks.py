@@ -43,9 +43,16 @@ fluids: {water: {density: 1, viscosity: 1}}
 flow: stokes
 drive: {axes: [x]}
 """  # a row of four particles: some processes have none
-TEXTS = {"thin": BARS.format(length="0.2"), "long": BARS.format(length="2.0"), "tube": TUBE, "few": FEW}
+# positions off their lattice, some of which change their process by it; fields on a grid whose cells are not those of
+# the particles, one file of all processes
+SCATTERED = BARS.format(length="1.6").replace("spacing: 0.1", "spacing: 0.1, jitter: 0.2") + """
+output: {grid: 0.07, format: xdmf}
+"""
+TEXTS = {"thin": BARS.format(length="0.2"), "long": BARS.format(length="2.0"), "few": FEW, "scattered": SCATTERED,
+         "tube": TUBE + "output: {grid: 0.04}\n"}
 FILES = {"berea": ("berea", BEREA), "spheres": ("sphere_array", ["drive.axes=[x]"]), "tubes": ("two_tubes", []),
-         "smooth": ("berea", [*BEREA, "geometry.wall_distance=smooth"])}
+         "smooth": ("berea", [*BEREA, "geometry.wall_distance=smooth"]),
+         "grey": ("grey_blobs", ["geometry.voxels.grey.uncertainty=2000"])}
 
 
 def cases():

@@ -12,42 +12,65 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.moving_ranks import NAMES, STEPS
+from tests.moving_ranks import NAMES, NAMES_OF_TWO, STEPS
 from tests.paths import CASES
-from tests.test_ranks import ENVIRONMENT, pytestmark, start  # noqa: F401 - pytest reads pytestmark
+from tests.test_ranks import ENVIRONMENT, OF_ONE, pytestmark, start  # noqa: F401 - pytest reads pytestmark
 
 SEVERAL = {("auto", 2): NAMES, ("auto", 3): ["vortices", "pack", "thin", "few"], ("auto", 4): ["cavity", "pack"],
            ("petsc", 1): ["vortices", "viscous", "cavity"]}
+# Of two fluids, which the same programs run: an mpiexec and its imports cost more than most scenes
+SEVERAL_OF_TWO = {("auto", 2): NAMES_OF_TWO, ("auto", 3): ["drop", "half_drop", "few_of_two", "bubbles", "drainage"],
+                  ("auto", 4): ["csf", "slit", "thin_layers"]}
 # Solves to 1e-11 leave differences of 1e-9 and less of the largest value after 20 steps; what the project asks for
 CLOSE = 1e-8
 # What a unit pressure gradient makes is found to 1e-3 of it, in each step: PETSc in one process differs by 6e-6 as well
 CLOSE_OF = {"held": 3e-5}
 
 
-def folders(tmp_path_factory, several, names):
-    """of(engine, ranks): the folder that `tests.moving_ranks` filled, once. several: {(engine, ranks): names of its
-    scenes}; names: of one process."""
-    known = {}
+_known: dict[tuple[str, int], Path] = {}  # of both files of tests
+_gone: dict[tuple[str, int, int], Path] = {}
+
+
+@pytest.fixture(scope="session")
+def found(tmp_path_factory):
+    """found(engine, ranks): the folder that `tests.moving_ranks` filled, once."""
 
     def of(engine="auto", ranks=1):
-        if (engine, ranks) not in known:
+        key = engine, ranks
+        if key == ("auto", 1) and OF_ONE is not None:
+            return Path(OF_ONE) / "moving"
+        if key not in _known:
             folder = tmp_path_factory.mktemp(f"{engine}{ranks}")
-            wanted = ",".join(several.get((engine, ranks), names))
-            done = start("-m", "tests.moving_ranks", folder, engine, wanted, ranks=ranks)
+            names = ",".join([*SEVERAL[key], *SEVERAL_OF_TWO.get(key, [])]) if key in SEVERAL else "all"
+            done = start("-m", "tests.moving_ranks", folder, engine, names, ranks=ranks)
             assert done.returncode == 0, done.stdout + done.stderr
-            known[engine, ranks] = folder
-        return known[engine, ranks]
+            _known[key] = folder
+        return _known[key]
 
     return of
 
 
-@pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    return folders(tmp_path_factory, SEVERAL, NAMES)
+@pytest.fixture(scope="session")
+def gone_on(found, tmp_path_factory):
+    """gone_on(name, before, after): the folder of a scene that made 20 steps on one number of processes and ten more on
+    another."""
+
+    def of(name, before, after):
+        if (name, before, after) not in _gone:
+            keys = [key for key in GONE_ON if key[2] == after]
+            for key in keys:
+                copy = tmp_path_factory.mktemp("from" + str(key[1])) / key[0]
+                _gone[key] = shutil.copytree(found("auto", key[1]) / key[0], copy)
+            done = start("-m", "tests.moving_ranks", "goes_on", *(_gone[key] for key in keys), ranks=after)
+            assert done.returncode == 0, done.stdout + done.stderr
+        return _gone[name, before, after]
+
+    return of
 
 
 def state(folder):
@@ -110,6 +133,23 @@ def test_particles_change_their_process(found):
     assert ((first[:, axis] < 0.5) != (last[:, axis] < 0.5)).sum() > 2
 
 
+@pytest.mark.parametrize("ranks, name, reach", [(2, "vortices_3d", 0.21), (2, "vortices", 0.115),
+                                                (3, "vortices", 0.115)])
+def test_remote_particles_and_messages_are_those_of_the_model(found, ranks, name, reach):
+    """Of boxes full of fluid: particles within a support of a brick, to a fifth, since a few layers are seen or not;
+    and a message a neighbour for every exchange, of which there are as many on two and three processes but for the
+    particles that change their process and for iterations."""
+    from isphcli.validation.scaling import busiest
+
+    counted = json.loads((found("auto", ranks) / name / "summary.json").read_text())["ranks"]
+    dim = 3 if name == "vortices_3d" else 2
+    near = busiest(np.zeros(dim), np.ones(dim), ranks, reach, (True,) * dim)
+    assert counted["remote"][1] / counted["fluid"][0] == pytest.approx(near.remote, rel=0.2)
+    two = json.loads((found("auto", 2) / name / "summary.json").read_text())["ranks"]
+    assert near.neighbours == ranks - 1
+    assert counted["messages"][1] / near.neighbours == pytest.approx(two["messages"][1], rel=0.2)
+
+
 @pytest.mark.parametrize("engine, ranks", [("auto", 2), ("petsc", 1)])
 def test_solves_leave_nothing_in_memory(found, engine, ranks):
     """PETSc keeps what was not destroyed until its end, with all that the functions of a solve hold: 70 kB per particle
@@ -128,23 +168,14 @@ def test_snapshots_of_moving_particles(found):
         assert len(pieces) == 3 and len(np.unique(x.round(9), axis=0)) == len(x) == 400
 
 
-def gone_on(folder, ranks):
-    """Ten more steps from the restart file in a folder."""
-    done = start("-m", "isphcli", "run", "--restart", folder, "--quiet", "--set", "time.max_steps=30", ranks=ranks)
-    assert done.returncode == 5, done.stdout + done.stderr  # stopped by its steps
-    return folder
+GONE_ON = [("vortices", 1, 1), ("vortices", 2, 3), ("vortices", 2, 1), ("vortices", 1, 2),
+           ("half_drop", 1, 1), ("half_drop", 2, 3), ("half_drop", 3, 1)]  # scene, processes before and after
 
 
-@pytest.fixture(scope="module")
-def longer(found, tmp_path_factory):
-    """30 steps of one process."""
-    return gone_on(shutil.copytree(found() / "vortices", tmp_path_factory.mktemp("one") / "run"), 1)
-
-
-@pytest.mark.parametrize("before, after", [(2, 3), (2, 1), (1, 2)])
-def test_a_restart_goes_on_with_another_number_of_processes(found, longer, tmp_path, before, after):
+@pytest.mark.parametrize("name, before, after", [key for key in GONE_ON if key[1:] != (1, 1)])
+def test_a_restart_goes_on_with_another_number_of_processes(gone_on, name, before, after):
     """The file of 20 steps on one number of processes gives, on another, the 30 steps of one."""
-    folder = gone_on(shutil.copytree(found("auto", before) / "vortices", tmp_path / "run"), after)
+    longer, folder = gone_on(name, 1, 1), gone_on(name, before, after)
     assert_same_state(longer, folder)
     assert [row["step"] for row in rows(folder)] == [str(step) for step in range(1, 31)]
 
@@ -202,12 +233,3 @@ main()
     done = start(program, ranks=2)
     assert done.returncode != 0 and "rank 1 of 2: error: the disk of this rank is full" in done.stderr
     assert "finished" not in done.stdout
-
-
-@pytest.mark.parametrize("name, given, what", [("drop_wall_60", "output.grid=0.05", "no snapshots on a grid"),
-                                               ("two_tubes", "particles.jitter=0.1", "no jitter in steady flow")])
-def test_what_is_not_distributed_is_refused_once(tmp_path, name, given, what):
-    done = start("-m", "isphcli", "run", CASES / f"{name}.yaml", "--out", tmp_path / "out", "--quiet", "--set", given,
-                 ranks=2)
-    assert done.returncode != 0 and done.stderr.count(what) == 1
-    assert "without mpiexec" in done.stderr and not (tmp_path / "out").exists()

@@ -2,35 +2,29 @@
 measured is the same. Where and how they run: see `test_ranks.py`."""
 
 import json
-import shutil
 
 import numpy as np
 import pytest
 
 from isphcli.flow.state import phase_of
-from tests.moving_ranks import NAMES_OF_TWO
-from tests.test_moving_ranks import CLOSE, assert_same_state, folders, gone_on, rows, state
+from tests import test_moving_ranks
+from tests.test_moving_ranks import CLOSE, SEVERAL_OF_TWO, assert_same_state, rows, state
 from tests.test_ranks import pytestmark  # noqa: F401 - pytest reads pytestmark
 
-SEVERAL = {("auto", 2): NAMES_OF_TWO, ("auto", 3): ["drop", "half_drop", "few_of_two", "bubbles", "drainage"],
-           ("auto", 4): ["csf", "slit", "thin_layers"]}
+found = test_moving_ranks.found  # a fixture
+SCENES = [(ranks, name) for (_, ranks), names in SEVERAL_OF_TWO.items() for name in names]
 ONES = {"step", "limit", "rebuilt", "iterations_velocity", "iterations_pressure", "residual_velocity",
         "residual_pressure", "divergence"}  # not of the flow, or compared apart
 
 
-@pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    return folders(tmp_path_factory, SEVERAL, NAMES_OF_TWO)
-
-
-@pytest.mark.parametrize("ranks, name", [(ranks, name) for (_, ranks), names in SEVERAL.items() for name in names])
+@pytest.mark.parametrize("ranks, name", SCENES)
 def test_particles_and_fluids_are_those_of_one_process(found, ranks, name):
     one, other = found() / name, found("auto", ranks) / name
     assert_same_state(one, other)
     assert np.array_equal(phase_of(state(one)["phi"]), phase_of(state(other)["phi"]))
 
 
-@pytest.mark.parametrize("ranks, name", [(ranks, name) for (_, ranks), names in SEVERAL.items() for name in names])
+@pytest.mark.parametrize("ranks, name", SCENES)
 def test_measures_are_those_of_one_process(found, ranks, name):
     """Every column of the history and of the profiles: volumes, centres, angles, jumps, energies, saturations; parts of
     the fluids, fronts and steps of a drive exactly."""
@@ -64,10 +58,3 @@ def test_bubbles_and_drops_are_cut(found):
         folder = found("auto", 2) / name / "snapshots"
         pieces = [read_vtu(folder / f"particles_000020_{rank:05d}.vtu")[1] for rank in (0, 1)]
         assert all(set(np.unique(fields["phase"])) == {0, 1} for fields in pieces)
-
-
-@pytest.mark.parametrize("before, after", [(2, 3), (3, 1)])
-def test_a_restart_of_two_fluids_on_another_number_of_processes(found, tmp_path, before, after):
-    one = gone_on(shutil.copytree(found() / "half_drop", tmp_path / "one"), 1)
-    other = gone_on(shutil.copytree(found("auto", before) / "half_drop", tmp_path / "run"), after)
-    assert_same_state(one, other)

@@ -8,7 +8,10 @@ only must not: the others would wait for it.
 from __future__ import annotations
 
 import pickle
+import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,6 +26,34 @@ INSTALL = """\
 
 class RanksError(ValueError):
     """Several processes that cannot work on one scene: what is missing or wrong, and what to do."""
+
+
+@dataclass
+class Traffic:
+    """What this process has sent since its start, but within PETSc.
+
+    messages: to other processes, one by one; sent: bytes of these; collectives: sums and the like over all processes;
+    waited: CPU s spent in both, most of it in waiting for others.
+    """
+
+    messages: int = 0
+    sent: int = 0
+    collectives: int = 0
+    waited: float = 0.0
+
+    @contextmanager
+    def counted(self, messages: int = 0, sent: int = 0, collectives: int = 0) -> Iterator[None]:
+        """Counts what the block sends, sent: bytes."""
+        self.messages, self.sent = self.messages + messages, self.sent + sent
+        self.collectives += collectives
+        begin = time.process_time()
+        try:
+            yield
+        finally:
+            self.waited += time.process_time() - begin
+
+
+TRAFFIC = Traffic()
 
 
 class Communicator(Protocol):
@@ -96,20 +127,24 @@ class Ranks:
     def _all_reduce(self, value: Any, how: Any) -> Any:
         array = np.ascontiguousarray(value)
         out = np.empty_like(array)
-        self.raw.Allreduce(array, out, op=how)
+        with TRAFFIC.counted(collectives=1):
+            self.raw.Allreduce(array, out, op=how)
         return out if np.ndim(value) else out.reshape(())[()]
 
     def collect(self, value: Any) -> list[Any]:
         """See `Communicator`."""
-        return self.raw.allgather(value)
+        with TRAFFIC.counted(collectives=1):
+            return self.raw.allgather(value)
 
     def first(self, value: Any) -> Any:
         """See `Communicator`."""
-        return self.raw.bcast(value)
+        with TRAFFIC.counted(collectives=1):
+            return self.raw.bcast(value)
 
     def gather(self, value: Any) -> list[Any] | None:
         """See `Communicator`."""
-        return self.raw.gather(value)
+        with TRAFFIC.counted(collectives=1):
+            return self.raw.gather(value)
 
     def agree_to_fail(self, text: str, patience: float) -> list[str] | None:
         """What every rank has to say of its failure, where all of them fail within `patience` seconds; else None."""

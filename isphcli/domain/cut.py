@@ -104,13 +104,33 @@ class Cut:
         return of
 
 
+def even_bricks(lower: np.ndarray, upper: np.ndarray, count: int) -> np.ndarray:
+    """Corners (count, 2, dim) of the bricks of so many processes in a box, corners (dim,), that fluid fills evenly:
+    what `Cut` makes of it."""
+    bricks = [Brick(0, count, np.array(lower, float), np.array(upper, float))]
+    while any(brick.several for brick in bricks):
+        parts: list[Brick] = []
+        for brick in bricks:
+            if not brick.several:
+                parts.append(brick)
+                continue
+            axis = int(np.argmax(brick.upper - brick.lower))
+            middle, below, above = (brick.first + brick.end) // 2, brick.upper.copy(), brick.lower.copy()
+            share = (middle - brick.first) / (brick.end - brick.first)
+            below[axis] = above[axis] = brick.lower[axis] + share * (brick.upper - brick.lower)[axis]
+            parts += [Brick(brick.first, middle, brick.lower, below), Brick(middle, brick.end, above, brick.upper)]
+        bricks = parts
+    return np.array([[brick.lower, brick.upper] for brick in bricks])
+
+
 def _descend(level: TreeLevel, of: np.ndarray, along: np.ndarray) -> np.ndarray:
     """Bricks (n,) of the next level from those of a level, by the coordinates along the axes of their cuts."""
     return level.first[of] + ((along >= level.place[of]) & ~level.whole[of])
 
 
 def _quantiles(along: np.ndarray, of: np.ndarray, share: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Places (k,) below which the given shares of the particles of each of k bricks lie."""
+    """Places (k,) below which the given shares of the particles of each of k bricks lie, as nearly as planes of a
+    lattice allow: in the middle of the gap beside the one that holds the quantile."""
     k, low, high = len(share), low.copy(), high.copy()
     below, whole = np.zeros(k), None
     for _ in range(PASSES):
@@ -125,4 +145,11 @@ def _quantiles(along: np.ndarray, of: np.ndarray, share: np.ndarray, low: np.nda
         width = (high - low) / BINS
         low = low + hit * width
         high = low + width
-    return 0.5 * (low + high)
+    place: np.ndarray = np.where(upto[np.arange(k), hit] - share * whole < share * whole - below, high, low)
+    under, beside = along < place[of], np.full((2, k), -np.inf)
+    np.maximum.at(beside[0], of[under], along[under])
+    np.maximum.at(beside[1], of[~under], -along[~under])
+    beside = current().max(beside)
+    both = np.isfinite(beside).all(axis=0)
+    place[both] = 0.5 * (beside[0, both] - beside[1, both])
+    return place

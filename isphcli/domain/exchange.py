@@ -10,6 +10,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from .communicator import TRAFFIC
+
 
 class Exchange(Protocol):
     """How the values of remote particles come.
@@ -65,7 +67,6 @@ class NeighbourExchange:
                  slot: np.ndarray | None = None):
         self.remote, self._comm, self._send, self._slot = int(want.sum()), comm, send, slot
         self._targets, self._sources = _parts(give), _parts(want)
-        self.sent = 0  # bytes so far
 
     @staticmethod
     def of_sites(comm: Any, ids: np.ndarray, owner: np.ndarray, own_ids: np.ndarray) -> NeighbourExchange:
@@ -93,12 +94,7 @@ class NeighbourExchange:
         out[:n] = values
         sent = np.ascontiguousarray(values[self._send])
         found = out[n:] if self._slot is None else np.empty((self.remote, *values.shape[1:]), values.dtype)
-        # messages between two processes keep their order: no tags are needed
-        pending = [self._comm.Irecv(found[part], source) for source, part in self._sources]
-        pending += [self._comm.Isend(sent[part], target) for target, part in self._targets]
-        for request in pending:
-            request.Wait()
-        self.sent += sent.nbytes
+        _send(self._comm, (sent, self._targets), (found, self._sources))
         if self._slot is not None:
             out[n + self._slot] = found
         return out
@@ -108,11 +104,7 @@ class NeighbourExchange:
         n = len(values) - self.remote
         known = np.ascontiguousarray(values[n:] if self._slot is None else values[n + self._slot])
         come = np.empty((len(self._send), *values.shape[1:]), values.dtype)
-        pending = [self._comm.Irecv(come[part], target) for target, part in self._targets]
-        pending += [self._comm.Isend(known[part], source) for source, part in self._sources]
-        for request in pending:
-            request.Wait()
-        self.sent += known.nbytes
+        _send(self._comm, (known, self._sources), (come, self._targets))
         own = values[:n].copy()
         np.add.at(own, self._send, come)
         return self.forward(own)
@@ -125,17 +117,27 @@ def deliver(comm: Any, owner: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarr
     order = np.argsort(owner, kind="stable")
     give = np.bincount(owner, minlength=comm.size).astype(np.int64)
     want = np.empty_like(give)
-    comm.Alltoall(give, want)
+    with TRAFFIC.counted(collectives=1):
+        comm.Alltoall(give, want)
     found: list[np.ndarray] = []
     for values in arrays:
         sent = np.ascontiguousarray(values[order])
         come = np.empty((int(want.sum()), *values.shape[1:]), values.dtype)
-        pending = [comm.Irecv(come[part], source) for source, part in _parts(want)]
-        pending += [comm.Isend(sent[part], target) for target, part in _parts(give)]
-        for request in pending:
-            request.Wait()
+        _send(comm, (sent, _parts(give)), (come, _parts(want)))
         found.append(come)
     return (*found, want)
+
+
+def _send(comm: Any, given: tuple[np.ndarray, list[tuple[int, slice]]],
+          taken: tuple[np.ndarray, list[tuple[int, slice]]]) -> None:
+    """One message of rows to each process, and one from each: (array, `_parts` of it) of what goes and of what comes.
+    Messages between two processes keep their order: no tags are needed."""
+    (sent, targets), (found, sources) = given, taken
+    with TRAFFIC.counted(len(targets), sent.nbytes):
+        pending = [comm.Irecv(found[part], source) for source, part in sources]
+        pending += [comm.Isend(sent[part], target) for target, part in targets]
+        for request in pending:
+            request.Wait()
 
 
 def _parts(counts: np.ndarray) -> list[tuple[int, slice]]:

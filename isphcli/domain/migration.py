@@ -81,7 +81,6 @@ class Migration:
         self.share, self.lower, self.upper = share, lower, upper
         self.periodic, self.sight = np.array(periodic), sight
         self._near = self._near_bricks()
-        self._last: Numbered | None = None
 
     def reaching(self, reach: float) -> Migration:
         """The same, for what is seen within `reach`, m."""
@@ -131,7 +130,5 @@ class Migration:
         ghosts, want = deliver(comm, np.repeat(np.arange(current().size), give), np.concatenate(places))
         exchange = Numbered(comm, np.concatenate(rows), give, want)
         exchange.number = number
-        exchange.sent = self._last.sent if self._last is not None else 0  # bytes are those of the whole run
-        self._last = exchange
         shift = np.floor((ghosts - self.lower) / np.where(self.periodic, self.upper - self.lower, np.inf))
         return replace(self.share, ghosts=ghosts, shift=shift.astype(np.int8), exchange=exchange)

@@ -9,17 +9,21 @@ import base64
 import os
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from tempfile import TemporaryFile
+from typing import IO, TYPE_CHECKING
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..domain.communicator import current
 from .files import replacing, require_finite
 
 if TYPE_CHECKING:
+    from ..domain.cut import Share
     from ..geometry.protocol import Geometry
 
 UNITS = {"velocity": "m/s", "pressure": "Pa", "distance": "m", "divergence": "1/s"}
@@ -27,6 +31,33 @@ REACH = 1.8  # spacings within which particles count for the middle of a cell: t
 AT_ONCE = 100_000  # cells that are fitted in one go: bounds the memory
 BLOCK = 1 << 20  # bytes that are compressed together
 TYPES = {"f8": "Float64", "i4": "Int32", "u1": "UInt8"}
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The cells of one size that fill a box. lower: (dim,) m, corner of the box; edges: (dim,) m, of a cell; counts:
+    (dim,) int along x, y(, z)."""
+
+    lower: np.ndarray
+    edges: np.ndarray
+    counts: np.ndarray
+
+    @staticmethod
+    def of(geometry: Geometry, spacing: float, cell: float | np.ndarray | None = None) -> Cells:
+        """Those of the box of a scene. cell: edges, m, made to fit the box a whole number of times; without it the
+        spacing, m."""
+        length = geometry.upper - geometry.lower
+        counts = np.maximum(np.rint(length / (spacing if cell is None else cell)).astype(int), 1)
+        return Cells(np.array(geometry.lower), length / counts, counts)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of an array, [z, y, x] or [y, x]."""
+        return tuple(self.counts[::-1])
+
+    def middles(self, number: np.ndarray) -> np.ndarray:
+        """(m, dim) m from the corner of the box, of cells (m,) by their place in an array."""
+        return (np.stack(np.unravel_index(number, self.shape)[::-1], axis=1) + 0.5) * self.edges
 
 
 @dataclass(frozen=True)
@@ -47,6 +78,37 @@ class Grid:
         """Cells along x, y(, z)."""
         return self.arrays["solid"].shape[::-1]
 
+    def in_parts(self) -> Parts:
+        """The same, layer by layer."""
+        fields = {name: (v.dtype, v.shape[len(self.cell):]) for name, v in self.arrays.items()}
+        layout = Layout(Cells(self.lower, self.cell, np.array(self.counts)), fields)
+        layers = len(self.arrays["solid"])
+        deep = max(AT_ONCE * layers // self.arrays["solid"].size, 1)
+        return Parts(layout, ({name: v[low : low + deep] for name, v in self.arrays.items()}
+                              for low in range(0, layers, deep)))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What is known of a grid before its values. fields: {name: (type, components)}, () of a scalar."""
+
+    cells: Cells
+    fields: dict[str, tuple[np.dtype, tuple[int, ...]]]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """A grid that comes in parts: layers of its cells along the last axis, one part after the other, so that nobody
+    holds the whole. values: of each part the arrays of all fields, [z, y, x, ...] or [y, x, ...]. Of several processes
+    all go through them together; the arrays of the others than rank 0 are empty."""
+
+    layout: Layout
+    values: Iterator[dict[str, np.ndarray]]
+
+    def in_parts(self) -> Parts:
+        """Itself."""
+        return self
+
 
 def make_grid(geometry: Geometry, x: np.ndarray, fields: Mapping[str, np.ndarray], spacing: float,
               cell: float | np.ndarray | None = None) -> Grid:
@@ -59,60 +121,74 @@ def make_grid(geometry: Geometry, x: np.ndarray, fields: Mapping[str, np.ndarray
     function, fitted to the particles within REACH that no wall hides, with the inverse squares of the distances as
     weights: linear fields are exact. It keeps within the range of these particles. Of none, zero.
     """
-    length = geometry.upper - geometry.lower
-    counts = np.maximum(np.rint(length / (spacing if cell is None else cell)).astype(int), 1)
-    edges = length / counts
-    shape = tuple(counts[::-1])
-    solid = np.ones(shape, np.uint8)
-    arrays = {name: np.zeros((*shape, *v.shape[1:]), np.int32 if v.dtype.kind in "iub" else float)
-              for name, v in fields.items()}
-    if "phase" in arrays:
-        arrays["phase"][:] = -1
-    flat = {name: a.reshape(-1, *a.shape[len(shape):]) for name, a in arrays.items()}
-    inside = np.mod(x - geometry.lower, length)
-    periodic = np.array(geometry.periodic)
-    tree = cKDTree(np.where(periodic, np.where(inside >= length, 0.0, inside), x - geometry.lower),
-                   boxsize=np.where(periodic, length, 0.0))
-    total = int(counts.prod())
+    values = _Values(geometry, x, fields, spacing, Cells.of(geometry, spacing, cell))
+    cells, total = values.layout.cells, int(values.layout.cells.counts.prod())
+    arrays = _empty(values.layout, cells.shape)
     for first in range(0, total, AT_ONCE):
         number = np.arange(first, min(first + AT_ONCE, total))
-        index = np.stack(np.unravel_index(number, shape)[::-1], axis=1)
-        middle = (index + 0.5) * edges
-        fluid = geometry.phase(geometry.lower + middle) >= 0
-        solid.reshape(-1)[number] = ~fluid
-        _fill(flat, fields, (number[fluid], middle[fluid]), tree, geometry, spacing)
-    return Grid(np.array(geometry.lower), edges, {**arrays, "solid": solid})
+        for name, found in values(number).items():
+            arrays[name].reshape(-1, *found.shape[1:])[number] = found
+    return Grid(cells.lower, cells.edges, arrays)
 
 
-def _fill(flat: dict[str, np.ndarray], fields: Mapping[str, np.ndarray], cells: tuple[np.ndarray, np.ndarray],
-          tree: cKDTree, geometry: Geometry, spacing: float) -> None:
-    """The values of some cells, numbers (m,) and middles (m, dim) from the corner of the box, into `flat`."""
-    number, middle = cells
-    if not len(number):
-        return
-    dim = middle.shape[1]
-    away, which = tree.query(middle, k=min(2 ** (dim + 1), tree.n), distance_upper_bound=REACH * spacing)
-    away, which = away.reshape(len(number), -1), which.reshape(len(number), -1)
-    seen = which < tree.n
-    which = np.where(seen, which, 0)
-    there = away[:, 0] < 1e-6 * spacing
-    step = tree.data[which] - middle[:, None]
-    length = geometry.upper - geometry.lower
-    step -= np.where(geometry.periodic, np.rint(step / length) * length, 0.0)
-    if geometry.has_solid:
-        asked = np.nonzero(seen & ~there[:, None])
-        start = geometry.lower + middle[asked[0]]
-        seen[asked] = geometry.crossing(start, start + step[asked]) >= 1.0
-    near = np.argmax(seen, axis=1)  # they come by their distance
-    every, some = np.arange(len(number)), seen.any(axis=1)
-    nearest = which[every, near]
-    fitted = _Fit(np.nonzero(some & ~there)[0], which, step / spacing, seen)
-    for name, values in fields.items():
-        found = np.zeros((len(number), *values.shape[1:]), flat[name].dtype)
-        found[some] = values[nearest[some]]
-        if values.dtype.kind not in "iub":
-            found[fitted.cells] = fitted(values)
-        flat[name][number[some]] = found[some]
+def _empty(layout: Layout, shape: tuple[int, ...]) -> dict[str, np.ndarray]:
+    """Arrays of some cells that are all solid."""
+    arrays = {name: np.zeros((*shape, *components), kind) for name, (kind, components) in layout.fields.items()}
+    arrays["solid"][:] = 1
+    if "phase" in arrays:
+        arrays["phase"][:] = -1
+    return arrays
+
+
+class _Values:
+    """Fields in the middles of cells. Arguments as those of `make_grid`."""
+
+    def __init__(self, geometry: Geometry, x: np.ndarray, fields: Mapping[str, np.ndarray], spacing: float,
+                 cells: Cells):
+        self.geometry, self.fields, self.spacing = geometry, fields, spacing
+        self.layout = Layout(cells, {name: (np.dtype(np.int32 if v.dtype.kind in "iub" else float), v.shape[1:])
+                                     for name, v in fields.items()} | {"solid": (np.dtype(np.uint8), ())})
+        length = geometry.upper - geometry.lower
+        inside = np.mod(x - geometry.lower, length)
+        periodic = np.array(geometry.periodic)
+        self.tree = cKDTree(np.where(periodic, np.where(inside >= length, 0.0, inside), x - geometry.lower),
+                            boxsize=np.where(periodic, length, 0.0))
+
+    def __call__(self, number: np.ndarray) -> dict[str, np.ndarray]:
+        """{name: (m, ...)} of cells (m,), by their place in an array."""
+        found = _empty(self.layout, (len(number),))
+        middle = self.layout.cells.middles(number)
+        fluid = np.flatnonzero(self.geometry.phase(self.geometry.lower + middle) >= 0)
+        found["solid"][fluid] = 0
+        if len(fluid) and self.tree.n:
+            self._fill(found, fluid, middle[fluid])
+        return found
+
+    def _fill(self, out: dict[str, np.ndarray], rows: np.ndarray, middle: np.ndarray) -> None:
+        """The values in middles (m, dim), from the corner of the box, into rows (m,) of `out`."""
+        geometry, tree, spacing, dim = self.geometry, self.tree, self.spacing, middle.shape[1]
+        away, which = tree.query(middle, k=min(2 ** (dim + 1), tree.n), distance_upper_bound=REACH * spacing)
+        away, which = away.reshape(len(rows), -1), which.reshape(len(rows), -1)
+        seen = which < tree.n
+        which = np.where(seen, which, 0)
+        there = away[:, 0] < 1e-6 * spacing
+        step = tree.data[which] - middle[:, None]
+        length = geometry.upper - geometry.lower
+        step -= np.where(geometry.periodic, np.rint(step / length) * length, 0.0)
+        if geometry.has_solid:
+            asked = np.nonzero(seen & ~there[:, None])
+            start = geometry.lower + middle[asked[0]]
+            seen[asked] = geometry.crossing(start, start + step[asked]) >= 1.0
+        near = np.argmax(seen, axis=1)  # they come by their distance
+        every, some = np.arange(len(rows)), seen.any(axis=1)
+        nearest = which[every, near]
+        fitted = _Fit(np.nonzero(some & ~there)[0], which, step / spacing, seen)
+        for name, values in self.fields.items():
+            found = np.zeros((len(rows), *values.shape[1:]), out[name].dtype)
+            found[some] = values[nearest[some]]
+            if values.dtype.kind not in "iub":
+                found[fitted.cells] = fitted(values)
+            out[name][rows[some]] = found[some]
 
 
 class _Fit:
@@ -143,51 +219,134 @@ class _Fit:
         return np.clip(found, np.where(seen, known, np.inf).min(axis=1), np.where(seen, known, -np.inf).max(axis=1))
 
 
-def write_vti(path: str | os.PathLike, grid: Grid, time: float | None = None) -> None:
+def grid_in_parts(geometry: Geometry, x: np.ndarray, fields: Mapping[str, np.ndarray], spacing: float,
+                  cell: float | np.ndarray | None, share: Share) -> Parts:
+    """As `make_grid`, of several processes: each finds the values of the cells in its brick from its own particles and
+    those beside it, rank 0 gathers layer by layer. x, fields: of the own particles; share: of this process."""
+    from ..domain.migration import Migration
+
+    reach = REACH * spacing
+    near = Migration(share, geometry.lower, geometry.upper, geometry.periodic, reach).around(x, np.arange(len(x)))
+    known = {name: near.exchange.forward(np.ascontiguousarray(v)) for name, v in fields.items()}
+    values = _Values(geometry, np.concatenate([x, near.ghosts]), known, spacing, Cells.of(geometry, spacing, cell))
+    return Parts(values.layout, _gathered(values, share))
+
+
+def _gathered(values: _Values, share: Share) -> Iterator[dict[str, np.ndarray]]:
+    """Layers of a grid, about AT_ONCE cells each, on rank 0; empty ones on the others."""
+    ranks, cells = current(), values.layout.cells
+    layer = int(np.prod(cells.counts[:-1]))
+    deep = max(AT_ONCE // layer, 1)
+    # the cells of the own brick are those of a box, of which one more on each side is looked at
+    first = np.clip(np.floor((share.lower - cells.lower) / cells.edges - 0.5).astype(int), 0, cells.counts)
+    end = np.clip(np.ceil((share.upper - cells.lower) / cells.edges + 0.5).astype(int), 0, cells.counts)
+    for low in range(0, int(cells.counts[-1]), deep):
+        high = min(low + deep, int(cells.counts[-1]))
+        sides = [np.arange(a, b) for a, b in zip(first, end)]
+        sides[-1] = np.arange(max(low, first[-1]), min(high, end[-1]))
+        index = np.meshgrid(*sides[::-1], indexing="ij")
+        number = np.ravel_multi_index([axis.ravel() for axis in index], cells.shape)
+        number = number[share.cut.owner(cells.lower + cells.middles(number)) == ranks.rank]
+        found = ranks.gather((number - low * layer, values(number)))
+        shape = (high - low if ranks.rank == 0 else 0, *cells.shape[1:])
+        arrays = _empty(values.layout, shape)
+        for place, part in found or []:
+            for name, of_part in part.items():
+                arrays[name].reshape(-1, *of_part.shape[1:])[place] = of_part
+        yield arrays
+
+
+def write_vti(path: str | os.PathLike, grid: Grid | Parts, time: float | None = None) -> None:
     """Write a grid as VTK image data: points in the middles of the cells, so that streamlines pass pores one cell wide.
 
     Vectors have three components; 2D grids one layer. The units (`UNITS`) are in the file, as ParaView reads them;
-    time: s. Raises NotFiniteError for NaN or infinity.
+    time: s. Of several processes all call it, with Parts, and rank 0 writes. Raises NotFiniteError for NaN or infinity.
     """
-    counts = (*grid.counts, 1)[:3]
-    origin = [*(grid.lower + 0.5 * grid.cell), 0.0][:3]
-    spacing = [*grid.cell, float(grid.cell.min())][:3]
+    parts = grid.in_parts()
+    if current().rank > 0:
+        for _ in parts.values:
+            pass
+        return
+    with replacing(path) as temporary, ExitStack() as files:
+        blocks = {name: _Compressed(files.enter_context(TemporaryFile(dir=temporary.parent)))
+                  for name in parts.layout.fields}
+        for arrays in parts.values:
+            for name, values in arrays.items():
+                blocks[name].add(_columns(require_finite(name, values), len(parts.layout.cells.counts)).tobytes())
+        with open(temporary, "wb") as out:
+            out.write(_vti_head(parts.layout, {name: of.end() for name, of in blocks.items()}, time).encode())
+            for of in blocks.values():
+                of.write_to(out)
+            out.write(b"\n  </AppendedData>\n</VTKFile>\n")
+
+
+def _vti_head(layout: Layout, sizes: Mapping[str, int], time: float | None) -> str:
+    """What stands before the values. sizes: bytes of each field in the file."""
+    cells, dim = layout.cells, len(layout.cells.counts)
+    counts = (*cells.counts.tolist(), 1)[:3]
+    origin = [*(cells.lower + 0.5 * cells.edges), 0.0][:3]
+    spacing = [*cells.edges, float(cells.edges.min())][:3]
     extent = " ".join(f"0 {n - 1}" for n in counts)
-    entries, blobs, offset = [], [], 0
-    for name, values in grid.arrays.items():
-        data, components = _columns(require_finite(name, values), len(grid.cell))
+    entries, offset = [], 0
+    for name, (kind, components) in layout.fields.items():
+        data = _columns(np.zeros((0,) * dim + components, kind), dim)
         key = "" if name not in UNITS else (
             f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(UNITS[name])}</InformationKey>')
         entries.append(f'        <DataArray type="{TYPES[data.dtype.str[1:]]}" Name={quoteattr(name)} '
-                       f'NumberOfComponents="{components}" format="appended" offset="{offset}">{key}</DataArray>\n')
-        blobs.append(_compressed(data.tobytes()))
-        offset += len(blobs[-1])
+                       f'NumberOfComponents="{3 if components else 1}" format="appended" offset="{offset}">{key}'
+                       "</DataArray>\n")
+        offset += sizes[name]
     when = "" if time is None else (
         '    <FieldData>\n      <DataArray type="Float64" Name="TimeValue" NumberOfTuples="1" format="ascii">'
         f"{time!r}</DataArray>\n    </FieldData>\n")
-    head = (
+    return (
         '<?xml version="1.0"?>\n<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" '
         'header_type="UInt64" compressor="vtkZLibDataCompressor">\n'
         f'  <ImageData WholeExtent="{extent}" Origin="{" ".join(map(repr, map(float, origin)))}" '
         f'Spacing="{" ".join(map(repr, map(float, spacing)))}">\n{when}'
         f'    <Piece Extent="{extent}">\n      <PointData Vectors="velocity">\n{"".join(entries)}'
         '      </PointData>\n      <CellData/>\n    </Piece>\n  </ImageData>\n  <AppendedData encoding="base64">\n_')
-    with replacing(path) as temporary:
-        temporary.write_bytes(head.encode() + b"".join(blobs) + b"\n  </AppendedData>\n</VTKFile>\n")
 
 
-def _columns(values: np.ndarray, dim: int) -> tuple[np.ndarray, int]:
-    """(values in the order of the file, little-endian, number of components); vectors get three."""
+def _columns(values: np.ndarray, dim: int) -> np.ndarray:
+    """Values in the order of the file, little-endian; vectors get three components."""
     kind = {"f": "<f8", "i": "<i4", "u": "|u1", "b": "|u1"}[values.dtype.kind]
     if values.ndim == dim:
-        return np.ascontiguousarray(values, kind), 1
+        return np.ascontiguousarray(values, kind)
     padded = np.zeros((*values.shape[:-1], 3), kind)
     padded[..., : values.shape[-1]] = values
-    return padded, 3
+    return padded
 
 
-def _compressed(data: bytes) -> bytes:
-    """Bytes as VTK has them, in compressed blocks behind a header of their sizes, base64."""
-    blocks = [zlib.compress(data[first : first + BLOCK]) for first in range(0, len(data), BLOCK)]
-    sizes = [len(blocks), BLOCK, len(data) % BLOCK, *map(len, blocks)]
-    return base64.b64encode(struct.pack(f"<{len(sizes)}Q", *sizes)) + base64.b64encode(b"".join(blocks))
+class _Compressed:
+    """Bytes as VTK has them, in compressed blocks behind a header of their sizes, base64. spool: an open file for the
+    blocks, whose sizes are known at the end only."""
+
+    def __init__(self, spool: IO[bytes]):
+        self.spool, self.sizes, self.rest, self.length = spool, list[int](), b"", 0
+
+    def add(self, data: bytes) -> None:
+        """Bytes behind those that came before."""
+        self.length += len(data)
+        data = self.rest + data
+        whole = len(data) // BLOCK * BLOCK
+        for first in range(0, whole, BLOCK):
+            self._block(data[first : first + BLOCK])
+        self.rest = data[whole:]
+
+    def _block(self, data: bytes) -> None:
+        self.sizes.append(self.spool.write(zlib.compress(data)))
+
+    def end(self) -> int:
+        """Nothing comes any more; returns the length of what `write_to` writes."""
+        if self.rest:
+            self._block(self.rest)
+        return sum(4 * -(-length // 3) for length in (8 * (3 + len(self.sizes)), sum(self.sizes)))
+
+    def write_to(self, out: IO[bytes]) -> None:
+        """The header and the blocks."""
+        sizes = [len(self.sizes), BLOCK, self.length % BLOCK, *self.sizes]
+        out.write(base64.b64encode(struct.pack(f"<{len(sizes)}Q", *sizes)))
+        self.spool.seek(0)
+        while data := self.spool.read(3 * BLOCK):  # base64 has no padding but at the end
+            out.write(base64.b64encode(data))

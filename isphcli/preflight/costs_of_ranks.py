@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..runs.ranks import not_distributed
+from ..domain.cut import even_bricks
 from ..scene import memory
 from ..scene.image_geometry import in_parts
 from .check_report import CheckReport, ShareOfRank, in_bytes
@@ -23,27 +23,14 @@ WAITS = 1.15
 MARGIN = 7  # voxels of an image beside its brick that a process holds (geometry/image_brick.py), and a support
 
 
-def bricks(size: np.ndarray, count: int) -> np.ndarray:
-    """Edges (count, dim) of the bricks of so many processes in a box of edges (dim,) that fluid fills evenly: what
-    `domain.cut.Cut` makes of it."""
-    if count == 1:
-        return np.array([size])
-    axis, low = int(np.argmax(size)), count // 2
-    parts = []
-    for number in (low, count - low):
-        part = size.astype(float)
-        part[axis] *= number / count
-        parts.append(bricks(part, number))
-    return np.concatenate(parts)
-
-
 def of_ranks(result: CheckReport, geometry: Geometry, count: int) -> None:
-    """Adds to a CheckReport what each of `count` processes holds and takes, at most, and what stands against them."""
+    """Adds to a CheckReport what each of `count` processes holds and takes, at most."""
     case, dim = result.case, result.dim
     finest = min(case.spacings) if case.flow == "stokes" else case.particles.spacing
     fluid = result.particles["fluid"] * (case.particles.spacing / finest) ** dim
     size, reach = geometry.upper - geometry.lower, case.support * finest
-    edges = bricks(size, count)
+    corners = even_bricks(geometry.lower, geometry.upper, count)
+    edges = corners[:, 1] - corners[:, 0]
     volume, seen = edges.prod(axis=1), np.minimum(edges + 2.0 * reach, size).prod(axis=1)
     remote = float(((seen - volume) / np.prod(size)).max()) * fluid
     own = fluid / count
@@ -60,8 +47,6 @@ def of_ranks(result: CheckReport, geometry: Geometry, count: int) -> None:
     if result.seconds is not None:
         seconds = result.seconds / count * (1.0 + remote / own) * WAITS if count > 1 else result.seconds
     result.ranks = ShareOfRank(count, own, remote, need, seconds)
-    if count > 1:
-        result.errors += [f"{found.key}: {found.message}; {found.fix}" for found in not_distributed(case, count)]
     if count > fluid:
         result.errors.append(f"{count:,} processes for {fluid:,.0f} fluid particles: some would have none; take fewer")
     elif count > 1 and own < FEWEST:

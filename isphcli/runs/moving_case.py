@@ -411,7 +411,7 @@ def _finish_march(run: MovingRun, state: State, config: Configuration) -> tuple[
 def _finish_ranks(run: MovingRun, summary: Summary, result: Result, config: Configuration) -> Summary:
     """The end of a run of several processes, by rank 0; returns the summary."""
     case, inside = run.case, inside_sample(run.geometry, result.x)
-    summary["ranks"] = ranks.entry(len(result.x), config.ops.exchange)
+    summary["ranks"] = ranks.entry(len(result.x), config.ops.exchange, run.clock)
     summary["speed"] = speed_distribution(result.cell_velocity[inside])
     if case.output.plots:
         summary["warnings"].append(ranks.NO_PICTURES)

@@ -1,4 +1,4 @@
-"""Runs on several processes: what is refused, and what rank 0 has to know of the others."""
+"""Runs on several processes: what rank 0 has to know of the others."""
 
 from __future__ import annotations
 
@@ -13,54 +13,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..case.yaml import CaseError, Problem
-from ..domain.communicator import current
-from ..domain.exchange import Exchange, NeighbourExchange
+from ..domain.communicator import TRAFFIC, current
+from ..domain.exchange import Exchange
 from ..output.files import History
 from ..output.machine import peak_memory
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
+    from ..output.clock import Clock
     from ..references.result import Result
 
-ONE = "run it in one process (isph run, without mpiexec; --threads takes the cores of one machine)"
 BY_PERMEABILITY = ("permeability", "sphere_array", "cylinder_array")  # references that need no field of the flow
 
 
-def refuse_what_is_not_distributed(case: Case) -> None:
-    """Raises CaseError where several processes run a case that only one can."""
-    problems = not_distributed(case, current().size) if current().size > 1 else []
-    if problems:
-        raise CaseError(tuple(problems))
-
-
-def not_distributed(case: Case, count: int) -> list[Problem]:
-    """What stands against a run of a case on so many processes, more than one."""
-    problems = []
-
-    def bad(key: str, what: str, fix: str = ONE) -> None:
-        problems.append(Problem(str(case.path), None, key, f"{what} on {count} processes", fix))
-
-    if case.flow == "stokes" and case.particles.jitter > 0.0:
-        bad("particles.jitter", "no jitter in steady flow", "leave it out, or " + ONE)
-    if case.output.snapshots and case.output.format == "xdmf":
-        bad("output.format", "no snapshots as HDF5 with XDMF", "leave it out (particles.pvd has the flow), or " + ONE)
-    if case.output.grid is not None:
-        bad("output.grid", "no snapshots on a grid", "leave it out (particles.pvd has the flow), or " + ONE)
-    if case.geometry.voxels is not None and case.geometry.voxels.grey is not None and (
-            case.geometry.voxels.grey.uncertainty):
-        bad("geometry.voxels.grey.uncertainty", "no other thresholds", "leave it out, or " + ONE)
-    return problems
-
-
-def entry(fluid: int, exchange: Exchange) -> dict[str, Any]:
-    """Entry `ranks` of the summary: (least, most) of what the processes have. fluid: particles of this one."""
-    ranks = current()
-    sent = exchange.sent if isinstance(exchange, NeighbourExchange) else 0
-    of_all = np.array(ranks.collect((fluid, exchange.remote, sent, peak_memory())))
-    least, most = of_all.min(axis=0).tolist(), of_all.max(axis=0).tolist()
-    names = ("fluid", "remote", "sent_bytes", "peak_memory_bytes")
-    return {"count": ranks.size, **{name: [low, high] for name, low, high in zip(names, least, most)}}
+def entry(fluid: int, exchange: Exchange, clock: Clock) -> dict[str, Any]:
+    """Entry `ranks` of the summary: (least, most) of what the processes have. fluid: particles of this one; clock: its
+    seconds, of which those of the compiler are left out."""
+    ranks, spent, sent = current(), clock.cpu(), replace(TRAFFIC)
+    own = {"fluid": fluid, "remote": exchange.remote, "messages": sent.messages, "sent_bytes": sent.sent,
+           "collectives": sent.collectives, "cpu_seconds": spent["total"] - spent.get("compile", 0.0),
+           "waiting_seconds": sent.waited, "peak_memory_bytes": peak_memory()}
+    of_all = ranks.collect(own)
+    return {"count": ranks.size, **{name: [min(of[name] for of in of_all), max(of[name] for of in of_all)]
+                                    for name in own}}
 
 
 def whole(case: Case, result: Result) -> Result:

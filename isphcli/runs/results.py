@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ..domain.lattice import Particles
     from ..flow.one_fluid import Fluids
     from ..flow.state import State
+    from ..output.grid import Grid, Parts
     from ..output.plots import Frame
     from ..references.result import Result
     from .time_loop import TimeLoop
@@ -225,17 +226,18 @@ def _series(case: Case, directory: Path, name: str, resume_time: float | None) -
 
 def write_grid(series: Series | None, case: Case, geometry: Geometry, particles: Particles, moment: tuple[int, float],
                flow: tuple[np.ndarray, np.ndarray, np.ndarray], spacing: float) -> None:
-    """Writes a snapshot on a grid, if there are any. moment: step and time, s; flow: positions, velocities and
-    pressures of the fluid particles; spacing: of the particles, m."""
+    """Writes a snapshot on a grid, if there are any; all processes together. moment: step and time, s; flow: positions,
+    velocities and pressures of the fluid particles; spacing: of the particles, m."""
     if series is None:
         return
-    from ..output.grid import make_grid, write_vti
+    from ..output.grid import grid_in_parts, make_grid, write_vti
 
     cell = geometry.voxel_size if isinstance(case.output.grid, str) else case.output.grid
     x, velocity, pressure = flow
     step, time = moment
     fields = {"velocity": velocity, "pressure": pressure, "phase": particles.phase}
-    grid = make_grid(geometry, x, fields, spacing, cell)
+    grid: Grid | Parts = (make_grid(geometry, x, fields, spacing, cell) if particles.share is None else
+                          grid_in_parts(geometry, x, fields, spacing, cell, particles.share))
     if case.output.format == "xdmf":
         from ..output.xdmf import XdmfSeries
 

@@ -13,7 +13,6 @@ from ..domain.communicator import current, on_first
 from ..output import folder, progress, restart
 from ..output.clock import Clock
 from ..output.environment import one_blas_thread
-from .ranks import refuse_what_is_not_distributed
 from .results import Look, files_of
 
 if TYPE_CHECKING:
@@ -48,7 +47,6 @@ def solve_case(case: Case, quiet: bool = False, resume: str | Path | None = None
             raise CaseError((Problem(str(case.path), None, "flow", "a steady solve has nothing to go on from",
                                      "run it without --restart"),))
         restart.require(Path(resume) / restart.NAME)
-    refuse_what_is_not_distributed(case)
     goes_on = resume is not None and Path(resume).resolve() == directory.resolve()
     with ExitStack() as held:
         name = str(case.path) if case.path else None

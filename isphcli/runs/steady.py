@@ -22,7 +22,7 @@ from ..operators.kernel import KERNELS
 from ..operators.lattice_weights import LatticeWeights, build_lattice_weights
 from ..operators.wall_scene import WallScene
 from ..scene import memory
-from ..scene.place import place_case
+from ..scene.place import jittered_at_rest, place_case
 from ..solvers.engine import engine_of
 from ..solvers.krylov import Limits
 from .flow_measures import wall_shear, wall_stress
@@ -122,6 +122,8 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
         particles = place_case(case, geometry, spacing)
         if particles.share is not None:
             geometry = geometry.within(particles.share.lower, particles.share.upper, support)
+            if case.particles.jitter > 0.0:
+                particles = jittered_at_rest(case, geometry, particles, spacing)
     n = particles.n_fluid
     share = memory.fluid_round(geometry, particles.x[:n], support)
     need = memory.estimate(case, geometry.dim, True, n, particles.n_dummy, share=share)

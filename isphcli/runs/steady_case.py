@@ -133,7 +133,7 @@ def _finish_ranks(case: Case, summary: dict[str, Any], result: Result, found: Fo
     assert output.directory is not None
     share = main.particles.share
     assert share is not None
-    summary["ranks"] = ranks.entry(main.particles.n_fluid, share.exchange)
+    summary["ranks"] = ranks.entry(main.particles.n_fluid, share.exchange, clock)
     if output.plots:
         summary["warnings"].append(ranks.NO_PICTURES)
     directory: Path = on_first(lambda: folder.prepare(output.directory))  # type: ignore[arg-type]
@@ -142,6 +142,8 @@ def _finish_ranks(case: Case, summary: dict[str, Any], result: Result, found: Fo
         if series is not None:
             series.write(0, 0.0, *snapshot_of(case, main.geometry, main.particles, result.x, main.velocity,
                                               main.pressure))
+        write_grid(grids_of(case, directory), case, main.geometry, main.particles, (0, 0.0),
+                   (result.x, main.velocity, main.pressure), main.spacing)
         compared, rows = ranks.whole(case, result), _profile(main)
 
         def rest() -> dict[str, Any]:

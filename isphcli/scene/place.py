@@ -134,17 +134,31 @@ def _moved(geometry: Geometry, x: np.ndarray, phase: np.ndarray, shift: np.ndarr
     return np.where(stays[:, None], x, moved)
 
 
-def jittered(case: Case, geometry: Geometry, particles: Particles, number: np.ndarray) -> Particles:
+def jittered(case: Case, geometry: Geometry, particles: Particles, number: np.ndarray, spacing: float) -> Particles:
     """The particles of one of several processes, moved as one process would move them: it draws for the first
-    particle, the second and so on. number: (n,) int64; geometry: of this process."""
+    particle, the second and so on. number: (n,) int64; geometry: of this process; spacing: m. They stay with their
+    process, wherever they are now."""
     n, dim, asked = particles.n_fluid, geometry.dim, case.particles
     shift = np.empty((n, dim))
     edges = np.append(np.flatnonzero(np.diff(number, prepend=-2) != 1), n)
     for first, end in itertools.pairwise(edges):  # of particles whose numbers follow each other
         bits = np.random.PCG64(asked.seed).advance(int(number[first]) * dim)
         shift[first:end] = np.random.Generator(bits).uniform(-asked.jitter, asked.jitter, (end - first, dim))
-    x = _moved(geometry, particles.x[:n], particles.phase, shift * asked.spacing)
+    x = _moved(geometry, particles.x[:n], particles.phase, shift * spacing)
     return replace(particles, x=np.concatenate([x, particles.x[n:]]))
+
+
+def jittered_at_rest(case: Case, geometry: Geometry, particles: Particles, spacing: float) -> Particles:
+    """As `jittered`, each on the process of the brick that it is in then, and what that one sees. spacing: m."""
+    from ..domain.migration import Migration, numbers_of
+
+    share, n = particles.share, particles.n_fluid
+    assert share is not None
+    number = numbers_of(share.sites, lattice_at(case, geometry, spacing).sites)
+    moved = jittered(case, geometry, particles, number, spacing)
+    between = Migration(share, geometry.lower, geometry.upper, geometry.periodic, case.support * spacing)
+    x, phase, number = between.settled(moved.x[:n], moved.phase, number)
+    return replace(moved, x=np.concatenate([x, moved.x[n:]]), phase=phase, share=between.around(x, number))
 
 
 def _all_solid(geometry: Geometry) -> ParticleError:

@@ -77,7 +77,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
             geometry = geometry.within(share.lower, share.upper, sight_of(case, spacing))
             number = numbers_of(share.sites, lattice_at(case, geometry, spacing).sites)
             if case.particles.jitter > 0.0:
-                particles = jittered(case, geometry, particles, number)
+                particles = jittered(case, geometry, particles, number, spacing)
             particles = with_fluids(case, geometry, particles)
     n = particles.n_fluid
     two = particles.two_fluids

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isphcli.domain import communicator
-from isphcli.domain.cut import Cut
+from isphcli.domain.cut import Cut, even_bricks
 
 
 class Pretended(communicator.Alone):
@@ -54,3 +54,24 @@ def test_more_processes_than_particles(processes):
     x = np.full((2, 3), 0.5) + [[0.0, 0, 0], [0.1, 0, 0]]
     cut = Cut(x, np.zeros(3), np.ones(3))
     assert len(cut.bricks) == 7 and np.bincount(cut.owner(x), minlength=7).max() == 1
+
+
+@pytest.mark.parametrize("size", [2, 3, 7, 8])
+def test_bricks_of_an_even_fluid_are_those_of_the_cut(processes, size):
+    """To a spacing of the lattice: planes are not cut, and the first cut moves the ones after it."""
+    processes(size)
+    lower, upper, spacing = np.array([-1.0, 0.0, 0.0]), np.array([2.1, 2.0, 1.0]), 0.02
+    axes = [np.arange(a + 0.5 * spacing, b, spacing) for a, b in zip(lower, upper)]
+    x = np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=1)
+    bricks = even_bricks(lower, upper, size)
+    assert np.abs(bricks - Cut(x, lower, upper).bricks).max() <= spacing
+    assert np.prod(bricks[:, 1] - bricks[:, 0], axis=1) == pytest.approx(6.2 / size)
+
+
+@pytest.mark.parametrize("planes", [10, 11])
+def test_a_cut_passes_between_planes_of_a_lattice(processes, planes):
+    """A cut on a plane gave it to the upper brick whatever that had: of ten planes four to the lower one."""
+    processes(2)
+    x = np.repeat((np.arange(planes) + 0.5) / planes, 7)[:, None]
+    counts = np.bincount(Cut(x, np.zeros(1), np.ones(1)).owner(x)) // 7
+    assert sorted(counts) == [planes // 2, planes - planes // 2]

@@ -1,7 +1,10 @@
 """Of one process, and of two that are threads; tests/test_ranks.py has operators of real ones."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from isphcli.domain.communicator import TRAFFIC
 from isphcli.domain.exchange import NO_EXCHANGE, NeighbourExchange
 from tests.domain.wires import counts, on_all, wires
 
@@ -22,9 +25,11 @@ def two():
 
 def test_values_of_remote_particles():
     a, b = two()
+    before = replace(TRAFFIC)
     first, second = on_all([lambda: a.forward(np.array([0.0, 1.0, 2.0])), lambda: b.forward(np.array([10.0, 11.0]))])
     assert first.tolist() == [0.0, 1.0, 2.0, 11.0] and second.tolist() == [10.0, 11.0, 0.0, 2.0]
-    assert (a.sent, b.sent) == (16, 8)  # bytes
+    sent = TRAFFIC.messages - before.messages, TRAFFIC.sent - before.sent
+    assert sent == (2, 24)  # bytes, of both: here they are threads of one
 
 
 def test_sums_of_what_processes_have_for_a_particle():

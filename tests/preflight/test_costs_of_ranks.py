@@ -1,21 +1,12 @@
-"""What each of several processes is said to hold, against what they had; and what stands against them."""
+"""What each of several processes is said to hold, against what they had."""
 
 import numpy as np
 import pytest
 
 from isphcli.case.load import load_case
 from isphcli.preflight.check import check
-from isphcli.preflight.costs_of_ranks import bricks
 from tests.paths import CASES
 from tests.preflight.cases import IMAGE, SPHERE, read
-
-
-def test_bricks_are_those_of_the_cut():
-    """Across the longest edge, in the shares of the processes; together they are the box."""
-    assert bricks(np.array([4.0, 2.0]), 3).tolist() == [[4 / 3, 2.0], [4 / 3, 2.0], [4 / 3, 2.0]]
-    assert bricks(np.array([4.0, 2.0]), 4).tolist() == [[1.0, 2.0]] * 4
-    for count in (1, 7, 64):
-        assert bricks(np.array([3.0, 2.0, 1.0]), count).prod(axis=1).sum() == pytest.approx(6.0)
 
 
 def test_two_processes_of_a_box_full_of_fluid():
@@ -37,12 +28,6 @@ def test_processes_that_are_not_worth_it_and_those_that_are_too_many():
     assert report.can_run and any("not worth it; up to 1 processes" in text for text in report.warnings)
     report = check(read(SPHERE), ranks=5000)
     assert not report.can_run and "5,000 processes" in report.errors[0]
-
-
-def test_what_is_not_distributed_is_refused():
-    report = check(read(SPHERE, "particles.jitter=0.1"), ranks=2)
-    assert not report.can_run and "particles.jitter: no jitter in steady flow on 2 processes" in report.errors[0]
-    assert check(read(SPHERE, "particles.jitter=0.1")).can_run
 
 
 def test_an_image_is_held_whole_or_by_parts(tmp_path):
