@@ -25,12 +25,16 @@ from numba import njit
 
 from ..domain import reduce
 from ..domain.exchange import NO_EXCHANGE, Exchange
+from ..domain.row_threads import over_rows
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
     from .quadratic_fit import QuadraticFit
 
 REACH = 2.0  # sides of a cell, from its middle to the particles that are asked there
+# Sides of a cell: particles farther from the interface are not asked. Cells that it cuts, and in 2D the middles beside
+# those, have none of them in reach.
+FAR = 4.2
 SAMPLES = 4  # along each side of a cell: points that say how much of it is fluid
 AT_ONCE = 1 << 20  # points
 HALVINGS = 30  # of the side of a cell, to where the outline passes
@@ -108,15 +112,14 @@ def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchang
     """CutCells of particles with phi (n,), m, and its QuadraticFit; x: (n + remote, dim) m, and rows behind them that
     are not asked for; exchange: of remote particles."""
     phi, slope, form = (exchange.forward(values) for values in (phi, fit.slope, fit.form))
-    x = x[: len(phi)]
     n, dim = len(cells.fluid), len(cells.side)
-    weight, sums = np.zeros((n, 3)), np.zeros((n, dim + 2))
-    nearest = np.full((n, 2), -1)
-    _gather(x, phi, (slope, form), cells, weight, sums, nearest)
+    weight, sums, nearest = np.zeros(n), np.zeros((n, dim + 2)), np.full((n, 2), -1)
+    found = weight, sums, nearest
+    over_rows(_gather, n, (x, phi, slope, form), cells, found, work=lambda: (np.empty(dim), np.full((n, 2), math.inf)))
     volume, area = np.zeros(n), np.zeros(n)
-    _cut(cells.fluid, cells.side, weight, sums, nearest, volume, area)
-    known = weight[:, :1] > 0.0
-    there = np.divide(sums[:, : dim + 1], weight[:, :1], out=np.full((n, dim + 1), math.inf), where=known)
+    over_rows(_cut, n, cells, found, volume, area, work=lambda: np.empty(dim))
+    known = (weight > 0.0)[:, None]
+    there = np.divide(sums[:, : dim + 1], weight[:, None], out=np.full((n, dim + 1), math.inf), where=known)
     return CutCells(cells, there[:, 0], there[:, 1:], volume, area, nearest)
 
 
@@ -157,68 +160,90 @@ def _in_one_piece(place: np.ndarray, shape: np.ndarray) -> np.ndarray:
     return place
 
 
-@njit(cache=True)
-def _gather(x, phi, fit, cells, weight, sums, nearest):
-    """Adds the particles to the cells round them. weight: (n_cells, 3) all of them, largest of one of either fluid;
-    sums: (n_cells, dim + 2) weighted phi, slope, and curvature of the level."""
-    slope, form = fit
-    lower, side, count, periodic, begin, end, fluid = cells
-    dim = x.shape[1]
-    reach = REACH * side.max()
-    first, last = np.zeros(3, np.int64), np.zeros(3, np.int64)
-    place, d = np.zeros(3, np.int64), np.zeros(3)
-    for i in range(len(x)):
+@njit(cache=True, nogil=True)
+def _gather(rows, work, particles, cells, out):
+    """Adds the particles to the cells `rows` round them: a range has its own cells, each particle in turn. out: weight
+    (n_cells,); sums (n_cells, dim + 2) weighted phi, slope, and curvature of the level; nearest (n_cells, 2). work: d
+    (dim,); least (n_cells, 2) squared distances."""
+    (x, phi, slope, form), (weight, sums, nearest), (d, least) = particles, out, work
+    lower, side, _, _, begin, end, fluid = cells
+    dim = len(d)
+    largest = side[0]
+    for k in range(1, dim):
+        largest = max(largest, side[k])
+    # 2D is one layer of 3D: y and z are the last two axes in both
+    reach, y, z, far = REACH * largest, dim - 2, dim - 1, FAR * largest
+    n1, n2 = end[y] - begin[y], end[z] - begin[z]
+    for i in range(len(phi)):
         size, trace = 0.0, 0.0
         for k in range(dim):
-            first[k] = math.floor((x[i, k] - reach - lower[k]) / side[k] + 0.5)
-            last[k] = math.floor((x[i, k] + reach - lower[k]) / side[k] - 0.5) + 1
-            if not periodic[k]:
-                first[k], last[k] = max(first[k], 0), min(last[k], count[k])
             size += slope[i, k] ** 2
             trace += form[i, k * dim + k]
-        if dim == 2:
-            first[2], last[2] = 0, 1
-        size = math.sqrt(size)
-        side_of = 1 if phi[i] <= 0.0 else 0
-        for a in range(first[0], last[0]):
-            for b in range(first[1], last[1]):
-                for c in range(first[2], last[2]):
-                    place[0], place[1], place[2] = a, b, c
-                    cell, r2, here = 0, 0.0, True
+        size, side_of = math.sqrt(size), 1 if phi[i] <= 0.0 else 0
+        a0, a1 = _window(cells, 0, x[i, 0], reach) if dim == 3 else (0, 1)
+        b0, b1 = _window(cells, y, x[i, y], reach)
+        e0, e1 = _window(cells, z, x[i, z], reach)
+        for a in range(a0, a1):
+            d0 = lower[0] + (a + 0.5) * side[0] - x[i, 0] if dim == 3 else 0.0
+            p0 = _here(cells, 0, a) if dim == 3 else 0
+            if p0 < 0 or (p0 + 1) * n1 * n2 <= rows[0] or p0 * n1 * n2 >= rows[1]:
+                continue
+            for b in range(b0, b1):
+                d1, p1 = lower[y] + (b + 0.5) * side[y] - x[i, y], _here(cells, y, b)
+                line = (p0 * n1 + p1) * n2
+                if p1 < 0 or line + n2 <= rows[0] or line >= rows[1] or d0 * d0 + d1 * d1 >= reach * reach:
+                    continue
+                for e in range(e0, e1):
+                    d2, p2 = lower[z] + (e + 0.5) * side[z] - x[i, z], _here(cells, z, e)
+                    r2, cell = d0 * d0 + d1 * d1 + d2 * d2, line + p2
+                    if p2 < 0 or cell < rows[0] or cell >= rows[1] or r2 >= reach * reach or not fluid[cell] > 0.0:
+                        continue
+                    if r2 < least[cell, side_of]:
+                        least[cell, side_of], nearest[cell, side_of] = r2, i
+                    if abs(phi[i]) > far:
+                        continue
+                    d[0], d[y], d[z] = d0 if dim == 3 else d1, d1, d2
+                    w = (1.0 - math.sqrt(r2) / reach) ** 4
+                    there = phi[i]
                     for k in range(dim):
-                        d[k] = lower[k] + (place[k] + 0.5) * side[k] - x[i, k]
-                        r2 += d[k] ** 2
-                        at = place[k] % count[k]
-                        here &= begin[k] <= at < end[k]
-                        cell = cell * (end[k] - begin[k]) + at - begin[k]
-                    if here and r2 < reach * reach and fluid[cell] > 0.0:
-                        w = (1.0 - math.sqrt(r2) / reach) ** 4
-                        there = phi[i]
-                        for k in range(dim):
-                            there += slope[i, k] * d[k]
-                            turned = 0.0
-                            for m in range(dim):
-                                turned += form[i, k * dim + m] * d[m]
-                            there += 0.5 * size * d[k] * turned
-                            sums[cell, 1 + k] += w * slope[i, k]
-                        weight[cell, 0] += w
-                        sums[cell, 0] += w * there
-                        sums[cell, dim + 1] -= w * trace
-                        if w > weight[cell, 1 + side_of]:
-                            weight[cell, 1 + side_of] = w
-                            nearest[cell, side_of] = i
+                        there += slope[i, k] * d[k]
+                        turned = 0.0
+                        for m in range(dim):
+                            turned += form[i, k * dim + m] * d[m]
+                        there += 0.5 * size * d[k] * turned
+                        sums[cell, 1 + k] += w * slope[i, k]
+                    weight[cell] += w
+                    sums[cell, 0] += w * there
+                    sums[cell, dim + 1] -= w * trace
 
 
-@njit(cache=True, error_model="numpy")
-def _cut(fluid, side, weight, sums, nearest, volume, area):
+@njit(cache=True, inline="always")
+def _window(cells, k, x, reach):
+    """Cells along axis k whose middles are in reach of x, (begin, end); of a periodic box beyond it too."""
+    first = math.floor((x - reach - cells.lower[k]) / cells.side[k] + 0.5)
+    last = math.floor((x + reach - cells.lower[k]) / cells.side[k] - 0.5) + 1
+    return (first, last) if cells.periodic[k] else (max(first, 0), min(last, cells.shape[k]))
+
+
+@njit(cache=True, inline="always")
+def _here(cells, k, place):
+    """Which of the cells of this process a cell is along axis k, or below zero."""
+    place = place if 0 <= place < cells.shape[k] else place % cells.shape[k]
+    return place - cells.first[k] if place < cells.end[k] else -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cut(rows, b, cells, found, volume, area):
     """Volumes of the first fluid and areas of the interface in the cells."""
-    dim = len(side)
-    b = np.empty(dim)
-    smallest = side.min()
-    square = 0.0
+    fluid, side, (weight, sums, nearest), dim = cells.fluid, cells.side, found, len(b)
+    smallest, square = side[0], 0.0
     for k in range(dim):
+        smallest = min(smallest, side[k])
         square += side[k] ** 2 / dim
-    for c in range(len(fluid)):
+    for c in range(rows[0], rows[1]):
+        if nearest[c, 0] < 0 or nearest[c, 1] < 0:  # of one fluid all round
+            volume[c] = fluid[c] if nearest[c, 0] >= 0 else 0.0
+            continue
         size = 0.0
         for k in range(dim):
             size += sums[c, 1 + k] ** 2
@@ -231,20 +256,20 @@ def _cut(fluid, side, weight, sums, nearest, volume, area):
             density = (_beyond(b, distance + 0.5 * smallest) - _beyond(b, distance - 0.5 * smallest)) / smallest
             area[c] = fluid[c] * density
             # no surface is bent more than a cell is wide
-            kappa = min(max(sums[c, dim + 1] / weight[c, 0], -1.0 / smallest), 1.0 / smallest)
+            kappa = min(max(sums[c, dim + 1] / weight[c], -1.0 / smallest), 1.0 / smallest)
             part -= density * kappa * square / 24.0
         else:
             part = 1.0 if sums[c, 0] > 0.0 else 0.0  # no interface is near
-        if nearest[c].min() < 0:  # of one fluid all round
-            part, area[c] = 1.0 if nearest[c, 0] >= 0 else 0.0, 0.0
         volume[c] = fluid[c] * min(max(part, 0.0), 1.0)
 
 
 @njit(cache=True, error_model="numpy")
 def _beyond(b, distance):
     """F of the module."""
-    dim, total = len(b), 0.0
-    if abs(distance) >= 0.5 * b.sum():  # far away the sum is a difference of large numbers
+    dim, total, sides = len(b), 0.0, 0.0
+    for k in range(dim):
+        sides += b[k]
+    if abs(distance) >= 0.5 * sides:  # far away the sum is a difference of large numbers
         return 1.0 if distance > 0.0 else 0.0
     for corner in range(1 << dim):
         sign, over = 1.0, distance

@@ -15,14 +15,15 @@ to another interface and are left out: the fit is that of a particle's own one.
 from __future__ import annotations
 
 import math
-from functools import partial
+from functools import lru_cache
+from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from ..domain.row_threads import REDUCE, in_one_piece, over_rows
-from ..operators.kernel import shape
+from ..operators.kernel import QUINTIC_SPLINE, WENDLAND_C2, WENDLAND_C4, shape
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
@@ -38,6 +39,9 @@ MOST_BENT = 1.0  # times 1 / support: curvature up to which the terms of higher 
 APART = 8
 STEEP = 0.5  # |grad phi| below which phi has no direction: half way between two interfaces
 FLATTEST = 0.25  # 1 + kappa d + K d^2 of a particle at distance d is above zero but at the centre of a drop
+# Systems that are solved side by side, each its own: the divisions and sums of one wait for each other.
+TOGETHER = 4
+LANES = 16  # neighbours are filled up to a multiple of so many without weight: four vectors, which a sum takes at once
 
 
 class SlopesAtWalls(NamedTuple):
@@ -88,7 +92,8 @@ def quadratic_fit(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray,
     n, dim = neighbours.n, neighbours.x.shape[1]
     fit = QuadraticFit(phi[:n].copy(), np.zeros((n, dim)), np.zeros(n), np.zeros((n, dim * dim)))
     field = Distance(phi, known, directions(gradient), spacing / neighbours.support)
-    over_rows(_fit, n, neighbours, field, wanted, walls, fit, work=partial(_scratch, dim, neighbours.longest))
+    which = np.flatnonzero(wanted)
+    over_rows(_fit, len(which), which, neighbours, field, walls, fit, work=lambda: _scratch(neighbours, True))
     return fit
 
 
@@ -105,215 +110,302 @@ def own_gradient(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, 
     n, dim = neighbours.n, gradient.shape[1]
     out = np.zeros((n, dim))
     field = Distance(phi, known, directions(gradient), spacing / neighbours.support)
-    over_rows(_linear, n, neighbours, field, out, work=lambda: tuple(in_one_piece((dim, dim), (dim,), (dim,))))
+    which = np.flatnonzero(known[:n])
+    over_rows(_linear, len(which), which, neighbours, field, out, work=lambda: _scratch(neighbours, False))
     return out
 
 
 class Scratch(NamedTuple):
-    """Of one particle: the system of the quadratic function and its second right-hand side; of one wall point the terms
-    of the function and the way there; what a level of phi is like: its normal, its form, and vectors of the terms of
-    higher order. Of its neighbours, in rows so that what is done to all of them runs along the memory: the ways there,
-    what h makes of these, the terms, their weights, what phi rises by, and products."""
+    """Of TOGETHER particles: matrices (size, size, TOGETHER) and right-hand sides (size, TOGETHER) of their systems,
+    the second ones in `more`; the number of their neighbours, with those that fill up vectors; and of these, in rows
+    so that what is done to all runs along the memory: ways (TOGETHER, 3, places) there, zero along z in 2D, weights and
+    what phi rises by (TOGETHER, places). Of one: alike (2, places), what the weights depend on beside the distance;
+    product (places,) of the weights and what is fitted; sums (35,) of the powers of the ways; of a wall point the terms
+    of the function and the way there; coefficients, and what a level of phi is like: its normal, its form, and vectors
+    of the terms of higher order. Of the terms, see `_terms`: place, pair, scale.
+    """
 
-    moments: np.ndarray
+    matrix: np.ndarray
     right: np.ndarray
     more: np.ndarray
+    ways: np.ndarray
+    weight: np.ndarray
+    rise: np.ndarray
+    alike: np.ndarray
+    product: np.ndarray
+    sums: np.ndarray
     basis: np.ndarray
     d: np.ndarray
+    coefficients: np.ndarray
     unit: np.ndarray
     form: np.ndarray
     slopes: np.ndarray
     once: np.ndarray
     twice: np.ndarray
-    ways: np.ndarray
-    turned: np.ndarray
-    terms: np.ndarray
-    weight: np.ndarray
-    rise: np.ndarray
-    product: np.ndarray
+    count: np.ndarray
+    place: np.ndarray
+    pair: np.ndarray
+    scale: np.ndarray
 
 
-def _scratch(dim: int, neighbours: int) -> Scratch:
-    size, most = 1 + dim + dim * (dim + 1) // 2, max(neighbours, 1)
-    return Scratch(*in_one_piece((size, size), (size,), (size,), (size,), (dim,), (dim,), (dim, dim), (dim,), (dim,),
-                                 (dim,), (dim, most), (dim, most), (size, most), (most,), (most,), (most,)))
+def _scratch(neighbours: Neighbourhood, quadratic: bool) -> Scratch:
+    """quadratic: of a quadratic function, else of a linear one without its constant."""
+    dim, most = neighbours.x.shape[1], int(neighbours.longest) + LANES
+    place, pair, scale = _terms(dim, quadratic)
+    size = len(place)
+    arrays = in_one_piece((size, size, TOGETHER), (size, TOGETHER), (size, TOGETHER), (TOGETHER, 3, most),
+                          (TOGETHER, most), (TOGETHER, most), (2, most), (most,), (35,), (size,), (dim,), (size,), (3,),
+                          (3, 3), (dim,), (dim,), (dim,))
+    work = Scratch(*arrays, np.zeros(TOGETHER, np.int64), place, pair, scale)
+    for array in (work.matrix, work.right, work.more, work.unit, work.form):
+        array[:] = 0.0  # of fewer particles than TOGETHER, and in 2D the third components
+    return work
+
+
+@lru_cache(maxsize=4)
+def _terms(dim: int, quadratic: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(place (size,) of each term among the 35 powers of d up to the fourth order, those of 1 x y z xx xy xz yy yz zz
+    first; pair (size, size), that of the product of two; scale (size,) of each) of the function that is fitted."""
+    powers = [powers for order in range(5) for powers in combinations_with_replacement(range(3), order)]
+    terms = [term for term in powers[: 10 if quadratic else 4] if not term or term[-1] < dim][0 if quadratic else 1 :]
+    number = {term: k for k, term in enumerate(powers)}
+    pair = [[number[tuple(sorted(a + b))] for b in terms] for a in terms]
+    scale = [0.5 if len(term) == 2 and term[0] == term[1] else 1.0 for term in terms]
+    return np.array([number[term] for term in terms]), np.array(pair), np.array(scale)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fit(rows, work, neighbours, field, wanted, walls, fit):
+def _fit(turns, work, which, neighbours, field, walls, fit):
     kind, support = neighbours.kind, neighbours.support
     wall_start, offset, normal, wall_slope, wall_weight = walls
-    moments, right, more, basis, d = work.moments, work.right, work.more, work.basis, work.d
+    matrix, right, more, basis, d, c = work.matrix, work.right, work.more, work.basis, work.d, work.coefficients
     phi, (value, slope, curvature, form) = field.phi, fit
-    dim, size, own = len(d), len(right), shape(kind, 0.0)
-    for i in range(rows[0], rows[1]):
-        if not wanted[i]:
-            continue
-        count = _gather(i, neighbours, field, work)
-        _normal_equations(work, count)
-        moments[0, 0] += own
-        for p in range(wall_start[i], wall_start[i + 1]):
-            w = wall_weight[p] * _weight(d, offset, p, -1, support, kind)
-            _slopes(basis, d, normal[p])
-            _add(moments, right, basis, w, support * wall_slope[p])
-        for a in range(1, size):
-            moments[a, a] += own * (RIDGE if a > dim else RIDGE_FIRST)
-        _factors(moments)
-        _solve(moments, right)
-        # what a quadratic function cannot have of a distance follows from it, and is taken off in a second fit
-        steepness = _levels(right, work)
-        _beyond_neighbours(work, count, steepness)
-        for p in range(wall_start[i], wall_start[i + 1]):
-            w = wall_weight[p] * _weight(d, offset, p, -1, support, kind)
-            _slopes(basis, d, normal[p])
-            _slopes_beyond(work)
-            along = 0.0
+    dim, size, own = len(d), len(basis), shape(kind, 0.0)
+    for first in range(turns[0], turns[1], TOGETHER):
+        lanes = min(TOGETHER, turns[1] - first)
+        for m in range(lanes):
+            i = which[first + m]
+            _gather(i, m, neighbours, field, work)
+            _higher_powers(work, m)
+            _normal_equations(work, m)
+            matrix[0, 0, m] += own
+            for p in range(wall_start[i], wall_start[i + 1]):
+                w = wall_weight[p] * _weight(d, offset, p, support, kind)
+                _slopes(basis, d, normal[p])
+                for a in range(size):
+                    for b in range(a + 1):
+                        matrix[a, b, m] += w * basis[a] * basis[b]
+                    right[a, m] += w * basis[a] * support * wall_slope[p]
+            for a in range(1, size):
+                matrix[a, a, m] += own * (RIDGE if a > dim else RIDGE_FIRST)
+        _factors(matrix)
+        _solve(matrix, right)
+        for m in range(lanes):
+            i = which[first + m]
+            for a in range(size):
+                c[a] = right[a, m]
+            # what a quadratic function cannot have of a distance follows from it, and is taken off in a second fit
+            steepness = _levels(c, work)
+            _beyond_neighbours(work, m, steepness)
+            for p in range(wall_start[i], wall_start[i + 1]):
+                w = wall_weight[p] * _weight(d, offset, p, support, kind)
+                _slopes(basis, d, normal[p])
+                _slopes_beyond(work)
+                along = 0.0
+                for k in range(dim):
+                    along += work.slopes[k] * normal[p, k]
+                for a in range(size):
+                    more[a, m] -= w * steepness * along * basis[a]
+        _solve(matrix, more)
+        for m in range(lanes):
+            i = which[first + m]
+            for a in range(size):
+                c[a] = right[a, m] + more[a, m]
+            value[i] = phi[i] + c[0]
             for k in range(dim):
-                along += work.slopes[k] * normal[p, k]
-            _add_right(more, basis, -w * steepness * along)
-        _solve(moments, more)
-        for a in range(size):
-            right[a] += more[a]
-        value[i] = phi[i] + right[0]
-        for k in range(dim):
-            slope[i, k] = right[1 + k] / support
-        curvature[i] = _curvature(right, dim, support, value[i])
-        _levels(right, work)
-        for a in range(dim):
-            for b in range(dim):
-                form[i, a * dim + b] = work.form[a, b] / support
+                slope[i, k] = c[1 + k] / support
+            curvature[i] = _curvature(c, dim, support, value[i])
+            _levels(c, work)
+            for a in range(dim):
+                for b in range(dim):
+                    form[i, a * dim + b] = work.form[a, b] / support
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _linear(turns, work, which, neighbours, field, out):
+    matrix, right, dim = work.matrix, work.right, len(work.d)
+    for first in range(turns[0], turns[1], TOGETHER):
+        lanes = min(TOGETHER, turns[1] - first)
+        for m in range(lanes):
+            _gather(which[first + m], m, neighbours, field, work)
+            _normal_equations(work, m)
+            for a in range(dim):
+                matrix[a, a, m] += RIDGE_FIRST
+        _factors(matrix)
+        _solve(matrix, right)
+        for m in range(lanes):
+            for a in range(dim):
+                out[which[first + m], a] = right[a, m] / neighbours.support
 
 
 @njit(cache=True, error_model="numpy")
-def _gather(i, neighbours, field, work):
-    """The ways to the known neighbours of particle i, in units of the support, their terms and weights and what phi
-    rises by are written; their number is returned."""
+def _gather(i, m, neighbours, field, work):
+    """The ways to the known neighbours of particle i, in units of the support, their weights and what phi rises by, and
+    the number of these, filled up to whole vectors, are written to place m.
+
+    A weight is that of the distance times a number of 0 to 1, whether the distances of the two particles are to the
+    same interface, by the angle between them and by phi where they would meet: an edge nearer to the interface than a
+    spacing is its own."""
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
-    kind, support, d, dim = neighbours.kind, neighbours.support, work.d, len(work.d)
-    ways, terms, count = work.ways, work.terms, 0
-    for p in range(start[i], start[i + 1]):
-        j = column[p]
-        if field.known[j]:
-            work.weight[count] = _weight(d, x, row[p], i, support, kind) * _alike(field, i, j, d, support)
-            work.rise[count] = field.phi[j] - field.phi[i]
-            for k in range(dim):
-                ways[k, count] = d[k]
-            count += 1
-    v = 1 + dim
-    for k in range(count):
-        terms[0, k] = 1.0
-    for a in range(dim):
-        for k in range(count):
-            terms[1 + a, k] = ways[a, k]
-        for b in range(a, dim):
-            factor = 0.5 if a == b else 1.0
-            for k in range(count):
-                terms[v, k] = factor * ways[a, k] * ways[b, k]
-            v += 1
-    return count
+    phi, known, direction = field.phi, field.known, field.direction
+    ways, weight, rise, alike, kind = work.ways, work.weight, work.rise, work.alike, neighbours.kind
+    over, deep, last, count = 1.0 / neighbours.support, 1.0 if len(work.d) == 3 else 0.0, len(work.d) - 1, 0
+    x0, x1, x2, own = x[i, 0], x[i, 1], x[i, last], phi[i]
+    n0, n1, n2 = direction[i, 0], direction[i, 1], deep * direction[i, last]
+    for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+        j, there = np.uint32(column[p]), np.uint32(row[p])
+        d0, d1, d2 = (x[there, 0] - x0) * over, (x[there, 1] - x1) * over, deep * (x[there, last] - x2) * over
+        m0, m1, m2 = direction[j, 0], direction[j, 1], deep * direction[j, last]
+        ways[m, 0, count], ways[m, 1, count], ways[m, 2, count] = d0, d1, d2
+        rise[m, count] = phi[j] - own
+        alike[0, count] = n0 * m0 + n1 * m1 + n2 * m2
+        alike[1, count] = 0.5 * (phi[j] + own) * over + 0.25 * ((n0 - m0) * d0 + (n1 - m1) * d1 + (n2 - m2) * d2)
+        count += 1 if known[j] else 0  # the next one takes the place of one that is not known
+    padded = (count + LANES - 1) // LANES * LANES
+    for k in range(count, padded):
+        ways[m, 0, k], ways[m, 1, k], ways[m, 2, k] = 1.0, 0.0, 0.0  # at the edge of the support: no weight
+        rise[m, k], alike[0, k], alike[1, k] = 0.0, 1.0, 0.0
+    for k in range(padded):
+        r2 = ways[m, 0, k] ** 2 + ways[m, 1, k] ** 2 + ways[m, 2, k] ** 2
+        weight[m, k] = min(math.sqrt(r2), 1.0)
+    if kind == WENDLAND_C2:  # as in `moments.gather_stencil`
+        for k in range(padded):
+            weight[m, k] = shape(WENDLAND_C2, weight[m, k])
+    elif kind == WENDLAND_C4:
+        for k in range(padded):
+            weight[m, k] = shape(WENDLAND_C4, weight[m, k])
+    else:
+        for k in range(padded):
+            weight[m, k] = shape(QUINTIC_SPLINE, weight[m, k])
+    near = 1.0 / field.spacing
+    for k in range(padded):
+        apart = min((alike[1, k] * near) ** 2, 1.0)
+        weight[m, k] *= 1.0 - apart * (1.0 - (0.5 * (1.0 + alike[0, k])) ** APART)
+    work.count[m] = padded
 
 
 @njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
-def _normal_equations(work, count):
-    """Moments, their lower half, and the right-hand side of the neighbours; sums in any order, so that they are
-    vectors."""
-    terms, product = work.terms, work.product
-    for a in range(len(work.right)):
-        total = 0.0
-        for k in range(count):
-            product[k] = work.weight[k] * terms[a, k]
-            total += product[k] * work.rise[k]
-        work.right[a] = total
-        for b in range(a + 1):
-            total = 0.0
-            for k in range(count):
-                total += product[k] * terms[b, k]
-            work.moments[a, b] = total
+def _powers(work, m):
+    """Sums of the products times 1, x, y, z, xx, xy, xz, yy, yz, zz of the ways to the neighbours of place m; in any
+    order, so that they are vectors. More of them would not stay in registers."""
+    x, y, z, v, sums = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.product, work.sums
+    s, sx, sy, sz, xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(work.count[m]):
+        a, b, c = v[k] * x[k], v[k] * y[k], v[k] * z[k]
+        s += v[k]
+        sx += a
+        sy += b
+        sz += c
+        xx += a * x[k]
+        xy += a * y[k]
+        xz += a * z[k]
+        yy += b * y[k]
+        yz += b * z[k]
+        zz += c * z[k]
+    sums[0], sums[1], sums[2], sums[3], sums[4] = s, sx, sy, sz, xx
+    sums[5], sums[6], sums[7], sums[8], sums[9] = xy, xz, yy, yz, zz
 
 
 @njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
-def _beyond_neighbours(work, count, steepness):
+def _higher_powers(work, m):
+    """As `_powers`, the weights times the powers of third and fourth order."""
+    x, y, z, w, sums, count = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.weight[m], work.sums, work.count
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = 0.0
+    for k in range(count[m]):
+        xx, yy, zz = w[k] * x[k] * x[k], w[k] * y[k] * y[k], w[k] * z[k] * z[k]
+        s0 += xx * x[k]
+        s1 += xx * y[k]
+        s2 += xx * z[k]
+        s3 += yy * x[k]
+        s4 += w[k] * x[k] * y[k] * z[k]
+        s5 += zz * x[k]
+        s6 += yy * y[k]
+        s7 += yy * z[k]
+        s8 += zz * y[k]
+        s9 += zz * z[k]
+    sums[10], sums[11], sums[12], sums[13], sums[14] = s0, s1, s2, s3, s4
+    sums[15], sums[16], sums[17], sums[18], sums[19] = s5, s6, s7, s8, s9
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = t0 = t1 = t2 = t3 = t4 = 0.0
+    for k in range(count[m]):
+        xx, xy, yy, yz, zz = x[k] * x[k], x[k] * y[k], y[k] * y[k], y[k] * z[k], z[k] * z[k]
+        a, b, c, e, f = w[k] * xx, w[k] * xy, w[k] * yy, w[k] * yz, w[k] * zz
+        s0 += a * xx
+        s1 += a * xy
+        s2 += a * x[k] * z[k]
+        s3 += a * yy
+        s4 += a * yz
+        s5 += a * zz
+        s6 += b * yy
+        s7 += b * yz
+        s8 += b * zz
+        s9 += f * z[k] * x[k]
+        t0 += c * yy
+        t1 += c * yz
+        t2 += c * zz
+        t3 += e * zz
+        t4 += f * zz
+    sums[20], sums[21], sums[22], sums[23], sums[24] = s0, s1, s2, s3, s4
+    sums[25], sums[26], sums[27], sums[28], sums[29] = s5, s6, s7, s8, s9
+    sums[30], sums[31], sums[32], sums[33], sums[34] = t0, t1, t2, t3, t4
+
+
+@njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
+def _normal_equations(work, m):
+    """Matrix, its lower half, and right-hand side of what phi rises by at the neighbours of place m."""
+    for side in range(2):
+        for k in range(work.count[m]):
+            work.product[k] = work.weight[m, k] * (1.0 if side == 0 else work.rise[m, k])
+        _powers(work, m)
+        for a in range(len(work.scale)):
+            if side == 1:
+                work.right[a, m] = work.scale[a] * work.sums[work.place[a]]
+            else:
+                for b in range(a + 1):
+                    work.matrix[a, b, m] = work.scale[a] * work.scale[b] * work.sums[work.pair[a, b]]
+
+
+@njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
+def _beyond_neighbours(work, m, steepness):
     """The right-hand side of the second fit: terms of third and fourth order of a distance at the ways d of the
     neighbours, with n the normal (unit) and h the form of its level, unchanged along it:
 
     -(n . d) d . h h d / 2 + (n . d)^2 d . h h h d / 2 - (d . h d)(d . h h d) / 8."""
-    ways, turned, n, h, dim = work.ways, work.turned, work.unit, work.form, len(work.d)
-    for a in range(dim):
-        for k in range(count):
-            turned[a, k] = h[a, 0] * ways[0, k] + h[a, 1] * ways[1, k]
-        if dim == 3:
-            for k in range(count):
-                turned[a, k] += h[a, 2] * ways[2, k]
-    for k in range(count):
-        if dim == 2:
-            p, q, r, s, t, u = ways[0, k], ways[1, k], 0.0, turned[0, k], turned[1, k], 0.0
-            q4 = h[0, 0] * s * s + 2.0 * h[0, 1] * s * t + h[1, 1] * t * t
-            along = n[0] * p + n[1] * q
-        else:
-            p, q, r, s, t, u = ways[0, k], ways[1, k], ways[2, k], turned[0, k], turned[1, k], turned[2, k]
-            q4 = h[0, 0] * s * s + h[1, 1] * t * t + h[2, 2] * u * u
-            q4 += 2.0 * (h[0, 1] * s * t + h[0, 2] * s * u + h[1, 2] * t * u)
-            along = n[0] * p + n[1] * q + n[2] * r
-        q2, q3 = p * s + q * t + r * u, s * s + t * t + u * u
+    x, y, z, w, product, n, h = (work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.weight[m], work.product,
+                                 work.unit, work.form)
+    n0, n1, n2 = n[0], n[1], n[2]
+    xx, xy, xz, yy, yz, zz = h[0, 0], h[0, 1], h[0, 2], h[1, 1], h[1, 2], h[2, 2]
+    for k in range(work.count[m]):
+        s = xx * x[k] + xy * y[k] + xz * z[k]  # h d
+        t = xy * x[k] + yy * y[k] + yz * z[k]
+        u = xz * x[k] + yz * y[k] + zz * z[k]
+        along = n0 * x[k] + n1 * y[k] + n2 * z[k]
+        q2, q3 = x[k] * s + y[k] * t + z[k] * u, s * s + t * t + u * u
+        q4 = xx * s * s + yy * t * t + zz * u * u + 2.0 * (xy * s * t + xz * s * u + yz * t * u)
         beyond = 0.5 * along * (along * q4 - q3) - 0.125 * q2 * q3
-        work.product[k] = -work.weight[k] * steepness * beyond
-    for a in range(len(work.more)):
-        total = 0.0
-        for k in range(count):
-            total += work.product[k] * work.terms[a, k]
-        work.more[a] = total
+        product[k] = -w[k] * steepness * beyond
+    _powers(work, m)
+    for a in range(len(work.scale)):
+        work.more[a, m] = work.scale[a] * work.sums[work.place[a]]
 
 
 @njit(cache=True, inline="always")
-def _offset(d, x, j, i, support):
-    """d (dim,) = (x_j - x_i) / support is written, and its square returned; x_i is zero for i = -1."""
+def _weight(d, offset, p, support, kind):
+    """Kernel at d (dim,) = offset of p over the support, which is written."""
     r2, over = 0.0, 1.0 / support
     for k in range(len(d)):
-        d[k] = (x[j, k] - (x[i, k] if i >= 0 else 0.0)) * over
+        d[k] = offset[p, k] * over
         r2 += d[k] ** 2
-    return r2
-
-
-@njit(cache=True, inline="always")
-def _weight(d, x, j, i, support, kind):
-    """Kernel at `_offset`."""
-    return shape(kind, math.sqrt(_offset(d, x, j, i, support)))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _linear(rows, work, neighbours, field, out):
-    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
-    kind, support = neighbours.kind, neighbours.support
-    moments, right, d = work
-    phi, known, dim = field.phi, field.known, len(d)
-    for i in range(rows[0], rows[1]):
-        if known[i]:
-            for a in range(dim):
-                right[a] = 0.0
-                for b in range(dim):
-                    moments[a, b] = RIDGE_FIRST if a == b else 0.0
-            for p in range(start[i], start[i + 1]):
-                if known[column[p]]:
-                    w = _weight(d, x, row[p], i, support, kind)
-                    w *= _alike(field, i, column[p], d, support)
-                    _add(moments, right, d, w, phi[column[p]] - phi[i])
-            _factors(moments)
-            _solve(moments, right)
-            for a in range(dim):
-                out[i, a] = right[a] / support
-
-
-@njit(cache=True, inline="always")
-def _alike(field, i, j, d, support):
-    """Of 0 to 1: whether the distances of two particles are to the same interface, by the angle between them and by phi
-    where they would meet: an edge nearer to the interface than a spacing is its own. d: (dim,) in units of the
-    support."""
-    direction, cosine, edge = field.direction, 0.0, 0.5 * (field.phi[i] + field.phi[j]) * (1.0 / support)
-    for k in range(len(d)):
-        cosine += direction[i, k] * direction[j, k]
-        edge += 0.25 * (direction[i, k] - direction[j, k]) * d[k]
-    apart = min((edge * (1.0 / field.spacing)) ** 2, 1.0)
-    return 1.0 - apart * (1.0 - (0.5 * (1.0 + cosine)) ** APART)
+    return shape(kind, math.sqrt(r2))
 
 
 @njit(cache=True, inline="always")
@@ -330,54 +422,52 @@ def _slopes(basis, d, normal):
             v += 1
 
 
-@njit(cache=True, inline="always")
-def _add(moments, right, basis, w, f):
-    for a in range(len(right)):
-        wa = w * basis[a]
-        right[a] += wa * f
-        for b in range(a + 1):
-            moments[a, b] += wa * basis[b]
-
-
-@njit(cache=True, inline="always")
-def _add_right(right, basis, f):
-    for a in range(len(right)):
-        right[a] += f * basis[a]
+# Numbers of their own, one for each of TOGETHER: of arrays LLVM does not know that they are apart, and a loop over them
+# would be no vector.
 
 
 @njit(cache=True, error_model="numpy")
 def _factors(lower):
-    """A symmetric positive matrix (m, m), whose lower half is given, becomes its Cholesky factor, with one over what is
-    on the diagonal."""
+    """Symmetric positive matrices (size, size, TOGETHER), whose lower halves are given, become their Cholesky factors,
+    with one over what is on the diagonals."""
     for k in range(len(lower)):
         for c in range(k + 1):
-            rest = lower[k, c]
+            r0, r1, r2, r3 = lower[k, c, 0], lower[k, c, 1], lower[k, c, 2], lower[k, c, 3]
             for e in range(c):
-                rest -= lower[k, e] * lower[c, e]
-            lower[k, c] = rest * lower[c, c] if c < k else 1.0 / math.sqrt(rest)
+                r0 -= lower[k, e, 0] * lower[c, e, 0]
+                r1 -= lower[k, e, 1] * lower[c, e, 1]
+                r2 -= lower[k, e, 2] * lower[c, e, 2]
+                r3 -= lower[k, e, 3] * lower[c, e, 3]
+            if c < k:
+                r0, r1, r2, r3 = r0 * lower[c, c, 0], r1 * lower[c, c, 1], r2 * lower[c, c, 2], r3 * lower[c, c, 3]
+            else:
+                r0, r1, r2, r3 = 1.0 / math.sqrt(r0), 1.0 / math.sqrt(r1), 1.0 / math.sqrt(r2), 1.0 / math.sqrt(r3)
+            lower[k, c, 0], lower[k, c, 1], lower[k, c, 2], lower[k, c, 3] = r0, r1, r2, r3
 
 
 @njit(cache=True, error_model="numpy")
 def _solve(lower, right):
-    """right (m,) becomes the solution of the system whose `_factors` are given."""
-    m = len(right)
-    for k in range(m):
-        rest = right[k]
-        for e in range(k):
-            rest -= lower[k, e] * right[e]
-        right[k] = rest * lower[k, k]
-    for k in range(m - 1, -1, -1):
-        right[k] *= lower[k, k]
-        for e in range(k):
-            right[e] -= lower[k, e] * right[k]
+    """right (size, TOGETHER) becomes the solutions of the systems whose `_factors` are given."""
+    size = len(right)
+    for turn in range(2 * size):  # there, and back again
+        k = turn if turn < size else 2 * size - 1 - turn
+        r0, r1, r2, r3 = right[k, 0], right[k, 1], right[k, 2], right[k, 3]
+        for e in range(0 if turn < size else k + 1, k if turn < size else size):
+            a, b = (k, e) if turn < size else (e, k)
+            r0 -= lower[a, b, 0] * right[e, 0]
+            r1 -= lower[a, b, 1] * right[e, 1]
+            r2 -= lower[a, b, 2] * right[e, 2]
+            r3 -= lower[a, b, 3] * right[e, 3]
+        right[k, 0], right[k, 1] = r0 * lower[k, k, 0], r1 * lower[k, k, 1]
+        right[k, 2], right[k, 3] = r2 * lower[k, k, 2], r3 * lower[k, k, 3]
 
 
 @njit(cache=True, inline="always")
 def _product(h, v, out):
     """out (dim,) = h v."""
-    for a in range(len(v)):
+    for a in range(len(out)):
         out[a] = 0.0
-        for b in range(len(v)):
+        for b in range(len(out)):
             out[a] += h[a, b] * v[b]
 
 
@@ -385,8 +475,7 @@ def _product(h, v, out):
 def _levels(c, work):
     """|g| of coefficients c. Written: unit = g / |g| and form, the second derivatives over |g| along the levels of phi:
     the second fundamental form of the level, at most MOST_BENT in size."""
-    unit, form, across = work.unit, work.form, work.once
-    dim = len(unit)
+    unit, form, across, dim = work.unit, work.form, work.once, len(work.d)
     steepness = 0.0
     for a in range(dim):
         steepness += c[1 + a] ** 2
@@ -417,8 +506,7 @@ def _levels(c, work):
 @njit(cache=True, error_model="numpy")
 def _slopes_beyond(work):
     """Slopes of the terms of higher order of a distance (see `_beyond_neighbours`) at d are written."""
-    d, n, h, slopes, once, twice = work.d, work.unit, work.form, work.slopes, work.once, work.twice
-    dim = len(d)
+    d, n, h, slopes, once, twice, dim = work.d, work.unit, work.form, work.slopes, work.once, work.twice, len(work.d)
     _product(h, d, once)
     _product(h, once, twice)
     _product(h, twice, slopes)

@@ -18,13 +18,14 @@ import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from ..domain import reduce
-from ..domain.row_threads import REDUCE, over_rows
+from ..domain.row_threads import REDUCE, in_one_piece, over_rows
 from ..flow.one_fluid import Terms, ViscousWeights, balanced_force, with_forces
 from ..flow.state import phase_of
 from ..operators.protocol import WallSums
@@ -260,7 +261,7 @@ class TransposedStress:
         start = np.concatenate([[0], np.cumsum(count)])
         column, tensor = np.empty(start[-1], np.int32), np.empty((start[-1], ops.dim * (ops.dim + 1) // 2))
         over_rows(_transposed_stress_tensors, len(rows), ops.neighbours, (ops.lap, weighted_lap), rows, start, column,
-                  tensor)
+                  tensor, work=partial(_stress_scratch, ops.dim, ops.neighbours.longest))
         return cls(rows, start, column, tensor)
 
     def add(self, u: np.ndarray, out: np.ndarray, factor: float) -> None:
@@ -342,32 +343,55 @@ def _thicken(rows, start, column, lap, near, share, out):
                     out[p] += share[i] * lap[p]
 
 
+class _StressScratch(NamedTuple):
+    """Of one particle: basis (size, places), terms at its neighbours, a row each, their weights w and products here
+    (places,); moments, lower, inverse (size, size) and over (size,): the sums and what `_invert` makes of them."""
+
+    basis: np.ndarray
+    w: np.ndarray
+    here: np.ndarray
+    moments: np.ndarray
+    lower: np.ndarray
+    inverse: np.ndarray
+    over: np.ndarray
+
+
+def _stress_scratch(dim: int, neighbours: int) -> _StressScratch:
+    size, most = dim + dim * (dim + 1) // 2, max(neighbours, 1)
+    square = (size, size)
+    return _StressScratch(*in_one_piece((size, most), (most,), (most,), square, square, square, (size,)))
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _transposed_stress_tensors(turns, neighbours, weights, rows, new_start, new_column, tensor):
+def _transposed_stress_tensors(turns, work, neighbours, weights, rows, new_start, new_column, tensor):
     lap, weighted_lap = weights
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     dim, support = x.shape[1], neighbours.support
+    basis, w, here, moments, inverse = work.basis, work.w, work.here, work.moments, work.inverse
     size, entries = dim + dim * (dim + 1) // 2, dim * (dim + 1) // 2
     for m in range(turns[0], turns[1]):
         i, at = rows[m], new_start[m]
         begin, count = start[i], start[i + 1] - start[i]
         # one row a term, so that what is done to all neighbours runs along the memory
-        basis, moments, w, here = np.empty((size, count)), np.empty((size, size)), np.empty(count), np.empty(count)
         _fill(basis, row, x, i, begin, count, support)
+        total = 0.0
         for k in range(count):
             new_column[at + k] = column[begin + k]
             w[k] = max(lap[begin + k], 0.0)
-        _moments(basis, w, here, moments)
+        _moments(work, count)
+        for a in range(size):
+            total += moments[a, a]
         # least squares: the coefficients of the quadratic terms are the second derivatives
-        inverse, least = np.empty((size, size)), SINGULAR * np.trace(moments)
-        if not _invert(moments, least, dim, inverse):
+        least = SINGULAR * total
+        if not _invert(work, least, dim):
             for a in range(size):
                 moments[a, a] += least  # as good as a pseudo-inverse, which takes numba 15 s to compile
-            _invert(moments, 0.0, dim, inverse)
+            _invert(work, 0.0, dim)
         for k in range(count):
             w[k] = 2.0 * weighted_lap[begin + k] / (support * support) if lap[begin + k] > 0.0 else 0.0
         for v in range(entries):
-            here[:] = 0.0
+            for k in range(count):
+                here[k] = 0.0
             for c in range(size):
                 weight = inverse[c, dim + v]
                 for k in range(count):
@@ -377,26 +401,25 @@ def _transposed_stress_tensors(turns, neighbours, weights, rows, new_start, new_
 
 
 @njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
-def _moments(basis, w, work, moments):
-    """Lower half of sum_k w basis (x) basis into `moments`, what `_invert` reads; sums in any order, so that they are
-    vectors. work: (count,) scratch."""
-    size, count = basis.shape
-    for a in range(size):
+def _moments(work, count):
+    """Lower half of sum_k w basis (x) basis, what `_invert` reads; sums in any order, so that they are vectors."""
+    basis, w, here, moments = work.basis, work.w, work.here, work.moments
+    for a in range(len(basis)):
         for k in range(count):
-            work[k] = w[k] * basis[a, k]
+            here[k] = w[k] * basis[a, k]
         for b in range(a + 1):
             total = 0.0
             for k in range(count):
-                total += work[k] * basis[b, k]
+                total += here[k] * basis[b, k]
             moments[a, b] = total
 
 
 @njit(cache=True, error_model="numpy")
-def _invert(matrix, least, first, inverse):
-    """Columns from `first` on of the inverse of a symmetric matrix, whose lower half is read, by Cholesky's factors;
-    False where a pivot is not above `least`."""
+def _invert(work, least, first):
+    """Columns from `first` on of the inverse of the moments, whose lower half is read, by Cholesky's factors; False
+    where a pivot is not above `least`."""
+    matrix, lower, over, inverse = work.moments, work.lower, work.over, work.inverse
     n = len(matrix)
-    lower, over = np.zeros((n, n)), np.empty(n)
     for k in range(n):
         for m in range(k + 1):
             rest = matrix[k, m]

@@ -53,6 +53,22 @@ def test_no_disk_is_rounder_than_a_circle(at, first):
     assert 1 - 1e-4 < 2 * np.sqrt(np.pi * inside) / around < 1 + 1e-12
 
 
+def test_each_cell_knows_the_nearest_particle_of_either_fluid():
+    """Also far from the interface, where nothing else is asked for: those that a search among all particles finds
+    within two sides, in a periodic box; all of a cell far away is of one fluid."""
+    dx = 1 / 40
+    _, geometry, state, stepper, particles = scene(drop(radius=0.25, dx=dx, jitter=0.1))
+    cells = cells_of(geometry, dx, particles.site_volume * len(state.x))
+    found = cut(cells, state.x, state.phi, stepper.configure(state.x, phi=state.phi).terms.interface.fit)
+    far = np.isinf(found.phi)
+    for side, mask in enumerate((state.phi > 0.0, state.phi <= 0.0)):
+        away, which = cKDTree(state.x[mask], boxsize=1.0).query(cells.middle, distance_upper_bound=2.0 * dx)
+        expected = np.where(np.isfinite(away), np.append(np.flatnonzero(mask), -1)[which], -1)
+        assert np.array_equal(found.nearest[:, side], expected)
+    assert far.mean() > 0.3 and np.isin(found.volume[far] / cells.fluid[far], (0.0, 1.0)).all()
+    assert np.abs(np.linalg.norm(cells.middle[far] - 0.5, axis=1) - 0.25).min() > 2.0 * dx
+
+
 def test_a_plane_between_the_rows_beside_walls():
     """At 0.4 of the height, between walls: the volumes of both layers, and the area, to round-off (the
     normal of a plane along a cell is turned by 1e-3: 1e-8)."""

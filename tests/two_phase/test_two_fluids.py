@@ -6,6 +6,7 @@ import pytest
 from isphcli.operators.assemble import assemble
 from isphcli.references.plates import two_layer_couette, two_layer_poiseuille
 from isphcli.two_phase.interface import near_interface
+from tests.threads import on_threads
 from tests.two_phase.scenes import drop, layers, run, scene
 
 
@@ -36,6 +37,20 @@ def test_pressure_driven_layers():
     state, *_ = run(layers(1 / 24, mu=10, gx=1, time="{end: 1, step: 0.02, scheme: euler}"))
     exact = two_layer_poiseuille(state.x[:, 1], 1.0, 0.5, (1.0, 10.0), 1.0)
     assert np.linalg.norm(state.u[:, 0] - exact) < 0.004 * np.linalg.norm(exact)
+
+
+def test_the_terms_have_the_same_bits_on_any_number_of_threads(monkeypatch):
+    """The fit, four particles at a time, the cells that the interface cuts, and the transposed stress."""
+    _, _, state, stepper, _ = scene(drop(dx=1 / 24, rho=2, mu=0.5, jitter=0.1))
+
+    def bits():
+        terms = stepper.configure(state.x, phi=state.phi).terms
+        interface = terms.interface
+        return [np.asarray(part).tobytes() for part in (*interface.fit, *interface.cut[1:], interface.curvature,
+                                                        terms.transposed_stress.tensor, terms.force, terms.jump)]
+
+    first, *others = on_threads(monkeypatch, bits)
+    assert all(found == first for found in others)
 
 
 @pytest.mark.slow
