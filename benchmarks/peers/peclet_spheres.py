@@ -4,8 +4,8 @@
     OMP_NUM_THREADS=1 OMP_PROC_BIND=false peers/bin/python benchmarks/peers/peclet_spheres.py 16 32 48
 
 Creeping flow along x through a simple cubic array of spheres. A march in time is stopped where what it still has to
-change is within 0.1 % of the mean velocity, by that code's own test. Prints rows as those of isphcli/data/peers.csv: error
-of the permeability against Zick and Homsy (1982), table 2, and CPU seconds of set-up and march.
+change is within 0.1 % of the mean velocity, by that code's own test. Prints rows as those of isphcli/data/peers.csv:
+error of the permeability against Zick and Homsy (1982), table 2, and CPU seconds of set-up and march.
 """
 
 import math
@@ -25,7 +25,7 @@ def permeability(fraction: float, cells: int) -> tuple[float, float]:
     solver = flow.Solver((cells,) * 3, extent=(1.0, 1.0, 1.0))
     solver.set_rho(1.0)
     solver.set_mu(1.0)
-    solver.set_dt(1 / cells**2)  # a cell's time of diffusion; tried at 16 cells: 0.8 to 2600 of it, the longer the slower
+    solver.set_dt(1 / cells**2)  # a cell's time of diffusion; of 0.8 to 2600 of it at 16 cells, the longer the slower
     solver.set_advection(False)
     solver.set_body_force([1.0, 0.0, 0.0])
     x = np.meshgrid(*solver.cell_centers(), indexing="ij")
