@@ -157,6 +157,16 @@ def test_a_case_must_fit_the_dimensions_of_its_image(old, new, message, tmp_path
         build_geometry(load_case(tmp_path / "case.yaml"))
 
 
+def test_an_image_of_one_layer_is_of_two_dimensions(tmp_path):
+    """Also where its file, or what is cropped from it, has three axes: numpy complained of shapes."""
+    np.save(tmp_path / "i.npy", np.tile(np.array([[0, 0], [0, 1]], np.uint8), (1, 3, 3)))
+    (tmp_path / "case.yaml").write_text(IMAGE.replace("axes: [x]", "body_force: [1, 0, 0]"))
+    with pytest.raises(CaseError, match=r"drive\.body_force: has 3 entries; the scene has 2 dimensions"):
+        build_geometry(load_case(tmp_path / "case.yaml"))
+    (tmp_path / "case.yaml").write_text(IMAGE)
+    assert build_geometry(load_case(tmp_path / "case.yaml")).dim == 2
+
+
 def test_a_value_an_axis_must_fit_the_image(tmp_path):
     """Where only the image tells the dimensions, and where its case misspells what the reference is of."""
     np.save(tmp_path / "i.npy", np.tile(np.array([[0, 0], [0, 1]], np.uint8), (3, 3)))
