@@ -197,6 +197,11 @@ set_option = click.option(
 threads_option = click.option(
     "--threads", type=click.IntRange(1, os.cpu_count() or 1), help="Threads of the kernels. [default: all]"
 )
+check_option = click.option("--check-only", is_flag=True, help="Check what would be run; run nothing.")
+ranks_option = click.option(
+    "--ranks", type=click.IntRange(1), metavar="N",
+    help="With --check-only: what each of N processes (mpiexec -n N isph run) holds and takes.",
+)  # fmt: skip
 quiet_option = click.option("--quiet", is_flag=True, help="No progress display; results only.")
 
 
@@ -216,13 +221,15 @@ quiet_option = click.option("--quiet", is_flag=True, help="No progress display; 
     "--overwrite", is_flag=True,
     help="Replace the results that the output directory holds: those files that its manifest.json names.",
 )  # fmt: skip
+@check_option
+@ranks_option
 @threads_option
 @set_option
 @quiet_option
 @guarded
 def run(
-    case_file: Path | None, out: Path | None, restart: Path | None, overwrite: bool, threads: int | None,
-    overrides: tuple[str, ...], quiet: bool,
+    case_file: Path | None, out: Path | None, restart: Path | None, overwrite: bool, check_only: bool,
+    ranks: int | None, threads: int | None, overrides: tuple[str, ...], quiet: bool,
 ) -> int:  # fmt: skip
     """Run a case.
 
@@ -242,6 +249,9 @@ def run(
     if overwrite and restart is not None and (out is None or out.resolve() == restart.resolve()):
         raise click.UsageError("--restart goes on with the files in DIR, --overwrite replaces them: give one of them")
     set_threads(threads, quiet)
+    ranks_go_with_a_check(ranks, check_only)
+    if check_only:
+        return say_check(load(case_file or restart / "case.yaml", overrides), ranks)  # type: ignore[operator]
     if launched() > 1:
         from .domain.communicator import join
 
@@ -258,8 +268,8 @@ def run(
         if restart is not None and getattr(interrupt, "restart", None) is None:  # before it wrote one itself
             interrupt.restart = restart / "restart.npz"  # type: ignore[attr-defined]
         raise
-    ranks = several()
-    if ranks is not None and ranks.rank > 0:
+    processes = several()
+    if processes is not None and processes.rank > 0:
         return 0
     click.echo(str(found))
     if not found.complete:
@@ -348,11 +358,8 @@ def check_directory(path: Path) -> None:
 @main.command(epilog=EXIT_CODES, short_help="Check cases; run those that name a reference.")
 @click.argument("case_files", metavar="[CASE]...", nargs=-1, type=click.Path(path_type=Path))
 @set_option
-@click.option("--check-only", is_flag=True, help="Check the cases; run none of them.")
-@click.option(
-    "--ranks", type=click.IntRange(1), metavar="N",
-    help="With --check-only: what each of N processes (mpiexec -n N isph run) holds and takes.",
-)  # fmt: skip
+@check_option
+@ranks_option
 @click.option("--stress", is_flag=True, help="Run stiff and extreme scenes instead; the page of docs/stability.md.")
 @click.option(
     "--levels", type=click.IntRange(1, 12), help="Resolutions at which a reference is run. [default: 3]"
@@ -408,8 +415,7 @@ def validate(
     isph validate --paper --budget 1500 --out out/paper
     """
     set_threads(threads, quiet)
-    if ranks is not None and not check_only:
-        raise click.UsageError("--ranks goes with --check-only; to run on N processes: mpiexec -n N isph run CASE")
+    ranks_go_with_a_check(ranks, check_only)
     if stress:
         from .validation.stress import page
 
@@ -425,6 +431,21 @@ def validate(
         return code
     options = {"levels": levels, "budget": budget, "out": out, "quiet": quiet, "vary": vary}
     return code or run_references(to_run, overrides=overrides, estimates=estimates, **options)
+
+
+def ranks_go_with_a_check(ranks: int | None, check_only: bool) -> None:
+    """Raises UsageError where a number of processes is given and nothing is checked."""
+    if ranks is not None and not check_only:
+        raise click.UsageError("--ranks goes with --check-only; to run on N processes: mpiexec -n N isph run CASE")
+
+
+def say_check(case: Case, ranks: int | None) -> int:
+    """Print the check of a case, for so many processes where they are given; the exit code."""
+    from .preflight.check import check
+
+    report = check(case, ranks=ranks)
+    click.echo(report.text())
+    return 0 if report.can_run else BAD_INPUT
 
 
 def told(outcome: tuple[str, bool]) -> int:

@@ -386,6 +386,15 @@ def test_validate_takes_the_folder_of_cases(folder, monkeypatch):
     assert done.exit_code == 0 and "slit.yaml: slit" in done.stdout
 
 
+def test_run_checks_as_validate_does(folder):
+    """And runs nothing; of several processes too."""
+    checked = isph("run", "case.yaml", "--check-only", "--ranks", 1)
+    assert checked.exit_code == 0 and "ranks       each of 1:" in checked.stdout
+    assert checked.stdout.strip() == isph("validate", "case.yaml", "--check-only", "--ranks", 1).stdout.strip()
+    assert not (folder / "out").exists() and isph("run", "case.yaml", "--ranks", 2).exit_code == BAD_INPUT
+    assert isph("run", "case.yaml", "--check-only", "--set", "drive=null").exit_code == BAD_INPUT
+
+
 @pytest.mark.parametrize("passed, code", [(True, 0), (False, OUTSIDE)])
 def test_validate_runs_the_cases_that_name_a_reference(monkeypatch, folder, passed, code):
     (folder / "slit.yaml").write_text(CASE + "reference: {kind: slit}\n")

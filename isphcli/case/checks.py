@@ -80,6 +80,7 @@ def check_dimension(case: Case, dim: int) -> None:
     checks.reservoirs()
     checks.formulas()
     checks.forces()
+    checks.reference_values()
     problems.raise_if_any()
 
 
@@ -324,8 +325,13 @@ class _Checks:
             self.bad(f"{path}.axis", f"{found.axis} ends at walls", f"add {found.axis} to geometry.periodic")
         elif found.length is None:
             self.bad(f"{path}.length", "missing: a box has no clear layers", "give the length of each reservoir, in m")
-        elif self.dim and 2.0 * found.length >= scene.box[AXES.index(found.axis)]:  # type: ignore[index]  # not voxels
-            self.bad(f"{path}.length", "two of them fill the box", "make it smaller")
+        elif self.dim:
+            length, spacing = scene.box[AXES.index(found.axis)], self.case.particles.spacing  # type: ignore[index]
+            if 2.0 * found.length >= length:
+                self.bad(f"{path}.length", "two of them fill the box", "make it smaller")
+            elif self.clear("particles.spacing") and min(found.length, length - 2.0 * found.length) < spacing:
+                what = "it is" if found.length < spacing else "what two of them leave of the box is"
+                self.bad(f"{path}.length", f"{what} less than a spacing, {spacing:g}", "make it a few spacings or more")
 
     def _reservoirs_of_image(self, found: Reservoirs) -> None:
         scene = self.case.geometry
@@ -398,6 +404,8 @@ class _Checks:
         if drive.pressure_drop or drive.superficial_velocity or drive.axes:
             fix = "remove pressure_drop, superficial_velocity and axes"
             self.bad(path, "are all of the drive along their axis", fix)
+        if not (steps.pressure_drop or steps.superficial_velocity):
+            self.bad(path, "have no step", "give at least one pressure or velocity")
         if steps.window is not None and steps.window > steps.duration:
             self.bad(f"{path}.window", "is longer than a step", "make it a small part of the duration")
         if self.clear("time") and self.case.time is not None and self.case.time.steady is not None:
@@ -444,6 +452,9 @@ class _Checks:
                     self.bad(name, "has no meaning in flow: stokes, which is steady", "remove it")
         elif case.time is None or not (case.time.end or case.time.steady or forcing.drive_steps(case)):
             self.bad("time", "the run would not end", "give time.end or time.steady")
+        elif case.time.step and case.time.end and case.time.step > case.time.end:
+            message = f"{case.time.step:g} is longer than the run, {case.time.end:g}"
+            self.bad("time.step", message, "make it a small part of time.end")
 
     def refine(self) -> None:
         if not self.case.refine or not self.clear("refine", "particles.spacing", "flow"):
@@ -472,6 +483,8 @@ class _Checks:
         elif reference.kind == "permeability" and not isinstance(reference.value, tuple) and reference.axes is None:
             self.bad("reference.axes", "is missing, and one value does not say of which axes it is",
                      "give the axes along which it holds, such as [x]")
+        self.reference_values()
+        self.reference_names()
         for name in ("axes", "crop", "voxel_size"):
             if getattr(reference, name) is not None and reference.kind != "permeability":
                 self.bad(f"reference.{name}", "is of kind permeability", "remove it")
@@ -483,6 +496,39 @@ class _Checks:
             if name not in reference.parameters:
                 fix = f"add parameters: {{{name}: ...}}"
                 self.bad("reference.parameters", f"kind {reference.kind} needs {name}", fix)
+
+    def reference_values(self) -> None:
+        """A permeability has one value or one an axis, and what it is of as many ranges and edges."""
+        reference = self.case.reference
+        if reference is None or reference.kind != "permeability" or not self.clear("reference", "geometry.box"):
+            return
+        values = reference.value if isinstance(reference.value, tuple) else (reference.value,)
+        if any(value is not None and value <= 0.0 for value in values):
+            self.bad("reference.value", "a permeability is above 0", "give it in m2")
+        wanted = (self.dim,) if self.dim else (2, 3)
+        for name, what in (("value", "numbers"), ("crop", "ranges"), ("voxel_size", "numbers")):
+            given = getattr(reference, name)
+            if isinstance(given, tuple) and len(given) not in wanted:
+                axes = " or ".join(map(str, wanted))
+                self.bad(f"reference.{name}", f"has {len(given)} {what}, and the scene has {axes} axes",
+                         "give one an axis" + (", or one number and reference.axes" if name == "value" else ""))
+
+    def reference_names(self) -> None:
+        """What `reference.geometry` names are names of this case: a misspelled one would be of another geometry."""
+        reference, path = self.case.reference, "reference.geometry"
+        if reference is None or not self.clear("fluids", "microporous"):
+            return
+        part, voxels = reference.geometry, reference.geometry.get("voxels") or {}
+        for name in voxels.get("labels") or ():
+            if name != SOLID:
+                self._filling_name(name, f"{path}.voxels.labels.{as_key(name)}", extra=(SOLID,))
+        for name in (voxels.get("grey") or {}).get("fluids") or ():
+            self._filling_name(name, f"{path}.voxels.grey.fluids.{as_key(name)}")
+        if part.get("fluid"):
+            self._fluid_name(part["fluid"], f"{path}.fluid")
+        for i, shape in enumerate(part.get("shapes") or ()):
+            if shape is not None and shape.what != SOLID:
+                self._filling_name(shape.what, f"{path}.shapes.{i}.is", extra=(SOLID,))
 
     def _filling_name(self, name: str, path: str, extra: tuple[str, ...] = ()) -> None:
         """A fluid, or microporous rock."""

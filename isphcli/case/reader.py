@@ -301,20 +301,20 @@ class Reader:
         return value
 
     def _int(self, node: Node, path: str, spec: Key) -> int:
-        value = self._float(node, path, spec)
+        value = self._float(node, path, spec, kind="whole number")
         if not value.is_integer() or abs(value) > _MAX_INT:
             raise self._bad(node, path, f"expected a whole number, found {_found(node)}")
         return int(value)
 
-    def _float(self, node: Node, path: str, spec: Key) -> float:
+    def _float(self, node: Node, path: str, spec: Key, kind: str = "number") -> float:
         value = _number(node.text)
         if value is None and units.is_quantity(node.text):
             value = self._with_unit(node, path, spec)
         if value is None:
-            unit = f", in {spec.unit}" if spec.unit else ""
-            raise self._bad(
-                node, path, f"expected a number, found {_found(node)}", f"write it as 0.001 or 1e-3{unit}"
-            )
+            meant = kind == "number" and node.text[:1].isdigit()  # such as 1,5 or 1e-3m: how a number is written
+            fix = "write it as 0.001 or 1e-3" if meant else f"give a {kind}"
+            raise self._bad(node, path, f"expected a {kind}, found {_found(node)}",
+                            f"{fix}, in {spec.unit}" if spec.unit else fix)
         if not math.isfinite(value):
             raise self._bad(node, path, f"{_found(node)} is not finite")
         for limit, wrong, words in (

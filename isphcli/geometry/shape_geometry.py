@@ -59,7 +59,6 @@ class ShapeGeometry:
         self.round_off = ROUND_OFF * float((self.upper - self.lower).max())
         for k, shape in enumerate(self.shapes):
             check_body(shape.body, self.dim, f"shape {k + 1}")
-        self.warnings = tuple(_cut_planes(self))
         self._grid: PieceGrid | None = None  # for `crossing`, when it is first asked
         self.has_solid = self.fluid < 0 or not all(self.periodic) or any(s.phase < 0 for s in self.shapes)
         self.wall_velocity, self.slip_length = walls.table(self.dim, len(self.shapes))
@@ -72,6 +71,7 @@ class ShapeGeometry:
         for k, shape in enumerate(self.shapes):
             if shape.angular_velocity:
                 self._turn(1 + 2 * self.dim + k, shape, f"shape {k + 1}")
+        self.warnings = tuple(_cut_planes(self))
 
     def _turn(self, wall: int, shape: Shape, name: str) -> None:
         """Let a wall turn: u = u_0 + A (x - centre), A antisymmetric."""
@@ -261,13 +261,27 @@ class PieceGrid(NamedTuple):
                    geometry.fluid < 0, geometry.round_off, PROBE / ROUND_OFF * geometry.round_off)
 
 
+ON_FACE = 1000  # points at which the two sides of a periodic face are compared
+
+
+def _same_beyond(geometry: ShapeGeometry, axis: int) -> bool:
+    """Whether the scene is the same on both sides of a periodic face: what ends there goes on as another shape."""
+    x = geometry.lower + np.random.default_rng(0).random((ON_FACE, geometry.dim)) * (geometry.upper - geometry.lower)
+    low, high = x.copy(), x.copy()
+    low[:, axis], high[:, axis] = geometry.lower[axis], geometry.upper[axis]
+    low[:, axis] += 10.0 * geometry.round_off
+    high[:, axis] -= 10.0 * geometry.round_off
+    return bool((geometry.phase(low) == geometry.phase(high)).all())
+
+
 def _cut_planes(geometry: ShapeGeometry) -> Iterator[str]:
     """Half-spaces that end at a periodic face."""
     for k, shape in enumerate(geometry.shapes):
         if not isinstance(shape.body, HalfSpace):
             continue
         slope = np.abs(shape.body.unit_normal) > ROUND_OFF
-        cut = [name for name, p, s in zip("xyz", geometry.periodic, slope) if p and s]
+        cut = [name for axis, (name, p, s) in enumerate(zip("xyz", geometry.periodic, slope))
+               if p and s and not _same_beyond(geometry, axis)]
         if cut:
             yield (f"shape {k + 1}: the half-space is not periodic along {', '.join(cut)}: it ends at the periodic "
                    "face, where the distance to walls is not that to its end")  # fmt: skip

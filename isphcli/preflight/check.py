@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -23,7 +24,16 @@ from ..scene.place import lattice_at, what_is_solid
 from .check_report import CheckReport, Term, in_bytes
 from .costs_of_ranks import of_ranks
 from .estimates import costs, flow_estimate, steps
-from .findings import absent_fluids, contact_angle_findings, drive_findings, other_findings, resolution_findings
+from .findings import (
+    absent_fluids,
+    contact_angle_findings,
+    drive_findings,
+    fluids_there,
+    other_findings,
+    reservoir_findings,
+    resolution_findings,
+    step_findings,
+)
 from .throats import Sites, throats
 
 # Of a lattice that is looked at site by site: 0.6 us each on an idle core, 2 us on a busy one (Berea, 2026-11-29)
@@ -77,23 +87,31 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
     through = [axis for axis in driven if result.connectivity.percolates[axis] and forcing.opens(case, axis)]
     if geometry.has_solid:
         result.throats = throats(sites, geometry, case.particles.spacing, through)
-    result.flow = flow_estimate(case, geometry, sites, result.throats, driven)
+    with np.errstate(all="ignore"):  # what is not finite is told
+        result.flow = flow_estimate(case, geometry, sites, result.throats, driven)
+    if result.flow is not None and not math.isfinite(result.flow.motion.largest + result.flow.motion.acceleration):
+        result.errors.append("the velocity to expect leaves the range of numbers; check units of drive, viscosity and "
+                             "initial velocity")
+        result.flow = None
+        return result
     if case.flow != "stokes":
-        result.steps = steps(case, result.flow, result.throats)
+        result.steps = steps(case, geometry, result.flow, result.throats, fluids_there(case, sites))
     _costs(result, geometry, sites, ranks)
     if not to_run or case.flow != "stokes":
-        drive_findings(result, geometry, driven, through)
+        drive_findings(result, geometry, sites, driven, through)
     kinds = {(f.density, f.mu) for f in case.fluids.values()}
     if case.flow == "stokes" and sites.per_fluid[1:].any() and len(kinds) > 1:
         result.errors.append("a steady solve has one fluid; use flow: navier_stokes for two")
     result.warnings += list(resolution_findings(result, geometry, lattice))
     result.warnings += list(contact_angle_findings(case, geometry))
+    result.warnings += list(reservoir_findings(case))
+    result.warnings += list(step_findings(result))
     result.warnings += list(other_findings(result, geometry, sites))
     if not to_run:
         other = other_sample(case, geometry)
         result.warnings += [] if other is None else [f"the reference is not compared: {other}"]
         result.warnings += list(absent_fluids(case, sites))
-    elif case.flow != "stokes":  # a run in time goes on, and finds out
+    elif case.flow != "stokes":  # the run finds out, by its particles
         result.warnings += result.errors
     return result
 
@@ -101,10 +119,10 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
 def _costs(result: CheckReport, geometry: Geometry, sites: Sites, ranks: int | None) -> None:
     """Memory and time, and those of each of so many processes."""
     case = result.case
-    costs(result, geometry,
-          memory.fluid_round(geometry, sites.points(memory.SAMPLE), case.support * min(case.spacings)))
+    share = memory.fluid_round(geometry, sites.points(memory.SAMPLE), case.support * min(case.spacings))
+    costs(result, geometry, share)
     if ranks is not None:
-        of_ranks(result, geometry, ranks)
+        of_ranks(result, geometry, ranks, share)
 
 
 def _from_samples(result: CheckReport, geometry: Geometry, lattice: Lattice, ranks: int | None) -> None:
@@ -118,7 +136,8 @@ def _from_samples(result: CheckReport, geometry: Geometry, lattice: Lattice, ran
         porosity += f", {100 * float((geometry.microporous(points) >= 0).mean()):.2g} % of the box microporous"
     result.particles = {"fluid": round(share * lattice.sites)}
     if case.flow != "stokes":
-        result.steps = steps(case, None, None) if case.time is not None and case.time.step else None
+        fixed = case.time is not None and case.time.step
+        result.steps = steps(case, geometry, None, None, list(case.fluids)) if fixed else None
     costs(result, geometry)
     need, left = sum(result.memory.values()), memory.available()
     if ranks is not None:

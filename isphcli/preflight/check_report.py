@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -43,21 +44,54 @@ class Throats:
 
 
 @dataclass(frozen=True)
+class Motion:
+    """The speed of the fastest particle as a check expects it, m/s, t in s:
+
+        start exp(-t / decay) + driven (1 - exp(-t / rise)) + always
+
+    acceleration: of the fluid at the start, m/s2.
+    """
+
+    start: float = 0.0
+    decay: float = math.inf
+    driven: float = 0.0
+    rise: float = 1.0
+    always: float = 0.0
+    acceleration: float = 0.0
+
+    def speed(self, time: float) -> float:
+        """At a time, s, m/s."""
+        risen = -self.driven * math.expm1(-time / self.rise) if self.driven else 0.0
+        return self.start * math.exp(-time / self.decay) + risen + self.always
+
+    @property
+    def largest(self) -> float:
+        """Of all times, m/s: of the start or of the end."""
+        return max(self.start, self.driven) + self.always
+
+
+@dataclass(frozen=True)
 class Flow:
-    """Estimates of the flow: velocity (m/s) and how it was found, Reynolds and capillary number."""
+    """Estimates of the flow: velocity (m/s) and how it was found, Reynolds and capillary number; over time."""
 
     velocity: float
     source: str
     reynolds: float | None
     capillary: float | None
+    motion: Motion
 
 
 @dataclass(frozen=True)
 class Steps:
-    """Time-step limits by name, s; the steps of the whole run, None where there is no telling."""
+    """Time-step limits by name in the fastest flow, s; the steps of the whole run, None where there is no telling;
+    those at the start that are shorter than the limits; whether the run may end earlier; the limit of most of them,
+    "end" where something was due."""
 
     limits: dict[str, float]
     count: float | None
+    start: int = 0
+    early: bool = False
+    most: str = ""
 
     @property
     def binding(self) -> str:
@@ -139,13 +173,16 @@ def report_lines(r: CheckReport) -> Iterator[str]:
         yield _row("flow", ", ".join(numbers))
     if r.steps is not None:
         limits = ", ".join(f"{name} {dt:.2g} s" for name, dt in r.steps.limits.items())
-        count = "steps: no telling" if r.steps.count is None else f"about {r.steps.count:.2g} steps"
+        count = "steps: no telling"
+        if r.steps.count is not None:
+            about = "at most about" if r.steps.early else "about"
+            count = f"{about} {whole(r.steps.count, 2)} steps, of which {r.steps.start} begin shorter"
         yield _row("time step", f"{limits}; smallest: {r.steps.binding}; {count}")
     if r.memory:
         parts = ", ".join(f"{name} {in_bytes(b)}" for name, b in r.memory.items())
         yield _row("memory", f"about {in_bytes(sum(r.memory.values()))} ({parts})")
         if r.seconds is not None:
-            yield _row("time", f"about {_seconds(r.seconds)} on one core, compilation not counted")
+            yield _row("time", f"about {_seconds(r.seconds)} on one core, without compilation and pictures")
     if r.ranks is not None:
         each = f"{r.ranks.fluid:,.0f} fluid particles and about {r.ranks.remote:,.0f} remote ones"
         time = "" if r.ranks.seconds is None else f", {_seconds(r.ranks.seconds)}"
@@ -177,6 +214,11 @@ def _pore_lines(c: Connectivity, microporous: dict[str, float], widths: Throats 
 
 def _row(name: str, text: Any) -> str:
     return f"  {name:10}  {text}"
+
+
+def whole(number: float, digits: int) -> str:
+    """A whole number with so many digits that count: '8,600'."""
+    return f"{int(float(f'{number:.{digits - 1}e}')):,}" if number >= 10**digits else f"{number:.0f}"
 
 
 def in_bytes(number: float) -> str:

@@ -23,11 +23,15 @@ WAITS = 1.15
 MARGIN = 7  # voxels of an image beside its brick that a process holds (geometry/image_brick.py), and a support
 
 
-def of_ranks(result: CheckReport, geometry: Geometry, count: int) -> None:
-    """Adds to a CheckReport what each of `count` processes holds and takes, at most."""
+def of_ranks(result: CheckReport, geometry: Geometry, count: int, share: float = 1.0) -> None:
+    """Adds to a CheckReport what each of `count` processes holds and takes, at most, and what stands against them; of
+    more processes than particles only that. share: see `memory.fluid_round`."""
     case, dim = result.case, result.dim
     finest = min(case.spacings) if case.flow == "stokes" else case.particles.spacing
     fluid = result.particles["fluid"] * (case.particles.spacing / finest) ** dim
+    if count > fluid:
+        result.errors.append(f"{count:,} processes for {fluid:,.0f} fluid particles: some would have none; take fewer")
+        return
     size, reach = geometry.upper - geometry.lower, case.support * finest
     corners = even_bricks(geometry.lower, geometry.upper, count)
     edges = corners[:, 1] - corners[:, 0]
@@ -36,7 +40,8 @@ def of_ranks(result: CheckReport, geometry: Geometry, count: int) -> None:
     own = fluid / count
     dummies = result.particles.get("dummy", 0) * fluid / result.particles["fluid"] * float((seen / np.prod(size)).max())
     solved = case if count == 1 else replace(case, solver=replace(case.solver, engine="petsc"))
-    need = memory.estimate(solved, dim, geometry.has_solid, own + remote, dummies, two=len(case.fluids) > 1)
+    need = memory.estimate(solved, dim, geometry.has_solid, own + remote, dummies, two=len(case.fluids) > 1,
+                           share=share)
     need["program"] = BYTES_PROGRAM
     by_parts = geometry.voxel_size is not None and in_parts(case)
     if geometry.voxel_size is not None:
@@ -47,12 +52,11 @@ def of_ranks(result: CheckReport, geometry: Geometry, count: int) -> None:
     if result.seconds is not None:
         seconds = result.seconds / count * (1.0 + remote / own) * WAITS if count > 1 else result.seconds
     result.ranks = ShareOfRank(count, own, remote, need, seconds)
-    if count > fluid:
-        result.errors.append(f"{count:,} processes for {fluid:,.0f} fluid particles: some would have none; take fewer")
-    elif count > 1 and own < FEWEST:
-        most = max(int(fluid / FEWEST), 1)
+    if count > 1 and own < FEWEST:
+        most = int(fluid / FEWEST)
+        take = f"take {most:,} at most" if most > 1 else "run it in one process"
         result.warnings.append(f"{own:,.0f} fluid particles a process, and about {remote:,.0f} remote ones: fewer than "
-                               f"{FEWEST:,} are not worth it; up to {most:,} processes are")
+                               f"{FEWEST:,} are not worth it; {take}")
     image = need.get("image", 0.0)
     if count > 1 and not by_parts and image > 0.5 * sum(need.values()):
         result.warnings.append(f"each process holds the whole image, {in_bytes(image)}: of labels with "

@@ -6,17 +6,18 @@ The numbers behind them stand below with the date on which they were measured.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..case import expressions, forcing
-from ..case.blocks import AXES
+from ..case import forcing
 from ..case.force_list import forces_of
 from ..flow.forces import largest_of, resistance_of
+from ..output.render import deep_enough
 from ..scene import memory
-from .check_report import CheckReport, Flow, Steps, Throats
+from .check_report import CheckReport, Flow, Motion, Steps, Throats
+from .expected_steps import expected_steps
 from .throats import LINE_POINTS, Sites
 
 if TYPE_CHECKING:
@@ -24,13 +25,28 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 
-# CPU microseconds a particle and axis of steady flow on one core at support 2.1, compilation left out: 27 in 2D
-# (2026-11-22), 26 (sphere array) to 54 (Berea, 64^3 voxels) in 3D (`benchmarks/stokes.py`, 2026-11-30)
-MICROSECONDS_STEADY = {2: 27.0, 3: 54.0}
-# The same a particle and step of moving ones, by dimension and whether there are walls (2026-11-30): Taylor-Green 4.5
-# in 2D and 4.1 in 3D (`benchmarks/step_cost.py`), a rising bubble 9.0, spheres that nearly touch 12.6
-MICROSECONDS_MOVING = {(2, False): 4.5, (2, True): 9.0, (3, False): 4.5, (3, True): 12.5}
-STEPS_TO_STEADY = 16  # at least, however large they are (trials before 2026-11-22)
+# Speed of the fastest particle over the mean in the pores, of a flow that is held: on the axis of a pipe; and in Berea
+# sandstone, by the steps that cases/berea_drainage.yaml tells. Menisci alone, driven slowly, leave steps of 1.3 us
+# there: they are slower than this part of sqrt(sigma / rho w)
+FASTEST, FASTEST_IN_ROCK, MENISCI = 2.0, 6.0, 0.3
+# CPU seconds of one core without compilation, pictures and reference, from docs/validation.md (1836b9f, 2026-11-30) and
+# docs/performance.md; benchmarks/estimates.py compares them with runs. A step: a part for any scene, and microseconds a
+# particle at support 2.1 (square or cubic lattice), of which a denser one or a wider support has more neighbours; by
+# dimension and whether there are walls
+SECONDS_RUN = 0.02
+SECONDS_STEP, SECONDS_STEP_TWO = 2.3e-3, 4.0e-3
+MICROSECONDS_MOVING = {(2, False): 2.7, (2, True): 5.5, (3, False): 4.3, (3, True): 15.0}
+MICROSECONDS_TWO = {(2, False): 3.2, (2, True): 5.1, (3, False): 12.6, (3, True): 30.0}
+# Of steady flow a particle: once, and an iteration for each axis; in 2D an axis. Iterations are 10 to 16 in wide pores,
+# 47 in Berea sandstone (median throat 2.0 particles), 57 in a pack of beads (1.4)
+MICROSECONDS_ONCE, MICROSECONDS_ITERATION, MICROSECONDS_STEADY_2D = 12.0, 1.15, 27.0
+ITERATIONS, ITERATIONS_OF_THROATS = 4.0, 80.0  # their number is the first plus the second over the median throat
+
+
+# Of the process of a run, by whether there are pictures in 3D: peaks of runs of up to 11,000 particles were 276 to 380
+# MB without those and 551 MB with them (couette, slit, cylinder_array, taylor_green_2d; sphere_array; 2026-11-30), 228
+# to 232 MB without any
+BYTES_PICTURES = {False: 1.0e8, True: 3.0e8}
 
 
 def flow_estimate(
@@ -40,40 +56,95 @@ def flow_estimate(
     length = geometry.upper - geometry.lower
     width = _width(widths, case.particles.spacing, length)
     nu = min(f.nu for f in case.fluids.values())
-    found: list[tuple[float, str]] = []
+    found: list[tuple[Motion, str]] = []
     if geometry.has_solid and np.any(geometry.wall_speed):
-        found.append((float(geometry.wall_speed.max()), "moving wall"))
+        found.append((Motion(always=float(geometry.wall_speed.max())), "moving wall"))
     if case.initial is not None and case.initial.velocity:
-        variables = dict(zip(AXES, sites.points(LINE_POINTS).T))
-        start = np.stack([expressions.evaluate(f, **variables) for f in case.initial.velocity], axis=1)
-        found.append((float(np.linalg.norm(start, axis=1).max()), "initial velocity"))
-    g = float(np.linalg.norm(forcing.largest_acceleration(case, length)))
-    beside = forces_of(case, geometry)
-    more = largest_of(beside)
-    if (g > 0 and driven) or more > 0:
-        g += more
-        resistance = resistance_of(beside, sites.points(LINE_POINTS))
-        least = 0.0 if resistance is None else float(resistance.min())
-        creeping = (g * width**2 / (8 * nu) / (1 + least * width**2 / 8), "creeping flow in the throats, g w2 / 8 nu")
-        end = case.time.end if case.time else None
-        inertial = (math.sqrt(2 * g * float(np.max(length))), "free fall over the box")
-        started = (g * end, "acceleration until the end") if end else inertial
-        found.append(min(creeping, inertial, started, key=lambda estimate: estimate[0]))
+        found.append((_from_the_start(case, sites), "initial velocity"))
+    found += _driven(case, geometry, sites, width, driven)
     held = forcing.held_flux(case)
     if held is not None:
-        porosity = sites.particles["fluid"] * sites.lattice.site_volume / float(np.prod(length))
-        found.append((abs(held[1]) / porosity, "held superficial velocity over the porosity"))
+        inside = np.count_nonzero(sites.phase[sites.sample] >= 0) * sites.lattice.site_volume
+        porosity = inside / float(np.prod(geometry.sample_upper - geometry.sample_lower))
+        fastest = FASTEST_IN_ROCK if geometry.voxel_size is not None else FASTEST
+        found.append((Motion(always=fastest * abs(held[1]) / porosity), f"{fastest:g} times the mean of a held flow"))
     if case.interface is not None:
-        rho = max(f.density for f in case.fluids.values())
-        found.append(
-            (math.sqrt(case.interface.tension / (rho * width)), "surface tension, sqrt(sigma / rho w)")
-        )
-    if not found or max(estimate for estimate, _ in found) == 0:
+        found += _of_tension(case, sites, width)
+    if not found or max(motion.largest for motion, _ in found) == 0:
         return None
-    u, source = max(found, key=lambda estimate: estimate[0])
-    mu = max(f.mu for f in case.fluids.values())
+    _, source = max(found, key=lambda entry: entry[0].largest)
+    motion = _together([motion for motion, _ in found])
+    u, mu = motion.largest, max(f.mu for f in case.fluids.values())
     capillary = mu * u / case.interface.tension if case.interface else None
-    return Flow(u, source, u * width / nu, capillary)
+    return Flow(u, source, u * width / nu, capillary, motion)
+
+
+def _of_tension(case: Case, sites: Sites, width: float) -> Iterator[tuple[Motion, str]]:
+    """Of menisci in the pores, which go on, and of bodies of the fluid that is less of the two, which come to rest: the
+    second mode of a drop of radius R decays at 5 nu / R^2 (Lamb, Hydrodynamics, section 355)."""
+    assert case.interface is not None
+    tension, fluids = case.interface.tension, list(case.fluids.values())
+    speed = MENISCI * math.sqrt(tension / (max(f.density for f in fluids) * width))
+    yield Motion(always=speed), f"menisci, {MENISCI:g} sqrt(sigma / rho w)"
+    radius = sites.smaller_body() * case.particles.spacing
+    if radius > 0.0:
+        nu = sum(f.nu for f in fluids) / len(fluids)
+        speed = math.sqrt(tension / (min(f.density for f in fluids) * radius))
+        yield Motion(start=speed, decay=radius**2 / (5.0 * nu)), "surface tension, sqrt(sigma / rho R)"
+
+
+def _together(motions: Sequence[Motion]) -> Motion:
+    """The motion of all that moves a fluid: what starts fastest, what is driven most, and all that goes on."""
+    starts, driven = (max(motions, key=lambda motion, name=name: getattr(motion, name)) for name in ("start", "driven"))  # type: ignore[misc]
+    return Motion(starts.start, starts.decay, driven.driven, driven.rise, sum(motion.always for motion in motions),
+                  max(motion.acceleration for motion in motions))
+
+
+def _from_the_start(case: Case, sites: Sites) -> Motion:
+    """Of the velocity that a case starts with: its largest, and the time in which viscosity lets the root mean square
+    speed fall by a factor e, |u|^2 / (nu |grad u|^2) in the mean over the fluid."""
+    from ..scene.prepare import initial_velocity
+
+    x = sites.points(LINE_POINTS)
+    nu, h = min(f.nu for f in case.fluids.values()), 1e-3 * case.particles.spacing
+
+    u = initial_velocity(case, x)
+    slopes = sum(((initial_velocity(case, x + h * e) - u) ** 2).sum() for e in np.eye(x.shape[1])) / h**2
+    decay = float((u**2).sum() / (nu * slopes)) if slopes > 0.0 else math.inf
+    return Motion(start=float(np.linalg.norm(u, axis=1).max()), decay=decay)
+
+
+def _driven(case: Case, geometry: Geometry, sites: Sites, width: float,
+            driven: Sequence[int]) -> Iterator[tuple[Motion, str]]:
+    """What forces make of a fluid at rest: it gains g t until walls or its own length hold it."""
+    length, nu = geometry.upper - geometry.lower, min(f.nu for f in case.fluids.values())
+    force = forcing.largest_acceleration(case, length)
+    g, fall = float(np.linalg.norm(force)), float(np.max(length))
+    if driven and not any(forcing.opens(case, axis) for axis in driven):  # only what is lighter or heavier moves
+        densities = [f.density for f in case.fluids.values()]
+        g *= (max(densities) - min(densities)) / (max(densities) + min(densities))
+        fall = 0.5 * sites.smaller_body() * case.particles.spacing
+    beside = forces_of(case, geometry)
+    more = largest_of(beside)
+    if not ((g > 0 and driven) or more > 0):
+        return
+    g += more
+    resistance = resistance_of(beside, sites.points(LINE_POINTS))
+    least = 0.0 if resistance is None else float(resistance.min())
+    bounds = [(math.sqrt(2 * g * fall), "free fall over the box")]
+    if forcing.changes(case):
+        times = forcing.sample_times(case)
+        pushes = np.diff(times)[:, None] * forcing.acceleration(case, length, times[:-1])
+        bounds.append((float(np.linalg.norm(np.cumsum(pushes, axis=0), axis=1).max()), "the drive over its time"))
+    if geometry.has_solid or least > 0:
+        creeping = g * width**2 / (8 * nu) / (1 + least * width**2 / 8)
+        bounds.append((creeping, "creeping flow in the throats, g w2 / 8 nu"))
+    speed, source = min(bounds)
+    end = forcing.longest_time(case)
+    if end is not None and -speed * math.expm1(-g * end / speed) < 0.7 * speed:
+        source = "acceleration until the end"
+        speed = min(speed, g * end)
+    yield Motion(driven=speed, rise=speed / g, acceleration=g), source
 
 
 def _width(widths: Throats | None, spacing: float, length: np.ndarray) -> float:
@@ -83,32 +154,12 @@ def _width(widths: Throats | None, spacing: float, length: np.ndarray) -> float:
     return spacing * (max(widths.critical.values()) if widths.critical else widths.median)
 
 
-def steps(case: Case, flow: Flow | None, widths: Throats | None) -> Steps:
-    """Time-step limits of a run in time, and its steps."""
-    spacing, fluids = case.particles.spacing, list(case.fluids.values())
-    assert case.time is not None
-    limits = {}
-    if case.time.step:
-        limits["fixed"] = case.time.step
-    if flow is not None:
-        limits["cfl"] = case.time.cfl * spacing / flow.velocity
-    if case.interface is not None:
-        density = sum(f.density for f in fluids) / len(fluids)
-        wave = math.sqrt(density * spacing**3 / (2 * math.pi * case.interface.tension))
-        limits["capillary"] = case.time.capillary * wave
-    limits["viscous accuracy"] = spacing**2 / max(f.nu for f in fluids)
-    step = case.time.step or min(
-        dt for name, dt in limits.items() if name != "viscous accuracy" or len(limits) == 1
-    )
-    end = forcing.longest_time(case)
-    count = None if end is None else max(end / step, 1.0)
-    if case.time.steady and widths is not None:
-        slowest = min(f.nu for f in fluids)
-        decay = (widths.median * spacing) ** 2 / (math.pi**2 * slowest)
-        steady = max(decay * math.log(1 / case.time.steady) / step, STEPS_TO_STEADY)
-        count = steady if count is None else min(count, steady)
-    count = None if count is None else min(count, float(case.time.max_steps))
-    return Steps(limits, count)
+def steps(case: Case, geometry: Geometry, flow: Flow | None, widths: Throats | None, fluids: list[str]) -> Steps:
+    """Time-step limits of a run in time, and its steps. fluids: names of those that are there."""
+    decay = None
+    if widths is not None:
+        decay = (widths.median * case.particles.spacing) ** 2 / (math.pi**2 * min(case.fluids[f].nu for f in fluids))
+    return expected_steps(case, geometry, Motion() if flow is None else flow.motion, fluids, decay)
 
 
 def costs(result: CheckReport, geometry: Geometry, share: float = 1.0) -> None:
@@ -120,16 +171,29 @@ def costs(result: CheckReport, geometry: Geometry, share: float = 1.0) -> None:
     fluid, labels = result.particles["fluid"] * finest, geometry.labels
     result.memory = memory.estimate(case, dim, geometry.has_solid, fluid, result.particles.get("dummy", 0) * finest,
                                     two=len(case.fluids) > 1, share=share)
+    if case.output.plots:
+        result.memory["pictures"] = BYTES_PICTURES[deep_enough(geometry, spacing)]
     if labels is not None:
         result.memory["image"] = labels.size * memory.BYTES_VOXEL
-    runs: float | None = 1.0
+    result.seconds = _seconds(result, geometry, fluid)
+
+
+def _seconds(result: CheckReport, geometry: Geometry, fluid: float) -> float | None:
+    """CPU seconds of a run, of so many fluid particles at its finest spacing; None where there is no telling."""
+    case, dim = result.case, result.dim
+    pairs = 1e-6 * result.neighbours / (memory.PAIRS[dim] * 2.1**dim)
     if case.flow == "stokes":
-        sizes = sum((spacing / other) ** dim for other in case.spacings) / finest
-        runs = sizes * max(len(forcing.steady_axes(case)), 1)
-    elif result.steps is not None:
-        runs = result.steps.count
-    density_of_pairs = result.neighbours / (memory.PAIRS[dim] * 2.1**dim)
-    if runs is not None:
-        steady = case.flow == "stokes"
-        each = MICROSECONDS_STEADY[dim] if steady else MICROSECONDS_MOVING[dim, geometry.has_solid]
-        result.seconds = fluid * runs * density_of_pairs * each * 1e-6
+        finest = min(case.spacings)
+        sizes = sum((finest / spacing) ** dim for spacing in case.spacings)
+        axes = max(len(forcing.steady_axes(case)), 1)
+        if dim == 2:
+            return SECONDS_RUN + fluid * sizes * pairs * axes * MICROSECONDS_STEADY_2D
+        wide = math.inf if result.throats is None else result.throats.median
+        iterations = ITERATIONS + ITERATIONS_OF_THROATS / wide
+        return SECONDS_RUN + fluid * sizes * pairs * (MICROSECONDS_ONCE + axes * iterations * MICROSECONDS_ITERATION)
+    if result.steps is None or result.steps.count is None:
+        return None
+    two = len(result.case.fluids) > 1
+    each = (MICROSECONDS_TWO if two else MICROSECONDS_MOVING)[dim, geometry.has_solid]
+    step = (SECONDS_STEP_TWO if two else SECONDS_STEP) + fluid * pairs * each
+    return SECONDS_RUN + result.steps.count * step

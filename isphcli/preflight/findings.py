@@ -10,7 +10,9 @@ import numpy as np
 
 from ..case import forcing
 from ..case.blocks import AXES
+from ..case.force_list import forces_of
 from ..domain.lattice import Lattice
+from ..flow.forces import largest_of
 from ..geometry.connectivity import connectivity_of
 from ..geometry.images.image import machine_memory
 from ..runs.expected_error import calibrations, wall_of
@@ -22,11 +24,14 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 
+# Reynolds number of a check above which something is mistaken: flow in pores does not come near it, and estimates of
+# free fall and of bubbles are too large, up to 1.4e4 in `cases/`
+TURBULENT = 1e5
 THINNEST = 3  # particles across the median throat below which there is a warning
 
 
 def drive_findings(
-    result: CheckReport, geometry: Geometry, driven: Sequence[int], through: Sequence[int]
+    result: CheckReport, geometry: Geometry, sites: Sites, driven: Sequence[int], through: Sequence[int]
 ) -> None:
     """Nothing can flow: an error of a steady case; a warning of others and of too coarse a lattice."""
     case = result.case
@@ -42,13 +47,15 @@ def drive_findings(
         elif _open_when_finer(case, geometry, axis):
             fatal = False
             found = f"throats along {name} are closed on this lattice; take a smaller particles.spacing"
+        elif sites.leads_over_edges(axis):
+            fatal = False
+            found = (f"no pore leads through the scene along {name} by faces of lattice sites, only over their edges: "
+                     "isph run finds out whether particles see each other there; take a smaller particles.spacing")
         else:
-            found = (
-                f"no pore leads through the scene along {name}: its permeability is zero; check what is solid "
-                "(by faces of lattice sites; isph run also counts particles that see each other across an edge)"
-            )
+            found = f"no pore leads through the scene along {name}: its permeability is zero; check what is solid"
         (result.errors if fatal else result.warnings).append(found)
-    if not forcing.is_driven(case) and case.flow == "stokes" and not moved:
+    pushed = driven or largest_of(forces_of(case, geometry)) > 0.0
+    if case.flow == "stokes" and not pushed and not moved:
         result.errors.append("nothing moves the fluid; give a drive or a wall with a velocity")
 
 
@@ -152,12 +159,46 @@ def other_findings(result: CheckReport, geometry: Geometry, sites: Sites) -> Ite
             yield f"{100 * share:.0f} % of the fluid lies in pockets that no flow passes through"
 
 
-def absent_fluids(case: Case, sites: Sites) -> Iterator[str]:
-    """A sentence for each fluid of the case that no site of the lattice is in; one that floods the sample comes
-    later."""
+def fluids_there(case: Case, sites: Sites) -> list[str]:
+    """Names of the fluids that are in the scene at the start, or come in with a flood."""
     placed = {case.initial.flood.fluid} if case.initial and case.initial.flood else set()
     if case.reservoirs is not None:
         placed |= {case.reservoirs.inlet, case.reservoirs.outlet}
-    for k, name in enumerate(case.fluids):
-        if name not in placed and (k >= len(sites.per_fluid) or not sites.per_fluid[k]):
+    return [name for k, name in enumerate(case.fluids)
+            if name in placed or (k < len(sites.per_fluid) and sites.per_fluid[k])]
+
+
+def step_findings(result: CheckReport) -> Iterator[str]:
+    """A run that is out of steps before its end; steps that are given and longer than the flow allows."""
+    case, steps = result.case, result.steps
+    if case.time is None or steps is None or steps.count is None:
+        return
+    if steps.count >= case.time.max_steps and case.time.steady is None:
+        end = forcing.longest_time(case)
+        why = f"the smallest limit of a step is {steps.binding}, {steps.limits[steps.binding]:.2g} s"
+        if steps.most == "end":
+            why = "steps end where something is due, of output.every or drive.steps.window"
+        yield (f"after time.max_steps = {case.time.max_steps:,} steps the run stops short of its end, {end:g} s: "
+               f"{why}; check the units, or raise time.max_steps")
+    reynolds = result.flow.reynolds if result.flow is not None else None
+    if reynolds is not None and reynolds > TURBULENT:
+        yield (f"the Reynolds number is about {reynolds:.2g}: such flow is turbulent, and no spacing resolves "
+               "it; check the units of the viscosity and of the drive")
+
+
+def reservoir_findings(case: Case) -> Iterator[str]:
+    """One fluid at both ends: nothing displaces anything."""
+    ends = case.reservoirs
+    if ends is not None and ends.inlet == ends.outlet:
+        other = next((name for name in case.fluids if name != ends.inlet), None)
+        yield (f"reservoirs.inlet and reservoirs.outlet are both {ends.inlet}: it goes round, and no fluid displaces "
+               "another" + (f"; name {other} at one end" if other else ""))
+
+
+def absent_fluids(case: Case, sites: Sites) -> Iterator[str]:
+    """A sentence for each fluid of the case that no site of the lattice is in; one that floods the sample comes
+    later."""
+    there = fluids_there(case, sites)
+    for name in case.fluids:
+        if name not in there:
             yield f"fluids.{name} has no particle: the scene runs as one of a single fluid"

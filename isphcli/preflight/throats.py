@@ -66,6 +66,26 @@ class Sites:
         found = [connectivity_of(self.fluid(k).T, self.around, volume) for k in range(self.phase.shape[-1])]
         return max(found, key=lambda c: (sum(c.percolates), c.largest_share))
 
+    def smaller_body(self) -> float:
+        """Largest distance, in cells, of a site of the fluid that is less of the two from where that fluid ends; 0 of
+        one fluid."""
+        there = np.flatnonzero(self.per_fluid)
+        if len(there) < 2:
+            return 0.0
+        least = there[np.argmin(self.per_fluid[there])]
+        return float(ndimage.distance_transform_edt(self.phase[..., 0] == least).max())
+
+    def leads_over_edges(self, axis: int) -> bool:
+        """Whether fluid sites that touch in a face, an edge or a corner lead from end to end of the sample along an
+        axis; ways that leave it through a side are not seen."""
+        for k in range(self.phase.shape[-1]):
+            fluid = self.fluid(k)
+            labels = ndimage.label(fluid, structure=np.ones((3,) * fluid.ndim))[0]
+            first, last = labels.take(0, axis=axis), labels.take(-1, axis=axis)
+            if np.intersect1d(first[first > 0], last).size:
+                return True
+        return False
+
     def microporous(self, geometry: Geometry, rocks: int) -> np.ndarray:
         """Shares (rocks,) of the sites of the sample that lie in each microporous rock."""
         fluid = np.zeros(self.phase.shape, dtype=bool)

@@ -47,7 +47,7 @@ class DriveProgram:
     @property
     def window(self) -> float:
         """Time between two looks at the saturation, s."""
-        return self.steps.window or self.steps.duration / WINDOWS
+        return window_of(self.steps)
 
     def begin(self, state: State) -> State:
         """The state under the drive of its step: the first one, or, of a run that goes on, that which it is in."""
@@ -89,6 +89,11 @@ class DriveProgram:
             return replace(state, pressure_gradient=value / self.areal)
         self.stepper.held_velocity = replace(held, wanted=value)
         return state
+
+
+def window_of(steps: DriveSteps) -> float:
+    """Time between two looks at the saturation, s."""
+    return steps.window or steps.duration / WINDOWS
 
 
 def _number(state: State) -> int:

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..case.forcing import drive_steps, longest_time, walls_move
+from ..case.forcing import drive_steps, driven_axes, longest_time, opens, walls_move, why_closed
 from ..domain.communicator import current, on_first
+from ..domain.lattice import ParticleError
+from ..flow.held_velocity import leads_through
 from ..flow.state import phase_of
 from ..flow.step_limits import RunError
 from ..geometry.protocol import inside_sample
@@ -209,6 +211,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         config = stepper.configure(state.x, state.time, state.phi, state.number)
         if saved is not None:
             stepper.rebuild_hierarchies(saved.origins)
+    _refuse_what_is_closed(case, stepper, config)
     directory = case.output.directory
     run.directory = on_first(lambda: folder.prepare(directory))
     on_first(lambda: write_case(run.directory, case, run.record["changes"]))
@@ -221,6 +224,20 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         run.tables[CURVE] = ranks.table(run.directory / CURVE, run.last_step)
     run.grids = grids_of(case, run.directory, run.since)
     return run, state, config
+
+
+def _refuse_what_is_closed(case: Case, stepper: Stepper, config: Configuration) -> None:
+    """Raises ParticleError where no fluid leads through the scene along any axis of a flow that is held, or that is to
+    become steady: before anything is written."""
+    box = stepper.geometry.lower, stepper.geometry.upper
+    assert case.time is not None
+    axes: list[int] = []
+    if stepper.held_velocity is not None:
+        axes = [stepper.held_velocity.axis]
+    elif case.time.steady is not None and not walls_move(case) and len({f.density for f in case.fluids.values()}) == 1:
+        axes = driven_axes(case, box[1] - box[0])
+    if axes and not any(opens(case, axis) and leads_through(config.ops, axis, box) for axis in axes):
+        raise ParticleError(why_closed(case, *axes))
 
 
 def _both(measures: Measures, between: ReservoirMeasures) -> Callable[[State, Configuration], dict[str, Any]]:

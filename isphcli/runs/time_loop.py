@@ -12,7 +12,9 @@ from ..domain import reduce
 from ..domain.communicator import current
 from ..flow.attempt import attempt
 from ..flow.forces import largest_of
+from ..flow.step_lengths import next_due, shortest
 from ..output.restart import Saved
+from ..scene.choose_steps import step_lengths
 from .permeability import mean_velocities
 from .steadiness import Steady
 
@@ -21,13 +23,6 @@ if TYPE_CHECKING:
     from ..flow.state import Configuration, State, StepResult
     from ..flow.step import Stepper
     from .drive_steps import DriveProgram
-
-VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no limit of stability
-# The first step, as a part of what the limits allow, and the growth of the steps after it (second order needs less
-# than 2.41). A wall that sets fluid in motion at once makes a layer that grows with the square root of time: only steps
-# that stay a fifth of the time since the start resolve it.
-FIRST, GROWTH = 1.0 / 16.0, 2.0
-FIRST_AT_WALLS, GROWTH_AT_WALLS = 1.0 / 64.0, 1.25
 
 
 def _free_direction(case: Case, stepper: Stepper) -> np.ndarray | None:
@@ -61,41 +56,29 @@ class TimeLoop:
         self.site_volume, self.box_volume = site_volume, box_volume
         self.steady = Steady() if case.time.steady is not None else None
         self.along = _free_direction(case, stepper)
+        fluids = stepper.fluids
+        self.lengths = step_lengths(case, fluids.nu_min, fluids.tension.largest_step if fluids.tension else None,
+                                    stepper.geometry.has_solid)
         self.last: Saved | None = None
         self.outcome = "finished"
 
     def limits(self, state: State) -> dict[str, float]:
         """{name: step} of everything that bounds the next step, s."""
-        time, stepper = self.time, self.stepper
-        found = {}
-        if time.step is not None:
-            found["step"] = time.step
-        else:
-            speed = np.sqrt(reduce.largest((state.u * state.u).sum(axis=1)))
-            if state.dt_old:
-                acceleration = np.sqrt(reduce.largest(((state.u - state.u_old) ** 2).sum(axis=1))) / state.dt_old
-            else:
-                acceleration = np.linalg.norm(stepper.fluids_at(state.time).force) + abs(state.pressure_gradient or 0.0)
-                acceleration += largest_of(stepper.fluids.forces)
-                speed = max(speed, stepper.held_velocity.speed if stepper.held_velocity is not None else 0.0)
-            # u dt + a dt^2 / 2 = cfl dx
-            reach = time.cfl * stepper.spacing
-            root = speed + np.sqrt(speed * speed + 2.0 * acceleration * reach)
-            if root > 0.0:
-                found["cfl"] = 2.0 * reach / root
-            if time.steady is None or not found:
-                found["viscous"] = VISCOUS * stepper.spacing**2 / stepper.fluids.nu_min
-            if stepper.timed_drive is not None:
-                left = np.inf if time.end is None else time.end - state.time
-                found["drive"] = stepper.timed_drive.limit(state.time, min(found.values()), left)
-            if stepper.fluids.tension is not None:
-                found["capillary"] = time.capillary * stepper.fluids.tension.largest_step
-        walls = stepper.geometry.has_solid
+        stepper = self.stepper
+        speed = float(np.sqrt(reduce.largest((state.u * state.u).sum(axis=1))))
         if state.dt_old:
-            found["start"] = (GROWTH_AT_WALLS if walls else GROWTH) * state.dt_old
+            acceleration = np.sqrt(reduce.largest(((state.u - state.u_old) ** 2).sum(axis=1))) / state.dt_old
         else:
-            found = {"start": (FIRST_AT_WALLS if walls else FIRST) * min(found.values())}
-        return found
+            acceleration = np.linalg.norm(stepper.fluids_at(state.time).force) + abs(state.pressure_gradient or 0.0)
+            acceleration += largest_of(stepper.fluids.forces)
+            speed = max(speed, stepper.held_velocity.speed if stepper.held_velocity is not None else 0.0)
+        return self.lengths.limits(speed, float(acceleration), state.dt_old, self._follow(state))
+
+    def _follow(self, state: State) -> Callable[[float], float] | None:
+        """The step of at most dt that follows what drives the flow, as a function of dt; None where that is steady."""
+        drive, end = self.stepper.timed_drive, self.time.end
+        left = np.inf if end is None else end - state.time
+        return None if drive is None else lambda dt: drive.limit(state.time, dt, left)
 
     def run(self, state: State, config: Configuration, snapshot: Callable[[State, Configuration], None],
             row: Callable[[dict[str, Any]], None],
@@ -107,15 +90,9 @@ class TimeLoop:
             state = program.begin(state)
         self.last = self._saved(state)
         while not self._over(state) and state.time < end * (1.0 - 1e-12) and state.step < time.max_steps:
-            due = self._next_snapshot(state.time)
-            limits = self.limits(state)
-            limit = min(limits, key=limits.__getitem__)
-            dt = limits[limit]
+            due = next_due(state.time, self.case.output.every)
             target = min(end, due, program.due(state) if program is not None else np.inf) - state.time
-            if dt > target * (1.0 - 1e-9):
-                dt, limit = target, "end"
-            elif dt > 0.5 * target:
-                dt = 0.5 * target  # two like steps instead of a long one and a stump
+            dt, limit = shortest(self.limits(state), target)
             found = attempt(self.stepper, state, config, dt)
             state, config = found.state, found.config
             if self.steady is not None:
@@ -140,11 +117,6 @@ class TimeLoop:
     def _saved(self, state: State) -> Saved:
         kept = tuple(self.steady.kept) if self.steady is not None else ()
         return Saved(state, self.stepper.solvers.origins(), kept)
-
-    def _next_snapshot(self, time: float) -> float:
-        """When the next snapshot after `time` is due, from the time alone: a restarted run finds the same number."""
-        every = self.case.output.every
-        return np.inf if every is None else (np.floor(time / every * (1.0 + 1e-9)) + 1.0) * every
 
     def resume(self, saved: Saved) -> None:
         """Go on with the record of a restart.Saved; from its time on where it has none."""

@@ -66,7 +66,7 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
     values = mirrored(image.values, case.geometry.mirror)
     periodic = ["xyz"[a] in case.geometry.repeats for a in range(values.ndim)]
     understood = _understood(case, spec, values, periodic)
-    check_dimension(case, values.ndim)
+    check_dimension(case, 2 if values.shape[0] == 1 else values.ndim)  # of one layer the geometry is of two dimensions
     size, whence, odd = voxel_size_of(image, spec.voxel_size, spec.file)
     edges = np.broadcast_to(size, values.ndim)
     unusual = _unusual_size(case, edges)

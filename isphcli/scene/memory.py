@@ -39,7 +39,9 @@ BYTES_PARTICLE = 200  # positions, fields and work arrays of a particle of any k
 # Of an image while its geometry is built, from the peaks of random bodies of 64^3 to 192^3 voxels at 47588b5: labels 39
 # to 44 (of which 32 to 35 stay), grey values 36 to 48 (sharpened too), `wall_distance: stairs` 19 to 23
 BYTES_VOXEL = 40
-BYTES_PROGRAM = 2e8  # Python and its libraries
+# Python and its libraries: peaks of runs of 64 and 1024 particles without pictures (cases/couette.yaml and
+# taylor_green_2d.yaml, 2026-11-30)
+BYTES_PROGRAM = 2.3e8
 SAMPLE = 10_000  # points at which the fluid of a lattice is counted before it is placed, and that round particles
 CROP = "take a part with geometry.voxels.crop, or a coarser image (isph convert-voxels --downsample)"
 
@@ -88,8 +90,9 @@ def estimate(case: Case, dim: int, walls: bool, fluid: float, dummies: float, tw
         "Krylov vectors": fluid * vectors * (4 if steady and not petsc else 8),
         "particles": (fluid + dummies) * BYTES_PARTICLE,
     }
-    more = {"second fluid": pairs * BYTES_SECOND_FLUID} if two and not steady else {}
-    return parts | more
+    if two and not steady:
+        parts["second fluid"] = pairs * BYTES_SECOND_FLUID
+    return parts
 
 
 def refuse_lattice(case: Case, geometry: Geometry, spacing: float) -> None:

@@ -126,7 +126,10 @@ def initial_velocity(case: Case, x: np.ndarray) -> np.ndarray:
     if case.initial is not None and case.initial.velocity:
         names = dict(zip("xyz", x.T))
         for k, formula in enumerate(case.initial.velocity):
-            u[:, k] = expressions.evaluate(formula, **names)
+            try:
+                u[:, k] = expressions.evaluate(formula, **names)
+            except expressions.ExpressionError as error:
+                raise expressions.ExpressionError(f"initial.velocity.{k}: {error}") from None
     return u
 
 

@@ -40,3 +40,9 @@ def interface_rules(density: Sequence[float] | np.ndarray, viscosity: Sequence[f
         return InterfaceRules(0.0, rotational)
     unit = math.sqrt(np.mean(density) * tension * spacing)
     return InterfaceRules(max(OHNESORGE_MIN * unit - float(np.mean(viscosity)), 0.0), rotational)
+
+
+def capillary_step(density: Sequence[float] | np.ndarray, spacing: float, tension: float) -> float:
+    """sqrt(rho dx^3 / (2 pi sigma)), rho the mean density, s: the limit of Brackbill, Kothe and Zemach (1992).
+    density: (2,) kg/m3; spacing: m; tension: N/m."""
+    return math.sqrt(float(np.mean(density)) * spacing**3 / (2.0 * math.pi * tension))

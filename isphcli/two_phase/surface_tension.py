@@ -8,7 +8,6 @@ weights b_ij grad_ij of its pressure gradient: a constant curvature is balanced 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -16,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from ..domain.row_threads import over_rows
+from .interface_rules import capillary_step
 
 if TYPE_CHECKING:
     from ..operators.pair_weights import Operators
@@ -34,8 +34,8 @@ class SurfaceTension:
 
     @property
     def largest_step(self) -> float:
-        """sqrt(rho dx^3 / (2 pi sigma)), rho the mean density, s: the limit of Brackbill, Kothe and Zemach (1992)."""
-        return math.sqrt(self.density.mean() * self.spacing**3 / (2.0 * math.pi * self.tension))
+        """`capillary_step` of these fluids, s."""
+        return capillary_step(self.density, self.spacing, self.tension)
 
     def force(self, weighted: Operators, interface: Interface,
               reference: float) -> tuple[np.ndarray, np.ndarray | None]:

@@ -10,6 +10,8 @@ from isphcli.case.yaml import CaseError
 from isphcli.scene.build_geometry import build_geometry
 from tests.case.texts import BEADS, MINIMAL, SHAPES, problems, read
 
+OF = "reference={kind: slit, geometry: {%s}}"
+
 
 @pytest.mark.parametrize(
     ("base", "overrides", "message"),
@@ -55,6 +57,17 @@ from tests.case.texts import BEADS, MINIMAL, SHAPES, problems, read
         (MINIMAL, ["geometry.walls.x_min.velocity=[0, 0, 1]"], "x is periodic and has no walls"),
         (MINIMAL, ["geometry.walls.w_min={}"], "geometry.walls.w_min: unknown name"),
         (MINIMAL, ["reference.kind=permeability"], "kind permeability needs a value"),
+        (MINIMAL, ["reference={kind: permeability, value: [1, 2]}"],
+         "reference.value: has 2 numbers, and the scene has 3 axes; give one an axis, or one number and"),
+        (MINIMAL, ["reference={kind: permeability, value: 1, axes: [x], crop: [[0, 1], [0, 1]]}"],
+         "reference.crop: has 2 ranges, and the scene has 3 axes"),
+        (MINIMAL, ["reference={kind: permeability, value: -1, axes: [x]}"], "a permeability is above 0"),
+        (MINIMAL, [OF % "voxels: {labels: {sollid: 1}}"],
+         "reference.geometry.voxels.labels.sollid: 'sollid' is not a fluid of this case; did you mean 'solid'?"),
+        (MINIMAL, [OF % "voxels: {labels: {solid: 1, watr: 0}}"], "did you mean 'water'?"),
+        (MINIMAL, [OF % "voxels: {grey: {fluids: {watr: [0, 9]}}}"], "'watr' is not a fluid of this case"),
+        (MINIMAL, [OF % "fluid: watr"], "reference.geometry.fluid: 'watr' is not a fluid"),
+        (MINIMAL, ["flow=navier_stokes", "time={end: 1, step: 2}"], "time.step: 2 is longer than the run, 1"),
         (MINIMAL, ["reference.kind=sphere_array"], "kind sphere_array needs fraction"),
         (MINIMAL, ["reference.kind=taylor_green"], "kind taylor_green needs speed"),
         (SHAPES, ["geometry.periodic=[z]"], "geometry.periodic: a 2D scene has no axis z"),
@@ -144,6 +157,31 @@ def test_a_case_must_fit_the_dimensions_of_its_image(old, new, message, tmp_path
         build_geometry(load_case(tmp_path / "case.yaml"))
 
 
+def test_an_image_of_one_layer_is_of_two_dimensions(tmp_path):
+    """Also where its file, or what is cropped from it, has three axes: numpy complained of shapes."""
+    np.save(tmp_path / "i.npy", np.tile(np.array([[0, 0], [0, 1]], np.uint8), (1, 3, 3)))
+    (tmp_path / "case.yaml").write_text(IMAGE.replace("axes: [x]", "body_force: [1, 0, 0]"))
+    with pytest.raises(CaseError, match=r"drive\.body_force: has 3 entries; the scene has 2 dimensions"):
+        build_geometry(load_case(tmp_path / "case.yaml"))
+    (tmp_path / "case.yaml").write_text(IMAGE)
+    assert build_geometry(load_case(tmp_path / "case.yaml")).dim == 2
+
+
+def test_a_value_an_axis_must_fit_the_image(tmp_path):
+    """Where only the image tells the dimensions, and where its case misspells what the reference is of."""
+    np.save(tmp_path / "i.npy", np.tile(np.array([[0, 0], [0, 1]], np.uint8), (3, 3)))
+    three = "reference: {kind: permeability, value: [1, 2, 3]}\n"
+    (tmp_path / "case.yaml").write_text(IMAGE + three)
+    with pytest.raises(CaseError, match=r"reference\.value: has 3 numbers, and the scene has 2 axes"):
+        build_geometry(load_case(tmp_path / "case.yaml"))
+    misspelled = "reference:\n  kind: permeability\n  value: [1, 2]\n  geometry: {voxels: {labels: {sollid: 1}}}\n"
+    (tmp_path / "case.yaml").write_text(IMAGE + misspelled)
+    line = 1 + (IMAGE + misspelled).splitlines().index("  geometry: {voxels: {labels: {sollid: 1}}}")
+    message = f"case.yaml:{line}: reference.geometry.voxels.labels.sollid: 'sollid' is not a fluid"
+    with pytest.raises(CaseError, match=re.escape(message)):
+        load_case(tmp_path / "case.yaml")
+
+
 LOOP = """\
 geometry: {box: [4, 1], periodic: [x, y]}
 particles: {spacing: 0.1}
@@ -165,6 +203,9 @@ def test_reservoirs_and_steps_need_no_end():
     (["geometry.periodic=[y]"], "reservoirs.axis: x ends at walls; add x to geometry.periodic"),
     (["reservoirs.length=2"], "reservoirs.length: two of them fill the box"),
     (["reservoirs.length=null"], "reservoirs.length: missing: a box has no clear layers"),
+    (["reservoirs.length=0.01"], "reservoirs.length: it is less than a spacing, 0.1"),
+    (["reservoirs.length=1.99"], "reservoirs.length: what two of them leave of the box is less than a spacing"),
+    (["drive.steps.pressure_drop=[]"], "drive.steps: have no step; give at least one pressure or velocity"),
     (["flow=stokes"], "reservoirs: has no meaning in flow: stokes"),
     (["drive={pressure_drop: {y: 1}}", "time.end=1"], "drive.pressure_drop: drives across the axis of the reservoirs"),
     (["reservoirs=null"], "drive.steps: are between reservoirs, and there are none"),

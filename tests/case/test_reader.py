@@ -103,17 +103,27 @@ flow: stoke
 tme: {end: 1}
 """
     assert problems(text) == [
-        "case.yaml:2: geometry.box.1: expected a number, found 'one'; write it as 0.001 or 1e-3, in m",
+        "case.yaml:2: geometry.box.1: expected a number, found 'one'; give a number, in m",
         "case.yaml:3: geometry.periodic.0: 'w' is not a choice; known are x, y, z",
         "case.yaml:4: particles.kernal: unknown key; did you mean 'kernel'?",
         "case.yaml:4: particles.spacing: must be above 0, found '-1'",
         "case.yaml:6: fluids.co2.viscosty: unknown key; did you mean 'viscosity'?",
         "case.yaml:7: fluids.water.density: expected a number, found '.inf'; "
-        "write it as 0.001 or 1e-3, in kg/m3",
+        "give a number, in kg/m3",
         "case.yaml:7: fluids.water: viscosity and kinematic_viscosity exclude each other; keep one of them",
         "case.yaml:8: flow: 'stoke' is not a choice; did you mean 'stokes'?",
         "case.yaml:9: tme: unknown key; did you mean 'time'?",
     ]
+
+
+@pytest.mark.parametrize("override, message", [
+    ("particles.spacing=1/8", "expected a number, found '1/8'; write it as 0.001 or 1e-3, in m"),
+    ("particles.spacing=fine", "expected a number, found 'fine'; give a number, in m"),
+    ("particles.seed=one", "expected a whole number, found 'one'; give a whole number"),
+])
+def test_the_hint_fits_what_was_written(override, message):
+    """How numbers are written is news to who began one, and not of a count."""
+    assert problems(MINIMAL, override)[0].endswith(message)
 
 
 def test_null_stands_for_an_absent_key():

@@ -328,6 +328,13 @@ def test_a_half_space_that_a_periodic_face_cuts_is_told():
     assert along.warnings == () and len(cut.warnings) == 1 and "not periodic along x:" in cut.warnings[0]
 
 
+def test_blocks_of_solid_on_both_sides_of_a_periodic_face_are_one():
+    """A channel between two half-spaces: no fluid sees where they end."""
+    below, above = Shape(HalfSpace((0, 0.3), (0, 1))), Shape(HalfSpace((0, 0.7), (0, -1)))
+    assert ShapeGeometry((0, 0), (1, 1), (True, True), shapes=[below, above]).warnings == ()
+    assert len(ShapeGeometry((0, 0), (1, 1), (True, True), shapes=[below]).warnings) == 1
+
+
 def test_what_cannot_turn():
     for shape, box, said in (
         (Shape(Box([0, 0], [1, 1]), angular_velocity=1.0), [3.0, 3.0], "only cylinders"),

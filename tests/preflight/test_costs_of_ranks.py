@@ -25,9 +25,21 @@ def test_one_process_has_no_remote_particles_and_the_time_of_one():
 
 def test_processes_that_are_not_worth_it_and_those_that_are_too_many():
     report = check(read(SPHERE), ranks=4)
-    assert report.can_run and any("not worth it; up to 1 processes" in text for text in report.warnings)
+    assert report.can_run and any("not worth it; run it in one process" in text for text in report.warnings)
+    fine = check(read(SPHERE, "particles.spacing=0.025"), ranks=64)
+    assert any("not worth it; take 2 at most" in text for text in fine.warnings)
+
+
+def test_more_processes_than_particles_hold_nothing():
     report = check(read(SPHERE), ranks=5000)
     assert not report.can_run and "5,000 processes" in report.errors[0]
+    assert report.ranks is None and "ranks  " not in report.text()
+
+
+def test_a_process_has_as_many_neighbours_in_rock_as_one_that_is_alone():
+    """Half of what lies round a particle is solid: one of one process is said to need no more than the run."""
+    report = check(read(SPHERE, "particles.spacing=0.05"), ranks=1)
+    assert report.ranks.memory["operators"] == pytest.approx(report.memory["operators"])
 
 
 def test_an_image_is_held_whole_or_by_parts(tmp_path):

@@ -94,9 +94,9 @@ def test_a_velocity_can_only_be_held_where_fluid_flows():
     """The estimate of the speed is that of the pores; a velocity across a slab is an error at any time."""
     held = ("drive={superficial_velocity: {x: 0.25}}", "flow=navier_stokes", "time={end: 1}")
     report = check(read(SLIT, *held))
-    assert report.can_run and "held" in report.text() and report.flow.velocity == pytest.approx(0.25)
+    assert report.can_run and "held" in report.text() and report.flow.velocity == pytest.approx(2 * 0.25)
     two_a_cell = check(read(SLIT, *held, "particles.lattice=hexagonal"))
-    assert two_a_cell.flow.velocity == pytest.approx(0.25, rel=0.1)  # rows that the walls cut
+    assert two_a_cell.flow.velocity == pytest.approx(2 * 0.25, rel=0.1)  # rows that the walls cut
     assert "along x" in errors(SLIT, WALL, *held)
 
 
@@ -114,6 +114,41 @@ def test_a_throat_that_only_the_lattice_closes(folder):
     np.save("rock.npy", values)
     assert "throat of about" in findings(IMAGE, "particles.spacing=1e-5")
     assert "closed on this lattice" in findings(IMAGE, "particles.spacing=2e-5")
+
+
+def test_a_pore_that_leads_over_an_edge_is_left_to_the_run():
+    """Two channels that touch in the edge of a particle's cell: faces do not join them."""
+    boxes = ", ".join(f"{{box: {{lower: {low}, upper: {up}}}, is: solid}}"
+                      for low, up in (([0, -1], [0.5, 0.25]), ([0.5, 0.25], [1, 2])))
+    held = ("drive={superficial_velocity: {x: 0.1}}", "flow=navier_stokes", "time={end: 1}")
+    report = check(read(SLIT, f"geometry.shapes=[{boxes}]", *held))
+    assert report.can_run and any("only over their edges" in text for text in report.warnings)
+    assert "along x" in errors(SLIT, WALL, *held)
+
+
+def test_a_run_that_stops_before_its_end_and_flow_that_no_unit_explains():
+    moving = ("flow=navier_stokes", "time={end: 1, max_steps: 30}")
+    found = findings(SLIT, *moving, "time.step=0.01")
+    assert "after time.max_steps = 30 steps the run stops short of its end, 1 s" in found and "step, 0.01 s" in found
+    assert "stops short" not in findings(SLIT, *moving, "time.step=0.5")
+    assert "something is due, of output.every" in findings(SLIT, *moving, "output.every=1e-6")
+    assert "Reynolds number is about" in findings(SLIT, *moving, "fluids.water.viscosity=1e-7")
+
+
+def test_numbers_out_of_range_are_told():
+    assert "leaves the range of numbers" in errors(SLIT, "flow=navier_stokes", "time={end: 1}",
+                                                   "drive.body_force=[1e300, 1e300]")
+
+
+def test_a_drive_of_zero_drives_nothing():
+    assert "nothing moves the fluid" in errors(SLIT, "drive.body_force=[0, 0]")
+
+
+def test_one_fluid_at_both_ends():
+    loop = ("geometry.periodic=[x, y]", "geometry.box=[3, 1]", "drive={pressure_drop: {x: 1}}")
+    ends = "reservoirs={axis: x, inlet: oil, outlet: END, length: 0.5}"
+    assert "are both oil: it goes round" in findings(DROP, *loop, ends.replace("END", "oil"))
+    assert "goes round" not in findings(DROP, *loop, ends.replace("END", "water"))
 
 
 def test_nothing_moves():

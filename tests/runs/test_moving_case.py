@@ -8,6 +8,7 @@ import pytest
 
 from isphcli.case import expressions
 from isphcli.case.load import read_case
+from isphcli.domain.lattice import ParticleError
 from isphcli.output import progress
 from isphcli.output.files import read_history, read_pvd, read_vtu
 from isphcli.runs.run import run_case
@@ -41,6 +42,18 @@ def test_the_summary_and_the_files_tell_of_one_flow(tmp_path):
     assert fields["velocity"][:, 0].mean() == pytest.approx(summary["mean_velocity"][0], rel=1e-12)
     assert history[-1]["mean_velocity_x"] == pytest.approx(written["mean_velocity"][0], rel=1e-8)  # nine digits
     assert np.abs(fields["pressure"]).max() < 1e-5 * 1000 * 2 * 1 and len(x) == 32  # of rho g H: shear has none
+
+
+@pytest.mark.parametrize("sets", [
+    ("drive={superficial_velocity: {x: 0.1}}",),
+    ("time={steady: 0.1, max_steps: 5}",),
+])
+def test_a_flow_that_finds_no_way_is_refused_before_anything_is_written(tmp_path, sets):
+    """A slab across the channel: a velocity that is held, and a steady flow, need a way through."""
+    slab = "geometry.shapes=[{box: {lower: [0.1, -1], upper: [0.4, 2]}, is: solid}]"
+    with pytest.raises(ParticleError, match="no fluid path leads through the scene along x"):
+        run(CHANNEL, tmp_path / "out", slab, *sets)
+    assert not list((tmp_path / "out").glob("*"))
 
 
 def test_a_run_goes_on_in_its_own_folder_as_if_it_had_not_stopped(tmp_path):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from isphcli.case.load import read_case
+from isphcli.flow.step_lengths import FIRST, FIRST_AT_WALLS, GROWTH, GROWTH_AT_WALLS
 from isphcli.output.clock import Clock
-from isphcli.runs.time_loop import FIRST, FIRST_AT_WALLS, GROWTH, GROWTH_AT_WALLS, TimeLoop
+from isphcli.runs.time_loop import TimeLoop
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
 

@@ -38,6 +38,11 @@ def test_the_first_state_has_the_velocities_of_the_formulas():
     assert state.pressure_gradient is None and stepper.held_velocity is None
 
 
+def test_a_formula_without_a_value_is_told_with_its_key():
+    with pytest.raises(ValueError, match=r"initial\.velocity\.1: '1/\(x-x\)' is not finite everywhere"):
+        prepared(VORTEX, "initial.velocity=['0', '1/(x-x)']")
+
+
 def test_bounds_know_the_start_the_force_and_the_walls():
     """The root mean square of 2 sin is sqrt 2, within what jitter changes; the force is 5; a wall of 7."""
     _, stepper, _ = prepared(VORTEX)
