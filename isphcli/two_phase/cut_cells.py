@@ -27,6 +27,7 @@ from ..domain.exchange import NO_EXCHANGE, Exchange
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
+    from .cells_in_sight import CellSight, SeenBy
     from .quadratic_fit import QuadraticFit
 
 REACH = 2.0  # sides of a cell, from its middle to the particles that are asked there
@@ -99,19 +100,43 @@ def cells_of(geometry: Geometry, spacing: float, total: float,
     return cells._replace(fluid=fluid * (total / reduce.total(fluid)))
 
 
-def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchange: Exchange = NO_EXCHANGE) -> CutCells:
+def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchange: Exchange = NO_EXCHANGE,
+        sight: CellSight | None = None) -> CutCells:
     """CutCells of particles with phi (n,), m, and its QuadraticFit; x: (n + remote, dim) m, and rows behind them that
-    are not asked for; exchange: of remote particles."""
+    are not asked for; exchange: of remote particles; sight: of scenes with walls."""
     phi, slope, form = (exchange.forward(values) for values in (phi, fit.slope, fit.form))
     x = x[: len(phi)]
     n, dim = len(cells.fluid), len(cells.side)
     weight, sums = np.zeros((n, 3)), np.zeros((n, dim + 2))
     nearest = np.full((n, 2), -1)
     _gather(x, phi, (slope, form), cells, weight, sums, nearest)
+    if sight is not None:
+        asked = np.flatnonzero((nearest >= 0).all(axis=1))
+        seen = sight.seen(x, asked, REACH * cells.side.max())
+        weight[seen.cells, 0], sums[seen.cells], nearest[seen.cells] = _made_of(
+            seen, phi, (slope, form), REACH * cells.side.max(), n)
     volume, area = np.zeros(n), np.zeros(n)
     _cut(cells.fluid, cells.side, weight, sums, nearest, volume, area)
     there = np.divide(sums[:, 0], weight[:, 0], out=np.full(n, math.inf), where=weight[:, 0] > 0.0)
     return CutCells(cells, there, volume, area, nearest)
+
+
+def _made_of(seen: SeenBy, phi: np.ndarray, fit: tuple[np.ndarray, np.ndarray], reach: float,
+             n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What `_gather` finds of particles in sight alone, weight (k,), sums (k, dim + 2) and nearest (k, 2), in the k
+    cells of `seen`, of n."""
+    i, d, (slope, form) = seen.particle, seen.offset, (values[seen.particle] for values in fit)
+    dim = d.shape[1]
+    form = form.reshape(-1, dim, dim)
+    w = (1.0 - np.sqrt((d * d).sum(axis=1)) / reach) ** 4
+    bent = 0.5 * np.sqrt((slope * slope).sum(axis=1)) * np.einsum("ij,ijk,ik->i", d, form, d)
+    there = phi[i] + (slope * d).sum(axis=1) + bent
+    columns = [np.ones(len(w)), there, *slope.T, -np.einsum("ijj->i", form)]
+    found = np.stack([np.bincount(seen.cell, w * column, minlength=n) for column in columns], axis=1)[seen.cells]
+    nearest = np.full((n, 2), -1)
+    order = np.argsort(w, kind="stable")  # the nearest last
+    nearest[seen.cell[order], (phi[i[order]] <= 0.0).astype(int)] = i[order]
+    return found[:, 0], found[:, 1:], nearest[seen.cells]
 
 
 def outline(cut: CutCells) -> float:
