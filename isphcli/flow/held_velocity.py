@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from .state import State
 
 STUCK = 1e-6  # of what free fluid would gain from a pressure gradient: less is no flow
-AVERAGED = 100.0  # steps over which the flux of the shifts is averaged: from step to step it is noise
 
 
 @dataclass(frozen=True)
@@ -25,18 +24,16 @@ class HeldVelocity:
 
     A step is linear in the gradient G over the density of the first fluid: with v the velocity that a gradient of one
     makes (`Stepper._hold`), U(u + G v) = U(u) + G U(v) is what was asked. U is taken where the flow is clear: in the
-    clear layers of an image, as at a pump, else in the whole box. Where the scene has two fluids they go where their
-    particles go, and shifts move those not to and fro only: they bring back what the velocities at menisci carry apart.
-    Their flux, averaged over AVERAGED steps, is then part of U. Of one fluid a shift is but a change of the points.
+    clear layers of an image, as at a pump, else in the whole box. It is that of the velocity alone: a shift is but a
+    change of the points, of two fluids too, whose interface goes with the velocity.
 
-    axis: 0, 1 or 2; wanted: m/s; shifts: whether theirs are part of U; lower, upper: m along the axis, the sample,
-    outside of which U is taken, inf and -inf for the whole box; fraction: of the place where U is taken that is fluid;
-    porosity: of the sample, or of the box; areal: density of the first fluid times the length of the box, kg/m2.
+    axis: 0, 1 or 2; wanted: m/s; lower, upper: m along the axis, the sample, outside of which U is taken, inf and -inf
+    for the whole box; fraction: of the place where U is taken that is fluid; porosity: of the sample, or of the box;
+    areal: density of the first fluid times the length of the box, kg/m2.
     """
 
     axis: int
     wanted: float
-    shifts: bool
     lower: float
     upper: float
     fraction: float
@@ -48,25 +45,14 @@ class HeldVelocity:
         """Mean speed of the fluid in the sample, m/s; of that beside a sample without any."""
         return abs(self.wanted) / (self.porosity or self.fraction)
 
-    def averaged_shifting_flux(self, state: State, shifts: np.ndarray | None, dt: float) -> float:
-        """Mean velocity of the shifts where U is taken, averaged over the last steps, m/s. state: `State`; shifts:
-        (n, dim) m of this step, or None."""
-        assert state.shifting_flux is not None  # of a scene that holds a velocity
-        now, before = 0.0, state.shifting_flux
-        if self.shifts and shifts is not None:
-            now = reduce.mean(shifts[outside_sample(state.x[:, self.axis], self.lower, self.upper), self.axis]) / dt
-        return float(before + (now - before) / AVERAGED)
-
-    def gradient_for_flux(self, x: np.ndarray, u: np.ndarray, v: np.ndarray, rate: float,
-                          shifting_flux: float) -> float | None:
+    def gradient_for_flux(self, x: np.ndarray, u: np.ndarray, v: np.ndarray, rate: float) -> float | None:
         """G by which the velocities u (n, dim) at x (n, dim) miss what is wanted, m/s2. v: (n, dim) of a unit
-        gradient, s; rate: 1/s, of the step; shifting_flux: m/s, of `averaged_shifting_flux`. None where no gradient
-        moves the fluid along the axis."""
+        gradient, s; rate: 1/s, of the step. None where no gradient moves the fluid along the axis."""
         here = outside_sample(x[:, self.axis], self.lower, self.upper)
         gain = reduce.mean(v[here, self.axis])
         if not gain * rate > STUCK:
             return None
-        return (self.wanted / self.fraction - shifting_flux - reduce.mean(u[here, self.axis])) / gain
+        return (self.wanted / self.fraction - reduce.mean(u[here, self.axis])) / gain
 
     def drop(self, state: State) -> float:
         """Pressure drop over the box in the step to `state` (`State`), Pa."""

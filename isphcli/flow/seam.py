@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..domain import reduce
+from .held_velocity import outside_sample
 
 TINY = 1e-6  # of the depth of the seam: a particle on the seam itself is this far from it, so that phi has a sign
 
@@ -21,13 +22,16 @@ TINY = 1e-6  # of the depth of the seam: a particle on the seam itself is this f
 @dataclass(frozen=True)
 class Seam:
     """axis: 0, 1 or 2; lower, upper: faces of the box along it, m; depth: up to which a reservoir is of its own fluid
-    whatever comes there, m; fluids: of the inlet, at the lower end, and of the outlet, 0 or 1 each."""
+    whatever comes there, m; fluids: of the inlet, at the lower end, and of the outlet, 0 or 1 each; sample: (lower,
+    upper) ends along the axis of what lies between the reservoirs, m; area: of the fluid across these, m^(dim - 1)."""
 
     axis: int
     lower: float
     upper: float
     depth: float
     fluids: tuple[int, int]
+    sample: tuple[float, float]
+    area: float
 
     def entered(self, x: np.ndarray, phi: np.ndarray) -> np.ndarray:
         """phi (n,) m, the signed distance to the interface, positive in the first fluid, of particles that have moved
@@ -37,19 +41,25 @@ class Seam:
             phi = np.where(behind < self.depth, side * np.maximum(behind, TINY * self.depth), phi)
         return phi
 
-    def let_in(self, x: np.ndarray, way: np.ndarray, changed: np.ndarray, volume: np.ndarray) -> np.ndarray:
+    def flows(self, x: np.ndarray, way: np.ndarray) -> float:
+        """Volume that flows over the seam in a step, m^dim: as much as through every section of the reservoirs, where
+        the velocity is known better than between menisci, and is what a held velocity holds.
+
+        x: (n, dim) before the step, m; way: (n,) by which the velocity moves the particles along the axis, m, without
+        their shifts, which move the points only."""
+        return self.area * reduce.mean(way[outside_sample(x[:, self.axis], *self.sample)])
+
+    def let_in(self, x: np.ndarray, flows: float, changed: np.ndarray, volume: np.ndarray) -> np.ndarray:
         """`State.volume` (n,), m^dim, with what flows over the seam in a step: the inlet's fluid has more of it, that
         of the outlet less. A particle that is told another fluid at the seam leaves its share behind: particles come a
-        row at a time. As much flows over the seam as through every other section of the loop, and the velocity of a
-        single section is not known well between menisci: what flows is the mean of what all particles move by, which is
-        what a held velocity holds.
+        row at a time.
 
-        x: (n, dim) after the step, in the box, m; way: (n,) by which they have moved along the axis, m; changed: (n,)
-        bool, which have come into the other fluid at the seam; volume: (n,) before.
+        x: (n, dim) after the step, in the box, m; flows: m^dim, of `flows`; changed: (n,) bool, which have come into
+        the other fluid at the seam; volume: (n,) before.
         """
         inlet, outlet = x[:, self.axis] - self.lower < self.depth, self.upper - x[:, self.axis] < self.depth
         if not (reduce.any_true(inlet) and reduce.any_true(outlet)):
             return volume
         told = changed * (inlet.astype(float) - outlet)
-        more = reduce.dot(volume, way) / (self.upper - self.lower) - reduce.dot(volume, told)
+        more = flows - reduce.dot(volume, told)
         return volume + more * (inlet / reduce.count(inlet) - outlet / reduce.count(outlet))

@@ -23,13 +23,12 @@ class State:
 
     x, u, u_old: (n, dim) m and m/s; p: (n,) pressure over the density of the first fluid, m2/s2; time: s; dt_old:
     length of the step before, s, 0 before the first. Of a scene that holds a superficial velocity, otherwise None:
-    pressure_gradient: over the density of the first fluid, m/s2, that held it; shifting_flux: mean velocity of the
-    shifts that it makes up for (`HeldVelocity`), m/s. Of two fluids, otherwise None: phi: (n,) signed distance to their
-    interface, positive in the first one, m; volume: (n,) m^dim, what the part of its fluid that a particle is of has,
-    over the number of its particles (two_phase/kept_volumes.py). Of a drive in steps, otherwise None:
-    pressure_gradient: as above, of this step; drive_step: (4,) which one, and what was seen of it
-    (`drive_steps.begun`). Of several processes, otherwise None: number: (n,) int64 of the particles, which one process
-    has in this order.
+    pressure_gradient: over the density of the first fluid, m/s2, that held it (`HeldVelocity`). Of two fluids,
+    otherwise None: phi: (n,) signed distance to their interface, positive in the first one, m; volume: (n,) m^dim, what
+    the part of its fluid that a particle is of has, over the number of its particles (two_phase/kept_volumes.py). Of a
+    drive in steps, otherwise None: pressure_gradient: as above, of this step; drive_step: (4,) which one, and what was
+    seen of it (`drive_steps.begun`). Of several processes, otherwise None: number: (n,) int64 of the particles, which
+    one process has in this order.
     """
 
     x: np.ndarray
@@ -40,7 +39,6 @@ class State:
     step: int = 0
     dt_old: float = 0.0
     pressure_gradient: float | None = None
-    shifting_flux: float | None = None
     phi: np.ndarray | None = None
     drive_step: np.ndarray | None = None
     number: np.ndarray | None = None

@@ -167,9 +167,8 @@ class Stepper:
         wind = 0.0 if self.walls is not None else reduce.mean(u)
         displacement = dt * (u + 0.5 * ratio * (u - u_old))  # eq. 4: the mean of the old and the new velocity
         speed = np.sqrt(reduce.largest(_products(u - wind, u - wind)))
+        flows = 0.0 if self.seam is None else self.seam.flows(state.x, displacement[:, self.seam.axis])
         dr = self._shift(state, config, dt, speed, displacement)
-        if self.held_velocity is not None:
-            state = replace(state, shifting_flux=self.held_velocity.averaged_shifting_flux(state, dr, dt))
         if dr is not None:
             with self.clock("terms"):
                 second = config.terms.smooth if config.terms.smooth is not None else np.ones(len(u), dtype=np.bool_)
@@ -193,8 +192,7 @@ class Stepper:
             carried = phi
             phi = self.seam.entered(x, carried)
             if volume is not None:
-                way = displacement[:, self.seam.axis]
-                volume = self.seam.let_in(x, way, (phi > 0.0) != (carried > 0.0), volume)
+                volume = self.seam.let_in(x, flows, (phi > 0.0) != (carried > 0.0), volume)
         return replace(state, x=x, u=u, u_old=u_old, p=p, phi=phi, volume=volume), stopped
 
     def _shift(self, state: State, config: Configuration, dt: float, speed: float,
@@ -257,9 +255,9 @@ class Stepper:
                 driven = known + held * config.terms.along
             u, p = self._project(config, system, moved.u, driven, p, g0 / dt, expansion)
             if held is not None and self.held_velocity is not None:
-                u, p, increment = self._hold(config, system, u, p, g0 / dt, moved.shifting_flux)
+                u, p, increment = self._hold(config, system, u, p, g0 / dt)
                 held += increment
-        new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.shifting_flux, moved.phi,
+        new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.phi,
                     moved.drive_step, moved.number, moved.volume)
         return StepResult(new, config, dt, config.ops.total_divergence(u), stopped, self.solvers.reports,
                           self.solvers.rebuilt, volume_drift)
@@ -283,13 +281,13 @@ class Stepper:
         makes it: in a step of dt that impulse would be a pressure drop of rho U / dt times the length, with the
         opposite of it in the next step, whose backward difference sees the jump."""
         held, terms = self.held_velocity, config.terms
-        assert held is not None and terms.along is not None and moved.shifting_flux is not None
+        assert held is not None and terms.along is not None
         if not leads_through(config.ops, held.axis, (self.geometry.lower, self.geometry.upper)):
             self._nothing_flows()
         along = np.ascontiguousarray(np.broadcast_to(terms.along, moved.u.shape))
         with self._response_tolerance():
             v = self._without_divergence(config, system, along, 1.0)[0]
-        impulse = held.gradient_for_flux(config.x, moved.u, v, 1.0, moved.shifting_flux)
+        impulse = held.gradient_for_flux(config.x, moved.u, v, 1.0)
         if impulse is None:
             self._nothing_flows()
         return replace(moved, u=moved.u + impulse * v, u_old=moved.u_old + impulse * v)
@@ -316,22 +314,22 @@ class Stepper:
         q = solve_pressure(config, system, config.means.remove(-rate * div), solvers.tolerance, solvers)
         return field - config.terms.ops.gradient_p(q) / rate, q, div
 
-    def _hold(self, config: Configuration, system: PressureSystem, u: np.ndarray, p: np.ndarray, rate: float,
-              shifting_flux: float | None) -> tuple[np.ndarray, np.ndarray, float]:
+    def _hold(self, config: Configuration, system: PressureSystem, u: np.ndarray, p: np.ndarray,
+              rate: float) -> tuple[np.ndarray, np.ndarray, float]:
         """(velocity, pressure, increment of the pressure gradient) that have the superficial velocity that is held:
         what a gradient of one makes in this step is added so many times (`HeldVelocity`).
 
-        shifting_flux: m/s, of the shifts; other arguments as those of `_project`.
+        Arguments as those of `_project`.
         """
         held, terms = self.held_velocity, config.terms
-        assert held is not None and shifting_flux is not None and terms.along is not None
+        assert held is not None and terms.along is not None
         along = np.ascontiguousarray(np.broadcast_to(terms.along, u.shape))
         with self._response_tolerance():
             u_star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), self.solvers,
                                    False)
             rate += terms.least_drag
             v, q, div = self._without_divergence(config, system, u_star, rate)
-        increment = held.gradient_for_flux(config.x, u, v, rate, shifting_flux)
+        increment = held.gradient_for_flux(config.x, u, v, rate)
         if increment is None:
             self._nothing_flows()
         return u + increment * v, without_constants(config, p + increment * (q - terms.bulk * div)), increment

@@ -19,6 +19,7 @@ SAMPLES = 32  # points at least along each direction of a face that say what is 
 MOST = {2: 4096, 3: 512}  # such points: of 512 x 512 a face takes a second
 BESIDE = 1e-6  # of the largest side of the box: how far from a face they are
 Phases = Callable[[np.ndarray], np.ndarray]
+Crossing = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 class FluidFaces:
@@ -32,9 +33,9 @@ class FluidFaces:
         lower, upper = box
         longest = float((upper - lower).max())
         samples = int(np.clip(math.ceil(2.0 * longest / spacing), SAMPLES, MOST[len(lower)]))
-        off, kept = BESIDE * longest, []
+        self.off, kept = BESIDE * longest, []
         for points, normals in _faces(body, lower, upper, period, samples):
-            sides = np.stack([phase(points + sign * off * normals) for sign in (-1.0, 1.0)])
+            sides = np.stack([phase(points + sign * self.off * normals) for sign in (-1.0, 1.0)])
             kept.append(bool((sides >= 0).all(axis=0).any()))
         self.kept = kept
 
@@ -60,6 +61,23 @@ class FluidFaces:
         else:
             return np.full(len(x), -np.inf)
         return block_distance(q)
+
+
+    def in_sight(self, x: np.ndarray, crossing: Crossing) -> np.ndarray:
+        """`signed_distance` (n,) of fluid points x (n, dim), m; infinite in the pores behind the walls that faces lie
+        along: those see nothing of the body. crossing: as `Geometry.crossing`."""
+        d, body = self.signed_distance(x), self.body
+        if self.whole:
+            return d
+        true = body.signed_distance(x, self.period)
+        beyond = np.flatnonzero((true > 0.0) & (d < true))  # of a face that is none, or beside it
+        away, steps = x[beyond], self.off * np.eye(x.shape[1])
+        rise = [body.signed_distance(away + step, self.period) - body.signed_distance(away - step, self.period)
+                for step in steps]
+        nearest = away - true[beyond, None] * np.stack(rise, axis=1) / (2.0 * self.off)
+        hidden = (d[beyond] <= 0.0) | (crossing(away, nearest) < 1.0)
+        d[beyond[hidden]] = np.inf
+        return d
 
 
 def _between(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, period: np.ndarray, kept: np.ndarray) -> np.ndarray:

@@ -134,9 +134,9 @@ class ShapeGeometry:
         for shape in self.shapes:
             if shape.phase >= 0:
                 faces = FluidFaces(shape.body, (self.lower, self.upper), self.period, self.phase, spacing)
-                d = -faces.signed_distance(x) if shape.outside else faces.signed_distance(x)
+                d = -faces.signed_distance(x) if shape.outside else faces.in_sight(x, self.crossing)
                 phi, whole = np.maximum(phi, -d) if shape.phase == 0 else np.minimum(phi, d), whole and faces.whole
-        # beyond the wall that a face lies along there may be a pore of the other fluid
+        # what lies in no shape that is seen from there is of the fluid that the labels say
         return phi if whole else np.copysign(phi, np.where(self.phase(x) == 0, 1.0, -1.0))
 
     def distance(self, x: np.ndarray, depth: float = np.inf) -> np.ndarray:

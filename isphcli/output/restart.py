@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ..flow.state import State
 
 NAME = "restart.npz"
-VERSION = 4  # of the file: one more whenever what it holds means something else
+VERSION = 5  # of the file: one more whenever what it holds means something else
 SPREAD = ("x", "u", "u_old", "p", "phi", "volume")  # arrays of a state with a row per particle
 AT_ONCE = 1 << 24  # bytes of a file read in one go where it need not be held
 # Keys of the scene; all others are values, but for those that change no flow (IDLE). A wall may move or slip otherwise.
@@ -246,7 +246,7 @@ def _check_fits(path: Path, state: State, like: State) -> None:
         here, there = (_shape(f[name]) if name in f else None for f in (found, wanted))
         if here != there:
             what = f"{name} has the shape {here}, the case needs {there}"
-            if name in ("shifting_flux", "pressure_gradient"):
+            if name == "pressure_gradient":
                 what = "one of the file and the case holds a superficial velocity, the other does not"
             raise RestartError(f"{path}: {what}; restart with the case that wrote it")
 

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from ..domain import reduce
 from ..domain.halo import wrap
+from ..geometry.protocol import sample_box
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -40,6 +41,12 @@ def first_interface(case: Case, geometry: Geometry, particles: Particles, steppe
     assert isinstance(stepper.fluids, TwoFluids)
     brick = None if particles.share is None else (particles.share.lower, particles.share.upper)
     stepper.fluids.cells = cells_of(geometry, stepper.spacing, particles.site_volume * reduce.number(x), brick)
+    if geometry.has_solid:
+        from ..two_phase.cells_in_sight import CellSight
+
+        cells = stepper.fluids.cells
+        stepper.fluids.cell_sight = CellSight(geometry, cells.middle, cells.side)
+    stepper.fluids.sample = sample_box(geometry)
     config = stepper.configure(x, 0.0, phi, number)
     interface = config.terms.interface
     assert isinstance(interface, Interface) and interface.cut is not None

@@ -43,8 +43,17 @@ def held_velocity(case: Case, particles: Particles, reference: float, geometry: 
     if held is None:
         return None
     axis, wanted = held
+    (lower, upper), fraction, porosity = clear_of_the_sample(particles, geometry, axis)
+    length = float((geometry.upper - geometry.lower)[axis])
+    return HeldVelocity(axis, wanted, lower, upper, fraction, porosity, reference * length)
+
+
+def clear_of_the_sample(particles: Particles, geometry: Geometry,
+                        axis: int) -> tuple[tuple[float, float], float, float]:
+    """Ends of the sample along an axis, m, what of the cross section beyond them is fluid, and the porosity of the
+    sample; with nothing beyond it the ends are inf and -inf, and both numbers are of the box."""
     size = geometry.upper - geometry.lower
-    length, (lower, upper) = size[axis], (corner[axis] for corner in sample_box(geometry))
+    length, (lower, upper) = size[axis], (float(corner[axis]) for corner in sample_box(geometry))
     here, fluid = reduce.count(outside_sample(particles.x[: particles.n_fluid, axis], lower, upper)), reduce.number(
         particles.phase)
     volumes = particles.site_volume * length / float(np.prod(size))  # of a particle, over the cross section
@@ -53,7 +62,7 @@ def held_velocity(case: Case, particles: Particles, reference: float, geometry: 
     fraction = 1.0 if geometry.voxel_size is not None else here * volumes / max(length - (upper - lower), volumes)
     if not here:
         lower, upper, fraction = np.inf, -np.inf, fluid * volumes / length
-    return HeldVelocity(axis, wanted, particles.two_fluids, lower, upper, fraction, porosity, reference * float(length))
+    return (lower, upper), fraction, porosity
 
 
 SPREAD = 10.0  # root mean square speed over the mean of a held flow, at most; in rock it is 2 to 3
@@ -97,7 +106,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock,
                                 engine_of(case.solver.engine)),
         bounds=bounds(case, geometry, particles, u, held), held_velocity=held,
-        volume=kept_volume(case, geometry, x), timed_drive=drive, seam=seam(case, geometry),
+        volume=kept_volume(case, geometry, x), timed_drive=drive, seam=seam(case, particles, geometry),
     )
     if share is not None:
         stepper.migration = Migration(share, geometry.lower, geometry.upper, geometry.periodic, stepper.reach)
@@ -111,7 +120,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
             phi, volume = first_interface(case, geometry, particles, stepper, number)
     elif two:  # that differ in name only: phi tells them apart
         phi = np.where(particles.phase == 0, spacing, -spacing)
-    state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=gradient, shifting_flux=None if held is None else 0.0,
+    state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=gradient,
                   phi=phi, number=number, volume=volume)
     if forcing.drive_steps(case) is not None:
         from ..runs.drive_steps import begun
@@ -133,7 +142,7 @@ def initial_velocity(case: Case, x: np.ndarray) -> np.ndarray:
     return u
 
 
-def seam(case: Case, geometry: Geometry) -> Seam | None:
+def seam(case: Case, particles: Particles, geometry: Geometry) -> Seam | None:
     """The Seam between the two reservoirs of a case, or None."""
     if case.reservoirs is None:
         return None
@@ -143,7 +152,9 @@ def seam(case: Case, geometry: Geometry) -> Seam | None:
     fluids = (case.fluid_names.index(case.reservoirs.inlet), case.fluid_names.index(case.reservoirs.outlet))
     length = float(geometry.sample_lower[axis] - geometry.lower[axis])
     depth = min(case.support * case.particles.spacing, 0.5 * length)  # no kernel at the seam sees another interface
-    return Seam(axis, float(geometry.lower[axis]), float(geometry.upper[axis]), depth, fluids)
+    sample, fraction, _ = clear_of_the_sample(particles, geometry, axis)
+    area = fraction * float(np.prod(np.delete(geometry.upper - geometry.lower, axis)))
+    return Seam(axis, float(geometry.lower[axis]), float(geometry.upper[axis]), depth, fluids, sample, area)
 
 
 def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, rate: HeldVelocity | None) -> Bounds:

@@ -29,6 +29,7 @@ from ..domain.row_threads import over_rows
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
+    from .cells_in_sight import CellSight, SeenBy
     from .quadratic_fit import QuadraticFit
 
 REACH = 2.0  # sides of a cell, from its middle to the particles that are asked there
@@ -108,19 +109,43 @@ def cells_of(geometry: Geometry, spacing: float, total: float,
     return cells._replace(fluid=fluid * (total / reduce.total(fluid)))
 
 
-def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchange: Exchange = NO_EXCHANGE) -> CutCells:
+def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchange: Exchange = NO_EXCHANGE,
+        sight: CellSight | None = None) -> CutCells:
     """CutCells of particles with phi (n,), m, and its QuadraticFit; x: (n + remote, dim) m, and rows behind them that
-    are not asked for; exchange: of remote particles."""
+    are not asked for; exchange: of remote particles; sight: of scenes with walls."""
     phi, slope, form = (exchange.forward(values) for values in (phi, fit.slope, fit.form))
     n, dim = len(cells.fluid), len(cells.side)
     weight, sums, nearest = np.zeros(n), np.zeros((n, dim + 2)), np.full((n, 2), -1)
     found = weight, sums, nearest
     over_rows(_gather, n, (x, phi, slope, form), cells, found, work=lambda: (np.empty(dim), np.full((n, 2), math.inf)))
+    if sight is not None:
+        asked = np.flatnonzero((nearest >= 0).all(axis=1))
+        seen = sight.seen(x[: len(phi)], asked, REACH * cells.side.max())
+        weight[seen.cells], sums[seen.cells], nearest[seen.cells] = _made_of(
+            seen, phi, (slope, form), REACH * cells.side.max(), n)
     volume, area = np.zeros(n), np.zeros(n)
     over_rows(_cut, n, cells, found, volume, area, work=lambda: np.empty(dim))
     known = (weight > 0.0)[:, None]
     there = np.divide(sums[:, : dim + 1], weight[:, None], out=np.full((n, dim + 1), math.inf), where=known)
     return CutCells(cells, there[:, 0], there[:, 1:], volume, area, nearest)
+
+
+def _made_of(seen: SeenBy, phi: np.ndarray, fit: tuple[np.ndarray, np.ndarray], reach: float,
+             n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What `_gather` finds of particles in sight alone, weight (k,), sums (k, dim + 2) and nearest (k, 2), in the k
+    cells of `seen`, of n."""
+    i, d, (slope, form) = seen.particle, seen.offset, (values[seen.particle] for values in fit)
+    dim = d.shape[1]
+    form = form.reshape(-1, dim, dim)
+    w = (1.0 - np.sqrt((d * d).sum(axis=1)) / reach) ** 4
+    bent = 0.5 * np.sqrt((slope * slope).sum(axis=1)) * np.einsum("ij,ijk,ik->i", d, form, d)
+    there = phi[i] + (slope * d).sum(axis=1) + bent
+    columns = [np.ones(len(w)), there, *slope.T, -np.einsum("ijj->i", form)]
+    found = np.stack([np.bincount(seen.cell, w * column, minlength=n) for column in columns], axis=1)[seen.cells]
+    nearest = np.full((n, 2), -1)
+    order = np.argsort(w, kind="stable")  # the nearest last
+    nearest[seen.cell[order], (phi[i[order]] <= 0.0).astype(int)] = i[order]
+    return found[:, 0], found[:, 1:], nearest[seen.cells]
 
 
 def outline(cut: CutCells) -> tuple[float, float]:

@@ -12,8 +12,10 @@ parts a and b is moved by m_a - m_b with
 
     sum_b area_ab (m_a - m_b) = r_a,        or   - sum_a area_ab (m_a - m_b) = r_b   of the other fluid,
 
-which is the least motion of the interface that does it. Nothing goes from one ganglion to another but through what
-lies between them.
+which is the least motion of the interface that does it. Only interfaces in the sample are moved: in clear layers and
+reservoirs the flow is smooth and phi goes with it, and the plane at a seam stays. Had they their share, what is made or
+lost in the rock would come and go where the fluids come in: more than a held flux brings, or less. Nothing goes from
+one ganglion to another but through what lies between them.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 from numba import njit
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
 from ..domain import reduce
@@ -51,21 +54,27 @@ def first_shares(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, spac
 
 def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new: np.ndarray,
                  volume: np.ndarray, spacing: float,
-                 exchange: Exchange = NO_EXCHANGE) -> tuple[np.ndarray, np.ndarray]:
+                 exchange: Exchange = NO_EXCHANGE,
+                 sample: tuple[np.ndarray, np.ndarray] | None = None) -> tuple[np.ndarray, np.ndarray]:
     """(phi, `State.volume`) after a step, (n,) m and (n,) m^dim.
 
     cut: CutCells of phi (n,), m, before the step; new: (n,) what becomes of phi in it; volume: (n,) of the step before;
-    neighbours: of the fluid particles; exchange: of the remote ones among them.
+    neighbours: of the fluid particles; exchange: of the remote ones among them; sample: corners (dim,), m, of where
+    levels are moved, or None: everywhere.
     """
+    if sample is not None:
+        cut = cut._replace(area=np.where(_within(cut.cells.middle, sample), cut.area, 0.0))
     count, part = _parts(neighbours, phi, spacing, exchange)
     everyone = exchange.forward(part)
     across = np.full(len(phi), -1)
     over_rows(_nearest_across, len(phi), neighbours, exchange.forward(phi), across)
     wanted = reduce.total_by(part, volume, count)
     between = _areas(cut, everyone, count)
-    level = _levels(wanted - _volumes(cut, everyone, count), between)
+    level = _levels(wanted - _volumes(cut, everyone, count), between, wanted)
     moved = np.abs(new) < BAND * spacing
     moved &= across >= 0
+    if sample is not None:
+        moved &= _within(neighbours.x[: len(phi)], sample)
     other = everyone[across]
     first = phi > 0.0
     rise = np.where(first, level[part] - level[other], level[other] - level[part])
@@ -82,6 +91,11 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
         kin[~there] = 0.0
         wanted[kin.argmax() if kin.max() > 0.0 else around] += wanted[gone]
     return new, _shared(wanted, now)
+
+
+def _within(x: np.ndarray, sample: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Which points x (n, dim), m, are in a box of corners (dim,), (n,) bool."""
+    return ((x >= sample[0]) & (x <= sample[1])).all(axis=1)
 
 
 def _parts(neighbours: Neighbourhood, phi: np.ndarray, spacing: float, exchange: Exchange) -> tuple[int, np.ndarray]:
@@ -114,8 +128,16 @@ def _areas(cut: CutCells, part: np.ndarray, count: int) -> sp.csr_matrix:
     return between + between.T
 
 
-def _levels(lacking: np.ndarray, between: sp.csr_matrix) -> np.ndarray:
-    """m of the parts, m, from what they lack, m^dim, and the areas between them."""
+def _levels(lacking: np.ndarray, between: sp.csr_matrix, wanted: np.ndarray) -> np.ndarray:
+    """m of the parts, m, from what they lack, m^dim, the areas between them, and what they are to have, m^dim."""
+    # what the parts round one do not lack they cannot give: of those that have area between them, which are all but for
+    # what lies outside of a sample, the largest one is what surrounds the others, and has what is left over
+    joined, group = connected_components(between, directed=False)
+    surrounding = np.zeros(joined, np.int64)
+    order = np.argsort(wanted, kind="stable")
+    surrounding[group[order]] = order  # the largest last
+    lacking = lacking.copy()
+    lacking[surrounding] -= np.bincount(group, lacking, joined)
     diagonal = np.asarray(between.sum(axis=1)).ravel()
     alone = diagonal <= 0.0
     if alone.all():

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from ..flow.forces import Force
     from ..operators.pair_weights import Operators
     from ..operators.wall_scene import WallChange
+    from .cells_in_sight import CellSight
     from .contact_angle import ContactAngle
     from .sight import Sight
     from .surface_tension import SurfaceTension
@@ -68,6 +69,8 @@ class TwoFluids:
 
     first_passes = FIRST_PASSES
     cells: Cells | None = None  # that the volumes of both are measured on, and kept by
+    cell_sight: CellSight | None = None  # of those cells, where there are walls
+    sample: tuple[np.ndarray, np.ndarray] | None = None  # corners (dim,) of what is not clear of solids, m
 
     def __init__(self, density: Sequence[float] | np.ndarray, viscosity: Sequence[float] | np.ndarray,
                  forces: TwoFluidForces, spacing: float, tension: SurfaceTension | None = None,
@@ -124,7 +127,8 @@ class TwoFluids:
         phi = carried(interface, ops, dr, min(RATE * ways, MOST), stretch, min(RATE * moved, MOST))
         if interface.cut is None or volume is None:
             return phi, None
-        return kept_volumes(interface.cut, ops.neighbours, interface.phi, phi, volume, self.spacing, ops.exchange)
+        return kept_volumes(interface.cut, ops.neighbours, interface.phi, phi, volume, self.spacing, ops.exchange,
+                            self.sample)
 
     def changing(self, p: np.ndarray, phi: np.ndarray, before: Terms) -> np.ndarray:
         """(n, 2): by how much the number of the fluid of each particle falls, and the Laplacian of eq. 3 of p that it
@@ -159,7 +163,8 @@ class TwoFluids:
         assert phi is not None
         interface = find_interface(ops, neighbours, phi, self.spacing, self.contact, self.sight)
         if self.cells is not None:
-            interface = replace(interface, cut=cut(self.cells, neighbours.x, phi, interface.fit, ops.exchange))
+            found = cut(self.cells, neighbours.x, phi, interface.fit, ops.exchange, self.cell_sight)
+            interface = replace(interface, cut=found)
         reference = self.density[0]
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
         everyone = ops.exchange.forward

@@ -47,8 +47,7 @@ def test_two_layers_take_the_drop_of_their_common_flow():
     state, _, stepper, rows = run(SLIT.format(layers=LAYERS, oil=", oil: {density: 1, viscosity: 0.1}", held=0.1))
     y = (np.arange(1000) + 0.5) / 1000
     mean = two_layer_poiseuille(y, 1.0, 0.5, [0.5, 0.1], [1.0, 1.0]).mean()
-    assert max(abs(row["superficial_velocity_x"] / 0.1 - 1.0) for row in rows) < 0.02  # shifts make up the rest
-    assert rows[-1]["superficial_velocity_x"] + state.shifting_flux == pytest.approx(0.1, rel=1e-4)
+    assert max(abs(row["superficial_velocity_x"] / 0.1 - 1.0) for row in rows) < 1e-5  # with shifts in it: 0.02
     assert rows[-1]["pressure_drop_x"] == pytest.approx(0.1 * 0.25 / mean, rel=0.05)
     assert state.pressure_gradient > 0 and stepper.fluids.held.tolist() == [1, 0]
 

@@ -6,6 +6,7 @@ import pytest
 from isphcli.flow.seam import Seam
 from isphcli.flow.state import phase_of
 from tests.flow.runs import run
+from tests.two_phase.scenes import march, scene
 
 BEHIND = np.array([[-0.9, 0.5], [-1.0, 0.5], [2.75, 0.5], [1.0, 0.1], [-0.2, 0.9]])  # of a box from -1 to 3
 
@@ -15,13 +16,13 @@ def test_near_the_seam_all_are_of_the_fluid_of_their_reservoir(inlet, outlet):
     """At their distance from the seam; on the seam itself they have a side too."""
     side, far = (1.0, -1.0), np.array([0.4, -0.4, 0.4, 0.3, -0.3])
     for phi in (far, -far):
-        found = Seam(0, -1.0, 3.0, 0.5, (inlet, outlet)).entered(BEHIND, phi)
+        found = Seam(0, -1.0, 3.0, 0.5, (inlet, outlet), (0.0, 2.0), 1.0).entered(BEHIND, phi)
         assert found[[0, 2]] == pytest.approx([0.1 * side[inlet], 0.25 * side[outlet]])
         assert phase_of(found[:3]).tolist() == [inlet, inlet, outlet] and found[3:].tolist() == phi[3:].tolist()
 
 
 def test_the_seam_lies_across_its_axis():
-    found = Seam(1, 0.0, 1.0, 0.2, (1, 0)).entered(BEHIND, np.full(5, 0.7))
+    found = Seam(1, 0.0, 1.0, 0.2, (1, 0), (0.3, 0.7), 1.0).entered(BEHIND, np.full(5, 0.7))
     assert found.tolist() == pytest.approx([0.7, 0.7, 0.7, -0.1, 0.1])
 
 
@@ -57,6 +58,19 @@ def test_what_comes_over_the_seam_is_what_flows():
     assert state.volume[gas].sum() == pytest.approx(0.25 + flowed, abs=0.01 * flowed)
     cut = config.terms.interface.cut
     assert (cut.cells.fluid - cut.volume).sum() == pytest.approx(0.25 + flowed, abs=0.1 * 0.125 * 0.5)
+
+
+def test_what_is_asked_of_a_pump_is_what_enters():
+    """Past a grain, with particles in disorder and shifted: the shares of the gas grow by the flux that is held."""
+    grain = "shapes: [{sphere: {centre: [1.0, 0.25], radius: 0.17}, is: solid}]"
+    text = PISTON.replace("HELD", "0.25").replace("periodic: [x, y]", f"periodic: [x, y], {grain}")
+    text = text.replace("shifting: 0", "jitter: 0.2").replace("end: 3.0", "end: 0.5")
+    text = text.replace('["0.25", "0"]', '["0", "0"]')
+    case, geometry, state, stepper, particles = scene(text)
+    end = march(case, geometry, state, stepper, particles)
+    first, last = (now.volume[phase_of(now.phi) == 1].sum() for now in (state, end))
+    assert stepper.seam.area == pytest.approx(0.5)
+    assert last - first == pytest.approx(0.5 * 0.25 * end.time, rel=2e-3)
 
 
 def test_fluids_that_differ_in_name_only_change_their_names():

@@ -356,7 +356,7 @@ def test_a_file_of_another_case_is_refused(tmp_path):
     restart.save(tmp_path / "r.npz", saved())
     with pytest.raises(RestartError, match=r"has the shape \(20,.*needs \(10,"):
         restart.load(tmp_path / "r.npz", saved(10).state)
-    held = replace(saved().state, pressure_gradient=0.0, shifting_flux=0.0)
+    held = replace(saved().state, pressure_gradient=0.0)
     with pytest.raises(RestartError, match="one of the file and the case holds a superficial velocity"):
         restart.load(tmp_path / "r.npz", held)
     with pytest.raises(RestartError, match="no restart file"):

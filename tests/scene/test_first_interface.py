@@ -37,3 +37,21 @@ def test_labels_alone_say_it_to_a_part_of_a_spacing(text, place):
     exact = exact if np.sign(exact[0]) == np.sign(state.phi[0]) else -exact
     error = (phi - exact)[near] / spacing
     assert np.abs(error).max() < 0.34 and np.sqrt((error**2).mean()) < 0.125
+
+
+def test_the_pore_behind_the_wall_of_a_slug_has_no_interface():
+    """The face of the slug along the plate is none, and the shape goes on behind it: there phi was small beside the
+    two planes of its ends, without another fluid anywhere."""
+    _, _, state, stepper, _ = scene("""
+geometry:
+  {box: [1, 1], periodic: [x], fluid: a, shapes: [
+    {box: {lower: [0.25, -1], upper: [0.75, 0.5]}, is: b}, {box: {lower: [-1, 0.5], upper: [2, 0.625]}, is: solid}]}
+particles: {spacing: 0.0625}
+fluids: {a: {density: 1, viscosity: 0.05}, b: {density: 2, viscosity: 0.05}}
+time: {end: 1}
+""")
+    behind = state.x[:, 1] > 0.6
+    far = np.abs(state.phi).max()
+    assert state.phi[behind] == pytest.approx(far)
+    ends = np.abs(np.abs(state.x[:, 0] - 0.5) - 0.25) < 0.1
+    assert np.abs(state.phi[~behind & ends]).max() < 0.1 and stepper.spacing < far

@@ -39,6 +39,24 @@ def test_each_disk_has_its_own_volume_back():
     assert volume.sum() == pytest.approx(state.volume.sum(), rel=1e-12)
 
 
+def test_levels_outside_of_the_sample_stay():
+    """Of two disks that are too large by a tenth of a spacing that in the sample gives half of it back, the other one
+    nothing: what it has too much is no matter of the first one's either."""
+    _, _, state, stepper, _ = scene(TWO_DISKS)
+    config = stepper.configure(state.x, phi=state.phi)
+    wrong, spacing = state.phi + 0.1 * stepper.spacing, stepper.spacing
+    seen = config.ops.neighbours
+    wrong, shares = kept_volumes(config.terms.interface.cut, seen, state.phi, wrong, state.volume, spacing)
+    there = cut(stepper.fluids.cells, config.x, wrong,
+                find_interface(config.ops, config.neighbours, wrong, spacing).fit)
+    sample = np.zeros(2), np.full(2, 0.45)
+    phi, volume = kept_volumes(there, seen, wrong, wrong.copy(), shares, spacing, sample=sample)
+    inside, near = (state.x < 0.45).all(axis=1), np.abs(wrong) < spacing
+    assert (phi[~inside] == wrong[~inside]).all()
+    moved = (wrong - phi)[inside & near] / spacing
+    assert moved == pytest.approx(0.05, rel=0.1) and volume.sum() == pytest.approx(state.volume.sum())
+
+
 def test_a_level_that_is_right_stays():
     """To round-off: nothing is lacking."""
     _, _, state, stepper, _ = scene(drop(jitter=0.1))
