@@ -92,7 +92,7 @@ def test_every_key_that_a_run_leaves_is_explained(run, page):
     # of two fluids those of the history, and what the row of `two_fluids` names besides
     row = next(row for row in page.splitlines() if row.startswith("| `two_fluids`"))
     more = names(cells(page, "history.csv")) | names([row.split(" | ")[1]])
-    assert undocumented(summary["two_fluids"] or {}, more) == []
+    assert undocumented(summary.get("two_fluids") or {}, more) == []
 
 
 def test_every_key_of_a_summary_is_explained(page):

@@ -155,12 +155,21 @@ def _in(part: tuple[slice, ...], shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _widths(x: np.ndarray, geometry: Geometry, spacing: float) -> np.ndarray:
-    """Twice the largest wall distance within half a spacing of each point, in spacings."""
-    half = np.array(np.meshgrid(*[[-0.5, 0.0, 0.5]] * x.shape[1])).reshape(x.shape[1], -1).T * spacing
-    largest = np.zeros(len(x))
-    for offset in half:
-        largest = np.maximum(largest, geometry.distance(x + offset))
-    return 2 * largest / spacing
+    """Twice the largest wall distance within half a spacing of each point, in spacings.
+
+    The distance from smooth walls of an image is known to a voxel far from them, and well at them: it is at most what a
+    point as far away, in any of the directions of the lattice, has more or less."""
+    around = np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * x.shape[1])).reshape(x.shape[1], -1).T
+    largest, centre = np.full(len(x), -np.inf), x.copy()
+    for offset in 0.5 * spacing * around:
+        there = geometry.distance(x + offset)
+        more = there > largest
+        largest[more], centre[more] = there[more], x[more] + offset
+    far = np.maximum(largest, 0.0)
+    for direction in around[np.any(around != 0.0, axis=1)]:
+        wall = geometry.distance(centre + far[:, None] * (direction / np.linalg.norm(direction)))
+        largest = np.minimum(largest, wall + far)
+    return 2 * np.maximum(largest, 0.0) / spacing
 
 
 def _critical(distance: np.ndarray, around: tuple[bool, ...], axis: int, spacing: float) -> float:

@@ -200,17 +200,23 @@ class Measures:
 
     @staticmethod
     def _jump(p: np.ndarray, config: Configuration) -> float:
-        """Of p (n,), m2/s2, from the second fluid to the first, at the interface: each particle that knows its
-        distance and lies off the band carries its pressure there with its gradient, where the weight of a fluid is."""
-        interface, terms, means = _interface(config), config.terms, []
-        slope = terms.density * np.einsum("ij,ij->i", terms.pressure_gradient(p), interface.normal)
-        there = p - slope * interface.phi
+        """Of p (n,), m2/s2, from the second fluid to the first, at the interface: a linear function of the distance
+        through the particles of each that know theirs and lie off the band, where it is zero. Means over the fluids
+        would have the weight of what lies between their centres in them."""
+        interface, there = _interface(config), []
         near = (interface.strength == 0.0) & (np.abs(interface.phi) < interface.reach)
         for k in (0, 1):
             mine = interface.phase == k
             beside = mine & near
-            means.append(reduce.mean(there[beside if reduce.any_true(beside) else mine]))
-        return float(means[0] - means[1])
+            if not reduce.any_true(beside):
+                there.append(reduce.mean(p[mine]))
+                continue
+            phi, mean = interface.phi[beside], reduce.mean(p[beside])
+            off = phi - reduce.mean(phi)
+            spread = reduce.dot(off, off)
+            slope = reduce.dot(off, p[beside] - mean) / spread if spread > 0.0 else 0.0
+            there.append(mean - slope * reduce.mean(phi))
+        return float(there[0] - there[1])
 
     def ganglia(self, config: Configuration, k: int) -> int:
         """Number of the separate parts of fluid k."""
