@@ -176,6 +176,17 @@ def test_slip_walls(dim):
     assert np.abs(free.lap(along_x(np.ones(free.n), dim))).max() < 1e-8
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("order", [1, 2])
+def test_flow_along_a_wall_that_slips_does_not_leak(dim, order):
+    """A stagnation point flow on it, linear, has no divergence."""
+    s = Scene(channel(dim, 1.0, walls=Walls(1e12)), 1 / 12, 2.1, order=order, jitter=0.15, offset=np.eye(dim)[1] * 0.3)
+    u = s.x * ([1.0, -1.0] if dim == 2 else [0.75, -1.0, 0.25])
+    inside = (s.x[:, 1] < 0.6) & (np.abs(np.delete(s.x, 1, axis=1) - 0.5) < 0.3).all(axis=1)  # sees no period
+    assert (inside & s.ops.walls.near_wall).sum() > 5
+    assert np.abs(s.div(u)[inside]).max() < 1e-6
+
+
 def test_no_wall_in_sight_is_the_scene_without_walls():
     """Far from walls the rows are those of `build_operators`; pressure and velocity weights agree there."""
     geometry = ShapeGeometry([0, 0], [1, 1], [True, True], shapes=[Shape(Disk([0.5, 0.5], 0.2))])
