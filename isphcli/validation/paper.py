@@ -635,8 +635,8 @@ def write_report(out: Path, records: Sequence[tuple[Figure, Finding | None, str,
             continue
         lines += [*table(finding.heads, [[str(cell) for cell in row] for row in finding.rows]), ""]
         if finding.modelled is not None:
-            heads, rows = finding.modelled
-            lines += [*table(heads, [[str(cell) for cell in row] for row in rows]), ""]
+            heads, modelled = finding.modelled
+            lines += [*table(heads, [[str(cell) for cell in row] for row in modelled]), ""]
         lines += [*finding.notes, "", f"**{verdict(finding)}** ({seconds:.0f} CPU s)"]
         for picture in finding.pictures:
             lines += ["", f"![{picture.stem}]({picture.relative_to(out).as_posix()})"]
