@@ -392,9 +392,9 @@ def weak_scaling(last: Sequence[float], power: float, beads: bool) -> tuple[Sequ
         found = step(work, near, fluid, processes)
         messages, sent, sums = sent_in_a_step(work, near, fluid / processes)
         begin = begin or found.total
-        rows.append([n, f"{processes:,}", f"{math.ceil(sites / processes):,}", f"{BALANCE[n]:.4f}", f"{fluid / processes:,.0f}",
-                     f"{near.remote * fluid / processes:,.0f}", near.neighbours, f"{work.iterations:.1f}",
-                     f"{messages:,.0f}", f"{1e-6 * sent:.1f}", f"{sums:.0f}",
+        rows.append([n, f"{processes:,}", f"{math.ceil(sites / processes):,}", f"{BALANCE[n]:.4f}",
+                     f"{fluid / processes:,.0f}", f"{near.remote * fluid / processes:,.0f}", near.neighbours,
+                     f"{work.iterations:.1f}", f"{messages:,.0f}", f"{1e-6 * sent:.1f}", f"{sums:.0f}",
                      *(f"{1e3 * value:.1f}" for value in (found.assembling, found.solving, found.messages, found.sums,
                                                           found.cycles, found.total)),
                      f"{found.total / begin:.2f}"])  # fmt: skip
