@@ -143,16 +143,16 @@ COSTS = {"pack": (77.0, 3.0, 59, 8.85e6), "rock": (23.9, 1.29, 41, 7.29e5)}
 def sizes():
     """Prints a table of processes of ROOM bytes."""
     from isphcli.preflight.costs_of_ranks import WAITS
-    from isphcli.validation.paper import LENGTH, RADIUS, TABLE_1, fluid_of_table_1
+    from isphcli.validation.paper import LENGTH, POROSITY, RADIUS, TABLE_1, fluid_of_table_1
 
     side = np.pi**0.5 * RADIUS
-    scenes = [(f"table 1, N = {n}", fluid_of_table_1(n), "pack", np.array([side, LENGTH, side]), sites)
-              for n, sites in TABLE_1.items()]
-    scenes.append(("rock of 1000^3 voxels, porosity 0.21", 2.1e8, "rock", np.ones(3), 1e9))
+    scenes = [(f"table 1, N = {n}", fluid_of_table_1(n), "pack", np.array([side, LENGTH, side]), POROSITY)
+              for n in TABLE_1]
+    scenes.append(("rock of 1000^3 voxels, porosity 0.21", 2.1e8, "rock", np.ones(3), 0.21))
     print("| scene | fluid particles | processes | own and remote of one | memory of one, all | iterations | wall |\n"
           "|---|---|---|---|---|---|---|")
-    for name, fluid, kind, box, sites in scenes:
-        reach = 2.1 * (np.prod(box) / sites) ** (1 / 3)
+    for name, fluid, kind, box, porosity in scenes:
+        reach = 2.1 * (np.prod(box) * porosity / fluid) ** (1 / 3)
         chosen = next(count for count in range(2, 100_000, 2 if fluid < 1e7 else 16)
                       if held(fluid, count, box, reach)[1] < ROOM)
         near, memory = held(fluid, chosen, box, reach)

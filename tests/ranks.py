@@ -1,4 +1,5 @@
-"""What `test_ranks.py` runs on several processes: mpiexec -n N python -m tests.ranks OUT; without mpiexec, on one.
+"""What `test_ranks.py` runs on several processes: mpiexec -n N python -m tests.ranks OUT ENGINE; without
+mpiexec, on one.
 
 Each scene leaves its summary, and what the operators make of a field, in OUT/<name>.json and .npz, in the order of the
 positions: that is the same however many processes there are.
@@ -113,7 +114,7 @@ def reduced():
                      reduce.count(own > 0) - int((values > 0).sum()), reduce.number(own) - 401]}
 
 
-def main(folder, engine):
+def main(folder, engine, names="all"):
     from isphcli import api
     from isphcli.domain.communicator import current, join
     from isphcli.output.environment import launched
@@ -124,6 +125,8 @@ def main(folder, engine):
         out.mkdir(exist_ok=True)
     first = current().rank == 0
     for name, case in cases():
+        if names != "all" and name not in names.split(","):
+            continue
         case = replace(case, solver=replace(case.solver, engine=engine), output=replace(case.output, plots=False))
         field = applied(case) if name in (*TEXTS, "berea") else None
         found = api.run(case, out=out / name, quiet=True, check=False)

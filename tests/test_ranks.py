@@ -39,7 +39,7 @@ def start(*arguments, ranks=1, **environment):
     """A Python program on so many processes."""
     launcher = ["mpiexec", "-n", str(ranks)] if ranks > 1 else []
     return subprocess.run([*launcher, sys.executable, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True,
-                          env={**ENVIRONMENT, **environment}, timeout=300)
+                          env={**ENVIRONMENT, **environment}, timeout=900)
 
 
 @pytest.fixture(scope="module")

@@ -385,7 +385,7 @@ def weak_scaling(last: Sequence[float], power: float, beads: bool) -> tuple[Sequ
     begin = 0.0
     for n, sites in TABLE_1.items():
         processes, fluid = PROCESSES[n], fluid_of_table_1(n) if beads else float(sites)
-        h = (side**2 * length / sites) ** (1 / 3)  # of a cubic lattice with as many sites
+        h = (side**2 * length * (POROSITY if beads else 1.0) / fluid) ** (1 / 3)  # of a cubic lattice with as many
         near = busiest(np.zeros(3), np.array([side, length, side]), processes, SUPPORT * h, (False, True, False))
         more = (fluid / last[0]) ** power
         work = Work(1e-6 * last[1], 1e-6 * last[2] * more, sum(last[3:]) * more, ONE_FLUID if beads else TWO_FLUIDS)
@@ -635,8 +635,8 @@ def write_report(out: Path, records: Sequence[tuple[Figure, Finding | None, str,
             continue
         lines += [*table(finding.heads, [[str(cell) for cell in row] for row in finding.rows]), ""]
         if finding.modelled is not None:
-            heads, rows = finding.modelled
-            lines += [*table(heads, [[str(cell) for cell in row] for row in rows]), ""]
+            heads, modelled = finding.modelled
+            lines += [*table(heads, [[str(cell) for cell in row] for row in modelled]), ""]
         lines += [*finding.notes, "", f"**{verdict(finding)}** ({seconds:.0f} CPU s)"]
         for picture in finding.pictures:
             lines += ["", f"![{picture.stem}]({picture.relative_to(out).as_posix()})"]

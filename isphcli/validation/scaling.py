@@ -96,7 +96,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Busiest:
-    """What the process with most to see has: processes that it exchanges with, and remote particles over own ones."""
+    """The most of any process: processes that it exchanges with, and remote particles over own ones."""
 
     neighbours: int
     remote: float
@@ -134,7 +134,7 @@ def busiest(lower: np.ndarray, upper: np.ndarray, count: int, reach: float, peri
         volume = np.minimum(seen, edges).prod(axis=1)
         volume[k] = 0.0
         found.append(Busiest(int((volume > 0.0).sum()), float(volume.sum() / edges[k].prod())))
-    return max(found, key=lambda each: each.remote)
+    return Busiest(max(each.neighbours for each in found), max(each.remote for each in found))
 
 
 def sent_in_a_step(work: Work, near: Busiest, own: float) -> tuple[float, float, float]:
