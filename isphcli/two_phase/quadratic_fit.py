@@ -142,7 +142,7 @@ class Scratch(NamedTuple):
     slopes: np.ndarray
     once: np.ndarray
     twice: np.ndarray
-    count: np.ndarray
+    seen: np.ndarray
     place: np.ndarray
     pair: np.ndarray
     scale: np.ndarray
@@ -291,7 +291,7 @@ def _gather(i, m, neighbours, field, work):
     for k in range(padded):
         apart = min((alike[1, k] * near) ** 2, 1.0)
         weight[m, k] *= 1.0 - apart * (1.0 - (0.5 * (1.0 + alike[0, k])) ** APART)
-    work.count[m] = padded
+    work.seen[m] = padded
 
 
 @njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
@@ -300,7 +300,7 @@ def _powers(work, m):
     order, so that they are vectors. More of them would not stay in registers."""
     x, y, z, v, sums = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.product, work.sums
     s, sx, sy, sz, xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(work.count[m]):
+    for k in range(work.seen[m]):
         a, b, c = v[k] * x[k], v[k] * y[k], v[k] * z[k]
         s += v[k]
         sx += a
@@ -319,9 +319,9 @@ def _powers(work, m):
 @njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
 def _higher_powers(work, m):
     """As `_powers`, the weights times the powers of third and fourth order."""
-    x, y, z, w, sums, count = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.weight[m], work.sums, work.count
+    x, y, z, w, sums, seen = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.weight[m], work.sums, work.seen
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = 0.0
-    for k in range(count[m]):
+    for k in range(seen[m]):
         xx, yy, zz = w[k] * x[k] * x[k], w[k] * y[k] * y[k], w[k] * z[k] * z[k]
         s0 += xx * x[k]
         s1 += xx * y[k]
@@ -336,7 +336,7 @@ def _higher_powers(work, m):
     sums[10], sums[11], sums[12], sums[13], sums[14] = s0, s1, s2, s3, s4
     sums[15], sums[16], sums[17], sums[18], sums[19] = s5, s6, s7, s8, s9
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = t0 = t1 = t2 = t3 = t4 = 0.0
-    for k in range(count[m]):
+    for k in range(seen[m]):
         xx, xy, yy, yz, zz = x[k] * x[k], x[k] * y[k], y[k] * y[k], y[k] * z[k], z[k] * z[k]
         a, b, c, e, f = w[k] * xx, w[k] * xy, w[k] * yy, w[k] * yz, w[k] * zz
         s0 += a * xx
@@ -363,7 +363,7 @@ def _higher_powers(work, m):
 def _normal_equations(work, m):
     """Matrix, its lower half, and right-hand side of what phi rises by at the neighbours of place m."""
     for side in range(2):
-        for k in range(work.count[m]):
+        for k in range(work.seen[m]):
             work.product[k] = work.weight[m, k] * (1.0 if side == 0 else work.rise[m, k])
         _powers(work, m)
         for a in range(len(work.scale)):
@@ -384,7 +384,7 @@ def _beyond_neighbours(work, m, steepness):
                                  work.unit, work.form)
     n0, n1, n2 = n[0], n[1], n[2]
     xx, xy, xz, yy, yz, zz = h[0, 0], h[0, 1], h[0, 2], h[1, 1], h[1, 2], h[2, 2]
-    for k in range(work.count[m]):
+    for k in range(work.seen[m]):
         s = xx * x[k] + xy * y[k] + xz * z[k]  # h d
         t = xy * x[k] + yy * y[k] + yz * z[k]
         u = xz * x[k] + yz * y[k] + zz * z[k]

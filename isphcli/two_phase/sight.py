@@ -47,10 +47,11 @@ class Sight:
         count[1 + own] = pairs.count
         row = rows[pairs.index]
         far = Neighbourhood(np.cumsum(count), owner[row], row, everyone.x, owner, everyone.kind, self.reach)
+        if ops.walls is None:  # nothing hides any, and there are no dummies
+            return far, far
+        assert self.geometry is not None
         seen = far.column < n
-        if ops.walls is not None:
-            assert self.geometry is not None
-            self._hide(ops, everyone, far, known, seen)
+        self._hide(ops, everyone, far, known, seen)
         start = np.concatenate([[0], np.cumsum(seen)])[far.start]
         return far._replace(start=start, column=far.column[seen], row=row[seen]), far
 

@@ -47,7 +47,7 @@ def test_the_terms_have_the_same_bits_on_any_number_of_threads(monkeypatch):
         terms = stepper.configure(state.x, phi=state.phi).terms
         interface = terms.interface
         return [np.asarray(part).tobytes() for part in (*interface.fit, *interface.cut[1:], interface.curvature,
-                                                        terms.transposed_stress.tensor, terms.force, terms.jump)]
+                                                        terms.transposed_stress.tensor, terms.jump_acceleration)]
 
     first, *others = on_threads(monkeypatch, bits)
     assert all(found == first for found in others)
