@@ -38,7 +38,7 @@ def open_tiff(path: Path, layout: Layout) -> Stored:
         assert dtype is not None
         dtype = dtype.newbyteorder(file.byteorder)
         spacing = _spacing(file, series, len(shape))
-        start, compression = series.dataoffset, page.compression
+        start, compression = series.dataoffset, tifffile.COMPRESSION(page.compression)
         chunk = int(np.prod(page.chunks, dtype=object)) * dtype.itemsize
         if max(int(np.prod(series.shape, dtype=object)) * dtype.itemsize, chunk) > MOST_PACKED * size:
             raise VoxelError(f"{path}: its header asks for more than {size} bytes can hold; copy it again")
@@ -54,7 +54,7 @@ def open_tiff(path: Path, layout: Layout) -> Stored:
     @contextmanager
     def data() -> Iterator[BinaryIO]:
         with open(path, "rb") as stream:
-            stream.seek(start)
+            stream.seek(start or 0)  # None: not in one piece, and not read so
             yield stream
 
     def by_pages(keep: Part) -> np.ndarray:
@@ -69,7 +69,7 @@ def open_tiff(path: Path, layout: Layout) -> Stored:
             except (AttributeError, ImportError, ValueError) as error:
                 if "imagecodecs" in str(error) or isinstance(error, ImportError):
                     raise VoxelError(
-                        f"{path}: is stored in a way ({page.compression.name}, {page.bitspersample} bits a voxel) that "
+                        f"{path}: is stored in a way ({compression.name}, {page.bitspersample} bits a voxel) that "
                         "the package imagecodecs reads: pip install imagecodecs, or save it in 8 or 16 bits, plain or "
                         "with deflate"
                     ) from None
