@@ -133,6 +133,7 @@ ALLOWED = {
     ("two_phase.interface_rules", "(viscosity / density).min()"): FLUIDS,
     ("two_phase.measures", "(state.u * state.u).sum(axis=1)"): OWN,
     ("two_phase.measures", "(offset * offset).sum(axis=1)"): OWN,
+    ("two_phase.measures", "np.einsum('ncd,nd->nc', gradient.reshape(len(near), ops.dim, ops.dim), way)"): OWN,
     ("two_phase.measures", "((b - a) ** 2).sum(axis=1)"): OWN,
     ("two_phase.measures", "((points - middle) ** 2).sum(axis=1)"): OWN,
     ("two_phase.measures", "(local * local).sum(axis=1)"): OWN,
