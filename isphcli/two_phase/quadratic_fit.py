@@ -156,7 +156,7 @@ def _scratch(neighbours: Neighbourhood, quadratic: bool) -> Scratch:
     arrays = in_one_piece((size, size, TOGETHER), (size, TOGETHER), (size, TOGETHER), (TOGETHER, 3, most),
                           (TOGETHER, most), (TOGETHER, most), (2, most), (most,), (35,), (size,), (dim,), (size,), (3,),
                           (3, 3), (dim,), (dim,), (dim,))
-    work = Scratch(*arrays, np.zeros(TOGETHER, np.int64), place, pair, scale)
+    work = Scratch._make([*arrays, np.zeros(TOGETHER, np.int64), place, pair, scale])
     for array in (work.matrix, work.right, work.more, work.unit, work.form):
         array[:] = 0.0  # of fewer particles than TOGETHER, and in 2D the third components
     return work

@@ -531,7 +531,7 @@ def _verdict_cells(ladder: Ladder) -> list[str]:
     result, own, best = verdict(ladder), ladder.own, ladder.best
     assert ladder.case.reference is not None
     return [
-        _name(ladder), result.word, result.why, _or_dash(own and own.cpu_seconds),
+        _name(ladder), result.word, result.why, _or_dash(None if own is None else own.cpu_seconds),
         *(("-", "-", "-") if best is None else (f"{best.error:.3e}", f"{best.spacing:g}", _or_dash(best.cpu_seconds))),
         _or_dash(ladder.order), ladder.case.reference.reason or "-",
     ]  # fmt: skip
