@@ -260,7 +260,8 @@ def write_vti(path: str | os.PathLike, grid: Grid | GridParts, time: float | Non
     """Write a grid as VTK image data: points in the middles of the cells, so that streamlines pass pores one cell wide.
 
     Vectors have three components; 2D grids one layer. The units (`UNITS`) are in the file, as ParaView reads them;
-    time: s. Of several processes all call it, with GridParts, and rank 0 writes. Raises NotFiniteError for NaN or infinity.
+    time: s. Of several processes all call it, with GridParts, and rank 0 writes. Raises NotFiniteError for NaN or
+    infinity.
     """
     parts = grid.in_parts()
     if current().rank > 0:
