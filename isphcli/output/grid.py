@@ -34,7 +34,7 @@ TYPES = {"f8": "Float64", "i4": "Int32", "u1": "UInt8"}
 
 
 @dataclass(frozen=True)
-class Cells:
+class GridCells:
     """The cells of one size that fill a box. lower: (dim,) m, corner of the box; edges: (dim,) m, of a cell; counts:
     (dim,) int along x, y(, z)."""
 
@@ -43,12 +43,12 @@ class Cells:
     counts: np.ndarray
 
     @staticmethod
-    def of(geometry: Geometry, spacing: float, cell: float | np.ndarray | None = None) -> Cells:
+    def of(geometry: Geometry, spacing: float, cell: float | np.ndarray | None = None) -> GridCells:
         """Those of the box of a scene. cell: edges, m, made to fit the box a whole number of times; without it the
         spacing, m."""
         length = geometry.upper - geometry.lower
         counts = np.maximum(np.rint(length / (spacing if cell is None else cell)).astype(int), 1)
-        return Cells(np.array(geometry.lower), length / counts, counts)
+        return GridCells(np.array(geometry.lower), length / counts, counts)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -78,34 +78,34 @@ class Grid:
         """Cells along x, y(, z)."""
         return self.arrays["solid"].shape[::-1]
 
-    def in_parts(self) -> Parts:
+    def in_parts(self) -> GridParts:
         """The same, layer by layer."""
         fields = {name: (v.dtype, v.shape[len(self.cell):]) for name, v in self.arrays.items()}
-        layout = Layout(Cells(self.lower, self.cell, np.array(self.counts)), fields)
+        layout = GridLayout(GridCells(self.lower, self.cell, np.array(self.counts)), fields)
         layers = len(self.arrays["solid"])
         deep = max(AT_ONCE * layers // self.arrays["solid"].size, 1)
-        return Parts(layout, ({name: v[low : low + deep] for name, v in self.arrays.items()}
+        return GridParts(layout, ({name: v[low : low + deep] for name, v in self.arrays.items()}
                               for low in range(0, layers, deep)))
 
 
 @dataclass(frozen=True)
-class Layout:
+class GridLayout:
     """What is known of a grid before its values. fields: {name: (type, components)}, () of a scalar."""
 
-    cells: Cells
+    cells: GridCells
     fields: dict[str, tuple[np.dtype, tuple[int, ...]]]
 
 
 @dataclass(frozen=True)
-class Parts:
+class GridParts:
     """A grid that comes in parts: layers of its cells along the last axis, one part after the other, so that nobody
     holds the whole. values: of each part the arrays of all fields, [z, y, x, ...] or [y, x, ...]. Of several processes
     all go through them together; the arrays of the others than rank 0 are empty."""
 
-    layout: Layout
+    layout: GridLayout
     values: Iterator[dict[str, np.ndarray]]
 
-    def in_parts(self) -> Parts:
+    def in_parts(self) -> GridParts:
         """Itself."""
         return self
 
@@ -121,7 +121,7 @@ def make_grid(geometry: Geometry, x: np.ndarray, fields: Mapping[str, np.ndarray
     function, fitted to the particles within REACH that no wall hides, with the inverse squares of the distances as
     weights: linear fields are exact. It keeps within the range of these particles. Of none, zero.
     """
-    values = _Values(geometry, x, fields, spacing, Cells.of(geometry, spacing, cell))
+    values = _Values(geometry, x, fields, spacing, GridCells.of(geometry, spacing, cell))
     cells, total = values.layout.cells, int(values.layout.cells.counts.prod())
     arrays = _empty(values.layout, cells.shape)
     for first in range(0, total, AT_ONCE):
@@ -131,7 +131,7 @@ def make_grid(geometry: Geometry, x: np.ndarray, fields: Mapping[str, np.ndarray
     return Grid(cells.lower, cells.edges, arrays)
 
 
-def _empty(layout: Layout, shape: tuple[int, ...]) -> dict[str, np.ndarray]:
+def _empty(layout: GridLayout, shape: tuple[int, ...]) -> dict[str, np.ndarray]:
     """Arrays of some cells that are all solid."""
     arrays = {name: np.zeros((*shape, *components), kind) for name, (kind, components) in layout.fields.items()}
     arrays["solid"][:] = 1
@@ -144,9 +144,9 @@ class _Values:
     """Fields in the middles of cells. Arguments as those of `make_grid`."""
 
     def __init__(self, geometry: Geometry, x: np.ndarray, fields: Mapping[str, np.ndarray], spacing: float,
-                 cells: Cells):
+                 cells: GridCells):
         self.geometry, self.fields, self.spacing = geometry, fields, spacing
-        self.layout = Layout(cells, {name: (np.dtype(np.int32 if v.dtype.kind in "iub" else float), v.shape[1:])
+        self.layout = GridLayout(cells, {name: (np.dtype(np.int32 if v.dtype.kind in "iub" else float), v.shape[1:])
                                      for name, v in fields.items()} | {"solid": (np.dtype(np.uint8), ())})
         length = geometry.upper - geometry.lower
         inside = np.mod(x - geometry.lower, length)
@@ -220,7 +220,7 @@ class _Fit:
 
 
 def grid_in_parts(geometry: Geometry, x: np.ndarray, fields: Mapping[str, np.ndarray], spacing: float,
-                  cell: float | np.ndarray | None, share: Share) -> Parts:
+                  cell: float | np.ndarray | None, share: Share) -> GridParts:
     """As `make_grid`, of several processes: each finds the values of the cells in its brick from its own particles and
     those beside it, rank 0 gathers layer by layer. x, fields: of the own particles; share: of this process."""
     from ..domain.migration import Migration
@@ -228,8 +228,8 @@ def grid_in_parts(geometry: Geometry, x: np.ndarray, fields: Mapping[str, np.nda
     reach = REACH * spacing
     near = Migration(share, geometry.lower, geometry.upper, geometry.periodic, reach).around(x, np.arange(len(x)))
     known = {name: near.exchange.forward(np.ascontiguousarray(v)) for name, v in fields.items()}
-    values = _Values(geometry, np.concatenate([x, near.ghosts]), known, spacing, Cells.of(geometry, spacing, cell))
-    return Parts(values.layout, _gathered(values, share))
+    values = _Values(geometry, np.concatenate([x, near.ghosts]), known, spacing, GridCells.of(geometry, spacing, cell))
+    return GridParts(values.layout, _gathered(values, share))
 
 
 def _gathered(values: _Values, share: Share) -> Iterator[dict[str, np.ndarray]]:
@@ -256,11 +256,12 @@ def _gathered(values: _Values, share: Share) -> Iterator[dict[str, np.ndarray]]:
         yield arrays
 
 
-def write_vti(path: str | os.PathLike, grid: Grid | Parts, time: float | None = None) -> None:
+def write_vti(path: str | os.PathLike, grid: Grid | GridParts, time: float | None = None) -> None:
     """Write a grid as VTK image data: points in the middles of the cells, so that streamlines pass pores one cell wide.
 
     Vectors have three components; 2D grids one layer. The units (`UNITS`) are in the file, as ParaView reads them;
-    time: s. Of several processes all call it, with Parts, and rank 0 writes. Raises NotFiniteError for NaN or infinity.
+    time: s. Of several processes all call it, with GridParts, and rank 0 writes. Raises NotFiniteError for NaN or
+    infinity.
     """
     parts = grid.in_parts()
     if current().rank > 0:
@@ -280,7 +281,7 @@ def write_vti(path: str | os.PathLike, grid: Grid | Parts, time: float | None = 
             out.write(b"\n  </AppendedData>\n</VTKFile>\n")
 
 
-def _vti_head(layout: Layout, sizes: Mapping[str, int], time: float | None) -> str:
+def _vti_head(layout: GridLayout, sizes: Mapping[str, int], time: float | None) -> str:
     """What stands before the values. sizes: bytes of each field in the file."""
     cells, dim = layout.cells, len(layout.cells.counts)
     counts = (*cells.counts.tolist(), 1)[:3]

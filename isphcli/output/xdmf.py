@@ -19,7 +19,7 @@ from ..domain.communicator import current, on_first
 from .files import SNAPSHOTS, NotFiniteError, Series, field_arrays, replacing, require_finite, write_text
 
 if TYPE_CHECKING:
-    from .grid import Grid, Parts
+    from .grid import Grid, GridParts
 
 POINTS, TOPOLOGY = "points", "topology"  # datasets beside the fields
 HEAD = '<?xml version="1.0"?>\n<Xdmf Version="3.0">\n  <Domain>\n'
@@ -69,7 +69,7 @@ class XdmfSeries(Series):
                  f'        <Geometry GeometryType="XYZ">\n{_item(file, POINTS, *kinds[POINTS])}        </Geometry>\n')
         return self._add(file, time, shape, fields_of, 1)
 
-    def write_grid(self, step: int, time: float, grid: Grid | Parts) -> Path:
+    def write_grid(self, step: int, time: float, grid: Grid | GridParts) -> Path:
         """As `write`, of a grid: points in the middles of its cells."""
         file, parts = self._file(step, time), grid.in_parts()
         cells, dim = parts.layout.cells, len(parts.layout.cells.counts)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..domain.lattice import Particles
     from ..flow.one_fluid import Fluids
     from ..flow.state import State
-    from ..output.grid import Grid, Parts
+    from ..output.grid import Grid, GridParts
     from ..output.plots import Frame
     from ..references.result import Result
     from .time_loop import TimeLoop
@@ -236,7 +236,7 @@ def write_grid(series: Series | None, case: Case, geometry: Geometry, particles:
     x, velocity, pressure = flow
     step, time = moment
     fields = {"velocity": velocity, "pressure": pressure, "phase": particles.phase}
-    grid: Grid | Parts = (make_grid(geometry, x, fields, spacing, cell) if particles.share is None else
+    grid: Grid | GridParts = (make_grid(geometry, x, fields, spacing, cell) if particles.share is None else
                           grid_in_parts(geometry, x, fields, spacing, cell, particles.share))
     if case.output.format == "xdmf":
         from ..output.xdmf import XdmfSeries

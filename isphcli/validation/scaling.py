@@ -79,6 +79,7 @@ class Counted:
     set_ups: float
 
 
+# Counted by benchmarks/scaling.py, 2026-11-30
 ONE_FLUID = Counted((30.0, 1.0), (600.0, 8.0), (40.0, 1.0), 0.1)
 TWO_FLUIDS = Counted((60.0, 1.0), (1500.0, 8.0), (80.0, 1.0), 0.1)
 

@@ -26,7 +26,7 @@ MATRIX = "a row of a matrix takes a particle and its neighbours"
 WALLS = "over the walls, of which every process has all"
 GATHERED = "over points, particles or links that one process will have to gather: there are few, or it is seldom done"
 TIMES = "over times at which a force or a wall is looked at"
-BINS = "histograms of the particles of this process, which are added up over all of them"
+BINS = "histograms of the particles of this process and those next to a cut, of all of them together"
 RANKS = "over the processes, or of this one alone before they are joined"
 SCRATCH = "length of scratch arrays, which every process makes for its own rows"
 ONE = "of the hierarchy of one process alone"
@@ -40,8 +40,11 @@ ALLOWED = {
     ("domain.cut", "(upto < (share * whole)[:, None]).sum(axis=1)"): BINS,
     ("domain.cut", "counts.sum(axis=1)"): BINS,
     ("domain.cut", "current().sum(counts.reshape(k, BINS))"): BINS,
+    ("domain.cut", "current().max(beside)"): BINS,
+    ("domain.cut", "np.argmax(brick.upper - brick.lower)"): AXES,
     ("domain.cut", "np.argmax(node.upper - node.lower)"): AXES,
     ("domain.cut", "np.bincount(of[inside] * BINS + bin_of[inside].astype(np.int64), minlength=k * BINS)"): BINS,
+    ("domain.cut", "np.isfinite(beside).all(axis=0)"): BINS,
     ("domain.exchange", "want.sum()"): RANKS,
     ("domain.exchange", "np.bincount(owner, minlength=comm.size)"): RANKS,
     ("domain.lattice", "self.counts.prod()"): AXES,

@@ -151,6 +151,6 @@ def test_disorder_does_not_depend_on_who_owns_a_particle():
     n = calm.n_fluid
     some = np.random.default_rng(2).permutation(n)[: n // 2]
     share = replace(calm, x=np.concatenate([calm.x[:n][some], calm.x[n:]]), phase=calm.phase[some])
-    found = jittered(disordered, build_geometry(case), share, some)
+    found = jittered(disordered, build_geometry(case), share, some, case.particles.spacing)
     assert np.array_equal(found.x, np.concatenate([moved.x[:n][some], moved.x[n:]]))
     assert 0 < (moved.x[:n] == calm.x[:n]).all(axis=1).sum() < n // 2
