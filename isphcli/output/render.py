@@ -204,7 +204,7 @@ def main(folder: Path, names: Sequence[str]) -> None:
     drawn = {FLOW: _draw_flow, SHEAR: _draw_shear, FLUIDS: _draw_fluids}
     grid, facts = _grid(pv, scene), {}
     for name in names:
-        plotter = pv.Plotter(off_screen=True, window_size=list(SIZE), lighting="light kit")
+        plotter: Any = pv.Plotter(off_screen=True, window_size=list(SIZE), lighting="light kit")
         plotter.set_background("white")
         facts[name] = drawn[name](pv, plotter, grid, scene)
         _look(pv, plotter, scene)

@@ -135,7 +135,8 @@ def _mp4_writer() -> Callable[[Path, Sequence[Image], float], None]:
         raise FilmError("an mp4 needs imageio and ffmpeg: pip install 'imageio[ffmpeg]', or write a .gif") from None
 
     def write(path: Path, frames: Sequence[Image], rate: float) -> None:
-        with imageio.get_writer(path, format="FFMPEG", mode="I", fps=rate, macro_block_size=BLOCK) as film:
+        writer: Any = imageio.get_writer(path, format="FFMPEG", mode="I", fps=rate, macro_block_size=BLOCK)
+        with writer as film:
             for frame in frames:
                 film.append_data(np.asarray(frame))
 

@@ -89,9 +89,7 @@ def quadratic_fit(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray,
     """QuadraticFit of the particles `wanted` (n,), from those that are `known` (n,); elsewhere the value is phi (n,),
     m, and slope and curvature are zero. neighbours: of the fluid particles; gradient: (n, dim) of phi, roughly;
     spacing: m. phi, known and gradient are those of remote particles too."""
-    n, dim = neighbours.n, neighbours.x.shape[1]
-    fit = QuadraticFit(phi[:n].copy(), np.zeros((n, dim)), np.zeros(n), np.zeros((n, dim * dim)))
-    field = Distance(phi, known, directions(gradient), spacing / neighbours.support)
+    fit, field = _none(phi, neighbours), Distance(phi, known, directions(gradient), spacing / neighbours.support)
     which = np.flatnonzero(wanted)
     over_rows(_fit, len(which), which, neighbours, field, walls, fit, work=lambda: _scratch(neighbours, True))
     return fit
@@ -107,12 +105,15 @@ def own_gradient(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray, 
                  spacing: float) -> np.ndarray:
     """Gradient (n, dim) of phi (n,), m, over the neighbours whose distance is to the same interface, of the particles
     that are `known` (n,); gradient: over all of them. What is given is that of remote particles too."""
-    n, dim = neighbours.n, gradient.shape[1]
-    out = np.zeros((n, dim))
-    field = Distance(phi, known, directions(gradient), spacing / neighbours.support)
-    which = np.flatnonzero(known[:n])
-    over_rows(_linear, len(which), which, neighbours, field, out, work=lambda: _scratch(neighbours, False))
-    return out
+    fit, field = _none(phi, neighbours), Distance(phi, known, directions(gradient), spacing / neighbours.support)
+    which, walls = np.flatnonzero(known[: neighbours.n]), no_slopes(neighbours.n, gradient.shape[1])
+    over_rows(_fit, len(which), which, neighbours, field, walls, fit, work=lambda: _scratch(neighbours, False))
+    return fit.slope
+
+
+def _none(phi: np.ndarray, neighbours: Neighbourhood) -> QuadraticFit:
+    n, dim = neighbours.n, neighbours.x.shape[1]
+    return QuadraticFit(phi[:n].copy(), np.zeros((n, dim)), np.zeros(n), np.zeros((n, dim * dim)))
 
 
 class Scratch(NamedTuple):
@@ -151,12 +152,12 @@ class Scratch(NamedTuple):
 def _scratch(neighbours: Neighbourhood, quadratic: bool) -> Scratch:
     """quadratic: of a quadratic function, else of a linear one without its constant."""
     dim, most = neighbours.x.shape[1], int(neighbours.longest) + LANES
-    place, pair, scale = _terms(dim, quadratic)
-    size = len(place)
+    terms = _terms(dim, quadratic)
+    size = len(terms[0])
     arrays = in_one_piece((size, size, TOGETHER), (size, TOGETHER), (size, TOGETHER), (TOGETHER, 3, most),
                           (TOGETHER, most), (TOGETHER, most), (2, most), (most,), (35,), (size,), (dim,), (size,), (3,),
                           (3, 3), (dim,), (dim,), (dim,))
-    work = Scratch._make([*arrays, np.zeros(TOGETHER, np.int64), place, pair, scale])
+    work = Scratch(*[*arrays, np.zeros(TOGETHER, np.int64), *terms])
     for array in (work.matrix, work.right, work.more, work.unit, work.form):
         array[:] = 0.0  # of fewer particles than TOGETHER, and in 2D the third components
     return work
@@ -181,14 +182,17 @@ def _fit(turns, work, which, neighbours, field, walls, fit):
     matrix, right, more, basis, d, c = work.matrix, work.right, work.more, work.basis, work.d, work.coefficients
     phi, (value, slope, curvature, form) = field.phi, fit
     dim, size, own = len(d), len(basis), shape(kind, 0.0)
+    quadratic = size > dim  # else a linear function without its constant, of which the slope is asked
     for first in range(turns[0], turns[1], TOGETHER):
         lanes = min(TOGETHER, turns[1] - first)
         for m in range(lanes):
             i = which[first + m]
             _gather(i, m, neighbours, field, work)
-            _higher_powers(work, m)
+            if quadratic:
+                _higher_powers(work, m)
             _normal_equations(work, m)
-            matrix[0, 0, m] += own
+            if quadratic:
+                matrix[0, 0, m] += own
             for p in range(wall_start[i], wall_start[i + 1]):
                 w = wall_weight[p] * _weight(d, offset, p, support, kind)
                 _slopes(basis, d, normal[p])
@@ -196,21 +200,26 @@ def _fit(turns, work, which, neighbours, field, walls, fit):
                     for b in range(a + 1):
                         matrix[a, b, m] += w * basis[a] * basis[b]
                     right[a, m] += w * basis[a] * support * wall_slope[p]
-            for a in range(1, size):
+            for a in range(1 if quadratic else 0, size):
                 matrix[a, a, m] += own * (RIDGE if a > dim else RIDGE_FIRST)
         _factors(matrix)
         _solve(matrix, right)
+        if not quadratic:
+            for m in range(lanes):
+                for k in range(dim):
+                    slope[which[first + m], k] = right[k, m] / support
+            continue
         for m in range(lanes):
             i = which[first + m]
             for a in range(size):
                 c[a] = right[a, m]
             # what a quadratic function cannot have of a distance follows from it, and is taken off in a second fit
-            steepness = _levels(c, work)
+            steepness = _levels(c, work.unit, work.form, work.once)
             _beyond_neighbours(work, m, steepness)
             for p in range(wall_start[i], wall_start[i + 1]):
                 w = wall_weight[p] * _weight(d, offset, p, support, kind)
                 _slopes(basis, d, normal[p])
-                _slopes_beyond(work)
+                _slopes_beyond(d, work.unit, work.form, (work.slopes, work.once, work.twice))
                 along = 0.0
                 for k in range(dim):
                     along += work.slopes[k] * normal[p, k]
@@ -225,27 +234,10 @@ def _fit(turns, work, which, neighbours, field, walls, fit):
             for k in range(dim):
                 slope[i, k] = c[1 + k] / support
             curvature[i] = _curvature(c, dim, support, value[i])
-            _levels(c, work)
+            _levels(c, work.unit, work.form, work.once)
             for a in range(dim):
                 for b in range(dim):
                     form[i, a * dim + b] = work.form[a, b] / support
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _linear(turns, work, which, neighbours, field, out):
-    matrix, right, dim = work.matrix, work.right, len(work.d)
-    for first in range(turns[0], turns[1], TOGETHER):
-        lanes = min(TOGETHER, turns[1] - first)
-        for m in range(lanes):
-            _gather(which[first + m], m, neighbours, field, work)
-            _normal_equations(work, m)
-            for a in range(dim):
-                matrix[a, a, m] += RIDGE_FIRST
-        _factors(matrix)
-        _solve(matrix, right)
-        for m in range(lanes):
-            for a in range(dim):
-                out[which[first + m], a] = right[a, m] / neighbours.support
 
 
 @njit(cache=True, error_model="numpy")
@@ -472,10 +464,10 @@ def _product(h, v, out):
 
 
 @njit(cache=True, error_model="numpy")
-def _levels(c, work):
+def _levels(c, unit, form, across):
     """|g| of coefficients c. Written: unit = g / |g| and form, the second derivatives over |g| along the levels of phi:
     the second fundamental form of the level, at most MOST_BENT in size."""
-    unit, form, across, dim = work.unit, work.form, work.once, len(work.d)
+    dim = len(across)
     steepness = 0.0
     for a in range(dim):
         steepness += c[1 + a] ** 2
@@ -504,9 +496,10 @@ def _levels(c, work):
 
 
 @njit(cache=True, error_model="numpy")
-def _slopes_beyond(work):
-    """Slopes of the terms of higher order of a distance (see `_beyond_neighbours`) at d are written."""
-    d, n, h, slopes, once, twice, dim = work.d, work.unit, work.form, work.slopes, work.once, work.twice, len(work.d)
+def _slopes_beyond(d, n, h, vectors):
+    """Slopes of the terms of higher order of a distance (see `_beyond_neighbours`) at d are written to the first of
+    three vectors (dim,)."""
+    (slopes, once, twice), dim = vectors, len(d)
     _product(h, d, once)
     _product(h, once, twice)
     _product(h, twice, slopes)

@@ -8,6 +8,7 @@ Only particles that know their distance are looked through, and no operator has 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -71,7 +72,7 @@ class Sight:
 @njit(cache=True)
 def _known_or_asked(in_sight, everyone, far, distance, seen, ask):
     """Of the pairs `far` those that a wall hides by what is known, taken out of seen (n_pairs,), and those that it may
-    hide, in ask (n_pairs,): two free balls round the particles, distance (n,) m, do not cover the way."""
+    hide, in ask (n_pairs,): no free balls round particles, distance (n,) m, cover the way."""
     mark, n = np.zeros(len(far.x), np.int64), len(distance)  # 2 i + 2: a neighbour of i in sight; 2 i + 1: hidden
     for i in range(len(far.start) - 1):
         if far.start[i] == far.start[i + 1]:
@@ -90,5 +91,26 @@ def _known_or_asked(in_sight, everyone, far, distance, seen, ask):
             r2 = 0.0
             for k in range(far.x.shape[1]):
                 r2 += (far.x[j, k] - far.x[i, k]) ** 2
-            clear = max(distance[i] + distance[far.column[p]], 0.0) * (1.0 + 1e-9)
-            ask[p] = clear * clear < r2
+            ask[p] = not _free(i, far.column[p], math.sqrt(r2), j, far.x, distance, in_sight)
+
+
+@njit(cache=True)
+def _free(i, j, r, there, x, distance, in_sight):
+    """Whether free balls cover the way of length r from particle i to j, whose place is a row of x: those round both,
+    and that round a neighbour of i: sqrt(distance^2 - h^2) of the way to either side, h from the middle of the ball."""
+    from_here, from_there = max(distance[i], 0.0), r - max(distance[j], 0.0)
+    if from_there <= from_here * (1.0 + 1e-9):
+        return True
+    for q in range(in_sight.start[i], in_sight.start[i + 1]):
+        along, square, free = 0.0, 0.0, distance[in_sight.column[q]]
+        for k in range(x.shape[1]):
+            away = x[in_sight.row[q], k] - x[i, k]
+            along += away * (x[there, k] - x[i, k])
+            square += away * away
+        along /= r
+        half = max(free, 0.0) ** 2 - max(square - along * along, 0.0)
+        if half > 0.0:
+            half = (1.0 - 1e-9) * math.sqrt(half)
+            if along - half <= from_here and along + half >= from_there:
+                return True
+    return False
