@@ -24,6 +24,7 @@ from .check_report import CheckReport, Term, in_bytes
 from .costs_of_ranks import of_ranks
 from .estimates import costs, flow_estimate, steps
 from .findings import absent_fluids, contact_angle_findings, drive_findings, other_findings, resolution_findings
+from .menisci import menisci_findings
 from .throats import Sites, throats
 
 # Of a lattice that is looked at site by site: 0.6 us each on an idle core, 2 us on a busy one (Berea, 2026-11-29)
@@ -88,6 +89,7 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
         result.errors.append("a steady solve has one fluid; use flow: navier_stokes for two")
     result.warnings += list(resolution_findings(result, geometry, lattice))
     result.warnings += list(contact_angle_findings(case, geometry))
+    result.warnings += list(menisci_findings(result))
     result.warnings += list(other_findings(result, geometry, sites))
     if not to_run:
         other = other_sample(case, geometry)
