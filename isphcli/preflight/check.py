@@ -34,6 +34,7 @@ from .findings import (
     resolution_findings,
     step_findings,
 )
+from .menisci import menisci_findings
 from .throats import Sites, throats
 
 # Of a lattice that is looked at site by site: 0.6 us each on an idle core, 2 us on a busy one (Berea, 2026-11-29)
@@ -106,6 +107,7 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
     result.warnings += list(contact_angle_findings(case, geometry))
     result.warnings += list(reservoir_findings(case))
     result.warnings += list(step_findings(result))
+    result.warnings += list(menisci_findings(result))
     result.warnings += list(other_findings(result, geometry, sites))
     if not to_run:
         other = other_sample(case, geometry)
