@@ -228,8 +228,8 @@ quiet_option = click.option("--quiet", is_flag=True, help="No progress display; 
 @quiet_option
 @guarded
 def run(
-    case_file: Path | None, out: Path | None, restart: Path | None, overwrite: bool, check_only: bool,
-    ranks: int | None, threads: int | None, overrides: tuple[str, ...], quiet: bool,
+    case_file: Path | None, out: Path | None, restart: Path | None, overwrite: bool, overrides: tuple[str, ...],
+    quiet: bool, **more: Any,
 ) -> int:  # fmt: skip
     """Run a case.
 
@@ -248,6 +248,7 @@ def run(
         raise click.UsageError("give a CASE, or --restart DIR")
     if overwrite and restart is not None and (out is None or out.resolve() == restart.resolve()):
         raise click.UsageError("--restart goes on with the files in DIR, --overwrite replaces them: give one of them")
+    threads, ranks, check_only = more["threads"], more["ranks"], more["check_only"]
     set_threads(threads, quiet)
     ranks_go_with_a_check(ranks, check_only)
     if check_only:

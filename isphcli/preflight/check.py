@@ -88,12 +88,7 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
     through = [axis for axis in driven if result.connectivity.percolates[axis] and forcing.opens(case, axis)]
     if geometry.has_solid:
         result.throats = throats(sites, geometry, case.particles.spacing, through)
-    with np.errstate(all="ignore"):  # what is not finite is told
-        result.flow = flow_estimate(case, geometry, sites, result.throats, driven)
-    if result.flow is not None and not math.isfinite(result.flow.motion.largest + result.flow.motion.acceleration):
-        result.errors.append("the velocity to expect leaves the range of numbers; check units of drive, viscosity and "
-                             "initial velocity")
-        result.flow = None
+    if not _flow_is_expected(result, geometry, sites, driven):
         return result
     if case.flow != "stokes":
         result.steps = steps(case, geometry, result.flow, result.throats, fluids_there(case, sites))
@@ -103,12 +98,9 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
     kinds = {(f.density, f.mu) for f in case.fluids.values()}
     if case.flow == "stokes" and sites.per_fluid[1:].any() and len(kinds) > 1:
         result.errors.append("a steady solve has one fluid; use flow: navier_stokes for two")
-    result.warnings += list(resolution_findings(result, geometry, lattice))
-    result.warnings += list(contact_angle_findings(case, geometry))
-    result.warnings += list(reservoir_findings(case))
-    result.warnings += list(step_findings(result))
-    result.warnings += list(menisci_findings(result))
-    result.warnings += list(other_findings(result, geometry, sites))
+    result.warnings += [*resolution_findings(result, geometry, lattice), *contact_angle_findings(case, geometry),
+                        *reservoir_findings(case), *step_findings(result), *menisci_findings(result),
+                            *other_findings(result, geometry, sites)]
     if not to_run:
         other = other_sample(case, geometry)
         result.warnings += [] if other is None else [f"the reference is not compared: {other}"]
@@ -116,6 +108,18 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
     elif case.flow != "stokes":  # the run finds out, by its particles
         result.warnings += result.errors
     return result
+
+
+def _flow_is_expected(result: CheckReport, geometry: Geometry, sites: Sites, driven: Sequence[int]) -> bool:
+    """Finds the flow to expect; False where its velocity leaves the range of numbers, which is an error."""
+    with np.errstate(all="ignore"):  # what is not finite is told
+        flow = flow_estimate(result.case, geometry, sites, result.throats, driven)
+    if flow is not None and not math.isfinite(flow.motion.largest + flow.motion.acceleration):
+        result.errors.append("the velocity to expect leaves the range of numbers; check units of drive, viscosity and "
+                             "initial velocity")
+        return False
+    result.flow = flow
+    return True
 
 
 def _costs(result: CheckReport, geometry: Geometry, sites: Sites, ranks: int | None) -> None:

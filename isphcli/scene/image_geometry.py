@@ -107,7 +107,8 @@ def _layers_that_fit(case: Case, labels: np.ndarray, axis: int | None, edges: np
     try:
         memory.refuse_pores(case, labels, edges, added)
     except ParticleError as error:  # voxels in another unit than the spacing make absurd numbers of particles
-        raise ParticleError("; ".join((str(error), *unusual))) from None
+        thick = (f"most of them are in the clear layers of {clear} voxels: {fix}",) if added > labels.size else ()
+        raise ParticleError("; ".join((str(error), *thick, *unusual))) from None
     return ClearLayers(axis, clear) if axis is not None and clear > 0 else None
 
 

@@ -160,7 +160,6 @@ ALLOWED = {
     ("two_phase.measures", "((points - middle) ** 2).sum(axis=1).mean()"): GATHERED,
     ("two_phase.measures", "(off * off).mean()"): GATHERED,
     ("two_phase.quadratic_fit", "np.einsum('ij,ij->i', gradient, gradient)"): OWN,
-    ("two_phase.surface_tension", "self.density.mean()"): FLUIDS,
     ("two_phase.two_fluids", "self.density.mean()"): FLUIDS,
     ("two_phase.two_fluids", "(self.mu / self.density).max()"): FLUIDS,
     ("two_phase.two_fluids", "(self.mu / self.density).min()"): FLUIDS,

@@ -34,18 +34,28 @@ time: {end: 1}
 """
 
 
-def test_a_clear_layer_of_a_million_kilometres_is_refused(tmp_path):
-    np.save(tmp_path / "image.npy", np.pad(np.zeros((2, 2, 2), np.uint8), 1, constant_values=1))
-    text = f"""
+LONG = """
 geometry:
-  voxels: {{file: {tmp_path}/image.npy, labels: {{solid: 1, water: 0}}, voxel_size: 1.0e-6, clear_layer: 1e9}}
+  voxels: {{file: {folder}/image.npy, labels: {{solid: 1, water: 0}}, voxel_size: 1.0e-6, clear_layer: {layer}}}
 particles: {{spacing: 1.0e-6}}
 fluids: {{water: {{density: 1, viscosity: 1}}}}
 flow: stokes
 drive: {{axes: [x]}}
 """
+
+
+def test_a_clear_layer_of_a_million_kilometres_is_refused(tmp_path):
+    np.save(tmp_path / "image.npy", np.pad(np.zeros((2, 2, 2), np.uint8), 1, constant_values=1))
     with pytest.raises(ParticleError, match=r"clear layers of \d+ voxels need about .* GB"):
-        build_geometry(read_case(text.encode(), "case.yaml"))
+        build_geometry(read_case(LONG.format(folder=tmp_path, layer="1e9").encode(), "case.yaml"))
+
+
+def test_particles_that_do_not_fit_for_the_clear_layers_are_no_matter_of_the_spacing(tmp_path, monkeypatch):
+    """Layers of ten centimetres on an image of four micrometres: their distances to walls fit, not their particles."""
+    np.save(tmp_path / "image.npy", np.pad(np.zeros((2, 2, 2), np.uint8), 1, constant_values=1))
+    monkeypatch.setattr(memory, "available", lambda: 1e9)
+    with pytest.raises(ParticleError, match=r"in the clear layers of 100000 voxels: take a smaller geometry"):
+        build_geometry(read_case(LONG.format(folder=tmp_path, layer="0.1").encode(), "case.yaml"))
 
 
 def test_a_scene_is_refused_where_the_machine_is_full(monkeypatch):
