@@ -95,7 +95,7 @@ class Stepper:
             from ..operators.wall_scene import WallScene
 
             self.walls = WallScene(self.geometry, self.dummies, self.support, self.kind, self.site_volume,
-                                   self.fluids.line, self.reach)
+                                   self.fluids.line)
 
     @property
     def reach(self) -> float:
@@ -137,7 +137,7 @@ class Stepper:
             if walls.line is not None and phi is not None:
                 walls = walls.with_interface(phi)
             with self.clock("operators"):
-                ops, neighbours, images = walls.configure(x, share)
+                ops, neighbours, images = walls.configure(x, share, self.reach)
         else:
             with self.clock("neighbours"):
                 exchange, seen, brick = (NO_EXCHANGE, x, None) if share is None else (

@@ -40,16 +40,16 @@ class WallScene:
     """Dummies of a scene and their wall data, which never change.
 
     geometry: Geometry; dummies: (n_dummy, dim) m; support: m; kind: kernel number; site_volume: m^dim;
-    line: what changes walls near a contact line, or None. reach: how far any particle sees, m, or None for the support.
+    line: what changes walls near a contact line, or None.
     """
 
     def __init__(self, geometry: Geometry, dummies: np.ndarray, support: float, kind: int, site_volume: float,
-                 line: WallChange | None = None, reach: float | None = None):
+                 line: WallChange | None = None):
         self.geometry, self.dummies = geometry, dummies
         self.support, self.kind, self.site_volume = support, kind, site_volume
         self.dummy_distance = geometry.distance(dummies)
         self.dummy_wall = geometry.wall(dummies)
-        self.line, self.reach = line, support if reach is None else reach
+        self.line = line
         self.slips = line is not None or bool(np.any(geometry.slip_length > 0.0))
         self.dummy_normal = self._normals(dummies) if self.slips else None
 
@@ -67,26 +67,30 @@ class WallScene:
         other.line = self.line.at(phi)
         return other
 
-    def configure(self, x: np.ndarray, share: Share | None = None) -> tuple[Operators, Neighbourhood, Halo]:
-        """Operators, all neighbours and periodic images of fluid positions x (n, dim). share: see `stencils`."""
-        stencils, images = self.stencils(x, share=share)
+    def configure(self, x: np.ndarray, share: Share | None = None,
+                  reach: float = 0.0) -> tuple[Operators, Neighbourhood, Halo]:
+        """Operators, all neighbours and periodic images of fluid positions x (n, dim). share, reach: see `stencils`."""
+        stencils, images = self.stencils(x, share=share, reach=reach)
         neighbours, exchange = stencils.neighbours, NO_EXCHANGE if share is None else share.exchange
         ops = build_wall_operators(stencils, 2, classify_neighbourhoods(stencils, exchange), exchange)
         adjoint_divergence(ops)
         return ops, neighbours, images
 
-    def stencils(self, x: np.ndarray, fixed: bool = False, share: Share | None = None) -> tuple[WallStencils, Halo]:
+    def stencils(self, x: np.ndarray, fixed: bool = False, share: Share | None = None,
+                 reach: float = 0.0) -> tuple[WallStencils, Halo]:
         """What operators are built from, and the periodic images.
 
         fixed: the particles sit on their lattice and will stay there: every volume is that of a site. share: of this
         process, where there are several; its remote particles come behind x in the table, without rows of their own.
+        reach: how far any particle sees, m, where that is farther than the support: up to there images are needed.
         """
         geometry, own = self.geometry, len(x)
         if share is not None:
             x = np.concatenate([x, share.ghosts])
         n = len(x)
         owned = np.concatenate([x, self.dummies])
-        images = build_halo(owned, geometry.lower, geometry.upper, np.array(geometry.periodic), self.reach,
+        images = build_halo(owned, geometry.lower, geometry.upper, np.array(geometry.periodic),
+                            max(reach, self.support),
                             None if share is None else (share.lower, share.upper))
         table, owner = images.positions(owned), images.owners(len(owned))
         if fixed:
