@@ -76,12 +76,12 @@ def test_a_bubble_rises_and_the_liquid_sinks(tmp_path):
 
 
 def test_a_bubble_of_a_thousandth_of_the_density_rises(tmp_path):
-    """Case 2 of Hysing et al. (2009) at 1/20: largest rise velocity within 10 % of the published 0.2502 to 0.2517
-    (0.229 measured; 0.254 at 1/40), and no gas faster than that flow makes it: a capillary number of 2.8. With the
+    """Case 2 of Hysing et al. (2009) at 1/20: largest rise velocity within 4 % of the published 0.2502 to 0.2517
+    (0.2525 measured; 0.254 at 1/40), and no gas faster than that flow makes it: a capillary number of 2.8. With the
     pressure of liquid that has become gas as it was, steps threw the gas about at 13."""
     case_2 = ("fluids.bubble.density=1", "fluids.bubble.viscosity=0.1", "interface.tension=1.96")
     _, rows = run("rising_bubble", tmp_path, "particles.spacing=0.05", "time.end=0.7", "reference=null", *case_2)
-    assert max(row["velocity_y_bubble"] for row in rows) == pytest.approx(0.251, rel=0.1)
+    assert max(row["velocity_y_bubble"] for row in rows) == pytest.approx(0.251, rel=0.04)
     assert max(row["peak_capillary_number"] for row in rows) < 4.0
 
 
