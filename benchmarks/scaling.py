@@ -2,6 +2,8 @@
 isphcli/validation/scaling.py.
 
 usage: python benchmarks/scaling.py FOLDER [weak] [RANKS...]     (1 2 4 8; needs mpiexec, mpi4py and petsc4py)
+       python benchmarks/scaling.py model beads|bubbles PARTICLES US_ASSEMBLING US_SOLVING ITERATIONS...
+                                                                  the model, from the last row of a ladder
        python benchmarks/scaling.py sizes                         what large steady scenes would take, extrapolated
 
 Fluid between spheres in a periodic box, 20 spacings a sphere: creeping flow to two tolerances, moving particles of 2
@@ -164,6 +166,15 @@ def sizes():
               f"{iterations:.0f} | {seconds:,.0f} s |")
 
 
+def model(kind, *last):
+    """Prints the table that `isph validate --paper` makes of the last row of a ladder whose iterations do not grow."""
+    from isphcli.validation.markdown import table
+    from isphcli.validation.paper import weak_scaling
+
+    heads, rows = weak_scaling([float(value) for value in last], 0.0, kind == "beads")
+    print("\n".join(table(heads, [[str(cell) for cell in row] for row in rows])))
+
+
 def held(fluid, count, box, reach):
     """The busiest of so many processes, and bytes that it holds."""
     from isphcli.validation.scaling import busiest
@@ -188,6 +199,8 @@ def main(folder, *words):
 if __name__ == "__main__":
     if sys.argv[1:] == ["sizes"]:
         sizes()
+    elif sys.argv[1] == "model":
+        model(*sys.argv[2:])
     elif sys.argv[2:3] == ["several"]:
         on_ranks(Path(sys.argv[1]), sys.argv[3].split(","))
     else:
