@@ -2,6 +2,8 @@
 isphcli/validation/scaling.py.
 
 usage: python benchmarks/scaling.py FOLDER [weak] [RANKS...]     (1 2 4 8; needs mpiexec, mpi4py and petsc4py)
+       python benchmarks/scaling.py model beads|bubbles PARTICLES US_ASSEMBLING US_SOLVING ITERATIONS...
+                                                                  the model, from the last row of a ladder
        python benchmarks/scaling.py sizes                         what large steady scenes would take, extrapolated
 
 Fluid between spheres in a periodic box, 20 spacings a sphere: creeping flow to two tolerances, moving particles of 2
@@ -132,12 +134,12 @@ def report(out, counts):
                       f"{cells[0]} | {cells[1] if len(cells) > 1 else ''} |")
 
 
-# Of docs/clusters.md: bytes of a process, of an own or remote particle; those that a process may hold; power with which
-# iterations grow with the particles (PETSc, Berea 64^3 and 128^3: 32 and 41 of 88,635 and 728,845). Then CPU us a
+# Of docs/clusters.md: bytes of a process; those that one may hold; power with which iterations grow with the particles
+# (PETSc, Berea 64^3 and 128^3: 32 and 41 of 88,635 and 728,845). Then bytes of an own or remote particle; CPU us a
 # particle of the set-up and of an iteration; iterations of a scene of so many particles: the pack of N = 192 in one
 # process (2373 CPU s, 1558 of them in 59 iterations, other programs beside it), Berea 128^3 by PETSc
-PROGRAM, BYTES, ROOM, GROWTH = 2.45e8, 3.7e3, 3.5e9, 0.12
-COSTS = {"pack": (77.0, 3.0, 59, 8.85e6), "rock": (23.9, 1.29, 41, 7.29e5)}
+PROGRAM, ROOM, GROWTH = 2.45e8, 3.5e9, 0.12
+COSTS = {"pack": (4.1e3, 77.0, 3.0, 59, 8.85e6), "rock": (3.7e3, 23.9, 1.29, 41, 7.29e5)}
 
 
 def sizes():
@@ -154,9 +156,9 @@ def sizes():
     for name, fluid, kind, box, porosity in scenes:
         reach = 2.1 * (np.prod(box) * porosity / fluid) ** (1 / 3)
         chosen = next(count for count in range(2, 100_000, 2 if fluid < 1e7 else 16)
-                      if held(fluid, count, box, reach)[1] < ROOM)
-        near, memory = held(fluid, chosen, box, reach)
-        set_up, each, iterations, of = COSTS[kind]
+                      if held(fluid, count, box, reach, COSTS[kind][0])[1] < ROOM)
+        each_holds, set_up, each, iterations, of = COSTS[kind]
+        near, memory = held(fluid, chosen, box, reach, each_holds)
         iterations *= (fluid / of) ** GROWTH
         seconds = 1e-6 * (set_up + each * iterations) * fluid / chosen * (1.0 + near.remote) * WAITS
         print(f"| {name} | {fluid / 1e6:,.1f} million | {chosen:,} | {fluid / chosen:,.0f} and "
@@ -164,12 +166,21 @@ def sizes():
               f"{iterations:.0f} | {seconds:,.0f} s |")
 
 
-def held(fluid, count, box, reach):
+def model(kind, *last):
+    """Prints the table that `isph validate --paper` makes of the last row of a ladder whose iterations do not grow."""
+    from isphcli.validation.markdown import table
+    from isphcli.validation.paper import weak_scaling
+
+    heads, rows = weak_scaling([float(value) for value in last], 0.0, kind == "beads")
+    print("\n".join(table(heads, [[str(cell) for cell in row] for row in rows])))
+
+
+def held(fluid, count, box, reach, bytes_each):
     """The busiest of so many processes, and bytes that it holds."""
     from isphcli.validation.scaling import busiest
 
     near = busiest(np.zeros(3), box, count, reach, (False, True, False))
-    return near, PROGRAM + BYTES * fluid / count * (1.0 + near.remote)
+    return near, PROGRAM + bytes_each * fluid / count * (1.0 + near.remote)
 
 
 def main(folder, *words):
@@ -188,6 +199,8 @@ def main(folder, *words):
 if __name__ == "__main__":
     if sys.argv[1:] == ["sizes"]:
         sizes()
+    elif sys.argv[1] == "model":
+        model(*sys.argv[2:])
     elif sys.argv[2:3] == ["several"]:
         on_ranks(Path(sys.argv[1]), sys.argv[3].split(","))
     else:

@@ -26,6 +26,6 @@ class ComponentMeans:
     def remove(self, v: np.ndarray) -> np.ndarray:
         """v without its mean over each component, (n,)."""
         if len(self.count) == 1:
-            return v - reduce.mean(v)  # eq. 26
+            return v - reduce.total(v) / self.count[0]  # eq. 26
         # eq. 26, with one constant vector a component
         return v - (reduce.total_by(self.labels, v, len(self.count)) / self.count)[self.labels]

@@ -81,11 +81,13 @@ def any_true(mask: np.ndarray) -> bool:
 def total_by(label: np.ndarray, values: np.ndarray | None = None, labels: int = 0) -> np.ndarray:
     """Sums (labels,) of values (n,) over the particles of each label, or without values their numbers.
 
-    label: (n,) int from 0; labels: how many there are at least.
+    label: (n,) int from 0; labels: how many there are, where that is known. Raises ValueError for labels beyond.
     """
-    if current().size > 1:
-        labels = int(current().max(max(labels, int(label.max(initial=-1)) + 1)))
+    if current().size > 1 and not labels:
+        labels = int(current().max(int(label.max(initial=-1)) + 1))
     found = np.bincount(label, values, minlength=labels)
+    if labels and len(found) > labels:
+        raise ValueError(f"label {len(found) - 1} of {labels} labels")
     return current().sum(found if values is None else found.astype(float))  # numpy makes integers of no values at all
 
 

@@ -66,8 +66,8 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
         scale = np.where(exact > own, exact / np.where(own > 0.0, own, 1.0), 1.0)
 
     def apply(p: np.ndarray, gradient: np.ndarray | None = None) -> np.ndarray:
-        gradient = terms.ops.gradient_p(p) if gradient is None else gradient
-        return div_grad_rhie_chow(ops, weights, p, gradient)
+        p = ops.exchange.forward(p)
+        return div_grad_rhie_chow(ops, weights, p, terms.ops.gradient_with_remote(p) if gradient is None else gradient)
 
     return PressureSystem(matrix, apply, scale)
 

@@ -51,10 +51,9 @@ def div_grad_weights(ops: Operators, symmetric_p: np.ndarray, density: np.ndarra
 
 
 def div_grad_rhie_chow(ops: Operators, weights: DivGrad, p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
-    """-div(grad p) - S p beside walls, (n,). p: (n,); grad_p: (n, dim), its gradient."""
+    """-div(grad p) - S p beside walls, (n,). p: (n + remote,); grad_p: (n, dim), its gradient."""
     out = np.empty(ops.n)
-    p, grad_p = ops.exchange.forward(p), ops.exchange.forward(grad_p)
-    over_rows(_div_grad_rhie_chow, ops.n, (ops.start, ops.column), *weights, p, grad_p, out)
+    over_rows(_div_grad_rhie_chow, ops.n, (ops.start, ops.column), *weights, p, ops.exchange.forward(grad_p), out)
     return out
 
 

@@ -67,7 +67,11 @@ class Operators:
 
     def gradient_p(self, p: np.ndarray) -> np.ndarray:
         """Pressure gradient (n, dim) of p (n,)."""
-        return pair_sums.gradient_of_scalar(self.start, self.column, self.grad_p, self.exchange.forward(p))
+        return self.gradient_with_remote(self.exchange.forward(p))
+
+    def gradient_with_remote(self, p: np.ndarray) -> np.ndarray:
+        """Pressure gradient (n, dim) of p (n + remote,)."""
+        return pair_sums.gradient_of_scalar(self.start, self.column, self.grad_p, p)
 
     def laplacian_p(self, p: np.ndarray) -> np.ndarray:
         """Laplacian (n,) of the pressure p (n,) in weights of eq. 6, walls left out."""

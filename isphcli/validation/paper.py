@@ -23,6 +23,7 @@ from ..case.load import load_case
 from ..case.yaml import CaseError
 from ..output.files import read_history, read_pvd, read_vtu, write_summary, write_text
 from ..output.folder import Folder, FolderError, ours, prepare
+from ..two_phase.sight import SIGHT
 from .markdown import items, origin, table
 from .scaling import ONE_FLUID, TWO_FLUIDS, Work, busiest, sent_in_a_step, step
 
@@ -386,7 +387,8 @@ def weak_scaling(last: Sequence[float], power: float, beads: bool) -> tuple[Sequ
     for n, sites in TABLE_1.items():
         processes, fluid = PROCESSES[n], fluid_of_table_1(n) if beads else float(sites)
         h = (side**2 * length * (POROSITY if beads else 1.0) / fluid) ** (1 / 3)  # of a cubic lattice with as many
-        near = busiest(np.zeros(3), np.array([side, length, side]), processes, SUPPORT * h, (False, True, False))
+        reach = (SUPPORT if beads else SIGHT) * h
+        near = busiest(np.zeros(3), np.array([side, length, side]), processes, reach, (False, True, False))
         more = (fluid / last[0]) ** power
         work = Work(1e-6 * last[1], 1e-6 * last[2] * more, sum(last[3:]) * more, ONE_FLUID if beads else TWO_FLUIDS)
         found = step(work, near, fluid, processes)
