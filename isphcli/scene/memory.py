@@ -28,9 +28,10 @@ BYTES_PAIR = {
 # 2026-11-29
 BYTES_MATRIX = {"stokes": 14, "navier_stokes": 18}
 BYTES_PETSC = 40  # the same where PETSc solves: it stores the matrix that PyAMG's cycle computes from the pairs
-# Of a pair, what a second fluid adds to moving particles: weighted operators, the transposed stress, normals. The peaks
-# of 60,000 particles with a drop less those without, on 2026-11-22: 71 and 83 (2D, 3D), beside walls 131 and 109
-BYTES_SECOND_FLUID = 110
+# Of a pair, what a second fluid adds to moving particles, by walls: weighted operators, the transposed stress, normals.
+# 71 and 83 (2D, 3D) of 60,000 particles with a drop, beside walls 131 and 109 (2026-11-22); 240 to 320 where all
+# fluid is beside walls (berea_drainage, berea_injection, co2_bubbles: benchmarks/estimates.py, 2026-11-30)
+BYTES_SECOND_FLUID = {False: 110, True: 190}
 BYTES_ROW = {"stokes": 350, "navier_stokes": 0}  # of a particle, beside its pairs
 # Krylov vectors of a steady solve: 18 to 30 in wide pores, 46 to 56 in rock and packs of beads; those of a long restart
 # are allocated but never touched
@@ -91,7 +92,7 @@ def estimate(case: Case, dim: int, walls: bool, fluid: float, dummies: float, tw
         "particles": (fluid + dummies) * BYTES_PARTICLE,
     }
     if two and not steady:
-        parts["second fluid"] = pairs * BYTES_SECOND_FLUID
+        parts["second fluid"] = pairs * BYTES_SECOND_FLUID[walls]
     return parts
 
 
