@@ -56,7 +56,7 @@ def main(*across):
                 last = rows[-STEPS // 5 :]
                 mass = 500 * rows[-1]["volume_co2"]
                 square = np.mean([2 * row["kinetic_energy_co2"] / mass for row in last])
-                large = max(row["capillary_number"] for row in last)
+                large = max(row["peak_capillary_number"] for row in last)
                 drift = (rows[-1]["centre_x_co2"] - rows[0]["centre_x_co2"]) / SPACING
                 jump = np.mean([row["pressure_jump"] for row in last]) * width * SPACING / (4 * TENSION * 3**0.5 / 2)
                 parts = [row["ganglia_co2"] for row in rows if row["ganglia_co2"] is not None][-1]
