@@ -152,6 +152,9 @@ def contact_angle_errors(case: Case, result: Result) -> Errors:
     place = [at_end(result, f"centre_{a}_{case.fluid_names[drop]}") for a, n in zip(AXES, up) if n]
     centre = abs(up[up != 0.0] @ place - foot)
     cap = _angle_of_cap(centre, size, dim)
+    if result.two_fluids.get("contact_angle", 0.0) is None:
+        raise TooShortError("the run ends while no circle or sphere fits the interface near the wall: it has no "
+                            "contact angle at its end")
     measured = at_end(result, "contact_angle")
     measured = measured if drop == 0 else 180.0 - measured
     expected = drop_on_wall(size, asked, dim)

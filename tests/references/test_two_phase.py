@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from isphcli.case.load import read_case
 from isphcli.references import drops, plates
 from isphcli.references.compare import compare
-from isphcli.references.errors import CompareError
+from isphcli.references.errors import CompareError, TooShortError
 from isphcli.references.published import RISING_BUBBLE
 from isphcli.references.two_phase import amplitude, fit_oscillation
 from tests.references.results import WRONG, lattice, result_of, rows, the_case
@@ -138,7 +138,7 @@ def test_the_error_of_the_angle_is_of_the_angle_that_is_printed():
     found = result_of(case, x, phase=1 - phase, history=history, two_fluids=end | {"contact_angle": 63.0})
     errors = compare(case, found)
     assert errors["angle_relative"] == pytest.approx(63 / 60 - 1)
-    with pytest.raises(CompareError, match="no contact_angle at its end"):
+    with pytest.raises(TooShortError, match="no contact angle at its end"):
         compare(case, result_of(case, x, phase=1 - phase, history=history))
 
 
