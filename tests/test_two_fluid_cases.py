@@ -154,7 +154,8 @@ def test_co2_goes_into_the_rock(tmp_path):
     """A piece of 16^3 voxels at a flux held in its clear layers. CO2 is neither made nor lost: its volume is kept to
     0.3 % of the pores (0.13 measured over 300 steps).
     Once the flat front of the start has its menisci, which pull brine out of the rock at first, the saturation rises
-    as the flux says: 3 % less measured."""
+    as the flux says: 10 % less measured, to step 300 6 % less: the end of the CO2 in the clear layer has gone a third
+    of a spacing by then, and the velocities of single rows of particles there differ by a tenth."""
     summary, rows = run("berea_drainage", tmp_path, "geometry.voxels.crop=[[40, 56], [40, 56], [40, 56]]",
                         "initial.flood.saturation=0.2", "time.max_steps=120")  # fmt: skip
     found = summary["two_fluids"]
@@ -182,6 +183,8 @@ def test_co2_is_injected_into_the_rock(tmp_path):
     injected = 0.05 * rows[-1]["time"] * (16 * 3e-6) ** 2 / pores
     assert rows[0]["saturation_co2"] < 0.01 and injected > 0.02
     assert rows[-1]["saturation_co2"] == pytest.approx(injected, rel=0.1)  # as in berea_drainage
+    grown = (rows[-1]["volume_co2"] - rows[0]["volume_co2"]) / pores  # 1.06 with the seam among what gives volume back
+    assert grown == pytest.approx(injected, rel=0.04)
     assert summary["two_fluids"]["trapped_co2"] == 0 and "reservoirs" in summary["terms"]
     last = [row for row in read_history(tmp_path / "profiles.csv") if row["step"] == rows[-1]["step"]]
     assert last[0]["saturation_co2"] == 1 and last[-1]["saturation_brine"] == 1

@@ -73,7 +73,8 @@ class CutCells(NamedTuple):
 
     cells: Cells; phi: (n_cells,) in their middles, m; slope: (n_cells, dim) of phi there, inf where it is not
     known; volume: (n_cells,) of the first fluid, m^dim; area: (n_cells,) of the interface, m^(dim - 1); nearest:
-    (n_cells, 2) particle of either fluid, own or remote, that is nearest to the middle of the cell, -1 where none is.
+    (n_cells, 2) particle of either fluid, own or remote, that is nearest to the middle of the cell, -1 where none is;
+    sample: corners (dim,), m, of where volumes are kept by what lies there alone, or None: everywhere.
     """
 
     cells: Cells
@@ -82,6 +83,7 @@ class CutCells(NamedTuple):
     volume: np.ndarray
     area: np.ndarray
     nearest: np.ndarray
+    sample: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def cells_of(geometry: Geometry, spacing: float, total: float,

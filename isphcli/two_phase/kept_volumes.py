@@ -54,14 +54,13 @@ def first_shares(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, spac
 
 def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new: np.ndarray,
                  volume: np.ndarray, spacing: float,
-                 exchange: Exchange = NO_EXCHANGE,
-                 sample: tuple[np.ndarray, np.ndarray] | None = None) -> tuple[np.ndarray, np.ndarray]:
+                 exchange: Exchange = NO_EXCHANGE) -> tuple[np.ndarray, np.ndarray]:
     """(phi, `State.volume`) after a step, (n,) m and (n,) m^dim.
 
     cut: CutCells of phi (n,), m, before the step; new: (n,) what becomes of phi in it; volume: (n,) of the step before;
-    neighbours: of the fluid particles; exchange: of the remote ones among them; sample: corners (dim,), m, of where
-    levels are moved, or None: everywhere.
+    neighbours: of the fluid particles; exchange: of the remote ones among them.
     """
+    sample = cut.sample
     if sample is not None:
         cut = cut._replace(area=np.where(_within(cut.cells.middle, sample), cut.area, 0.0))
     count, part = _parts(neighbours, phi, spacing, exchange)
@@ -95,7 +94,7 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
 
 def _within(x: np.ndarray, sample: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """Which points x (n, dim), m, are in a box of corners (dim,), (n,) bool."""
-    return np.all((x >= sample[0]) & (x <= sample[1]), axis=1)
+    return np.asarray(((x >= sample[0]) & (x <= sample[1])).all(axis=1))
 
 
 def _parts(neighbours: Neighbourhood, phi: np.ndarray, spacing: float, exchange: Exchange) -> tuple[int, np.ndarray]:

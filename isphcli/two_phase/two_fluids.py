@@ -127,8 +127,7 @@ class TwoFluids:
         phi = carried(interface, ops, dr, min(RATE * ways, MOST), stretch, min(RATE * moved, MOST))
         if interface.cut is None or volume is None:
             return phi, None
-        return kept_volumes(interface.cut, ops.neighbours, interface.phi, phi, volume, self.spacing, ops.exchange,
-                            self.sample)
+        return kept_volumes(interface.cut, ops.neighbours, interface.phi, phi, volume, self.spacing, ops.exchange)
 
     def changing(self, p: np.ndarray, phi: np.ndarray, before: Terms) -> np.ndarray:
         """(n, 2): by how much the number of the fluid of each particle falls, and the Laplacian of eq. 3 of p that it
@@ -164,7 +163,7 @@ class TwoFluids:
         interface = find_interface(ops, neighbours, phi, self.spacing, self.contact, self.sight)
         if self.cells is not None:
             found = cut(self.cells, neighbours.x, phi, interface.fit, ops.exchange, self.cell_sight)
-            interface = replace(interface, cut=found)
+            interface = replace(interface, cut=found._replace(sample=self.sample))
         reference = self.density[0]
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
         everyone = ops.exchange.forward

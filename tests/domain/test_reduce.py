@@ -32,6 +32,7 @@ SCRATCH = "length of scratch arrays, which every process makes for its own rows"
 ONE = "of the hierarchy of one process alone"
 OFFSETS = "of the offsets of a lattice and the tensors of one particle"
 BASIS = "over the vectors of a basis"
+CELLS = "over the particles that a cell sees, of which its process has all"
 PARTS = "over the parts of the fluids, of which every process has all"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
@@ -127,6 +128,19 @@ ALLOWED = {
     ("two_phase.cut_cells", "positive.any(axis=1)"): "over the corners of a square",
     ("two_phase.cut_cells", "positive.all(axis=1)"): "over the corners of a square",
     ("two_phase.cut_cells", "np.argmax(gap)"): GATHERED,
+    ("two_phase.cells_in_sight", "(offsets ** 2).sum(axis=1)"): OFFSETS,
+    ("two_phase.cells_in_sight", "((point - there) ** 2).sum(axis=1)"): OWN,
+    ("two_phase.cells_in_sight", "np.bincount(cell[some], minlength=len(middle))"): CELLS,
+    ("two_phase.cut_cells", "(nearest >= 0).all(axis=1)"): FLUIDS,
+    ("two_phase.cut_cells", "cells.side.max()"): AXES,
+    ("two_phase.cut_cells", "(d * d).sum(axis=1)"): OWN,
+    ("two_phase.cut_cells", "(slope * d).sum(axis=1)"): OWN,
+    ("two_phase.cut_cells", "(slope * slope).sum(axis=1)"): OWN,
+    ("two_phase.cut_cells", "np.einsum('ij,ijk,ik->i', d, form, d)"): OWN,
+    ("two_phase.cut_cells", "np.einsum('ijj->i', form)"): OWN,
+    ("two_phase.cut_cells", "np.bincount(seen.cell, w * column, minlength=n)"): CELLS,
+    ("two_phase.kept_volumes", "((x >= sample[0]) & (x <= sample[1])).all(axis=1)"): AXES,
+    ("two_phase.kept_volumes", "np.bincount(group, lacking, joined)"): PARTS,
     ("two_phase.kept_volumes", "between.sum(axis=1)"): PARTS,
     ("two_phase.kept_volumes", "alone.all()"): PARTS,
     ("two_phase.kept_volumes", "diagonal.max()"): PARTS,

@@ -50,7 +50,7 @@ def test_levels_outside_of_the_sample_stay():
     there = cut(stepper.fluids.cells, config.x, wrong,
                 find_interface(config.ops, config.neighbours, wrong, spacing).fit)
     sample = np.zeros(2), np.full(2, 0.45)
-    phi, volume = kept_volumes(there, seen, wrong, wrong.copy(), shares, spacing, sample=sample)
+    phi, volume = kept_volumes(there._replace(sample=sample), seen, wrong, wrong.copy(), shares, spacing)
     inside, near = (state.x < 0.45).all(axis=1), np.abs(wrong) < spacing
     assert (phi[~inside] == wrong[~inside]).all()
     moved = (wrong - phi)[inside & near] / spacing
