@@ -53,7 +53,7 @@ class Sight:
         assert self.geometry is not None
         seen = far.column < n
         self._hide(ops, everyone, far, known, seen)
-        start = np.concatenate([[0], np.cumsum(seen)])[far.start]
+        start = far.start - np.searchsorted(np.flatnonzero(~seen), far.start)  # few are not seen
         return far._replace(start=start, column=far.column[seen], row=row[seen]), far
 
     def _hide(self, ops: Operators, everyone: Neighbourhood, far: Neighbourhood, known: np.ndarray,

@@ -264,8 +264,8 @@ class TransposedStress:
         count = np.diff(ops.start)[rows]
         start = np.concatenate([[0], np.cumsum(count)])
         column, tensor = np.empty(start[-1], np.int32), np.empty((start[-1], ops.dim * (ops.dim + 1) // 2))
-        over_rows(_transposed_stress_tensors, len(rows), ops.neighbours, (ops.lap, weighted_lap), rows, start, column,
-                  tensor, work=partial(_stress_scratch, ops.dim, ops.neighbours.longest))
+        over_rows(_transposed_stress_tensors, len(rows), ops.neighbours, (ops.lap, weighted_lap), rows,
+                  (start, column, tensor), work=partial(_stress_scratch, ops.dim, ops.neighbours.longest))
         return cls(rows, start, column, tensor)
 
     def add(self, u: np.ndarray, out: np.ndarray, factor: float) -> None:
@@ -367,8 +367,8 @@ def _stress_scratch(dim: int, neighbours: int) -> _StressScratch:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _transposed_stress_tensors(turns, work, neighbours, weights, rows, new_start, new_column, tensor):
-    lap, weighted_lap = weights
+def _transposed_stress_tensors(turns, work, neighbours, weights, rows, out):
+    (lap, weighted_lap), (new_start, new_column, tensor) = weights, out
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     dim, support = x.shape[1], neighbours.support
     basis, w, here, moments, inverse = work.basis, work.w, work.here, work.moments, work.inverse
