@@ -94,7 +94,7 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
 
 def _within(x: np.ndarray, sample: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """Which points x (n, dim), m, are in a box of corners (dim,), (n,) bool."""
-    return np.asarray(((x >= sample[0]) & (x <= sample[1])).all(axis=1))
+    return np.asarray(np.all((x >= sample[0]) & (x <= sample[1]), axis=1))
 
 
 def _parts(neighbours: Neighbourhood, phi: np.ndarray, spacing: float, exchange: Exchange) -> tuple[int, np.ndarray]:

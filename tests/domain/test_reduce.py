@@ -139,7 +139,7 @@ ALLOWED = {
     ("two_phase.cut_cells", "np.einsum('ij,ijk,ik->i', d, form, d)"): OWN,
     ("two_phase.cut_cells", "np.einsum('ijj->i', form)"): OWN,
     ("two_phase.cut_cells", "np.bincount(seen.cell, w * column, minlength=n)"): CELLS,
-    ("two_phase.kept_volumes", "((x >= sample[0]) & (x <= sample[1])).all(axis=1)"): AXES,
+    ("two_phase.kept_volumes", "np.all((x >= sample[0]) & (x <= sample[1]), axis=1)"): AXES,
     ("two_phase.kept_volumes", "np.bincount(group, lacking, joined)"): PARTS,
     ("two_phase.kept_volumes", "between.sum(axis=1)"): PARTS,
     ("two_phase.kept_volumes", "alone.all()"): PARTS,
