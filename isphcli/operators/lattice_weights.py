@@ -39,7 +39,7 @@ from .moments import (
 )
 from .neighbourhood_class import NARROW_SHARE_FIXED
 from .protocol import WallSums
-from .wall_weights import add_wall_pair, boundary_sums, meet_walls, new_boundary_sums, second_moments
+from .wall_weights import add_along, add_wall_pair, boundary_sums, meet_walls, new_boundary_sums, second_moments
 
 NEAREST = 1.02  # of the smallest squared distance on a lattice: the nearest neighbours
 MOST_OFFSETS = 255  # more, and every pair keeps an offset of its own: particles off a lattice
@@ -386,6 +386,7 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
     g, _, right, drift, spread = work.tensors
     weight, (first_one, second_one) = pair[0], work.one_pair
     dim, per_area, deficient = gradient.shape[1], per_length * per_length, 0
+    along = np.zeros((dim, dim))
     for o in range(rows[0], rows[1]):
         i = which[o]
         if i < 0:
@@ -426,6 +427,7 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
         for m in range(dim):
             for k in range(dim):
                 gradient_p[o, m, k] = per_length * gp[m, k]
+        slides = False
         for q in range(count):
             if link[begin + q] != MEETS_WALL:
                 continue
@@ -438,6 +440,17 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
             for m in range(dim):
                 weight[1 + m] = _grad_weight(gradient, k_tensor, o, m, second_one, first_one, 0)
             add_wall_pair(neighbours, walls, i, q, work.stencil, pair, sums)  # eq. 11
+            j = neighbours.row[begin + q]
+            if walls.slip_length[walls.wall[j]] > 0.0:
+                if not slides:
+                    along[:] = 0.0
+                slides = True
+                add_along(work.stencil, q, neighbours.support, walls.normal[j], pair, along)
+        if slides:
+            for m in range(dim):
+                for k in range(dim):
+                    for c in range(dim):
+                        gradient[o, m, k] += along[m, c] * gradient_p[o, c, k]
         if narrow[i]:  # no flux passes a wall
             wall_div_velocity[i] = 0.0
             for m in range(dim):

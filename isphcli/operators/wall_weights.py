@@ -201,7 +201,7 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
                     if not slides:
                         along[:] = 0.0
                     slides = True
-                    _add_along(work.stencil, k, neighbours.support, walls.normal[j], pair, along)
+                    add_along(work.stencil, k, neighbours.support, walls.normal[j], pair, along)
         if slides:
             for q in range(seen_start[i], seen_start[i + 1]):
                 for m in range(dim):
@@ -211,7 +211,7 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
 
 
 @njit(cache=True)
-def _add_along(stencil, k, support, normal, pair, along):
+def add_along(stencil, k, support, normal, pair, along):
     """Adds to `along` (dim, dim) what the divergence makes of a velocity that changes along a wall that slips.
 
     Where pair k meets the wall, s away from the foot of the particle, what slides has the velocity of the particle,
