@@ -8,9 +8,9 @@ import re
 import pytest
 
 from isphcli.case.load import read_case
+from isphcli.flow import step_lengths
 from isphcli.output.files import SUMMARY_KEYS
 from isphcli.runs.run import run_case
-from isphcli.runs.time_loop import TimeLoop
 
 from .paths import ROOT
 
@@ -100,9 +100,10 @@ def test_every_key_of_a_summary_is_explained(page):
 
 
 def test_every_limit_of_a_step_is_named(page):
-    """Those that the code puts into a dict, and the end that `run` adds, on all three pages that list them."""
-    found = re.findall(r'found\["(\w+)"\]|found = {"(\w+)"', inspect.getsource(TimeLoop.limits))
-    limits = {"".join(pair) for pair in found} | {"end"}
+    """On all three pages that list them."""
+    source = inspect.getsource(step_lengths)
+    found = re.findall(r'found\["(\w+)"\]|found = {"(\w+)"|limit = target, "(\w+)"', source)
+    limits = {"".join(names) for names in found}
     assert {"cfl", "start", "step", "end"} < limits
     row = next(row for row in page.splitlines() if row.startswith("| `limit`"))
     assert set(re.findall(r"`(\w+)`", row.split(" | ", 1)[1])) == limits

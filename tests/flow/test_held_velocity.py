@@ -93,8 +93,9 @@ def test_a_body_force_and_a_held_velocity_share_the_flow():
     assert both == pytest.approx(alone - 2 * 0.7 * 0.25, abs=1e-3 * alone)
 
 
-def test_fluid_without_walls_is_pushed_once():
-    """The first steps take the momentum of all the fluid, the others nothing; slugs of different density the same."""
+def test_fluid_without_walls_is_set_in_motion_before_the_first_step():
+    """By an impulse that is in no pressure drop: nothing resists, so no step takes a thousandth of its momentum; slugs
+    of different density the same."""
     text = """
 geometry: {box: [1, 1], periodic: [x, y], fluid: water, shapes: [{box: {lower: [0.25, -1], upper: [0.75, 2]}, is: gas}]}
 particles: {spacing: 0.125, jitter: 0.1}
@@ -106,8 +107,7 @@ time: {end: 0.5, scheme: euler}
         *_, rows = run(text.replace("GAS", str(gas)))
         assert max(abs(row["superficial_velocity_x"] - 0.5) for row in rows) < 1e-4
         impulse = [row["pressure_drop_x"] * row["dt"] for row in rows]
-        assert sum(impulse) == pytest.approx(0.5 * 0.5 * (2.0 + gas), rel=0.01)
-        assert impulse[0] > 0.95 * sum(impulse) and max(map(abs, impulse[10:])) < 1e-3 * impulse[0]
+        assert max(map(abs, impulse)) < 1e-3 * 0.5 * 0.5 * (2.0 + gas)
 
 
 def test_an_image_of_solid_has_nothing_that_could_flow(tmp_path):

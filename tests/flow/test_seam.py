@@ -61,7 +61,8 @@ def test_what_comes_over_the_seam_is_what_flows():
 
 
 def test_what_is_asked_of_a_pump_is_what_enters():
-    """Past a grain, with particles in disorder and shifted: the shares of the gas grow by the flux that is held."""
+    """Past a grain, with particles in disorder and shifted: the shares of the gas grow by the flux that is held, but in
+    the first step, which moves particles by the velocity that they have before it (2e-3 of the time)."""
     grain = "shapes: [{sphere: {centre: [1.0, 0.25], radius: 0.17}, is: solid}]"
     text = PISTON.replace("HELD", "0.25").replace("periodic: [x, y]", f"periodic: [x, y], {grain}")
     text = text.replace("shifting: 0", "jitter: 0.2").replace("end: 3.0", "end: 0.5")
@@ -70,7 +71,7 @@ def test_what_is_asked_of_a_pump_is_what_enters():
     end = march(case, geometry, state, stepper, particles)
     first, last = (now.volume[phase_of(now.phi) == 1].sum() for now in (state, end))
     assert stepper.seam.area == pytest.approx(0.5)
-    assert last - first == pytest.approx(0.5 * 0.25 * end.time, rel=2e-3)
+    assert last - first == pytest.approx(0.5 * 0.25 * end.time, rel=3e-3)
 
 
 def test_fluids_that_differ_in_name_only_change_their_names():
