@@ -41,7 +41,7 @@ class DivGrad(NamedTuple):
 
 def div_grad_weights(ops: Operators, symmetric_p: np.ndarray, density: np.ndarray | float = 1.0) -> DivGrad:
     """ops: with walls; symmetric_p: (n_pairs,) w_ij, over the density of the pair where that varies, the gradients that
-    the weights are for then being over the density; density: (n,) where it varies, in any unit."""
+    the weights are for then being over the density; density: (n,) where it varies, in the unit of symmetric_p."""
     walls = ops.walls
     assert walls is not None
     found = DivGrad(np.empty((len(ops.column), ops.dim + 1)), walls.div.copy())

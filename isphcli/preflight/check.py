@@ -89,6 +89,7 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
     if geometry.has_solid:
         result.throats = throats(sites, geometry, case.particles.spacing, through)
     if not _flow_is_expected(result, geometry, sites, driven):
+        result.warnings += result.errors if to_run and case.flow != "stokes" else []
         return result
     if case.flow != "stokes":
         result.steps = steps(case, geometry, result.flow, result.throats, fluids_there(case, sites))

@@ -169,7 +169,7 @@ def report_lines(r: CheckReport) -> Iterator[str]:
     if r.flow is not None:
         numbers = [f"about {r.flow.velocity:.2g} m/s ({r.flow.source})"]
         numbers += [f"Re {r.flow.reynolds:.2g}"] if r.flow.reynolds is not None else []
-        numbers += [f"Ca {r.flow.capillary:.2g}"] if r.flow.capillary is not None else []
+        numbers += [f"peak Ca {r.flow.capillary:.2g}"] if r.flow.capillary is not None else []
         yield _row("flow", ", ".join(numbers))
     if r.steps is not None:
         limits = ", ".join(f"{name} {dt:.2g} s" for name, dt in r.steps.limits.items())

@@ -18,6 +18,7 @@ from ..output.render import deep_enough
 from ..scene import memory
 from .check_report import CheckReport, Flow, Motion, Steps, Throats
 from .expected_steps import expected_steps
+from .findings import fluids_there
 from .throats import LINE_POINTS, Sites
 
 if TYPE_CHECKING:
@@ -38,9 +39,9 @@ SECONDS_STEP, SECONDS_STEP_TWO = 2.3e-3, 4.0e-3
 MICROSECONDS_MOVING = {(2, False): 2.7, (2, True): 5.5, (3, False): 4.3, (3, True): 15.0}
 MICROSECONDS_TWO = {(2, False): 3.2, (2, True): 5.1, (3, False): 12.6, (3, True): 30.0}
 # Of steady flow a particle: once, and an iteration for each axis; in 2D an axis. Iterations are 10 to 16 in wide pores,
-# 47 in Berea sandstone (median throat 2.0 particles), 57 in a pack of beads (1.4)
+# 47 in Berea sandstone, 33 with two particles a voxel, 57 in a pack of beads: see `_iterations`
 MICROSECONDS_ONCE, MICROSECONDS_ITERATION, MICROSECONDS_STEADY_2D = 12.0, 1.15, 27.0
-ITERATIONS, ITERATIONS_OF_THROATS = 4.0, 80.0  # their number is the first plus the second over the median throat
+ITERATIONS, ITERATIONS_OF_THROATS, HALF = 5.0, 65.0, 2.5  # HALF: particles
 
 
 # Of the process of a run, by whether there are pictures in 3D: peaks of runs of up to 11,000 particles were 276 to 380
@@ -121,9 +122,10 @@ def _driven(case: Case, geometry: Geometry, sites: Sites, width: float,
     force = forcing.largest_acceleration(case, length)
     g, fall = float(np.linalg.norm(force)), float(np.max(length))
     if driven and not any(forcing.opens(case, axis) for axis in driven):  # only what is lighter or heavier moves
-        densities = [f.density for f in case.fluids.values()]
+        densities = [case.fluids[name].density for name in fluids_there(case, sites)]
         g *= (max(densities) - min(densities)) / (max(densities) + min(densities))
-        fall = 0.5 * sites.smaller_body() * case.particles.spacing
+        # a fluid that floods the rock has no sites before it does
+        fall = 0.5 * sites.smaller_body() * case.particles.spacing or fall
     beside = forces_of(case, geometry)
     more = largest_of(beside)
     if not ((g > 0 and driven) or more > 0):
@@ -162,6 +164,12 @@ def steps(case: Case, geometry: Geometry, flow: Flow | None, widths: Throats | N
     return expected_steps(case, geometry, Motion() if flow is None else flow.motion, fluids, decay)
 
 
+def _iterations(widths: Throats | None) -> float:
+    """Of a steady solve, by the width below which a tenth of the fluid lies: pores of few particles take most."""
+    narrow = math.inf if widths is None else widths.narrow
+    return ITERATIONS + ITERATIONS_OF_THROATS / (1.0 + (narrow / HALF) ** 2)
+
+
 def costs(result: CheckReport, geometry: Geometry, share: float = 1.0) -> None:
     """Neighbours, memory and time. share: see `memory.fluid_round`."""
     case, dim = result.case, result.dim
@@ -188,8 +196,7 @@ def _seconds(result: CheckReport, geometry: Geometry, fluid: float) -> float | N
         axes = max(len(forcing.steady_axes(case)), 1)
         if dim == 2:
             return SECONDS_RUN + fluid * sizes * pairs * axes * MICROSECONDS_STEADY_2D
-        wide = math.inf if result.throats is None else result.throats.median
-        iterations = ITERATIONS + ITERATIONS_OF_THROATS / wide
+        iterations = _iterations(result.throats)
         return SECONDS_RUN + fluid * sizes * pairs * (MICROSECONDS_ONCE + axes * iterations * MICROSECONDS_ITERATION)
     if result.steps is None or result.steps.count is None:
         return None

@@ -60,7 +60,7 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
     cut: CutCells of phi (n,), m, before the step; new: (n,) what becomes of phi in it; volume: (n,) of the step before;
     neighbours: of the fluid particles; exchange: of the remote ones among them.
     """
-    sample = cut.sample
+    sample, everywhere = cut.sample, cut
     if sample is not None:
         cut = cut._replace(area=np.where(_within(cut.cells.middle, sample), cut.area, 0.0))
     count, part = _parts(neighbours, phi, spacing, exchange)
@@ -86,7 +86,7 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
     for gone in np.flatnonzero((reduce.total_by(part, None, count) > 0) & ~there):
         # smaller than a particle: what it had goes to the part of its fluid that is next to what is there now
         around = reduce.total_by(now[part == gone], None, count).argmax()
-        kin = between[[around]].toarray()[0]
+        kin = _areas(everywhere, everyone, count)[[around]].toarray()[0]
         kin[~there] = 0.0
         wanted[kin.argmax() if kin.max() > 0.0 else around] += wanted[gone]
     return new, _shared(wanted, now)

@@ -93,3 +93,19 @@ def test_pictures_need_memory():
     drawn, plain = (sum(check(read(SLIT, f"output.plots={plots}")).memory.values()) for plots in ("true", "false"))
     assert drawn - plain == pytest.approx(BYTES_PICTURES[False])
     assert check(read(SPHERE)).memory["pictures"] > check(read(SLIT)).memory["pictures"]
+
+
+@pytest.mark.parametrize("what", ["initial: {flood: {fluid: bubble, from: y_min, saturation: 0.2}}", ""])
+def test_a_fluid_that_has_no_sites_yet_falls_over_the_box(what):
+    """One that floods the scene; one that is absent moves nothing."""
+    report = check(read(f"""
+geometry: {{box: [1, 2], fluid: liquid}}
+particles: {{spacing: 0.1}}
+fluids: {{bubble: {{density: 100, viscosity: 1}}, liquid: {{density: 1000, viscosity: 10}}}}
+interface: {{tension: 24.5}}
+{what}
+drive: {{body_force: [0, -0.98]}}
+time: {{end: 0.1}}
+"""))
+    fastest = 0.98 * 900 / 1100 * 0.1 if what else 0.0  # at the end, with 900 / 1100 of g
+    assert report.flow.motion.driven == pytest.approx(fastest)

@@ -23,7 +23,7 @@ class Seen:
 
     def __init__(self, held, across):
         self.case = read(TUBE.replace("HELD", str(held)))
-        self.throats = type("Widths", (), {"median": across})
+        self.throats = type("Widths", (), {"narrow": 0.5 * across, "median": 2.0 * across})
 
 
 @pytest.mark.parametrize("across, number", [(2.0, 1.1e-3), (3.0, 1.1e-3), (6.0, 1.2e-4), (8.0, 3.5e-5)])
