@@ -90,7 +90,7 @@ def quadratic_fit(neighbours: Neighbourhood, phi: np.ndarray, known: np.ndarray,
     m, and slope and curvature are zero. neighbours: of the fluid particles; gradient: (n, dim) of phi, roughly;
     spacing: m. phi, known and gradient are those of remote particles too."""
     fit, field = _none(phi, neighbours), Distance(phi, known, directions(gradient), spacing / neighbours.support)
-    which = np.flatnonzero(wanted)
+    which = np.flatnonzero(wanted[: neighbours.n])
     over_rows(_fit, len(which), which, neighbours, field, walls, fit, work=lambda: _scratch(neighbours, True))
     return fit
 
