@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 # sandstone, by the steps that cases/berea_drainage.yaml tells. Menisci alone, driven slowly, leave steps of 1.3 us
 # there: they are slower than this part of sqrt(sigma / rho w)
 FASTEST, FASTEST_IN_ROCK, MENISCI = 2.0, 6.0, 0.3
+SAID = 0.05  # of the velocity to expect: what makes less of it is not named
 # CPU seconds of one core without compilation, pictures and reference, from docs/validation.md (1836b9f, 2026-11-30) and
 # docs/performance.md; benchmarks/estimates.py compares them with runs. A step: a part for any scene, and microseconds a
 # particle at support 2.1 (square or cubic lattice), of which a denser one or a wider support has more neighbours; by
@@ -73,9 +74,10 @@ def flow_estimate(
         found += _of_tension(case, sites, width)
     if not found or max(motion.largest for motion, _ in found) == 0:
         return None
-    _, source = max(found, key=lambda entry: entry[0].largest)
     motion = _together([motion for motion, _ in found])
     u, mu = motion.largest, max(f.mu for f in case.fluids.values())
+    parts = sorted((entry for entry in found if entry[0].largest > SAID * u), key=lambda entry: -entry[0].largest)
+    source = " + ".join(name for _, name in parts)
     capillary = mu * u / case.interface.tension if case.interface else None
     return Flow(u, source, u * width / nu, capillary, motion)
 

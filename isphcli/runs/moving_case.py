@@ -408,7 +408,7 @@ def _finish_march(run: MovingRun, state: State, config: Configuration) -> tuple[
         "steps": state.step,
         "time": state.time,
         **flow,
-        "mass_error": 0.0,  # particles are neither made nor lost
+        "mass_error": None,  # of steady solves; of particles that move, profiles.csv has what each slice carries
         "max_divergence": max((r["divergence"] for r in history), default=0.0),
         "iterations": {
             name: mean_max([r[f"iterations_{name}"] for r in history]) for name in ("velocity", "pressure")

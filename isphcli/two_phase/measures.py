@@ -162,16 +162,17 @@ class Measures:
         assert self.tension is not None
         sigma, interface = self.tension.tension, _interface(config)
         assert interface.cut is not None
-        area, circularity = float(reduce.total(interface.cut.area)), None
+        inside = inside_sample(self.geometry, interface.cut.cells.middle)
+        area, circularity = float(reduce.total(interface.cut.area[inside])), None
         if self.geometry.dim == 2 and any(self._enclosed(state.x[interface.phase == k]) for k in (0, 1)):
-            area, inside = outline(interface.cut)
-            circularity = 2.0 * math.sqrt(math.pi * inside) / area if area > 0.0 else None
+            area, within = outline(interface.cut)
+            circularity = 2.0 * math.sqrt(math.pi * within) / area if area > 0.0 else None
         flux = np.linalg.norm(reduce.total(state.u)) * self.site_volume
         flux /= np.prod(self.geometry.upper - self.geometry.lower)
         speed = np.sqrt(reduce.largest((state.u * state.u).sum(axis=1)))
         row: dict[str, Any] = {
             "interface_area": area, "surface_energy": sigma * area,
-            "pressure_jump": self._jump(state.p, config) * self.pressure,
+            "pressure_jump": self._jump(state, config) * self.pressure,
             "capillary_number": float(flux * max(self.viscosity) / sigma),
             "peak_capillary_number": float(speed * max(self.viscosity) / sigma),
         }
@@ -198,13 +199,16 @@ class Measures:
         gaps = np.append(first[full[1:]], first[full[:1]] + length) - last[full]
         return float(gaps.max(initial=0.0))
 
-    @staticmethod
-    def _jump(p: np.ndarray, config: Configuration) -> float:
-        """Of p (n,), m2/s2, from the second fluid to the first, at the interface: a linear function of the distance
-        through the particles of each that know theirs and lie off the band, where it is zero. Means over the fluids
-        would have the weight of what lies between their centres in them."""
-        interface, there = _interface(config), []
+    def _jump(self, state: State, config: Configuration) -> float:
+        """Of the pressure, m2/s2, from the second fluid to the first, at the interface: a linear function of the
+        distance through the particles of each that know theirs and lie off the band, where it is zero. Means over the
+        fluids would have the weight of what lies between their centres in them. Of interfaces in the sample, where
+        there are any: at a seam of two reservoirs nothing jumps."""
+        interface, p, there = _interface(config), state.p, []
         near = (interface.strength == 0.0) & (np.abs(interface.phi) < interface.reach)
+        inside = near & inside_sample(self.geometry, state.x)
+        if all(reduce.any_true(inside & (interface.phase == k)) for k in (0, 1)):
+            near = inside
         for k in (0, 1):
             mine = interface.phase == k
             beside = mine & near

@@ -6,7 +6,7 @@ import pytest
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
 from isphcli.scene.build_geometry import build_geometry
-from isphcli.scene.choose_measures import choose_profiles, choose_reservoir_measures
+from isphcli.scene.choose_measures import choose_measures, choose_profiles, choose_reservoir_measures
 from isphcli.scene.prepare import prepare
 
 TUBE = """
@@ -79,3 +79,16 @@ def test_a_rest_under_a_pressure_drop_has_it_as_capillary_pressure():
     assert [row["pressure"] for row in rows] == pytest.approx([8.0] * 8 + [0.0] * 8, abs=1e-12)
     assert [row["saturation_gas"] for row in rows] == [1.0] * 8 + [0.0] * 8
     assert rows[0]["pressure_water"] is None and rows[0]["x"] == pytest.approx(0.125)
+
+
+def test_the_seam_is_no_interface():
+    """Nothing jumps there, and its area is none: what is measured is the front in the sample. As at rest above."""
+    text = TUBE.replace("SHAPES", "[{box: {lower: [0, 0], upper: [2, 1]}, is: gas}]")
+    case = read_case(text.replace("drive:", "interface: {tension: 1}\ndrive:").encode(), "case.yaml")
+    geometry = build_geometry(case)
+    state, stepper, particles = prepare(case, geometry, Clock())
+    along = state.x[:, 0]
+    state = state.__class__(**{**vars(state), "p": (np.where(along < 2.0, 8.0, 0.0) + 8.0 * along / 4.0) / 2.0})
+    measures = choose_measures(case, geometry, particles, stepper.fluids)
+    row = measures(state, stepper.configure(state.x, 0.0, state.phi), everything=True)
+    assert row["pressure_jump"] == pytest.approx(-8.0, abs=1e-6) and row["interface_area"] == pytest.approx(1.0)
