@@ -187,8 +187,13 @@ def step_findings(result: CheckReport) -> Iterator[str]:
 
 
 def reservoir_findings(case: Case) -> Iterator[str]:
-    """One fluid at both ends: nothing displaces anything."""
-    ends = case.reservoirs
+    """One fluid at both ends: nothing displaces anything. An end before that of the steps of the drive."""
+    ends, steps = case.reservoirs, forcing.drive_steps(case)
+    if steps is not None and case.time is not None and case.time.end is not None:
+        count = len(steps.pressure_drop or steps.superficial_velocity or ())
+        if case.time.end < (count - 1) * steps.duration:
+            yield (f"time.end, {case.time.end:g} s, may come before the last of the {count} drive.steps, of up to "
+                   f"{steps.duration:g} s each: steps that are not reached are not in curve.csv; leave time.end out")
     if ends is not None and ends.inlet == ends.outlet:
         other = next((name for name in case.fluids if name != ends.inlet), None)
         yield (f"reservoirs.inlet and reservoirs.outlet are both {ends.inlet}: it goes round, and no fluid displaces "

@@ -164,3 +164,17 @@ def test_fluid_that_spreads_thinner_than_a_spacing(angle, thin):
     assert ("film" in found.split("which")[0]) == (angle in (0, 180))
     assert "contact_angle" not in findings(DROP, f"interface.contact_angle={angle}", "geometry.periodic=[x, y]")
     assert "contact_angle" not in findings(DROP, f"interface.contact_angle={30 if angle < 90 else 150}")
+
+
+def test_an_end_before_the_steps_of_a_drive_is_told():
+    text = """
+geometry: {box: [4, 1], periodic: [x], fluid: water, shapes: [{box: {lower: [0, 0], upper: [2, 1]}, is: gas}]}
+particles: {spacing: 0.125}
+fluids: {water: {density: 2, viscosity: 0.3}, gas: {density: 1, viscosity: 0.3}}
+reservoirs: {axis: x, inlet: gas, outlet: water, length: 1}
+drive: {steps: {pressure_drop: [1, 2, 3], duration: 2}}
+time: {end: END}
+"""
+    told = [any("3 drive.steps" in warning for warning in check(read(text.replace("END", end))).warnings)
+            for end in ("3", "6")]
+    assert told == [True, False]
