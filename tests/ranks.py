@@ -50,7 +50,7 @@ SCATTERED = BARS.format(length="1.6").replace("spacing: 0.1", "spacing: 0.1, jit
 output: {grid: 0.07, format: xdmf}
 """
 TEXTS = {"thin": BARS.format(length="0.2"), "long": BARS.format(length="2.0"), "few": FEW, "scattered": SCATTERED,
-         "tube": TUBE + "output: {grid: 0.04}\n"}
+         "tube": TUBE + "output: {grid: 0.035}\n"}
 FILES = {"berea": ("berea", BEREA), "spheres": ("sphere_array", ["drive.axes=[x]"]), "tubes": ("two_tubes", []),
          "smooth": ("berea", [*BEREA, "geometry.wall_distance=smooth"]),
          "grey": ("grey_blobs", ["geometry.voxels.grey.uncertainty=2000"])}

@@ -41,7 +41,8 @@ def test_measures_are_those_of_one_process(found, ranks, name):
             expected, measured = ([float(row[key]) for row in table if row[key]] for table in (first, second))
             least = close * max(map(abs, expected), default=0.0)
             if key.startswith(("velocity", "mean_velocity", "superficial_velocity")):  # sums that may vanish
-                least = close * np.abs(state(one)["u"]).max()
+                # and a cell between two particles that are equally near may take the other one's
+                least = 2 * close * np.abs(state(one)["u"]).max()
             elif key == "capillary_number":  # of such a sum
                 least = close * max(float(row["peak_capillary_number"]) for row in first)
             assert measured == pytest.approx(expected, rel=close, abs=least), key
