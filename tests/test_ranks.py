@@ -172,7 +172,9 @@ def test_fields_on_a_grid_are_those_of_one_process(found, name, file, ranks):
     assert one.keys() == several.keys() >= {"velocity", "pressure", "phase", "solid"}
     for field, values in one.items():
         assert several[field].shape == values.shape and several[field].dtype == values.dtype
-        close = 1e-4 * np.abs(values).max() if values.dtype.kind == "f" else 0
+        # the tube has no pressure but the drop that drives it, 2 Pa
+        largest = max(np.abs(values).max(), 0.01 if field == "pressure" else 0.0)
+        close = 1e-4 * largest if values.dtype.kind == "f" else 0
         assert np.abs(several[field].astype(float) - values).max() <= close
 
 
