@@ -76,10 +76,8 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
     sites = Sites(lattice, geometry, case.support * case.particles.spacing, len(case.fluids) == 1)
     result.particles = sites.particles
     if not sites.particles["fluid"]:
-        result.errors.append(
-            f"no fluid: the scene is solid at every site of the lattice; check {what_is_solid(geometry)}, or take "
-            "a smaller particles.spacing"
-        )
+        result.errors.append("no fluid: the scene is solid at every site of the lattice; check "
+                             f"{what_is_solid(geometry)}, or take a smaller particles.spacing")
         return result
     result.connectivity = sites.connectivity()
     if case.microporous:
@@ -101,11 +99,11 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
         result.errors.append("a steady solve has one fluid; use flow: navier_stokes for two")
     result.warnings += [*resolution_findings(result, geometry, lattice), *contact_angle_findings(case, geometry),
                         *reservoir_findings(case), *step_findings(result), *menisci_findings(result),
-                            *other_findings(result, geometry, sites)]
+                        *other_findings(result, geometry, sites)]
     if not to_run:
         other = other_sample(case, geometry)
-        result.warnings += [] if other is None else [f"the reference is not compared: {other}"]
-        result.warnings += list(absent_fluids(case, sites))
+        result.warnings += [*([] if other is None else [f"the reference is not compared: {other}"]),
+                            *absent_fluids(case, sites)]
     elif case.flow != "stokes":  # the run finds out, by its particles
         result.warnings += result.errors
     return result
