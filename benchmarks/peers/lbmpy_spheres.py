@@ -9,18 +9,15 @@ hundredth of the time of diffusion across the cell. Prints rows as those of isph
 permeability against Zick and Homsy (1982), table 2, and CPU seconds of the steps, compilation left out.
 """
 
-import math
-import sys
 import time
-from importlib.metadata import version
 
 import numpy as np
 from lbmpy import LBMConfig, LBStencil, Method, Stencil
 from lbmpy.boundaries import NoSlip
 from lbmpy.lbstep import LatticeBoltzmannStep
-from lbmpy.relaxationrates import lattice_viscosity_from_relaxation_rate, relaxation_rate_from_lattice_viscosity
+from lbmpy.relaxationrates import relaxation_rate_from_lattice_viscosity
+from sphere_array import print_rows, radius_of
 
-DRAG = {0.216: 7.442, 0.45: 28.1}  # K of Zick and Homsy: {solid fraction: drag over that of Stokes}
 VISCOSITY = 1 / 6  # lattice units
 FORCE = 1e-6  # lattice units; Reynolds numbers below 0.1 with 64 nodes
 
@@ -29,11 +26,10 @@ def permeability(fraction: float, nodes: int) -> tuple[float, float]:
     """k over the square of the cell, and the CPU seconds that its steps took."""
     even = relaxation_rate_from_lattice_viscosity(VISCOSITY)
     odd = 1 / (3 / 16 / (1 / even - 0.5) + 0.5)  # magic number 3/16
-    assert math.isclose(lattice_viscosity_from_relaxation_rate(even), VISCOSITY)
     config = LBMConfig(stencil=LBStencil(Stencil.D3Q19), method=Method.TRT, relaxation_rates=[even, odd],
                        force=(FORCE, 0, 0), compressible=False)  # fmt: skip
     scene = LatticeBoltzmannStep(domain_size=(nodes,) * 3, periodicity=(True,) * 3, lbm_config=config)
-    radius = (3 * fraction / (4 * math.pi)) ** (1 / 3) * nodes
+    radius = radius_of(fraction) * nodes
 
     def solid(*x: np.ndarray) -> np.ndarray:
         return sum((axis - nodes / 2) ** 2 for axis in x) < radius**2
@@ -51,16 +47,5 @@ def permeability(fraction: float, nodes: int) -> tuple[float, float]:
         before = mean
 
 
-def main(sizes: list[int]) -> None:
-    """Prints a row for each solid fraction and number of nodes."""
-    for fraction, drag in DRAG.items():
-        radius = (3 * fraction / (4 * math.pi)) ** (1 / 3)
-        exact = 1 / (6 * math.pi * radius * drag)
-        for nodes in sizes:
-            k, seconds = permeability(fraction, nodes)
-            print(f"lbmpy,{version('lbmpy')},sphere_array,fraction={fraction},{nodes},permeability_relative,"
-                  f"{k / exact - 1:.4g},{seconds:.3g}", flush=True)  # fmt: skip
-
-
 if __name__ == "__main__":
-    main([int(size) for size in sys.argv[1:]] or [16, 32])
+    print_rows("lbmpy", permeability)

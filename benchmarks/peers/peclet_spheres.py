@@ -8,15 +8,11 @@ change is within 0.1 % of the mean velocity, by that code's own test. Prints row
 error of the permeability against Zick and Homsy (1982), table 2, and CPU seconds of set-up and march.
 """
 
-import math
-import sys
 import time
-from importlib.metadata import version
 
 import numpy as np
 from peclet import flow
-
-DRAG = {0.216: 7.442, 0.45: 28.1}  # K of Zick and Homsy: {solid fraction: drag over that of Stokes}
+from sphere_array import print_rows, radius_of
 
 
 def permeability(fraction: float, cells: int) -> tuple[float, float]:
@@ -29,8 +25,7 @@ def permeability(fraction: float, cells: int) -> tuple[float, float]:
     solver.set_advection(False)
     solver.set_body_force([1.0, 0.0, 0.0])
     x = np.meshgrid(*solver.cell_centers(), indexing="ij")
-    radius = (3 * fraction / (4 * math.pi)) ** (1 / 3)
-    distance = np.sqrt(sum((axis - 0.5) ** 2 for axis in x)) - radius
+    distance = np.sqrt(sum((axis - 0.5) ** 2 for axis in x)) - radius_of(fraction)
     solver.set_solid(np.asfortranarray(distance), cutcell_pressure=True)
     found = flow.march_to_steady(solver, lambda: float(solver.get_u().mean()), rtol=1e-3)
     if not found.converged:
@@ -38,16 +33,5 @@ def permeability(fraction: float, cells: int) -> tuple[float, float]:
     return found.monitor, time.process_time() - began
 
 
-def main(sizes: list[int]) -> None:
-    """Prints a row for each solid fraction and number of cells."""
-    for fraction, drag in DRAG.items():
-        radius = (3 * fraction / (4 * math.pi)) ** (1 / 3)
-        exact = 1 / (6 * math.pi * radius * drag)
-        for cells in sizes:
-            k, seconds = permeability(fraction, cells)
-            print(f"peclet-flow,{version('peclet-flow')},sphere_array,fraction={fraction},{cells},"
-                  f"permeability_relative,{k / exact - 1:.4g},{seconds:.3g}", flush=True)  # fmt: skip
-
-
 if __name__ == "__main__":
-    main([int(size) for size in sys.argv[1:]] or [16, 32])
+    print_rows("peclet-flow", permeability)
