@@ -427,7 +427,7 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
         for m in range(dim):
             for k in range(dim):
                 gradient_p[o, m, k] = per_length * gp[m, k]
-        slides = False
+        along[:], slides = 0.0, False
         for q in range(count):
             if link[begin + q] != MEETS_WALL:
                 continue
@@ -440,12 +440,7 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
             for m in range(dim):
                 weight[1 + m] = _grad_weight(gradient, k_tensor, o, m, second_one, first_one, 0)
             add_wall_pair(neighbours, walls, i, q, work.stencil, pair, sums)  # eq. 11
-            j = neighbours.row[begin + q]
-            if walls.slip_length[walls.wall[j]] > 0.0:
-                if not slides:
-                    along[:] = 0.0
-                slides = True
-                add_along(work.stencil, q, neighbours.support, walls.normal[j], pair, along)
+            slides |= add_along(neighbours, walls, i, q, work.stencil, pair, along)
         if slides:
             for m in range(dim):
                 for k in range(dim):

@@ -169,6 +169,7 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
         if near_wall[i]:
             second_moments(work.stencil, link[begin : begin + count], moments)
             invert_gradient(moments, dim, g_p)
+            along[:] = 0.0
         at, slides = np.uint64(seen_start[i]), False
         for k in range(count):
             a = weights[0, k] * per_area
@@ -196,12 +197,7 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
                 for c in range(dim):
                     for m in range(dim):
                         slope_velocity[i, c, m] += pair[1][c] * pair[0][1 + m]
-                j = neighbours.row[begin + k]
-                if walls.slip_length[walls.wall[j]] > 0.0:
-                    if not slides:
-                        along[:] = 0.0
-                    slides = True
-                    add_along(work.stencil, k, neighbours.support, walls.normal[j], pair, along)
+                slides |= add_along(neighbours, walls, i, k, work.stencil, pair, along)
         if slides:
             for q in range(seen_start[i], seen_start[i + 1]):
                 for m in range(dim):
@@ -211,21 +207,24 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
 
 
 @njit(cache=True)
-def add_along(stencil, k, support, normal, pair, along):
-    """Adds to `along` (dim, dim) what the divergence makes of a velocity that changes along a wall that slips.
+def add_along(neighbours, walls, i, k, stencil, pair, along):
+    """Adds to `along` (dim, dim) what the divergence makes of a velocity that changes along the wall where neighbour k
+    of particle i is met, and returns whether it slips. To be called after `add_wall_pair`, with the same arguments.
 
     Where pair k meets the wall, s away from the foot of the particle, what slides has the velocity of the particle,
     which `add_wall_pair` takes, and beyond it  s . grad u:  sum_k g_k . B (s_k . grad u). With that slope by the fluid
     neighbours alone (the weights of the pressure gradient) the divergence of a linear velocity that does not cross the
     wall is exact. Without it flow along a wall leaked through it.
     """
-    weight, _, slide = pair
-    dim = len(normal)
-    off = 0.0
+    (weight, _, slide), j = pair, neighbours.row[neighbours.start[i] + k]
+    if not walls.slip_length[walls.wall[j]] > 0.0:
+        return False
+    normal, dim, off = walls.normal, len(along), 0.0
     for c in range(dim):
-        off += normal[c] * stencil[c][k]
+        off += normal[j, c] * stencil[c][k]
     for c in range(dim):
-        s = stencil[3][k] * support * (stencil[c][k] - off * normal[c])
+        s = stencil[3][k] * neighbours.support * (stencil[c][k] - off * normal[j, c])
         for m in range(dim):
             for q in range(dim):
                 along[m, c] += weight[1 + q] * slide[q, m] * s
+    return True
