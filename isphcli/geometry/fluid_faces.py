@@ -62,7 +62,6 @@ class FluidFaces:
             return np.full(len(x), -np.inf)
         return block_distance(q)
 
-
     def in_sight(self, x: np.ndarray, crossing: Crossing) -> np.ndarray:
         """`signed_distance` (n,) of fluid points x (n, dim), m; infinite in the pores behind the walls that faces lie
         along: those see nothing of the body. crossing: as `Geometry.crossing`."""

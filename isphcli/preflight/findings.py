@@ -169,7 +169,7 @@ def fluids_there(case: Case, sites: Sites) -> list[str]:
 
 
 def step_findings(result: CheckReport) -> Iterator[str]:
-    """A run that is out of steps before its end; steps that are given and longer than the flow allows."""
+    """A run that is out of steps before its end; a flow that would be turbulent."""
     case, steps = result.case, result.steps
     if case.time is None or steps is None or steps.count is None:
         return

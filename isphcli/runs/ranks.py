@@ -29,7 +29,7 @@ BY_PERMEABILITY = ("permeability", "sphere_array", "cylinder_array")  # referenc
 def entry(fluid: int, exchange: Exchange, clock: Clock) -> dict[str, Any]:
     """Entry `ranks` of the summary: (least, most) of what the processes have. fluid: particles of this one; clock: its
     seconds, of which those of the compiler are left out."""
-    ranks, spent, sent = current(), clock.cpu(), replace(TRAFFIC)
+    ranks, spent, sent = current(), clock.cpu(), TRAFFIC
     own = {"fluid": fluid, "remote": exchange.remote, "messages": sent.messages, "sent_bytes": sent.sent,
            "collectives": sent.collectives, "cpu_seconds": spent["total"] - spent.get("compile", 0.0),
            "waiting_seconds": sent.waited, "peak_memory_bytes": peak_memory()}
