@@ -155,7 +155,7 @@ ALLOWED = {
     ("two_phase.measures", "np.linalg.norm(reduce.total(state.u))"): AXES,
     ("two_phase.measures", "np.prod(self.geometry.upper - self.geometry.lower)"): AXES,
     ("two_phase.measures", "(offset * offset).sum(axis=1)"): OWN,
-    ("two_phase.measures", "np.einsum('ncd,nd->nc', gradient.reshape(len(near), ops.dim, ops.dim), way)"): OWN,
+    ("two_phase.measures", "np.einsum('ncd,nd->nc', gradients[near].reshape(-1, ops.dim, ops.dim), way)"): OWN,
     ("two_phase.measures", "((b - a) ** 2).sum(axis=1)"): OWN,
     ("two_phase.measures", "((points - middle) ** 2).sum(axis=1)"): OWN,
     ("two_phase.measures", "(local * local).sum(axis=1)"): OWN,
