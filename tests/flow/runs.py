@@ -9,12 +9,14 @@ from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
 
 
-def run(text):
-    """(state, configuration, stepper, rows) at the end of a case."""
+def run(text, measured=None):
+    """(state, configuration, stepper, rows) at the end of a case. The rows hold what measured(geometry, state) gives."""
     case = read_case(text.encode(), "case.yaml")
     geometry = build_geometry(case)
     state, stepper, particles = prepare(case, geometry, Clock())
     march = TimeLoop(case, stepper, particles.site_volume, float(np.prod(geometry.upper - geometry.lower)))
+    if measured is not None:
+        march.measure = lambda state, _: measured(geometry, state)
     rows = []
     nothing = lambda *_: None  # noqa: E731
     state, config = march.run(state, stepper.configure(state.x, phi=state.phi), nothing, rows.append, nothing)

@@ -57,12 +57,21 @@ def test_two_layers_take_the_drop_of_their_common_flow():
 def test_an_image_holds_the_flux_of_its_clear_layers(tmp_path, spacing, layer):
     """A channel of half the height between two layers of clear fluid. What is held is the flux of the layers, to the
     tolerance of the solver, whatever number of lattice layers falls into them; that of the channel follows from mass,
-    as far as the divergence sees it (2 %; with 4 across it wanders between 0.085 and 0.105 with time, and round-off
-    decides what it is at the end)."""
+    as far as the divergence sees it. In the channel particles of equal volume are counted, 126 to 129 with 8 across,
+    so that its flux scatters from step to step (1.6 %; 6 % with 4 across), and round-off decides which step is last:
+    the mean of the last half of them is -1.1 and +5 % off, and -0.6 % with 16 across."""
     image = np.ones((16, 16), np.uint8)
     image[4:12] = 0
     np.save(tmp_path / "channel.npy", image)
-    state, _, stepper, _ = run(f"""
+    few = (spacing / 0.0625) ** 2
+
+    def fluxes(geometry, state):
+        lower, upper = geometry.sample_lower[0], geometry.sample_upper[0]
+        inside = (state.x[:, 0] >= lower) & (state.x[:, 0] <= upper)
+        volume = spacing**2 / (geometry.upper - geometry.lower)[1]
+        return {"layers": state.u[~inside, 0].mean(), "channel": state.u[inside, 0].sum() * volume / (upper - lower)}
+
+    state, _, stepper, rows = run(f"""
 geometry:
   voxels:
     {{file: {tmp_path}/channel.npy, labels: {{solid: 1, water: 0}}, voxel_size: 0.0625, clear_layer: {layer * 0.0625}}}
@@ -71,12 +80,10 @@ particles: {{spacing: {spacing}}}
 fluids: {{water: {{density: 2, viscosity: 0.5}}}}
 drive: {{superficial_velocity: {{x: 0.1}}}}
 time: {{steady: 1.0e-3, end: 10}}
-""")
-    lower, upper = stepper.geometry.sample_lower[0], stepper.geometry.sample_upper[0]
-    layers = (state.x[:, 0] < lower) | (state.x[:, 0] > upper)
-    assert state.u[layers, 0].mean() == pytest.approx(0.1, rel=1e-5)
-    volumes, few = spacing**2 / (stepper.geometry.upper - stepper.geometry.lower)[1], (spacing / 0.0625) ** 3
-    assert state.u[~layers, 0].sum() * volumes / (upper - lower) == pytest.approx(0.1, rel=0.025 * few)
+""", fluxes)
+    assert rows[-1]["layers"] == pytest.approx(0.1, rel=1e-5)
+    last = [row["channel"] for row in rows[len(rows) // 2 :]]
+    assert np.mean(last) == pytest.approx(0.1, rel=0.02 * few)
     assert stepper.held_velocity.porosity == pytest.approx(0.5, rel=0.3)
     assert stepper.held_velocity.drop(state) > 0
 
