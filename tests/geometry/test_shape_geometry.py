@@ -344,3 +344,16 @@ def test_what_cannot_turn():
             ShapeGeometry([0.0, 0.0], box, [True, True], shapes=[shape])
     speed = ShapeGeometry([0, 0], [3, 3], [True] * 2, shapes=[Shape(Disk([1, 1], 0.5), angular_velocity=-4)]).wall_speed
     assert speed.max() == 2.0
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_on_the_axis_of_a_tube_all_directions_are_alike(axis):
+    """The wall is a radius off, also where a pocket of fluid has taken it away on the side that is looked at first."""
+    first = 1 if axis == 0 else 0
+    pocket = np.full(3, 0.5)
+    pocket[first] = 0.8
+    shapes = [Shape(Cylinder(axis, (0.5, 0.5, 0.5), 0.3), outside=True), Shape(Sphere(pocket, 0.1), phase=0)]
+    g = ShapeGeometry((0, 0, 0), (1, 1, 1), (True,) * 3, shapes=shapes)
+    x = np.full((4, 3), 0.5)
+    x[:, axis] = [0.1, 0.45, 0.5, 0.9]
+    assert np.abs(g.distance(x) - 0.3).max() < 1e-14
