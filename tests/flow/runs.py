@@ -10,7 +10,7 @@ from isphcli.scene.prepare import prepare
 
 
 def run(text, measured=None):
-    """(state, configuration, stepper, rows) at the end of a case. The rows hold what measured(geometry, state) gives."""
+    """(state, configuration, stepper, rows) at the end of a case; rows hold what measured(geometry, state) gives."""
     case = read_case(text.encode(), "case.yaml")
     geometry = build_geometry(case)
     state, stepper, particles = prepare(case, geometry, Clock())
