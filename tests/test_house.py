@@ -5,6 +5,7 @@ Imports are read from the source, those inside functions and those for annotatio
 """
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -15,10 +16,15 @@ PHYSICS = ("domain", "geometry", "operators", "solvers", "flow", "two_phase")
 WORDS = ("case", "scene", "output", "runs")  # what physics is not to know, but for the stopwatch
 
 
+@cache
+def parsed(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def imports(name):
     """Files of the package that a file imports."""
     folder, found = name.split(".")[:-1], set()
-    for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(FILES[name])):
         if not isinstance(node, ast.ImportFrom) or not node.level:
             continue
         base = ".".join(folder[: len(folder) - node.level + 1] + ([node.module] if node.module else []))
@@ -69,7 +75,7 @@ def test_no_circle_of_files():
 @pytest.mark.parametrize("name", FILES)
 def test_no_import_by_a_name_that_is_computed(name):
     """An arrow that no reader of imports can see."""
-    for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(FILES[name])):
         if isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
             assert isinstance(node.args[0], ast.Constant), f"{name}:{node.lineno}"
 
@@ -77,7 +83,7 @@ def test_no_import_by_a_name_that_is_computed(name):
 @pytest.mark.parametrize("name", FILES)
 def test_what_begins_with_an_underscore_stays_in_its_file(name):
     """Imported by name, or asked of a module that was imported."""
-    tree, taken_from_others, modules = ast.parse(FILES[name].read_text(encoding="utf-8")), [], set()
+    tree, taken_from_others, modules = parsed(FILES[name]), [], set()
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.level:
             taken_from_others += [alias.name for alias in node.names if alias.name.startswith("_")]
@@ -94,7 +100,7 @@ READ_DRIVE = ("case.forcing", "case.checks")  # what it means, and whether it ma
 @pytest.mark.parametrize("name", [name for name in FILES if name not in READ_DRIVE])
 def test_what_drives_a_flow_is_read_in_one_place(name):
     """`case.drive` is touched by `case/forcing.py` alone; a method of that name is called, not read."""
-    tree = ast.parse(FILES[name].read_text(encoding="utf-8"))
+    tree = parsed(FILES[name])
     called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
     read = [node.lineno for node in ast.walk(tree)
             if isinstance(node, ast.Attribute) and node.attr == "drive" and id(node) not in called]
@@ -148,7 +154,7 @@ def test_one_class_has_a_name():
     """Public ones: a word of the case language and one of the geometry are told apart."""
     found = {}
     for name, path in FILES.items():
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        for node in parsed(path).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 found.setdefault(node.name, []).append(name)
     assert {word: names for word, names in found.items() if len(names) > 1} == {}
@@ -168,7 +174,7 @@ def calls_of(tree, name):
 def test_loops_over_rows_are_threads_of_serial_kernels(name):
     """numba's parallel loops take two to four times as long to compile (`domain/row_threads.py`); a kernel that holds
     the lock of the interpreter would make the threads wait for each other."""
-    tree = ast.parse(FILES[name].read_text(encoding="utf-8"))
+    tree = parsed(FILES[name])
     kernels = {node.name: ast.unparse(node.decorator_list[0]) for node in ast.walk(tree)
                if isinstance(node, ast.FunctionDef) and is_kernel(node)}
     assert [kernel for kernel, options in kernels.items() if "parallel=True" in options] == []
@@ -178,16 +184,17 @@ def test_loops_over_rows_are_threads_of_serial_kernels(name):
 
 def kernels_of(name):
     """The compiled functions of a file."""
-    tree = ast.parse(FILES[name].read_text(encoding="utf-8"))
+    tree = parsed(FILES[name])
     return [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and is_kernel(node)]
 
 
+@cache
 def called_by_kernels():
     """((file, kernel), (file, kernel that it calls)) of all of them, and what each is compiled with."""
     options = {(name, node.name): ast.unparse(node.decorator_list[0]) for name in FILES for node in kernels_of(name)}
     pairs = []
     for name in FILES:
-        tree = ast.parse(FILES[name].read_text(encoding="utf-8"))
+        tree = parsed(FILES[name])
         imported = {alias.name for node in tree.body if isinstance(node, ast.ImportFrom) for alias in node.names}
         for node in kernels_of(name):
             words = {ast.unparse(call.func) for call in ast.walk(node) if isinstance(call, ast.Call)}
@@ -228,7 +235,7 @@ def taken(node):
 def test_functions_have_annotations(name):
     """mypy asks for them but in files that hold kernels, whose types numba finds."""
     missing = []
-    for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(FILES[name])):
         if not isinstance(node, ast.FunctionDef) or is_kernel(node):
             continue
         bare = [a.arg for a in taken(node) if a.annotation is None and a.arg not in ("self", "cls")]
@@ -242,7 +249,7 @@ def test_few_functions_take_many_arguments():
     no parts."""
     many = []
     for name, path in FILES.items():
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(parsed(path)):
             if isinstance(node, ast.FunctionDef) and len(taken(node)) > 7:
                 many.append(f"{name}.{node.name}")
     assert len(many) < 10, many
@@ -283,7 +290,7 @@ def test_functions_are_short():
     """What is longer does several things, each of which has a name of its own."""
     long = []
     for name, path in FILES.items():
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(parsed(path)):
             if isinstance(node, ast.FunctionDef) and not is_kernel(node) and node.end_lineno - node.lineno >= LONGEST:
                 long.append((f"{name}.{node.name}", node.end_lineno - node.lineno + 1))
     assert long == []
@@ -309,13 +316,13 @@ def test_the_reader_of_docstrings_sees_them():
 
 @pytest.mark.parametrize("name", FILES)
 def test_what_is_public_says_what_it_is(name):
-    assert list(says_nothing(ast.parse(FILES[name].read_text(encoding="utf-8")).body)) == []
+    assert list(says_nothing(parsed(FILES[name]).body)) == []
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_no_field_is_of_any_type_whatever(name):
     """`object` says nothing of a field, a SimpleNamespace nothing of a result."""
-    for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(FILES[name])):
         assert not (isinstance(node, ast.AnnAssign) and ast.unparse(node.annotation) == "object"), node.lineno
         assert not (isinstance(node, ast.Name) and node.id == "SimpleNamespace"), node.lineno
 
@@ -323,6 +330,6 @@ def test_no_field_is_of_any_type_whatever(name):
 @pytest.mark.parametrize("name", [name for name in FILES if room(name) != "case"])
 def test_no_geometry_is_asked_what_it_has(name):
     """What some geometries do not have is None in the protocol. In a case, `geometry` is a block and no geometry."""
-    for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(FILES[name])):
         if isinstance(node, ast.Call) and ast.unparse(node.func) in ("getattr", "hasattr"):
             assert ast.unparse(node.args[0]).rpartition(".")[2] != "geometry", node.lineno
