@@ -277,7 +277,7 @@ def _case_of(values: Mapping[str, Any], overrides: Sequence[str]) -> Case:
 
     text = yaml.safe_dump(_plain(values), sort_keys=False, allow_unicode=True)
     try:
-        return replace(read_case(text.encode(), Path("case"), overrides), path=None)
+        return replace(read_case(text.encode(), Path("case"), overrides), path=None, places={})
     except CaseError as error:
         raise CaseError(tuple(replace(p, file="case" if p.line else p.file, line=None)
                               for p in error.problems)) from None

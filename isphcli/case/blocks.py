@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 from .reader import Table, key, keys_of
+from .yaml import Where
 
 Vector = tuple[float, ...]
 Timed = float | str  # a number, or a formula of the time t, s
@@ -740,6 +742,14 @@ class Case:
 
     path: Path | None = field(default=None, compare=False)
     """The file that the case was read from."""
+    places: Mapping[str, Where] = field(default_factory=dict, compare=False, repr=False)
+    """Where each key was written, by its dotted path; empty for a case that was made in Python."""
+
+    def place_of(self, path: str) -> Where:
+        """Where a key was written, or the innermost block around it."""
+        while path and path not in self.places:
+            path = path.rpartition(".")[0]
+        return self.places.get(path) or Where(str(self.path or "case"))
 
     @property
     def dim(self) -> int | None:

@@ -13,10 +13,10 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from . import expressions, forcing
-from .blocks import AXES, LATTICES, SOLID, Grey, ShapeBlock
+from .blocks import AXES, LATTICES, SOLID, Grey, ShapeBlock, Time
 from .force_list import wrong_with_forces
 from .reader import Key, Table, keys_of, suggest
-from .yaml import ProblemList, Where, as_key, shown
+from .yaml import ProblemList, as_key, shown
 
 if TYPE_CHECKING:
     from .blocks import Case, Drive, Reservoirs
@@ -39,15 +39,14 @@ FEWEST_STEPS = 10  # in which blocks may return to their volume: each brings bac
 MAX_SITES = 1e9  # of the lattice: far above what a machine holds, so the lengths must be mistaken
 
 
-def check_case(case: Case, problems: ProblemList, places: dict[str, Where]) -> None:
-    """Report what is wrong between the keys; `places` says where each path was written."""
-    if any(block is None for block in (case.geometry, case.particles, case.fluids)):
-        return  # a required block that could not be read has been reported; the checks need all three
-    checks = _Checks(case, problems, places)
+def check_case(case: Case, problems: ProblemList) -> None:
+    """Report what is wrong between the keys."""
+    checks = _Checks(case, problems)
     for check in (
         checks.fluids,
         checks.scene,
         checks.voxels,
+        checks.voxel_size,
         checks.periodic,
         checks.walls,
         checks.shapes,
@@ -71,7 +70,7 @@ def check_case(case: Case, problems: ProblemList, places: dict[str, Where]) -> N
 def check_dimension(case: Case, dim: int) -> None:
     """Raise CaseError where a case does not fit its image of `dim` dimensions, known only once the image is read."""
     problems = ProblemList()
-    checks = _Checks(case, problems, {"": Where(str(case.path or "case"), None)}, dim)
+    checks = _Checks(case, problems, dim)
     checks.periodic()
     checks.voxel_size()
     checks.vectors()
@@ -85,20 +84,16 @@ def check_dimension(case: Case, dim: int) -> None:
 
 
 class _Checks:
-    def __init__(self, case: Case, problems: ProblemList, places: dict[str, Where], dim: int | None = None):
+    def __init__(self, case: Case, problems: ProblemList, dim: int | None = None):
         self.case = case
         self.problems = problems
-        self.places = places
         self.clear = problems.clear_of
-        self.dim = dim or (case.dim if self.clear("geometry.box", "geometry.voxels") else None)
+        self.dim = dim or _dimension_of(case)
         self.axes = AXES[: self.dim or 3]
 
     def bad(self, path: str, message: str, fix: str = "") -> None:
         """Report a problem at the line of `path` or of the innermost block around it."""
-        place = path
-        while place not in self.places:
-            place = place.rpartition(".")[0]
-        self.problems.add(self.places[place], path, message, fix)
+        self.problems.add(self.case.place_of(path), path, message, fix)
 
     def format(self) -> None:
         """Said before hours of a run whose files could not be written."""
@@ -203,8 +198,10 @@ class _Checks:
 
     def _axes_exist(self, axes: Any, path: str) -> bool:
         missing = [axis for axis in axes if axis not in self.axes]
+        voxels = self.case.geometry.voxels if self.case.geometry is not None else None
+        image = f"; {voxels.file.name} is an image of two dimensions" if voxels is not None and voxels.file else ""
         for axis in missing:
-            self.bad(path, f"a 2D scene has no axis {axis}", "remove it")
+            self.bad(path, f"a 2D scene has no axis {axis}", f"remove it{image}")
         return not missing
 
     def walls(self) -> None:
@@ -257,8 +254,6 @@ class _Checks:
 
     def vectors(self) -> None:
         """All vectors have as many entries as the scene has dimensions; those of an image agree."""
-        if not self.clear("geometry.box", "geometry.voxels"):
-            return
         wanted = (self.dim,) if self.dim else (2, 3)
         for path, spec, value in _walk(self.case):
             if spec.per_axis and isinstance(value, tuple) and len(value) not in wanted:
@@ -266,8 +261,9 @@ class _Checks:
                 self.bad(path, f"has {len(value)} entries", f"the scene has {numbers} dimensions")
 
     def voxel_size(self) -> None:
-        size = self.case.geometry.voxels.voxel_size if self.case.geometry.voxels else None
-        if isinstance(size, tuple) and len(size) != self.dim:
+        voxels = self.case.geometry.voxels if self.case.geometry is not None else None
+        size = voxels.voxel_size if voxels is not None else None
+        if self.dim and isinstance(size, tuple) and len(size) != self.dim:
             fix = f"the image has {self.dim} dimensions"
             self.bad("geometry.voxels.voxel_size", f"has {len(size)} entries", fix)
 
@@ -275,7 +271,8 @@ class _Checks:
         if not self.dim or not self.clear("particles.spacing", "particles.lattice"):
             return
         self.lattice()
-        self._spacing_fits(self.case.particles.spacing, "particles.spacing")
+        if self.case.geometry.box is not None:
+            self._spacing_fits(self.case.particles.spacing, "particles.spacing")
 
     def volume(self) -> None:
         path = "particles.keep_volume"
@@ -304,7 +301,7 @@ class _Checks:
             self.bad("interface", f"needs two fluids, found {len(self.case.fluids)}")
 
     def forces(self) -> None:
-        if self.clear("fluids", "geometry", "flow", "microporous"):
+        if self.clear("fluids", "geometry", "flow", "microporous", "particles.spacing"):
             for problem in wrong_with_forces(self.case, self.dim):
                 self.bad(*problem)
 
@@ -325,11 +322,11 @@ class _Checks:
             self.bad(f"{path}.axis", f"{found.axis} ends at walls", f"add {found.axis} to geometry.periodic")
         elif found.length is None:
             self.bad(f"{path}.length", "missing: a box has no clear layers", "give the length of each reservoir, in m")
-        elif self.dim:
+        elif self.dim and self.clear("particles.spacing"):
             length, spacing = scene.box[AXES.index(found.axis)], self.case.particles.spacing  # type: ignore[index]
             if 2.0 * found.length >= length:
                 self.bad(f"{path}.length", "two of them fill the box", "make it smaller")
-            elif self.clear("particles.spacing") and min(found.length, length - 2.0 * found.length) < spacing:
+            elif min(found.length, length - 2.0 * found.length) < spacing:
                 what = "it is" if found.length < spacing else "what two of them leave of the box is"
                 self.bad(f"{path}.length", f"{what} less than a spacing, {spacing:g}", "make it a few spacings or more")
 
@@ -354,6 +351,7 @@ class _Checks:
             self.bad("drive.axes", "makes its own flow along each axis", "remove the rest of drive")
         if not (drive.axes or pushed or drive.steps):
             self.bad("drive", "drives nothing", "give body_force, pressure_drop, superficial_velocity, steps or axes")
+        self.drives_of_zero(drive)
         if drive.axes and self.clear("flow") and self.case.flow != "stokes":
             self.bad("drive.axes", "needs flow: stokes", "use body_force, pressure_drop or superficial_velocity")
         if drive.superficial_velocity is not None:
@@ -369,6 +367,16 @@ class _Checks:
         self.of_time(drive.body_force or (), "drive.body_force")
         for name, drop in (drive.pressure_drop or {}).items():
             self.of_time((drop,), f"drive.pressure_drop.{name}", listed=False)
+
+    def drives_of_zero(self, drive: Drive) -> None:
+        """A drive of zeros would run as if it was not there."""
+        fix = "give another number, or remove it"
+        if drive.body_force and not any(drive.body_force):
+            self.bad("drive.body_force", "is zero along every axis and drives nothing", fix)
+        for name in ("pressure_drop", "superficial_velocity"):
+            for axis, value in (getattr(drive, name) or {}).items():
+                if value == 0:
+                    self.bad(f"drive.{name}.{axis}", "is zero and drives nothing", fix)
 
     def of_time(self, items: Any, path: str, listed: bool = True) -> None:
         """Formulas of the time need a flow in time with an end, up to which they have finite values."""
@@ -388,8 +396,8 @@ class _Checks:
 
     def held_rate(self, drive: Any) -> None:
         path = "drive.superficial_velocity"
-        if len(drive.superficial_velocity) != 1 or not all(drive.superficial_velocity.values()):
-            self.bad(path, "needs one axis, and a velocity other than zero")
+        if len(drive.superficial_velocity) != 1:
+            self.bad(path, "needs one axis", "name the axis of the flow alone")
         if drive.pressure_drop is not None:
             self.bad(path, "finds its own pressure drop", "remove drive.pressure_drop")
         if self.clear("flow") and self.case.flow == "stokes":
@@ -419,7 +427,7 @@ class _Checks:
 
     def _driven_axes_open(self, axes: Any, path: str) -> None:
         """In a box a flow from face to face needs a periodic axis; an image gets clear layers instead."""
-        if self.case.geometry.box is None or not self.dim or not self.clear("geometry.periodic"):
+        if not self.dim or not self.clear("geometry.periodic") or self.case.geometry.box is None:
             return
         for axis in axes if self.case.geometry.clear_layer is None else ():
             if axis not in self.case.geometry.periodic:
@@ -455,6 +463,14 @@ class _Checks:
         elif case.time.step and case.time.end and case.time.step > case.time.end:
             message = f"{case.time.step:g} is longer than the run, {case.time.end:g}"
             self.bad("time.step", message, "make it a small part of time.end")
+        self.limits_of_steps()
+
+    def limits_of_steps(self) -> None:
+        """What bounds the steps has no say in one that is given."""
+        time = self.case.time
+        for name in ("cfl", "capillary") if time is not None and time.step else ():
+            if getattr(time, name) != keys_of(Time)[name].default:
+                self.bad(f"time.{name}", "has no effect beside time.step", "remove one of the two")
 
     def refine(self) -> None:
         if not self.case.refine or not self.clear("refine", "particles.spacing", "flow"):
@@ -465,7 +481,7 @@ class _Checks:
         if self.case.particles.spacing in further:
             self.bad("refine", "repeats particles.spacing", "list the further spacings only")
         for i, spacing in enumerate(further):
-            if self.dim:
+            if self.dim and self.case.geometry.box is not None:
                 self._spacing_fits(spacing, f"refine.{i}")
 
     def measure(self) -> None:
@@ -539,6 +555,23 @@ class _Checks:
         if self.case.fluids is not None and name not in self.case.fluids:
             fix = suggest(name, (*extra, *self.case.fluids))
             self.bad(path, f"{shown(name)} is not a fluid of this case", fix)
+
+
+def _dimension_of(case: Case) -> int | None:
+    """Of the box, or of the image by its header, whose values are unread; None where there is no telling."""
+    scene = case.geometry
+    if scene is None or scene.box is not None or scene.voxels is None or scene.voxels.file is None:
+        return None if scene is None else case.dim
+    voxels = scene.voxels
+    from ..geometry.images.image import Layout
+    from ..geometry.images.read import image_shape
+
+    layout = Layout(voxels.array, voxels.axes, voxels.shape, voxels.dtype, voxels.offset, voxels.byte_order)
+    shape = image_shape(voxels.file, layout=layout)
+    if shape is None or len(shape) == 2:
+        return None if shape is None else 2
+    first, end = voxels.crop[-1] if voxels.crop and len(voxels.crop) == 3 else (0, shape[0])
+    return 2 if end - first == 1 else 3  # of one layer the scene is of two dimensions
 
 
 def _walk(block: Any, path: str = "") -> Iterator[tuple[str, Key, Any]]:

@@ -196,6 +196,11 @@ def driven_axes(case: Case, lengths: np.ndarray) -> list[int]:
     return [int(axis) for axis in np.argsort(-strength, kind="stable") if strength[axis] > 0]
 
 
+def reservoir_axes(case: Case) -> list[int] | None:
+    """The axis from one reservoir to the other, alone; None without reservoirs."""
+    return None if case.reservoirs is None else ["xyz".index(case.reservoirs.axis)]
+
+
 def flow_axis(case: Case) -> int | None:
     """Axis of the reservoirs; else of the drive: of its only or its largest component, by what the case says without
     lengths; None without both."""
@@ -251,9 +256,14 @@ def walls_move(case: Case) -> bool:
 
 
 def opens(case: Case, axis: int) -> bool:
-    """Whether fluid can leave the box along an axis: it repeats, or has clear layers."""
+    """Whether fluid can leave the box along an axis: it repeats, or has clear layers, which lie at the ends of the axis
+    of the flow, of each one where a steady case names several."""
+    return "xyz"[axis] in case.geometry.repeats or (_has_layers(case) and axis in (flow_axis(case), *steady_axes(case)))
+
+
+def _has_layers(case: Case) -> bool:
     voxels, layer = case.geometry.voxels, case.geometry.clear_layer
-    return "xyz"[axis] in case.geometry.repeats or (layer is not None if voxels is None else voxels.clear_layer != 0)
+    return layer is not None if voxels is None else voxels.clear_layer != 0
 
 
 def why_closed(case: Case, *axes: int) -> str:
@@ -262,7 +272,7 @@ def why_closed(case: Case, *axes: int) -> str:
     found = []
     if walled:
         names = _listed(walled)
-        image = "" if case.geometry.voxels is None else (
+        image = "" if case.geometry.voxels is None or _has_layers(case) else (
             "geometry.voxels.clear_layer is 0: leave it out, name the axis in geometry.mirror, or "
         )
         found.append(f"nothing can flow along {names}: both faces are walls; {image}add {names} to geometry.periodic")

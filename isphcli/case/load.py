@@ -45,9 +45,10 @@ def read_case(data: bytes, path: str | Path, overrides: Sequence[str] = ()) -> C
         reader = Reader(source.parent, problems)
         case = reader.read(Case, root)
         if case is not None:
-            check_case(case, problems, reader.places)
+            case = replace(case, path=source, places=reader.places)
+            check_case(case, problems)
     problems.raise_if_any()
-    return replace(case, path=source).completed()
+    return case.completed()
 
 
 def dump_case(case: Case) -> str:

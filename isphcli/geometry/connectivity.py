@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +19,9 @@ class Connectivity:
     components: int
     percolates: tuple[bool, ...]  # per axis
     percolating_porosity: tuple[float, ...]  # per axis: cells of components percolating along it / all cells
-    isolated_pockets: int  # components that percolate along no axis
+    isolated_pockets: int  # closed pockets: components that percolate along none of the axes that count
     isolated_volume: float  # their cells times the cell volume
+    isolated_share: float  # their cells over fluid cells (0 without fluid)
     largest_share: float  # cells of the largest component over fluid cells (0 without fluid)
 
 
@@ -51,15 +53,23 @@ def components(fluid: np.ndarray, periodic: tuple[bool, ...]) -> tuple[np.ndarra
     return labels, n, percolates
 
 
-def connectivity_of(fluid: np.ndarray, periodic: tuple[bool, ...], cell_volume: float = 1.0) -> Connectivity:
-    """Porosity, components, percolation and pockets of a fluid mask [z, y, x] or [y, x]; see `components`."""
+def connectivity_of(fluid: np.ndarray, periodic: tuple[bool, ...], cell_volume: float = 1.0,
+                    open_axes: Sequence[int] | None = None, through: Sequence[int] | None = None) -> Connectivity:
+    """Porosity, components, percolation and pockets of a fluid mask [z, y, x] or [y, x]; see `components`.
+
+    open_axes: those along which fluid can leave, all without it: along others walls close the faces that a component
+    touches, and it does not percolate. through: those along which a component has to percolate to be no closed pocket,
+    the open ones without it.
+    """
     fluid = np.asarray(fluid, dtype=bool)
     labels, n, percolates = components(fluid, periodic)
+    if open_axes is not None:
+        percolates[:, [axis for axis in range(fluid.ndim) if axis not in open_axes]] = False
     size = np.zeros(n + 1, dtype=np.int64)
     for layer in labels:  # np.bincount makes eight bytes of every cell
         size += np.bincount(layer.ravel(), minlength=n + 1)
     size[0] = 0
-    isolated = np.logical_not(percolates.any(axis=1))
+    isolated = np.logical_not((percolates if through is None else percolates[:, list(through)]).any(axis=1))
     isolated[0] = False
     return Connectivity(
         porosity=float(size.sum() / max(fluid.size, 1)),
@@ -68,6 +78,7 @@ def connectivity_of(fluid: np.ndarray, periodic: tuple[bool, ...], cell_volume: 
         percolating_porosity=tuple(float(s) for s in size @ percolates / max(fluid.size, 1)),
         isolated_pockets=int(isolated.sum()),
         isolated_volume=float(size[isolated].sum() * cell_volume),
+        isolated_share=float(size[isolated].sum() / max(size.sum(), 1)),
         largest_share=float(size.max() / max(size.sum(), 1)),
     )
 
@@ -130,6 +141,7 @@ class SlabConnectivity:
             percolating_porosity=tuple(float(s) for s in size @ percolates / cells),
             isolated_pockets=int(isolated.sum()),
             isolated_volume=float(size[isolated].sum() * cell_volume),
+            isolated_share=float(size[isolated].sum() / max(size.sum(), 1)),
             largest_share=float(size.max(initial=0) / max(size.sum(), 1)),
         )
 

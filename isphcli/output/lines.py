@@ -19,8 +19,7 @@ def closing_lines(case: Case, summary: Mapping[str, Any], directory: Path | None
     lines = [*scene_lines(summary), *permeability_lines(summary)]
     if summary.get("permeability") is None:
         lines += velocity_lines(summary)
-    lines += measure_lines(summary)
-    lines += two_fluid_lines(case, summary)
+    lines += [*measure_lines(summary), *drop_lines(summary), *two_fluid_lines(case.fluids, summary)]
     if case.flow == "stokes" and summary.get("mass_error") is not None:
         lines += [("mass error", f"{summary['mass_error']:.1e} between slices across the flow")]
     lines += [("warning", text) for text in summary.get("warnings") or ()]
@@ -35,7 +34,7 @@ def closing_lines(case: Case, summary: Mapping[str, Any], directory: Path | None
 
 
 def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What was run: the image, its porosity, the axes along which pores lead through, the throats."""
+    """What was run: the image, its porosity, the axes along which fluid can flow through, the throats."""
     throats = summary.get("throats")
     lines = [tuple(text.split(": ", 1)) for text in summary.get("inputs") or ()]
     if summary.get("porosity") is not None:
@@ -43,7 +42,7 @@ def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     for name, share in (summary.get("microporous") or {}).items():
         lines += [("microporous", f"{name} {100 * share:.{DIGITS}g} %")]
     if summary.get("open_axes") is not None:
-        lines += [("open axes", ", ".join(summary["open_axes"]) or "none: no pore leads through the scene")]
+        lines += [("open axes", ", ".join(summary["open_axes"]) or "none: nothing flows through the scene")]
     if throats:
         lines += [("throats", f"median {throats['median']:.1f} particles wide, 10 % of the fluid in pores below "
                               f"{throats['narrow']:.1f}")]
@@ -130,16 +129,24 @@ def measure_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     return lines
 
 
-def two_fluid_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+def drop_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The pressure drop of a run that finds its own."""
+    drop = summary.get("pressure_drop")
+    return [] if drop is None else [("pressure drop", f"{drop:.4g} Pa over the box, of the last step")]
+
+
+def two_fluid_lines(names: Iterable[str], summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Saturation, pressure jump and contact angle at the end of a run with two fluids; between reservoirs what is
-    trapped too."""
+    trapped too. names: of the fluids."""
+    names = list(names)
     found = summary.get("two_fluids") or {}
-    lines = [(f"saturation {name}", found.get(f"saturation_{name}"), "") for name in case.fluids]
-    lines += [(f"  trapped {name}", found.get(f"trapped_{name}"), "") for name in case.fluids]
-    lines += [("  closed pockets", found.get("closed_pockets") or None, " of the fluid: no flow reaches them")]
+    lines = [(f"saturation {name}", found.get(f"saturation_{name}"), "") for name in names]
+    lines += [(f"  trapped {name}", found.get(f"trapped_{name}"), " of the fluid in the sample") for name in names]
+    lines += [("  closed pockets", found.get("closed_pockets") or None,
+               " of the fluid in the sample: no flow passes through them")]
     lines += [("capillary pressure", found.get("capillary_pressure"), " Pa")]
-    lines += [("pressure jump", found.get("pressure_jump"), " Pa")]
-    lines += [("contact angle", found.get("contact_angle"), f" degrees through {next(iter(case.fluids))}")]
+    lines += [("pressure jump", found.get("pressure_jump"), f" Pa, {' less '.join(names)}")]
+    lines += [("contact angle", found.get("contact_angle"), f" degrees through {next(iter(names), '')}")]
     return [(head, f"{value:.4g}{unit}") for head, value, unit in lines if value is not None]
 
 
@@ -178,24 +185,23 @@ def reference_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, s
     errors = dict(summary.get("errors") or {})
     main = errors.pop("main", None)
     for name, error in errors.items():
-        if name.endswith("capillary_number"):  # how far a fluid is off rest is no part of anything
-            lines.append((f"error {name}", f"{error:.2g}"))
-            continue
         bound = reference.tolerance if name == main or len(errors) == 1 else None
-        lines.append((f"error {name}", shown_error(error, bound)))
+        lines.append((f"error {name}", shown_error(name, error, bound)))
     if is_permeability and not errors:
         published = per_axis(reference.value)
         for axis, k in per_axis(summary.get("permeability")):
             expected = published[0][1] if len(published) == 1 else dict(published).get(axis)
             if expected:
-                lines.append((f"error{axis}", shown_error(k / expected - 1, reference.tolerance)))
+                lines.append((f"error{axis}", shown_error("", k / expected - 1, reference.tolerance)))
     return lines
 
 
-def shown_error(error: Any, tolerance: float | None) -> str:
+def shown_error(name: str, error: Any, tolerance: float | None) -> str:
     """A relative error in per cent, and the bound on it."""
     if not isinstance(error, (int, float)):
         return str(error)
+    if name.endswith("capillary_number"):  # how far a fluid is off rest is no part of anything
+        return f"{error:.2g}"
     return f"{100 * error:+.3g} %" + (f" (bound {100 * tolerance:.3g} %)" if tolerance else "")
 
 

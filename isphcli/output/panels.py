@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..geometry.pore_sizes import ENOUGH_ACROSS
 from .plots import COLOURS, INK, new_figure, prefix, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-RESOLVED = 4.0  # spacings across a pore, from which on a steady flow in it is resolved (docs/method.md 8)
 SPEEDS = 60  # bins of speeds at most
 MOST_SPEEDS = 0.999  # share of the fluid up to which speeds are drawn
 
@@ -96,11 +96,11 @@ def _draw_pores(axes: Axes, edges: np.ndarray, share: np.ndarray, spacing: float
     factor, unit = prefix("m", float(edges[-1]))
     middle = 0.5 * (edges[1:] + edges[:-1])
     axes.stairs(share, factor * edges, color=COLOURS[2], fill=True, alpha=0.75)
-    fine = float(share[middle < RESOLVED * spacing].sum())
-    axes.axvspan(0.0, factor * RESOLVED * spacing, color=COLOURS[1], alpha=0.12, lw=0,
-                 label=f"less than {RESOLVED:g} particles across: {100 * fine:.0f} %")
+    fine = float(share[middle < ENOUGH_ACROSS * spacing].sum())
+    axes.axvspan(0.0, factor * ENOUGH_ACROSS * spacing, color=COLOURS[1], alpha=0.12, lw=0,
+                 label=f"balls of less than {ENOUGH_ACROSS} particles: {100 * fine:.0f} %")
     axes.axvline(factor * spacing, color=COLOURS[1], lw=1.2, ls="--", label="one particle")
-    axes.set_xlim(0.0, factor * max(float(edges[-1]), 1.2 * RESOLVED * spacing))
+    axes.set_xlim(0.0, factor * max(float(edges[-1]), 1.2 * ENOUGH_ACROSS * spacing))
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel(f"diameter of the pores ({unit})")
     axes.set_ylabel("share of the pore volume")

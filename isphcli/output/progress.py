@@ -15,19 +15,29 @@ INTERVAL = 5.0  # s between two plain lines
 FEWEST = 12  # steps before the time left is told
 AGREE = 1.5  # the pace of the last half of the steps over that of the last quarter, between which a pace is known
 MOST = 1000  # steps whose times are kept
-COMPILING = "compiling (once)"
+COMPILING = "compiling, once per machine"
 _active: list[Progress | stage] = []  # open displays, the outermost first: there is one terminal
-_told: list[TextIO] = []  # streams without a terminal that have been told of the compiler
+_told: list[tuple[TextIO, float, float]] = []  # what was told of the compiler without a terminal; since, last
 
 
 def compiling(going_on: bool) -> None:
-    """The compiler has begun, or is done: the displays say so, as it takes most of the time of a first run."""
+    """The compiler has begun with a kernel, or is done: the displays say so, as it takes most of the time of a first
+    run. Elsewhere than on a terminal a line says so at once, and another every INTERVAL in which it begins one more."""
     for shown in _active:
         if shown._display is not None:
             shown._display.compiling = going_on
-        elif going_on and not shown.quiet and shown is _active[0] and shown.stream.stream not in _told:
-            _told.append(shown.stream.stream)
-            print(f"{COMPILING} what the run needs", file=shown.stream, flush=True)
+        elif going_on and not shown.quiet and shown is _active[0]:
+            _tell_of_compiler(shown.stream)
+
+
+def _tell_of_compiler(stream: _Forgiving) -> None:
+    now = _now()
+    if not _told or _told[0][0] is not stream.stream:
+        _told[:] = [(stream.stream, now, now)]
+        print(f"{COMPILING}: the kernels of the run; later runs load them", file=stream, flush=True)
+    elif now - _told[0][2] >= INTERVAL:
+        _told[:] = [(stream.stream, _told[0][1], now)]
+        print(f"{COMPILING}: for {duration(now - _told[0][1])} so far", file=stream, flush=True)
 
 
 class Progress:

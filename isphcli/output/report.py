@@ -18,7 +18,17 @@ from typing import Any
 
 import yaml
 
-from .lines import measure_lines, per_axis, permeability_lines, scene_lines, shown_error, time_lines, velocity_lines
+from .lines import (
+    drop_lines,
+    measure_lines,
+    per_axis,
+    permeability_lines,
+    scene_lines,
+    shown_error,
+    time_lines,
+    two_fluid_lines,
+    velocity_lines,
+)
 
 PHYSICAL = {"flow_3d.png": "Rock cut open, streamlines coloured by speed", "slice.png": "Speed of the flow",
             "fluids_3d.png": "Rock cut open, the fluids and their interface", "phases.png": "The fluids",
@@ -112,14 +122,11 @@ def answer_lines(run: Run) -> list[tuple[str, str]]:
     lines = permeability_lines(summary)
     if summary.get("permeability") is None:
         lines += velocity_lines(summary)
-    for name, value in (summary.get("two_fluids") or {}).items():
-        if isinstance(value, float) and name.startswith(("saturation_", "pressure_jump", "contact_angle")):
-            lines.append((name.replace("_", " "), f"{value:.4g}"))
-    lines += measure_lines(summary)
+    lines += [*measure_lines(summary), *drop_lines(summary), *two_fluid_lines(run.case.get("fluids") or (), summary)]
     errors = {k: v for k, v in (summary.get("errors") or {}).items() if k != "main"}
     if summary.get("not_compared"):
         lines.append(("reference", f"not compared: {summary['not_compared']}"))
-    return lines + [(f"error {name}", shown_error(value, None)) for name, value in errors.items()]
+    return lines + [(f"error {name}", shown_error(name, value, None)) for name, value in errors.items()]
 
 
 def cost_lines(run: Run) -> list[tuple[str, str]]:

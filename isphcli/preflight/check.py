@@ -61,8 +61,8 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
             geometry = build_geometry(case)
         except ParticleError as error:  # an image whose size alone says that it does not fit
             return CheckReport(case, case.dim or 3, [], {}, errors=[str(error)])
-    result = CheckReport(case, geometry.dim, terms(case, geometry), {}, warnings=list(geometry.warnings),
-                         inputs=geometry.described)
+    result = CheckReport(case, geometry.dim, terms_of_the_case(case, geometry, list(case.fluids)), {},
+                         warnings=list(geometry.warnings), inputs=geometry.described)
     try:
         lattice = lattice_at(case, geometry, case.particles.spacing)
         if lattice.sites > MOST_SITES and not to_run:
@@ -74,23 +74,25 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
         result.errors.append(str(error))
         return result
     sites = Sites(lattice, geometry, case.support * case.particles.spacing, len(case.fluids) == 1)
-    result.particles = sites.particles
+    result.particles, there = sites.particles, fluids_there(case, sites)
+    result.terms = terms_of_the_case(case, geometry, there)
     if not sites.particles["fluid"]:
         result.errors.append("no fluid: the scene is solid at every site of the lattice; check "
                              f"{what_is_solid(geometry)}, or take a smaller particles.spacing")
         return result
-    result.connectivity = sites.connectivity()
+    open_axes = [axis for axis in range(geometry.dim) if forcing.opens(case, axis)]
+    result.connectivity = sites.connectivity(open_axes, forcing.reservoir_axes(case))
     if case.microporous:
         result.microporous = dict(zip(case.microporous, sites.microporous(geometry, len(case.microporous)).tolist()))
     driven = forcing.driven_axes(case, geometry.upper - geometry.lower)
-    through = [axis for axis in driven if result.connectivity.percolates[axis] and forcing.opens(case, axis)]
+    through = [axis for axis in driven if result.connectivity.percolates[axis]]
     if geometry.has_solid:
         result.throats = throats(sites, geometry, case.particles.spacing, through)
     if not _flow_is_expected(result, geometry, sites, driven):
         result.warnings += result.errors if to_run and case.flow != "stokes" else []
         return result
     if case.flow != "stokes":
-        result.steps = steps(case, geometry, result.flow, result.throats, fluids_there(case, sites))
+        result.steps = steps(case, geometry, result.flow, result.throats, there)
     _costs(result, geometry, sites, ranks)
     if not to_run or case.flow != "stokes":
         drive_findings(result, geometry, sites, driven, through)
@@ -157,20 +159,22 @@ def _from_samples(result: CheckReport, geometry: Geometry, lattice: Lattice, ran
     )
 
 
-def terms(case: Case, geometry: Geometry) -> list[Term]:
-    """The parts of the physics, used and left out."""
+def terms_of_the_case(case: Case, geometry: Geometry, there: Sequence[str]) -> list[Term]:
+    """The parts of the physics, used and left out. there: names of the fluids that are in the scene: of one alone
+    nothing is at an interface, whatever the case says of it."""
     moving = case.flow != "stokes"
     wall = geometry.has_solid
     moves = wall and bool(np.any(geometry.wall_speed))
     slips = wall and bool(np.any(geometry.slip_length > 0))
     around = "".join(a for a, p in zip(AXES, geometry.periodic) if p)
-    fluids = list(case.fluids.values())
+    fluids = [case.fluids[name] for name in there]
     jumps = len({f.mu for f in fluids}) > 1 or len({f.density for f in fluids}) > 1
     shifts = moving and case.particles.shifting > 0
     keeps = moving and case.particles.keep_volume > 0
     layered = around and any(a not in case.geometry.repeats for a in around)
     halo = f"along {around}" + (", closed by clear layers" if layered else "")
-    tension = case.interface
+    tension = case.interface if len(there) > 1 else None
+    without = "no interface" if case.interface is None else "one fluid alone is there"
     line_slip = tension.slip_length if wall and tension is not None else 0.0
     added = 0.0
     if tension is not None:
@@ -196,11 +200,11 @@ def terms(case: Case, geometry: Geometry) -> list[Term]:
         Term("kept volume", keeps, f"in {case.particles.keep_volume:g} steps" if keeps
              else "particles stay on the lattice" if not moving else "particles.keep_volume is 0"),
         Term("surface tension", tension is not None,
-             f"{tension.tension:g} N/m, {tension.method}" if tension else "no interface"),
+             f"{tension.tension:g} N/m, {tension.method}" if tension else without),
         Term("artificial viscosity", added > 0, f"{added:.2g} Pa s at the interface, which hardly damps" if added
-             else "no interface" if not tension else "the interface damps enough at this spacing"),
+             else without if not tension else "the interface damps enough at this spacing"),
         Term("contact angle", tension is not None and wall,
-             "no interface" if not tension else f"{tension.contact_angle:g} degrees" if wall else "no walls"),
+             without if not tension else f"{tension.contact_angle:g} degrees" if wall else "no walls"),
         Term("drive", forcing.is_driven(case), forcing.in_words(case)),
         *(Term(known.name, known.name in beside, beside.get(known.name, known.without)) for known in FORCES),
         Term("initial velocity", starts, "formula" if starts else "starts at rest"),

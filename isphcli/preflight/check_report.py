@@ -8,15 +8,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from ..case.blocks import AXES
+from ..geometry.pore_sizes import ENOUGH_ACROSS
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..geometry.connectivity import Connectivity
-
-
-# particles across below which a throat is thin; at 4: +7.6 % of k (`isph run cases/square_duct.yaml --set
-# particles.spacing=2e-5`, 2026-11-29)
-THIN = 4
 
 
 @dataclass(frozen=True)
@@ -32,8 +28,9 @@ class Term:
 class Throats:
     """Widths of the pores in spacings, at the points farthest from their walls.
 
-    narrow, median: 10 % and half of the fluid lie in narrower pores; thin: share of the fluid where fewer than `THIN`
-    particles fit across; critical: per axis, the largest ball that passes along it (within half a spacing), for
+    narrow, median: 10 % and half of the fluid lie in narrower pores; thin: share of the fluid where fewer than
+    `ENOUGH_ACROSS` particles lie across (`distributions.png` has another share: of the volume that balls of fewer fill,
+    `geometry.pore_sizes`); critical: per axis, the largest ball that passes along it (within half a spacing), for
     periodic axes only, because closed faces count as walls.
     """
 
@@ -196,19 +193,20 @@ def report_lines(r: CheckReport) -> Iterator[str]:
 
 def _pore_lines(c: Connectivity, microporous: dict[str, float], widths: Throats | None) -> Iterator[str]:
     axes = AXES[: len(c.percolates)]
-    connected = [f"{a} ({100 * f:.2f} %)" for a, p, f in zip(axes, c.percolates, c.percolating_porosity) if p]
+    through = [f"{a} ({100 * f:.2f} %)" for a, p, f in zip(axes, c.percolates, c.percolating_porosity) if p]
     rocks = "".join(f"microporous {name} {100 * share:.2f} %, " for name, share in microporous.items())
+    closed = f" ({100 * c.isolated_share:.2g} % of the fluid)" if c.isolated_pockets else ""
     yield _row(
         "pores",
         f"porosity {100 * max(c.porosity - sum(microporous.values()), 0.0):.2f} %, {rocks}{c.components} connected, "
-        f"{c.isolated_pockets} closed pockets; connected along {', '.join(connected) or 'no axis'}",
+        f"{c.isolated_pockets} closed pockets{closed}; open along {', '.join(through) or 'no axis'}",
     )
     if widths is not None:
         critical = "".join(f"; {AXES[a]} passes a ball of {w:.1f}" for a, w in widths.critical.items())
         yield _row(
             "throats",
             f"in particles: 10 % below {widths.narrow:.1f}, median {widths.median:.1f}{critical}; "
-            f"{100 * widths.thin:.0f} % of the fluid has fewer than {THIN} across",
+            f"{100 * widths.thin:.0f} % of the fluid has fewer than {ENOUGH_ACROSS} across its centre line",
         )
 
 

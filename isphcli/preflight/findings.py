@@ -15,8 +15,9 @@ from ..domain.lattice import Lattice
 from ..flow.forces import largest_of
 from ..geometry.connectivity import connectivity_of
 from ..geometry.images.image import machine_memory
+from ..geometry.pore_sizes import ENOUGH_ACROSS
 from ..runs.expected_error import calibrations, wall_of
-from .check_report import THIN, CheckReport, in_bytes
+from .check_report import CheckReport, in_bytes
 from .throats import TINY, Sites
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def resolution_findings(result: CheckReport, geometry: Geometry, lattice: Lattic
         yield (
             f"the median throat is {widths.median:.1f} particles wide: 90 % of {known.bodies} known bodies with pores "
             f"as wide are within {100 * known.within(widths.median):.2g} % in steady flow; take particles.spacing "
-            f"{spacing * widths.median / THIN:.2g} or less for {THIN}"
+            f"{spacing * widths.median / ENOUGH_ACROSS:.2g} or less for {ENOUGH_ACROSS}"
         )
     for axis, width in (widths.critical if widths is not None else {}).items():
         if width < THINNEST:
@@ -153,10 +154,8 @@ def other_findings(result: CheckReport, geometry: Geometry, sites: Sites) -> Ite
     ):
         yield f"flow: stokes leaves out inertia, but the Reynolds number is about {result.flow.reynolds:.2g}"
     c = result.connectivity
-    if c is not None and geometry.has_solid and c.isolated_pockets and any(c.percolates):
-        share = 1 - max(c.percolating_porosity) / c.porosity
-        if share > 0.05:
-            yield f"{100 * share:.0f} % of the fluid lies in pockets that no flow passes through"
+    if c is not None and geometry.has_solid and any(c.percolates) and c.isolated_share > 0.05:
+        yield f"{100 * c.isolated_share:.0f} % of the fluid lies in closed pockets, which no flow passes through"
 
 
 def fluids_there(case: Case, sites: Sites) -> list[str]:

@@ -9,7 +9,8 @@ import numpy as np
 from scipy import ndimage
 
 from ..geometry.connectivity import Connectivity, connectivity_of
-from .check_report import THIN, Throats
+from ..geometry.pore_sizes import ENOUGH_ACROSS
+from .check_report import Throats
 
 if TYPE_CHECKING:
     from ..domain.lattice import Lattice
@@ -60,10 +61,12 @@ class Sites:
         """Mask of the fluid in the sample on site k of the cells, [x, y(, z)]."""
         return self.phase[self.sample][..., k] >= 0
 
-    def connectivity(self) -> Connectivity:
-        """Of the sample; of lattices with two sites per cell, that of the better connected one."""
+    def connectivity(self, open_axes: Sequence[int], through: Sequence[int] | None = None) -> Connectivity:
+        """Of the sample, see `connectivity_of`; of lattices with two sites per cell, that of the better connected
+        one."""
         volume = float(self.lattice.cell.prod())
-        found = [connectivity_of(self.fluid(k).T, self.around, volume) for k in range(self.phase.shape[-1])]
+        found = [connectivity_of(self.fluid(k).T, self.around, volume, open_axes, through)
+                 for k in range(self.phase.shape[-1])]
         return max(found, key=lambda c: (sum(c.percolates), c.largest_share))
 
     def smaller_body(self) -> float:
@@ -121,13 +124,13 @@ def throats(sites: Sites, geometry: Geometry, spacing: float, axes: Sequence[int
     beside it the distance grows by all of it. Neighbours alone do not tell: in a nook of a wall, as between the steps
     of stairs, the distance grows by little over the first spacing. The width is twice the largest distance there,
     looked up half a spacing around each point too, because the centre may lie between sites. Each point stands for as
-    much fluid as it is wide: rough walls have many nooks, and little fluid in them.
+    much fluid as it is wide: rough walls have many nooks, and little fluid in them. Ends without walls are no pores.
     """
     distance = sites.distance[..., 0]
     fluid = sites.phase[..., 0] >= 0
     modes = ["wrap" if p else "nearest" for p in geometry.periodic]
     line = np.zeros(sites.phase.shape, dtype=bool)
-    line[..., 0] = fluid & _in(sites.sample, fluid.shape)
+    line[..., 0] = fluid & _in(sites.sample, fluid.shape) & ~_beside_no_wall(fluid, sites.lattice.cell, geometry)
     for way in range(1, NOOK + 1):
         near = ndimage.maximum_filter(distance, size=2 * way + 1, mode=modes)
         line[..., 0] &= near - distance < 0.5 * way * spacing
@@ -138,7 +141,7 @@ def throats(sites: Sites, geometry: Geometry, spacing: float, axes: Sequence[int
     width.sort()
     share = np.cumsum(width) / width.sum()
     narrow, median = width[np.searchsorted(share, (0.1, 0.5))]
-    thin = float(width[width < THIN - TINY].sum() / width.sum())
+    thin = float(width[width < ENOUGH_ACROSS - TINY].sum() / width.sum())
     inside = np.where(fluid, distance, 0)[sites.sample]
     critical = {
         axis: _critical(inside, sites.around, axis, spacing) / spacing
@@ -146,6 +149,24 @@ def throats(sites: Sites, geometry: Geometry, spacing: float, axes: Sequence[int
         if geometry.periodic[axis]
     }
     return Throats(float(narrow), float(median), thin, critical)
+
+
+def _beside_no_wall(fluid: np.ndarray, cell: np.ndarray, geometry: Geometry) -> np.ndarray:
+    """Mask of the layers across an axis without any solid that are thicker than the box is wide, where that repeats:
+    what a case leaves before and behind its pores. fluid: [x, y(, z)]; cell: (dim,) m."""
+    found = np.zeros(fluid.shape, dtype=bool)
+    for axis in range(fluid.ndim):
+        others = tuple(a for a in range(fluid.ndim) if a != axis)
+        clear = np.asarray(fluid.all(axis=others))
+        if clear.all() or not all(geometry.periodic):  # walls close faces, and there are no sites in them
+            continue
+        start = int(np.argmin(clear))  # a layer with solid: what is clear goes on over the ends of the box
+        steps = np.diff(np.roll(clear, -start).astype(int), append=0)
+        width = max(cell[a] * fluid.shape[a] for a in others)
+        for first, end in zip(np.flatnonzero(steps == 1) + 1, np.flatnonzero(steps == -1) + 1):
+            if (end - first) * cell[axis] > width:
+                found[(slice(None),) * axis + ((np.arange(first, end) + start) % len(clear),)] = True
+    return found
 
 
 def _in(part: tuple[slice, ...], shape: tuple[int, ...]) -> np.ndarray:

@@ -153,7 +153,8 @@ def run_moving(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     """Runs a case of moving particles and leaves its files; see `run.solve_case`."""
     run, state, config = _prepared(case, clock, quiet, resume, look)
     if run.last_step is None:
-        run.snapshot(state, config)
+        with progress.stage("first snapshot", quiet):
+            run.snapshot(state, config)
     try:
         state, config = _march(run, state, config)
     except BaseException as stop:
@@ -175,7 +176,8 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         geometry = build_geometry(case)
     memory.refuse_lattice(case, geometry, case.particles.spacing)
     seen = look(case, geometry, clock, quiet) if look is not None else Seen()
-    state, stepper, particles = prepare(case, geometry, clock)
+    with progress.stage("particles and fluids", quiet):
+        state, stepper, particles = prepare(case, geometry, clock)
     geometry = stepper.geometry  # of an image that is held by parts that of this process
     box = float(np.prod(geometry.upper - geometry.lower))
     loop = TimeLoop(case, stepper, particles.site_volume, box)

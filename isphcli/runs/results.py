@@ -113,7 +113,7 @@ def write_case(directory: Path, case: Case, changes: Sequence[Mapping[str, Any]]
 class Seen:
     """What a careful colleague said of a scene before it was run (preflight.look); nothing where nobody looked.
 
-    warnings: sentences; open_axes: names of the axes along which pores lead through the sample, of a scene with walls;
+    warnings: sentences; open_axes: axes along which fluid can flow through the sample, of a scene with walls;
     throats: {what: width in particles} or None.
     """
 

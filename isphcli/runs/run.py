@@ -44,7 +44,7 @@ def solve_case(case: Case, quiet: bool = False, resume: str | Path | None = None
     directory = Path(case.output.directory)
     if resume is not None:
         if case.flow == "stokes":
-            raise CaseError((Problem(str(case.path), None, "flow", "a steady solve has nothing to go on from",
+            raise CaseError((Problem(*case.place_of("flow"), "flow", "a steady solve has nothing to go on from",
                                      "run it without --restart"),))
         restart.require(Path(resume) / restart.NAME)
     goes_on = resume is not None and Path(resume).resolve() == directory.resolve()

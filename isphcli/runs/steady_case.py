@@ -449,7 +449,7 @@ def refuse_second_fluid(case: Case, particles: Particles) -> None:
     for k, (name, fluid) in enumerate(others, 1):
         if (fluid.density, fluid.mu) != (first[1].density, first[1].mu) and reduce.any_true(particles.phase == k):
             what = f"a steady solve has one fluid, and {name} is another than {first[0]}"
-            raise CaseError((Problem(str(case.path), None, "flow", what, "use flow: navier_stokes"),))
+            raise CaseError((Problem(*case.place_of("flow"), "flow", what, "use flow: navier_stokes"),))
 
 
 def _periodic_of(case: Case, dim: int) -> list[bool]:

@@ -77,7 +77,8 @@ def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
         assumed.append("flow along x alone, between sealed sides, with clear layers before and behind the image; "
                        "others: --set 'drive.axes=[x, y, z]'")
     # there is no case file to be named
-    case = replace(read_case(text.encode(), case_file, overrides), path=path.absolute())
+    case = read_case(text.encode(), case_file, overrides)
+    case = replace(case, path=path.absolute(), places={key: at for key, at in case.places.items() if at.line is None})
     return FirstCase(case, text, tuple(assumed))
 
 

@@ -26,12 +26,12 @@ PASS = 0.2
 def first_interface(case: Case, geometry: Geometry, particles: Particles, stepper: Stepper,
                     number: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """phi (n,), m, of the fluid particles: exact where shapes say where the interface is, else from the fluid of each
-    particle; and `State.volume` (n,), m^dim. Gives the fluids the cells that volumes are measured on. number: (n,) of
+    particle; and `State.volume` (n,), m^dim. The fluids of the stepper get the grid of their volumes. number: (n,) of
     `State`."""
     from ..two_phase.cut_cells import cells_of
     from ..two_phase.interface import Interface, reach_of
     from ..two_phase.kept_volumes import first_shares
-    from ..two_phase.two_fluids import TwoFluids
+    from ..two_phase.two_fluids import TwoFluids, VolumeGrid
 
     x, phase = particles.x[: particles.n_fluid], particles.phase
     reach = reach_of(stepper.reach, stepper.spacing)
@@ -40,13 +40,12 @@ def first_interface(case: Case, geometry: Geometry, particles: Particles, steppe
     phi = from_labels(stepper, x, phase, reach, number) if phi is None else np.clip(phi, -reach, reach)
     assert isinstance(stepper.fluids, TwoFluids)
     brick = None if particles.share is None else (particles.share.lower, particles.share.upper)
-    stepper.fluids.cells = cells_of(geometry, stepper.spacing, particles.site_volume * reduce.number(x), brick)
+    cells, sight = cells_of(geometry, stepper.spacing, particles.site_volume * reduce.number(x), brick), None
     if geometry.has_solid:
         from ..two_phase.cells_in_sight import CellSight
 
-        cells = stepper.fluids.cells
-        stepper.fluids.cell_sight = CellSight(geometry, cells.middle, cells.side)
-    stepper.fluids.sample = sample_box(geometry)
+        sight = CellSight(geometry, cells.middle, cells.side)
+    stepper.fluids = stepper.fluids.measured_on(VolumeGrid(cells, sight, sample_box(geometry)))
     config = stepper.configure(x, 0.0, phi, number)
     interface = config.terms.interface
     assert isinstance(interface, Interface) and interface.cut is not None

@@ -29,7 +29,7 @@ from ..domain.row_threads import over_rows
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
-    from .cells_in_sight import CellSight, SeenBy
+    from .cells_in_sight import CellSight
     from .quadratic_fit import QuadraticFit
 
 REACH = 2.0  # sides of a cell, from its middle to the particles that are asked there
@@ -114,17 +114,29 @@ def cells_of(geometry: Geometry, spacing: float, total: float,
 def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchange: Exchange = NO_EXCHANGE,
         sight: CellSight | None = None) -> CutCells:
     """CutCells of particles with phi (n,), m, and its QuadraticFit; x: (n + remote, dim) m, and rows behind them that
-    are not asked for; exchange: of remote particles; sight: of scenes with walls."""
+    are not asked for; exchange: of remote particles; sight: of scenes with walls.
+
+    A cell without a particle in reach holds no fluid that is simulated: it counts for neither, in `CutCells.cells` it
+    has none. One that has both fluids round it, but no interface near, as on the two sides of a wall that it does not
+    see over, is of the fluid of the nearest particle.
+    """
     phi, slope, form = (exchange.forward(values) for values in (phi, fit.slope, fit.form))
-    n, dim = len(cells.fluid), len(cells.side)
-    weight, sums, nearest = np.zeros(n), np.zeros((n, dim + 2)), np.full((n, 2), -1)
-    found = weight, sums, nearest
-    over_rows(_gather, n, (x, phi, slope, form), cells, found, work=lambda: (np.empty(dim), np.full((n, 2), math.inf)))
+    n, dim, reach = len(cells.fluid), len(cells.side), REACH * cells.side.max()
+    weight, sums, nearest = found = _nothing(n, dim)
+    particles, far = (x, phi, slope, form), FAR * cells.side.max()
+    over_rows(_gather, n, particles, cells, (reach, far), found,
+              work=lambda: (np.empty(dim), np.full((n, 2), math.inf)))
     if sight is not None:
-        asked = np.flatnonzero((nearest >= 0).all(axis=1))
-        seen = sight.seen(x[: len(phi)], asked, REACH * cells.side.max())
-        weight[seen.cells], sums[seen.cells], nearest[seen.cells] = _made_of(
-            seen, phi, (slope, form), REACH * cells.side.max(), n)
+        seen = sight.seen(x[: len(phi)], np.flatnonzero((nearest >= 0).all(axis=1)), reach)
+        alone = _nothing(len(seen.cells), dim)  # of each cell, from the particles in sight alone
+        pairs = np.searchsorted(seen.cell, np.append(seen.cells, n)), seen.particle, seen.offset
+        over_rows(_gather_seen, len(seen.cells), particles, pairs, (reach, far), alone,
+                  work=lambda: np.full((len(seen.cells), 2), math.inf))
+        for whole, part in zip(found, alone):
+            whole[seen.cells] = part
+    far_off = np.flatnonzero((nearest >= 0).all(axis=1) & (weight == 0.0))
+    nearest[far_off, _farther(cells, x, nearest, far_off)] = -1
+    cells = cells._replace(fluid=np.where((nearest < 0).all(axis=1), 0.0, cells.fluid))
     volume, area = np.zeros(n), np.zeros(n)
     over_rows(_cut, n, cells, found, volume, area, work=lambda: np.empty(dim))
     known = (weight > 0.0)[:, None]
@@ -132,22 +144,17 @@ def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchang
     return CutCells(cells, there[:, 0], there[:, 1:], volume, area, nearest)
 
 
-def _made_of(seen: SeenBy, phi: np.ndarray, fit: tuple[np.ndarray, np.ndarray], reach: float,
-             n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What `_gather` finds of particles in sight alone, weight (k,), sums (k, dim + 2) and nearest (k, 2), in the k
-    cells of `seen`, of n."""
-    i, d, (slope, form) = seen.particle, seen.offset, (values[seen.particle] for values in fit)
-    dim = d.shape[1]
-    form = form.reshape(-1, dim, dim)
-    w = (1.0 - np.sqrt((d * d).sum(axis=1)) / reach) ** 4
-    bent = 0.5 * np.sqrt((slope * slope).sum(axis=1)) * np.einsum("ij,ijk,ik->i", d, form, d)
-    there = phi[i] + (slope * d).sum(axis=1) + bent
-    columns = [np.ones(len(w)), there, *slope.T, -np.einsum("ijj->i", form)]
-    found = np.stack([np.bincount(seen.cell, w * column, minlength=n) for column in columns], axis=1)[seen.cells]
-    nearest = np.full((n, 2), -1)
-    order = np.argsort(w, kind="stable")  # the nearest last
-    nearest[seen.cell[order], (phi[i[order]] <= 0.0).astype(int)] = i[order]
-    return found[:, 0], found[:, 1:], nearest[seen.cells]
+def _nothing(n: int, dim: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What `_gather` adds to, of n cells: weight (n,), sums (n, dim + 2), nearest (n, 2)."""
+    return np.zeros(n), np.zeros((n, dim + 2)), np.full((n, 2), -1)
+
+
+def _farther(cells: Cells, x: np.ndarray, nearest: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """Which of the nearest particles of both fluids is farther from the middle of the cells `some` (k,), 0 or 1."""
+    size = cells.side * cells.shape
+    way = x[nearest[some]] - cells.middle[some, None]
+    way -= np.where(cells.periodic, size * np.round(way / size), 0.0)
+    return np.asarray((way * way).sum(axis=2).argmax(axis=1))
 
 
 def outline(cut: CutCells) -> tuple[float, float]:
@@ -188,25 +195,19 @@ def _in_one_piece(place: np.ndarray, shape: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _gather(rows, work, particles, cells, out):
-    """Adds the particles to the cells `rows` round them: a range has its own cells, each particle in turn. out: weight
-    (n_cells,); sums (n_cells, dim + 2) weighted phi, slope, and curvature of the level; nearest (n_cells, 2). work: d
-    (dim,); least (n_cells, 2) squared distances."""
-    (x, phi, slope, form), (weight, sums, nearest), (d, least) = particles, out, work
+def _gather(rows, work, particles, cells, asked, out):
+    """Adds the particles to the cells `rows` round them: a range has its own cells, each particle in turn. asked: reach
+    and far, see `_add`; out: weight (n_cells,); sums (n_cells, dim + 2) weighted phi, slope, and curvature of the
+    level; nearest (n_cells, 2). work: d (dim,); least (n_cells, 2) squared distances."""
+    x, phi, slope, form = particles
+    d, least = work
     lower, side, _, _, begin, end, fluid = cells
-    dim = len(d)
-    largest = side[0]
-    for k in range(1, dim):
-        largest = max(largest, side[k])
+    reach, dim = asked[0], len(d)
     # 2D is one layer of 3D: y and z are the last two axes in both
-    reach, y, z, far = REACH * largest, dim - 2, dim - 1, FAR * largest
+    y, z = dim - 2, dim - 1
     n1, n2 = end[y] - begin[y], end[z] - begin[z]
     for i in range(len(phi)):
-        size, trace = 0.0, 0.0
-        for k in range(dim):
-            size += slope[i, k] ** 2
-            trace += form[i, k * dim + k]
-        size, side_of = math.sqrt(size), 1 if phi[i] <= 0.0 else 0
+        bent = _bent(slope, form, i)
         a0, a1 = _window(cells, 0, x[i, 0], reach) if dim == 3 else (0, 1)
         b0, b1 = _window(cells, y, x[i, y], reach)
         e0, e1 = _window(cells, z, x[i, z], reach)
@@ -225,23 +226,56 @@ def _gather(rows, work, particles, cells, out):
                     r2, cell = d0 * d0 + d1 * d1 + d2 * d2, line + p2
                     if p2 < 0 or cell < rows[0] or cell >= rows[1] or r2 >= reach * reach or not fluid[cell] > 0.0:
                         continue
-                    if r2 < least[cell, side_of]:
-                        least[cell, side_of], nearest[cell, side_of] = r2, i
-                    if abs(phi[i]) > far:
-                        continue
                     d[0], d[y], d[z] = d0 if dim == 3 else d1, d1, d2
-                    w = (1.0 - math.sqrt(r2) / reach) ** 4
-                    there = phi[i]
-                    for k in range(dim):
-                        there += slope[i, k] * d[k]
-                        turned = 0.0
-                        for m in range(dim):
-                            turned += form[i, k * dim + m] * d[m]
-                        there += 0.5 * size * d[k] * turned
-                        sums[cell, 1 + k] += w * slope[i, k]
-                    weight[cell] += w
-                    sums[cell, 0] += w * there
-                    sums[cell, dim + 1] -= w * trace
+                    _add(cell, i, d, bent, particles, asked, least, out)
+
+
+@njit(cache=True, nogil=True)
+def _gather_seen(rows, work, particles, pairs, asked, out):
+    """As `_gather`, from the pairs of cells with particles that they see: start (k + 1,), particle (m,), offset (m,
+    dim); out: of the k cells."""
+    _, _, slope, form = particles
+    start, particle, offset = pairs
+    for cell in range(rows[0], rows[1]):
+        for p in range(start[cell], start[cell + 1]):
+            i = particle[p]
+            _add(cell, i, offset[p], _bent(slope, form, i), particles, asked, work, out)
+
+
+@njit(cache=True, inline="always")
+def _bent(slope, form, i):
+    """Size of the slope of phi of a particle, and trace of the form of its level."""
+    size, trace, dim = 0.0, 0.0, slope.shape[1]
+    for k in range(dim):
+        size += slope[i, k] ** 2
+        trace += form[i, k * dim + k]
+    return math.sqrt(size), trace
+
+
+@njit(cache=True, inline="always")
+def _add(cell, i, d, bent, particles, asked, least, out):
+    """Adds what a particle makes of phi in the middle of a cell, d (dim,) from it. asked: how far particles are asked,
+    reach, m, and how far from the interface they may be, far, m; least: (n_cells, 2) squared distances so far."""
+    (_, phi, slope, form), (weight, sums, nearest), (reach, far) = particles, out, asked
+    dim, r2, side_of = len(d), 0.0, 1 if phi[i] <= 0.0 else 0
+    for k in range(dim):
+        r2 += d[k] * d[k]
+    if r2 < least[cell, side_of]:
+        least[cell, side_of], nearest[cell, side_of] = r2, i
+    if abs(phi[i]) <= far:
+        size, trace = bent
+        w = (1.0 - math.sqrt(r2) / reach) ** 4
+        there = phi[i]
+        for k in range(dim):
+            there += slope[i, k] * d[k]
+            turned = 0.0
+            for m in range(dim):
+                turned += form[i, k * dim + m] * d[m]
+            there += 0.5 * size * d[k] * turned
+            sums[cell, 1 + k] += w * slope[i, k]
+        weight[cell] += w
+        sums[cell, 0] += w * there
+        sums[cell, dim + 1] -= w * trace
 
 
 @njit(cache=True, inline="always")
@@ -268,7 +302,7 @@ def _cut(rows, b, cells, found, volume, area):
         smallest = min(smallest, side[k])
         square += side[k] ** 2 / dim
     for c in range(rows[0], rows[1]):
-        if nearest[c, 0] < 0 or nearest[c, 1] < 0:  # of one fluid all round
+        if nearest[c, 0] < 0 or nearest[c, 1] < 0:  # of one fluid all round, or of none
             volume[c] = fluid[c] if nearest[c, 0] >= 0 else 0.0
             continue
         size = 0.0
@@ -286,7 +320,7 @@ def _cut(rows, b, cells, found, volume, area):
             kappa = min(max(sums[c, dim + 1] / weight[c], -1.0 / smallest), 1.0 / smallest)
             part -= density * kappa * square / 24.0
         else:
-            part = 1.0 if sums[c, 0] > 0.0 else 0.0  # no interface is near
+            part = 1.0 if sums[c, 0] > 0.0 else 0.0  # the slopes of the particles cancel: they know no way to go
         volume[c] = fluid[c] * min(max(part, 0.0), 1.0)
 
 

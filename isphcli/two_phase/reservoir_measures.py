@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReservoirMeasures:
-    """axis: of the reservoirs; ends: fluid of the inlet and of the outlet, 0 or 1; names: of both fluids; site_volume:
+    """What is joined to a reservoir, and the pressure of that; what is not is trapped, or lies in a closed pocket: in
+    pores that do not lead from one reservoir to the other.
+
+    axis: of the reservoirs; ends: fluid of the inlet and of the outlet, 0 or 1; names: of both fluids; site_volume:
     m^dim; pressure(state): (n,) Pa of the particles, with what falls along the axis."""
 
     axis: int
@@ -38,13 +41,12 @@ class ReservoirMeasures:
         inside, phase = inside_sample(self.geometry, state.x), _phase(state)
         joined = [self.joined(state, config, k) for k in (0, 1)]
         held = [inside & mine for mine in joined]
-        everything_seen = np.ones(len(config.ops.column), np.bool_)
-        reached = self._reached(state, config, np.ones(len(phase), np.bool_), everything_seen, (True, True))
+        passed = self._lead_through(state, config, inside)
         all_of_it = max(reduce.count(inside), 1)
         row: dict[str, Any] = {"capillary_pressure": self._capillary_pressure(state, held),
-                               "closed_pockets": reduce.count(inside & ~reached) / all_of_it}
+                               "closed_pockets": reduce.count(inside & ~passed) / all_of_it}
         for k, name in enumerate(self.names):
-            cut_off = inside & reached & (phase == k) & ~joined[k]
+            cut_off = inside & passed & (phase == k) & ~joined[k]
             row[f"trapped_{name}"] = reduce.count(cut_off) / all_of_it
         return row
 
@@ -67,24 +69,43 @@ class ReservoirMeasures:
         distances of each other, but not over the seam."""
         mine = _phase(state) == k
         near = linked(config.ops, mine, self.site_volume ** (1.0 / self.geometry.dim))
-        return self._reached(state, config, mine, near, (self.ends[0] == k, self.ends[1] == k))
-
-    def _reached(self, state: State, config: Configuration, mine: np.ndarray, near: np.ndarray,
-                 homes: tuple[bool, bool]) -> np.ndarray:
-        """Which particles (n,) of `mine` (n,) are joined to reservoirs by pairs `near` (n_pairs,), but not over the
-        seam. homes: whether those of inlet and outlet count."""
-        ops = config.ops
-        place = ops.neighbours.x[ops.neighbours.row, self.axis]
-        over = (place < self.geometry.lower[self.axis]) | (place >= self.geometry.upper[self.axis])
-        count, part = parts_of(ops.start, ops.column, ops.exchange.forward(mine), near & ~over, ops.exchange)
-        lower, upper = (corner[self.axis] for corner in sample_box(self.geometry))
         along, home = state.x[:, self.axis], np.zeros(len(mine), np.bool_)
-        if homes[0]:
+        lower, upper = (corner[self.axis] for corner in sample_box(self.geometry))
+        if self.ends[0] == k:
             home |= along < lower
-        if homes[1]:
+        if self.ends[1] == k:
             home |= along > upper
-        free = reduce.total_by(part[home & mine], labels=count) > 0
-        return mine & np.append(free, False)[part]
+        return self._joined_to([home], config, mine, near & ~self._over_the_seam(config))
+
+    def _lead_through(self, state: State, config: Configuration, inside: np.ndarray) -> np.ndarray:
+        """Which particles (n,) of the sample, `inside` (n,), are in pores that lead through it from the one reservoir
+        to the other, whatever fluid is in them: parts of the sample alone that see both."""
+        ops = config.ops
+        place, over = ops.neighbours.x[ops.neighbours.row, self.axis], self._over_the_seam(config)
+        owner, ends = np.repeat(np.arange(ops.n), np.diff(ops.start)), []
+        lower, upper = (corner[self.axis] for corner in sample_box(self.geometry))
+        for beyond in (place < lower, place > upper):
+            sees = np.zeros(ops.n, np.bool_)
+            sees[owner[beyond & ~over]] = True
+            ends.append(sees)
+        return self._joined_to(ends, config, inside, ~over & (place >= lower) & (place <= upper))
+
+    def _over_the_seam(self, config: Configuration) -> np.ndarray:
+        """Which pairs (n_pairs,) see each other where the end of the one reservoir meets that of the other."""
+        place = config.ops.neighbours.x[config.ops.neighbours.row, self.axis]
+        return np.asarray((place < self.geometry.lower[self.axis]) | (place >= self.geometry.upper[self.axis]))
+
+    @staticmethod
+    def _joined_to(homes: Sequence[np.ndarray], config: Configuration, mine: np.ndarray,
+                   near: np.ndarray) -> np.ndarray:
+        """Which particles (n,) of `mine` (n,) are in parts, joined by pairs `near` (n_pairs,), that have particles of
+        each of the `homes` (n,)."""
+        ops, joined = config.ops, mine
+        count, part = parts_of(ops.start, ops.column, ops.exchange.forward(mine), near, ops.exchange)
+        for home in homes:
+            free = reduce.total_by(part[home & mine], labels=count) > 0
+            joined = joined & np.append(free, False)[part]
+        return joined
 
 
 def _phase(state: State) -> np.ndarray:

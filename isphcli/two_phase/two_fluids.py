@@ -63,14 +63,23 @@ class TwoFluidForces(NamedTuple):
     beside: Sequence[Force] = ()
 
 
+class VolumeGrid(NamedTuple):
+    """What the volumes of two fluids are measured on.
+
+    cells: Cells of the box; sight: CellSight of those, where there are walls; sample: corners (dim,) of what is not
+    clear of solids, m, where volumes are kept, or None: everywhere.
+    """
+
+    cells: Cells
+    sight: CellSight | None = None
+    sample: tuple[np.ndarray, np.ndarray] | None = None
+
+
 class TwoFluids:
     """density: (2,) kg/m3; viscosity: (2,) dynamic, Pa s; forces: what moves them; spacing: m; tension:
     SurfaceTension or None; contact: contact_angle.ContactAngle or None; line: contact_angle.SlipAtLine or None."""
 
     first_passes = FIRST_PASSES
-    cells: Cells | None = None  # that the volumes of both are measured on, and kept by
-    cell_sight: CellSight | None = None  # of those cells, where there are walls
-    sample: tuple[np.ndarray, np.ndarray] | None = None  # corners (dim,) of what is not clear of solids, m
 
     def __init__(self, density: Sequence[float] | np.ndarray, viscosity: Sequence[float] | np.ndarray,
                  forces: TwoFluidForces, spacing: float, tension: SurfaceTension | None = None,
@@ -80,6 +89,7 @@ class TwoFluids:
         self.body, self.drop_force, self.held, self.forces = forces
         self.force = self.body + self.drop_force
         self.spacing, self.tension, self.contact, self.line = spacing, tension, contact, line
+        self.grid: VolumeGrid | None = None
         self.rules = interface_rules(self.density, self.mu, 0.0 if tension is None else tension.tension, spacing)
         self.added_viscosity = self.rules.added_viscosity
 
@@ -112,6 +122,12 @@ class TwoFluids:
         """The same fluids under other forces; see `one_fluid.Fluids`."""
         other = copy.copy(self)
         other.body, other.drop_force, other.force = body, drop_force, body + drop_force
+        return other
+
+    def measured_on(self, grid: VolumeGrid | None) -> TwoFluids:
+        """The same fluids, whose volumes are measured on a grid and kept by it; neither without one."""
+        other = copy.copy(self)
+        other.grid = grid
         return other
 
     def carried(self, ops: Operators, terms: Terms, moving: tuple[np.ndarray, np.ndarray | None],
@@ -161,9 +177,9 @@ class TwoFluids:
         """Terms of one configuration. ops: Operators; neighbours: all of them, dummies included; phi: (n,) m."""
         assert phi is not None
         interface = find_interface(ops, neighbours, phi, self.spacing, self.contact, self.sight)
-        if self.cells is not None:
-            found = cut(self.cells, neighbours.x, phi, interface.fit, ops.exchange, self.cell_sight)
-            interface = replace(interface, cut=found._replace(sample=self.sample))
+        if self.grid is not None:
+            found = cut(self.grid.cells, neighbours.x, phi, interface.fit, ops.exchange, self.grid.sight)
+            interface = replace(interface, cut=found._replace(sample=self.grid.sample))
         reference = self.density[0]
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
         everyone = ops.exchange.forward

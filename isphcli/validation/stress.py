@@ -347,7 +347,7 @@ def all_fluid_steady(large: bool) -> float:
 @scene("everything zero", "no drive, no motion", "velocity and pressure are exactly zero", 0)
 def nothing(large: bool) -> float:
     run = marched(CAVITY, "geometry.walls={}", "time.end=1")
-    still = creeping(CHANNEL, "drive.body_force=[0, 0]")
+    still = creeping(CHANNEL, "drive=null")
     return float(max(np.abs(f).max() for f in (run.state.u, run.state.p, still.velocity, still.pressure)))
 
 
@@ -754,15 +754,16 @@ def rotation_of_two(large: bool) -> float:
 def without_cells(stepper: Stepper) -> None:
     """Volumes are measured on cells that stay where they are, and not given back without them."""
     assert isinstance(stepper.fluids, TwoFluids)
-    stepper.fluids.cells = None
+    stepper.fluids = stepper.fluids.measured_on(None)
 
 
 @scene("translation", "a drop in a vortex, and the cells of its volume, by a third of a spacing", "the same flow", 1e-9)
 def translation_of_two(large: bool) -> float:
     def along(stepper: Stepper) -> None:
-        assert isinstance(stepper.fluids, TwoFluids) and stepper.fluids.cells is not None
-        cells = stepper.fluids.cells
-        stepper.fluids.cells = cells._replace(lower=cells.lower + 0.04 / 3)
+        assert isinstance(stepper.fluids, TwoFluids) and stepper.fluids.grid is not None
+        grid = stepper.fluids.grid
+        cells = grid.cells._replace(lower=grid.cells.lower + 0.04 / 3)
+        stepper.fluids = stepper.fluids.measured_on(grid._replace(cells=cells))
 
     return apart(carried(large, lambda x: (x + 0.04 / 3) % 1.0, adjust=along).state.u, carried(large).state.u)
 

@@ -45,6 +45,12 @@ OF = "reference={kind: slit, geometry: {%s}}"
         (MINIMAL, ["flow=navier_stokes"], "refine: needs flow: stokes"),
         (MINIMAL, ["drive.body_force=[1, 0, 0]"], "drive.axes: makes its own flow"),
         (MINIMAL, ["drive={}"], "drive: drives nothing"),
+        (MINIMAL, ["drive={body_force: [0, 0, 0]}"], "drive.body_force: is zero along every axis and drives nothing"),
+        (SHAPES, ["drive.pressure_drop.x=0"], "drive.pressure_drop.x: is zero and drives nothing; give another"),
+        (SHAPES, ["drive={superficial_velocity: {x: 0 m/s}}"], "drive.superficial_velocity.x: is zero and drives"),
+        (SHAPES, ["drive={superficial_velocity: {x: 1, y: 1}}"], "drive.superficial_velocity: needs one axis"),
+        (SHAPES, ["time={end: 1, step: 0.1, capillary: 2}"], "time.capillary: has no effect beside time.step"),
+        (SHAPES, ["time={end: 1, step: 0.1, cfl: 0.1}"], "time.cfl: has no effect beside time.step"),
         (
             MINIMAL,
             ["drive={body_force: [1, 0]}"],
@@ -118,6 +124,26 @@ OF = "reference={kind: slit, geometry: {%s}}"
 )
 def test_cross_checks(base, overrides, message):
     assert any(message in problem for problem in problems(base, *overrides))
+
+
+def test_limits_of_steps_that_a_run_wrote_itself_are_no_problem():
+    """Its case.yaml has all defaults."""
+    assert read(SHAPES, "time={end: 1, step: 0.1, capillary: 1, cfl: 0.2}").time.step == 0.1
+
+
+def test_problems_of_all_kinds_come_together_with_their_lines(tmp_path):
+    """A key that nobody knows, a block that is missing, what does not fit another key, the dimension of an image."""
+    np.save(tmp_path / "rock.npy", np.zeros((4, 4, 4), np.uint8))
+    lines = ["geometry:", "  voxels: {file: rock.npy, labels: {water: 0}, voxel_size: 1, shade: 2}",
+             "  mirror: [y]", "  periodic: [y]", "drive: {pressure_drop: {x: 0}}", "time: {end: 1, step: 2}",
+             "particles: {spacing: 1}", "initial: {velocity: [x, y]}", "reference:", "  kind: permeability",
+             "  value: [1, 2]"]
+    (tmp_path / "rock.yaml").write_text("\n".join(lines))
+    with pytest.raises(CaseError) as error:
+        load_case(tmp_path / "rock.yaml")
+    assert [(problem.line, problem.key) for problem in error.value.problems] == [
+        (1, "fluids"), (2, "geometry.voxels.shade"), (3, "geometry.mirror"), (5, "drive.pressure_drop.x"),
+        (6, "time.step"), (8, "initial.velocity"), (11, "reference.value")]
 
 
 IMAGE = """\

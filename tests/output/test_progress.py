@@ -151,14 +151,24 @@ def test_the_display_says_when_the_compiler_works(monkeypatch):
         for going_on in (True, False):
             compiling(going_on)
             head = s._display._lines().plain
-            assert head[2:].startswith("compiling (once): " * going_on + "particles and operators  level 2  0.")
-    # elsewhere one line, and none where nothing is to be said
-    for options, lines in (({}, 1), ({"quiet": True}, 0)):
-        with stage("operators", stream=(stream := io.StringIO()), **options):
-            compiling(True)
-            compiling(False)
-            compiling(True)
-            assert stream.getvalue().count("compiling (once)") == lines == len(stream.getvalue().splitlines())
+            said = "compiling, once per machine: " * going_on
+            assert head[2:].startswith(f"{said}particles and operators  level 2  0.")
+
+
+def test_lines_say_how_long_the_compiler_has_worked(monkeypatch):
+    """Kernels that take 2 s each: one line at once, another every 5 s; none where nothing is to be said."""
+    from isphcli.output import progress
+
+    clock = [0.0]
+    monkeypatch.setattr(progress, "_now", lambda: clock[0])
+    said = ["the kernels of the run; later runs load them", "for 6.0 s so far", "for 12 s so far"]
+    for options, lines in (({}, said), ({"quiet": True}, [])):
+        with stage("operators", stream=(stream := io.StringIO()), interval=1e9, **options):
+            for _ in range(7):
+                compiling(True)
+                compiling(False)
+                clock[0] += 2.0
+            assert stream.getvalue().splitlines() == [f"compiling, once per machine: {line}" for line in lines]
 
 
 def test_a_kernel_that_is_not_in_the_cache_is_told(monkeypatch):

@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from isphcli.output.report import ReportError, question, read_run, report_page, write_report
+from isphcli.output.report import ReportError, answer_lines, question, read_run, report_page, write_report
 
 PNG = b"\x89PNG\r\n\x1a\nnot much of a picture"
 
@@ -76,6 +76,22 @@ def test_questions_of_moving_particles(tmp_path):
                                  ({"water": {}}, {"body_force": [1, 0]}, "How water is driven in time")):
         case = {"fluids": fluids, "flow": "navier_stokes", "drive": drive}
         assert question(type(run)(run.directory, run.summary, case, "", ())).startswith(words)
+
+
+def test_an_injection_says_all_that_the_terminal_says_with_units(tmp_path):
+    folder = leave(tmp_path / "run", k=None, mean_velocity=[1e-3, 0.0], pressure_drop=345.6,
+                   two_fluids={"saturation_water": 0.75, "trapped_water": 0.125, "closed_pockets": 0.0625,
+                               "capillary_pressure": 1234.5, "pressure_jump": -16.0, "contact_angle": 60.5,
+                               "spurious_capillary_number": 1e-4},
+                   errors={"main": "volume", "volume": 0.01, "spurious_capillary_number": 1e-4})
+    found = [f"{name.strip()}: {value}" for name, value in answer_lines(read_run(folder))]
+    for wanted in ("mean velocity: x 0.001, y 0 m/s", "pressure drop: 345.6 Pa over the box, of the last step",
+                   "saturation water: 0.75", "trapped water: 0.125 of the fluid in the sample",
+                   "closed pockets: 0.0625 of the fluid in the sample: no flow passes through them",
+                   "capillary pressure: 1234 Pa", "pressure jump: -16 Pa, water",
+                   "contact angle: 60.5 degrees through water",
+                   "error volume: +1 %", "error spurious_capillary_number: 0.0001"):
+        assert wanted in found, wanted
 
 
 def test_folders_that_are_none_of_a_run(tmp_path):

@@ -27,6 +27,14 @@ def test_the_throat_of_two_chambers():
     assert 20 < throats.median <= 32
 
 
+def test_ends_without_walls_are_no_pores():
+    """A slit of 8 particles between ends that are three times as long as the box is wide, on both sides of the seam."""
+    case = read(SLIT, "geometry.box=[8, 1]", "geometry.periodic=[x, y]", "particles.spacing=0.0625",
+                "geometry.shapes=[{box: {lower: [3, 0], upper: [5, 0.5]}, is: solid}]")
+    throats = check(case).throats
+    assert throats.narrow == pytest.approx(8, abs=0.1) and throats.median == pytest.approx(8, abs=0.1)
+
+
 def test_nooks_of_rough_walls_are_no_throats(folder):
     """A duct of 8 x 8 voxels with a nook beside every second voxel of its walls: by neighbours alone 8 of 10 points of
     its centre lines are nooks a particle wide."""

@@ -38,13 +38,14 @@ geometry:
   walls: {{y_max: {{velocity: [{lid}, 0]}}}}
 particles: {{spacing: {dx}}}
 fluids: {{a: {{density: {rho}, viscosity: 1}}, b: {{density: 1, viscosity: {mu}}}}}
-drive: {{body_force: [{gx}, {gy}]}}
+drive: {drive}
 time: {time}
 """
 
 
 def layers(dx=1 / 16, lid=0, rho=1, mu=1, gx=0, gy=0, time="{end: 1}"):
-    return LAYERS.format(width=6 * dx, dx=dx, lid=lid, rho=rho, mu=mu, gx=gx, gy=gy, time=time)
+    drive = f"{{body_force: [{gx}, {gy}]}}" if gx or gy else "null"
+    return LAYERS.format(width=6 * dx, dx=dx, lid=lid, rho=rho, mu=mu, drive=drive, time=time)
 
 
 DROP = """

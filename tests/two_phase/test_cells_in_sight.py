@@ -35,7 +35,7 @@ def test_no_interface_is_seen_through_a_thin_plate():
 def test_a_plate_parts_what_kept_volumes_joins():
     """The fluid of each slug touches that around it in its own channel alone."""
     _, _, state, stepper, _ = scene(PLATE)
-    sight, cells = stepper.fluids.cell_sight, stepper.fluids.cells
+    sight, cells = stepper.fluids.grid.sight, stepper.fluids.grid.cells
     every = np.flatnonzero(cells.fluid > 0.0)
     seen = sight.seen(state.x, every, 2.0 * cells.side.max())
     near = np.abs(cells.middle[:, 1] - 0.5) < 2.1 * stepper.spacing

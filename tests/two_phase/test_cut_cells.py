@@ -72,6 +72,23 @@ def test_each_cell_knows_the_nearest_particle_of_either_fluid():
     assert np.abs(np.linalg.norm(cells.middle[far] - 0.5, axis=1) - 0.25).min() > 2.0 * dx
 
 
+def test_no_cell_is_given_a_fluid_that_no_particle_near_it_has():
+    """A hole in the middle, 3 spacings round: what no particle is within two sides of counts for neither fluid. Outside
+    of it, particles of both that are all too far from an interface to tell of it, as on the two sides of a wall: each
+    cell is of the fluid of the nearest one."""
+    dx = 1 / 40
+    _, geometry, state, _, particles = scene(drop(radius=0.25, dx=dx))
+    x = state.x[np.linalg.norm(state.x - 0.5, axis=1) > 3 * dx]
+    n, cells = len(x), cells_of(geometry, dx, particles.site_volume * len(state.x))
+    phi = np.where(x[:, 0] < 0.5, 4.3 * dx, -4.3 * dx)
+    found = cut(cells, x, phi, QuadraticFit(phi, np.zeros((n, 2)), np.zeros(n), np.zeros((n, 4))))
+    away, which = cKDTree(x, boxsize=1.0).query(cells.middle)
+    hole = away >= 2.0 * dx
+    assert 4 <= hole.sum() < 20 and np.all(found.cells.fluid[hole] == 0.0) and np.all(found.volume[hole] == 0.0)
+    assert np.array_equal(found.volume[~hole], np.where(phi[which[~hole]] > 0.0, cells.fluid[~hole], 0.0))
+    assert np.array_equal(found.cells.fluid[~hole], cells.fluid[~hole]) and found.area.sum() == 0.0
+
+
 def test_a_plane_between_the_rows_beside_walls():
     """At 0.4 of the height, between walls: the volumes of both layers, and the area, to round-off (the
     normal of a plane along a cell is turned by 1e-3: 1e-8)."""

@@ -14,9 +14,9 @@ def passes(stepper, config, phi, volume, count):
     """phi and shares after so many steps in which nothing moves, and the cut cells at the end."""
     x, ops = config.x, config.ops
     for _ in range(count):
-        there = cut(stepper.fluids.cells, x, phi, find_interface(ops, config.neighbours, phi, stepper.spacing).fit)
+        there = cut(stepper.fluids.grid.cells, x, phi, find_interface(ops, config.neighbours, phi, stepper.spacing).fit)
         phi, volume = kept_volumes(there, ops.neighbours, phi, phi.copy(), volume, stepper.spacing)
-    return phi, volume, cut(stepper.fluids.cells, x, phi,
+    return phi, volume, cut(stepper.fluids.grid.cells, x, phi,
                             find_interface(ops, config.neighbours, phi, stepper.spacing).fit)
 
 
@@ -26,7 +26,7 @@ def test_each_disk_has_its_own_volume_back():
     _, _, state, stepper, _ = scene(TWO_DISKS)
     config = stepper.configure(state.x, phi=state.phi)
     small, spacing = np.linalg.norm(state.x - 0.2, axis=1) < 0.25, stepper.spacing
-    near = np.linalg.norm(stepper.fluids.cells.middle - 0.2, axis=1) < 0.25
+    near = np.linalg.norm(stepper.fluids.grid.cells.middle - 0.2, axis=1) < 0.25
     wanted = config.terms.interface.cut.volume
     wrong = state.phi + np.where(small, 0.1, -0.1) * spacing
     there, seen = config.terms.interface.cut, config.ops.neighbours
@@ -47,7 +47,7 @@ def test_levels_outside_of_the_sample_stay():
     wrong, spacing = state.phi + 0.1 * stepper.spacing, stepper.spacing
     seen = config.ops.neighbours
     wrong, shares = kept_volumes(config.terms.interface.cut, seen, state.phi, wrong, state.volume, spacing)
-    there = cut(stepper.fluids.cells, config.x, wrong,
+    there = cut(stepper.fluids.grid.cells, config.x, wrong,
                 find_interface(config.ops, config.neighbours, wrong, spacing).fit)
     sample = np.zeros(2), np.full(2, 0.45)
     phi, volume = kept_volumes(there._replace(sample=sample), seen, wrong, wrong.copy(), shares, spacing)

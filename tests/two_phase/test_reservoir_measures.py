@@ -5,6 +5,7 @@ import pytest
 
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
+from isphcli.preflight.check import check
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.choose_measures import choose_measures, choose_profiles, choose_reservoir_measures
 from isphcli.scene.prepare import prepare
@@ -54,6 +55,20 @@ def test_a_closed_pocket_of_the_rock_is_not_trapped():
     row = row_of(shapes)
     left = 128 - 8 * 6 + 4
     assert row["trapped_water"] == 0.0 and row["closed_pockets"] == pytest.approx(4 / left)
+
+
+def test_a_pocket_that_only_touches_the_inlet_is_closed_in_the_check_and_in_the_run():
+    """Water in 2 x 2 sites of a block of 8 x 6 that begins where the inlet's reservoir ends: fluid could come in, and
+    none could pass. The check by sites and the run by particles count it alike."""
+    hole = "{lower: [1.0, 0.25], upper: [1.25, 0.5]}"
+    shapes = (f"[{{box: {{lower: [0, 0], upper: [3, 1]}}, is: gas}}, "
+              f"{{box: {{lower: [1, 0.0], upper: [2, 0.75]}}, is: solid}}, {{box: {hole}, is: water}}]")
+    row, left = row_of(shapes), 128 - 8 * 6 + 4
+    assert row["trapped_water"] == 0.0 and row["closed_pockets"] == pytest.approx(4 / left)
+    found = check(read_case(TUBE.replace("SHAPES", shapes).encode(), "case.yaml"))
+    assert found.connectivity.isolated_pockets == 1 and found.connectivity.percolates == (True, False)
+    assert found.connectivity.isolated_share == pytest.approx(4 / left)
+    assert "1 closed pockets (4.8 % of the fluid); open along x (" in found.text()
 
 
 def test_what_only_touches_the_other_reservoir_over_the_seam_is_cut_off():

@@ -63,7 +63,7 @@ def test_heavy_below_rests(ratio):
 
 def test_a_pressure_drop_moves_each_fluid_as_its_density_lets_it():
     """5 Pa over the box of 6/16: the acceleration away from the interface is the gradient over the density."""
-    text = layers(1 / 16, rho=4).replace("body_force: [0, 0]", "pressure_drop: {x: 5}")
+    text = layers(1 / 16, rho=4).replace("drive: null", "drive: {pressure_drop: {x: 5}}")
     _, _, state, stepper, particles = scene(text)
     force = stepper.configure(state.x, phi=state.phi).terms.force
     far = np.abs(state.x[:, 1] - 0.5) > 3 / 16
