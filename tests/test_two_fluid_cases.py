@@ -159,7 +159,9 @@ def test_co2_goes_into_the_rock(tmp_path):
     summary, rows = run("berea_drainage", tmp_path, "geometry.voxels.crop=[[40, 56], [40, 56], [40, 56]]",
                         "initial.flood.saturation=0.2", "time.max_steps=80")  # fmt: skip
     found = summary["two_fluids"]
-    assert [row["superficial_velocity_x"] for row in rows] == pytest.approx([0.026] * len(rows), rel=0.15)
+    assert [row["superficial_velocity_x"] for row in rows] == pytest.approx([0.026] * len(rows), rel=1e-6)
+    assert summary["superficial_velocity"][0] == pytest.approx(0.026, rel=1e-6)
+    assert summary["mean_velocity"][0] * summary["porosity"] == pytest.approx(0.026, rel=1e-6)
     pores = summary["porosity"] * (16 * 3e-6) ** 3
     volumes = np.array([row["volume_co2"] for row in rows]) / pores
     assert np.abs(volumes - volumes[0]).max() < 3e-3
@@ -176,13 +178,16 @@ def test_co2_goes_into_the_rock(tmp_path):
 @pytest.mark.slow
 def test_co2_is_injected_into_the_rock(tmp_path):
     """A piece of 16^3 voxels. All that comes over the seam is CO2: in the rock is what the flux brought, and none of it
-    is cut off from the inlet."""
+    is cut off from the inlet. The pressure drop begins with the layers at the walls, not with what one solve leaves of
+    the divergence of an impulse, which the first step made up for by twenty times as much."""
     summary, rows = run("berea_injection", tmp_path, "geometry.voxels.crop=[[40, 56], [40, 56], [40, 56]]",
                         "time.max_steps=50")  # fmt: skip
     pores = summary["porosity"] * (16 * 3e-6) ** 3
     injected = 0.05 * rows[-1]["time"] * (16 * 3e-6) ** 2 / pores
     assert rows[0]["saturation_co2"] < 0.01 and injected > 0.02
     assert rows[-1]["saturation_co2"] == pytest.approx(injected, rel=0.1)  # as in berea_drainage
+    drops = [row["pressure_drop_x"] for row in rows]
+    assert max(map(abs, drops[:3])) < 3 * np.median(drops)
     grown = (rows[-1]["volume_co2"] - rows[0]["volume_co2"]) / pores  # 1.06 with the seam among what gives volume back
     assert grown == pytest.approx(injected, rel=0.04)
     assert summary["two_fluids"]["trapped_co2"] == 0 and "reservoirs" in summary["terms"]

@@ -54,6 +54,13 @@ class HeldVelocity:
             return None
         return (self.wanted / self.fraction - reduce.mean(u[here, self.axis])) / gain
 
+    def flux(self, x: np.ndarray, u: np.ndarray) -> float:
+        """The superficial velocity along the axis, m/s, of velocities u (n, dim) at x (n, dim), where it is held. By
+        mass it is that of every cross section; a sum over the few particles across a pore is larger, of a parabola over
+        n of them by 1 / (2 n^2)."""
+        here = outside_sample(x[:, self.axis], self.lower, self.upper)
+        return float(self.fraction * reduce.mean(u[here, self.axis]))
+
     def drop(self, state: State) -> float:
         """Pressure drop over the box in the step to `state` (`State`), Pa."""
         assert state.pressure_gradient is not None

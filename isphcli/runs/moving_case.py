@@ -192,6 +192,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         from ..scene.choose_measures import choose_measures, choose_profiles, choose_reservoir_measures
 
         loop.measure = measures = choose_measures(case, geometry, particles, stepper.fluids)
+        measures.held = stepper.held_velocity
         profiles = choose_profiles(case, geometry, stepper.fluids)
         between = choose_reservoir_measures(case, geometry, particles, stepper.fluids)
     if measures is not None and between is not None:
@@ -367,13 +368,15 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
     """Entries of the summary on the flow at the end: velocities, and a permeability where a steady flow has one."""
     stepper, loop, two = run.stepper, run.loop, run.measures is not None
     axis, force = _drive_at_the_end(run, state)
-    superficial, mean = mean_velocities(run.geometry, state.x, state.u, run.particles.site_volume, run.cells)
+    held = stepper.held_velocity
+    known = None if held is None else (held.axis, held.flux(state.x, state.u))
+    superficial, mean = mean_velocities(run.geometry, state.x, state.u, run.particles.site_volume, run.cells, known)
     along = None if axis is None else darcy(run.geometry, superficial, axis, force, stepper.fluids.nu_max)
     resisted = run.geometry.has_solid and not two and not walls_move(run.case)
     permeability = error = None
     if axis is not None and resisted and loop.outcome == "steady":
         assert along is not None and loop.steady is not None and loop.steady.distance is not None
-        permeability = float(along[axis]) * (loop.steady_ratio(state) if stepper.held_velocity is None else 1.0)
+        permeability = float(along[axis]) * (loop.steady_ratio(state) if held is None else 1.0)
         error = abs(permeability) * loop.steady.distance
     free = axis is not None and not run.geometry.has_solid and not two
     messages = [stopped_short(run.case, loop, state, run.directory), absent_fluids(run.case, run.particles),
@@ -386,7 +389,7 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
         "permeability_error": error,
         "superficial_velocity": superficial,
         "mean_velocity": mean,
-        "pressure_drop": stepper.held_velocity.drop(state) if stepper.held_velocity is not None else None,
+        "pressure_drop": held.drop(state) if held is not None else None,
     }
 
 

@@ -46,15 +46,19 @@ def microporous_shares(geometry: Geometry, x: np.ndarray, rocks: int) -> np.ndar
 
 
 def mean_velocities(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, site_volume: float,
-                    cells: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+                    cells: float | None = None,
+                    known: tuple[int, float] | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Superficial and mean velocity (dim,) of the sample, m/s.
 
     x, velocity: (n, dim) of the fluid particles; site_volume: m^dim. cells: `fluid_cells` of the sample, which the mean
-    velocity is taken over: the flux over the volume of the fluid. Without it: over the particles.
+    velocity is taken over: the flux over the volume of the fluid. Without it: over the particles. known: an axis and
+    the superficial velocity along it, m/s, where that is held.
     """
     lower, upper = sample_box(geometry)
     inside = inside_sample(geometry, x)
     total = reduce.total(velocity[inside])
+    if known is not None:
+        total[known[0]] = known[1] * np.prod(upper - lower) / site_volume
     return total * (site_volume / np.prod(upper - lower)), total / (cells or max(reduce.count(inside), 1))
 
 

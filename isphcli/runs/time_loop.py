@@ -160,6 +160,9 @@ class TimeLoop:
         state, stepper = found.state, self.stepper
         # einsum: numpy's sums over an axis of two or three entries take five times as long
         total, number = current().sum(np.einsum("ij->j", state.u)), reduce.number(state.u)
+        held = stepper.held_velocity
+        if held is not None:
+            total[held.axis] = held.flux(state.x, state.u) * self.box_volume / self.site_volume
         mean = total / (self.fluid_cells or number)
         density = stepper.fluids.reference * found.config.terms.density
         energy = 0.5 * self.site_volume * float(reduce.total(density * np.einsum("ij,ij->i", state.u, state.u)))
@@ -172,8 +175,8 @@ class TimeLoop:
         row |= {"rebuilt": int(found.rebuilt), "divergence": found.max_divergence, "kinetic_energy": energy}
         if found.volume_drift is not None:
             row["volume_drift"] = found.volume_drift
-        if stepper.held_velocity is not None:
-            row[f"pressure_drop_{'xyz'[stepper.held_velocity.axis]}"] = stepper.held_velocity.drop(state)
+        if held is not None:
+            row[f"pressure_drop_{'xyz'[held.axis]}"] = held.drop(state)
         elif self.program is not None:
             row[f"pressure_drop_{'xyz'[self.program.axis]}"] = self.program.drop(state)
         row |= {f"mean_velocity_{a}": float(m) for a, m in zip("xyz", mean)}

@@ -22,6 +22,7 @@ from .cut_cells import CutCells, outline
 from .interface import Interface
 
 if TYPE_CHECKING:
+    from ..flow.held_velocity import HeldVelocity
     from ..flow.one_fluid import Tension
     from ..flow.state import Configuration, State
     from ..operators.pair_weights import Operators
@@ -54,6 +55,8 @@ class Measures:
     """fluids: both; phase: (n,) int8 of fluids that differ in name only, else of the start; geometry: Geometry;
     site_volume: m^dim; pressure: kg/m3, density that `State.p` is over; tension: SurfaceTension or None; amplitude:
     function of the positions (n, dim), volumes (n,) and volume fractions (n,), m, or None."""
+
+    held: HeldVelocity | None = None  # the capillary number is that of the flux that is held
 
     def __init__(self, fluids: Sequence[MeasuredFluid], phase: np.ndarray, geometry: Geometry, site_volume: float,
                  pressure: float = 1.0, tension: Tension | None = None,
@@ -169,13 +172,14 @@ class Measures:
         if self.geometry.dim == 2 and any(self._enclosed(state.x[interface.phase == k]) for k in (0, 1)):
             area, within = outline(interface.cut)
             circularity = 2.0 * math.sqrt(math.pi * within) / area if area > 0.0 else None
-        flux = np.linalg.norm(reduce.total(state.u)) * self.site_volume
-        flux /= np.prod(self.geometry.upper - self.geometry.lower)
+        flux = reduce.total(state.u) * self.site_volume / np.prod(self.geometry.upper - self.geometry.lower)
+        if self.held is not None:
+            flux[self.held.axis] = self.held.flux(state.x, state.u)
         speed = np.sqrt(reduce.largest((state.u * state.u).sum(axis=1)))
         row: dict[str, Any] = {
             "interface_area": area, "surface_energy": sigma * area,
             "pressure_jump": self._jump(state, config) * self.pressure,
-            "capillary_number": float(flux * max(self.viscosity) / sigma),
+            "capillary_number": float(np.linalg.norm(flux) * max(self.viscosity) / sigma),
             "peak_capillary_number": float(speed * max(self.viscosity) / sigma),
         }
         if self.geometry.dim == 2:

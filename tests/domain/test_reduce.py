@@ -149,7 +149,7 @@ ALLOWED = {
     ("two_phase.interface_rules", "density.min()"): FLUIDS,
     ("two_phase.interface_rules", "(viscosity / density).min()"): FLUIDS,
     ("two_phase.measures", "(state.u * state.u).sum(axis=1)"): OWN,
-    ("two_phase.measures", "np.linalg.norm(reduce.total(state.u))"): AXES,
+    ("two_phase.measures", "np.linalg.norm(flux)"): AXES,
     ("two_phase.measures", "np.prod(self.geometry.upper - self.geometry.lower)"): AXES,
     ("two_phase.measures", "(offset * offset).sum(axis=1)"): OWN,
     ("two_phase.measures", "np.einsum('ncd,nd->nc', gradients[near].reshape(-1, ops.dim, ops.dim), way)"): OWN,

@@ -106,8 +106,9 @@ def test_a_body_force_and_a_held_velocity_share_the_flow():
 
 
 def test_fluid_without_walls_is_set_in_motion_before_the_first_step():
-    """By an impulse that is in no pressure drop, and nothing resists: the first step makes up for the tolerance of its
-    solve, by 1.3 % of the momentum of slugs of different density, and none after ten steps takes a thousandth."""
+    """By an impulse that is in no pressure drop, and nothing resists: the first step makes up for what its solves leave
+    of the divergence, by 0.035 % of the momentum of slugs of different density (with one solve 1.3 %), and none after
+    ten steps takes a ten-thousandth."""
     text = """
 geometry: {box: [1, 1], periodic: [x, y], fluid: water, shapes: [{box: {lower: [0.25, -1], upper: [0.75, 2]}, is: gas}]}
 particles: {spacing: 0.125, jitter: 0.1}
@@ -120,7 +121,7 @@ time: {end: 0.5, scheme: euler}
         assert max(abs(row["superficial_velocity_x"] - 0.5) for row in rows) < 1e-4
         impulse = [row["pressure_drop_x"] * row["dt"] for row in rows]
         momentum = 0.5 * 0.5 * (2.0 + gas)
-        assert max(map(abs, impulse)) < 0.02 * momentum and max(map(abs, impulse[10:])) < 1e-3 * momentum
+        assert max(map(abs, impulse)) < 1e-3 * momentum and max(map(abs, impulse[10:])) < 1e-4 * momentum
 
 
 def test_an_image_of_solid_has_nothing_that_could_flow(tmp_path):
