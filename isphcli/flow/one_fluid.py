@@ -28,6 +28,16 @@ class StressCoupling(Protocol):
         """out += factor times the stress over the density, m/s2; u: (n + remote, dim); out: (n, dim)."""
 
 
+class VelocityKink(Protocol):
+    """What eq. 5 lacks of a velocity whose slope jumps at an interface (two_phase.kink.Kink)."""
+
+    def one_sided(self, slope: np.ndarray) -> np.ndarray:
+        """Slopes (n, c, dim) of velocities, one after the other, on the side of each particle, from those of eq. 5."""
+
+    def add_divergence(self, u: np.ndarray, out: np.ndarray) -> None:
+        """Adds to out (n,), 1/s, what eq. 5 lacks of the divergence of u (n + remote, dim), m/s."""
+
+
 class FluidInterface(Protocol):
     """The interface of one configuration (two_phase.interface.Interface)."""
 
@@ -148,7 +158,7 @@ class Terms:
     by, or None; laplacian_of_jump: (n,) 1/s2, what the Laplacian of the pressure makes of that jump; density: over that
     of the first fluid, (n,) or 1; bulk: number, dynamic viscosity over the density of the first fluid of the rotational
     term (eq. 4), m2/s; transposed_stress: of two fluids, or None where the viscosity does not jump; smooth: (n,) bool,
-    where the velocity has no kink, or None;
+    where the velocity has no kink, or None; kink: that of the velocity where the viscosity jumps, or None;
     along: (dim,) or (n, dim), what a unit pressure gradient along the axis of a held velocity accelerates by, or None;
     interface: of two fluids, or None;
     excess: (n,) m2, c of `viscous_solve`, or None where the velocity has kinks and forces jump; drag: (n,) 1/s, -drag u
@@ -164,6 +174,7 @@ class Terms:
     bulk: float = 0.0
     transposed_stress: StressCoupling | None = None
     smooth: np.ndarray | None = None
+    kink: VelocityKink | None = None
     along: np.ndarray | None = None
     interface: FluidInterface | None = None
     excess: np.ndarray | None = None
@@ -173,6 +184,13 @@ class Terms:
     def least_drag(self) -> float:
         """The drag that acts everywhere, 1/s: in the projection it adds to inertia."""
         return 0.0 if self.drag is None else reduce.smallest(self.drag)
+
+    def divergence(self, u: np.ndarray) -> np.ndarray:
+        """Divergence (n,) of u (n, dim), 1/s, with walls and their velocities and the kink at an interface."""
+        out = self.ops.total_divergence(u)
+        if self.kink is not None:
+            self.kink.add_divergence(self.ops.exchange.forward(u), out)
+        return out
 
     def sharpened(self, right: np.ndarray) -> np.ndarray:
         """right + c L right of `viscous_solve`: accelerations (n, dim), m/s2, as they stand in eq. 2."""
