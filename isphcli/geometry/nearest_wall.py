@@ -488,10 +488,12 @@ def _met_at_once(query, k, p, grid):
                 if not (tube and a == piece[c, 7]):
                     r += (x[a] - piece[c, 1 + a]) ** 2
             r = np.sqrt(r)
-            if r == 0.0 or abs(piece[c, 4] - r - least) > step:
+            if abs(piece[c, 4] - r - least) > step:
                 continue
             for a in range(3):
-                if not (tube and a == piece[c, 7]):
+                if r == 0.0:  # in the middle all directions are alike
+                    p[a] += piece[c, 4] + step if a == (1 if tube and piece[c, 7] == 0.0 else 0) else 0.0
+                elif not (tube and a == piece[c, 7]):
                     p[a] = piece[c, 1 + a] + (x[a] - piece[c, 1 + a]) * (piece[c, 4] + step) / r
         away = 0.0
         for a in range(3):
