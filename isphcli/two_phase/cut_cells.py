@@ -112,17 +112,18 @@ def cells_of(geometry: Geometry, spacing: float, total: float,
 
 
 def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchange: Exchange = NO_EXCHANGE,
-        sight: CellSight | None = None) -> CutCells:
+        sight: CellSight | None = None, distance: np.ndarray | None = None) -> CutCells:
     """CutCells of particles with phi (n,), m, and its QuadraticFit; x: (n + remote, dim) m, and rows behind them that
-    are not asked for; exchange: of remote particles; sight: of scenes with walls."""
+    are not asked for; exchange: of remote particles; sight, distance: of scenes with walls, and (n + remote,) of the
+    particles to them, m."""
     phi, slope, form = (exchange.forward(values) for values in (phi, fit.slope, fit.form))
     n, dim = len(cells.fluid), len(cells.side)
     weight, sums, nearest = np.zeros(n), np.zeros((n, dim + 2)), np.full((n, 2), -1)
     found = weight, sums, nearest
     over_rows(_gather, n, (x, phi, slope, form), cells, found, work=lambda: (np.empty(dim), np.full((n, 2), math.inf)))
-    if sight is not None:
+    if sight is not None and distance is not None:
         asked = np.flatnonzero((nearest >= 0).all(axis=1))
-        seen = sight.seen(x[: len(phi)], asked, REACH * cells.side.max())
+        seen = sight.seen(x[: len(phi)], asked, REACH * cells.side.max(), distance)
         weight[seen.cells], sums[seen.cells], nearest[seen.cells] = _made_of(
             seen, phi, (slope, form), REACH * cells.side.max(), n)
     volume, area = np.zeros(n), np.zeros(n)
