@@ -62,6 +62,10 @@ class Geometry(Protocol):
         """(n,) int32 index of the nearest wall in `wall_velocity` and `slip_length`."""
         ...
 
+    def nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(`distance`, `wall`) of points, found together."""
+        ...
+
     def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
         """(n,) fraction t in (0, 1] of the way from fluid point xi to xj where the first wall is met;
         1.0 where none is met."""

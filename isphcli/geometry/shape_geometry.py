@@ -154,6 +154,10 @@ class ShapeGeometry:
         wall that is met."""
         return self._nearest(x)[1]
 
+    def nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(`distance`, `wall`) of points, found together."""
+        return self._nearest(x)
+
     def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
         """(n,) fraction t in (0, 1] from fluid point xi to xj at the first wall; 1.0 where none is met.
 

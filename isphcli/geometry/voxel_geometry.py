@@ -143,10 +143,15 @@ class VoxelGeometry:
 
     def wall(self, x: np.ndarray) -> np.ndarray:
         """(n,) int32: the face of the image where it is the nearest wall, otherwise 0."""
+        return self.nearest(x)[1]
+
+    def nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(`distance`, `wall`) of points, found together."""
         x = np.asarray(x, dtype=float)
+        distance = self.distance(x)
         face, number = face_distance(x, self.lower, self.upper, self.periodic)
-        nearest = face <= np.maximum(self.distance(x), 0.0) + 1e-6 * self._unit
-        return np.where(nearest, number, 0).astype(np.int32)
+        nearest = face <= np.maximum(distance, 0.0) + 1e-6 * self._unit
+        return distance, np.where(nearest, number, 0).astype(np.int32)
 
     def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
         """(n,) fraction t in (0, 1] from fluid point xi to xj at the first wall; 1.0 where none is met."""

@@ -134,13 +134,15 @@ class WallRows(WallSums):
     symmetric_laplacian: (n_pairs,) symmetric-form weights of the pressure Laplacian;
     classes: (n,) int8, see `neighbourhood_class`; near_wall: (n,) bool, particle sees a wall, or fluid that it shares
     no pressure with;
-    slope_velocity: (n, dim, dim) sum u_W g_iW, component of u_W first, or None where a wall slips.
+    slope_velocity: (n, dim, dim) sum u_W g_iW, component of u_W first, or None where a wall slips;
+    distance: (n + remote,) of the particles to the nearest wall, m.
     """
 
     symmetric_laplacian: np.ndarray
     near_wall: np.ndarray
     classes: np.ndarray
     slope_velocity: np.ndarray | None
+    distance: np.ndarray
 
     @property
     def narrow(self) -> np.ndarray:

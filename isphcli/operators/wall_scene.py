@@ -47,8 +47,7 @@ class WallScene:
                  line: WallChange | None = None):
         self.geometry, self.dummies = geometry, dummies
         self.support, self.kind, self.site_volume = support, kind, site_volume
-        self.dummy_distance = geometry.distance(dummies)
-        self.dummy_wall = geometry.wall(dummies)
+        self.dummy_distance, self.dummy_wall = geometry.nearest(dummies)
         self.line = line
         self.slips = line is not None or bool(np.any(geometry.slip_length > 0.0))
         self.dummy_normal = self._normals(dummies) if self.slips else None
@@ -98,13 +97,14 @@ class WallScene:
             neighbours = Neighbourhood(pairs.start, pairs.index, pairs.index, table, owner, self.kind, self.support)
         else:
             neighbours = neighbourhood(table, owner, own, self.kind, self.support)
-        wall, velocity = np.concatenate([geometry.wall(x), self.dummy_wall])[owner], geometry.wall_velocity
+        distance, wall = geometry.nearest(x)
+        wall, velocity = np.concatenate([wall, self.dummy_wall])[owner], geometry.wall_velocity
         slip_length, spin = geometry.slip_length, geometry.wall_spin
         if self.line is not None:
             wall, velocity, slip_length, spin = self.line.wall_table(geometry, wall, neighbours, n)
         walls = WallTable(
             owner < n,
-            np.concatenate([geometry.distance(x), self.dummy_distance])[owner],
+            np.concatenate([distance, self.dummy_distance])[owner],
             wall,
             velocity,
             slip_length,

@@ -48,7 +48,8 @@ def build_wall_operators(stencil: WallStencils, order: int = 1, classes: np.ndar
                           (sums, slope_velocity), work=partial(new_workspace, everyone))
     wall_sums = boundary_sums(sums)
     classes = near_wall.astype(np.int8) if classes is None else classes
-    found = WallRows(*wall_sums, symmetric, near_wall, classes, slope_velocity if wall_sums[-1] is None else None)
+    found = WallRows(*wall_sums, symmetric, near_wall, classes, slope_velocity if wall_sums[-1] is None else None,
+                     walls.distance[: n + exchange.remote])
     seen = everyone._replace(start=start, column=column, row=row)
     return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[: n + exchange.remote],
                      int(reduce.total(np.array(deficient))), found, exchange)

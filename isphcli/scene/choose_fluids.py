@@ -12,6 +12,7 @@ from ..domain import reduce
 from ..domain.exchange import NO_EXCHANGE, Exchange
 from ..flow.one_fluid import OneFluid
 from ..geometry.protocol import sample_box
+from .place import sight_of_fit
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -39,11 +40,11 @@ def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: n
     support = case.support * spacing
     tension = contact = line = None
     if case.interface is not None:
-        from ..two_phase.sight import SIGHT, Sight
+        from ..two_phase.sight import Sight
         from ..two_phase.surface_tension import SurfaceTension
 
         contact = _contact(case, geometry, particles, support) if geometry.has_solid else None
-        sight = Sight(SIGHT * spacing, geometry if geometry.has_solid else None)
+        sight = Sight(sight_of_fit(case, spacing, geometry.dim), geometry if geometry.has_solid else None)
         tension = SurfaceTension(case.interface.tension, case.interface.method, [f.density for f in present], support,
                                  spacing, sight)
         if contact is not None and case.interface.slip_length > 0.0:

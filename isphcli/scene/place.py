@@ -16,6 +16,7 @@ from ..domain.exchange import NeighbourExchange
 from ..domain.halo import wrap
 from ..domain.lattice import Lattice, ParticleError, Particles, make_lattice
 from ..geometry.protocol import Geometry, inside_sample, sample_box
+from .memory import density
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -27,15 +28,19 @@ def lattice_at(case: Case, geometry: Geometry, spacing: float) -> Lattice:
                         case.support * spacing, case.particles.offset)
 
 
-def sight_of(case: Case, spacing: float) -> float:
+def sight_of(case: Case, spacing: float, dim: int) -> float:
     """How far particles of a case at a spacing see, m: its support, and the fit of an interface with tension may see
     farther."""
-    farthest = case.support
-    if case.interface is not None:
-        from ..two_phase.sight import SIGHT
+    support = case.support * spacing
+    return support if case.interface is None else max(support, sight_of_fit(case, spacing, dim))
 
-        farthest = max(farthest, SIGHT)
-    return farthest * spacing
+
+def sight_of_fit(case: Case, spacing: float, dim: int) -> float:
+    """Sight.reach of a case at a spacing, m: what is fitted asks for a number of neighbours, and a body-centred lattice
+    has twice as many in a spacing cubed."""
+    from ..two_phase.sight import SIGHT
+
+    return float(SIGHT * spacing / density(case, dim) ** (1.0 / dim))
 
 
 def place_case(case: Case, geometry: Geometry, spacing: float) -> Particles:
@@ -44,7 +49,8 @@ def place_case(case: Case, geometry: Geometry, spacing: float) -> Particles:
     asked = case.particles
     if current().size > 1:
         support = case.support * spacing
-        return place_share(geometry, lattice_at(case, geometry, spacing), support, sight_of(case, spacing))
+        reach = sight_of(case, spacing, geometry.dim)
+        return place_share(geometry, lattice_at(case, geometry, spacing), support, reach)
     particles = place(geometry, lattice_at(case, geometry, spacing), case.support * spacing, asked.jitter, spacing,
                       asked.seed)
     return with_fluids(case, geometry, particles)

@@ -83,7 +83,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         if share is not None:
             from ..domain.migration import Migration, numbers_of
 
-            geometry = geometry.within(share.lower, share.upper, sight_of(case, spacing))
+            geometry = geometry.within(share.lower, share.upper, sight_of(case, spacing, geometry.dim))
             number = numbers_of(share.sites, lattice_at(case, geometry, spacing).sites)
             if case.particles.jitter > 0.0:
                 particles = jittered(case, geometry, particles, number, spacing)

@@ -45,25 +45,26 @@ class CellSight:
             found = geometry.phase(middle[blind] + offset) >= 0
             point[blind[found]] += offset
             blind = blind[~found]
-        self.point, self.clear = point, geometry.distance(point)
+        # deep in solids, where no fluid was found, no ball is free
+        self.point, self.clear = point, geometry.distance(point, 0.0)
+        self.aside = np.sqrt(((point - middle) ** 2).sum(axis=1))
 
-    def seen(self, x: np.ndarray, asked: np.ndarray, reach: float) -> SeenBy:
+    def seen(self, x: np.ndarray, asked: np.ndarray, reach: float, distance: np.ndarray) -> SeenBy:
         """What those of the cells `asked` (k,) see that have particles within reach, m, behind walls, and some that are
-        not. x: (n, dim) m, in the box."""
+        not. x: (n, dim) m, in the box; distance: (n,) of these to the walls, m."""
         geometry, middle = self.geometry, self.middle
+        asked = asked[self.clear[asked] < reach + self.aside[asked]]  # else a ball of fluid holds all in reach
         size = geometry.upper - geometry.lower
         box = np.where(geometry.periodic, size, 0.0)
         tree = cKDTree(wrap(x, geometry.lower, geometry.upper, geometry.periodic) - geometry.lower, boxsize=box)
-        around = tree.query_ball_point(middle[asked] - geometry.lower, reach)
-        count = np.fromiter(map(len, around), np.int64, len(asked))
-        cell = np.repeat(asked, count)
-        particle = np.fromiter((i for some in around for i in some), np.int64, len(cell))
+        pairs = cKDTree(middle[asked] - geometry.lower, boxsize=box).sparse_distance_matrix(tree, reach,
+                                                                                           output_type="ndarray")
+        pairs = pairs[np.lexsort((pairs["j"], pairs["i"]))]  # those of a cell lie together
+        cell, particle = asked[pairs["i"]], pairs["j"]
         offset = middle[cell] - x[particle]
         offset -= box * np.round(offset / size)
-        those, clear = np.unique(particle), np.zeros(len(x))
-        clear[those] = geometry.distance(x[those])
         point, there = self.point[cell], middle[cell] - offset
-        free = np.maximum(clear[particle] + self.clear[cell], 0.0)  # two balls of fluid that cover the way
+        free = np.maximum(distance[particle] + self.clear[cell], 0.0)  # two balls of fluid that cover the way
         ask = np.flatnonzero(free**2 < ((point - there) ** 2).sum(axis=1))
         seen = np.ones(len(cell), np.bool_)
         seen[ask] = geometry.crossing(point[ask], there[ask]) >= 1.0

@@ -112,9 +112,10 @@ def cells_of(geometry: Geometry, spacing: float, total: float,
 
 
 def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchange: Exchange = NO_EXCHANGE,
-        sight: CellSight | None = None) -> CutCells:
+        sight: CellSight | None = None, distance: np.ndarray | None = None) -> CutCells:
     """CutCells of particles with phi (n,), m, and its QuadraticFit; x: (n + remote, dim) m, and rows behind them that
-    are not asked for; exchange: of remote particles; sight: of scenes with walls.
+    are not asked for; exchange: of remote particles; sight, distance: of scenes with walls, and (n + remote,) of the
+    particles to them, m.
 
     A cell without a particle in reach holds no fluid that is simulated: it counts for neither, in `CutCells.cells` it
     has none. One that has both fluids round it, but no interface near, as on the two sides of a wall that it does not
@@ -126,8 +127,8 @@ def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchang
     particles, far = (x, phi, slope, form), FAR * cells.side.max()
     over_rows(_gather, n, particles, cells, (reach, far), found,
               work=lambda: (np.empty(dim), np.full((n, 2), math.inf)))
-    if sight is not None:
-        seen = sight.seen(x[: len(phi)], np.flatnonzero((nearest >= 0).all(axis=1)), reach)
+    if sight is not None and distance is not None:
+        seen = sight.seen(x[: len(phi)], np.flatnonzero((nearest >= 0).all(axis=1)), reach, distance)
         alone = _nothing(len(seen.cells), dim)  # of each cell, from the particles in sight alone
         pairs = np.searchsorted(seen.cell, np.append(seen.cells, n)), seen.particle, seen.offset
         over_rows(_gather_seen, len(seen.cells), particles, pairs, (reach, far), alone,

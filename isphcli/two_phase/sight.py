@@ -1,9 +1,10 @@
-"""The neighbours that the fit of the distance takes: within SIGHT spacings, farther than those of the operators in 3D.
+"""The neighbours that the fit of the distance takes: SIGHT distances of particles, farther than the operators in 3D.
 
-A quadratic function has ten unknowns in space. Over the 2.1 spacings of the operators hardly more neighbours have a
-weight to speak of (those two spacings away, the third row beside a wall, 2.5e-5 of the own one): the fit follows
-roughness, of white noise it keeps 0.8, and curvature is as rough. Over 2.8 spacings it keeps a half, as in the plane.
-Only particles that know their distance are looked through, and no operator has these neighbours.
+A quadratic function has ten unknowns in space. Over the 2.1 spacings of the operators a cubic lattice hardly has more
+neighbours with a weight to speak of (those two spacings away, the third row beside a wall, 2.5e-5 of the own one):
+the fit follows roughness, of white noise it keeps 0.8, and curvature is as rough. Over 2.8 spacings, 80 neighbours, it
+keeps a half, as in the plane. A body-centred lattice, two particles in a spacing cubed, has as many within 2.2
+spacings. Only particles that know their distance are looked through, and no operator has these neighbours.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
     from ..operators.pair_weights import Operators
 
-# Spacings that a curvature is fitted over at least: what 2D has. Ca of a meniscus between plates in 3D, 10 across,
-# after t = 15, and of a cap of 5 in radius after t = 3: 1e-3 and 3e-4 with 2.1, 8e-6 and 1e-4 with 2.5, 2e-6 and 6e-5
-# with 2.8.
+# Distances of particles, the root of the volume of a site, that a curvature is fitted over at least: what 2D has. Ca of
+# a meniscus between plates in 3D, 10 across, after t = 15, and of a cap of 5 in radius after t = 3: 1e-3 and 3e-4 with
+# 2.1, 8e-6 and 1e-4 with 2.5, 2e-6 and 6e-5 with 2.8 (cubic).
 SIGHT = 2.8
 
 
@@ -52,18 +53,15 @@ class Sight:
             return far, far
         assert self.geometry is not None
         seen = far.column < n
-        self._hide(ops, everyone, far, known, seen)
+        self._hide(ops, everyone, far, seen)
         start = far.start - np.searchsorted(np.flatnonzero(~seen), far.start)  # few are not seen
         return far._replace(start=start, column=far.column[seen], row=row[seen]), far
 
-    def _hide(self, ops: Operators, everyone: Neighbourhood, far: Neighbourhood, known: np.ndarray,
-              seen: np.ndarray) -> None:
+    def _hide(self, ops: Operators, everyone: Neighbourhood, far: Neighbourhood, seen: np.ndarray) -> None:
         """Takes those behind a wall out of seen (n_pairs,), of the pairs `far`. Within the support `ops` knows."""
-        assert self.geometry is not None
-        distance = np.zeros(len(known))
-        distance[known] = self.geometry.distance(far.x[: len(known)][known])
+        assert self.geometry is not None and ops.walls is not None
         ask = np.zeros(len(seen), np.bool_)
-        _known_or_asked(ops.neighbours, everyone, far, distance, seen, ask)
+        _known_or_asked(ops.neighbours, everyone, far, ops.walls.distance, seen, ask)
         asked = np.flatnonzero(ask)
         particle = np.searchsorted(far.start, asked, side="right") - 1
         seen[asked] = self.geometry.crossing(far.x[particle], far.x[far.row[asked]]) >= 1.0
@@ -75,7 +73,7 @@ def _known_or_asked(in_sight, everyone, far, distance, seen, ask):
     hide, in ask (n_pairs,): no free balls round particles, distance (n,) m, cover the way."""
     mark, n = np.zeros(len(far.x), np.int64), len(distance)  # 2 i + 2: a neighbour of i in sight; 2 i + 1: hidden
     for i in range(len(far.start) - 1):
-        if far.start[i] == far.start[i + 1]:
+        if far.start[i] == far.start[i + 1] or distance[i] > far.support:  # nobody, or all in a ball of fluid
             continue
         for p in range(everyone.start[i], everyone.start[i + 1]):
             mark[everyone.row[p]] = 2 * i + 1

@@ -179,7 +179,8 @@ class TwoFluids:
         assert phi is not None
         interface = find_interface(ops, neighbours, phi, self.spacing, self.contact, self.sight)
         if self.grid is not None:
-            found = cut(self.grid.cells, neighbours.x, phi, interface.fit, ops.exchange, self.grid.sight)
+            found = cut(self.grid.cells, neighbours.x, phi, interface.fit, ops.exchange, self.grid.sight,
+                        None if ops.walls is None else ops.walls.distance)
             interface = replace(interface, cut=found._replace(sample=self.grid.sample))
         reference = self.density[0]
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]

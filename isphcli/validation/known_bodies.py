@@ -142,6 +142,10 @@ class LevelGeometry:
         """(n,) int32: there is one wall."""
         return np.zeros(len(x), np.int32)
 
+    def nearest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(`distance`, `wall`) of points."""
+        return self.distance(x), self.wall(x)
+
     def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
         """(n,) first zero between xi and xj: the first of 8 parts that ends in solid, halved 20 times."""
         xi, xj = np.asarray(xi, float), np.asarray(xj, float)

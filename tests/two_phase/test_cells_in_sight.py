@@ -34,10 +34,10 @@ def test_no_interface_is_seen_through_a_thin_plate():
 
 def test_a_plate_parts_what_kept_volumes_joins():
     """The fluid of each slug touches that around it in its own channel alone."""
-    _, _, state, stepper, _ = scene(PLATE)
+    _, geometry, state, stepper, _ = scene(PLATE)
     sight, cells = stepper.fluids.grid.sight, stepper.fluids.grid.cells
     every = np.flatnonzero(cells.fluid > 0.0)
-    seen = sight.seen(state.x, every, 2.0 * cells.side.max())
+    seen = sight.seen(state.x, every, 2.0 * cells.side.max(), geometry.distance(state.x))
     near = np.abs(cells.middle[:, 1] - 0.5) < 2.1 * stepper.spacing
     assert np.isin(seen.cells, np.flatnonzero(near)).all() and len(seen.cells) >= 2 * 32
     assert ((sight.point[seen.cell, 1] > 0.5) == (state.x[seen.particle, 1] > 0.5)).all()
