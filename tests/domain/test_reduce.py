@@ -129,6 +129,7 @@ ALLOWED = {
     ("two_phase.cut_cells", "positive.any(axis=1)"): "over the corners of a square",
     ("two_phase.cut_cells", "positive.all(axis=1)"): "over the corners of a square",
     ("two_phase.cut_cells", "np.argmax(gap)"): GATHERED,
+    ("two_phase.cells_in_sight", "((point - middle) ** 2).sum(axis=1)"): OWN,
     ("two_phase.cells_in_sight", "(offsets ** 2).sum(axis=1)"): OFFSETS,
     ("two_phase.cells_in_sight", "((point - there) ** 2).sum(axis=1)"): OWN,
     ("two_phase.cells_in_sight", "np.bincount(cell[some], minlength=len(middle))"): CELLS,
