@@ -388,7 +388,7 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
     dim, per_area, deficient = gradient.shape[1], per_length * per_length, 0
     along = np.zeros((dim, dim))
     for o in range(rows[0], rows[1]):
-        i = which[o]
+        i = np.int64(which[o])  # as helpers take it from loops over all rows: they are compiled once for both
         if i < 0:
             continue
         begin, count = start[i], start[i + 1] - start[i]
