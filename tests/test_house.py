@@ -17,14 +17,15 @@ WORDS = ("case", "scene", "output", "runs")  # what physics is not to know, but 
 
 
 @cache
-def parsed(path):
-    return ast.parse(path.read_text(encoding="utf-8"))
+def tree_of(name):
+    """The parsed source of a file, which nobody changes."""
+    return ast.parse(FILES[name].read_text(encoding="utf-8"))
 
 
 def imports(name):
     """Files of the package that a file imports."""
     folder, found = name.split(".")[:-1], set()
-    for node in ast.walk(parsed(FILES[name])):
+    for node in ast.walk(tree_of(name)):
         if not isinstance(node, ast.ImportFrom) or not node.level:
             continue
         base = ".".join(folder[: len(folder) - node.level + 1] + ([node.module] if node.module else []))
@@ -75,7 +76,7 @@ def test_no_circle_of_files():
 @pytest.mark.parametrize("name", FILES)
 def test_no_import_by_a_name_that_is_computed(name):
     """An arrow that no reader of imports can see."""
-    for node in ast.walk(parsed(FILES[name])):
+    for node in ast.walk(tree_of(name)):
         if isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
             assert isinstance(node.args[0], ast.Constant), f"{name}:{node.lineno}"
 
@@ -83,7 +84,7 @@ def test_no_import_by_a_name_that_is_computed(name):
 @pytest.mark.parametrize("name", FILES)
 def test_what_begins_with_an_underscore_stays_in_its_file(name):
     """Imported by name, or asked of a module that was imported."""
-    tree, taken_from_others, modules = parsed(FILES[name]), [], set()
+    tree, taken_from_others, modules = tree_of(name), [], set()
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.level:
             taken_from_others += [alias.name for alias in node.names if alias.name.startswith("_")]
@@ -100,7 +101,7 @@ READ_DRIVE = ("case.forcing", "case.checks")  # what it means, and whether it ma
 @pytest.mark.parametrize("name", [name for name in FILES if name not in READ_DRIVE])
 def test_what_drives_a_flow_is_read_in_one_place(name):
     """`case.drive` is touched by `case/forcing.py` alone; a method of that name is called, not read."""
-    tree = parsed(FILES[name])
+    tree = tree_of(name)
     called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
     read = [node.lineno for node in ast.walk(tree)
             if isinstance(node, ast.Attribute) and node.attr == "drive" and id(node) not in called]
@@ -154,7 +155,7 @@ def test_one_class_has_a_name():
     """Public ones: a word of the case language and one of the geometry are told apart."""
     found = {}
     for name, path in FILES.items():
-        for node in parsed(path).body:
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 found.setdefault(node.name, []).append(name)
     assert {word: names for word, names in found.items() if len(names) > 1} == {}
@@ -174,7 +175,7 @@ def calls_of(tree, name):
 def test_loops_over_rows_are_threads_of_serial_kernels(name):
     """numba's parallel loops take two to four times as long to compile (`domain/row_threads.py`); a kernel that holds
     the lock of the interpreter would make the threads wait for each other."""
-    tree = parsed(FILES[name])
+    tree = tree_of(name)
     kernels = {node.name: ast.unparse(node.decorator_list[0]) for node in ast.walk(tree)
                if isinstance(node, ast.FunctionDef) and is_kernel(node)}
     assert [kernel for kernel, options in kernels.items() if "parallel=True" in options] == []
@@ -184,7 +185,7 @@ def test_loops_over_rows_are_threads_of_serial_kernels(name):
 
 def kernels_of(name):
     """The compiled functions of a file."""
-    tree = parsed(FILES[name])
+    tree = tree_of(name)
     return [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and is_kernel(node)]
 
 
@@ -194,7 +195,7 @@ def called_by_kernels():
     options = {(name, node.name): ast.unparse(node.decorator_list[0]) for name in FILES for node in kernels_of(name)}
     pairs = []
     for name in FILES:
-        tree = parsed(FILES[name])
+        tree = tree_of(name)
         imported = {alias.name for node in tree.body if isinstance(node, ast.ImportFrom) for alias in node.names}
         for node in kernels_of(name):
             words = {ast.unparse(call.func) for call in ast.walk(node) if isinstance(call, ast.Call)}
@@ -235,7 +236,7 @@ def taken(node):
 def test_functions_have_annotations(name):
     """mypy asks for them but in files that hold kernels, whose types numba finds."""
     missing = []
-    for node in ast.walk(parsed(FILES[name])):
+    for node in ast.walk(tree_of(name)):
         if not isinstance(node, ast.FunctionDef) or is_kernel(node):
             continue
         bare = [a.arg for a in taken(node) if a.annotation is None and a.arg not in ("self", "cls")]
@@ -248,8 +249,8 @@ def test_few_functions_take_many_arguments():
     """Of eight and more: what belongs together is handed on together. What is left are commands, and lists that have
     no parts."""
     many = []
-    for name, path in FILES.items():
-        for node in ast.walk(parsed(path)):
+    for name in FILES:
+        for node in ast.walk(tree_of(name)):
             if isinstance(node, ast.FunctionDef) and len(taken(node)) > 7:
                 many.append(f"{name}.{node.name}")
     assert len(many) < 10, many
@@ -289,8 +290,8 @@ LONGEST = 60  # lines of a function from its name on; kernels are long where the
 def test_functions_are_short():
     """What is longer does several things, each of which has a name of its own."""
     long = []
-    for name, path in FILES.items():
-        for node in ast.walk(parsed(path)):
+    for name in FILES:
+        for node in ast.walk(tree_of(name)):
             if isinstance(node, ast.FunctionDef) and not is_kernel(node) and node.end_lineno - node.lineno >= LONGEST:
                 long.append((f"{name}.{node.name}", node.end_lineno - node.lineno + 1))
     assert long == []
@@ -316,13 +317,13 @@ def test_the_reader_of_docstrings_sees_them():
 
 @pytest.mark.parametrize("name", FILES)
 def test_what_is_public_says_what_it_is(name):
-    assert list(says_nothing(parsed(FILES[name]).body)) == []
+    assert list(says_nothing(tree_of(name).body)) == []
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_no_field_is_of_any_type_whatever(name):
     """`object` says nothing of a field, a SimpleNamespace nothing of a result."""
-    for node in ast.walk(parsed(FILES[name])):
+    for node in ast.walk(tree_of(name)):
         assert not (isinstance(node, ast.AnnAssign) and ast.unparse(node.annotation) == "object"), node.lineno
         assert not (isinstance(node, ast.Name) and node.id == "SimpleNamespace"), node.lineno
 
@@ -330,6 +331,6 @@ def test_no_field_is_of_any_type_whatever(name):
 @pytest.mark.parametrize("name", [name for name in FILES if room(name) != "case"])
 def test_no_geometry_is_asked_what_it_has(name):
     """What some geometries do not have is None in the protocol. In a case, `geometry` is a block and no geometry."""
-    for node in ast.walk(parsed(FILES[name])):
+    for node in ast.walk(tree_of(name)):
         if isinstance(node, ast.Call) and ast.unparse(node.func) in ("getattr", "hasattr"):
             assert ast.unparse(node.args[0]).rpartition(".")[2] != "geometry", node.lineno

@@ -33,7 +33,7 @@ def _join(start, column, joined, parent):
         a = root(parent, i)
         for q in range(start[i], start[i + 1]):
             if len(joined) == 0 or joined[q]:
-                b = root(parent, column[q])
+                b = root(parent, np.int64(column[q]))
                 if a != b:
                     a, b = min(a, b), max(a, b)
                     parent[b] = a
@@ -80,7 +80,7 @@ def _join_inside(start, column, joined, parent):
             a = root(parent, i)
             for q in range(start[i], start[i + 1]):
                 if parent[column[q]] >= 0 and (len(joined) == 0 or joined[q]):
-                    b = root(parent, column[q])
+                    b = root(parent, np.int64(column[q]))
                     if a != b:
                         a, b = min(a, b), max(a, b)
                         parent[b] = a

@@ -188,7 +188,7 @@ def _surfaces_near(x, reach, grid, near):
     the axes that count (a cylinder leaves one out), of planes 0; the shape, -1 of a face.
     """
     lower, edge, counts, piece, row = grid.lower, grid.edge, grid.counts, grid.piece, near.row
-    start, entry, step, n = grid.start, grid.entry, grid.probe, 0
+    start, entry, step, n = grid.start, grid.entry, grid.probe, np.int64(0)  # a literal 0 would be a type of its own
     first, last = np.empty(3, np.int64), np.empty(3, np.int64)
     for a in range(3):
         first[a] = int(np.floor((x[a] - reach - lower[a]) / edge[a]))
@@ -354,7 +354,7 @@ def put_walls(rows, x, d, wall, grid):
         elif _met_at_once(Query(at, least, wanted), wall[k] - 1 - 2 * dim, p, grid):
             continue
         query = Query(at, least, wanted)
-        reach, best, owner = least * (1.0 + 1e-9) + 4.0 * step, np.inf, -1
+        reach, best, owner = least * (1.0 + 1e-9) + 4.0 * step, np.inf, np.int64(-1)  # nor may this be a literal
         while True:
             order = np.argsort(near.distance[: _surfaces_near(at, reach, grid, near)])
             for count in range(1, dim + 1):

@@ -112,7 +112,7 @@ def value_and_slope(c, around, ux, uy, uz):
 def slopes(c: np.ndarray, around: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Slopes per voxel (n,) of the spline with coefficients c at points u (n, 3), in voxel coordinates x, y, z."""
     out = np.empty(len(u))
-    over_rows(_put_slopes, len(u), c, around, u, out)
+    over_rows(_put_slopes, len(u), c, around, np.ascontiguousarray(u), out)
     return out
 
 

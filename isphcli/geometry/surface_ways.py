@@ -63,7 +63,7 @@ def surface_ways(coefficients: np.ndarray, around: np.ndarray, field: np.ndarray
     """
     dim = len(periodic)
     wraps = np.array([*periodic, False][:3])
-    fluid, solid = field[part] > 0, labels[part] < 0
+    fluid, solid = np.ascontiguousarray(field[part] > 0), labels[part] < 0
     owner, links, opened, closed = _joined(coefficients, around, fluid, np.array([s.start for s in part[::-1]]), wraps)
     roots, raw = np.unique(owner[owner >= 0], return_inverse=True)
     edges = links.astype(np.int64)

@@ -74,7 +74,8 @@ def crossings(geometry: Geometry, neighbours: Neighbourhood, walls: WallTable) -
     """Where each pair meets a wall: its t and MEETS_WALL, or SHARES_PRESSURE for fluid pairs in sight."""
     x, start = neighbours.x, neighbours.start
     t, link = [np.zeros(0)], np.full(len(neighbours.row), SHARES_PRESSURE, np.int8)
-    suspect = _may_cross_a_wall(neighbours, walls.fluid, walls.distance)
+    suspect = np.empty(len(neighbours.row), np.bool_)
+    _may_cross_a_wall(neighbours, walls.fluid, walls.distance, suspect)
     for begin in range(0, len(suspect), SCANNED):
         ask = begin + np.flatnonzero(suspect[begin : begin + SCANNED])
         for some in np.split(ask, range(AT_ONCE, len(ask), AT_ONCE)):
@@ -90,10 +91,10 @@ def crossings(geometry: Geometry, neighbours: Neighbourhood, walls: WallTable) -
 
 
 @njit(cache=True)
-def _may_cross_a_wall(neighbours, fluid, distance):
-    """Which pairs may cross a wall (n_pairs,): those with a dummy, and fluid pairs that two free balls do not cover."""
+def _may_cross_a_wall(neighbours, fluid, distance, keep):
+    """Which pairs may cross a wall, into keep (n_pairs,) bool: those with a dummy, and fluid pairs that two free balls
+    do not cover."""
     x, start, index = neighbours.x, neighbours.start, neighbours.row
-    keep = np.empty(len(index), np.bool_)
     for i in range(len(start) - 1):
         for p in range(start[i], start[i + 1]):
             j = index[p]
@@ -104,14 +105,17 @@ def _may_cross_a_wall(neighbours, fluid, distance):
                     r2 += (x[j, k] - x[i, k]) ** 2
                 clear = (distance[i] + distance[j]) * (1.0 + 1e-9)
                 keep[p] = clear * clear < r2
-    return keep
+
+
+def in_sight(start: np.ndarray, link: np.ndarray) -> np.ndarray:
+    """Neighbours (n,) of each particle that no wall hides. link: (n_pairs,), see `Links`."""
+    counts = np.zeros(len(start) - 1, np.int64)
+    _count_in_sight(start, link, counts)
+    return counts
 
 
 @njit(cache=True)
-def in_sight(start, link):
-    """Neighbours (n,) of each particle that no wall hides. link: (n_pairs,), see `Links`."""
-    counts = np.zeros(len(start) - 1, np.int64)
+def _count_in_sight(start, link, counts):
     for i in range(len(counts)):
         for p in range(start[i], start[i + 1]):
             counts[i] += link[p] != MEETS_WALL
-    return counts

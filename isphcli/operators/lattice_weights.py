@@ -164,7 +164,8 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1,
     x, n = everyone.x, everyone.n
     start, row = np.zeros(n + 1, np.int64), everyone.row[links.link != MEETS_WALL]
     np.cumsum(in_sight(everyone.start, links.link), out=start[1:])
-    offset_id, step, count = _offsets(x, start, row, 1e-6 * everyone.support)
+    offset_id, step = np.empty(len(row), np.uint8), np.empty((MOST_OFFSETS, x.shape[1]))
+    count = _offsets(x, start, row, 1e-6 * everyone.support, offset_id, step)
     largest = reduce.largest(volume)
     on_lattice = reduce.largest(np.array([count])) <= MOST_OFFSETS and reduce.smallest(volume) == largest
     if on_lattice:
@@ -172,7 +173,9 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1,
     else:
         offset_id = np.arange(len(row), dtype=np.int32)
         step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[everyone.owner[row]]
-    first_moment, second_moment, pair_laplacian = _offset_weights(step, weight, everyone.kind, everyone.support)
+    m = len(step)
+    moments = first_moment, second_moment, pair_laplacian = np.zeros((m, 3)), np.zeros((m, 6)), np.zeros(m)
+    _offset_weights(step, weight, everyone.kind, everyone.support, np.zeros(3), moments)
     which, dim = _own_tensors(np.diff(start), np.diff(everyone.start), len(step) if on_lattice else -1), x.shape[1]
     rows, second = len(which), len(which) if order == 2 else 0
     tensors = Factors(np.zeros(n, np.int32), np.zeros((rows, 9)), np.zeros((rows, dim, dim)),
@@ -313,11 +316,10 @@ def _second_order(pairs: LatticePairs, tensors: Factors, p: np.ndarray) -> np.nd
 
 
 @njit(cache=True)
-def _offsets(x, start, row, tolerance):
-    """Number of the offset of each pair, the offsets, and how many; gives up beyond MOST_OFFSETS."""
+def _offsets(x, start, row, tolerance, offset_id, step):
+    """Number of the offset of each pair and the offsets into offset_id (n_pairs,) and step (MOST_OFFSETS, dim); returns
+    how many there are, and gives up beyond MOST_OFFSETS."""
     dim = x.shape[1]
-    offset_id = np.empty(len(row), np.uint8)
-    step = np.empty((MOST_OFFSETS, dim))
     count = 0
     for i in range(len(start) - 1):
         guess = 0  # rows list their neighbours in the same order
@@ -335,22 +337,21 @@ def _offsets(x, start, row, tolerance):
                     break
             if found < 0:
                 if count == MOST_OFFSETS:
-                    return offset_id, step, count + 1
+                    return count + 1
                 for k in range(dim):
                     step[count, k] = x[row[q], k] - x[i, k]
                 found = count
                 count += 1
             offset_id[q] = found
             guess = found + 1
-    return offset_id, step, count
+    return count
 
 
 @njit(cache=True)
-def _offset_weights(step, volume, kind, support):
-    m, dim = step.shape
-    first_moment, second_moment, pair_laplacian = np.zeros((m, 3)), np.zeros((m, 6)), np.zeros(m)
+def _offset_weights(step, volume, kind, support, e, moments):
+    """Adds to the arrays of `LatticePairs` first_moment, second_moment and pair_laplacian, zeros; e (3,) zeros."""
+    (m, dim), (first_moment, second_moment, pair_laplacian) = step.shape, moments
     factor = normalisation(kind, support, dim)
-    e = np.zeros(3)
     for t in range(m):
         r = 0.0
         for k in range(dim):
@@ -368,7 +369,6 @@ def _offset_weights(step, volume, kind, support):
             second_moment[t, k] = pair_laplacian[t] * e[k] * e[k]
         for v, a, b in ((3, 1, 2), (4, 0, 2), (5, 0, 1)):
             second_moment[t, v] = pair_laplacian[t] * e[a] * e[b]
-    return first_moment, second_moment, pair_laplacian
 
 
 @njit(cache=True, nogil=True)
@@ -385,10 +385,9 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
     ex, ey, ez, s, w = work.stencil
     g, _, right, drift, spread = work.tensors
     weight, (first_one, second_one) = pair[0], work.one_pair
-    dim, per_area, deficient = gradient.shape[1], per_length * per_length, 0
-    along = np.zeros((dim, dim))
+    dim, per_area, deficient, along = gradient.shape[1], per_length * per_length, 0, work.along
     for o in range(rows[0], rows[1]):
-        i = which[o]
+        i = np.int64(which[o])  # as helpers take it from loops over all rows: they are compiled once for both
         if i < 0:
             continue
         begin, count = start[i], start[i + 1] - start[i]
@@ -427,7 +426,10 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
         for m in range(dim):
             for k in range(dim):
                 gradient_p[o, m, k] = per_length * gp[m, k]
-        along[:], slides = 0.0, False
+        slides = False
+        for m in range(dim):
+            for k in range(dim):
+                along[m, k] = 0.0
         for q in range(count):
             if link[begin + q] != MEETS_WALL:
                 continue

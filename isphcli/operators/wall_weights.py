@@ -159,7 +159,7 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
     seen_start, column, row, lap, grad, lap_p, grad_p, symmetric = out
     ex, ey, ez, s, w = work.stencil
     dim, moments, weights, g_p, pair = grad.shape[1], work.moments, work.weights, work.g_p, work.pair
-    per_area, deficient, along = per_length * per_length, 0, np.zeros((grad.shape[1], grad.shape[1]))
+    per_area, deficient, along = per_length * per_length, 0, work.along
     for i in range(rows[0], rows[1]):
         begin, count = start[i], start[i + 1] - start[i]
         padded = gather_stencil(neighbours, i, volume, work.stencil)
@@ -170,7 +170,9 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
         if near_wall[i]:
             second_moments(work.stencil, link[begin : begin + count], moments)
             invert_gradient(moments, dim, g_p)
-            along[:] = 0.0
+            for m in range(dim):
+                for c in range(dim):
+                    along[m, c] = 0.0
         at, slides = np.uint64(seen_start[i]), False
         for k in range(count):
             a = weights[0, k] * per_area

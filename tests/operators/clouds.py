@@ -16,12 +16,16 @@ def jittered(dim, n, jitter=0.1, seed=0):
     return wrap(x, np.zeros(dim), np.ones(dim), np.ones(dim, bool))
 
 
-def build(x, support, kind=0, order=2, length=1.0):
-    """Operators in a periodic box."""
+def neighbours_of(x, support, kind=0, length=1.0):
+    """Neighbourhood in a periodic box."""
     dim = x.shape[1]
     halo = build_halo(x, np.zeros(dim), np.full(dim, length), np.ones(dim, bool), support)
-    rows, owner = halo.positions(x), halo.owners(len(x))
-    neighbours = neighbourhood(rows, owner, len(x), kind, support)
+    return neighbourhood(halo.positions(x), halo.owners(len(x)), len(x), kind, support)
+
+
+def build(x, support, kind=0, order=2, length=1.0):
+    """Operators in a periodic box."""
+    neighbours = neighbours_of(x, support, kind, length)
     return build_operators(neighbours, particle_volumes(neighbours), order)
 
 

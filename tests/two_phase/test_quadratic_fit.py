@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from isphcli.two_phase.quadratic_fit import SlopesAtWalls, no_slopes, own_gradient, quadratic_fit
-from tests.operators.clouds import build, jittered
+from tests.operators.clouds import jittered, neighbours_of
 
 SPACING = {2: 1 / 32, 3: 1 / 16}
 
 
 def cloud(dim):
     """Neighbours of jittered particles in a periodic unit box."""
-    return build(jittered(dim, round(1 / SPACING[dim])), 2.8 * SPACING[dim]).neighbours
+    return neighbours_of(jittered(dim, round(1 / SPACING[dim])), 2.8 * SPACING[dim])
 
 
 def unit(v):
@@ -97,7 +97,8 @@ def test_a_slope_at_a_wall_is_part_of_the_fit():
     offset = np.stack([np.zeros(len(beside)), 0.5 - x[beside, 1]], axis=1)
     walls = SlopesAtWalls(start, offset, np.tile([0.0, 1.0], (len(beside), 1)), np.full(len(beside), 0.3),
                           np.full(len(beside), 1e3))
-    fit = quadratic_fit(neighbours, x[:, 0], above, above, np.tile([1.0, 0.0], (neighbours.n, 1)), SPACING[2], walls)
+    phi, gradient = x[:, 0].copy(), np.tile([1.0, 0.0], (neighbours.n, 1))
+    fit = quadratic_fit(neighbours, phi, above, above, gradient, SPACING[2], walls)
     assert fit.slope[beside, 1] == pytest.approx(0.3, abs=0.05)
     far = above & (x[:, 1] > 0.6) & np.all(np.abs(x - 0.5) < 0.25, axis=1)
     assert np.abs(fit.slope[far] - [1.0, 0.0]).max() < 1e-4
