@@ -307,13 +307,18 @@ def case_of_image(path: Path, overrides: tuple[str, ...]) -> Case:
     from .scene.first_case import first_case
 
     try:
-        found = first_case(path, overrides)
+        found = first_case(named(path), overrides)
     except VoxelError as error:
         refuse_image(path, str(error))
         raise
     for text in found.assumed:
         complain(f"assumed: {text}")
     return found.case
+
+
+def named(path: Path) -> Path:
+    """A path with a name of its own: '.' has none."""
+    return path if path.name else path.resolve()
 
 
 def refuse_image(path: Path, reason: str = "") -> None:
@@ -327,7 +332,7 @@ def refuse_image(path: Path, reason: str = "") -> None:
     if reason and shape is None:  # what is wrong with the file is said by its error
         return
     size = "" if shape is None else f" of {' x '.join(map(str, shape[::-1]))} voxels (x, y, z)"
-    case = path.with_suffix(".yaml")
+    case = named(path).with_suffix(".yaml")
     why = f" {reason}\nOr write" if reason else " Write"
     raise Unusable(
         f"{path}: is an image{size}, not a case.{why} what is to be known about it into a file {case.name} beside "
@@ -610,6 +615,8 @@ def convert_voxels(source: Path, target: Path, picture: bool, force: bool, **opt
     isph convert-voxels slices/ rock.mhd --threshold 60,120 --connected x --voxel-size 5.3um
     isph convert-voxels seg.nrrd rock.npz --labels 255=1 --trim --downsample 2
     """
+    if target.is_dir():
+        raise Unusable(f"{target}: is a folder; name the file that is to be written, such as {target / 'rock.npz'}")
     set_threads(None)
     from .geometry.images.image import Layout
     from .geometry.images.raw import DTYPES
@@ -681,7 +688,7 @@ def image_lines(report: Mapping[str, Any]) -> str:
 @main.command(epilog=EXIT_CODES, short_help="Relative permeability of both fluids of a run.")
 @click.argument("folder", metavar="OUT", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--axis", type=click.Choice(["x", "y", "z"]), help="Of the flow. [default: that of the drive]")
-@click.option("--part", callback=parser(lambda t: share_of(t), "0.3:1"), default="0:1", metavar="A:B",
+@click.option("--part", callback=parser(lambda t: share_of(t), "0.3:1, smaller first"), default="0:1", metavar="A:B",
               help="Of the sample along the axis, as shares of its length. [default: 0:1]")  # fmt: skip
 @click.option("--all", "every", is_flag=True, help="Of every snapshot, as comma-separated values. [default: the last]")
 @threads_option
@@ -762,7 +769,7 @@ def init(source: Path | None, target: Path | None, drop: bool, voxel_size: tuple
     set_threads(None)
     from .scene import new_case
 
-    path = (source or Path("drop.yaml")) if drop else target or source.with_suffix(".yaml")  # type: ignore[union-attr]
+    path = (source or Path("drop.yaml")) if drop else target or named(source).with_suffix(".yaml")  # type: ignore[arg-type]
     if path.exists():
         raise Unusable(f"{path}: is there already; name another file for the case")
     if drop:

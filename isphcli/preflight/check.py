@@ -103,9 +103,8 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
                         *reservoir_findings(case), *step_findings(result), *menisci_findings(result),
                         *other_findings(result, geometry, sites)]
     if not to_run:
-        other = other_sample(case, geometry)
-        result.warnings += [*([] if other is None else [f"the reference is not compared: {other}"]),
-                            *absent_fluids(case, sites)]
+        other = [f"the reference is not compared: {text}" for text in [other_sample(case, geometry)] if text]
+        result.warnings += [*other, *absent_fluids(case, sites)]
     elif case.flow != "stokes":  # the run finds out, by its particles
         result.warnings += result.errors
     return result
@@ -174,7 +173,7 @@ def terms_of_the_case(case: Case, geometry: Geometry, there: Sequence[str]) -> l
     layered = around and any(a not in case.geometry.repeats for a in around)
     halo = f"along {around}" + (", closed by clear layers" if layered else "")
     tension = case.interface if len(there) > 1 else None
-    without = "no interface" if case.interface is None else "one fluid alone is there"
+    without = "one fluid alone is there" if len(there) < len(case.fluids) else "no interface"
     line_slip = tension.slip_length if wall and tension is not None else 0.0
     added = 0.0
     if tension is not None:
@@ -208,7 +207,7 @@ def terms_of_the_case(case: Case, geometry: Geometry, there: Sequence[str]) -> l
         Term("drive", forcing.is_driven(case), forcing.in_words(case)),
         *(Term(known.name, known.name in beside, beside.get(known.name, known.without)) for known in FORCES),
         Term("initial velocity", starts, "formula" if starts else "starts at rest"),
-        Term("reservoirs", ends is not None,
-             f"{ends.inlet} at {ends.axis}_min, {ends.outlet} at {ends.axis}_max" if ends else "none"),
+        Term("reservoirs", ends is not None and len(there) > 1, "none" if not ends else without if len(there) < 2
+             else f"{ends.inlet} at {ends.axis}_min, {ends.outlet} at {ends.axis}_max"),
         Term("flooding", flood is not None, f"{flood.fluid} from {flood.face}" if flood else "none"),
     ]  # fmt: skip

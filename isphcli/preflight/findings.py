@@ -40,7 +40,8 @@ def drive_findings(
     moved = geometry.has_solid and bool(np.any(geometry.wall_speed))
     held = forcing.held_flux(case) is not None
     for axis in driven:
-        if axis in through or (len({f.density for f in case.fluids.values()}) > 1 and not held):
+        if axis in through or (len({f.density for f in case.fluids.values()}) > 1
+                               and axis not in forcing.pressed_axes(case)):
             continue  # a light fluid rises between walls too
         name, fatal = AXES[axis], held or (steady and not through and not moved)
         if not forcing.opens(case, axis):

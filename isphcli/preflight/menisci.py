@@ -31,7 +31,7 @@ def menisci_findings(result: CheckReport) -> Iterator[str]:
     number = math.exp(_at_rest(math.log(across)))
     speed = number * case.interface.tension / max(fluid.mu for fluid in case.fluids.values())
     mean = abs(held[1]) / (result.connectivity.porosity if result.connectivity is not None else 1.0)
-    if speed > SHARE * mean:
+    if mean > 0.0 and speed > SHARE * mean:
         yield (
             f"menisci in pores {across:.1f} particles wide move by about {speed:.1g} m/s when they should be "
             f"at rest (capillary number {number:.0e}), and the drive moves the fluids by {mean:.2g} m/s: velocities "

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..case.forcing import drive_steps, driven_axes, longest_time, opens, walls_move, why_closed
+from ..case.yaml import CaseError, Problem
 from ..domain.communicator import current, on_first
 from ..domain.lattice import ParticleError
 from ..flow.held_velocity import leads_through
@@ -198,7 +199,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         loop.measure = _both(measures, between)
     run = MovingRun(case, case.output.directory, clock, quiet, geometry, particles, stepper, loop, measures, cells,
                     seen, on_first(lambda: restart.record_of(case)), between=between, profiles=profiles)
-    if between is not None and drive_steps(case) is not None:
+    if drive_steps(case) is not None:
         loop.program = _program(run, between)
     saved = None
     if resume is not None:
@@ -246,9 +247,14 @@ def _both(measures: Measures, between: ReservoirMeasures) -> Callable[[State, Co
     return lambda state, config: measures(state, config) | between(state, config)
 
 
-def _program(run: MovingRun, between: ReservoirMeasures) -> DriveProgram:
-    """The steps of the drive of a run; each writes a row of curve.csv."""
+def _program(run: MovingRun, between: ReservoirMeasures | None) -> DriveProgram:
+    """The steps of the drive of a run; each writes a row of curve.csv. Raises CaseError where there is one fluid."""
     from .drive_steps import DriveProgram
+
+    if between is None:
+        what = "are of two fluids, and the scene has one: no particle is of the other"
+        raise CaseError((Problem(*run.case.place_of("drive.steps"), "drive.steps", what,
+                                 "see reservoirs and initial.flood, or give another drive"),))
 
     steps, measures, geometry = drive_steps(run.case), run.measures, run.geometry
     assert steps is not None and measures is not None
@@ -381,7 +387,8 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
                 *(f"changed by a restart from {line}" for line in restart.sentences(run.record, of_flow=True))]
     return {
         "message": "; ".join(filter(None, messages)) or None,
-        "terms": terms_of(run.case, run.geometry, axis is not None) + (terms_of_two(stepper.fluids) if two else []),
+        "terms": [*terms_of(run.case, run.geometry, axis is not None),
+                  *(terms_of_two(run.case, stepper.fluids) if two else ())],
         "permeability": permeability,
         "permeability_error": error,
         "superficial_velocity": superficial,

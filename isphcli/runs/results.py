@@ -293,8 +293,6 @@ def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:
             terms.append("moving walls")
         if np.any(geometry.slip_length > 0.0):
             terms.append("slip walls")
-    if case.reservoirs is not None:
-        terms.append("reservoirs")
     if any(geometry.periodic):
         terms.append("periodic halo")
     if case.flow == "navier_stokes" and case.particles.shifting > 0.0:
@@ -304,11 +302,11 @@ def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:
     return terms
 
 
-def terms_of_two(fluids: Fluids) -> list[str]:
-    """Of a scene in which two fluids are present. fluids: TwoFluids, or OneFluid where only their names differ."""
+def terms_of_two(case: Case, fluids: Fluids) -> list[str]:
+    """Of a scene in which both fluids of a case are. fluids: TwoFluids, or OneFluid where only their names differ."""
     from ..two_phase.two_fluids import TwoFluids
 
-    terms = ["two fluids"]
+    terms = ["two fluids", *["reservoirs"] * (case.reservoirs is not None)]
     if not isinstance(fluids, TwoFluids):
         return terms
     if fluids.density[0] != fluids.density[1]:
