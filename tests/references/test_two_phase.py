@@ -13,7 +13,7 @@ from isphcli.references.compare import compare
 from isphcli.references.errors import CompareError, TooShortError
 from isphcli.references.published import RISING_BUBBLE
 from isphcli.references.two_phase import amplitude, fit_oscillation
-from tests.references.results import WRONG, lattice, result_of, rows, the_case
+from tests.references.results import WRONG, lattice, result_of, rows
 
 TWO_FLUIDS = """\
 geometry: {{box: [1, 1], periodic: [x], shapes: [{shape}], {walls}}}
