@@ -45,8 +45,8 @@ from .results import (
     series_of,
     snapshot_of,
     stopped_short,
-    terms_of,
-    terms_of_two,
+    used_physics,
+    used_physics_of_two,
     write_case,
     write_grid,
 )
@@ -308,9 +308,9 @@ def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, 
             if case.output.restart_every and state.step % case.output.restart_every == 0:
                 with run.clock("output"):
                     run.save(file)
-            reports = found.reports
-            bar.update(state.step, state.time, found.dt, limit, {k: r.iterations for k, r in reports.items()},
-                       {k: r.residual for k, r in reports.items()} | {"divergence": found.max_divergence}
+            solves = found.solves
+            bar.update(state.step, state.time, found.dt, limit, {k: r.iterations for k, r in solves.items()},
+                       {k: r.residual for k, r in solves.items()} | {"divergence": found.max_divergence}
                        | ({} if loop.steady is None else {f"change (steady at {steady:g})": loop.steady.distance}))
             look_for_interrupts()
 
@@ -387,8 +387,8 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
                 *(f"changed by a restart from {line}" for line in restart.sentences(run.record, of_flow=True))]
     return {
         "message": "; ".join(filter(None, messages)) or None,
-        "terms": [*terms_of(run.case, run.geometry, axis is not None),
-                  *(terms_of_two(run.case, stepper.fluids) if two else ())],
+        "terms": [*used_physics(run.case, run.geometry, axis is not None),
+                  *(used_physics_of_two(run.case, stepper.fluids) if two else ())],
         "permeability": permeability,
         "permeability_error": error,
         "superficial_velocity": superficial,

@@ -77,7 +77,7 @@ def test_one_fluid_at_both_ends_goes_round():
     case = read_case(text.replace("drive:", "interface: {tension: 1}\ndrive:").encode(), "case.yaml")
     _, stepper, particles = prepare(case, build_geometry(case), Clock())
     assert stepper.seam is None and not particles.two_fluids
-    left_out = {term.name for term in check(case).terms if not term.used}
+    left_out = {term.name for term in check(case).physics if not term.used}
     assert {"surface tension", "contact angle", "fluid contrasts", "reservoirs"} <= left_out
 
 
