@@ -28,7 +28,7 @@ GOOD = 1.3  # said over measured, either way
 
 
 def of_case(path, seconds):
-    """(overrides, CheckReport) of as much of a case as takes so many seconds at most; None where it cannot be cut."""
+    """(overrides, CheckResult) of as much of a case as takes so many seconds at most; None where it cannot be cut."""
     report = check(load_case(path, PLAIN))
     if report.seconds is None or report.seconds <= seconds:
         return PLAIN, report

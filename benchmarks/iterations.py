@@ -73,7 +73,7 @@ def stokes(points):
     begin = time.process_time()
     flow = solve_axis(case, scene, 0, np.eye(3)[0], Clock())
     error = flow.permeability[0] * 6 * np.pi * RADIUS * 7.442 - 1
-    return flow.report.iterations, time.process_time() - begin, error
+    return flow.convergence.iterations, time.process_time() - begin, error
 
 
 def main(*points):

@@ -63,7 +63,7 @@ def measure(name):
     rows.append(("the end", *resident()))
     n = scene.particles.n_fluid
     print(f"{name}: {n:,} particles, {scene.particles.n_dummy / n:.2f} dummies and "
-          f"{len(scene.system.ops.column) / n:.1f} pairs a particle, {flow.report.iterations} iterations, k "
+          f"{len(scene.system.ops.column) / n:.1f} pairs a particle, {flow.convergence.iterations} iterations, k "
           f"{flow.permeability[axis or 0]:.7e} m2, whole process {max(most for _, most, _ in rows) / 1e9:.2f} GB; "
           f"bytes per particle:\n{'':42}    most     after")
     for part, most, now in rows:

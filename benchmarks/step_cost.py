@@ -69,7 +69,7 @@ def main(points=48, steps=12, scene="vortex"):
         found = stepper.advance(state, config, dt)
         state, config = found.state, found.config
         if k >= 2:
-            iterations.append({name: r.iterations for name, r in found.reports.items()})
+            iterations.append({name: r.iterations for name, r in found.solves.items()})
     spent = clock.cpu()
     scale = 1e6 / (particles.n_fluid * steps)
     print(f"{particles.n_fluid} particles, {steps} steps, {len(config.ops.column) / particles.n_fluid:.0f} neighbours, "

@@ -58,7 +58,7 @@ def measure(name):
     axis = 0 if axis is None else axis
     flow = solve_axis(case, scene, axis, force, Clock())
     end = time.process_time()
-    print(f"{name:16} {scene.particles.n_fluid:9,} {flow.report.iterations:5d} {middle - begin:9.2f} "
+    print(f"{name:16} {scene.particles.n_fluid:9,} {flow.convergence.iterations:5d} {middle - begin:9.2f} "
           f"{end - middle:9.2f} {peak_memory() / 1e9:8.2f}  {flow.permeability[axis]:.6e}", flush=True)
 
 

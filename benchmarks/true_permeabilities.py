@@ -50,7 +50,7 @@ def solve(body, spacing):
     geometry = LevelGeometry(body) if body.spheres is None else build_geometry(case)
     scene = build_scene(case, geometry, spacing, Clock(), [body.axis])
     flow = solve_axis(case, scene, body.axis, np.eye(3)[body.axis], Clock())
-    return float(flow.permeability[body.axis]), scene.particles.n_fluid, flow.report.iterations
+    return float(flow.permeability[body.axis]), scene.particles.n_fluid, flow.convergence.iterations
 
 
 def row_of(body):

@@ -307,13 +307,18 @@ def case_of_image(path: Path, overrides: tuple[str, ...]) -> Case:
     from .scene.first_case import first_case
 
     try:
-        found = first_case(path, overrides)
+        found = first_case(named(path), overrides)
     except VoxelError as error:
         refuse_image(path, str(error))
         raise
     for text in found.assumed:
         complain(f"assumed: {text}")
     return found.case
+
+
+def named(path: Path) -> Path:
+    """A path with a name of its own: '.' has none."""
+    return path if path.name else path.resolve()
 
 
 def refuse_image(path: Path, reason: str = "") -> None:
@@ -327,7 +332,7 @@ def refuse_image(path: Path, reason: str = "") -> None:
     if reason and shape is None:  # what is wrong with the file is said by its error
         return
     size = "" if shape is None else f" of {' x '.join(map(str, shape[::-1]))} voxels (x, y, z)"
-    case = path.with_suffix(".yaml")
+    case = named(path).with_suffix(".yaml")
     why = f" {reason}\nOr write" if reason else " Write"
     raise Unusable(
         f"{path}: is an image{size}, not a case.{why} what is to be known about it into a file {case.name} beside "
@@ -420,7 +425,7 @@ def validate(
     if stress:
         from .validation.stress import page
 
-        return told(page(report=None if quiet else lambda line: click.echo(line, err=True)))
+        return told(page(tell=None if quiet else lambda line: click.echo(line, err=True)))
     if paper:
         if case_files or overrides or check_only or levels or vary:
             raise click.UsageError("--paper takes no CASE and only --budget, --out and --threads")
@@ -444,9 +449,9 @@ def say_check(case: Case, ranks: int | None) -> int:
     """Print the check of a case, for so many processes where they are given; the exit code."""
     from .preflight.check import check
 
-    report = check(case, ranks=ranks)
-    click.echo(report.text())
-    return 0 if report.can_run else BAD_INPUT
+    checked = check(case, ranks=ranks)
+    click.echo(checked.text())
+    return 0 if checked.can_run else BAD_INPUT
 
 
 def told(outcome: tuple[str, bool]) -> int:
@@ -466,19 +471,19 @@ def check_cases(case_files: Sequence[Path], overrides: tuple[str, ...],
     for path in case_files:
         try:
             refuse_image(path)
-            report = check_case_file(path, overrides, ranks)
+            checked = check_case_file(path, overrides, ranks)
         except (Exception, KeyboardInterrupt) as error:
             if len(case_files) == 1 or exit_code(error) != BAD_INPUT:
                 raise
             click.echo(message(error), err=True)
             code = BAD_INPUT
             continue
-        click.echo(report.text() + "\n")
-        if not report.can_run:
+        click.echo(checked.text() + "\n")
+        if not checked.can_run:
             code = BAD_INPUT
-        elif report.case.reference is not None:
-            to_run.append(report.case)
-            estimates[report.case.path] = report.seconds
+        elif checked.case.reference is not None:
+            to_run.append(checked.case)
+            estimates[checked.case.path] = checked.seconds
     return code, to_run, estimates
 
 
@@ -610,6 +615,8 @@ def convert_voxels(source: Path, target: Path, picture: bool, force: bool, **opt
     isph convert-voxels slices/ rock.mhd --threshold 60,120 --connected x --voxel-size 5.3um
     isph convert-voxels seg.nrrd rock.npz --labels 255=1 --trim --downsample 2
     """
+    if target.is_dir():
+        raise Unusable(f"{target}: is a folder; name the file that is to be written, such as {target / 'rock.npz'}")
     set_threads(None)
     from .geometry.images.image import Layout
     from .geometry.images.raw import DTYPES
@@ -622,56 +629,56 @@ def convert_voxels(source: Path, target: Path, picture: bool, force: bool, **opt
     click.echo(image_lines(convert(source, target, how, force, picture)))
 
 
-def image_lines(report: Mapping[str, Any]) -> str:
-    """The report of `convert_images.convert` as text."""
-    size, solid = report["voxel_size"], report["solid"]
-    total = sum(report["labels"].values())
-    axes = report["percolates"]
+def image_lines(known: Mapping[str, Any]) -> str:
+    """What came of `convert_images.convert` as text."""
+    size, solid = known["voxel_size"], known["solid"]
+    total = sum(known["labels"].values())
+    axes = known["percolates"]
     lines = [
-        ("read", report["read"]),
-        ("written", report["file"]),
-        ("voxels", " x ".join(str(n) for n in report["shape"].values()) + f" ({', '.join(axes)})"),
+        ("read", known["read"]),
+        ("written", known["file"]),
+        ("voxels", " x ".join(str(n) for n in known["shape"].values()) + f" ({', '.join(axes)})"),
         (
             "voxel size",
             "not known; give --voxel-size" if size is None
-            else f"{' x '.join(f'{s:g}' for s in size)} m ({', '.join(axes)}), of IN, {report['voxel_size_from']}",
+            else f"{' x '.join(f'{s:g}' for s in size)} m ({', '.join(axes)}), of IN, {known['voxel_size_from']}",
         ),
-        *(("WARNING", text) for text in report["warnings"]),
+        *(("WARNING", text) for text in known["warnings"]),
     ]
     if size is not None:
-        edges = (f"{n * s:.4g}" for n, s in zip(report["shape"].values(), size))
+        edges = (f"{n * s:.4g}" for n, s in zip(known["shape"].values(), size))
         lines.append(("size", f"{' x '.join(edges)} m ({', '.join(axes)})"))
-    if "threshold" in report:
-        lines.append(("threshold", report["threshold"]))
-    if "trimmed" in report:
-        cut = " x ".join(map(str, report["trimmed"]))
+    if "threshold" in known:
+        lines.append(("threshold", known["threshold"]))
+    if "trimmed" in known:
+        cut = " x ".join(map(str, known["trimmed"]))
         lines.append(("trimmed", f"{cut} voxels of solid border ({', '.join(axes)})"))
-    if "filled" in report:
-        lines.append(("filled", f"{report['filled']} voxels of other pores"))
-    for value, count in list(report["labels"].items())[:20]:
+    if "filled" in known:
+        lines.append(("filled", f"{known['filled']} voxels of other pores"))
+    for value, count in list(known["labels"].items())[:20]:
         kind = "solid" if value in solid else "pore"
         lines.append((f"value {value}", f"{kind}, {count} voxels, {100 * count / total:.2f} %"))
-    if len(report["labels"]) > 20:
+    if len(known["labels"]) > 20:
         lines.append(
-            ("", f"and {len(report['labels']) - 20} further values; are these grey values? --threshold")
+            ("", f"and {len(known['labels']) - 20} further values; are these grey values? --threshold")
         )
-    through = [f"{axis} ({100 * report['percolating_porosity'][axis]:.2f} %)" for axis in axes if axes[axis]]
+    through = [f"{axis} ({100 * known['percolating_porosity'][axis]:.2f} %)" for axis in axes if axes[axis]]
     unit = "voxels" if size is None else "m3" if len(axes) == 3 else "m2"
-    pores = {value: count for value, count in report["labels"].items() if value not in solid}
+    pores = {value: count for value, count in known["labels"].items() if value not in solid}
     parts = ""
     if 1 < len(pores) <= 20:  # clear pores and microporous rock, or two fluids: the image does not say
         parts = f" ({', '.join(f'value {value} {100 * count / total:.2f} %' for value, count in pores.items())})"
     lines += [
-        ("porosity", f"{100 * report['porosity']:.2f} %{parts}"),
+        ("porosity", f"{100 * known['porosity']:.2f} %{parts}"),
         (
             "connected",
-            f"{report['components']} pores; the largest holds {100 * report['largest_share']:.2f} % of all",
+            f"{known['components']} pores; the largest holds {100 * known['largest_share']:.2f} % of all",
         ),
         ("through-going", ", ".join(through) if through else "along no axis"),
-        ("pockets", f"{report['isolated_pockets']} closed, {report['isolated_volume']:.4g} {unit}"),
+        ("pockets", f"{known['isolated_pockets']} closed, {known['isolated_volume']:.4g} {unit}"),
     ]
-    if "picture" in report:
-        lines.append(("picture", report["picture"]))
+    if "picture" in known:
+        lines.append(("picture", known["picture"]))
     return table(lines)
 
 
@@ -681,7 +688,7 @@ def image_lines(report: Mapping[str, Any]) -> str:
 @main.command(epilog=EXIT_CODES, short_help="Relative permeability of both fluids of a run.")
 @click.argument("folder", metavar="OUT", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--axis", type=click.Choice(["x", "y", "z"]), help="Of the flow. [default: that of the drive]")
-@click.option("--part", callback=parser(lambda t: share_of(t), "0.3:1"), default="0:1", metavar="A:B",
+@click.option("--part", callback=parser(lambda t: share_of(t), "0.3:1, smaller first"), default="0:1", metavar="A:B",
               help="Of the sample along the axis, as shares of its length. [default: 0:1]")  # fmt: skip
 @click.option("--all", "every", is_flag=True, help="Of every snapshot, as comma-separated values. [default: the last]")
 @threads_option
@@ -762,7 +769,7 @@ def init(source: Path | None, target: Path | None, drop: bool, voxel_size: tuple
     set_threads(None)
     from .scene import new_case
 
-    path = (source or Path("drop.yaml")) if drop else target or source.with_suffix(".yaml")  # type: ignore[union-attr]
+    path = (source or Path("drop.yaml")) if drop else target or named(source).with_suffix(".yaml")  # type: ignore[arg-type]
     if path.exists():
         raise Unusable(f"{path}: is there already; name another file for the case")
     if drop:

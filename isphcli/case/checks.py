@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from . import expressions, forcing
-from .blocks import AXES, LATTICES, SOLID, Grey, ShapeBlock, Time
+from .blocks import AXES, FACES, LATTICES, SOLID, Grey, ShapeBlock, Time
 from .force_list import wrong_with_forces
 from .reader import Key, Table, keys_of, suggest
 from .yaml import ProblemList, as_key, shown
@@ -21,15 +21,6 @@ from .yaml import ProblemList, as_key, shown
 if TYPE_CHECKING:
     from .blocks import Case, Drive, Reservoirs
 
-# What a reference needs and nothing else in a case tells
-PARAMETERS = {
-    "sphere_array": ("fraction",),
-    "cylinder_array": ("fraction",),
-    "taylor_green": ("speed",),
-    "taylor_green_3d": ("speed",),
-    "oscillating_slit": ("acceleration", "omega"),
-    "oscillating_pipe": ("acceleration", "omega"),
-}
 NAMED_ARRAYS = (".npz", ".h5", ".hdf5", ".vti", ".vtk", ".mat")
 WITHOUT_SIZE = (".npy", ".png", ".bmp", ".dat")  # images that never tell the size of a voxel
 HEADERLESS = {"shape": (".raw", ".bin", ".dat"), "dtype": (".raw", ".bin"), "offset": (".raw", ".bin"),
@@ -201,7 +192,7 @@ class _Checks:
         voxels = self.case.geometry.voxels if self.case.geometry is not None else None
         image = f"; {voxels.file.name} is an image of two dimensions" if voxels is not None and voxels.file else ""
         for axis in missing:
-            self.bad(path, f"a 2D scene has no axis {axis}", f"remove it{image}")
+            self.bad(path, f"a 2D scene has no axis {axis}", f"there are x and y{image}")
         return not missing
 
     def walls(self) -> None:
@@ -508,10 +499,29 @@ class _Checks:
             self.bad("reference.kind", f"{reference.kind} is the flow under a given force", "give drive.pressure_drop")
         elif reference.kind in OF_A_FORCE and self.clear("drive") and not forcing.force_is_given(self.case):
             self.bad("reference.kind", f"{reference.kind} is the flow under a constant force", "give numbers in drive")
-        for name in PARAMETERS.get(reference.kind, ()):
+        self.reference_parameters()
+
+    def reference_parameters(self) -> None:
+        """Names and values of what the kind of the reference needs: a run would find them wrong at its end only."""
+        from ..references.parameters import OF_TWO_FLUIDS, PARAMETERS, needed, words
+
+        reference, path = self.case.reference, "reference.parameters"
+        assert reference is not None
+        fluids, kind = tuple(self.case.fluids or ()), reference.kind
+        if kind in OF_TWO_FLUIDS and self.clear("fluids") and len(fluids) < 2:
+            self.bad("reference.kind", f"{kind} is of two fluids, and the case has one", "take another, or add a fluid")
+        for name in needed(kind):
             if name not in reference.parameters:
-                fix = f"add parameters: {{{name}: ...}}"
-                self.bad("reference.parameters", f"kind {reference.kind} needs {name}", fix)
+                self.bad(path, f"kind {kind} needs {name}", f"add parameters: {{{name}: ...}}")
+        for name, value in reference.parameters.items():
+            place, known = f"{path}.{as_key(name)}", words(kind, name, fluids, FACES)
+            if name not in PARAMETERS[kind]:
+                fix = suggest(name, PARAMETERS[kind]) if PARAMETERS[kind] else "it knows none"
+                self.bad(place, f"kind {kind} does not know it", fix)
+            elif known is None and isinstance(value, str):
+                self.bad(place, f"expected a number, found {shown(value)}", PARAMETERS[kind][name])
+            elif known is not None and value not in known:
+                self.bad(place, f"{shown(str(value))} is not a choice", suggest(str(value), known))
 
     def reference_values(self) -> None:
         """A permeability has one value or one an axis, and what it is of as many ranges and edges."""

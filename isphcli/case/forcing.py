@@ -196,6 +196,12 @@ def driven_axes(case: Case, lengths: np.ndarray) -> list[int]:
     return [int(axis) for axis in np.argsort(-strength, kind="stable") if strength[axis] > 0]
 
 
+def pressed_axes(case: Case) -> set[int]:
+    """Axes along which a difference of pressure drives, given, in steps or found for a velocity that is held."""
+    found, held = gradient_axis(case), set(_pressure_drops(case, 0.0))
+    return held if found is None else held | {found}
+
+
 def reservoir_axes(case: Case) -> list[int] | None:
     """The axis from one reservoir to the other, alone; None without reservoirs."""
     return None if case.reservoirs is None else ["xyz".index(case.reservoirs.axis)]
@@ -242,10 +248,13 @@ def in_words(case: Case) -> str:
     """What moves the fluid."""
     if case.drive is None:
         return "no drive"
+    if case.drive.axes:
+        return f"a flow along {', '.join(case.drive.axes)}"
     held = ["a velocity is held by a pressure drop"] if case.drive.superficial_velocity else []
     held += ["a drive in steps"] if case.drive.steps is not None else []
-    force = "body force that changes with time" if _of_time(_drive_items(case)) else "body force"
-    return " and ".join(held + ([force] if case.drive.body_force or not held else []))
+    later = " that changes with time" if _of_time(_drive_items(case)) else ""
+    drop, force = (["a pressure drop"] if case.drive.pressure_drop else []), bool(case.drive.body_force)
+    return " and ".join(held + drop + (["body force"] if force or not held + drop else [])) + later
 
 
 def walls_move(case: Case) -> bool:

@@ -59,9 +59,9 @@ class DiffusionSystem:
         # round-off of a field without sources, along straight walls, is no right-hand side
         if reduce.largest(np.abs(rhs)) <= 1e-9 * self.spacing:
             return field
-        phi, report = self.engine.gmres(self.apply, rhs, self.precondition, limits, watch=watch)
-        if not report.converged:
-            raise SolveError("diffusion", report)
+        phi, convergence = self.engine.gmres(self.apply, rhs, self.precondition, limits, watch=watch)
+        if not convergence.converged:
+            raise SolveError("diffusion", convergence)
         return field - self.ops.gradient_p(phi)
 
 

@@ -105,9 +105,9 @@ def solve_pressure(config: Configuration, system: PressureSystem, right: np.ndar
         return lambda v: means.remove(once(v if scale is None else means.remove(v / scale)))
 
     with solvers.clock("krylov"):
-        q, report = solvers.multigrid("pressure", system.laplacian, apply, right, None, remove_constants, tolerance,
-                                      config.ops.exchange)
-    solvers.record("pressure", report, lambda: right - apply(q))
+        q, convergence = solvers.multigrid("pressure", system.laplacian, apply, right, None, remove_constants,
+                                           tolerance, config.ops.exchange)
+    solvers.record("pressure", convergence, lambda: right - apply(q))
     return means.remove(q)  # eq. 26
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from ..domain.null_space import ComponentMeans
     from ..operators.pair_weights import Operators
-    from ..solvers.krylov import Report
+    from ..solvers.krylov import Convergence
     from .one_fluid import Terms
 
 
@@ -75,7 +75,7 @@ class StepResult:
     """What a step made, and what it found on the way.
 
     state, config: after the step; dt: its length, s; divergence: (n,) of the new velocity, 1/s; stopped: particles that
-    would have entered a wall and stayed where they were; reports: {system: Report of its hardest solve}; rebuilt:
+    would have entered a wall and stayed where they were; solves: {system: Convergence of its hardest solve}; rebuilt:
     whether a hierarchy was built; volume_drift: root mean square deviation of the number of particles in blocks, or
     None where it is not controlled.
     """
@@ -85,7 +85,7 @@ class StepResult:
     dt: float
     divergence: np.ndarray
     stopped: int
-    reports: dict[str, Report]
+    solves: dict[str, Convergence]
     rebuilt: bool
     volume_drift: float | None = None
 

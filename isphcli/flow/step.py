@@ -259,7 +259,7 @@ class Stepper:
                 held += increment
         new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.phi,
                     moved.drive_step, moved.number, moved.volume)
-        return StepResult(new, config, dt, config.terms.divergence(u), stopped, self.solvers.reports,
+        return StepResult(new, config, dt, config.terms.divergence(u), stopped, self.solvers.solves,
                           self.solvers.rebuilt, volume_drift)
 
     def _project(self, config: Configuration, system: PressureSystem, guess: np.ndarray, known: np.ndarray,

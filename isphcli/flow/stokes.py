@@ -28,7 +28,7 @@ from ..operators.lattice_weights import (
     velocity_matrix,
 )
 from ..solvers.engine import ONE_PROCESS, Engine
-from ..solvers.krylov import Limits, Report, SolveError, Watch
+from ..solvers.krylov import Convergence, Limits, SolveError, Watch
 from .forces import Force, acceleration_of, resistance_of
 
 TAU = 0.05  # strength of S (trials before 2026-11-22)
@@ -42,11 +42,11 @@ STRENGTH, CYCLES = 0.05, 2
 
 @dataclass(frozen=True)
 class StokesFlow:
-    """velocity: (n, dim) m/s; pressure: (n,) Pa over density, i.e. m2/s2; report: of the solve."""
+    """velocity: (n, dim) m/s; pressure: (n,) Pa over density, i.e. m2/s2; convergence: of the solve."""
 
     velocity: np.ndarray
     pressure: np.ndarray
-    report: Report
+    convergence: Convergence
 
 
 class StokesSystem:
@@ -160,13 +160,14 @@ class StokesSystem:
         forces[:] = self._driven(force) * (self.spacing**2 / self.viscosity)
         forces += self.spacing**2 * ops.walls.lap_velocity
         mass[:] = self.means.remove(-self.spacing * ops.walls.div_velocity)
-        solution, report = self.engine.gmres(self.apply, rhs, self.precondition, limits, watch=watch)
-        if not report.converged:
-            solution, report = self.engine.gmres(self.apply, rhs, self.precondition, limits.times(2), solution, watch)
-        if not report.converged:
-            error = SolveError("Stokes", report)
+        solution, convergence = self.engine.gmres(self.apply, rhs, self.precondition, limits, watch=watch)
+        if not convergence.converged:
+            limits = limits.times(2)
+            solution, convergence = self.engine.gmres(self.apply, rhs, self.precondition, limits, solution, watch)
+        if not convergence.converged:
+            error = SolveError("Stokes", convergence)
             forces, mass = self.split(np.abs(rhs - self.apply(solution)) / reduce.largest(np.abs(rhs)))
             error.violation = np.maximum(forces.max(axis=1), mass)
             raise error
         u, p = self.split(solution)
-        return StokesFlow(u.copy(), self.means.remove(p) * (self.viscosity / self.spacing), report)
+        return StokesFlow(u.copy(), self.means.remove(p) * (self.viscosity / self.spacing), convergence)

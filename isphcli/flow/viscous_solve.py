@@ -25,7 +25,7 @@ import scipy.sparse as sp
 from ..operators import pair_sums
 from ..operators.assemble import assemble, row_sums
 from ..solvers.kept_hierarchies import RETRY_FACTOR, KeptHierarchies
-from ..solvers.krylov import Apply, Report
+from ..solvers.krylov import Apply, Convergence
 
 if TYPE_CHECKING:
     from .one_fluid import Terms
@@ -51,9 +51,9 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, driv
         guess = driven / rate  # what viscosity then changes little
     coupled = slip is not None or terms.transposed_stress is not None
     if not stiff and not coupled:
-        found, report = _by_pairs(terms, rate, right, guess, solvers)
-        if report.converged:
-            solvers.record("velocity", report, lambda: np.zeros(len(right)))
+        found, convergence = _by_pairs(terms, rate, right, guess, solvers)
+        if convergence.converged:
+            solvers.record("velocity", convergence, lambda: np.zeros(len(right)))
             return found
     matrix = _matrix(terms, rate, solvers)
     if coupled:
@@ -67,8 +67,8 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, driv
     for k in range(right.shape[1]):
         with solvers.clock("krylov"):
             b, x0 = np.ascontiguousarray(right[:, k]), np.ascontiguousarray(guess[:, k])
-            out[:, k], report = solvers.multigrid("velocity", matrix, product, b, x0, exchange=exchange)
-        solvers.record("velocity", report, lambda k=k: right[:, k] - product(out[:, k]))  # type: ignore[misc]
+            out[:, k], convergence = solvers.multigrid("velocity", matrix, product, b, x0, exchange=exchange)
+        solvers.record("velocity", convergence, lambda k=k: right[:, k] - product(out[:, k]))  # type: ignore[misc]
     return out
 
 
@@ -89,7 +89,7 @@ def _matrix(terms: Terms, rate: float, solvers: KeptHierarchies) -> sp.csr_matri
 
 
 def _by_pairs(terms: Terms, rate: float, right: np.ndarray, guess: np.ndarray,
-              solvers: KeptHierarchies) -> tuple[np.ndarray, Report]:
+              solvers: KeptHierarchies) -> tuple[np.ndarray, Convergence]:
     """All components at once with the weights of the pairs, preconditioned by the diagonal: a matrix would be made for
     three or four products."""
     ops, viscous, walls, (n, dim) = terms.ops, terms.viscous, terms.viscous.walls, right.shape
@@ -103,8 +103,9 @@ def _by_pairs(terms: Terms, rate: float, right: np.ndarray, guess: np.ndarray,
         return pair_sums.laplacian(ops.start, ops.column, viscous.weight, u, own, less).ravel()
 
     with solvers.clock("krylov"):
-        found, report = solvers.krylov(apply, right.ravel(), lambda v: inverse * v, np.ascontiguousarray(guess).ravel())
-    return found.reshape(n, dim), report
+        found, convergence = solvers.krylov(apply, right.ravel(), lambda v: inverse * v,
+                                            np.ascontiguousarray(guess).ravel())
+    return found.reshape(n, dim), convergence
 
 
 def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right: np.ndarray, guess: np.ndarray,
@@ -138,12 +139,12 @@ def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right
     scaled = (right / diagonal).ravel()
     with solvers.clock("krylov"):
         if stiff:
-            solution, report = solvers.multigrid("velocity", matrix, apply, scaled, guess.ravel(), by_component,
+            solution, convergence = solvers.multigrid("velocity", matrix, apply, scaled, guess.ravel(), by_component,
                                                  exchange=exchange)
         else:
             for effort in (1, RETRY_FACTOR):
-                solution, report = solvers.krylov(apply, scaled, np.copy, guess.ravel(), effort)
-                if report.converged:
+                solution, convergence = solvers.krylov(apply, scaled, np.copy, guess.ravel(), effort)
+                if convergence.converged:
                     break
-    solvers.record("velocity", report, lambda: np.abs(scaled - apply(solution)).reshape(n, dim).max(axis=1))
+    solvers.record("velocity", convergence, lambda: np.abs(scaled - apply(solution)).reshape(n, dim).max(axis=1))
     return solution.reshape(n, dim)

@@ -383,7 +383,7 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
     start, per_length, (link, fraction, first) = neighbours.start, 1.0 / neighbours.support, links
     moments, gp, pair = work.moments, work.g_p, work.pair
     ex, ey, ez, s, w = work.stencil
-    g, _, right, drift, spread = work.tensors
+    g, _, right, gradient_part, spread = work.tensors
     weight, (first_one, second_one) = pair[0], work.one_pair
     dim, per_area, deficient, along = gradient.shape[1], per_length * per_length, 0, work.along
     for o in range(rows[0], rows[1]):
@@ -399,7 +399,9 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
         for v in range(6):
             laplace[o, v] = 2.0 * per_area * right[v, 0]
         for k in range(3):
-            laplace[o, 6 + k] = per_area * (g[k, 0] * drift[0] + g[k, 1] * drift[1] + g[k, 2] * drift[2])
+            laplace[o, 6 + k] = per_area * (
+                g[k, 0] * gradient_part[0] + g[k, 1] * gradient_part[1] + g[k, 2] * gradient_part[2]
+            )
         for m in range(dim):
             for k in range(dim):
                 gradient[o, m, k] = per_length * g[m, k]

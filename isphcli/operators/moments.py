@@ -69,9 +69,9 @@ def _volumes(rows, q, neighbours, volume):
 class Workspace(NamedTuple):
     """Scratch arrays for one particle, with places for the longest row once padded.
 
-    stencil: see `gather_stencil`; moments: (41,) of `stencil_moments`; tensors: (g, system, right, drift, spread), see
-    `correction`; weights: (4, places) of `stencil_weights`; g_p: (3, 3) correction of the pressure gradient; pair: see
-    `wall_weights.add_wall_pair`; one_pair: (1, 3) and (1, 6), moments of one pair; along: (dim, dim) of
+    stencil: see `gather_stencil`; moments: (41,) of `stencil_moments`; tensors: (g, system, right, gradient_part,
+    spread), see `correction`; weights: (4, places) of `stencil_weights`; g_p: (3, 3) correction of the pressure gradient;
+    pair: see `wall_weights.add_wall_pair`; one_pair: (1, 3) and (1, 6), moments of one pair; along: (dim, dim) of
     `wall_weights.add_along`.
     """
 
@@ -333,13 +333,13 @@ def correction(moments, dim, order, tensors):
 
         sum_v A_uv l_v = 1 or 0,      sum_v A_uv K_vk = P_uk      for every u .
 
-    moments: (41,) sums. tensors: (g (3, 3) G_i; system (6, 6) scratch; right, drift, spread), in the order
+    moments: (41,) sums. tensors: (g (3, 3) G_i; system (6, 6) scratch; right, gradient_part, spread), in the order
     xx yy zz yz xz xy: right (6, 4): column 0 the weights l of L_i : e e = sum_v l_v e_v, columns 1-3 K_i;
-    drift (3,): 2 sum_v l_v R_v, what multiplies the gradient in the Laplacian; spread (3, 3): 1 + K R.
+    gradient_part (3,): 2 sum_v l_v R_v, what multiplies the gradient in the Laplacian; spread (3, 3): 1 + K R.
     Returns True where a system was rank-deficient: G_i is then a pseudo-inverse, or L_i a multiple of the identity and
     K_i zero.
     """
-    g, system, right, drift, spread = tensors
+    g, system, right, gradient_part, spread = tensors
     thin = invert_gradient(moments, dim, g)  # G_i of eq. 5
     # P_uk: the gradient of eq. 5 of the quadratic function u, which ought to vanish at the particle
     p = right  # columns 1-3 first hold P
@@ -384,7 +384,7 @@ def correction(moments, dim, order, tensors):
         s = 0.0
         for v in range(6):
             s += right[v, 0] * moments[6 + _THIRD[v, k]]
-        drift[k] = 2.0 * s
+        gradient_part[k] = 2.0 * s
         if order == 2:
             for m in range(3):
                 t = 1.0 if m == k else 0.0
@@ -440,11 +440,11 @@ def stencil_weights(stencil, padded, tensors, order, out):
     out[0]: of the Laplacian (times support^2); out[1:4]: of the gradient (times support).
     """
     ex, ey, ez, s, w = stencil
-    g, _, right, drift, spread = tensors
+    g, _, right, gradient_part, spread = tensors
     lap, gx, gy, gz = out[0], out[1], out[2], out[3]
     g00, g01, g02, g11, g12, g22 = g[0, 0], g[0, 1], g[0, 2], g[1, 1], g[1, 2], g[2, 2]
     l0, l1, l2, l3, l4, l5 = right[0, 0], right[1, 0], right[2, 0], right[3, 0], right[4, 0], right[5, 0]
-    d0, d1, d2 = drift[0], drift[1], drift[2]
+    d0, d1, d2 = gradient_part[0], gradient_part[1], gradient_part[2]
     for k in range(padded):
         x, y, z = ex[k], ey[k], ez[k]
         g0, g1, g2 = g00 * x + g01 * y + g02 * z, g01 * x + g11 * y + g12 * z, g02 * x + g12 * y + g22 * z

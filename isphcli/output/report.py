@@ -74,6 +74,8 @@ class Run:
 def read_run(directory: str | os.PathLike) -> Run:
     """What a run left in a folder. Raises ReportError where it is not the folder of a run that has ended."""
     folder = Path(directory)
+    if folder.is_file():
+        raise ReportError(f"{folder}: is a file; name the folder of a run that has ended")
     try:
         summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         text = (folder / "case.yaml").read_text(encoding="utf-8")

@@ -21,7 +21,7 @@ from ..references.sample import other_sample
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at, what_is_solid
-from .check_report import CheckReport, Term, in_bytes
+from .check_result import CheckResult, Physics, in_bytes
 from .costs_of_ranks import of_ranks
 from .estimates import costs, flow_estimate, steps
 from .findings import (
@@ -42,14 +42,14 @@ MOST_SITES = 30_000_000
 BYTES_SITE = 30  # of a lattice site in a check: phase, distance, labels of the connected parts
 
 
-def check_case_file(path: str | Path, overrides: Sequence[str] = (), ranks: int | None = None) -> CheckReport:
+def check_case_file(path: str | Path, overrides: Sequence[str] = (), ranks: int | None = None) -> CheckResult:
     """Read and check a case, and what it costs each of `ranks` processes where they are given; raises CaseError,
     VoxelError or ShapeError where it cannot even be set up."""
     return check(load_case(path, tuple(overrides)), ranks=ranks)
 
 
 def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
-          ranks: int | None = None) -> CheckReport:
+          ranks: int | None = None) -> CheckResult:
     """Check a case; `geometry` where it is at hand already.
 
     to_run: it is about to be run. However many sites there are, to look at them is then little beside the solve; and
@@ -60,8 +60,8 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
         try:
             geometry = build_geometry(case)
         except ParticleError as error:  # an image whose size alone says that it does not fit
-            return CheckReport(case, case.dim or 3, [], {}, errors=[str(error)])
-    result = CheckReport(case, geometry.dim, terms_of_the_case(case, geometry, list(case.fluids)), {},
+            return CheckResult(case, case.dim or 3, [], {}, errors=[str(error)])
+    result = CheckResult(case, geometry.dim, physics_of(case, geometry, list(case.fluids)), {},
                          warnings=list(geometry.warnings), inputs=geometry.described)
     try:
         lattice = lattice_at(case, geometry, case.particles.spacing)
@@ -75,7 +75,7 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
         return result
     sites = Sites(lattice, geometry, case.support * case.particles.spacing, len(case.fluids) == 1)
     result.particles, there = sites.particles, fluids_there(case, sites)
-    result.terms = terms_of_the_case(case, geometry, there)
+    result.physics = physics_of(case, geometry, there)
     if not sites.particles["fluid"]:
         result.errors.append("no fluid: the scene is solid at every site of the lattice; check "
                              f"{what_is_solid(geometry)}, or take a smaller particles.spacing")
@@ -103,15 +103,14 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
                         *reservoir_findings(case), *step_findings(result), *menisci_findings(result),
                         *other_findings(result, geometry, sites)]
     if not to_run:
-        other = other_sample(case, geometry)
-        result.warnings += [*([] if other is None else [f"the reference is not compared: {other}"]),
-                            *absent_fluids(case, sites)]
+        other = [f"the reference is not compared: {text}" for text in [other_sample(case, geometry)] if text]
+        result.warnings += [*other, *absent_fluids(case, sites)]
     elif case.flow != "stokes":  # the run finds out, by its particles
         result.warnings += result.errors
     return result
 
 
-def _flow_is_expected(result: CheckReport, geometry: Geometry, sites: Sites, driven: Sequence[int]) -> bool:
+def _flow_is_expected(result: CheckResult, geometry: Geometry, sites: Sites, driven: Sequence[int]) -> bool:
     """Finds the flow to expect; False where its velocity leaves the range of numbers, which is an error."""
     with np.errstate(all="ignore"):  # what is not finite is told
         flow = flow_estimate(result.case, geometry, sites, result.throats, driven)
@@ -123,7 +122,7 @@ def _flow_is_expected(result: CheckReport, geometry: Geometry, sites: Sites, dri
     return True
 
 
-def _costs(result: CheckReport, geometry: Geometry, sites: Sites, ranks: int | None) -> None:
+def _costs(result: CheckResult, geometry: Geometry, sites: Sites, ranks: int | None) -> None:
     """Memory and time, and those of each of so many processes."""
     case = result.case
     share = memory.fluid_round(geometry, sites.points(memory.SAMPLE), case.support * min(case.spacings))
@@ -132,7 +131,7 @@ def _costs(result: CheckReport, geometry: Geometry, sites: Sites, ranks: int | N
         of_ranks(result, geometry, ranks, share)
 
 
-def _from_samples(result: CheckReport, geometry: Geometry, lattice: Lattice, ranks: int | None) -> None:
+def _from_samples(result: CheckResult, geometry: Geometry, lattice: Lattice, ranks: int | None) -> None:
     """What random points tell of a lattice that has too many sites to look at each."""
     case = result.case
     size = geometry.upper - geometry.lower
@@ -159,7 +158,7 @@ def _from_samples(result: CheckReport, geometry: Geometry, lattice: Lattice, ran
     )
 
 
-def terms_of_the_case(case: Case, geometry: Geometry, there: Sequence[str]) -> list[Term]:
+def physics_of(case: Case, geometry: Geometry, there: Sequence[str]) -> list[Physics]:
     """The parts of the physics, used and left out. there: names of the fluids that are in the scene: of one alone
     nothing is at an interface, whatever the case says of it."""
     moving = case.flow != "stokes"
@@ -174,7 +173,7 @@ def terms_of_the_case(case: Case, geometry: Geometry, there: Sequence[str]) -> l
     layered = around and any(a not in case.geometry.repeats for a in around)
     halo = f"along {around}" + (", closed by clear layers" if layered else "")
     tension = case.interface if len(there) > 1 else None
-    without = "no interface" if case.interface is None else "one fluid alone is there"
+    without = "one fluid alone is there" if len(there) < len(case.fluids) else "no interface"
     line_slip = tension.slip_length if wall and tension is not None else 0.0
     added = 0.0
     if tension is not None:
@@ -187,28 +186,28 @@ def terms_of_the_case(case: Case, geometry: Geometry, there: Sequence[str]) -> l
     ends = case.reservoirs
     beside = {force.name: force.words for force in forces_of(case, geometry)}
     return [
-        Term("walls", wall, f"distance {case.wall_distance}" if wall else "no solid and no closed face"),
-        Term("moving walls", moves, "a wall has a velocity" if moves else "all walls are at rest"),
-        Term("slip", slips or line_slip > 0, "a wall has a slip length" if slips else
+        Physics("walls", wall, f"distance {case.wall_distance}" if wall else "no solid and no closed face"),
+        Physics("moving walls", moves, "a wall has a velocity" if moves else "all walls are at rest"),
+        Physics("slip", slips or line_slip > 0, "a wall has a slip length" if slips else
              f"{line_slip:g} m at contact lines" if line_slip > 0 else "no slip length"),
-        Term("periodic halo", bool(around), halo if around else "no periodic axis"),
-        Term("inertia", moving, "particles move, in time" if moving else "flow: stokes"),
-        Term("viscosity", True, "implicit: no stability limit"),
-        Term("fluid contrasts", jumps, "density or viscosity differ" if jumps else "equal or one fluid"),
-        Term("shifting", shifts, f"C = {case.particles.shifting:g}" if shifts
+        Physics("periodic halo", bool(around), halo if around else "no periodic axis"),
+        Physics("inertia", moving, "particles move, in time" if moving else "flow: stokes"),
+        Physics("viscosity", True, "implicit: no stability limit"),
+        Physics("fluid contrasts", jumps, "density or viscosity differ" if jumps else "equal or one fluid"),
+        Physics("shifting", shifts, f"C = {case.particles.shifting:g}" if shifts
              else "particles stay on the lattice" if not moving else "particles.shifting is 0"),
-        Term("kept volume", keeps, f"in {case.particles.keep_volume:g} steps" if keeps
+        Physics("kept volume", keeps, f"in {case.particles.keep_volume:g} steps" if keeps
              else "particles stay on the lattice" if not moving else "particles.keep_volume is 0"),
-        Term("surface tension", tension is not None,
+        Physics("surface tension", tension is not None,
              f"{tension.tension:g} N/m, {tension.method}" if tension else without),
-        Term("artificial viscosity", added > 0, f"{added:.2g} Pa s at the interface, which hardly damps" if added
+        Physics("artificial viscosity", added > 0, f"{added:.2g} Pa s at the interface, which hardly damps" if added
              else without if not tension else "the interface damps enough at this spacing"),
-        Term("contact angle", tension is not None and wall,
+        Physics("contact angle", tension is not None and wall,
              without if not tension else f"{tension.contact_angle:g} degrees" if wall else "no walls"),
-        Term("drive", forcing.is_driven(case), forcing.in_words(case)),
-        *(Term(known.name, known.name in beside, beside.get(known.name, known.without)) for known in FORCES),
-        Term("initial velocity", starts, "formula" if starts else "starts at rest"),
-        Term("reservoirs", ends is not None,
-             f"{ends.inlet} at {ends.axis}_min, {ends.outlet} at {ends.axis}_max" if ends else "none"),
-        Term("flooding", flood is not None, f"{flood.fluid} from {flood.face}" if flood else "none"),
+        Physics("drive", forcing.is_driven(case), forcing.in_words(case)),
+        *(Physics(known.name, known.name in beside, beside.get(known.name, known.without)) for known in FORCES),
+        Physics("initial velocity", starts, "formula" if starts else "starts at rest"),
+        Physics("reservoirs", ends is not None and len(there) > 1, "none" if not ends else without if len(there) < 2
+             else f"{ends.inlet} at {ends.axis}_min, {ends.outlet} at {ends.axis}_max"),
+        Physics("flooding", flood is not None, f"{flood.fluid} from {flood.face}" if flood else "none"),
     ]  # fmt: skip

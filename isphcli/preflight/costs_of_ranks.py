@@ -10,7 +10,7 @@ import numpy as np
 from ..domain.cut import even_bricks
 from ..scene import memory
 from ..scene.image_geometry import in_parts
-from .check_report import CheckReport, ShareOfRank, in_bytes
+from .check_result import CheckResult, ShareOfRank, in_bytes
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
@@ -23,8 +23,8 @@ WAITS = 1.15
 MARGIN = 7  # voxels of an image beside its brick that a process holds (geometry/image_brick.py), and a support
 
 
-def of_ranks(result: CheckReport, geometry: Geometry, count: int, share: float = 1.0) -> None:
-    """Adds to a CheckReport what each of `count` processes holds and takes, at most, and what stands against them; of
+def of_ranks(result: CheckResult, geometry: Geometry, count: int, share: float = 1.0) -> None:
+    """Adds to a CheckResult what each of `count` processes holds and takes, at most, and what stands against them; of
     more processes than particles only that. share: see `memory.fluid_round`."""
     case, dim = result.case, result.dim
     finest = min(case.spacings) if case.flow == "stokes" else case.particles.spacing

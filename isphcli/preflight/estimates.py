@@ -16,7 +16,7 @@ from ..case.force_list import forces_of
 from ..flow.forces import largest_of, resistance_of
 from ..output.render import deep_enough
 from ..scene import memory
-from .check_report import CheckReport, Flow, Motion, Steps, Throats
+from .check_result import CheckResult, Flow, Motion, Steps, Throats
 from .expected_steps import expected_steps
 from .findings import fluids_there
 from .throats import LINE_POINTS, Sites
@@ -172,7 +172,7 @@ def _iterations(widths: Throats | None) -> float:
     return ITERATIONS + ITERATIONS_OF_THROATS / (1.0 + (narrow / HALF) ** 2)
 
 
-def costs(result: CheckReport, geometry: Geometry, share: float = 1.0) -> None:
+def costs(result: CheckResult, geometry: Geometry, share: float = 1.0) -> None:
     """Neighbours, memory and time. share: see `memory.fluid_round`."""
     case, dim = result.case, result.dim
     result.neighbours = memory.neighbours(case, dim)
@@ -188,7 +188,7 @@ def costs(result: CheckReport, geometry: Geometry, share: float = 1.0) -> None:
     result.seconds = _seconds(result, geometry, fluid)
 
 
-def _seconds(result: CheckReport, geometry: Geometry, fluid: float) -> float | None:
+def _seconds(result: CheckResult, geometry: Geometry, fluid: float) -> float | None:
     """CPU seconds of a run, of so many fluid particles at its finest spacing; None where there is no telling."""
     case, dim = result.case, result.dim
     pairs = 1e-6 * result.neighbours / (memory.PAIRS[dim] * 2.1**dim)

@@ -12,7 +12,7 @@ from ..case import forcing
 from ..flow.step_lengths import StepLengths, next_due, shortest
 from ..runs.steadiness import Steady
 from ..scene.choose_steps import step_lengths
-from .check_report import Motion, Steps
+from .check_result import Motion, Steps
 
 if TYPE_CHECKING:
     from ..case.blocks import Case

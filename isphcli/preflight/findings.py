@@ -17,7 +17,7 @@ from ..geometry.connectivity import connectivity_of
 from ..geometry.images.image import machine_memory
 from ..geometry.pore_sizes import ENOUGH_ACROSS
 from ..runs.expected_error import calibrations, wall_of
-from .check_report import CheckReport, in_bytes
+from .check_result import CheckResult, in_bytes
 from .throats import TINY, Sites
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ THINNEST = 3  # particles across the median throat below which there is a warnin
 
 
 def drive_findings(
-    result: CheckReport, geometry: Geometry, sites: Sites, driven: Sequence[int], through: Sequence[int]
+    result: CheckResult, geometry: Geometry, sites: Sites, driven: Sequence[int], through: Sequence[int]
 ) -> None:
     """Nothing can flow: an error of a steady case; a warning of others and of too coarse a lattice."""
     case = result.case
@@ -40,7 +40,8 @@ def drive_findings(
     moved = geometry.has_solid and bool(np.any(geometry.wall_speed))
     held = forcing.held_flux(case) is not None
     for axis in driven:
-        if axis in through or (len({f.density for f in case.fluids.values()}) > 1 and not held):
+        if axis in through or (len({f.density for f in case.fluids.values()}) > 1
+                               and axis not in forcing.pressed_axes(case)):
             continue  # a light fluid rises between walls too
         name, fatal = AXES[axis], held or (steady and not through and not moved)
         if not forcing.opens(case, axis):
@@ -72,7 +73,7 @@ def _open_when_finer(case: Case, geometry: Geometry, axis: int) -> bool:
     return bool(connectivity_of(fluid.T, around).percolates[axis])
 
 
-def resolution_findings(result: CheckReport, geometry: Geometry, lattice: Lattice) -> Iterator[str]:
+def resolution_findings(result: CheckResult, geometry: Geometry, lattice: Lattice) -> Iterator[str]:
     """Lattice against throats, voxels, clear layers and box."""
     case, widths = result.case, result.throats
     spacing = case.particles.spacing
@@ -140,7 +141,7 @@ def contact_angle_findings(case: Case, geometry: Geometry) -> Iterator[str]:
         )
 
 
-def other_findings(result: CheckReport, geometry: Geometry, sites: Sites) -> Iterator[str]:
+def other_findings(result: CheckResult, geometry: Geometry, sites: Sites) -> Iterator[str]:
     """Memory, Reynolds number, fluids without particles, pockets."""
     case, there = result.case, machine_memory()
     need = sum(result.memory.values())
@@ -167,7 +168,7 @@ def fluids_there(case: Case, sites: Sites) -> list[str]:
             if name in placed or (k < len(sites.per_fluid) and sites.per_fluid[k])]
 
 
-def step_findings(result: CheckReport) -> Iterator[str]:
+def step_findings(result: CheckResult) -> Iterator[str]:
     """A run that is out of steps before its end; a flow that would be turbulent."""
     case, steps = result.case, result.steps
     if case.time is None or steps is None or steps.count is None:

@@ -11,7 +11,7 @@ import numpy as np
 from ..case import forcing
 
 if TYPE_CHECKING:
-    from .check_report import CheckReport
+    from .check_result import CheckResult
 
 # Spacings across a tube, and capillary number of the root mean square speed of a slug in it that should be at rest, by
 # the viscosity of the thicker fluid (benchmarks/menisci_in_pores.py 3 4 6 8; smooth tubes). Beyond, the last slope.
@@ -20,7 +20,7 @@ AT_REST = np.log([1.1e-3, 7.4e-4, 1.2e-4, 3.5e-5])
 SHARE = 0.1  # of the mean velocity in the pores that speeds at rest may have for velocities to mean something
 
 
-def menisci_findings(result: CheckReport) -> Iterator[str]:
+def menisci_findings(result: CheckResult) -> Iterator[str]:
     """A held flux that moves the fluids by less than ten times what their menisci are off rest by."""
     case, widths, held = result.case, result.throats, forcing.held_flux(result.case)
     if widths is None or held is None or case.interface is None or not case.interface.tension > 0.0:
@@ -31,7 +31,7 @@ def menisci_findings(result: CheckReport) -> Iterator[str]:
     number = math.exp(_at_rest(math.log(across)))
     speed = number * case.interface.tension / max(fluid.mu for fluid in case.fluids.values())
     mean = abs(held[1]) / (result.connectivity.porosity if result.connectivity is not None else 1.0)
-    if speed > SHARE * mean:
+    if mean > 0.0 and speed > SHARE * mean:
         yield (
             f"menisci in pores {across:.1f} particles wide move by about {speed:.1g} m/s when they should be "
             f"at rest (capillary number {number:.0e}), and the drive moves the fluids by {mean:.2g} m/s: velocities "

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from ..geometry.connectivity import Connectivity, connectivity_of
 from ..geometry.pore_sizes import ENOUGH_ACROSS
-from .check_report import Throats
+from .check_result import Throats
 
 if TYPE_CHECKING:
     from ..domain.lattice import Lattice

@@ -1,7 +1,7 @@
 """Errors of a result against the reference that its case names.
 
 `compare(case, result)` takes the `Result` of a run. What a reference needs and the case itself does not say stands in
-`reference.parameters`, see `PARAMETERS`. Flows of one fluid are compared in single_phase.py, those of two in
+`reference.parameters` (parameters.py). Flows of one fluid are compared in single_phase.py, those of two in
 two_phase.py; what the errors are is in errors.py.
 """
 
@@ -29,11 +29,6 @@ def compare(case: Case, result: Result) -> Errors:
     reference = case.reference
     if reference is None:
         raise CompareError("the case names no reference; add a block reference with its kind")
-    unknown = set(reference.parameters) - set(PARAMETERS[reference.kind])
-    if unknown:
-        known = ", ".join(PARAMETERS[reference.kind]) or "none"
-        name = min(unknown)
-        raise CompareError(f"reference.parameters.{name}: kind {reference.kind} does not know it; it knows {known}")
     other = other_geometry(case)
     if other is not None:
         raise OtherSampleError(other)
@@ -73,86 +68,3 @@ COMPARISONS: dict[str, Callable[[Case, Result], Errors]] = {
     "imbibition": two_phase.imbibition_errors,
     "rising_bubble": two_phase.rising_bubble_errors,
 }
-_PLATES = {
-    "lower": "y of the lower plate, m; without it the lower face of the box",
-    "height": "distance of the plates, m; without it that to the upper face",
-}
-_LID = {"wall_velocity": "speed of the upper plate, m/s; without it that of the face y_max"}
-_NU = {"nu": "kinematic viscosity, m2/s; without it that of the first fluid"}
-_PUSH = {"acceleration": "along x, m/s2; without it that of the drive"}
-_OSCILLATION = {
-    **_NU,
-    "acceleration": "amplitude a of the force over its density, a cos(omega t), m/s2, needed",
-    "omega": "its angular frequency, rad/s, needed",
-    "start": "rest, or periodic where the flow begins as it goes on; without it rest",
-}
-_CELL = {
-    "fraction": "solid fraction, needed",
-    "cell": "edge of a cell, m; without it that of the box along x",
-}
-_VORTEX = {"speed": "largest speed at the start, m/s, needed", "k": "wave number, 1/m; without it 2 pi / box"}
-_LAYERS = {**_PLATES, "interface": "its height over the lower plate, m; without it by the particles of each fluid"}
-_DROP = {"drop": "name of its fluid; without it that of which there is less"}
-_TENSION = {"tension": "surface tension, N/m; without it that of the interface"}
-_RADIUS = {"radius": "of the drop at rest, m; without it by its area or volume"}
-# What `reference.parameters` of each kind may hold
-PARAMETERS: dict[str, dict[str, str]] = {
-    "slit": {**_PLATES, **_NU, **_PUSH},
-    "couette": {**_PLATES, **_LID},
-    "poiseuille": {**_PLATES, **_NU, **_PUSH},
-    "startup_couette": {**_PLATES, **_LID, **_NU},
-    "startup_poiseuille": {**_PLATES, **_NU, **_PUSH},
-    "oscillating_slit": {**_PLATES, **_OSCILLATION},
-    "oscillating_pipe": _OSCILLATION,
-    "decaying_channel": {
-        **_PLATES, **_NU,
-        "speed": "largest speed at the start, m/s, needed",
-        "mode": "half waves between the plates; without it 1",
-    },
-    "taylor_couette": {},
-    "annulus": {},
-    "square_duct": {
-        "side": "width of the duct, m; without it that of the box",
-        "y": "lower corner of the duct, m; without it that of the box",
-        "z": "the same along z",
-    },
-    "sphere_array": _CELL,
-    "cylinder_array": _CELL,
-    "taylor_green": {**_VORTEX, **_NU},
-    "taylor_green_3d": {**_VORTEX, **_NU},
-    "lid_driven_cavity": {**_LID, **_NU},
-    "permeability": {},
-    "flow_split": {},
-    "two_layer_couette": {**_LAYERS, **_LID},
-    "two_layer_poiseuille": _LAYERS,
-    "two_layer_hydrostatics": _LAYERS,
-    "static_drop": {**_DROP, **_TENSION, **_RADIUS},
-    "contact_angle": {
-        **_DROP,
-        "angle": "degrees, through the drop; without it that of the interface",
-        "wall": "face of the box that the drop sits on: y_min, ...; without it y_min",
-        "at": "coordinate of that wall along its normal, m; without it that of the face",
-        "tilt": "degrees by which the wall is turned from y_min, counter-clockwise; needs `at`; without it 0",
-    },
-    "capillary_wave": {
-        **_TENSION,
-        "wavelength": "m; without it the box along x",
-        "amplitude": "height of the crest at t = 0, m; without it 0",
-        "speed": "upward velocity of the crest at t = 0, m/s; without it 0",
-    },
-    "oscillating_drop": {
-        **_DROP, **_TENSION, **_RADIUS,
-        "mode": "number of waves round the drop; without it 2",
-        "wall_radius": "of a round wall about the drop, m; without it there is none",
-        "from": "time from which the oscillation is fitted, s; without it half a period",
-    },
-    "imbibition": {
-        **_TENSION,
-        "drop": "name of the fluid that fills the slit; without it the first",
-        "angle": "contact angle through the first fluid, degrees; without it that of the interface",
-        "width": "of the slit, m, needed",
-        "length": "of the slit along x, m, needed",
-        "start": "way of the interface past the entrance at t = 0, m, needed",
-    },
-    "rising_bubble": _DROP,
-}  # fmt: skip

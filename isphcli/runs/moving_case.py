@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..case.forcing import drive_steps, driven_axes, longest_time, opens, walls_move, why_closed
+from ..case.yaml import CaseError, Problem
 from ..domain.communicator import current, on_first
 from ..domain.lattice import ParticleError
 from ..flow.held_velocity import leads_through
@@ -44,8 +45,8 @@ from .results import (
     series_of,
     snapshot_of,
     stopped_short,
-    terms_of,
-    terms_of_two,
+    used_physics,
+    used_physics_of_two,
     write_case,
     write_grid,
 )
@@ -199,7 +200,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         loop.measure = _both(measures, between)
     run = MovingRun(case, case.output.directory, clock, quiet, geometry, particles, stepper, loop, measures, cells,
                     seen, on_first(lambda: restart.record_of(case)), between=between, profiles=profiles)
-    if between is not None and drive_steps(case) is not None:
+    if drive_steps(case) is not None:
         loop.program = _program(run, between)
     saved = None
     if resume is not None:
@@ -247,9 +248,14 @@ def _both(measures: Measures, between: ReservoirMeasures) -> Callable[[State, Co
     return lambda state, config: measures(state, config) | between(state, config)
 
 
-def _program(run: MovingRun, between: ReservoirMeasures) -> DriveProgram:
-    """The steps of the drive of a run; each writes a row of curve.csv."""
+def _program(run: MovingRun, between: ReservoirMeasures | None) -> DriveProgram:
+    """The steps of the drive of a run; each writes a row of curve.csv. Raises CaseError where there is one fluid."""
     from .drive_steps import DriveProgram
+
+    if between is None:
+        what = "are of two fluids, and the scene has one: no particle is of the other"
+        raise CaseError((Problem(*run.case.place_of("drive.steps"), "drive.steps", what,
+                                 "see reservoirs and initial.flood, or give another drive"),))
 
     steps, measures, geometry = drive_steps(run.case), run.measures, run.geometry
     assert steps is not None and measures is not None
@@ -303,9 +309,9 @@ def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, 
             if case.output.restart_every and state.step % case.output.restart_every == 0:
                 with run.clock("output"):
                     run.save(file)
-            reports = found.reports
-            bar.update(state.step, state.time, found.dt, limit, {k: r.iterations for k, r in reports.items()},
-                       {k: r.residual for k, r in reports.items()} | {"divergence": found.max_divergence}
+            solves = found.solves
+            bar.update(state.step, state.time, found.dt, limit, {k: r.iterations for k, r in solves.items()},
+                       {k: r.residual for k, r in solves.items()} | {"divergence": found.max_divergence}
                        | ({} if loop.steady is None else {f"change (steady at {steady:g})": loop.steady.distance}))
             look_for_interrupts()
 
@@ -384,7 +390,8 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
                 *(f"changed by a restart from {line}" for line in restart.sentences(run.record, of_flow=True))]
     return {
         "message": "; ".join(filter(None, messages)) or None,
-        "terms": terms_of(run.case, run.geometry, axis is not None) + (terms_of_two(stepper.fluids) if two else []),
+        "terms": [*used_physics(run.case, run.geometry, axis is not None),
+                  *(used_physics_of_two(run.case, stepper.fluids) if two else ())],
         "permeability": permeability,
         "permeability_error": error,
         "superficial_velocity": superficial,

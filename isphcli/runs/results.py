@@ -275,55 +275,53 @@ def counts_of(particles: Particles, halo: int) -> dict[str, int]:
     return {"fluid": fluid, "dummy": dummy, "halo": images, "left_out": left_out}
 
 
-def terms_of(case: Case, geometry: Geometry, driven: bool) -> list[str]:
+def used_physics(case: Case, geometry: Geometry, driven: bool) -> list[str]:
     """Entry `terms` of the summary: what of the method a scene of this case uses; driven: whether a force acts."""
-    terms = ["viscosity", "pressure"]
+    used = ["viscosity", "pressure"]
     if held_axis(case) is not None:
-        terms.append("held velocity")
+        used.append("held velocity")
     if driven and (held_axis(case) is None or body_force(case, geometry.dim).any()):
-        terms.append("body force")
-    terms += [force.name for force in forces_of(case, geometry)]
+        used.append("body force")
+    used += [force.name for force in forces_of(case, geometry)]
     if drive_steps(case) is not None:
-        terms.append("drive in steps")
+        used.append("drive in steps")
     if changes(case):
-        terms.append("drive that changes with time")
+        used.append("drive that changes with time")
     if geometry.has_solid:
-        terms.append("walls")
+        used.append("walls")
         if np.any(geometry.wall_speed):
-            terms.append("moving walls")
+            used.append("moving walls")
         if np.any(geometry.slip_length > 0.0):
-            terms.append("slip walls")
-    if case.reservoirs is not None:
-        terms.append("reservoirs")
+            used.append("slip walls")
     if any(geometry.periodic):
-        terms.append("periodic halo")
+        used.append("periodic halo")
     if case.flow == "navier_stokes" and case.particles.shifting > 0.0:
-        terms.append("shifting")
+        used.append("shifting")
     if case.flow == "navier_stokes" and case.particles.keep_volume > 0.0:
-        terms.append("kept volume")
-    return terms
+        used.append("kept volume")
+    return used
 
 
-def terms_of_two(fluids: Fluids) -> list[str]:
-    """Of a scene in which two fluids are present. fluids: TwoFluids, or OneFluid where only their names differ."""
+def used_physics_of_two(case: Case, fluids: Fluids) -> list[str]:
+    """Of a scene in which both fluids of a case are. fluids: TwoFluids, or OneFluid where only their names differ."""
     from ..two_phase.two_fluids import TwoFluids
 
-    terms = ["two fluids"]
+    used = ["two fluids", *["reservoirs"] * (case.reservoirs is not None)]
     if not isinstance(fluids, TwoFluids):
-        return terms
+        return used
     if fluids.density[0] != fluids.density[1]:
-        terms.append("density jump")
+        used.append("density jump")
     if fluids.mu[0] != fluids.mu[1]:
-        terms.append("viscosity jump")
+        used.append("viscosity jump")
     if fluids.tension is not None:
-        terms.append(f"surface tension ({fluids.tension.method})")
+        used.append(f"surface tension ({fluids.tension.method})")
         if fluids.contact is not None:
-            terms.append("contact angle")
+            used.append("contact angle")
         if fluids.added_viscosity > 0.0:
-            terms.append("artificial viscosity at the interface")
+            used.append("artificial viscosity at the interface")
         if fluids.line is not None:
-            terms.append("slip at contact lines")
-    return terms
+            used.append("slip at contact lines")
+    return used
 
 
 def added_viscosity(fluids: Fluids) -> str | None:

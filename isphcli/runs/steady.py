@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ..domain.lattice import Particles
     from ..geometry.protocol import Geometry
     from ..output.clock import Clock
-    from ..solvers.krylov import Report, Watch
+    from ..solvers.krylov import Convergence, Watch
 
 
 LEVEL = 0.01  # slope to the lattice up to which a wall lies along it: a tenth of a spacing on ten spacings
@@ -73,7 +73,7 @@ class StokesResult:
     permeability: np.ndarray | None
     divergence: float
     mass_error: float
-    report: Report
+    convergence: Convergence
     halo: int
     narrow: int
     components: int
@@ -215,7 +215,7 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
     drop = 0.0 if axis is None else fluid.density * float(force[axis]) * float((geometry.upper - geometry.lower)[axis])
     return StokesResult(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
                  flow.pressure * fluid.density, superficial, mean, permeability,
-                 *_mass(scene, flow, cell_velocity, axis), flow.report, scene.halo,
+                 *_mass(scene, flow, cell_velocity, axis), flow.convergence, scene.halo,
                  int(reduce.total(system.ops.narrow)), system.count, int((~scene.percolates.any(axis=1)).sum()),
                  scene.cells, drop, wall_stress(geometry, particles.x[: particles.n_fluid], flow.velocity, laplacian,
                                                 (system.spacing, fluid.mu)), residuals=residuals)

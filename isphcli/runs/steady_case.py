@@ -40,7 +40,7 @@ from .results import (
     scene_entries,
     series_of,
     snapshot_of,
-    terms_of,
+    used_physics,
     write_grid,
 )
 
@@ -264,7 +264,8 @@ def _solve_one_axis(job: Job, scene: steady.SteadyScene, axis: int | None, force
             flow.diffusivity = steady.solve_diffusion(job.case, scene, axis, job.clock, _watch(stage))
     found.history.append({"step": len(found.history) + 1, "spacing": spacing,
                           "axis": "xyz"[axis] if axis is not None else "",
-                          "iterations_stokes": flow.report.iterations, "residual_stokes": flow.report.residual,
+                          "iterations_stokes": flow.convergence.iterations,
+                          "residual_stokes": flow.convergence.residual,
                           **{f"superficial_velocity_{a}": float(v) for a, v in zip("xyz", flow.superficial)}})
 
 
@@ -378,7 +379,7 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
         "warnings": seen.warnings,
         "particles": counts_of(main.particles, main.halo),
         **scene,
-        "terms": terms_of(case, main.geometry, _drive_of(axes))
+        "terms": used_physics(case, main.geometry, _drive_of(axes))
                  + (["adjoint divergence in narrow pores"] if main.narrow else []),
         "steps": 0,
         "time": None,

@@ -169,9 +169,9 @@ class TimeLoop:
         fraction = number * self.site_volume / self.box_volume
         row = {"step": state.step, "time": state.time, "dt": found.dt, "limit": limit}
         for name in ("velocity", "pressure"):
-            report = found.reports[name]
-            row[f"iterations_{name}"] = report.iterations
-            row[f"residual_{name}"] = report.residual
+            solve = found.solves[name]
+            row[f"iterations_{name}"] = solve.iterations
+            row[f"residual_{name}"] = solve.residual
         row |= {"rebuilt": int(found.rebuilt), "divergence": found.max_divergence, "kinetic_energy": energy}
         if found.volume_drift is not None:
             row["volume_drift"] = found.volume_drift

@@ -143,8 +143,8 @@ def initial_velocity(case: Case, x: np.ndarray) -> np.ndarray:
 
 
 def seam(case: Case, particles: Particles, geometry: Geometry) -> Seam | None:
-    """The Seam between the two reservoirs of a case, or None."""
-    if case.reservoirs is None:
+    """The Seam between the two reservoirs of a case, or None: without them, and of one fluid, which goes round."""
+    if case.reservoirs is None or not particles.two_fluids:
         return None
     from ..flow.seam import Seam
 

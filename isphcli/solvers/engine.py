@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from ..domain.communicator import current
 from ..domain.exchange import Exchange
-from .krylov import Apply, Limits, Report, Watch, gmres, gmres_from_the_right
+from .krylov import Apply, Convergence, Limits, Watch, gmres, gmres_from_the_right
 from .multigrid import BlockCycle, cycle, hierarchy
 from .pair_cycle import PairCycle, SweptMatrix
 
@@ -48,7 +48,7 @@ class Engine(Protocol):
         ...
 
     def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
-              start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Report]:
+              start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
         """See `krylov.gmres_from_the_right`."""
         ...
 
@@ -57,7 +57,7 @@ class Engine(Protocol):
         ...
 
     def gmres_of_step(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
-                      start: np.ndarray | None = None) -> tuple[np.ndarray, Report]:
+                      start: np.ndarray | None = None) -> tuple[np.ndarray, Convergence]:
         """GMRES for systems of moving particles, those of the pressure among them, which are singular."""
         ...
 
@@ -76,7 +76,7 @@ class OneProcess:
         return BlockCycle(hierarchy(matrix, strength), cycles)
 
     def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
-              start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Report]:
+              start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
         """See `Engine`."""
         return gmres_from_the_right(apply, rhs, precondition, limits, start, watch)
 
@@ -85,7 +85,7 @@ class OneProcess:
         return Levels(hierarchy(matrix))
 
     def gmres_of_step(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
-                      start: np.ndarray | None = None) -> tuple[np.ndarray, Report]:
+                      start: np.ndarray | None = None) -> tuple[np.ndarray, Convergence]:
         """See `Engine`: from the left."""
         return gmres(apply, rhs, precondition, limits, start)
 

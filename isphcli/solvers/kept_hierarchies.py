@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from ..domain.communicator import current
 from ..domain.exchange import NO_EXCHANGE, Exchange
 from .engine import ONE_PROCESS, Engine, Kept
-from .krylov import Apply, Limits, Report, SolveError
+from .krylov import Apply, Convergence, Limits, SolveError
 
 if TYPE_CHECKING:
     from ..flow.state import State
@@ -33,7 +33,7 @@ class KeptHierarchies:
     """The solver of a run; the hierarchies are its only changing state.
 
     tolerance: of a residual over its right-hand side; restart: Krylov vectors; max_iterations: of a solve;
-    clock: clock.Clock; engine: what solves. reports, rebuilt: of the solves since `begin`.
+    clock: clock.Clock; engine: what solves. solves, rebuilt: of the solves since `begin`.
     """
 
     tolerance: float
@@ -41,7 +41,7 @@ class KeptHierarchies:
     max_iterations: int
     clock: Clock
     engine: Engine = ONE_PROCESS
-    reports: dict[str, Report] = field(default_factory=dict)
+    solves: dict[str, Convergence] = field(default_factory=dict)
     rebuilt: bool = False
 
     def __post_init__(self) -> None:
@@ -54,8 +54,8 @@ class KeptHierarchies:
         return name in self._levels
 
     def begin(self, state: State, dt: float) -> None:
-        """A step of dt from `state` begins: reports are of this step, and hierarchies that are built belong to it."""
-        self.reports, self.rebuilt, self._now = {}, False, (state, dt)
+        """A step of dt from `state` begins: solves are of this step, and hierarchies that are built belong to it."""
+        self.solves, self.rebuilt, self._now = {}, False, (state, dt)
 
     def drop(self) -> None:
         """Forget the hierarchies: the next solves build new ones."""
@@ -83,7 +83,7 @@ class KeptHierarchies:
         self._first = {name: first for name, (_, _, first) in origins.items()}
 
     def krylov(self, apply: Apply, right: np.ndarray, precondition: Apply, guess: np.ndarray | None, factor: int = 1,
-               tolerance: float | None = None) -> tuple[np.ndarray, Report]:
+               tolerance: float | None = None) -> tuple[np.ndarray, Convergence]:
         """GMRES with `factor` times the Krylov vectors and iterations of the case; see `Engine.gmres_of_step`."""
         limits = Limits(tolerance or self.tolerance, self.restart, self.max_iterations)
         return self.engine.gmres_of_step(apply, right, precondition, limits.times(factor), guess)
@@ -91,12 +91,12 @@ class KeptHierarchies:
     def multigrid(self, name: str, matrix: sp.csr_matrix, apply: Apply, right: np.ndarray, guess: np.ndarray | None,
                   spread: Callable[[Apply], Apply] | None = None,
                   tolerance: float | None = None,
-                  exchange: Exchange = NO_EXCHANGE) -> tuple[np.ndarray, Report]:
+                  exchange: Exchange = NO_EXCHANGE) -> tuple[np.ndarray, Convergence]:
         """GMRES with the hierarchy kept under `name`. One whose iterations have grown is dropped after the solve; a
         solve that failed is repeated with a new one, then with RETRY_FACTOR cycles of it.
 
         matrix: (m, m + remote) that the hierarchy is built on; apply: the system, of any size; spread: makes of a cycle
-        the preconditioner of `apply`; exchange: of the remote columns. Returns the last solution and its Report,
+        the preconditioner of `apply`; exchange: of the remote columns. Returns the last solution and its Convergence,
         converged or not.
         """
         factors = [1, RETRY_FACTOR] if name not in self._levels else [1, 1, RETRY_FACTOR]
@@ -111,27 +111,27 @@ class KeptHierarchies:
             precondition = _cycles(self._levels[name].cycle(matrix, exchange), matrix, exchange, factor)
             if spread is not None:
                 precondition = spread(precondition)
-            solution, report = self.krylov(apply, right, precondition, guess, factor, tolerance)
+            solution, convergence = self.krylov(apply, right, precondition, guess, factor, tolerance)
             if fresh:
-                self._first[name] = report.iterations
+                self._first[name] = convergence.iterations
             first = self._first[name]
-            if report.converged and report.iterations <= max(REBUILD_RATIO * first, first + REBUILD_MARGIN):
+            if convergence.converged and convergence.iterations <= max(REBUILD_RATIO * first, first + REBUILD_MARGIN):
                 break
             self._levels.pop(name).release()
-            if report.converged:
+            if convergence.converged:
                 break
-        return solution, report
+        return solution, convergence
 
-    def record(self, name: str, report: Report, residual: Callable[[], np.ndarray]) -> None:
-        """Keep the report of the hardest solve of a system. Raises SolveError, with the residual (n,) of each particle
-        as its `violation`, where it did not converge."""
-        if not report.converged:
-            error = SolveError(name, report)
+    def record(self, name: str, convergence: Convergence, residual: Callable[[], np.ndarray]) -> None:
+        """Keep the convergence of the hardest solve of a system. Raises SolveError, with the residual (n,) of each
+        particle as its `violation`, where it did not converge."""
+        if not convergence.converged:
+            error = SolveError(name, convergence)
             error.violation = residual()
             raise error
-        before = self.reports.get(name)
-        if before is None or before.iterations < report.iterations:
-            self.reports[name] = report
+        before = self.solves.get(name)
+        if before is None or before.iterations < convergence.iterations:
+            self.solves[name] = convergence
 
 
 def _cycles(once: Apply, matrix: sp.csr_matrix, exchange: Exchange, count: int) -> Apply:

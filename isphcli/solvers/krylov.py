@@ -1,4 +1,4 @@
-"""GMRES from either side, and what a solve reports. Constants are projected out by `domain.components` (eqs 25-26)."""
+"""GMRES from either side, and how a solve went. Constants are projected out by `domain.components` (eqs 25-26)."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ Watch = Callable[[int, float], None]  # told of each iteration and its relative 
 
 
 class SolveError(RuntimeError):
-    """A linear system that missed its tolerance. Attributes: system, report; violation: (n,) residual of each particle,
-    or None; worst: the file of the particles of the largest ones, or None."""
+    """A linear system that missed its tolerance. Attributes: system, convergence; violation: (n,) residual of each
+    particle, or None; worst: the file of the particles of the largest ones, or None."""
 
     violation: np.ndarray | None = None
     worst: Path | None = None
 
-    def __init__(self, system: str, report: Report):
-        self.system, self.report = system, report
+    def __init__(self, system: str, convergence: Convergence):
+        self.system, self.convergence = system, convergence
         # a steady solve has no time step, and what it fails on are pores that the lattice does not resolve
         advice = "a smaller particles.spacing" if system == "Stokes" else "smaller time steps (time.step or time.cfl)"
         super().__init__(
-            f"the {system} system did not converge: residual {report.residual:.2e} after {report.iterations} "
-            f"iterations (asked: {report.tolerance:.1e}; {report.reason}); try a larger solver.max_iterations, "
-            f"{advice} or a larger solver.tolerance"
+            f"the {system} system did not converge: residual {convergence.residual:.2e} after {convergence.iterations} "
+            f"iterations (asked: {convergence.tolerance:.1e}; {convergence.reason}); try a larger "
+            f"solver.max_iterations, {advice} or a larger solver.tolerance"
         )
 
 
@@ -52,7 +52,7 @@ class Limits(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Report:
+class Convergence:
     """How a solve went: preconditioner calls, relative true residual, tolerance asked, and why it ended."""
 
     iterations: int
@@ -67,11 +67,11 @@ class Report:
 
 
 def gmres(apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
-          start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Report]:
+          start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
     """GMRES preconditioned from the left.
 
     apply, precondition: functions of an (m,) vector; rhs: (m,); start: first guess or None;
-    watch: called with (iteration, relative preconditioned residual). Returns (solution, Report).
+    watch: called with (iteration, relative preconditioned residual). Returns (solution, Convergence).
     The singular pressure systems of moving particles are solved so: from the right, small ones break down at 1e-4.
     What falls is the preconditioned residual; where the true one has not fallen as much by then, the same Krylov space
     grows on. scipy's starts a new one, which costs two or three products and cycles of a dozen.
@@ -79,7 +79,7 @@ def gmres(apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
     tolerance, restart, max_iterations = limits
     norm = reduce.norm(rhs)
     if norm == 0.0:
-        return np.zeros_like(rhs), Report(0, 0.0, tolerance, "zero right-hand side")
+        return np.zeros_like(rhs), Convergence(0, 0.0, tolerance, "zero right-hand side")
     count = 0
     solution = np.zeros_like(rhs) if start is None else start.copy()
     rest = rhs - apply(solution) if start is not None else rhs
@@ -111,11 +111,11 @@ def gmres(apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
             enough = STRICTER * min(enough, space.left) * tolerance / residual
         if not residual < before:  # also where it is not finite
             break
-    return solution, report_of(count, residual, tolerance)
+    return solution, convergence_of(count, residual, tolerance)
 
 
 def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
-                         start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Report]:
+                         start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
     """GMRES preconditioned from the right, which makes the true residual small.
 
     Arguments and results as those of `gmres`. scipy's preconditions from the left: the residual that it watches is
@@ -124,7 +124,7 @@ def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, lim
     tolerance, restart, max_iterations = limits
     norm = reduce.norm(rhs)
     if norm == 0.0:
-        return np.zeros_like(rhs), Report(0, 0.0, tolerance, "zero right-hand side")
+        return np.zeros_like(rhs), Convergence(0, 0.0, tolerance, "zero right-hand side")
     count = 0
     solution = np.zeros_like(rhs) if start is None else start.copy()
     rest = rhs - apply(solution) if start is not None else rhs
@@ -147,7 +147,7 @@ def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, lim
         before, residual = residual, reduce.norm(rest) / norm
         if not residual < before:  # also where it is not finite
             break
-    return solution, report_of(count, residual, tolerance)
+    return solution, convergence_of(count, residual, tolerance)
 
 
 class KrylovSpace:
@@ -197,12 +197,12 @@ class KrylovSpace:
         return self.basis.combine(solve_triangular(self._triangle[:k, :k], self._turned[:k], check_finite=False))
 
 
-def report_of(iterations: int, residual: float, tolerance: float) -> Report:
-    """The Report of a solve that ended with a relative residual."""
+def convergence_of(iterations: int, residual: float, tolerance: float) -> Convergence:
+    """The Convergence of a solve that ended with a relative residual."""
     if not np.isfinite(residual):
         reason = "not finite"
     elif residual <= tolerance:
         reason = "converged"
     else:
         reason = "out of iterations"
-    return Report(iterations, residual, tolerance, reason)
+    return Convergence(iterations, residual, tolerance, reason)

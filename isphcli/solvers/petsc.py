@@ -17,7 +17,7 @@ from ..domain.communicator import INSTALL, Ranks, RanksError, current
 from ..domain.exchange import Exchange
 from ..domain.migration import Numbered
 from ..domain.null_space import GROUND
-from .krylov import Apply, Limits, Report, Watch, report_of
+from .krylov import Apply, Convergence, Limits, Watch, convergence_of
 from .pair_cycle import SweptMatrix
 
 try:
@@ -107,17 +107,17 @@ class Petsc:
         return found
 
     def gmres_of_step(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
-                      start: np.ndarray | None = None) -> tuple[np.ndarray, Report]:
+                      start: np.ndarray | None = None) -> tuple[np.ndarray, Convergence]:
         """See `engine.Engine`."""
         return self.gmres(apply, rhs, precondition, limits, start)
 
     def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
-              start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Report]:
+              start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
         """See `krylov.gmres_from_the_right`: whether it has converged is decided by the residual that is computed
         afterwards, not by PETSc's, which was below the tolerance on wrong solutions of singular systems."""
         norm = reduce.norm(rhs)
         if norm == 0.0:
-            return np.zeros_like(rhs), Report(0, 0.0, limits.tolerance, "zero right-hand side")
+            return np.zeros_like(rhs), Convergence(0, 0.0, limits.tolerance, "zero right-hand side")
         size = (len(rhs), reduce.number(rhs))
         shells = _Shell(apply), _Shell(precondition)
         system = PETSc.Mat().createPython((size, size), shells[0], comm=self.comm)
@@ -160,7 +160,7 @@ class Petsc:
         # of several processes petsc4py keeps every object until its end that is not destroyed, and all that it holds
         for used in (krylov, inner, system, right, found):
             used.destroy()
-        return solution, report_of(iterations, float(residual), limits.tolerance)
+        return solution, convergence_of(iterations, float(residual), limits.tolerance)
 
 
 class _Cycle:

@@ -228,7 +228,7 @@ def _gather(rows, work, particles, cells, asked, out):
                     if p2 < 0 or cell < rows[0] or cell >= rows[1] or r2 >= reach * reach or not fluid[cell] > 0.0:
                         continue
                     d[0], d[y], d[z] = d0 if dim == 3 else d1, d1, d2
-                    _add(cell, i, d, bent, particles, asked, least, out)
+                    _add(cell, i, (d, bent), particles, asked, least, out)
 
 
 @njit(cache=True, nogil=True)
@@ -240,7 +240,7 @@ def _gather_seen(rows, work, particles, pairs, asked, out):
     for cell in range(rows[0], rows[1]):
         for p in range(start[cell], start[cell + 1]):
             i = particle[p]
-            _add(cell, i, offset[p], _bent(slope, form, i), particles, asked, work, out)
+            _add(cell, i, (offset[p], _bent(slope, form, i)), particles, asked, work, out)
 
 
 @njit(cache=True, inline="always")
@@ -254,17 +254,17 @@ def _bent(slope, form, i):
 
 
 @njit(cache=True, inline="always")
-def _add(cell, i, d, bent, particles, asked, least, out):
-    """Adds what a particle makes of phi in the middle of a cell, d (dim,) from it. asked: how far particles are asked,
+def _add(cell, i, way, particles, asked, least, out):
+    """Adds what a particle makes of phi in the middle of a cell. way: that from it, d (dim,), m, and what `_bent` says
+    of the particle; asked: how far particles are asked,
     reach, m, and how far from the interface they may be, far, m; least: (n_cells, 2) squared distances so far."""
-    (_, phi, slope, form), (weight, sums, nearest), (reach, far) = particles, out, asked
+    (d, (size, trace)), (_, phi, slope, form), (weight, sums, nearest), (reach, far) = way, particles, out, asked
     dim, r2, side_of = len(d), 0.0, 1 if phi[i] <= 0.0 else 0
     for k in range(dim):
         r2 += d[k] * d[k]
     if r2 < least[cell, side_of]:
         least[cell, side_of], nearest[cell, side_of] = r2, i
     if abs(phi[i]) <= far:
-        size, trace = bent
         w = (1.0 - math.sqrt(r2) / reach) ** 4
         there = phi[i]
         for k in range(dim):

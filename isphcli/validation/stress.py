@@ -875,8 +875,8 @@ What a run does with a step that fails: [method.md](method.md), section 6. What 
 """
 
 
-def page(large: bool = True, report: Callable[[str], None] | None = None) -> tuple[str, bool]:
-    """(docs/stability.md, whether every scene kept its bound). report: called with each line as it is known."""
+def page(large: bool = True, tell: Callable[[str], None] | None = None) -> tuple[str, bool]:
+    """(docs/stability.md, whether every scene kept its bound). tell: called with each line as it is known."""
     lines = ["| scene | setting | invariant | measured | bound | |", "|---|---|---|---|---|---|"]
     failed, begin = 0, time.perf_counter()
     for s in SCENES:
@@ -888,7 +888,7 @@ def page(large: bool = True, report: Callable[[str], None] | None = None) -> tup
         failed += not good
         verdict = "" if good else "fails"
         lines.append(f"| {s.name} | {s.setting} | {s.invariant} | {shown} | {s.bound:g} | {verdict} |")
-        if report is not None:
-            report(f"{lines[-1]} {time.perf_counter() - begin:.0f} s")
+        if tell is not None:
+            tell(f"{lines[-1]} {time.perf_counter() - begin:.0f} s")
     counts = f"{len(SCENES) - failed} of {len(SCENES)} scenes keep their bound."
     return PAGE.format(table="\n".join(lines), counts=counts), not failed

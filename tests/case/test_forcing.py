@@ -86,7 +86,7 @@ def test_formulas_have_the_values_of_a_time():
     found = forcing.acceleration(case, lengths, many)
     assert found.shape == (2, 3, 3) and np.array_equal(found[1, 2], forcing.acceleration(case, lengths, 5.0))
     assert forcing.pressure_gradient(case, lengths, many)[..., 0] == pytest.approx(8 * np.cos(many))
-    assert forcing.in_words(case) == "body force that changes with time"
+    assert forcing.in_words(case) == "a pressure drop and body force that changes with time"
 
 
 def test_the_largest_force_of_a_run_is_looked_for_up_to_its_end():

@@ -37,7 +37,7 @@ def test_reads_a_case_of_shapes_and_fills_in_what_it_can_decide(files):
     assert case.geometry.shapes[4].spheres.file == files / "beads.csv"
     assert case.particles.lattice == "square"
     assert case.output.directory == files / "out/case"
-    assert case.reference.parameters == Table({"U": 1.0, "wall": "y_max"})
+    assert case.reference.parameters == Table({"wall_velocity": 1.0})
     assert case.initial.velocity == ("sin(2*pi*x)", "0")
     assert read(MINIMAL).support == 2.1
 

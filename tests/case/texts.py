@@ -40,7 +40,7 @@ fluids:
 initial: {velocity: ["sin(2*pi*x)", 0]}
 time: {steady: 1e-4}
 drive: {pressure_drop: {x: 2}}
-reference: {kind: couette, tolerance: 0.01, parameters: {U: 1e0, wall: y_max}}
+reference: {kind: couette, tolerance: 0.01, parameters: {wall_velocity: 1e0}}
 """
 
 MINIMAL = """\

@@ -92,7 +92,7 @@ def test_sphere_array_converges():
 
 def test_iterations_do_not_grow():
     """Within 20 % from 12 to 24 spacings a cell (benchmarks/iterations.py goes on to 64)."""
-    counts = [spheres(k)[2].report.iterations for k in (12, 24)]
+    counts = [spheres(k)[2].convergence.iterations for k in (12, 24)]
     assert counts[1] <= 1.2 * counts[0] + 1
 
 
@@ -121,7 +121,7 @@ flow: stokes
     scene, flow = solve(text)
     assert flow.permeability[0] * 2 * 6 * np.pi * radius * 162.9 == pytest.approx(1.0, abs=0.01)
     assert 0 < flow.narrow < 0.1 * scene.particles.n_fluid
-    assert flow.report.iterations < 40
+    assert flow.convergence.iterations < 40
 
 
 def test_permeability_of_a_random_pack_of_beads_converges():
@@ -139,7 +139,7 @@ def test_permeability_of_a_random_pack_of_beads_converges():
     assert (np.diff(k) > 0).all() and k[-1] < 1.01 * k[0]
     assert k[-1] == pytest.approx(2.265e-3, rel=0.01)  # where the trend leads
     assert (np.array([flow.mass_error for flow in flows]) < [0.03, 0.02, 0.015]).all()
-    assert max(flow.report.iterations for flow in flows) < 50
+    assert max(flow.convergence.iterations for flow in flows) < 50
 
 
 def test_units_do_not_matter():

@@ -43,7 +43,7 @@ def test_beads_that_touch_let_the_pressure_be_solved():
     for _ in range(4):
         found = stepper.advance(state, config, 1.4e-4)
         state, config = found.state, found.config
-        assert found.reports["pressure"].iterations < 40
+        assert found.solves["pressure"].iterations < 40
         assert np.linalg.norm(state.u, axis=1).max() < 10 * 1.06 * state.time
 
 

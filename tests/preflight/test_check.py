@@ -12,7 +12,7 @@ from tests.preflight.cases import DROP, IMAGE, SLIT, SPHERE, read
 
 
 def used(text: str, *overrides: str) -> set[str]:
-    return {term.name for term in check(read(text, *overrides)).terms if term.used}
+    return {term.name for term in check(read(text, *overrides)).physics if term.used}
 
 
 @pytest.mark.parametrize("text", [SLIT, SPHERE, IMAGE, DROP])
@@ -41,7 +41,7 @@ def test_terms_in_use():
 
 
 def test_every_term_says_why():
-    assert all(term.why for text in (SLIT, SPHERE, IMAGE, DROP) for term in check(read(text)).terms)
+    assert all(term.why for text in (SLIT, SPHERE, IMAGE, DROP) for term in check(read(text)).physics)
 
 
 def test_a_lattice_too_large_to_look_at_is_estimated_from_random_points(folder, monkeypatch):

@@ -5,7 +5,7 @@ import pytest
 
 from isphcli.output.clock import Clock
 from isphcli.preflight.check import check
-from isphcli.preflight.check_report import Motion
+from isphcli.preflight.check_result import Motion
 from isphcli.runs.time_loop import TimeLoop
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare

@@ -6,7 +6,7 @@ import scipy.sparse as sp
 
 from isphcli.output.clock import Clock
 from isphcli.solvers.kept_hierarchies import REBUILD_MARGIN, REBUILD_RATIO, KeptHierarchies
-from isphcli.solvers.krylov import Report, SolveError
+from isphcli.solvers.krylov import Convergence, SolveError
 
 N = 24
 
@@ -90,10 +90,10 @@ def test_what_cannot_be_solved_is_reported_with_its_residual():
 def test_the_report_of_a_step_is_that_of_its_hardest_solve():
     solvers = kept()
     for iterations in (3, 7, 5):
-        solvers.record("velocity", Report(iterations, 1e-9, 1e-8, "converged"), lambda: np.zeros(1))
-    assert solvers.reports["velocity"].iterations == 7
+        solvers.record("velocity", Convergence(iterations, 1e-9, 1e-8, "converged"), lambda: np.zeros(1))
+    assert solvers.solves["velocity"].iterations == 7
     solvers.begin("second state", 0.25)
-    assert solvers.reports == {}
+    assert solvers.solves == {}
 
 
 def test_rebuilt_from_its_origin_a_hierarchy_has_the_same_bits():

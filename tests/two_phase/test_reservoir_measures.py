@@ -71,6 +71,16 @@ def test_a_pocket_that_only_touches_the_inlet_is_closed_in_the_check_and_in_the_
     assert "1 closed pockets (4.8 % of the fluid); open along x (" in found.text()
 
 
+def test_one_fluid_at_both_ends_goes_round():
+    """There is no seam and nothing at an interface, in the run and in the check before it."""
+    text = TUBE.replace("SHAPES", "[]").replace("inlet: gas", "inlet: water")
+    case = read_case(text.replace("drive:", "interface: {tension: 1}\ndrive:").encode(), "case.yaml")
+    _, stepper, particles = prepare(case, build_geometry(case), Clock())
+    assert stepper.seam is None and not particles.two_fluids
+    left_out = {term.name for term in check(case).physics if not term.used}
+    assert {"surface tension", "contact angle", "fluid contrasts", "reservoirs"} <= left_out
+
+
 def test_what_only_touches_the_other_reservoir_over_the_seam_is_cut_off():
     """Gas at the outlet, which has broken through from nowhere, lies beside the gas of the inlet only over the seam."""
     *_, state, stepper, _, between = scene()

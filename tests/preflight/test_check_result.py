@@ -1,4 +1,4 @@
-"""The report as it is printed."""
+"""The check as it is printed."""
 
 import dataclasses
 
@@ -7,10 +7,10 @@ from tests.preflight.cases import DROP, read
 
 
 def test_the_text_has_all_of_it():
-    report = check(read(DROP))
-    text = report.text()
-    for term in report.terms:
+    found = check(read(DROP))
+    text = found.text()
+    for term in found.physics:
         assert term.name in text
     for word in ("particles", "porosity", "throats", "Re ", "Ca ", "capillary", "memory", "time", "verdict"):
         assert word in text
-    assert dataclasses.asdict(report)["dim"] == 2
+    assert dataclasses.asdict(found)["dim"] == 2

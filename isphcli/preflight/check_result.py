@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Term:
+class Physics:
     """A part of the physics, whether the case uses it, and why."""
 
     name: str
@@ -109,12 +109,12 @@ class ShareOfRank:
 
 
 @dataclass
-class CheckReport:
+class CheckResult:
     """What is known of a case without running it; lengths in m, axes in the order x, y(, z)."""
 
     case: Case
     dim: int
-    terms: list[Term]
+    physics: list[Physics]
     particles: dict[str, int]
     connectivity: Connectivity | None = None
     throats: Throats | None = None
@@ -142,17 +142,17 @@ class CheckReport:
 # -- text ------------------------------------------------------------------------------------------------
 
 
-def report_lines(r: CheckReport) -> Iterator[str]:
+def report_lines(r: CheckResult) -> Iterator[str]:
     """The lines of `isph validate --check-only`, in order; of a case that is refused by its size only why."""
     case = r.case
     yield f"{case.path or 'case'}: {case.title}".rstrip(": ")
-    if not r.terms:  # refused by its size
+    if not r.physics:  # refused by its size
         yield from (_row("ERROR", text) for text in r.errors)
         yield _row("verdict", "cannot run")
         return
     yield from (_row(name, text) for name, text in r.inputs)
-    used = [f"{t.name} ({t.why})" for t in r.terms if t.used]
-    out = [f"{t.name} ({t.why})" for t in r.terms if not t.used]
+    used = [f"{t.name} ({t.why})" for t in r.physics if t.used]
+    out = [f"{t.name} ({t.why})" for t in r.physics if not t.used]
     yield _row("uses", "; ".join(used))
     yield _row("leaves out", "; ".join(out))
     if r.particles:
