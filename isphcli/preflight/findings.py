@@ -124,17 +124,17 @@ def resolution_findings(result: CheckResult, geometry: Geometry, lattice: Lattic
 
 
 def contact_angle_findings(case: Case, geometry: Geometry) -> Iterator[str]:
-    """A wedge of fluid at the contact line that is thinner than a spacing farther than the interface is fitted over."""
+    """A wedge of fluid at the contact line that is thinner than a spacing as far as the wall asks for the angle."""
     if case.interface is None or not geometry.has_solid or len(case.fluids) < 2:
         return
-    from ..two_phase.sight import SIGHT
+    from ..two_phase.contact_angle import NEAR_LINE
 
     angle = case.interface.contact_angle
     slope = math.tan(math.radians(min(angle, 180.0 - angle)))
-    if slope * SIGHT < 1.0:
+    if slope * NEAR_LINE < 1.0:
         thin = case.fluid_names[0 if angle < 90.0 else 1]
         far = "all along a film" if slope < 1e-6 else f"up to {1.0 / slope:.2g} spacings from the contact line"
-        least = math.ceil(math.degrees(math.atan(1.0 / SIGHT)))
+        least = math.ceil(math.degrees(math.atan(1.0 / NEAR_LINE)))
         yield (
             f"interface.contact_angle {angle:g}: {thin} on the wall is thinner than a spacing {far}, which no spacing "
             f"resolves: drops rest at other angles, and films break; {least} to {180 - least} degrees are resolved"

@@ -450,7 +450,7 @@ def _finish_ranks(run: MovingRun, summary: Summary, result: Result, config: Conf
 
 def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state: State, config: Configuration) -> None:
     """Adds to the summary what is measured of two fluids."""
-    from ..two_phase.measures import broke_up, rests_elsewhere
+    from ..two_phase.measures import broke_up, misses_its_angle
     from ..two_phase.measures import summary as summary_of_two
 
     case = run.case
@@ -462,7 +462,7 @@ def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state:
     if not moved:
         said = [broke_up(measures.names, run.history, summary["two_fluids"])]
         if case.interface is not None:
-            said.append(rests_elsewhere(case.interface.contact_angle, summary["two_fluids"]))
+            said.append(misses_its_angle(case.interface.contact_angle, run.history, summary["two_fluids"]))
         if any(said):
             summary.setdefault("warnings", []).extend(text for text in said if text)
 

@@ -38,8 +38,7 @@ ROUND = 0.1  # length of the mean direction round a periodic axis below which a 
 # of 22 across, scatter of the angle at 60 to 150 degrees: up to 9, 5 and 1.7 degrees with 8, 10 and 16.
 FARTHEST = 16.0
 FLAT = 0.1  # mean distances by which the wall under those points may differ from a plane
-AT_REST = 2e-3  # capillary number of the largest speed; drops that spread have 1e-2 and more
-OFF = 5.0  # degrees by which a drop at rest may miss its contact angle before a run says so
+OFF = 5.0  # degrees by which a drop may miss its contact angle at the end before a run says so
 ON_ARC = 0.5  # mean distances by which the points may differ from their circle (root mean square)
 
 
@@ -369,11 +368,21 @@ def broke_up(names: Sequence[str], rows: Sequence[Mapping[str, Any]], block: Map
             "(particles.spacing) tell whether it does") if grown else None
 
 
-def rests_elsewhere(asked: float, block: Mapping[str, Any]) -> str | None:
-    """A sentence on a drop at rest whose contact angle is not the one that was asked for, degrees, or None. block: of
-    `summary`."""
+def misses_its_angle(asked: float, rows: Sequence[Mapping[str, Any]], block: Mapping[str, Any]) -> str | None:
+    """A sentence on a drop that nothing drives and whose contact angle at the end is not the one that was asked for,
+    degrees, or None. rows: of the history; block: of `summary`."""
     angle, speed = block.get("contact_angle"), block.get("spurious_capillary_number")
-    if angle is None or speed is None or speed > AT_REST or abs(angle - asked) <= OFF:
+    known = [row for row in rows if row.get("contact_angle") is not None]
+    if speed is None or (angle is None and not known):  # something drives it; no drop on a wall
         return None
-    return (f"the contact angle is {angle:.1f} degrees at the end, {asked:g} were asked for: near the wall a fluid is "
-            "thinner than a spacing, which is not resolved; more particles (particles.spacing) come nearer")
+    if angle is None:
+        last = known[-1]
+        if abs(last["contact_angle"] - asked) <= OFF:
+            return None
+        return (f"no contact angle is found at the end, {asked:g} degrees were asked for: the drop came off its wall "
+                f"or spread to a film; at t = {last['time']:.4g} the angle was {last['contact_angle']:.1f} degrees")
+    if abs(angle - asked) <= OFF:
+        return None
+    return (f"the contact angle is {angle:.1f} degrees at the end, {asked:g} were asked for: either the drop still "
+            f"moves (capillary number of the largest speed {speed:.1e}; a later time.end tells), or near the wall a "
+            "fluid is thinner than a spacing, which is not resolved; more particles (particles.spacing) come nearer")

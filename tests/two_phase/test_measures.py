@@ -11,7 +11,7 @@ from isphcli.output.clock import Clock
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.choose_measures import choose_measures
 from isphcli.scene.prepare import prepare
-from isphcli.two_phase.measures import SELDOM, broke_up, rests_elsewhere
+from isphcli.two_phase.measures import SELDOM, broke_up, misses_its_angle
 
 DISK = """\
 geometry:
@@ -230,10 +230,13 @@ def test_more_parts_than_at_the_start_are_said():
         assert broke_up(("oil", "water"), rows(3, None, 3), {"ganglia_oil": end, "ganglia_water": 1}) is None
 
 
-def test_a_drop_that_rests_at_another_angle_is_said():
-    def said(angle, speed, asked=0.0):
-        return rests_elsewhere(asked, {"contact_angle": angle, "spurious_capillary_number": speed})
+def test_a_drop_at_another_angle_is_said():
+    def said(angle, speed=1e-4, asked=0.0, before=()):
+        rows = [{"time": 0.5 * k, "contact_angle": known} for k, known in enumerate(before)]
+        return misses_its_angle(asked, rows, {"contact_angle": angle, "spurious_capillary_number": speed})
 
-    assert "16.0 degrees at the end, 0 were asked for" in said(16.0, 1e-4)
-    assert said(16.0, 1e-2) is None and said(16.0, None) is None  # it spreads, or something drives it
-    assert said(4.0, 1e-4) is None and said(None, 1e-4) is None  # near enough; a film has no angle
+    assert "16.0 degrees at the end, 0 were asked for" in said(16.0)
+    assert "largest speed 2.1e-03" in said(27.0, 2.1e-3)  # fast or not, the angle is not the one asked for
+    assert said(16.0, None) is None and said(4.0) is None  # something drives it; near enough
+    assert said(None) is None and said(None, before=(None, 4.0, None)) is None  # no drop on a wall; a film
+    assert "at t = 0.5 the angle was 150.0 degrees" in said(None, asked=60.0, before=(None, 150.0, None))
