@@ -474,6 +474,7 @@ def _met_at_once(query, k, p, grid):
         if grid.shape[c] != k or not _inside(piece, c, x[0], x[1], x[2]):
             continue
         p[:] = x
+        middle = False
         if piece[c, 0] == BLOCK:
             for a in range(dim):
                 if abs(piece[c, 4 + a] - abs(x[a] - piece[c, 1 + a]) - least) <= step:
@@ -490,16 +491,20 @@ def _met_at_once(query, k, p, grid):
             r = np.sqrt(r)
             if abs(piece[c, 4] - r - least) > step:
                 continue
+            middle = r == 0.0
             for a in range(3):
-                if r == 0.0:  # in the middle all directions are alike
-                    p[a] += piece[c, 4] + step if a == (1 if tube and piece[c, 7] == 0.0 else 0) else 0.0
-                elif not (tube and a == piece[c, 7]):
+                if not (middle or (tube and a == piece[c, 7])):
                     p[a] = piece[c, 1 + a] + (x[a] - piece[c, 1 + a]) * (piece[c, 4] + step) / r
-        away = 0.0
-        for a in range(3):
-            away += (p[a] - x[a]) ** 2
-        for a in range(dim):
-            p[a] += 0.3 * step * ROUND_ABOUT[0, a]  # not on a seam
-        if np.sqrt(away) <= least + 3.0 * step and wanted == _is_solid(p[0], p[1], p[2], grid):
-            return True
+        for turn in range(4 if middle else 1):
+            if middle:  # all directions are alike: there and back along two axes, none of them that of a tube
+                p[:] = x
+                a = turn // 2 + (1 if tube and piece[c, 7] <= turn // 2 else 0)
+                p[a] += (1 - 2 * (turn % 2)) * (piece[c, 4] + step)
+            away = 0.0
+            for a in range(3):
+                away += (p[a] - x[a]) ** 2
+            for a in range(dim):
+                p[a] += 0.3 * step * ROUND_ABOUT[0, a]  # not on a seam
+            if np.sqrt(away) <= least + 3.0 * step and wanted == _is_solid(p[0], p[1], p[2], grid):
+                return True
     return False
