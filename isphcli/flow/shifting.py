@@ -16,7 +16,7 @@ from numba import njit
 
 from ..domain.neighbours import Neighbourhood
 from ..domain.row_threads import REDUCE, in_one_piece, over_rows
-from ..operators.apply import gradient_one_sided, total_gradient
+from ..operators import pair_sums
 from ..operators.pair_weights import Operators
 
 if TYPE_CHECKING:
@@ -46,18 +46,25 @@ def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray
     first order where that is not known (a wall slips, few neighbours are in sight): there the second derivative is left
     out.
     """
-    slope, walls = gradient_one_sided(ops, fields), ops.walls
+    walls, everyone = ops.walls, ops.exchange.forward(fields)
+    if walls is None or walls.slope_velocity is None:
+        slope = pair_sums.gradient(ops.start, ops.column, ops.grad_p, everyone)
+        if kink is not None:
+            slope = kink.one_sided(slope)
+        return taylor(ops, fields, slope, dr, second if walls is None else second & ~walls.near_wall)
+    from ..operators.wall_weights import wall_gradient
+
+    known = walls.near_wall & ~walls.narrow
+    slope = pair_sums.gradient(ops.start, ops.column, ops.grad, everyone)
+    for c in range(0, fields.shape[1], ops.dim):
+        slope[known, c : c + ops.dim] += wall_gradient(walls, fields[:, c : c + ops.dim])[known]
+    # of particles that see no wall the weights are those of the pressure
+    others = (walls.near_wall | walls.narrow) & ~known
+    if others.any():
+        slope[others] = pair_sums.gradient(ops.start, ops.column, ops.grad_p, everyone)[others]
     if kink is not None:
-        slope = kink.one_sided(slope)
-    if walls is not None:
-        known = np.zeros(ops.n, np.bool_)
-        if walls.slope_velocity is not None:
-            known = walls.near_wall & ~walls.narrow
-            velocities = np.split(fields, fields.shape[1] // ops.dim, axis=1)
-            whole = np.concatenate([total_gradient(ops, np.ascontiguousarray(u)) for u in velocities], axis=1)
-            slope = np.where(known[:, None, None], whole, slope)
-        second = second & (known | ~walls.near_wall)
-    return taylor(ops, fields, slope, dr, second)
+        slope = np.where(known[:, None, None], slope, kink.one_sided(slope))
+    return taylor(ops, fields, slope, dr, second & (known | ~walls.near_wall))
 
 
 def taylor(ops: Operators, fields: np.ndarray, slope: np.ndarray, dr: np.ndarray, second: np.ndarray) -> np.ndarray:

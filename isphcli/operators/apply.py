@@ -23,16 +23,6 @@ def gradient(ops: Operators, f: np.ndarray) -> np.ndarray:
     return pair_sums.gradient(ops.start, ops.column, ops.grad, ops.exchange.forward(f))
 
 
-def total_gradient(ops: Operators, u: np.ndarray) -> np.ndarray:
-    """Velocity gradient d u_c / d x_k of u (n, dim) as (n, c, k), walls that do not slip included."""
-    slope = gradient(ops, u)
-    if ops.walls is not None:
-        from .wall_weights import wall_gradient
-
-        slope += wall_gradient(ops.walls, u)
-    return slope
-
-
 def gradient_one_sided(ops: Operators, f: np.ndarray) -> np.ndarray:
     """Gradients (n, c, dim) of f (n, c) with the weights of the pressure: over fluid neighbours only beside walls."""
     return pair_sums.gradient(ops.start, ops.column, ops.grad_p, ops.exchange.forward(f))

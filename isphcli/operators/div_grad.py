@@ -185,7 +185,14 @@ def _diagonal(rows, pairs, pair, own, grad_p, near_wall, out):
                 for k in range(dim):
                     out[i] += pair[q, k] * grad_p[q, k]
                 continue
-            for back in range(start[j], start[j + 1]):
-                if column[back] == i:
+            many, first, end = 0, np.uint64(start[j]), np.uint64(start[j + 1])
+            place = np.uint64(0)
+            for back in range(first, end):  # without a way out of it: a vector
+                many += column[back] == np.int32(i)
+                place += back if column[back] == np.int32(i) else np.uint64(0)
+            if many == 1:
+                first, end = place, place + np.uint64(1)
+            for back in range(first, end):
+                if column[back] == i:  # in a thin box j may see several images of i
                     for k in range(dim):
                         out[i] -= pair[q, k] * grad_p[back, k]

@@ -167,13 +167,24 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
         stencil_moments(work.stencil, padded, moments)
         deficient += correction(moments, dim, order, work.tensors)
         stencil_weights(work.stencil, padded, work.tensors, order, weights)
-        if near_wall[i]:
-            second_moments(work.stencil, link[begin : begin + count], moments)
-            invert_gradient(moments, dim, g_p)
-            for m in range(dim):
-                for c in range(dim):
-                    along[m, c] = 0.0
         at, slides = np.uint64(seen_start[i]), False
+        if not near_wall[i]:  # every neighbour is in sight and shares the pressure
+            for k in range(count):
+                p = at + np.uint64(k)
+                row[p] = neighbours.row[begin + k]
+                column[p] = owner[row[p]]
+                lap[p] = lap_p[p] = weights[0, k] * per_area
+                symmetric[p] = 2.0 * dim * per_area * w[k] / (whole * s[k]) if w[k] > 0.0 else 0.0
+                grad[p, 0] = grad_p[p, 0] = weights[1, k] * per_length
+                grad[p, 1] = grad_p[p, 1] = weights[2, k] * per_length
+                if dim == 3:
+                    grad[p, 2] = grad_p[p, 2] = weights[3, k] * per_length
+            continue
+        second_moments(work.stencil, link[begin : begin + count], moments)
+        invert_gradient(moments, dim, g_p)
+        for m in range(dim):
+            for c in range(dim):
+                along[m, c] = 0.0
         for k in range(count):
             a = weights[0, k] * per_area
             if link[begin + k] != MEETS_WALL:
@@ -183,14 +194,11 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
                 shared = link[begin + k] == SHARES_PRESSURE
                 # eq. 3 beside walls: no flux through them, so that only fluid neighbours count
                 symmetric[at] = 2.0 * dim * per_area * w[k] / (whole * s[k]) if w[k] > 0.0 and shared else 0.0
-                lap_p[at] = symmetric[at] if near_wall[i] else a
+                lap_p[at] = symmetric[at]
                 for m in range(dim):
                     grad[at, m] = weights[1 + m, k] * per_length
-                    if near_wall[i]:
-                        b = g_p[m, 0] * ex[k] + g_p[m, 1] * ey[k] + g_p[m, 2] * ez[k]
-                        grad_p[at, m] = b * w[k] * per_length if shared else 0.0
-                    else:
-                        grad_p[at, m] = grad[at, m]
+                    b = g_p[m, 0] * ex[k] + g_p[m, 1] * ey[k] + g_p[m, 2] * ez[k]
+                    grad_p[at, m] = b * w[k] * per_length if shared else 0.0
                 at += np.uint64(1)
             else:
                 pair[0][0] = a

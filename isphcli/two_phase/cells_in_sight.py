@@ -52,23 +52,42 @@ class CellSight:
     def seen(self, x: np.ndarray, asked: np.ndarray, reach: float, distance: np.ndarray) -> SeenBy:
         """What those of the cells `asked` (k,) see that have particles within reach, m, behind walls, and some that are
         not. x: (n, dim) m, in the box; distance: (n,) of these to the walls, m."""
-        geometry, middle = self.geometry, self.middle
-        asked = asked[self.clear[asked] < reach + self.aside[asked]]  # else a ball of fluid holds all in reach
-        size = geometry.upper - geometry.lower
-        box = np.where(geometry.periodic, size, 0.0)
-        tree = cKDTree(wrap(x, geometry.lower, geometry.upper, geometry.periodic) - geometry.lower, boxsize=box)
-        pairs = cKDTree(middle[asked] - geometry.lower, boxsize=box).sparse_distance_matrix(tree, reach,
-                                                                                           output_type="ndarray")
+        # balls of fluid round a point of a cell and round a particle hide nothing between them
+        asked = asked[self.clear[asked] < reach + self.aside[asked]]
+        near = np.flatnonzero(distance < reach + self.aside.max(initial=0.0))
+        cell, particle, away = self._around(x, asked, near, reach)
+        may = distance[particle] + self.clear[cell] < away + self.aside[cell]
+        cell, particle = cell[may], particle[may]
+        cells = np.unique(cell[self._hidden(cell, particle, self._offset(x, cell, particle), distance)])
+        cell, particle, _ = self._around(x, cells, np.arange(len(x)), reach)
+        offset = self._offset(x, cell, particle)
+        seen = ~self._hidden(cell, particle, offset, distance)
+        cell, particle = cell[seen], particle[seen]
+        return SeenBy(np.unique(cell), cell, particle, offset[seen])
+
+    def _around(self, x: np.ndarray, cells: np.ndarray, particles: np.ndarray,
+                reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(cell, particle, distance of the particle from the middle of the cell, m) of all pairs within reach."""
+        geometry = self.geometry
+        box = np.where(geometry.periodic, geometry.upper - geometry.lower, 0.0)
+        there = wrap(x[particles], geometry.lower, geometry.upper, geometry.periodic) - geometry.lower
+        trees = [cKDTree(points, boxsize=box) for points in (self.middle[cells] - geometry.lower, there)]
+        pairs = trees[0].sparse_distance_matrix(trees[1], reach, output_type="ndarray")
         pairs = pairs[np.lexsort((pairs["j"], pairs["i"]))]  # those of a cell lie together
-        cell, particle = asked[pairs["i"]], pairs["j"]
-        offset = middle[cell] - x[particle]
-        offset -= box * np.round(offset / size)
-        point, there = self.point[cell], middle[cell] - offset
+        return cells[pairs["i"]], particles[pairs["j"]], pairs["v"]
+
+    def _offset(self, x: np.ndarray, cell: np.ndarray, particle: np.ndarray) -> np.ndarray:
+        """(m, dim) of the middles of cells from particles, m."""
+        size = self.geometry.upper - self.geometry.lower
+        offset = self.middle[cell] - x[particle]
+        offset -= np.where(self.geometry.periodic, size, 0.0) * np.round(offset / size)
+        return offset
+
+    def _hidden(self, cell: np.ndarray, particle: np.ndarray, offset: np.ndarray, distance: np.ndarray) -> np.ndarray:
+        """(m,) bool, whether a wall is between the point of a cell and a particle."""
+        point, there = self.point[cell], self.middle[cell] - offset
         free = np.maximum(distance[particle] + self.clear[cell], 0.0)  # two balls of fluid that cover the way
         ask = np.flatnonzero(free**2 < ((point - there) ** 2).sum(axis=1))
-        seen = np.ones(len(cell), np.bool_)
-        seen[ask] = geometry.crossing(point[ask], there[ask]) >= 1.0
-        total, left = (np.bincount(cell[some], minlength=len(middle)) for some in (slice(None), seen))
-        cells = np.flatnonzero((left < total) & (left > 0))
-        keep = seen & ((left < total) & (left > 0))[cell]
-        return SeenBy(cells, cell[keep], particle[keep], offset[keep])
+        hidden = np.zeros(len(cell), np.bool_)
+        hidden[ask] = self.geometry.crossing(point[ask], there[ask]) < 1.0
+        return hidden

@@ -26,7 +26,7 @@ from numba import njit
 
 from ..domain import reduce
 from ..domain.components import parts_of
-from ..domain.row_threads import over_rows
+from ..domain.row_threads import REDUCE, over_rows
 from ..flow.shifting import taylor
 from ..flow.state import phase_of
 from ..operators.kernel import shape
@@ -257,20 +257,21 @@ def averages(neighbours: Neighbourhood, weight: np.ndarray, f: np.ndarray) -> np
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=REDUCE)
 def _average(rows, neighbours, weight, f, out):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
-    kind, support = neighbours.kind, neighbours.support
+    kind, over, last = neighbours.kind, 1.0 / neighbours.support, x.shape[1] - 1
+    deep = 1.0 if last == 2 else 0.0
     for i in range(rows[0], rows[1]):
         if weight[i] > 0.0:
             total = weight[i] * shape(kind, 0.0)
-            mean = total * f[i]
-            for p in range(start[i], start[i + 1]):
-                j = column[p]
-                if weight[j] > 0.0:
-                    w = weight[j] * shape(kind, _distance(x, i, row[p]) / support)
-                    total += w
-                    mean += w * f[j]
+            mean, x0, x1, x2 = total * f[i], x[i, 0], x[i, 1], x[i, last]
+            for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+                j, there = np.uint32(column[p]), np.uint32(row[p])
+                r2 = (x[there, 0] - x0) ** 2 + (x[there, 1] - x1) ** 2 + deep * (x[there, last] - x2) ** 2
+                w = weight[j] * shape(kind, math.sqrt(r2) * over)
+                total += w
+                mean += w * f[j]
             out[i] = mean / total
 
 

@@ -47,15 +47,16 @@ class Sight:
         pairs = find_pairs(everyone.x[rows], len(own), self.reach)
         count = np.zeros(ops.n + 1, np.int64)
         count[1 + own] = pairs.count
-        row = rows[pairs.index]
-        far = Neighbourhood(np.cumsum(count), owner[row], row, everyone.x, owner, everyone.kind, self.reach)
+        row = rows.take(pairs.index)
+        far = Neighbourhood(np.cumsum(count), owner.take(row), row, everyone.x, owner, everyone.kind, self.reach)
         if ops.walls is None:  # nothing hides any, and there are no dummies
             return far, far
         assert self.geometry is not None
         seen = far.column < n
         self._hide(ops, everyone, far, seen)
         start = far.start - np.searchsorted(np.flatnonzero(~seen), far.start)  # few are not seen
-        return far._replace(start=start, column=far.column[seen], row=row[seen]), far
+        which = np.flatnonzero(seen)
+        return far._replace(start=start, column=far.column.take(which), row=row.take(which)), far
 
     def _hide(self, ops: Operators, everyone: Neighbourhood, far: Neighbourhood, seen: np.ndarray) -> None:
         """Takes those behind a wall out of seen (n_pairs,), of the pairs `far`. Within the support `ops` knows."""
