@@ -70,8 +70,8 @@ class Workspace(NamedTuple):
     """Scratch arrays for one particle, with places for the longest row once padded.
 
     stencil: see `gather_stencil`; moments: (41,) of `stencil_moments`; tensors: (g, system, right, gradient_part,
-    spread), see `correction`; weights: (4, places) of `stencil_weights`; g_p: (3, 3) correction of the pressure gradient;
-    pair: see `wall_weights.add_wall_pair`; one_pair: (1, 3) and (1, 6), moments of one pair.
+    spread), see `correction`; weights: (4, places) of `stencil_weights`; g_p: (3, 3) correction of the pressure
+    gradient; pair: see `wall_weights.add_wall_pair`; one_pair: (1, 3) and (1, 6), moments of one pair.
     """
 
     stencil: tuple[np.ndarray, ...]
