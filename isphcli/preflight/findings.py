@@ -62,7 +62,7 @@ def drive_findings(
     begins = case.initial is not None and case.initial.velocity
     tension = case.interface is not None and len(fluids_there(case, sites)) > 1
     if case.flow != "stokes" and not (pushed or moved or held or begins or tension):
-        result.warnings.append("nothing moves the fluid, which stays at rest; give a drive, tension between two fluids, "
+        result.warnings.append("nothing moves the fluid, which stays at rest; give a drive, tension of two fluids, "
                                "an initial velocity or a wall with one")
 
 
