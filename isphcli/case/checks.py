@@ -146,6 +146,8 @@ class _Checks:
         for axis, (first, end) in zip(AXES, voxels.crop or ()):
             if first >= end:
                 self.bad(f"{path}.crop", f"keeps nothing along {axis}", "each range is [first, end)")
+        if voxels.crop and len(voxels.crop) < (self.dim or 0):
+            self.bad(f"{path}.crop", f"has {len(voxels.crop)} ranges", f"the image has {self.dim} dimensions")
         size = voxels.voxel_size
         if size is None and suffix in WITHOUT_SIZE:
             self.bad(f"{path}.voxel_size", f"is missing, and a{'n' * (suffix == '.npy')} {suffix[1:]} holds none",

@@ -195,7 +195,7 @@ def _pore_lines(c: Connectivity, microporous: dict[str, float], widths: Throats 
     axes = AXES[: len(c.percolates)]
     through = [f"{a} ({100 * f:.2f} %)" for a, p, f in zip(axes, c.percolates, c.percolating_porosity) if p]
     rocks = "".join(f"microporous {name} {100 * share:.2f} %, " for name, share in microporous.items())
-    closed = f" ({100 * c.isolated_share:.2g} % of the fluid)" if c.isolated_pockets else ""
+    closed = f" ({100 * c.isolated_share:.3g} % of the fluid)" if c.isolated_pockets else ""
     yield _row(
         "pores",
         f"porosity {100 * max(c.porosity - sum(microporous.values()), 0.0):.2f} %, {rocks}{c.components} connected, "

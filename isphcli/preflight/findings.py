@@ -59,6 +59,11 @@ def drive_findings(
     pushed = driven or largest_of(forces_of(case, geometry)) > 0.0
     if case.flow == "stokes" and not pushed and not moved:
         result.errors.append("nothing moves the fluid; give a drive or a wall with a velocity")
+    begins = case.initial is not None and case.initial.velocity
+    tension = case.interface is not None and len(fluids_there(case, sites)) > 1
+    if case.flow != "stokes" and not (pushed or moved or held or begins or tension):
+        result.warnings.append("nothing moves the fluid, which stays at rest; give a drive, tension of two fluids, "
+                               "an initial velocity or a wall with one")
 
 
 def _open_when_finer(case: Case, geometry: Geometry, axis: int) -> bool:
@@ -187,13 +192,18 @@ def step_findings(result: CheckResult) -> Iterator[str]:
 
 
 def reservoir_findings(case: Case) -> Iterator[str]:
-    """One fluid at both ends: nothing displaces anything. An end before that of the steps of the drive."""
+    """One fluid at both ends: nothing displaces anything. Reservoirs that are all seam. An end before that of the steps
+    of the drive."""
     ends, steps = case.reservoirs, forcing.drive_steps(case)
     if steps is not None and case.time is not None and case.time.end is not None:
         count = len(steps.pressure_drop or steps.superficial_velocity or ())
         if case.time.end < (count - 1) * steps.duration:
             yield (f"time.end, {case.time.end:g} s, may come before the last of the {count} drive.steps, of up to "
                    f"{steps.duration:g} s each: steps that are not reached are not in curve.csv; leave time.end out")
+    sight = case.support * case.particles.spacing
+    if ends is not None and ends.length is not None and ends.length < sight * (1 - TINY):
+        yield (f"reservoirs.length, {ends.length:g}, is less than the support, {sight:.3g}: half of a reservoir is "
+               "taken for the seam with the other; make it two supports or more")
     if ends is not None and ends.inlet == ends.outlet:
         other = next((name for name in case.fluids if name != ends.inlet), None)
         yield (f"reservoirs.inlet and reservoirs.outlet are both {ends.inlet}: it goes round, and no fluid displaces "

@@ -148,7 +148,7 @@ def test_what_cannot_flow_is_told():
 
 @pytest.mark.parametrize("drive, message", [
     ("{superficial_velocity: {x: 1, y: 1}}", "needs one axis"),
-    ("{superficial_velocity: {x: 0}}", "other than zero"),
+    ("{superficial_velocity: {x: 0}}", "is zero and drives nothing"),
     ("{superficial_velocity: {y: 1}}", "y ends at walls"),
     ("{superficial_velocity: {x: 1}, pressure_drop: {x: 1}}", "finds its own pressure drop"),
     ("{superficial_velocity: {x: 1}}\nreference: {kind: poiseuille}", "the flow under a given force"),

@@ -140,8 +140,20 @@ def test_numbers_out_of_range_are_told():
                                                    "drive.body_force=[1e300, 1e300]")
 
 
-def test_nothing_drives_a_steady_flow():
+def test_nothing_moves_the_fluid():
+    """An error of a steady flow, a warning of one in time that has no tension and begins at rest."""
     assert "nothing moves the fluid" in errors(SLIT, "drive=null")
+    moving = ("drive=null", "flow=navier_stokes", "time={end: 1}")
+    assert "nothing moves the fluid, which stays at rest" in findings(SLIT, *moving)
+    assert "nothing moves" not in findings(SLIT, *moving, 'initial={velocity: ["y", 0]}')
+    assert "nothing moves" not in findings(DROP)
+
+
+def test_reservoirs_that_are_all_seam():
+    ends = ("geometry.periodic=[x, y]", "drive={pressure_drop: {x: 1}}")
+    for length, told in ((0.125, True), (0.25, False)):  # the support is 2.8 spacings of 1/16
+        found = findings(DROP, *ends, f"reservoirs={{axis: x, inlet: water, outlet: oil, length: {length}}}")
+        assert ("half of a reservoir is taken for the seam" in found) == told
 
 
 def test_one_fluid_at_both_ends():
