@@ -46,7 +46,9 @@ def first_interface(case: Case, geometry: Geometry, particles: Particles, steppe
 
         cells = stepper.fluids.cells
         stepper.fluids.cell_sight = CellSight(geometry, cells.middle, cells.side)
-    stepper.fluids.sample = sample_box(geometry)
+    lower, upper = sample_box(geometry)
+    if np.any(lower > geometry.lower) or np.any(upper < geometry.upper):  # else it is everywhere
+        stepper.fluids.sample = lower, upper
     config = stepper.configure(x, 0.0, phi, number)
     interface = config.terms.interface
     assert isinstance(interface, Interface) and interface.cut is not None

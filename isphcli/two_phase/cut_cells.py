@@ -124,8 +124,9 @@ def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchang
     if sight is not None and distance is not None:
         asked = np.flatnonzero((nearest >= 0).all(axis=1))
         seen = sight.seen(x[: len(phi)], asked, REACH * cells.side.max(), distance)
-        weight[seen.cells], sums[seen.cells], nearest[seen.cells] = _made_of(
-            seen, phi, (slope, form), REACH * cells.side.max(), n)
+        if len(seen.cells):
+            weight[seen.cells], sums[seen.cells], nearest[seen.cells] = _made_of(
+                seen, phi, (slope, form), REACH * cells.side.max(), n)
     volume, area = np.zeros(n), np.zeros(n)
     over_rows(_cut, n, cells, found, volume, area, work=lambda: np.empty(dim))
     known = (weight > 0.0)[:, None]

@@ -32,7 +32,7 @@ SCRATCH = "length of scratch arrays, which every process makes for its own rows"
 ONE = "of the hierarchy of one process alone"
 OFFSETS = "of the offsets of a lattice and the tensors of one particle"
 BASIS = "over the vectors of a basis"
-CELLS = "over the particles that a cell sees, of which its process has all"
+CELLS = "over the particles that a cell of the process sees, or what of its cells is brought together after"
 PARTS = "over the parts of the fluids, of which every process has all"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
@@ -73,6 +73,7 @@ ALLOWED = {
     ("flow.step", "np.einsum('nk,nk->n', a, b)"): OWN,
     ("domain.row_threads", "math.prod(shape)"): SCRATCH,
     ("flow.shifting", "math.prod(slope.shape[1:])"): SCRATCH,
+    ("flow.shifting", "others.any()"): "whether own rows are taken again, of values that are there",
     ("flow.step_limits", "((u / largest) ** 2).sum(axis=1)"): OWN,
     ("flow.step_limits", "bad.any(axis=1)"): OWN,
     ("flow.step_limits", "(new.u ** 2).sum(axis=1)"): OWN,
@@ -130,7 +131,8 @@ ALLOWED = {
     ("two_phase.cut_cells", "np.argmax(gap)"): GATHERED,
     ("two_phase.cells_in_sight", "(offsets ** 2).sum(axis=1)"): OFFSETS,
     ("two_phase.cells_in_sight", "((point - there) ** 2).sum(axis=1)"): OWN,
-    ("two_phase.cells_in_sight", "np.bincount(cell[some], minlength=len(middle))"): CELLS,
+    ("two_phase.cells_in_sight", "((point - middle) ** 2).sum(axis=1)"): OWN,
+    ("two_phase.cells_in_sight", "self.aside.max(initial=0.0)"): CELLS,
     ("two_phase.cut_cells", "(nearest >= 0).all(axis=1)"): FLUIDS,
     ("two_phase.cut_cells", "cells.side.max()"): AXES,
     ("two_phase.cut_cells", "(d * d).sum(axis=1)"): OWN,
@@ -140,6 +142,7 @@ ALLOWED = {
     ("two_phase.cut_cells", "np.einsum('ijj->i', form)"): OWN,
     ("two_phase.cut_cells", "np.bincount(seen.cell, w * column, minlength=n)"): CELLS,
     ("two_phase.kept_volumes", "np.all((x >= sample[0]) & (x <= sample[1]), axis=1)"): AXES,
+    ("two_phase.kept_volumes", "np.bincount(place, cut.area[both], len(pair))"): CELLS,
     ("two_phase.kept_volumes", "np.bincount(group, lacking, joined)"): PARTS,
     ("two_phase.kept_volumes", "between.sum(axis=1)"): PARTS,
     ("two_phase.kept_volumes", "alone.all()"): PARTS,
