@@ -45,7 +45,9 @@ def first_interface(case: Case, geometry: Geometry, particles: Particles, steppe
         from ..two_phase.cells_in_sight import CellSight
 
         sight = CellSight(geometry, cells.middle, cells.side)
-    stepper.fluids = stepper.fluids.measured_on(VolumeGrid(cells, sight, sample_box(geometry)))
+    lower, upper = sample_box(geometry)
+    part = np.any(lower > geometry.lower) or np.any(upper < geometry.upper)  # else it is everywhere
+    stepper.fluids = stepper.fluids.measured_on(VolumeGrid(cells, sight, (lower, upper) if part else None))
     config = stepper.configure(x, 0.0, phi, number)
     interface = config.terms.interface
     assert isinstance(interface, Interface) and interface.cut is not None

@@ -70,6 +70,8 @@ class CellSight:
         """(cell, particle, distance of the particle from the middle of the cell, m) of all pairs within reach."""
         geometry = self.geometry
         box = np.where(geometry.periodic, geometry.upper - geometry.lower, 0.0)
+        if len(cells) == 0:
+            return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
         there = wrap(x[particles], geometry.lower, geometry.upper, geometry.periodic) - geometry.lower
         trees = [cKDTree(points, boxsize=box) for points in (self.middle[cells] - geometry.lower, there)]
         pairs = trees[0].sparse_distance_matrix(trees[1], reach, output_type="ndarray")

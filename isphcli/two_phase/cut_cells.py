@@ -129,12 +129,13 @@ def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchang
               work=lambda: (np.empty(dim), np.full((n, 2), math.inf)))
     if sight is not None and distance is not None:
         seen = sight.seen(x[: len(phi)], np.flatnonzero((nearest >= 0).all(axis=1)), reach, distance)
-        alone = _nothing(len(seen.cells), dim)  # of each cell, from the particles in sight alone
-        pairs = np.searchsorted(seen.cell, np.append(seen.cells, n)), seen.particle, seen.offset
-        over_rows(_gather_seen, len(seen.cells), particles, pairs, (reach, far), alone,
-                  work=lambda: np.full((len(seen.cells), 2), math.inf))
-        for whole, part in zip(found, alone):
-            whole[seen.cells] = part
+        if len(seen.cells):
+            alone = _nothing(len(seen.cells), dim)  # of each cell, from the particles in sight alone
+            pairs = np.searchsorted(seen.cell, np.append(seen.cells, n)), seen.particle, seen.offset
+            over_rows(_gather_seen, len(seen.cells), particles, pairs, (reach, far), alone,
+                      work=lambda: np.full((len(seen.cells), 2), math.inf))
+            for whole, part in zip(found, alone):
+                whole[seen.cells] = part
     far_off = np.flatnonzero((nearest >= 0).all(axis=1) & (weight == 0.0))
     nearest[far_off, _farther(cells, x, nearest, far_off)] = -1
     cells = cells._replace(fluid=np.where((nearest < 0).all(axis=1), 0.0, cells.fluid))

@@ -119,12 +119,13 @@ def _volumes(cut: CutCells, part: np.ndarray, count: int) -> np.ndarray:
 def _areas(cut: CutCells, part: np.ndarray, count: int) -> sp.csr_matrix:
     """Area of the interface between each two of so many parts, m^(dim - 1)."""
     both = cut.area > 0.0
-    pair = part[cut.nearest[both]]
-    local = sp.coo_matrix((cut.area[both], pair.T), shape=(count, count)).tocsr().tocoo()
+    first, other = part[cut.nearest[both]].T.astype(np.int64)
+    pair, place = np.unique(first * count + other, return_inverse=True)
     # between parts, of which there are few, not between cells
-    row, column, area = (reduce.together(values) for values in (local.row, local.col, local.data))
-    between = sp.coo_matrix((area, (row, column)), shape=(count, count)).tocsr()
-    return between + between.T
+    pair, area = (reduce.together(values) for values in (pair, np.bincount(place, cut.area[both], len(pair))))
+    first, other = np.divmod(pair, count)
+    ends = np.concatenate([first, other]), np.concatenate([other, first])
+    return sp.csr_matrix((np.concatenate([area, area]), ends), shape=(count, count))
 
 
 def _levels(lacking: np.ndarray, between: sp.csr_matrix, wanted: np.ndarray) -> np.ndarray:
@@ -141,8 +142,10 @@ def _levels(lacking: np.ndarray, between: sp.csr_matrix, wanted: np.ndarray) -> 
     alone = diagonal <= 0.0
     if alone.all():
         return np.zeros(len(diagonal))
-    matrix = sp.diags(diagonal + RIDGE * diagonal.max()) - between
-    level = np.asarray(spsolve(matrix.tocsc(), np.where(alone, 0.0, lacking)))
+    off, own = between.tocoo(), np.arange(len(diagonal))
+    values = np.concatenate([-off.data, diagonal + RIDGE * diagonal.max()])
+    places = np.concatenate([off.row, own]), np.concatenate([off.col, own])
+    level = np.asarray(spsolve(sp.csc_matrix((values, places), shape=between.shape), np.where(alone, 0.0, lacking)))
     return np.where(alone, 0.0, level)
 
 

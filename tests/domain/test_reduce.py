@@ -32,7 +32,7 @@ SCRATCH = "length of scratch arrays, which every process makes for its own rows"
 ONE = "of the hierarchy of one process alone"
 OFFSETS = "of the offsets of a lattice and the tensors of one particle"
 BASIS = "over the vectors of a basis"
-CELLS = "over the particles that a cell sees, of which its process has all"
+CELLS = "over the particles that a cell of the process sees, or what of its cells is brought together after"
 PARTS = "over the parts of the fluids, of which every process has all"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
@@ -72,8 +72,8 @@ ALLOWED = {
     ("flow.one_fluid", "force.any()"): AXES,
     ("flow.step", "np.einsum('nk,nk->n', a, b)"): OWN,
     ("domain.row_threads", "math.prod(shape)"): SCRATCH,
-    ("flow.shifting", "others.any()"): OWN,
     ("flow.shifting", "math.prod(slope.shape[1:])"): SCRATCH,
+    ("flow.shifting", "others.any()"): "whether own rows are taken again, of values that are there",
     ("flow.step_limits", "((u / largest) ** 2).sum(axis=1)"): OWN,
     ("flow.step_limits", "bad.any(axis=1)"): OWN,
     ("flow.step_limits", "(new.u ** 2).sum(axis=1)"): OWN,
@@ -140,6 +140,7 @@ ALLOWED = {
     ("two_phase.cut_cells", "(way * way).sum(axis=2)"): AXES,
     ("two_phase.cut_cells", "(way * way).sum(axis=2).argmax(axis=1)"): FLUIDS,
     ("two_phase.kept_volumes", "np.all((x >= sample[0]) & (x <= sample[1]), axis=1)"): AXES,
+    ("two_phase.kept_volumes", "np.bincount(place, cut.area[both], len(pair))"): CELLS,
     ("two_phase.kept_volumes", "np.bincount(group, lacking, joined)"): PARTS,
     ("two_phase.kept_volumes", "between.sum(axis=1)"): PARTS,
     ("two_phase.kept_volumes", "alone.all()"): PARTS,
