@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 # Part of a row's weights below which a pair is left out of the matrix that preconditions: at a support of 2.1 spacings
 # the 14 farthest of 32 neighbours, which have 3 % of the weights together
 LEAST = 0.01
+# Part of the odd-even pressure of a particle that is taken out in a step where there is an interface, over the diagonal:
+# no eigenvalue of A is more than twice its diagonal, so that none is overshot
+LOCAL = 0.5
 ROUND_OFF = 1e-14  # of the pressures whose difference the right-hand side is: nothing is solved more exactly
 
 
@@ -74,9 +77,15 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
 
 def pressure_increment(config: Configuration, system: PressureSystem, div: np.ndarray,
                        pressure: tuple[np.ndarray, np.ndarray], rate: float, nu_min: float,
-                       solvers: KeptHierarchies) -> np.ndarray:
+                       solvers: KeptHierarchies) -> tuple[np.ndarray, np.ndarray]:
     """The increment q (n,) of  A q = -w (A + div grad) p - rate div u*  (eq. 3), with the constant of each component
-    projected out (eqs 25-26). Raises SolveError.
+    projected out (eqs 25-26), and what is added to the pressure beside it. Raises SolveError.
+
+    Where there is an interface the odd-even part of p is no part of that system: it goes from the pressure itself, where
+    it is, and makes no velocity. The viscous force jumps at an interface, by the ratio of viscosities. A gradient over
+    neighbours on both sides can balance that only with a pressure that is odd-even beside it; solved for, it would be a
+    divergence, dt times the jump, and the rows beside a meniscus that is pushed through a tube would carry other fluxes
+    than the rest.
 
     div: (n,) of u*, 1/s; pressure: p (n,) and its gradient (n, dim); rate: g0 / dt, 1/s; nu_min: smallest kinematic
     viscosity, m2/s.
@@ -84,13 +93,17 @@ def pressure_increment(config: Configuration, system: PressureSystem, div: np.nd
     with solvers.clock("krylov"):
         old, gradient = system.apply(*pressure), pressure[1]
         # eq. 3 for the increment, and the odd-even part of the old pressure taken out
-        right = config.means.remove(_odd_even(config, gradient, old, rate, nu_min) - rate * div)
+        odd_even, beside = _odd_even(config, gradient, old, rate, nu_min), np.zeros(len(div))
+        if config.terms.interface is not None:
+            own = system.laplacian.diagonal() * (1.0 if system.scale is None else system.scale)
+            odd_even, beside = beside, LOCAL * np.divide(odd_even, own, out=beside.copy(), where=own > 0.0)
+        right = config.means.remove(odd_even - rate * div)
         # a small increment is the difference of large pressures: no solve is more exact than their round-off
         size, floor = reduce.norm(right), ROUND_OFF * reduce.norm(old)
         if size <= floor:
             right[:] = 0.0
         tolerance = max(solvers.tolerance, floor / size) if size > 0.0 else solvers.tolerance
-    return solve_pressure(config, system, right, tolerance, solvers)
+    return solve_pressure(config, system, right, tolerance, solvers), beside
 
 
 def solve_pressure(config: Configuration, system: PressureSystem, right: np.ndarray, tolerance: float,

@@ -272,9 +272,9 @@ class Stepper:
         u_star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, driven, guess, self.solvers)  # eq. 2
         rate += terms.least_drag
         div = terms.divergence(u_star) - expansion
-        q = pressure_increment(config, system, div, (p, gradient), rate, self.fluids.nu_min, self.solvers)
+        q, beside = pressure_increment(config, system, div, (p, gradient), rate, self.fluids.nu_min, self.solvers)
         u = u_star - terms.ops.gradient_p(q) / rate  # eq. 3
-        return u, without_constants(config, p + q - terms.bulk * div)  # eq. 4
+        return u, without_constants(config, p + q + beside - terms.bulk * div)  # eq. 4
 
     def _set_in_motion(self, config: Configuration, system: PressureSystem, moved: State) -> State:
         """The state of the start with the superficial velocity that is held, as an impulse of the pressure gradient

@@ -159,3 +159,20 @@ def test_what_cannot_be_held_is_refused(drive, message):
         read_case(text.encode(), "case.yaml")
     with pytest.raises(CaseError, match="needs flow: navier_stokes"):
         read_case(slit(1).replace("time:", "flow: stokes\n#").encode(), "case.yaml")
+
+
+def test_a_slug_of_thin_fluid_goes_through_a_tube_as_a_plug():
+    """Between two plates, whose drag is ten times larger in the water, with side walls that slip: the exact answer is one
+    velocity everywhere. With the odd-even part of the pressure among what eq. 3 solves for, particles beside the
+    interface were off by 20 % in these steps of a sixteenth of dx2 over nu; 12 % are left."""
+    slip = "{slip_length: 1.0e+6}"
+    state, *_ = run(f"""
+geometry:
+  {{box: [2, 0.5], periodic: [x], depth: 0.5, fluid: water, walls: {{y_min: {slip}, y_max: {slip}}},
+   shapes: [{{box: {{lower: [0.51, -1], upper: [1.49, 2]}}, is: gas}}]}}
+particles: {{spacing: 0.125}}
+fluids: {{water: {{density: 1, viscosity: 10}}, gas: {{density: 1, viscosity: 1}}}}
+drive: {{superficial_velocity: {{x: 1}}}}
+time: {{end: 10, max_steps: 40, step: 0.004}}
+""")
+    assert np.abs(state.u - [1.0, 0.0]).max() < 0.15
