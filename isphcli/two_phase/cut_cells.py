@@ -198,18 +198,19 @@ def _in_one_piece(place: np.ndarray, shape: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _gather(rows, work, particles, cells, asked, out):
-    """Adds the particles to the cells `rows` round them: a range has its own cells, each particle in turn. asked: reach
-    and far, see `_add`; out: weight (n_cells,); sums (n_cells, dim + 2) weighted phi, slope, and curvature of the
-    level; nearest (n_cells, 2). work: d (dim,); least (n_cells, 2) squared distances."""
-    x, phi, slope, form = particles
-    d, least = work
+    """Adds the particles to the cells `rows` round them: a range has its own cells, each particle in turn. asked: how
+    far particles are asked, reach, m, and how far from the interface they may be, far, m; out: weight (n_cells,); sums
+    (n_cells, dim + 2) weighted phi, slope, and curvature of the level; nearest (n_cells, 2). work: d (dim,); least
+    (n_cells, 2) squared distances."""
+    (x, phi, slope, form), (weight, sums, nearest), (d, least) = particles, out, work
     lower, side, _, _, begin, end, fluid = cells
-    reach, dim = asked[0], len(d)
+    (reach, far), dim = asked, len(d)
     # 2D is one layer of 3D: y and z are the last two axes in both
     y, z = dim - 2, dim - 1
     n1, n2 = end[y] - begin[y], end[z] - begin[z]
     for i in range(len(phi)):
-        bent = _bent(slope, form, i)
+        size, trace = _bent(slope, form, i)
+        side_of = 1 if phi[i] <= 0.0 else 0
         a0, a1 = _window(cells, 0, x[i, 0], reach) if dim == 3 else (0, 1)
         b0, b1 = _window(cells, y, x[i, y], reach)
         e0, e1 = _window(cells, z, x[i, z], reach)
@@ -228,20 +229,43 @@ def _gather(rows, work, particles, cells, asked, out):
                     r2, cell = d0 * d0 + d1 * d1 + d2 * d2, line + p2
                     if p2 < 0 or cell < rows[0] or cell >= rows[1] or r2 >= reach * reach or not fluid[cell] > 0.0:
                         continue
+                    if r2 < least[cell, side_of]:
+                        least[cell, side_of], nearest[cell, side_of] = r2, i
+                    if abs(phi[i]) > far:
+                        continue
                     d[0], d[y], d[z] = d0 if dim == 3 else d1, d1, d2
-                    _add(cell, i, (d, bent), particles, asked, least, out)
+                    w, there = _weight(r2, reach), _level(i, d, size, phi, slope, form)
+                    weight[cell] += w
+                    sums[cell, 0] += w * there
+                    for k in range(dim):
+                        sums[cell, 1 + k] += w * slope[i, k]
+                    sums[cell, dim + 1] -= w * trace
 
 
 @njit(cache=True, nogil=True)
 def _gather_seen(rows, work, particles, pairs, asked, out):
     """As `_gather`, from the pairs of cells with particles that they see: start (k + 1,), particle (m,), offset (m,
-    dim); out: of the k cells."""
-    _, _, slope, form = particles
+    dim); out: of the k cells. work: least (k, 2)."""
+    (_, phi, slope, form), (weight, sums, nearest), least = particles, out, work
     start, particle, offset = pairs
+    (reach, far), dim = asked, offset.shape[1]
     for cell in range(rows[0], rows[1]):
         for p in range(start[cell], start[cell + 1]):
-            i = particle[p]
-            _add(cell, i, (offset[p], _bent(slope, form, i)), particles, asked, work, out)
+            i, d, r2 = particle[p], offset[p], 0.0
+            side_of = 1 if phi[i] <= 0.0 else 0
+            for k in range(dim):
+                r2 += d[k] * d[k]
+            if r2 < least[cell, side_of]:
+                least[cell, side_of], nearest[cell, side_of] = r2, i
+            if abs(phi[i]) > far:
+                continue
+            size, trace = _bent(slope, form, i)
+            w, there = _weight(r2, reach), _level(i, d, size, phi, slope, form)
+            weight[cell] += w
+            sums[cell, 0] += w * there
+            for k in range(dim):
+                sums[cell, 1 + k] += w * slope[i, k]
+            sums[cell, dim + 1] -= w * trace
 
 
 @njit(cache=True, inline="always")
@@ -255,29 +279,22 @@ def _bent(slope, form, i):
 
 
 @njit(cache=True, inline="always")
-def _add(cell, i, way, particles, asked, least, out):
-    """Adds what a particle makes of phi in the middle of a cell. way: that from it, d (dim,), m, and what `_bent` says
-    of the particle; asked: how far particles are asked,
-    reach, m, and how far from the interface they may be, far, m; least: (n_cells, 2) squared distances so far."""
-    (d, (size, trace)), (_, phi, slope, form), (weight, sums, nearest), (reach, far) = way, particles, out, asked
-    dim, r2, side_of = len(d), 0.0, 1 if phi[i] <= 0.0 else 0
+def _weight(r2, reach):
+    """Of a particle in a cell, by the square of its distance from the middle."""
+    return (1.0 - math.sqrt(r2) / reach) ** 4
+
+
+@njit(cache=True, inline="always")
+def _level(i, d, size, phi, slope, form):
+    """What a particle makes of phi in the middle of a cell, d (dim,) from it; size: of its slope."""
+    there, dim = phi[i], len(d)
     for k in range(dim):
-        r2 += d[k] * d[k]
-    if r2 < least[cell, side_of]:
-        least[cell, side_of], nearest[cell, side_of] = r2, i
-    if abs(phi[i]) <= far:
-        w = (1.0 - math.sqrt(r2) / reach) ** 4
-        there = phi[i]
-        for k in range(dim):
-            there += slope[i, k] * d[k]
-            turned = 0.0
-            for m in range(dim):
-                turned += form[i, k * dim + m] * d[m]
-            there += 0.5 * size * d[k] * turned
-            sums[cell, 1 + k] += w * slope[i, k]
-        weight[cell] += w
-        sums[cell, 0] += w * there
-        sums[cell, dim + 1] -= w * trace
+        there += slope[i, k] * d[k]
+        turned = 0.0
+        for m in range(dim):
+            turned += form[i, k * dim + m] * d[m]
+        there += 0.5 * size * d[k] * turned
+    return there
 
 
 @njit(cache=True, inline="always")
