@@ -154,8 +154,7 @@ def test_co2_goes_into_the_rock(tmp_path):
     """A piece of 16^3 voxels at a flux held in its clear layers. CO2 is neither made nor lost: its volume is kept to
     0.3 % of the pores (0.13 measured over 300 steps).
     Once the flat front of the start has its menisci, which pull brine out of the rock at first, the saturation rises
-    as the flux says: 10 % less measured, to step 300 6 % less: the end of the CO2 in the clear layer has gone a third
-    of a spacing by then, and the velocities of single rows of particles there differ by a tenth."""
+    as the flux says: 2 to 3 % less measured, to step 300 1.6 % less."""
     summary, rows = run("berea_drainage", tmp_path, "geometry.voxels.crop=[[40, 56], [40, 56], [40, 56]]",
                         "initial.flood.saturation=0.2", "time.max_steps=80")  # fmt: skip
     found = summary["two_fluids"]
@@ -167,7 +166,7 @@ def test_co2_goes_into_the_rock(tmp_path):
     assert np.abs(volumes - volumes[0]).max() < 3e-3
     first = rows[len(rows) // 4]
     volume = 0.026 * (rows[-1]["time"] - first["time"]) * (16 * 3e-6) ** 2
-    assert rows[-1]["saturation_co2"] - first["saturation_co2"] == pytest.approx(volume / pores, rel=0.15)
+    assert rows[-1]["saturation_co2"] - first["saturation_co2"] == pytest.approx(volume / pores, rel=0.08)
     assert summary["pressure_drop"] > 0 and found["centre_x_co2"] is not None
     assert found["volume_co2"] + found["volume_brine"] == pytest.approx(summary["particles"]["fluid"] * 3e-6**3)
     parts = [found["kinetic_energy_co2"], found["kinetic_energy_brine"]]

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 # Part of a row's weights below which a pair is left out of the matrix that preconditions: at a support of 2.1 spacings
 # the 14 farthest of 32 neighbours, which have 3 % of the weights together
 LEAST = 0.01
-# Part of the odd-even pressure of a particle that is taken out in a step where there is an interface, over the diagonal:
-# no eigenvalue of A is more than twice its diagonal, so that none is overshot
+# Part of what A sees of the odd-even pressure, over its diagonal, that is taken out in a step where there is an
+# interface: eigenvalues of A are at most twice its diagonal, so that none is overshot
 LOCAL = 0.5
 ROUND_OFF = 1e-14  # of the pressures whose difference the right-hand side is: nothing is solved more exactly
 
@@ -81,11 +81,11 @@ def pressure_increment(config: Configuration, system: PressureSystem, div: np.nd
     """The increment q (n,) of  A q = -w (A + div grad) p - rate div u*  (eq. 3), with the constant of each component
     projected out (eqs 25-26), and what is added to the pressure beside it. Raises SolveError.
 
-    Where there is an interface the odd-even part of p is no part of that system: it goes from the pressure itself, where
-    it is, and makes no velocity. The viscous force jumps at an interface, by the ratio of viscosities. A gradient over
-    neighbours on both sides can balance that only with a pressure that is odd-even beside it; solved for, it would be a
-    divergence, dt times the jump, and the rows beside a meniscus that is pushed through a tube would carry other fluxes
-    than the rest.
+    Where there is an interface the odd-even part of p is no part of that system: it goes from the pressure itself,
+    where it is, and makes no velocity. The viscous force jumps at an interface, by the ratio of viscosities. A gradient
+    over neighbours on both sides can balance that only with a pressure that is odd-even beside it; solved for, it would
+    be a divergence, dt times the jump, and the rows beside a meniscus that is pushed through a tube would carry other
+    fluxes than the rest.
 
     div: (n,) of u*, 1/s; pressure: p (n,) and its gradient (n, dim); rate: g0 / dt, 1/s; nu_min: smallest kinematic
     viscosity, m2/s.

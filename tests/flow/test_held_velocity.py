@@ -162,9 +162,9 @@ def test_what_cannot_be_held_is_refused(drive, message):
 
 
 def test_a_slug_of_thin_fluid_goes_through_a_tube_as_a_plug():
-    """Between two plates, whose drag is ten times larger in the water, with side walls that slip: the exact answer is one
-    velocity everywhere. With the odd-even part of the pressure among what eq. 3 solves for, particles beside the
-    interface were off by 20 % in these steps of a sixteenth of dx2 over nu; 12 % are left."""
+    """Between two plates, whose drag is ten times larger in the water, with side walls that slip: the exact answer is
+    one velocity everywhere. With the odd-even part of the pressure among what eq. 3 solves for, particles beside the
+    interface were off by 20 % in these steps of 2.6 dx2 over nu of the water; 12 % are left."""
     slip = "{slip_length: 1.0e+6}"
     state, *_ = run(f"""
 geometry:
