@@ -1,4 +1,4 @@
-"""CPU seconds of numba's compiler, function by function, from an empty cache.
+"""CPU seconds of numba's compiler, function by function and pass by pass, from an empty cache.
 
 usage: PYTHONPATH=. python benchmarks/compile_time.py CASE [KEY=VALUE ...]
 
@@ -16,40 +16,74 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 from numba.core import config, event
+from numba.core.codegen import CPUCodeLibrary
+from numba.core.compiler_machinery import PassManager
 
 from isphcli import load_case, run
 
-MOST = 20  # functions that are named
+MOST = 20  # functions, and passes, that are named
+# what LLVM does, in numba's own methods
+LLVM = {"_optimize_functions": "LLVM, functions", "_optimize_final_module": "LLVM, modules",
+        "_finalize_final_module": "LLVM, machine code", "add_ir_module": "text of LLVM, written and read"}
 
 
-class Listener(event.Listener):
-    """Seconds of each function without those of what it calls."""
+class Stopwatch:
+    """Seconds of each name without those of what begins in it."""
 
     def __init__(self):
         self.seconds, self.count, self.open = collections.Counter(), collections.Counter(), []
 
-    def on_start(self, event):
+    def begin(self):
         self.open.append([time.process_time(), 0.0])
 
-    def on_end(self, event):
+    def end(self, name):
         begin, inner = self.open.pop()
-        spent, function = time.process_time() - begin, event.data["dispatcher"].py_func
-        name = f"{function.__module__}.{function.__name__}"
+        spent = time.process_time() - begin
         self.seconds[name] += spent - inner
         self.count[name] += 1
         if self.open:
             self.open[-1][1] += spent
 
+    def name_of_pass(self, cls, method, name):
+        """Times a method of a class; name: of what it does, a function of its arguments."""
+        held = getattr(cls, method)
+
+        def timed(*arguments, **options):
+            self.begin()
+            try:
+                return held(*arguments, **options)
+            finally:
+                self.end(name(*arguments))
+
+        setattr(cls, method, timed)
+
+
+class Listener(event.Listener):
+    def __init__(self):
+        self.functions = Stopwatch()
+
+    def on_start(self, event):
+        self.functions.begin()
+
+    def on_end(self, event):
+        function = event.data["dispatcher"].py_func
+        self.functions.end(f"{function.__module__}.{function.__name__}")
+
 
 def main(case, *overrides):
-    listener = Listener()
+    listener, passes = Listener(), Stopwatch()
     event.register("numba:compile", listener)
+    passes.name_of_pass(PassManager, "_runPass", lambda manager, index, which, *_: which.name())
+    for method, words in LLVM.items():
+        passes.name_of_pass(CPUCodeLibrary, method, lambda *_, words=words: words)
     with tempfile.TemporaryDirectory() as folder:
         config.CACHE_DIR = folder
         run(load_case(case, overrides), quiet=True, check=False)
-    print(f"{case}: {sum(listener.seconds.values()):.1f} CPU s for {sum(listener.count.values())} functions")
-    for name, seconds in listener.seconds.most_common(MOST):
-        print(f"{seconds:7.2f} s  {listener.count[name]:3d} x {name}")
+    functions = listener.functions
+    print(f"{case}: {sum(functions.seconds.values()):.1f} CPU s for {sum(functions.count.values())} functions")
+    for found in (functions, passes):
+        for name, seconds in found.seconds.most_common(MOST):
+            print(f"{seconds:7.2f} s  {found.count[name]:3d} x {name}")
 
 
 if __name__ == "__main__":
