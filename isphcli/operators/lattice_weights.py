@@ -290,11 +290,7 @@ def divergence_and_rhie_chow(ops: LatticeWeights, u: np.ndarray, pressure: tuple
 def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: np.ndarray, grad_p: np.ndarray) -> None:
     """-dx^2 lap u + dx grad p into out (n, dim), grad p into grad_p (n, dim)."""
     u, p = ops.exchange.forward(u), ops.exchange.forward(p)
-    pairs, tensors = ops.pairs, ops.tensors
-    # what a kernel takes is compiled for it array by array: no more than it needs
-    seen = pairs.start, pairs.column, pairs.offset_id, pairs.first_moment, pairs.second_moment
-    weights = seen, (tensors.row, tensors.laplace, tensors.gradient_p), ops.whole.laplacian
-    over_rows(_momentum, ops.n, weights, ops.walls.lap, dx, (u, p), out, grad_p)
+    over_rows(_momentum, ops.n, (ops.pairs, ops.tensors, ops.whole), ops.walls.lap, dx, (u, p), out, grad_p)
     if len(ops.tensors.k_tensor_p):
         more = _second_order(ops.pairs, ops.tensors, p)
         grad_p -= more
@@ -528,16 +524,17 @@ def _near_entries(rows, pairs, weight, wall_lap, area, matrix):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _momentum(rows, weights, wall_lap, dx, unknowns, out, grad_p):
-    (pairs, (row, laplace, gradient_p), whole), (u, p) = weights, unknowns
-    start, column, offset_id, first, second = pairs
+    (pairs, tensors, whole), (u, p) = weights, unknowns
+    start, column, offset_id = pairs.start, pairs.column, pairs.offset_id
+    first, second, laplace, gradient_p = pairs.first_moment, pairs.second_moment, tensors.laplace, tensors.gradient_p
     dim, last = u.shape[1], u.shape[1] - 1
     for i in range(rows[0], rows[1]):
         s0 = s1 = s2 = v0 = v1 = v2 = 0.0
-        u0, u1, u2, pi, o = u[i, 0], u[i, 1], u[i, last], p[i], row[i]
+        u0, u1, u2, pi, o = u[i, 0], u[i, 1], u[i, last], p[i], tensors.row[i]
         if o == 0:
             for q in range(start[i], start[i + 1]):
                 j, t = np.uint32(column[q]), np.uint32(offset_id[q])
-                dp, a = p[j] - pi, whole[t]
+                dp, a = p[j] - pi, whole.laplacian[t]
                 s0, s1, s2 = s0 + first[t, 0] * dp, s1 + first[t, 1] * dp, s2 + first[t, 2] * dp
                 v0, v1, v2 = v0 + a * (u[j, 0] - u0), v1 + a * (u[j, 1] - u1), v2 + a * (u[j, last] - u2)
         else:
@@ -562,9 +559,6 @@ def _divergence_and_rhie_chow(rows, weights, walls, u, pressure, factors, out):
     (pairs, tensors, whole), (wall_div, narrow), (p, grad_p), (a, b) = weights, walls, pressure, factors
     start, column, offset_id = pairs.start, pairs.column, pairs.offset_id
     half, weight = whole.half_step, pairs.pair_laplacian
-    seen = start, column, offset_id, pairs.first_moment, pairs.second_moment
-    own = tensors.row, tensors.gradient, tensors.k_tensor
-    adjoint = tensors.row, tensors.gradient_p, tensors.k_tensor_p
     dim, last = u.shape[1], u.shape[1] - 1
     for i in range(rows[0], rows[1]):
         odd_even, divergence, pi = 0.0, 0.0, p[i]
@@ -583,27 +577,27 @@ def _divergence_and_rhie_chow(rows, weights, walls, u, pressure, factors, out):
             for k in range(dim):
                 divergence -= wall_div[i, k] * u[i, k]
                 if narrow[i]:
-                    divergence += _adjoint_flux(seen, adjoint, i, k, u)
+                    divergence += _adjoint_flux(pairs, tensors, i, k, u)
                 else:
-                    divergence += _slope_along(seen, own, i, k, u)
+                    divergence += _slope_along(pairs, tensors, i, k, u)
         out[i] = a * divergence + b * tensors.scale[o] * odd_even
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _slope_along(pairs, tensors, i, k, u):
     """d u_k / d x_k of particle i: moments of the differences first, the tensors once."""
-    (start, column, offset_id, first, second), (row, gradient, k_tensor) = pairs, tensors
+    first, second = pairs.first_moment, pairs.second_moment
     m0 = m1 = m2 = t0 = t1 = t2 = t3 = t4 = t5 = 0.0
-    for q in range(start[i], start[i + 1]):
-        j, t = np.uint32(column[q]), np.uint32(offset_id[q])
+    for q in range(pairs.start[i], pairs.start[i + 1]):
+        j, t = np.uint32(pairs.column[q]), np.uint32(pairs.offset_id[q])
         d = u[j, k] - u[i, k]
         m0, m1, m2 = m0 + first[t, 0] * d, m1 + first[t, 1] * d, m2 + first[t, 2] * d
         t0, t1, t2 = t0 + second[t, 0] * d, t1 + second[t, 1] * d, t2 + second[t, 2] * d
         t3, t4, t5 = t3 + second[t, 3] * d, t4 + second[t, 4] * d, t5 + second[t, 5] * d
-    g = gradient[row[i], k]
+    g = tensors.gradient[tensors.row[i], k]
     slope = g[0] * m0 + g[1] * m1 + (g[2] * m2 if len(g) == 3 else 0.0)
-    if len(k_tensor) > 0:
-        c = k_tensor[row[i], k]
+    if len(tensors.k_tensor) > 0:
+        c = tensors.k_tensor[tensors.row[i], k]
         slope -= c[0] * t0 + c[1] * t1 + c[2] * t2 + c[3] * t3 + c[4] * t4 + c[5] * t5
     return slope
 
@@ -611,11 +605,11 @@ def _slope_along(pairs, tensors, i, k, u):
 @njit(cache=True, error_model="numpy", fastmath=False)
 def _adjoint_flux(pairs, tensors, i, k, u):
     """Part of component k in the adjoint divergence of particle i: a_ji V_j = -a_ij V_i, T_ji V_j = T_ij V_i."""
-    (start, column, offset_id, first, second), (row, gradient_p, k_tensor_p) = pairs, tensors
-    o, flux = row[i], 0.0
-    for q in range(start[i], start[i + 1]):
-        j, t = column[q], offset_id[q]
-        n = row[j]
+    first, second = pairs.first_moment, pairs.second_moment
+    gradient_p, k_tensor_p, o, flux = tensors.gradient_p, tensors.k_tensor_p, tensors.row[i], 0.0
+    for q in range(pairs.start[i], pairs.start[i + 1]):
+        j, t = pairs.column[q], pairs.offset_id[q]
+        n = tensors.row[j]
         for m in range(u.shape[1]):
             flux += first[t, m] * (gradient_p[o, k, m] * u[i, k] + gradient_p[n, k, m] * u[j, k])
         if len(k_tensor_p) > 0:

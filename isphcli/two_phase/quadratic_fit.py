@@ -181,19 +181,16 @@ def _fit(turns, work, which, neighbours, field, walls, fit):
     wall_start, offset, normal, wall_slope, wall_weight = walls
     matrix, right, more, basis, d, c = work.matrix, work.right, work.more, work.basis, work.d, work.coefficients
     phi, (value, slope, curvature, form) = field.phi, fit
-    # what a function takes is compiled for it array by array: no more than it needs
-    near, ways = (work.ways, work.weight, work.rise, work.alike, work.seen), (work.ways, work.seen)
-    powers, terms = (work.ways, work.seen, work.product, work.sums), (work.place, work.pair, work.scale)
     dim, size, own = len(d), len(basis), shape(kind, 0.0)
     quadratic = size > dim  # else a linear function without its constant, of which the slope is asked
     for first in range(turns[0], turns[1], TOGETHER):
         lanes = min(TOGETHER, turns[1] - first)
         for m in range(lanes):
             i = which[first + m]
-            _gather(i, m, neighbours, field, near)
+            _gather(i, m, neighbours, field, work)
             if quadratic:
-                _higher_powers(work.weight, work.sums, m, ways)
-            _normal_equations(powers, m, work.weight, work.rise, (matrix, right), terms)
+                _higher_powers(work, m)
+            _normal_equations(work, m)
             if quadratic:
                 matrix[0, 0, m] += own
             for p in range(wall_start[i], wall_start[i + 1]):
@@ -218,7 +215,7 @@ def _fit(turns, work, which, neighbours, field, walls, fit):
                 c[a] = right[a, m]
             # what a quadratic function cannot have of a distance follows from it, and is taken off in a second fit
             steepness = _levels(c, work.unit, work.form, work.once)
-            _beyond_neighbours(powers, m, work.weight, steepness, (work.unit, work.form), more, terms)
+            _beyond_neighbours(work, m, steepness)
             for p in range(wall_start[i], wall_start[i + 1]):
                 w = wall_weight[p] * _weight(d, offset, p, support, kind)
                 _slopes(basis, d, normal[p])
@@ -244,7 +241,7 @@ def _fit(turns, work, which, neighbours, field, walls, fit):
 
 
 @njit(cache=True, error_model="numpy")
-def _gather(i, m, neighbours, field, near):
+def _gather(i, m, neighbours, field, work):
     """The ways to the known neighbours of particle i, in units of the support, their weights and what phi rises by, and
     the number of these, filled up to whole vectors, are written to place m.
 
@@ -253,8 +250,8 @@ def _gather(i, m, neighbours, field, near):
     spacing is its own."""
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     phi, known, direction = field.phi, field.known, field.direction
-    (ways, weight, rise, alike, seen), kind, dim = near, neighbours.kind, x.shape[1]
-    over, deep, last, count = 1.0 / neighbours.support, 1.0 if dim == 3 else 0.0, dim - 1, 0
+    ways, weight, rise, alike, kind = work.ways, work.weight, work.rise, work.alike, neighbours.kind
+    over, deep, last, count = 1.0 / neighbours.support, 1.0 if len(work.d) == 3 else 0.0, len(work.d) - 1, 0
     x0, x1, x2, own = x[i, 0], x[i, 1], x[i, last], phi[i]
     n0, n1, n2 = direction[i, 0], direction[i, 1], deep * direction[i, last]
     for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
@@ -282,21 +279,20 @@ def _gather(i, m, neighbours, field, near):
     else:
         for k in range(padded):
             weight[m, k] = shape(QUINTIC_SPLINE, weight[m, k])
-    per_spacing = 1.0 / field.spacing
+    near = 1.0 / field.spacing
     for k in range(padded):
-        apart = min((alike[1, k] * per_spacing) ** 2, 1.0)
+        apart = min((alike[1, k] * near) ** 2, 1.0)
         weight[m, k] *= 1.0 - apart * (1.0 - (0.5 * (1.0 + alike[0, k])) ** APART)
-    seen[m] = padded
+    work.seen[m] = padded
 
 
 @njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
-def _powers(powers, m):
+def _powers(work, m):
     """Sums of the products times 1, x, y, z, xx, xy, xz, yy, yz, zz of the ways to the neighbours of place m; in any
     order, so that they are vectors. More of them would not stay in registers."""
-    ways, seen, v, sums = powers
-    x, y, z = ways[m, 0], ways[m, 1], ways[m, 2]
+    x, y, z, v, sums = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.product, work.sums
     s, sx, sy, sz, xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(seen[m]):
+    for k in range(work.seen[m]):
         a, b, c = v[k] * x[k], v[k] * y[k], v[k] * z[k]
         s += v[k]
         sx += a
@@ -313,10 +309,9 @@ def _powers(powers, m):
 
 
 @njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
-def _higher_powers(weight, sums, m, near):
+def _higher_powers(work, m):
     """As `_powers`, the weights times the powers of third and fourth order."""
-    ways, seen = near
-    x, y, z, w = ways[m, 0], ways[m, 1], ways[m, 2], weight[m]
+    x, y, z, w, sums, seen = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.weight[m], work.sums, work.seen
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = 0.0
     for k in range(seen[m]):
         xx, yy, zz = w[k] * x[k] * x[k], w[k] * y[k] * y[k], w[k] * z[k] * z[k]
@@ -357,32 +352,31 @@ def _higher_powers(weight, sums, m, near):
 
 
 @njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
-def _normal_equations(powers, m, weight, rise, system, terms):
+def _normal_equations(work, m):
     """Matrix, its lower half, and right-hand side of what phi rises by at the neighbours of place m."""
-    (_, seen, product, sums), (matrix, right), (place, pair, scale) = powers, system, terms
     for side in range(2):
-        for k in range(seen[m]):
-            product[k] = weight[m, k] * (1.0 if side == 0 else rise[m, k])
-        _powers(powers, m)
-        for a in range(len(scale)):
+        for k in range(work.seen[m]):
+            work.product[k] = work.weight[m, k] * (1.0 if side == 0 else work.rise[m, k])
+        _powers(work, m)
+        for a in range(len(work.scale)):
             if side == 1:
-                right[a, m] = scale[a] * sums[place[a]]
+                work.right[a, m] = work.scale[a] * work.sums[work.place[a]]
             else:
                 for b in range(a + 1):
-                    matrix[a, b, m] = scale[a] * scale[b] * sums[pair[a, b]]
+                    work.matrix[a, b, m] = work.scale[a] * work.scale[b] * work.sums[work.pair[a, b]]
 
 
 @njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
-def _beyond_neighbours(powers, m, weight, steepness, level, more, terms):
+def _beyond_neighbours(work, m, steepness):
     """The right-hand side of the second fit: terms of third and fourth order of a distance at the ways d of the
     neighbours, with n the normal (unit) and h the form of its level, unchanged along it:
 
     -(n . d) d . h h d / 2 + (n . d)^2 d . h h h d / 2 - (d . h d)(d . h h d) / 8."""
-    (ways, seen, product, sums), (n, h), (place, _, scale) = powers, level, terms
-    x, y, z, w = ways[m, 0], ways[m, 1], ways[m, 2], weight[m]
+    x, y, z, w, product, n, h = (work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.weight[m], work.product,
+                                 work.unit, work.form)
     n0, n1, n2 = n[0], n[1], n[2]
     xx, xy, xz, yy, yz, zz = h[0, 0], h[0, 1], h[0, 2], h[1, 1], h[1, 2], h[2, 2]
-    for k in range(seen[m]):
+    for k in range(work.seen[m]):
         s = xx * x[k] + xy * y[k] + xz * z[k]  # h d
         t = xy * x[k] + yy * y[k] + yz * z[k]
         u = xz * x[k] + yz * y[k] + zz * z[k]
@@ -391,9 +385,9 @@ def _beyond_neighbours(powers, m, weight, steepness, level, more, terms):
         q4 = xx * s * s + yy * t * t + zz * u * u + 2.0 * (xy * s * t + xz * s * u + yz * t * u)
         beyond = 0.5 * along * (along * q4 - q3) - 0.125 * q2 * q3
         product[k] = -w[k] * steepness * beyond
-    _powers(powers, m)
-    for a in range(len(scale)):
-        more[a, m] = scale[a] * sums[place[a]]
+    _powers(work, m)
+    for a in range(len(work.scale)):
+        work.more[a, m] = work.scale[a] * work.sums[work.place[a]]
 
 
 @njit(cache=True, inline="always")
