@@ -45,7 +45,7 @@ geometry: {box: [1, 1], periodic: [x, y], shapes: [{sphere: {centre: [0.5, 0.5],
 particles: {spacing: 0.0625}
 fluids: {water: {density: 1, viscosity: 1}}
 drive: {body_force: [1, 0]}
-time: {steady: 2.0e-2, end: 100}
+time: {steady: 2.0e-2, end: 1000}
 output: {plots: false}
 """
 # half a drop on a wall under gravity: tension, contact angle, jumps of density and viscosity, ganglia that are counted
