@@ -34,9 +34,6 @@ class VelocityKink(Protocol):
     def one_sided(self, slope: np.ndarray) -> np.ndarray:
         """Slopes (n, c, dim) of velocities, one after the other, on the side of each particle, from those of eq. 5."""
 
-    def add_divergence(self, u: np.ndarray, out: np.ndarray) -> None:
-        """Adds to out (n,), 1/s, what eq. 5 lacks of the divergence of u (n + remote, dim), m/s."""
-
 
 class FluidInterface(Protocol):
     """The interface of one configuration (two_phase.interface.Interface)."""
@@ -184,13 +181,6 @@ class Terms:
     def least_drag(self) -> float:
         """The drag that acts everywhere, 1/s: in the projection it adds to inertia."""
         return 0.0 if self.drag is None else reduce.smallest(self.drag)
-
-    def divergence(self, u: np.ndarray) -> np.ndarray:
-        """Divergence (n,) of u (n, dim), 1/s, with walls and their velocities and the kink at an interface."""
-        out = self.ops.total_divergence(u)
-        if self.kink is not None:
-            self.kink.add_divergence(self.ops.exchange.forward(u), out)
-        return out
 
     def sharpened(self, right: np.ndarray) -> np.ndarray:
         """right + c L right of `viscous_solve`: accelerations (n, dim), m/s2, as they stand in eq. 2."""

@@ -1,4 +1,4 @@
-"""The kink of a velocity where the viscosity jumps: its slopes on either side, and its divergence.
+"""The kink of a velocity where the viscosity jumps: its slopes on either side.
 
 The slope of the velocity along the interface jumps, so that the shear stress does not. With the normal n,
 
@@ -10,13 +10,13 @@ neighbours on both sides. Of the whole velocity it finds the shear s (v . n), an
 
     s (n - v) / (v . n),      s that of the slopes of eq. 5.
 
-With this, slopes and divergence are exact for velocities that are linear on either side, in any arrangement, as the
-sums of stresses are (`two_fluids`). A turning of the whole has no s. The velocity across the interface has no kink: of
-fluid that does not expand its slope is given by the other ones, which do not jump.
+With this, slopes are exact for velocities that are linear on either side, in any arrangement, as the sums of stresses
+are (`two_fluids`). A turning of the whole has no s. The velocity across the interface has no kink: of fluid that does
+not expand its slope is given by the other ones, which do not jump.
 
-Without it two things go wrong as soon as particles have moved. A shift across the shear of the thinner fluid changes
-the velocity of the thicker one, which is a force on it. And a shear along the interface has a divergence, which the
-projection takes out by velocities of the size of the shear times a spacing.
+Without it a shift across the shear of the thinner fluid changes the velocity of the thicker one, which is a force on
+it. The divergence of the projection is that of eq. 5 on both sides: with these slopes layers came out better, but a
+bubble that rises lost the balance of what rises and what sinks (docs/design_notes.md, layers off the lattice).
 """
 
 from __future__ import annotations
@@ -33,16 +33,10 @@ LEAST_SEEN = 0.1  # v . n, of 1 to mu_i / mu_j: particles that find less of a sl
 
 
 class Kink(NamedTuple):
-    """normal: (n, dim); missed: (n, dim) (n - v) / (v . n), zero away from the interface; rows: (m,) particles beside
-    it that see no wall; start: (m + 1,), column: (pairs,) neighbours of those; weight: (pairs, dim) of the divergence
-    that is lacking, 1/m."""
+    """normal: (n, dim); missed: (n, dim) (n - v) / (v . n), zero away from the interface."""
 
     normal: np.ndarray
     missed: np.ndarray
-    rows: np.ndarray
-    start: np.ndarray
-    column: np.ndarray
-    weight: np.ndarray
 
     def one_sided(self, slope: np.ndarray) -> np.ndarray:
         """Slopes (n, c, dim) of velocities, one after the other, on the side of each particle, from those of eq. 5."""
@@ -53,12 +47,6 @@ class Kink(NamedTuple):
         shear -= _products(shear, normal)[:, :, None] * normal
         return slope + (shear[:, :, :, None] * self.missed[:, None, None]).reshape(slope.shape)
 
-    def add_divergence(self, u: np.ndarray, out: np.ndarray) -> None:
-        """Adds to out (n,), 1/s, what eq. 5 lacks of the divergence of u (n + remote, dim), m/s."""
-        if len(self.rows):
-            apart = u[self.column] - np.repeat(u[self.rows], np.diff(self.start), axis=0)
-            out[self.rows] += np.add.reduceat(_products(self.weight, apart), self.start[:-1])
-
 
 def kink_at(interface: Interface, ops: Operators, viscosity: np.ndarray, near: np.ndarray) -> Kink:
     """The Kink of particles `near` (n,) the interface of fluids of viscosities (2,), Pa s. ops: Operators."""
@@ -66,16 +54,7 @@ def kink_at(interface: Interface, ops: Operators, viscosity: np.ndarray, near: n
     v = mu[:, None] * ops.gradient_p(interface.phi / mu)
     along = _products(v, n)
     known = near & (along > LEAST_SEEN)
-    missed = np.divide(n - v, along[:, None], out=np.zeros_like(n), where=known[:, None])
-    rows = np.flatnonzero(known if ops.walls is None else known & ~ops.walls.near_wall)
-    count = np.diff(ops.start)[rows]
-    start = np.concatenate([[0], np.cumsum(count)])
-    pair = np.repeat(ops.start[rows] - start[:-1], count) + np.arange(start[-1])
-    # the divergence sees the part of `missed` along the interface alone, as s has no other
-    beside = missed[rows] - _products(missed[rows], n[rows])[:, None] * n[rows]
-    across, beside, grad = np.repeat(n[rows], count, axis=0), np.repeat(beside, count, axis=0), ops.grad[pair]
-    weight = _products(across, grad)[:, None] * beside + _products(beside, grad)[:, None] * across
-    return Kink(n, missed, rows, start, ops.column[pair], weight)
+    return Kink(n, np.divide(n - v, along[:, None], out=np.zeros_like(n), where=known[:, None]))
 
 
 def _products(a: np.ndarray, b: np.ndarray) -> np.ndarray:

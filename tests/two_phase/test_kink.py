@@ -10,7 +10,7 @@ from tests.two_phase.scenes import layers, scene
 @pytest.mark.parametrize("ratio", [0.01, 100.0])
 def test_a_velocity_with_a_kink_is_exact_on_either_side(ratio):
     """Shear stress and velocity go on over the interface, with a turning and a stretching of the whole: round-off.
-    Eq. 5 alone finds a divergence of a tenth of the shear times the ratio."""
+    With the slopes of eq. 5 alone a shifted particle is off."""
     _, _, state, stepper, _ = scene(layers(1 / 12, mu=ratio).replace("spacing: ", "jitter: 0.2, spacing: "))
     config = stepper.configure(state.x, phi=state.phi)
     terms, above, n = config.terms, state.phi > 0.0, len(state.x)
@@ -22,10 +22,10 @@ def test_a_velocity_with_a_kink_is_exact_on_either_side(ratio):
     u = np.column_stack([mean + shear * y - turning * y + stretching * x, turning * x - stretching * y])
     assert (above & inside).any() and (~above & inside).any()
     scale = max(1.0, 1.0 / ratio)
-    assert np.abs(terms.divergence(u))[inside].max() < 1e-10 * scale * 12
-    assert np.abs(config.ops.total_divergence(u))[inside].max() > 0.01
     dr = np.random.default_rng(1).uniform(-0.01, 0.01, (n, 2))
     there = u + np.column_stack([shear * dr[:, 1] - turning * dr[:, 1] + stretching * dr[:, 0],
                                  turning * dr[:, 0] - stretching * dr[:, 1]])
-    moved = carry(config.ops, np.concatenate([u, 2.0 * u], axis=1), dr, terms.smooth, terms.kink)
-    assert np.abs(moved - np.concatenate([there, 2.0 * there], axis=1))[inside].max() < 1e-10 * scale
+    fields, there = np.concatenate([u, 2.0 * u], axis=1), np.concatenate([there, 2.0 * there], axis=1)
+    moved = carry(config.ops, fields, dr, terms.smooth, terms.kink)
+    assert np.abs(moved - there)[inside].max() < 1e-10 * scale
+    assert np.abs(carry(config.ops, fields, dr, terms.smooth) - there)[inside].max() > 1e-3 * scale
