@@ -47,24 +47,25 @@ def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray
     out.
     """
     walls, everyone = ops.walls, ops.exchange.forward(fields)
+    known = np.zeros(ops.n, np.bool_)
     if walls is None or walls.slope_velocity is None:
         slope = pair_sums.gradient(ops.start, ops.column, ops.grad_p, everyone)
-        if kink is not None:
-            slope = kink.one_sided(slope)
-        return taylor(ops, fields, slope, dr, second if walls is None else second & ~walls.near_wall)
-    from ..operators.wall_weights import wall_gradient
+    else:
+        from ..operators.wall_weights import wall_gradient
 
-    known = walls.near_wall & ~walls.narrow
-    slope = pair_sums.gradient(ops.start, ops.column, ops.grad, everyone)
-    for c in range(0, fields.shape[1], ops.dim):
-        slope[known, c : c + ops.dim] += wall_gradient(walls, fields[:, c : c + ops.dim])[known]
-    # of particles that see no wall the weights are those of the pressure
-    others = (walls.near_wall | walls.narrow) & ~known
-    if others.any():
-        slope[others] = pair_sums.gradient(ops.start, ops.column, ops.grad_p, everyone)[others]
+        known = walls.near_wall & ~walls.narrow
+        slope = pair_sums.gradient(ops.start, ops.column, ops.grad, everyone)
+        for c in range(0, fields.shape[1], ops.dim):
+            slope[known, c : c + ops.dim] += wall_gradient(walls, fields[:, c : c + ops.dim])[known]
+        # of particles that see no wall the weights are those of the pressure
+        others = (walls.near_wall | walls.narrow) & ~known
+        if others.any():
+            slope[others] = pair_sums.gradient(ops.start, ops.column, ops.grad_p, everyone)[others]
     if kink is not None:
         slope = np.where(known[:, None, None], slope, kink.one_sided(slope))
-    return taylor(ops, fields, slope, dr, second & (known | ~walls.near_wall))
+    if walls is not None:
+        second = second & (known | ~walls.near_wall)
+    return taylor(ops, fields, slope, dr, second)
 
 
 def taylor(ops: Operators, fields: np.ndarray, slope: np.ndarray, dr: np.ndarray, second: np.ndarray) -> np.ndarray:
