@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from . import expressions, forcing
-from .blocks import AXES, FACES, LATTICES, SOLID, Grey, ShapeBlock, Time
+from .blocks import AXES, FACES, LATTICES, SOLID, Grey, ShapeBlock
 from .force_list import wrong_with_forces
 from .reader import Key, Table, keys_of, suggest
 from .yaml import ProblemList, as_key, shown
@@ -344,7 +344,6 @@ class _Checks:
             self.bad("drive.axes", "makes its own flow along each axis", "remove the rest of drive")
         if not (drive.axes or pushed or drive.steps):
             self.bad("drive", "drives nothing", "give body_force, pressure_drop, superficial_velocity, steps or axes")
-        self.drives_of_zero(drive)
         if drive.axes and self.clear("flow") and self.case.flow != "stokes":
             self.bad("drive.axes", "needs flow: stokes", "use body_force, pressure_drop or superficial_velocity")
         if drive.superficial_velocity is not None:
@@ -360,16 +359,6 @@ class _Checks:
         self.of_time(drive.body_force or (), "drive.body_force")
         for name, drop in (drive.pressure_drop or {}).items():
             self.of_time((drop,), f"drive.pressure_drop.{name}", listed=False)
-
-    def drives_of_zero(self, drive: Drive) -> None:
-        """A drive of zeros would run as if it was not there."""
-        fix = "give another number, or remove it"
-        if drive.body_force and not any(drive.body_force):
-            self.bad("drive.body_force", "is zero along every axis and drives nothing", fix)
-        for name in ("pressure_drop", "superficial_velocity"):
-            for axis, value in (getattr(drive, name) or {}).items():
-                if value == 0:
-                    self.bad(f"drive.{name}.{axis}", "is zero and drives nothing", fix)
 
     def of_time(self, items: Any, path: str, listed: bool = True) -> None:
         """Formulas of the time need a flow in time with an end, up to which they have finite values."""
@@ -391,6 +380,9 @@ class _Checks:
         path = "drive.superficial_velocity"
         if len(drive.superficial_velocity) != 1:
             self.bad(path, "needs one axis", "name the axis of the flow alone")
+        for axis, value in drive.superficial_velocity.items():
+            if value == 0:
+                self.bad(f"{path}.{axis}", "is zero and drives nothing", "give another number, or remove it")
         if drive.pressure_drop is not None:
             self.bad(path, "finds its own pressure drop", "remove drive.pressure_drop")
         if self.clear("flow") and self.case.flow == "stokes":
@@ -456,14 +448,6 @@ class _Checks:
         elif case.time.step and case.time.end and case.time.step > case.time.end:
             message = f"{case.time.step:g} is longer than the run, {case.time.end:g}"
             self.bad("time.step", message, "make it a small part of time.end")
-        self.limits_of_steps()
-
-    def limits_of_steps(self) -> None:
-        """What bounds the steps has no say in one that is given."""
-        time = self.case.time
-        for name in ("cfl", "capillary") if time is not None and time.step else ():
-            if getattr(time, name) != keys_of(Time)[name].default:
-                self.bad(f"time.{name}", "has no effect beside time.step", "remove one of the two")
 
     def refine(self) -> None:
         if not self.case.refine or not self.clear("refine", "particles.spacing", "flow"):

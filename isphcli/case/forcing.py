@@ -41,6 +41,14 @@ def is_driven(case: Case) -> bool:
     return case.drive is not None
 
 
+def drives_of_zero(case: Case) -> list[str]:
+    """Keys of a drive whose numbers are all zero: the case runs as if they were not there."""
+    if case.drive is None:
+        return []
+    given = {"body_force": case.drive.body_force, "pressure_drop": (case.drive.pressure_drop or {}).values()}
+    return [f"drive.{name}" for name, numbers in given.items() if numbers and not any(numbers)]
+
+
 def force_is_given(case: Case) -> bool:
     """Whether a case says what constant force drives it; not where it names axes or a velocity, whose force is up to
     the run, nor where the force changes with time."""

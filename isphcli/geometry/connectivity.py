@@ -71,6 +71,8 @@ def connectivity_of(fluid: np.ndarray, periodic: tuple[bool, ...], cell_volume: 
     size[0] = 0
     isolated = np.logical_not((percolates if through is None else percolates[:, list(through)]).any(axis=1))
     isolated[0] = False
+    if through is None and open_axes is not None and not len(open_axes):
+        isolated[:] = False  # a box of walls is no pocket
     return Connectivity(
         porosity=float(size.sum() / max(fluid.size, 1)),
         components=n,

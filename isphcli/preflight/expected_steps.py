@@ -53,7 +53,7 @@ def expected_steps(case: Case, geometry: Geometry, motion: Motion, fluids: list[
     time, there = case.time, [case.fluids[name] for name in fluids]
     assert time is not None
     lengths = step_lengths(case, min(f.nu for f in there), _capillary_step(case, fluids), geometry.has_solid)
-    drive, end = _timed_drive(case, geometry), forcing.longest_time(case)
+    drive, end = None if time.step else _timed_drive(case, geometry), forcing.longest_time(case)
     end = math.inf if end is None else end
     march, most = _March(Counter()), MOST if drive is None else MOST_FOLLOWED
     record = None

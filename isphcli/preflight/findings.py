@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..case import forcing
-from ..case.blocks import AXES
+from ..case.blocks import AXES, Time
 from ..case.force_list import forces_of
+from ..case.reader import keys_of
 from ..domain.lattice import Lattice
 from ..flow.forces import largest_of
 from ..geometry.connectivity import connectivity_of
@@ -61,6 +62,7 @@ def drive_findings(
         result.errors.append("nothing moves the fluid; give a drive or a wall with a velocity")
     begins = case.initial is not None and case.initial.velocity
     tension = case.interface is not None and len(fluids_there(case, sites)) > 1
+    result.warnings += [f"{key} is zero along every axis and drives nothing" for key in forcing.drives_of_zero(case)]
     if case.flow != "stokes" and not (pushed or moved or held or begins or tension):
         result.warnings.append("nothing moves the fluid, which stays at rest; give a drive, tension of two fluids, "
                                "an initial velocity or a wall with one")
@@ -176,7 +178,12 @@ def fluids_there(case: Case, sites: Sites) -> list[str]:
 def step_findings(result: CheckResult) -> Iterator[str]:
     """A run that is out of steps before its end; a flow that would be turbulent."""
     case, steps = result.case, result.steps
-    if case.time is None or steps is None or steps.count is None:
+    if case.time is None:
+        return
+    for name in ("cfl", "capillary") if case.time.step else ():
+        if getattr(case.time, name) != keys_of(Time)[name].default:
+            yield f"time.{name} has no effect beside time.step, which is {case.time.step:g} s"
+    if steps is None or steps.count is None:
         return
     if steps.count >= case.time.max_steps and case.time.steady is None:
         end = forcing.longest_time(case)

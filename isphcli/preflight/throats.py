@@ -158,7 +158,8 @@ def _beside_no_wall(fluid: np.ndarray, cell: np.ndarray, geometry: Geometry) -> 
     for axis in range(fluid.ndim):
         others = tuple(a for a in range(fluid.ndim) if a != axis)
         clear = np.asarray(fluid.all(axis=others))
-        if clear.all() or not all(geometry.periodic):  # walls close faces, and there are no sites in them
+        # walls close faces, and there are no sites in them; a layer of solid alone is a side of a channel
+        if clear.all() or not all(geometry.periodic) or not fluid.any(axis=others).all():
             continue
         start = int(np.argmin(clear))  # a layer with solid: what is clear goes on over the ends of the box
         steps = np.diff(np.roll(clear, -start).astype(int), append=0)

@@ -118,8 +118,9 @@ def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchang
     particles to them, m.
 
     A cell without a particle in reach holds no fluid that is simulated: it counts for neither, in `CutCells.cells` it
-    has none. One that has both fluids round it, but no interface near, as on the two sides of a wall that it does not
-    see over, is of the fluid of the nearest particle.
+    has none, and the others have its part: all of them have what the particles have. One that has both fluids round
+    it, but no interface near, as on the two sides of a wall that it does not see over, is of the fluid of the nearest
+    particle.
     """
     phi, slope, form = (exchange.forward(values) for values in (phi, fit.slope, fit.form))
     n, dim, reach = len(cells.fluid), len(cells.side), REACH * cells.side.max()
@@ -138,7 +139,8 @@ def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchang
                 whole[seen.cells] = part
     far_off = np.flatnonzero((nearest >= 0).all(axis=1) & (weight == 0.0))
     nearest[far_off, _farther(cells, x, nearest, far_off)] = -1
-    cells = cells._replace(fluid=np.where((nearest < 0).all(axis=1), 0.0, cells.fluid))
+    held = np.where((nearest < 0).all(axis=1), 0.0, cells.fluid)
+    cells = cells._replace(fluid=held * (reduce.total(cells.fluid) / reduce.total(held)))
     volume, area = np.zeros(n), np.zeros(n)
     over_rows(_cut, n, cells, found, volume, area, work=lambda: np.empty(dim))
     known = (weight > 0.0)[:, None]

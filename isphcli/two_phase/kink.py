@@ -41,7 +41,7 @@ class Kink(NamedTuple):
     def one_sided(self, slope: np.ndarray) -> np.ndarray:
         """Slopes (n, c, dim) of velocities, one after the other, on the side of each particle, from those of eq. 5."""
         n, dim = self.normal.shape
-        whole = slope.reshape(n, -1, dim, dim)
+        whole = slope.reshape(n, slope.shape[1] // dim, dim, dim)
         normal = self.normal[:, None]
         shear = _products(whole + whole.swapaxes(2, 3), normal[:, :, None])
         shear -= _products(shear, normal)[:, :, None] * normal

@@ -24,6 +24,13 @@ def duct_and_pockets():
     return fluid
 
 
+def test_a_box_of_walls_is_no_closed_pocket():
+    fluid = np.ones((4, 4, 4), dtype=bool)
+    found = connectivity_of(fluid, (False,) * 3, open_axes=[])
+    assert found.percolates == (False,) * 3 and found.isolated_pockets == 0 and found.isolated_share == 0.0
+    assert connectivity_of(fluid, (False,) * 3, open_axes=[], through=[0]).isolated_pockets == 1  # between reservoirs
+
+
 def test_tubes_percolate_along_their_axis_only():
     found = connectivity_of(two_tubes(), (False, False, False))
     assert found.components == 2 and found.isolated_pockets == 0

@@ -60,6 +60,16 @@ def test_inertia_in_a_stokes_case():
     assert "Reynolds number" in findings(SLIT, "drive.body_force=[1000, 0]")
 
 
+def test_what_has_no_effect_is_told():
+    """Such a case runs: a sweep of a drive passes through zero, and a case may be given a step of its own for once."""
+    moving = ("flow=navier_stokes", "time={end: 1, step: 0.01, cfl: 0.1, capillary: 2}")
+    told = findings(SLIT, "drive.body_force=[0, 0]", *moving)
+    assert "drive.body_force is zero along every axis" in told
+    assert "time.cfl has no effect beside time.step" in told and "time.capillary has no effect" in told
+    wall = "geometry.shapes=[{box: {lower: [-1, 0.4], upper: [2, 0.7]}, is: solid}]"
+    assert "is zero" not in findings(SLIT, "drive={pressure_drop: {x: 1, y: 0}}", "geometry.periodic=[x, y]", wall)
+
+
 def test_a_fluid_without_particles():
     report = check(read(DROP, "geometry.shapes=[]"))
     assert any("fluids.oil has no particle" in text for text in report.warnings)

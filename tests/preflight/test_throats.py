@@ -35,6 +35,13 @@ def test_ends_without_walls_are_no_pores():
     assert throats.narrow == pytest.approx(8, abs=0.1) and throats.median == pytest.approx(8, abs=0.1)
 
 
+def test_a_channel_that_is_wider_than_the_box_is_long_is_a_pore():
+    """Between sides that are solid all along: it repeats along x, and there is no way on across it."""
+    case = read(SLIT, "geometry.box=[0.2, 1.2]", "geometry.periodic=[x, y]", "particles.spacing=0.05",
+                "geometry.shapes=[{box: {lower: [-1, 0], upper: [2, 0.2]}, is: solid}]")
+    assert check(case).throats.median == pytest.approx(20, abs=0.1)
+
+
 def test_nooks_of_rough_walls_are_no_throats(folder):
     """A duct of 8 x 8 voxels with a nook beside every second voxel of its walls: by neighbours alone 8 of 10 points of
     its centre lines are nooks a particle wide."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from isphcli.flow.shifting import carry
+from isphcli.two_phase.kink import Kink
 from tests.two_phase.scenes import layers, scene
 
 
@@ -29,3 +30,8 @@ def test_a_velocity_with_a_kink_is_exact_on_either_side(ratio):
     moved = carry(config.ops, fields, dr, terms.smooth, terms.kink)
     assert np.abs(moved - there)[inside].max() < 1e-10 * scale
     assert np.abs(carry(config.ops, fields, dr, terms.smooth) - there)[inside].max() > 1e-3 * scale
+
+
+def test_a_process_without_particles_has_no_slopes():
+    none = np.empty((0, 3))
+    assert Kink(none, none).one_sided(np.empty((0, 6, 3))).shape == (0, 6, 3)
