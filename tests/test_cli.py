@@ -226,7 +226,7 @@ def test_errors_of_the_run_are_shown_and_the_bound_stands_beside_the_main_one(mo
         monkeypatch, {"errors": {"velocity_max": 0.02, "velocity_relative_l2": 0.003, "main": "velocity_max"}}
     )
     lines = isph("run", "case.yaml").output.splitlines()
-    assert any("velocity_max" in line and "+2 % (bound 1 %)" in line for line in lines)
+    assert any("velocity_max" in line and "+2 % (bound 1 %, not met)" in line for line in lines)
     assert any("velocity_relative_l2" in line and line.endswith("+0.3 %") for line in lines)
 
 

@@ -197,12 +197,13 @@ def reference_lines(case: Case, summary: Mapping[str, Any]) -> list[tuple[str, s
 
 
 def shown_error(name: str, error: Any, tolerance: float | None) -> str:
-    """A relative error in per cent, and the bound on it."""
+    """A relative error in per cent, and the bound on it, and whether it is outside."""
     if not isinstance(error, (int, float)):
         return str(error)
     if name.endswith("capillary_number"):  # how far a fluid is off rest is no part of anything
         return f"{error:.2g}"
-    return f"{100 * error:+.3g} %" + (f" (bound {100 * tolerance:.3g} %)" if tolerance else "")
+    outside = ", not met" if tolerance and abs(error) > tolerance else ""
+    return f"{100 * error:+.3g} %" + (f" (bound {100 * tolerance:.3g} %{outside})" if tolerance else "")
 
 
 def time_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
