@@ -836,11 +836,13 @@ def report(directories: tuple[Path, ...], target: Path, force: bool) -> None:
     \b
     isph report out/coarse out/fine --to comparison.html
     """
-    may_write(target, force)
-    from .output.report import write_report
+    from .output.files import write_text
+    from .output.report import read_run, report_page
 
-    write_report(target, directories)
-    click.echo(f"{target} written")
+    runs = [read_run(directory) for directory in directories]
+    may_write(target, force)
+    write_text(target, report_page(runs))
+    click.echo(f"{target.absolute()} written")
 
 
 # -- ladders ---------------------------------------------------------------------------------------------

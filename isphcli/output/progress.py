@@ -52,7 +52,8 @@ class Progress:
         stream: TextIO | None = None,
         interval: float = INTERVAL,
     ):
-        """The run ends at `total_time` (s) or after `total_steps`; with neither no share done is shown.
+        """The run ends at `total_time` (s) or after `total_steps`, whichever comes first; with neither no share done
+        is shown.
 
         `interval`: seconds between two plain lines where `stream` (stderr) is not a terminal.
         """
@@ -121,9 +122,9 @@ class Progress:
             self._display.substage(text)
 
     def _share(self, step: int, t: float | None) -> float | None:
-        if self.total_time and t is not None:
-            return min(max(t / self.total_time, 0.0), 1.0)
-        return min(step / self.total_steps, 1.0) if self.total_steps else None
+        by_time = [max(t / self.total_time, 0.0)] if self.total_time and t is not None else []
+        by_steps = [step / self.total_steps] if self.total_steps else []
+        return min(max(by_time + by_steps), 1.0) if by_time or by_steps else None
 
     def _left(self, done: float | None) -> str:
         """Time left at the pace of the last half of the steps: the first ones compile, and steps grow from rest.

@@ -74,6 +74,8 @@ class Run:
 def read_run(directory: str | os.PathLike) -> Run:
     """What a run left in a folder. Raises ReportError where it is not the folder of a run that has ended."""
     folder = Path(directory)
+    if not folder.exists():
+        raise ReportError(f"{folder}: no such folder; name the folder of a run that has ended")
     if folder.is_file():
         raise ReportError(f"{folder}: is a file; name the folder of a run that has ended")
     try:

@@ -122,12 +122,12 @@ def resolution_findings(result: CheckResult, geometry: Geometry, lattice: Lattic
         / spacing
         / np.array([1, math.sqrt(3) if "hex" in case.lattice_in(result.dim) else 1, 1][: result.dim])
     )
+    alike: dict[str, list[str]] = {}
     for axis in range(result.dim):
         if abs(stretch[axis] - 1) > 0.01:
-            yield (
-                f"the box along {AXES[axis]} is no whole number of spacings: the lattice is stretched by "
-                f"{100 * (stretch[axis] - 1):+.1f} % there"
-            )
+            alike.setdefault(f"{100 * (stretch[axis] - 1):+.1f} %", []).append(AXES[axis])
+    for much, axes in alike.items():
+        yield f"the box along {', '.join(axes)} is no whole number of spacings: the lattice is stretched by {much} there"
 
 
 def contact_angle_findings(case: Case, geometry: Geometry) -> Iterator[str]:

@@ -287,7 +287,7 @@ def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, 
     # nobody knows when a flow will be steady: `end` and `max_steps` only bound how long it may take
     end = longest_time(case) if case.time.steady is None else None
     steady = case.time.steady
-    steps = case.time.max_steps if end is None and steady is None else None
+    steps = case.time.max_steps if steady is None else None
     with ExitStack() as tables, ranks.table(
         run.directory / "history.csv", run.last_step
     ) as file, ranks.interrupts() as look_for_interrupts, progress.Progress(

@@ -11,6 +11,7 @@ import numpy as np
 from ..case.blocks import Case
 from ..case.load import read_case
 from ..geometry.images.image import Image, VoxelError
+from ..geometry.images.read import format_of
 from ..geometry.images.voxel_size import COARSE, known_spacing
 from ..geometry.labels import counts_text, guess_labels
 from . import memory
@@ -58,6 +59,9 @@ def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
     if not any(key.startswith(("geometry.voxels.labels", "geometry.voxels.grey")) for key in said):
         values, sentence = _understood(path, image)
         assumed.append(sentence)
+    if format_of(path).convention and spec.axes is None:
+        assumed.append(f"the axes of the array, {' x '.join(map(str, image.whole))}, are {', '.join(image.axes)}; others, "
+                       f"such as: --set geometry.voxels.axes={'zyx' if image.axes.startswith('x') else 'xyz'}")
     if "geometry.voxels.voxel_size" in said:
         size = tuple(np.ravel(np.asarray(spec.voxel_size, float)))
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +11,8 @@ from pathlib import Path
 import numpy as np
 
 PER_RADIUS = 4.0  # spacings a radius of the spheres: eight particles across each of them
+NEAR = 1.15  # factor by which a spacing that divides the box may differ from that: 1.5 times the particles at most
+WHOLE = 1e-4  # relative stretch of a lattice that counts as none; a list of spheres has few digits
 GUESSED_SIZE = 5.0e-6  # m, where the image has none and none was given
 
 
@@ -112,7 +115,8 @@ def case_for_spheres(file: Path, folder: Path, radius: float | None = None) -> N
     whose = "what the spheres fill; CHECK, of a periodic pack its periods" if given is None else "that of the dump"
     size = upper - lower
     share = float((4 / 3 * np.pi * np.broadcast_to(radii, len(found.centres)) ** 3).sum() / np.prod(size))
-    spacing = float(f"{np.median(radii) / PER_RADIUS:.2g}")
+    median = float(np.median(radii))
+    spacing = _spacing_that_divides(size, median / PER_RADIUS)
     of_all = f", radius: {radius:g}" if radius is not None else ""
     sphere = f"{{file: {_quoted(_relative(file, folder))}{of_all}}}"
     text = (
@@ -125,7 +129,7 @@ def case_for_spheres(file: Path, folder: Path, radius: float | None = None) -> N
         "  periodic: [x, y, z]   # along the others the faces are walls\n"
         "  shapes:\n"
         f"    - {{spheres: {sphere}, is: solid}}\n"
-        f"particles: {{spacing: {spacing:g}}}   # m: {PER_RADIUS:g} a radius\n"
+        f"particles: {{spacing: {spacing:g}}}   # m: {median / spacing:.2g} a radius\n"
         "fluids: {water: {density: 1000, viscosity: 1.0e-3}}   # kg/m3, Pa s\n"
         "flow: stokes   # steady creeping flow\n"
         "drive: {axes: [z]}   # several axes give a permeability each\n"
@@ -135,6 +139,19 @@ def case_for_spheres(file: Path, folder: Path, radius: float | None = None) -> N
     note = (f"the box is what the spheres fill, {solid}, and periodic along x, y, z: check both" if given is None
             else f"the box is that of the dump, {solid}; lengths are taken as metres: scale is the key of other units")
     return NewCase(text, (note,))
+
+
+def _spacing_that_divides(box: np.ndarray, about: float) -> float:
+    """The spacing next to `about`, m, that all edges of the box (dim,) are whole multiples of, so that the lattice of a
+    periodic box is not stretched; where there is none near, `about` itself with two digits."""
+    shortest = float(box.min())
+    fewest, most = math.ceil(shortest / (about * NEAR)), math.floor(shortest / about * NEAR)
+    for n in sorted(range(max(fewest, 1), most + 1), key=lambda n: abs(shortest / n - about)):
+        spacing = float(f"{shortest / n:.6g}")  # as the case has it
+        whole = np.round(box / spacing)
+        if np.all(np.abs(box - whole * spacing) <= WHOLE * box):
+            return spacing
+    return float(f"{about:.2g}")
 
 
 def case_for_drop() -> NewCase:

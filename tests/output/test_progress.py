@@ -39,6 +39,14 @@ def test_plain_lines_are_few():
     assert stream.getvalue() == ""
 
 
+def test_what_is_done_is_the_larger_part_of_time_and_steps():
+    """A run ends at the first of both: of 40 steps that reach 0.4 s of 1 s, 20 are half."""
+    for steps, wanted in ((40, " 50 %"), (1000, " 20 %"), (None, " 20 %")):
+        with Progress(1.0, steps, stream=(stream := io.StringIO()), interval=0.0) as shown:
+            shown.update(20, time=0.2)
+        assert stream.getvalue().startswith(wanted)
+
+
 def test_terminal_shows_bar_and_detail(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "120")

@@ -48,7 +48,10 @@ def test_clear_layer_thinner_than_the_support():
 
 
 def test_stretched_lattice():
+    """Axes that are stretched alike are one warning."""
     assert "stretched by" in findings(SLIT, "geometry.box=[0.97, 0.5]")
+    found = findings(SPHERE, "particles.spacing=0.0485")
+    assert found.count("stretched by") == 1 and "the box along x, y, z is no whole number" in found
 
 
 def test_memory_of_the_machine(monkeypatch):

@@ -1,6 +1,7 @@
 """What a permeability is worth by bodies whose permeability is known."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from isphcli.runs.expected_error import (
     mean_chord,
     pore_width,
 )
+from tests.paths import ROOT
 
 
 def test_the_width_that_the_flow_sees():
@@ -43,6 +45,20 @@ def test_every_wall_is_calibrated():
         parts = ["spacing"] if wall == "exact" else ["spacing", "image", "straight"]
         for part in parts:
             assert 0.0 < found[wall, part].factor < 10.0 and found[wall, part].bodies >= 9
+
+
+def test_the_page_on_resolution_has_these_errors():
+    """Its table by width and its sentence by chord, to the last digit that is written (56 % stands for 56.5 % too)."""
+    page = " ".join((ROOT / "docs/resolution.md").read_text(encoding="utf-8").split())
+    rows = re.findall(r"\| (\d+) \| ([\d.]+) % \| ([\d.]+) % \| ([\d.]+) % \|", page)
+    assert [row[0] for row in rows] == ["2", "4", "8"]
+    told = [(wall, "spacing", row[0], shown) for row in rows
+            for wall, shown in zip(("exact", "labels", "stairs"), row[1:])]
+    chords = re.search(r"labels (\d+) % where .* is 2 voxels, (\d+) % at 4 and (\d+) % at 8", page)
+    told += [("labels", "image", chord, shown) for chord, shown in zip("248", chords.groups())]
+    for wall, part, width, shown in told:
+        unit = 10.0 ** -len(shown.partition(".")[2])
+        assert 100 * calibrations()[wall, part].within(float(width)) == pytest.approx(float(shown), abs=0.501 * unit)
 
 
 @pytest.mark.parametrize("wall", WALLS)

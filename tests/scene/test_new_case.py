@@ -92,6 +92,21 @@ def test_a_dump_has_its_box_where_that_repeats(tmp_path, sides, box):
     assert case.geometry.box == pytest.approx(box)
 
 
+@pytest.mark.parametrize(("box", "radius", "spacing"), [
+    ((2e-4, 2e-4, 2e-4), 5e-5, 1.25e-5),
+    ((2e-4, 2e-4, 2e-4), 5.2e-5, 1.33333e-5),  # 15 cells; two digits would be 1.3e-5, 15.4 of them
+    ((3e-4, 2e-4, 2.5e-4), 5.2e-5, 1.25e-5),  # 24, 16 and 20
+    ((2e-4, 2.17e-4, 2.3e-4), 5.2e-5, 1.3e-5),  # no spacing near divides these three
+])
+def test_the_spacing_of_a_pack_divides_its_box(tmp_path, box, radius, spacing):
+    bounds = "".join(f"0 {edge:g}\n" for edge in box)
+    (tmp_path / "pack.dump").write_text(
+        f"ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n1\nITEM: BOX BOUNDS pp pp pp\n{bounds}"
+        f"ITEM: ATOMS id x y z radius\n1 1e-4 1e-4 1e-4 {radius:g}\n", encoding="utf-8")
+    case = load_case(written(case_for_spheres(tmp_path / "pack.dump", tmp_path), tmp_path))
+    assert case.particles.spacing == spacing
+
+
 def test_what_is_no_text_is_no_list_of_spheres(tmp_path):
     (tmp_path / "scan.dcm").write_bytes(b"DICM\0\1\xff")
     assert not is_list_of_spheres(tmp_path / "scan.dcm") and not is_list_of_spheres(tmp_path / "missing.npy")

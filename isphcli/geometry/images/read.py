@@ -41,31 +41,33 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Format:
-    """open: reads the header. axes: directions of the axes of its arrays, unless said otherwise."""
+    """open: reads the header. axes: directions of the axes of its arrays, unless said otherwise; convention: whether
+    no more than a convention tells them, as of a plain array."""
 
     name: str
     open: Callable[[Path, Layout], Stored]
     axes: str = "zyx"
+    convention: bool = False
 
 
 FORMATS = {
-    ".npy": Format("npy", open_npy),
-    ".npz": Format("npz", open_npz),
+    ".npy": Format("npy", open_npy, convention=True),
+    ".npz": Format("npz", open_npz, convention=True),
     ".mhd": Format("MetaImage", open_metaimage),
     ".mha": Format("MetaImage", open_metaimage),
     ".tif": Format("TIFF", open_tiff),
     ".tiff": Format("TIFF", open_tiff),
-    ".raw": Format("raw", open_raw),
-    ".bin": Format("raw", open_raw),
+    ".raw": Format("raw", open_raw, convention=True),
+    ".bin": Format("raw", open_raw, convention=True),
     ".nrrd": Format("NRRD", open_nrrd),
     ".nhdr": Format("NRRD", open_nrrd),
-    ".h5": Format("HDF5", open_hdf5),
-    ".hdf5": Format("HDF5", open_hdf5),
+    ".h5": Format("HDF5", open_hdf5, convention=True),
+    ".hdf5": Format("HDF5", open_hdf5, convention=True),
     ".vti": Format("VTI", open_vti),
     ".vtk": Format("VTK", open_vtk),
     ".png": Format("PNG", open_picture),
     ".bmp": Format("BMP", open_picture),
-    ".mat": Format("MATLAB", open_matlab, axes="yxz"),
+    ".mat": Format("MATLAB", open_matlab, axes="yxz", convention=True),
     ".dat": Format("Palabos text", open_palabos, axes="xyz"),
 }
 FOLDER = Format("folder of slices", open_slices)
