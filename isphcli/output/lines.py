@@ -18,7 +18,8 @@ def closing_lines(case: Case, summary: Mapping[str, Any], directory: Path | None
     """What is said at the end of a run; directory: of its files, if they were kept."""
     lines = [*scene_lines(summary), *permeability_lines(summary)]
     if summary.get("permeability") is None:
-        lines += velocity_lines(summary)
+        part = case.geometry.voxels or case.geometry.clear_layer or case.reservoirs
+        lines += velocity_lines(summary, bool(part))
     lines += [*measure_lines(summary), *drop_lines(summary), *two_fluid_lines(case.fluids, summary)]
     if case.flow == "stokes" and summary.get("mass_error") is not None:
         lines += [("mass error", f"{summary['mass_error']:.1e} between slices across the flow")]
@@ -100,15 +101,16 @@ def digits_within(value: float, error: float | None) -> int:
     return min(max(math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 1, 1), 6)
 
 
-def velocity_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Mean velocity of the fluid and superficial velocity of the sample along each axis, m/s."""
+def velocity_lines(summary: Mapping[str, Any], is_part: bool = False) -> list[tuple[str, str]]:
+    """Mean velocity of the fluid and superficial velocity of the sample along each axis, m/s; is_part: the sample may be
+    a part of the box, between clear layers or reservoirs, over all of which history.csv has both."""
     lines = []
     for key in ("mean_velocity", "superficial_velocity"):
         values = [v for _, v in per_axis(None if summary.get(key) is None else list(summary[key]))]
         if values:
             least = 10.0**-DIGITS * max(abs(v) for v in values)  # what is less is what is left by the others
             shown = (f"{a} {v if abs(v) >= least else 0:.{DIGITS}g}" for a, v in zip("xyz", values))
-            lines.append((key.replace("_", " "), ", ".join(shown) + " m/s"))
+            lines.append((key.replace("_", " "), ", ".join(shown) + " m/s" + " in the sample" * is_part))
     return lines
 
 

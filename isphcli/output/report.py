@@ -125,7 +125,9 @@ def answer_lines(run: Run) -> list[tuple[str, str]]:
     summary = run.summary
     lines = permeability_lines(summary)
     if summary.get("permeability") is None:
-        lines += velocity_lines(summary)
+        geometry = run.case.get("geometry") or {}
+        part = geometry.get("voxels") or geometry.get("clear_layer") or run.case.get("reservoirs")
+        lines += velocity_lines(summary, bool(part))
     lines += [*measure_lines(summary), *drop_lines(summary), *two_fluid_lines(run.case.get("fluids") or (), summary)]
     errors = {k: v for k, v in (summary.get("errors") or {}).items() if k != "main"}
     if summary.get("not_compared"):

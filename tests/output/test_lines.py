@@ -1,6 +1,6 @@
 """What is said of a run, from its summary."""
 
-from isphcli.output.lines import between, digits_within, measure_lines, permeability_lines, table
+from isphcli.output.lines import between, digits_within, measure_lines, permeability_lines, table, velocity_lines
 
 
 def test_digits_go_as_far_as_the_error_bar_says():
@@ -16,6 +16,13 @@ def test_measures_that_are_there():
     assert list(lines) == ["tortuosity x", "formation factor", "wall shear"]
     assert lines["wall shear"] == "mean 0.5 Pa, 95 % below 1.5 Pa" and lines["formation factor"].startswith("12 ")
     assert measure_lines({}) == []
+
+
+def test_velocities_of_a_part_of_the_box_say_so():
+    """history.csv has those of the whole box under the same names."""
+    summary = {"mean_velocity": [0.5, 0.0], "superficial_velocity": [0.25, 0.0]}
+    assert velocity_lines(summary)[0] == ("mean velocity", "x 0.5, y 0 m/s")
+    assert velocity_lines(summary, True)[1] == ("superficial velocity", "x 0.25, y 0 m/s in the sample")
 
 
 def test_two_columns():

@@ -94,6 +94,13 @@ def test_an_injection_says_all_that_the_terminal_says_with_units(tmp_path):
         assert wanted in found, wanted
 
 
+def test_velocities_of_an_image_are_those_of_the_sample(tmp_path):
+    run = read_run(leave(tmp_path / "run", k=None, mean_velocity=[1e-3, 0.0]))
+    image = type(run)(run.directory, run.summary, {**run.case, "geometry": {"voxels": {"file": "rock.npy"}}}, "", ())
+    assert dict(answer_lines(run))["mean velocity"] == "x 0.001, y 0 m/s"
+    assert dict(answer_lines(image))["mean velocity"] == "x 0.001, y 0 m/s in the sample"
+
+
 def test_folders_that_are_none_of_a_run(tmp_path):
     with pytest.raises(ReportError, match=r"has no summary\.json"):
         read_run(tmp_path)
