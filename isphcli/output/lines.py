@@ -102,8 +102,8 @@ def digits_within(value: float, error: float | None) -> int:
 
 
 def velocity_lines(summary: Mapping[str, Any], is_part: bool = False) -> list[tuple[str, str]]:
-    """Mean velocity of the fluid and superficial velocity of the sample along each axis, m/s; is_part: the sample may be
-    a part of the box, between clear layers or reservoirs, over all of which history.csv has both."""
+    """Mean velocity of the fluid and superficial velocity of the sample along each axis, m/s; is_part: the sample may
+    be a part of the box, between clear layers or reservoirs, over all of which history.csv has both."""
     lines = []
     for key in ("mean_velocity", "superficial_velocity"):
         values = [v for _, v in per_axis(None if summary.get(key) is None else list(summary[key]))]

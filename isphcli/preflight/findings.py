@@ -127,7 +127,8 @@ def resolution_findings(result: CheckResult, geometry: Geometry, lattice: Lattic
         if abs(stretch[axis] - 1) > 0.01:
             alike.setdefault(f"{100 * (stretch[axis] - 1):+.1f} %", []).append(AXES[axis])
     for much, axes in alike.items():
-        yield f"the box along {', '.join(axes)} is no whole number of spacings: the lattice is stretched by {much} there"
+        yield (f"the box along {', '.join(axes)} is no whole number of spacings: the lattice is stretched by "
+               f"{much} there")
 
 
 def contact_angle_findings(case: Case, geometry: Geometry) -> Iterator[str]:

@@ -60,8 +60,8 @@ def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
         values, sentence = _understood(path, image)
         assumed.append(sentence)
     if format_of(path).convention and spec.axes is None:
-        assumed.append(f"the axes of the array, {' x '.join(map(str, image.whole))}, are {', '.join(image.axes)}; others, "
-                       f"such as: --set geometry.voxels.axes={'zyx' if image.axes.startswith('x') else 'xyz'}")
+        assumed.append(f"the axes of the array, {' x '.join(map(str, image.whole))}, are {', '.join(image.axes)}; "
+                       "others: --set geometry.voxels.axes=xyz")
     if "geometry.voxels.voxel_size" in said:
         size = tuple(np.ravel(np.asarray(spec.voxel_size, float)))
     else:

@@ -44,8 +44,8 @@ def test_the_voxel_size_of_the_file_is_that_of_the_particles(tmp_path):
 
 
 def test_what_is_said_is_kept(tmp_path):
-    sets = (*SIZE, "geometry.voxels.axes=zyx", "geometry.voxels.labels={solid: 0, water: 1}", "drive.axes=[z]", "particles.spacing=1um",
-            "geometry.voxels.crop=[[0, 4], [0, 6], [0, 6]]")
+    sets = (*SIZE, "geometry.voxels.axes=zyx", "geometry.voxels.labels={solid: 0, water: 1}", "drive.axes=[z]",
+            "particles.spacing=1um", "geometry.voxels.crop=[[0, 4], [0, 6], [0, 6]]")
     found = first_case(saved(tmp_path, DUCT), sets)
     assert dict(found.case.geometry.voxels.labels) == {"solid": (0,), "water": (1,)} and found.assumed == ()
     assert found.case.drive.axes == ("z",) and found.case.particles.spacing == 1e-6
@@ -56,7 +56,7 @@ def test_the_axes_of_an_array_are_said(tmp_path):
     """Of a format that does not hold them; a TIFF stack has its slices along z."""
     import tifffile
 
-    assert "the axes of the array, 6 x 6 x 8, are z, y, x; " in " ".join(first_case(saved(tmp_path, DUCT), SIZE).assumed)
+    assert "the array, 6 x 6 x 8, are z, y, x; " in " ".join(first_case(saved(tmp_path, DUCT), SIZE).assumed)
     np.save(tmp_path / "slice.npy", DUCT[2])
     assert "the array, 6 x 8, are y, x; " in " ".join(first_case(tmp_path / "slice.npy", SIZE).assumed)
     tifffile.imwrite(tmp_path / "duct.tif", DUCT)
