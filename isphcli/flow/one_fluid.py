@@ -28,13 +28,6 @@ class StressCoupling(Protocol):
         """out += factor times the stress over the density, m/s2; u: (n + remote, dim); out: (n, dim)."""
 
 
-class VelocityKink(Protocol):
-    """What eq. 5 lacks of a velocity whose slope jumps at an interface (two_phase.kink.Kink)."""
-
-    def one_sided(self, slope: np.ndarray) -> np.ndarray:
-        """Slopes (n, c, dim) of velocities, one after the other, on the side of each particle, from those of eq. 5."""
-
-
 class FluidInterface(Protocol):
     """The interface of one configuration (two_phase.interface.Interface)."""
 
@@ -155,7 +148,7 @@ class Terms:
     by, or None; laplacian_of_jump: (n,) 1/s2, what the Laplacian of the pressure makes of that jump; density: over that
     of the first fluid, (n,) or 1; bulk: number, dynamic viscosity over the density of the first fluid of the rotational
     term (eq. 4), m2/s; transposed_stress: of two fluids, or None where the viscosity does not jump; smooth: (n,) bool,
-    where the velocity has no kink, or None; kink: that of the velocity where the viscosity jumps, or None;
+    where the velocity has no kink, or None;
     along: (dim,) or (n, dim), what a unit pressure gradient along the axis of a held velocity accelerates by, or None;
     interface: of two fluids, or None;
     excess: (n,) m2, c of `viscous_solve`, or None where the velocity has kinks and forces jump; drag: (n,) 1/s, -drag u
@@ -171,7 +164,6 @@ class Terms:
     bulk: float = 0.0
     transposed_stress: StressCoupling | None = None
     smooth: np.ndarray | None = None
-    kink: VelocityKink | None = None
     along: np.ndarray | None = None
     interface: FluidInterface | None = None
     excess: np.ndarray | None = None

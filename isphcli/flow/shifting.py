@@ -9,7 +9,6 @@ Taylor-Green at Re 100 from a 20 % jittered start, 50 x 50: velocity error 2.0e-
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
@@ -18,9 +17,6 @@ from ..domain.neighbours import Neighbourhood
 from ..domain.row_threads import REDUCE, in_one_piece, over_rows
 from ..operators import pair_sums
 from ..operators.pair_weights import Operators
-
-if TYPE_CHECKING:
-    from .one_fluid import VelocityKink
 
 LONGEST = 0.1  # of the spacing: a longer shift is cut, so that the Taylor series stays good
 
@@ -36,15 +32,13 @@ def shift(neighbours: Neighbourhood, largest_speed: float, dt: float, coefficien
     return out
 
 
-def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray,
-          kink: VelocityKink | None = None) -> np.ndarray:
-    """fields (n, c) at positions displaced by dr (n, dim), by their Taylor series; in a scene with walls or a kink they
-    are velocities, one after the other.
+def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """fields (n, c) at positions displaced by dr (n, dim), by their Taylor series; in a scene with walls they are
+    velocities, one after the other.
 
-    second: (n,) bool, where the second derivative is taken too; kink: of the velocity, or None. Beside walls the
-    velocity of the wall is part of the gradient, which is then exact for quadratic functions there as well, and of
-    first order where that is not known (a wall slips, few neighbours are in sight): there the second derivative is left
-    out.
+    second: (n,) bool, where the second derivative is taken too. Beside walls the velocity of the wall is part of the
+    gradient, which is then exact for quadratic functions there as well, and of first order where that is not known (a
+    wall slips, few neighbours are in sight): there the second derivative is left out.
     """
     walls, everyone = ops.walls, ops.exchange.forward(fields)
     known = np.zeros(ops.n, np.bool_)
@@ -61,8 +55,6 @@ def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray
         others = (walls.near_wall | walls.narrow) & ~known
         if others.any():
             slope[others] = pair_sums.gradient(ops.start, ops.column, ops.grad_p, everyone)[others]
-    if kink is not None:
-        slope = np.where(known[:, None, None], slope, kink.one_sided(slope))
     if walls is not None:
         second = second & (known | ~walls.near_wall)
     return taylor(ops, fields, slope, dr, second)

@@ -172,7 +172,7 @@ class Stepper:
         if dr is not None:
             with self.clock("terms"):
                 second = config.terms.smooth if config.terms.smooth is not None else np.ones(len(u), dtype=np.bool_)
-                fields = carry(config.ops, np.concatenate([u, u_old], axis=1), dr, second, config.terms.kink)  # eq. 9
+                fields = carry(config.ops, np.concatenate([u, u_old], axis=1), dr, second)  # eq. 9
                 u, u_old = np.ascontiguousarray(fields[:, : u.shape[1]]), np.ascontiguousarray(fields[:, u.shape[1] :])
                 displacement += dr  # eq. 8
         with self.clock("terms"):

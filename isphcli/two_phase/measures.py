@@ -126,10 +126,7 @@ class Measures:
         """
         ops, cells, everyone, found = config.ops, cut.cells, config.ops.exchange.forward, []
         velocity, normals = everyone(u), everyone(_interface(config).normal)
-        slopes = gradient_one_sided(ops, u)
-        if config.terms.kink is not None:  # each fluid has its own slope beside the interface
-            slopes = config.terms.kink.one_sided(slopes)
-        gradients = everyone(slopes.reshape(len(u), ops.dim**2))
+        gradients = everyone(gradient_one_sided(ops, u).reshape(len(u), ops.dim**2))
         length = self.geometry.upper - self.geometry.lower
         for k, volume in enumerate((cut.volume, cells.fluid - cut.volume)):
             seen = (volume > 0.0) & (cut.nearest[:, k] >= 0)

@@ -33,7 +33,6 @@ from .cut_cells import Cells, cut
 from .interface import MOST, RATE, Interface, carried, find_interface, interface_fractions, near_interface, strain
 from .interface_rules import FIRST_PASSES, interface_rules
 from .kept_volumes import kept_volumes
-from .kink import kink_at
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
@@ -187,7 +186,7 @@ class TwoFluids:
         everyone = ops.exchange.forward
         phase = everyone(interface.phase)
         rho, mu = self.density[phase] / reference, self.mu[phase] / reference
-        weighted, transposed_stress, smooth, kink = ops, None, None, None
+        weighted, transposed_stress, smooth = ops, None, None
         viscous = ViscousWeights(self.mu[0] / reference, ops.lap, ops.walls)
         if heavy or thick:
             t = interface_fractions(ops.start, ops.column, everyone(phi))
@@ -201,7 +200,7 @@ class TwoFluids:
             over_rows(_thicken, ops.n, ops.start, ops.column, ops.lap, everyone(near), share, thickened)
             viscous = replace(viscous, weight=thickened)
         if thick:
-            smooth, kink = ~near, kink_at(interface, ops, self.mu, near)
+            smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near_wall
             transposed_stress = TransposedStress.build(ops, viscous.weight, np.flatnonzero(free))
         force, jump, laplacian_of_jump, along = balanced_force(ops, self.body), None, None, None
@@ -217,7 +216,7 @@ class TwoFluids:
                 jump = tension_force
         rules = self.rules
         terms = Terms(weighted, viscous, force, jump, laplacian_of_jump, rho if heavy else 1.0,
-                      rules.rotational_viscosity / reference, transposed_stress, smooth, kink, along, interface)
+                      rules.rotational_viscosity / reference, transposed_stress, smooth, along, interface)
         return with_forces(terms, self.forces, neighbours.x[: ops.n], mu / rho)
 
     @staticmethod
