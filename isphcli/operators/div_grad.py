@@ -100,7 +100,27 @@ def diagonal(ops: Operators, weights: DivGrad, grad_p: np.ndarray) -> np.ndarray
     assert walls is not None
     out = np.zeros(ops.n)
     over_rows(_diagonal, ops.n, (ops.start, ops.column), *weights, grad_p, walls.near_wall, out)
+    if isinstance(ops.exchange, Numbered):
+        _add_remote_rows(ops, ops.exchange, weights.pair, grad_p, out)
     return out
+
+
+def _add_remote_rows(ops: Operators, exchange: Numbered, pair: np.ndarray, grad_p: np.ndarray, out: np.ndarray) -> None:
+    """What the rows of remote particles, which are with their owners, add to the diagonal out (n,)."""
+    assert ops.walls is not None
+    neighbours, n, dim = ops.neighbours, ops.n, ops.dim
+    near, first = ops.walls.near_wall, np.repeat(np.arange(n), np.diff(ops.start))
+    offset = neighbours.x[neighbours.row] - neighbours.x[first]
+    remote = ops.column >= n
+    told, asked = np.flatnonzero(remote & exchange.forward(near)[ops.column]), np.flatnonzero(remote & near[first])
+    back = exchange.from_other_side((first[told], ops.column[told], offset[told], grad_p[told]),
+                                    (first[asked], ops.column[asked], offset[asked]))
+    # in a thin box a remote particle sees several images of this one, through each of which the others go
+    several = np.unique(first[asked] * (n + exchange.remote) + ops.column[asked], return_inverse=True)[1]
+    whole = np.zeros((len(back), dim))
+    np.add.at(whole, several, back)
+    over = np.einsum("qk,qk->q", pair[asked, :dim], whole[several])
+    out -= np.bincount(first[asked], over, n)
 
 
 def adjoint_divergence(ops: Operators) -> None:
@@ -181,9 +201,7 @@ def _diagonal(rows, pairs, pair, own, grad_p, near_wall, out):
             out[i] += weight * slope
         for q in range(start[i], start[i + 1]):
             j = column[q]
-            if j >= len(start) - 1:  # a remote row: as if the weights were antisymmetric, which they nearly are
-                for k in range(dim):
-                    out[i] += pair[q, k] * grad_p[q, k]
+            if j >= len(start) - 1:  # a remote row, see `_add_remote_rows`
                 continue
             many, first, end = 0, np.uint64(start[j]), np.uint64(start[j + 1])
             place = np.uint64(0)

@@ -91,6 +91,8 @@ ALLOWED = {
     ("flow.volume_control", "surplus ** 2 @ self.wanted"): BLOCKS,
     ("flow.volume_control", "np.prod(self.nodes)"): AXES,
     ("flow.volume_control", "np.prod(np.where(corner, beyond, 1.0 - beyond), axis=1)"): OWN,
+    ("operators.div_grad", "np.einsum('qk,qk->q', pair[asked, :dim], whole[several])"): OWN,
+    ("operators.div_grad", "np.bincount(first[asked], over, n)"): "over the pairs of each row",
     ("operators.conductances", "np.diff(self._ops.start).max(initial=0)"): SCRATCH,
     ("operators.protocol", "np.einsum('nkm,nm->nk', self.slip, u)"): OWN,
     ("operators.protocol", "np.einsum('nk,nk->n', self.div, u)"): OWN,
