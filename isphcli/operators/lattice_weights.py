@@ -39,7 +39,7 @@ from .moments import (
 )
 from .neighbourhood_class import NARROW_SHARE_FIXED
 from .protocol import WallSums
-from .wall_weights import add_along, add_wall_pair, boundary_sums, meet_walls, new_boundary_sums, second_moments
+from .wall_weights import add_walls, boundary_sums, meet_walls, new_boundary_sums, second_moments
 
 NEAREST = 1.02  # of the smallest squared distance on a lattice: the nearest neighbours
 MOST_OFFSETS = 255  # more, and every pair keeps an offset of its own: particles off a lattice
@@ -381,11 +381,11 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
     _, laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p = tensors
     wall_lap, _, wall_div, wall_div_velocity, _ = sums
     start, per_length, (link, fraction, first) = neighbours.start, 1.0 / neighbours.support, links
-    moments, gp, pair = work.moments, work.g_p, work.pair
+    moments, gp, weights, along = work.moments, work.g_p, work.weights, work.wall[2]
     ex, ey, ez, s, w = work.stencil
     g, _, right, gradient_part, spread = work.tensors
-    weight, (first_one, second_one) = pair[0], work.one_pair
-    dim, per_area, deficient, along = gradient.shape[1], per_length * per_length, 0, work.along
+    (first_one, second_one), scene, boundary = work.one_pair, (neighbours, walls), (sums, work.no_slope)
+    dim, per_area, deficient = gradient.shape[1], per_length * per_length, 0
     for o in range(rows[0], rows[1]):
         i = np.int64(which[o])  # as helpers take it from loops over all rows: they are compiled once for both
         if i < 0:
@@ -428,10 +428,6 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
         for m in range(dim):
             for k in range(dim):
                 gradient_p[o, m, k] = per_length * gp[m, k]
-        slides = False
-        for m in range(dim):
-            for k in range(dim):
-                along[m, k] = 0.0
         for q in range(count):
             if link[begin + q] != MEETS_WALL:
                 continue
@@ -440,12 +436,11 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
             second_one[0, 0], second_one[0, 1] = b * ex[q] * ex[q], b * ey[q] * ey[q]
             second_one[0, 2], second_one[0, 3] = b * ez[q] * ez[q], b * ey[q] * ez[q]
             second_one[0, 4], second_one[0, 5] = b * ex[q] * ez[q], b * ex[q] * ey[q]
-            weight[0] = _lap_weight(laplace, o, second_one, first_one, 0)
+            weights[0, q] = _lap_weight(laplace, o, second_one, first_one, 0)
             for m in range(dim):
-                weight[1 + m] = _grad_weight(gradient, k_tensor, o, m, second_one, first_one, 0)
-            add_wall_pair(neighbours, walls, i, q, work.stencil, pair, sums)  # eq. 11
-            slides |= add_along(neighbours, walls, i, q, work.stencil, pair, along)
-        if slides:
+                weights[1 + m, q] = _grad_weight(gradient, k_tensor, o, m, second_one, first_one, 0)
+        # eq. 11
+        if add_walls(scene, i, link[begin : begin + count], work.stencil, weights, work.wall, boundary):
             for m in range(dim):
                 for k in range(dim):
                     for c in range(dim):
