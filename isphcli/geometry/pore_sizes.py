@@ -41,11 +41,15 @@ def pore_sizes(fluid: np.ndarray, cell: Sequence[float] | np.ndarray,
     sampling = edges[::-1]
     half = 0.5 * float(edges.min())
     depth = ndimage.distance_transform_edt(fluid, sampling=sampling) - half
-    top = float(depth[middle].max())
-    size = np.zeros(fluid[middle].shape)
+    top, fluid = float(depth[middle].max()), fluid[middle]
+    # no ball has its centre farther outside than the largest one reaches
+    beside = [min(w, int(np.ceil(top / edge)) + 1) for w, edge in zip(wide, sampling)]
+    depth = depth[tuple(slice(w - b, b - w or None) for w, b in zip(wide, beside))]
+    middle = tuple(slice(b, -b) for b in beside)
+    size = np.zeros(fluid.shape)
     for radius in np.linspace(0.0, top, STEPS, endpoint=False)[1:]:
         reached = ndimage.distance_transform_edt(depth < radius, sampling=sampling)[middle] < radius
-        size[reached & fluid[middle]] = radius
+        size[reached & fluid] = radius
     bins = np.linspace(0.0, top, STEPS + 1)
-    found = np.histogram(size[fluid[middle]], bins=np.append(bins[:-1], np.inf))[0]
+    found = np.histogram(size[fluid], bins=np.append(bins[:-1], np.inf))[0]
     return 2.0 * bins, found / found.sum()

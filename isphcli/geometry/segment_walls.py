@@ -102,13 +102,13 @@ class Line(NamedTuple):
     local: np.ndarray
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def put_crossings(rows, xi, xj, grid, t):
     """Fraction of the way from xi to xj (n, dim) to the first wall into t (n,); grid: a `shape_geometry.PieceGrid`."""
     dim = xi.shape[1]
     lower, edge, counts, around = grid.lower, grid.edge, grid.counts, grid.around
     line = Line(np.zeros(3), np.zeros(3), np.zeros((3, 3), np.int64), np.zeros(3), np.zeros(3))
-    x, dx = line.x, line.dx
+    x, dx, states = line.x, line.dx, (grid.solid, grid.outside, grid.filled)
     chords, owner = np.zeros((32, 2)), np.zeros(32, np.int64)
     for k in range(rows[0], rows[1]):
         end, r2 = 1.0, 0.0
@@ -124,11 +124,11 @@ def put_crossings(rows, xi, xj, grid, t):
         if r2 > 0.0:
             least = grid.round_off / np.sqrt(r2)
             end, m, chords, owner = _chords(line, end, least, grid, chords, owner)
-            end = _first_solid(chords, owner, m, end, least, grid)
+            end = _first_solid(chords, owner, m, end, least, states)
         t[k] = max(end, ROUND_OFF)
 
 
-@njit(cache=True, forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _chords(line, end, least, grid, chords, owner):
     """Chords (t_in, t_out) of a segment in the pieces of the cells that it passes (Amanatides and Woo 1987).
 
@@ -184,7 +184,7 @@ def _chords(line, end, least, grid, chords, owner):
         face[axis] = _cell_face(line, grid, axis)
 
 
-@njit(cache=True, forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _cell_face(line, grid, a):
     """Place along the segment of the next cell face of axis a; infinite when no face is left."""
     walk = line.walk
@@ -193,7 +193,7 @@ def _cell_face(line, grid, a):
     return (grid.lower[a] + (walk[a, 0] + (1 if walk[a, 1] > 0 else 0)) * grid.edge[a] - line.x[a]) / line.dx[a]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _chord(piece, p, x, dx):
     """Where the line x + t dx enters and leaves piece p; (inf, -inf) if it misses it."""
     kind, axis = int(piece[p, 0]), int(piece[p, 7])
@@ -236,7 +236,7 @@ def _chord(piece, p, x, dx):
     return t_in, t_out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _slab(x, dx, half):
     """Where x + t dx is within half of 0."""
     if half == np.inf:
@@ -247,10 +247,12 @@ def _slab(x, dx, half):
     return min(low, high), max(low, high)
 
 
-@njit(cache=True)
-def _first_solid(chords, owner, m, end, least, grid):
-    """Begin of the first part of the segment, longer than `least`, whose topmost shape is solid, or `end`."""
-    solid, outside, begin = grid.solid, grid.outside, 0.0
+@njit(cache=True, error_model="numpy")
+def _first_solid(chords, owner, m, end, least, states):
+    """Begin of the first part of the segment, longer than `least`, whose topmost shape is solid, or `end`. states:
+    solid, outside, filled of a PieceGrid, all that is needed of it: to hand over all its arrays takes longer than this.
+    """
+    (solid, outside, filled), begin = states, 0.0
     while begin < end:
         stop = end  # next end of a chord
         for c in range(m):
@@ -258,7 +260,7 @@ def _first_solid(chords, owner, m, end, least, grid):
                 if chords[c, side] > begin:
                     stop = min(stop, chords[c, side])
         if stop - begin > least:
-            middle, is_solid = 0.5 * (begin + stop), grid.filled
+            middle, is_solid = 0.5 * (begin + stop), filled
             for s in range(len(solid) - 1, -1, -1):
                 inside = False
                 for c in range(m):

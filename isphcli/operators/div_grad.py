@@ -32,11 +32,12 @@ class DivGrad(NamedTuple):
     """-div(grad p) - S p beside walls in weights, made once a configuration.
 
     pair: (n_pairs, dim + 1), of the differences of the gradient and of p over each pair; own: (n, dim), of the gradient
-    of the particle.
+    of the particle; total: (n,), sum of the weights of p of its pairs.
     """
 
     pair: np.ndarray
     own: np.ndarray
+    total: np.ndarray
 
 
 def div_grad_weights(ops: Operators, symmetric_p: np.ndarray, density: np.ndarray | float = 1.0) -> DivGrad:
@@ -44,7 +45,7 @@ def div_grad_weights(ops: Operators, symmetric_p: np.ndarray, density: np.ndarra
     the weights are for then being over the density; density: (n,) where it varies, in the unit of symmetric_p."""
     walls = ops.walls
     assert walls is not None
-    found = DivGrad(np.empty((len(ops.column), ops.dim + 1)), walls.div.copy())
+    found = DivGrad(np.empty((len(ops.column), ops.dim + 1)), walls.div.copy(), np.empty(ops.n))
     rho = ops.exchange.forward(density) if isinstance(density, np.ndarray) else np.empty(0)
     over_rows(_div_grad_weights, ops.n, ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p), rho, *found)
     return found
@@ -53,27 +54,29 @@ def div_grad_weights(ops: Operators, symmetric_p: np.ndarray, density: np.ndarra
 def div_grad_rhie_chow(ops: Operators, weights: DivGrad, p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
     """-div(grad p) - S p beside walls, (n,). p: (n + remote,); grad_p: (n, dim), its gradient."""
     out = np.empty(ops.n)
-    over_rows(_div_grad_rhie_chow, ops.n, (ops.start, ops.column), *weights, p, ops.exchange.forward(grad_p), out)
+    grad_p = ops.exchange.forward(grad_p)
+    over_rows(_div_grad_rhie_chow, ops.n, (ops.start, ops.column), weights.pair, weights.own, p, grad_p, out)
     return out
 
 
-@njit(cache=True, nogil=True)
-def _div_grad_weights(rows, neighbours, weights, rho, pair, own):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _div_grad_weights(rows, neighbours, weights, rho, pair, own, total):
     start, row, column, x = neighbours.start, neighbours.row, neighbours.column, neighbours.x
     grad, symmetric, symmetric_p = weights
-    dim = x.shape[1]
+    dim, last = x.shape[1], x.shape[1] - 1  # in 2D the third column is the second again, and not summed up
     for i in range(rows[0], rows[1]):
-        for q in range(start[i], start[i + 1]):
-            share, j = 0.5, column[q]
-            if len(rho) > 0 and rho[i] != rho[j] and symmetric[q] != 0.0:
+        s, s0, s1, s2, x0, x1, x2 = 0.0, own[i, 0], own[i, 1], own[i, last], x[i, 0], x[i, 1], x[i, last]
+        for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            share, j, r, w = 0.5, np.uint32(column[q]), np.uint32(row[q]), symmetric[q]
+            if len(rho) > 0 and rho[i] != rho[j] and w != 0.0:
                 # (1 - t) rho_j / r_ij
-                share = rho[j] * (rho[i] * symmetric_p[q] / symmetric[q] - 1.0) / (rho[i] - rho[j])
-            for k in range(dim):
-                # of grad p_i + share (grad p_j - grad p_i) the difference goes with the pair, the rest with i
-                whole = symmetric[q] * (x[row[q], k] - x[i, k])
-                pair[q, k] = grad[q, k] - share * whole
-                own[i, k] += whole
-            pair[q, dim] = symmetric_p[q]
+                share = rho[j] * (rho[i] * symmetric_p[q] / w - 1.0) / (rho[i] - rho[j])
+            # of grad p_i + share (grad p_j - grad p_i) the difference goes with the pair, the rest with i
+            w0, w1, w2 = w * (x[r, 0] - x0), w * (x[r, 1] - x1), w * (x[r, last] - x2)
+            pair[q, 0], pair[q, 1] = grad[q, 0] - share * w0, grad[q, 1] - share * w1
+            pair[q, last], pair[q, dim] = grad[q, last] - share * w2, symmetric_p[q]
+            s, s0, s1, s2 = s + symmetric_p[q], s0 + w0, s1 + w1, s2 + w2
+        own[i, 0], own[i, 1], own[i, last], total[i] = s0, s1, s2, s
 
 
 @njit(cache=True, nogil=True, fastmath=REDUCE)
@@ -98,8 +101,8 @@ def diagonal(ops: Operators, weights: DivGrad, grad_p: np.ndarray) -> np.ndarray
     that see a wall; of the others that of the Laplacian."""
     walls = ops.walls
     assert walls is not None
-    out = np.zeros(ops.n)
-    over_rows(_diagonal, ops.n, (ops.start, ops.column), *weights, grad_p, walls.near_wall, out)
+    out = weights.total.copy()
+    over_rows(_diagonal, ops.n, (ops.start, ops.column), weights.pair, weights.own, grad_p, walls.near_wall, out)
     if isinstance(ops.exchange, Numbered):
         _add_remote_rows(ops, ops.exchange, weights.pair, grad_p, out)
     return out
@@ -186,20 +189,18 @@ def _adjoint_divergence(neighbours, volume, grad_p, narrow, grad, wall_div, wall
 
 @njit(cache=True, nogil=True)
 def _diagonal(rows, pairs, pair, own, grad_p, near_wall, out):
-    (start, column), dim = pairs, own.shape[1]
+    """Adds to out (n,), the sums of the weights of p, what goes through the gradients."""
+    (start, column), last = pairs, own.shape[1] - 1
     for i in range(rows[0], rows[1]):
-        for q in range(start[i], start[i + 1]):
-            out[i] += pair[q, dim]
         if not near_wall[i]:
             continue
         # div a + S p = sum_j pair_ij . a_j - (own + sum_j pair_ij) . a_i + sum_j w_ij (p_j - p_i)
-        for k in range(dim):
-            weight, slope = own[i, k], 0.0
-            for q in range(start[i], start[i + 1]):
-                weight += pair[q, k]
-                slope -= grad_p[q, k]
-            out[i] += weight * slope
-        for q in range(start[i], start[i + 1]):
+        w0, w1, w2, s0, s1, s2 = own[i, 0], own[i, 1], own[i, last], 0.0, 0.0, 0.0
+        for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            w0, w1, w2 = w0 + pair[q, 0], w1 + pair[q, 1], w2 + pair[q, last]
+            s0, s1, s2 = s0 - grad_p[q, 0], s1 - grad_p[q, 1], s2 - grad_p[q, last]
+        found = w0 * s0 + w1 * s1 + (w2 * s2 if last == 2 else 0.0)
+        for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
             j = column[q]
             if j >= len(start) - 1:  # a remote row, see `_add_remote_rows`
                 continue
@@ -212,5 +213,7 @@ def _diagonal(rows, pairs, pair, own, grad_p, near_wall, out):
                 first, end = place, place + np.uint64(1)
             for back in range(first, end):
                 if column[back] == i:  # in a thin box j may see several images of i
-                    for k in range(dim):
-                        out[i] -= pair[q, k] * grad_p[back, k]
+                    found -= pair[q, 0] * grad_p[back, 0] + pair[q, 1] * grad_p[back, 1]
+                    if last == 2:
+                        found -= pair[q, 2] * grad_p[back, 2]
+        out[i] += found

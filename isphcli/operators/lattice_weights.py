@@ -25,7 +25,7 @@ from numba import njit
 
 from ..domain import reduce
 from ..domain.exchange import NO_EXCHANGE, Exchange
-from ..domain.row_threads import over_rows
+from ..domain.row_threads import in_one_piece, over_rows
 from .crossings import MEETS_WALL, WallStencils, in_sight
 from .kernel import normalisation, slope
 from .moments import (
@@ -39,7 +39,7 @@ from .moments import (
 )
 from .neighbourhood_class import NARROW_SHARE_FIXED
 from .protocol import WallSums
-from .wall_weights import add_along, add_wall_pair, boundary_sums, meet_walls, new_boundary_sums, second_moments
+from .wall_weights import add_walls, boundary_sums, meet_walls, new_boundary_sums, second_moments
 
 NEAREST = 1.02  # of the smallest squared distance on a lattice: the nearest neighbours
 MOST_OFFSETS = 255  # more, and every pair keeps an offset of its own: particles off a lattice
@@ -280,11 +280,24 @@ def divergence_and_rhie_chow(ops: LatticeWeights, u: np.ndarray, pressure: tuple
     of the adjoint has not.
     """
     out = np.empty(ops.n)
-    u, p, grad_p = (ops.exchange.forward(values) for values in (u, *pressure))
+    unknowns = tuple(ops.exchange.forward(values) for values in (u, *pressure))
     walls = ops.walls.div, ops.narrow
-    weights = ops.pairs, ops.tensors, ops.whole
-    over_rows(_divergence_and_rhie_chow, ops.n, weights, walls, u, (p, grad_p), factors, out)
+    weights = (ops.pairs, ops.tensors, ops.whole), ops.on_lattice
+    over_rows(_divergence_and_rhie_chow, ops.n, weights, walls, unknowns, factors, out, work=partial(_row_weights, ops))
     return out
+
+
+def _row_weights(ops: LatticeWeights) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Scratch of `_divergence_and_rhie_chow`: first and second moments, those of an offset or of a pair a column, and
+    weights of one row (3, offsets or places), zeros."""
+    first, second = ops.pairs.first_moment.T, ops.pairs.second_moment.T
+    m = len(ops.pairs.step) if ops.on_lattice else int(np.diff(ops.start).max(initial=1))
+    first_row, second_row, weights = in_one_piece((3, m), (6, m), (3, m))
+    weights[:] = 0.0
+    if ops.on_lattice:  # few: along the memory
+        first_row[:], second_row[:] = first, second
+        first, second = first_row, second_row
+    return (first, second), weights
 
 
 def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: np.ndarray, grad_p: np.ndarray) -> None:
@@ -381,11 +394,11 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
     _, laplace, gradient, gradient_p, scale, k_tensor, k_tensor_p = tensors
     wall_lap, _, wall_div, wall_div_velocity, _ = sums
     start, per_length, (link, fraction, first) = neighbours.start, 1.0 / neighbours.support, links
-    moments, gp, pair = work.moments, work.g_p, work.pair
+    moments, gp, weights, along = work.moments, work.g_p, work.weights, work.wall[2]
     ex, ey, ez, s, w = work.stencil
     g, _, right, gradient_part, spread = work.tensors
-    weight, (first_one, second_one) = pair[0], work.one_pair
-    dim, per_area, deficient, along = gradient.shape[1], per_length * per_length, 0, work.along
+    (first_one, second_one), scene, boundary = work.one_pair, (neighbours, walls), (sums, work.no_slope)
+    dim, per_area, deficient = gradient.shape[1], per_length * per_length, 0
     for o in range(rows[0], rows[1]):
         i = np.int64(which[o])  # as helpers take it from loops over all rows: they are compiled once for both
         if i < 0:
@@ -428,10 +441,6 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
         for m in range(dim):
             for k in range(dim):
                 gradient_p[o, m, k] = per_length * gp[m, k]
-        slides = False
-        for m in range(dim):
-            for k in range(dim):
-                along[m, k] = 0.0
         for q in range(count):
             if link[begin + q] != MEETS_WALL:
                 continue
@@ -440,12 +449,11 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
             second_one[0, 0], second_one[0, 1] = b * ex[q] * ex[q], b * ey[q] * ey[q]
             second_one[0, 2], second_one[0, 3] = b * ez[q] * ez[q], b * ey[q] * ez[q]
             second_one[0, 4], second_one[0, 5] = b * ex[q] * ez[q], b * ex[q] * ey[q]
-            weight[0] = _lap_weight(laplace, o, second_one, first_one, 0)
+            weights[0, q] = _lap_weight(laplace, o, second_one, first_one, 0)
             for m in range(dim):
-                weight[1 + m] = _grad_weight(gradient, k_tensor, o, m, second_one, first_one, 0)
-            add_wall_pair(neighbours, walls, i, q, work.stencil, pair, sums)  # eq. 11
-            slides |= add_along(neighbours, walls, i, q, work.stencil, pair, along)
-        if slides:
+                weights[1 + m, q] = _grad_weight(gradient, k_tensor, o, m, second_one, first_one, 0)
+        # eq. 11
+        if add_walls(scene, i, link[begin : begin + count], work.stencil, weights, work.wall, boundary):
             for m in range(dim):
                 for k in range(dim):
                     for c in range(dim):
@@ -555,51 +563,55 @@ def _momentum(rows, weights, wall_lap, dx, unknowns, out, grad_p):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _divergence_and_rhie_chow(rows, weights, walls, u, pressure, factors, out):
-    (pairs, tensors, whole), (wall_div, narrow), (p, grad_p), (a, b) = weights, walls, pressure, factors
-    start, column, offset_id = pairs.start, pairs.column, pairs.offset_id
+def _divergence_and_rhie_chow(rows, work, weights, walls, unknowns, factors, out):
+    ((pairs, tensors, whole), on_lattice), (wall_div, narrow), (u, p, grad_p) = weights, walls, unknowns
+    start, column, offset_id, (moments, g), (a, b) = pairs.start, pairs.column, pairs.offset_id, work, factors
     half, weight = whole.half_step, pairs.pair_laplacian
     dim, last = u.shape[1], u.shape[1] - 1
     for i in range(rows[0], rows[1]):
-        odd_even, divergence, pi = 0.0, 0.0, p[i]
+        odd_even, divergence, pi, o = 0.0, 0.0, p[i], tensors.row[i]
         q0, q1, q2, u0, u1, u2 = grad_p[i, 0], grad_p[i, 1], grad_p[i, last], u[i, 0], u[i, 1], u[i, last]
         for q in range(start[i], start[i + 1]):
             j, t = np.uint32(column[q]), np.uint32(offset_id[q])
             odd_even += (weight[t] * (p[j] - pi) - half[t, 0] * (q0 + grad_p[j, 0]) - half[t, 1] * (q1 + grad_p[j, 1])
                          - half[t, 2] * (q2 + grad_p[j, last]))
-        o = tensors.row[i]
         if o == 0:
-            g = whole.gradient
+            own = whole.gradient
             for q in range(start[i], start[i + 1]):
                 j, t = np.uint32(column[q]), np.uint32(offset_id[q])
-                divergence += g[t, 0] * (u[j, 0] - u0) + g[t, 1] * (u[j, 1] - u1) + g[t, 2] * (u[j, last] - u2)
+                divergence += own[t, 0] * (u[j, 0] - u0) + own[t, 1] * (u[j, 1] - u1) + own[t, 2] * (u[j, last] - u2)
         else:
             for k in range(dim):
                 divergence -= wall_div[i, k] * u[i, k]
                 if narrow[i]:
                     divergence += _adjoint_flux(pairs, tensors, i, k, u)
-                else:
-                    divergence += _slope_along(pairs, tensors, i, k, u)
+            if not narrow[i]:
+                begin, count = (0, len(weight)) if on_lattice else (start[i], start[i + 1] - start[i])
+                _gradient_weights(tensors, o, moments, begin, count, g)
+                for q in range(start[i], start[i + 1]):
+                    j, t = np.uint32(column[q]), np.uint32(offset_id[q] - begin)
+                    divergence += g[0, t] * (u[j, 0] - u0) + g[1, t] * (u[j, 1] - u1) + g[2, t] * (u[j, last] - u2)
         out[i] = a * divergence + b * tensors.scale[o] * odd_even
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def _slope_along(pairs, tensors, i, k, u):
-    """d u_k / d x_k of particle i: moments of the differences first, the tensors once."""
-    first, second = pairs.first_moment, pairs.second_moment
-    m0 = m1 = m2 = t0 = t1 = t2 = t3 = t4 = t5 = 0.0
-    for q in range(pairs.start[i], pairs.start[i + 1]):
-        j, t = np.uint32(pairs.column[q]), np.uint32(pairs.offset_id[q])
-        d = u[j, k] - u[i, k]
-        m0, m1, m2 = m0 + first[t, 0] * d, m1 + first[t, 1] * d, m2 + first[t, 2] * d
-        t0, t1, t2 = t0 + second[t, 0] * d, t1 + second[t, 1] * d, t2 + second[t, 2] * d
-        t3, t4, t5 = t3 + second[t, 3] * d, t4 + second[t, 4] * d, t5 + second[t, 5] * d
-    g = tensors.gradient[tensors.row[i], k]
-    slope = g[0] * m0 + g[1] * m1 + (g[2] * m2 if len(g) == 3 else 0.0)
-    if len(tensors.k_tensor) > 0:
-        c = tensors.k_tensor[tensors.row[i], k]
-        slope -= c[0] * t0 + c[1] * t1 + c[2] * t2 + c[3] * t3 + c[4] * t4 + c[5] * t5
-    return slope
+def _gradient_weights(tensors, o, moments, begin, count, out):
+    """Weights of the velocity gradient (dim, count) of the pairs whose moments are columns from `begin` on, by the
+    tensors in row o, as `_grad_weight`: all offsets of a lattice, along which they are vectors, take less time than the
+    pairs of a row one by one."""
+    first, second = moments
+    x0, x1, x2, y0, y1, y2 = first[0], first[1], first[2], second[0], second[1], second[2]
+    y3, y4, y5 = second[3], second[4], second[5]
+    for k in range(tensors.gradient.shape[1]):
+        g, weight, c0, c1, c2, c3, c4, c5 = tensors.gradient[o, k], out[k], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        if len(tensors.k_tensor) > 0:
+            c = tensors.k_tensor[o, k]
+            c0, c1, c2, c3, c4, c5 = c[0], c[1], c[2], c[3], c[4], c[5]
+        g0, g1, g2 = g[0], g[1], g[2] if len(g) == 3 else 0.0
+        for t in range(np.uint64(count)):
+            q = np.uint64(begin) + t
+            weight[t] = (g0 * x0[q] + g1 * x1[q] + g2 * x2[q] - c0 * y0[q] - c1 * y1[q] - c2 * y2[q] - c3 * y3[q]
+                         - c4 * y4[q] - c5 * y5[q])
 
 
 @njit(cache=True, error_model="numpy", fastmath=False)

@@ -71,8 +71,8 @@ class Workspace(NamedTuple):
 
     stencil: see `gather_stencil`; moments: (41,) of `stencil_moments`; tensors: (g, system, right, gradient_part,
     spread), see `correction`; weights: (4, places) of `stencil_weights`; g_p: (3, 3) correction of the pressure
-    gradient; pair: see `wall_weights.add_wall_pair`; one_pair: (1, 3) and (1, 6), moments of one pair; along: (dim,
-    dim) of `wall_weights.add_along`.
+    gradient; wall: scratch of `wall_weights.add_walls`, which no_slope is for too; one_pair: (1, 3) and (1, 6), moments
+    of one pair.
     """
 
     stencil: tuple[np.ndarray, ...]
@@ -80,16 +80,16 @@ class Workspace(NamedTuple):
     tensors: tuple[np.ndarray, ...]
     weights: np.ndarray
     g_p: np.ndarray
-    pair: tuple[np.ndarray, ...]
+    wall: tuple[np.ndarray, ...]
     one_pair: tuple[np.ndarray, ...]
-    along: np.ndarray
+    no_slope: np.ndarray
 
 
 def new_workspace(neighbours: Neighbourhood) -> Workspace:
     """Scratch arrays for any particle of a neighbourhood."""
     size, dim = int(neighbours.longest) + LANES, neighbours.x.shape[1]
-    part = in_one_piece(*[(size,)] * 5, (41,), (3, 3), (6, 6), (6, 4), (3,), (3, 3), (4, size), (3, 3), (4,), (dim,),
-                        (dim, dim), (1, 3), (1, 6), (dim, dim))
+    part = in_one_piece(*[(size,)] * 5, (41,), (3, 3), (6, 6), (6, 4), (3,), (3, 3), (4, size), (3, 3), (dim,),
+                        (dim, dim), (dim, dim), (1, 3), (1, 6), (0, dim, dim))
     return Workspace(tuple(part[:5]), part[5], tuple(part[6:11]), part[11], part[12], tuple(part[13:16]),
                      tuple(part[16:18]), part[18])
 

@@ -111,55 +111,79 @@ def new_boundary_sums(n: int, dim: int, slip_length: np.ndarray) -> tuple[np.nda
 
 
 @njit(cache=True)
-def add_wall_pair(neighbours, walls, i, k, stencil, pair, sums):
-    """Adds neighbour k of the stencil of particle i, which is met at a wall, to the sums of the walls: eq. 11.
+def add_walls(scene, i, link, stencil, weights, scratch, boundary):
+    """Adds the neighbours of particle i that are met at a wall to the sums of the walls: eq. 11. Called once for a row,
+    since to hand over so many arrays takes longer than a pair.
 
-    pair: weights of this one (4,), of the Laplacian and of the gradient, 1/m2 and 1/m; velocity of the wall (dim,) and
-    slip tensor (dim, dim), which are scratch; sums: arrays of WallSums. With Navier slip, u at the wall is
+    scene: neighbours and WallTable; link: (count,), see `Links`; weights: (4, count) or more, of the Laplacian and of
+    the gradient, 1/m2 and 1/m; scratch: velocity of the wall (dim,), slip tensor and `along` (dim, dim); boundary:
+    arrays of WallSums, and slope_velocity (n, dim, dim) of WallRows or none. With Navier slip, u at the wall is
     u_W + B (u_i - u_W), B = length / (length + d) times the projection on the wall.
+
+    Returns whether a wall slips. Then `along` is what the divergence makes of a velocity that changes along the wall:
+    where pair k meets it, s away from the foot of the particle, what slides has the velocity of the particle, which is
+    taken here, and beyond it  s . grad u:  sum_k g_k . B (s_k . grad u). With that slope by the fluid neighbours alone
+    (the weights of the pressure gradient) the divergence of a linear velocity that does not cross the wall is exact.
+    Without it flow along a wall leaked through it.
     """
-    weight, wall_u, slide = pair
-    lap, lap_velocity, div, div_velocity, slip = sums
-    x, dim = neighbours.x, neighbours.x.shape[1]
-    j = neighbours.row[neighbours.start[i] + k]
-    met = walls.wall[j]
-    for m in range(dim):
-        wall_u[m] = walls.velocity[met, m]
-        if len(walls.spin) > 0:
-            for q in range(dim):
-                wall_u[m] += walls.spin[met, m, q] * (x[i, q] + stencil[q][k] * stencil[3][k] * neighbours.support)
-    a = weight[0]
-    # eq. 11: a neighbour at the crossing point that has the velocity of the wall
-    lap[i] += a
-    for m in range(dim):
-        lap_velocity[i, m] += a * wall_u[m]
-        div[i, m] += weight[1 + m]
-        div_velocity[i] += weight[1 + m] * wall_u[m]
-    length = walls.slip_length[met]
-    if length > 0.0:
-        normal, factor = walls.normal, length / (length + max(walls.distance[i], 0.0))
+    (neighbours, walls), (wall_u, slide, along) = scene, scratch
+    (lap, lap_velocity, div, div_velocity, slip), slope_velocity = boundary
+    x, normal, begin, slides = neighbours.x, walls.normal, neighbours.start[i], False
+    dim = x.shape[1]
+    for k in range(len(link)):
+        if link[k] != MEETS_WALL:
+            continue
+        j, a = neighbours.row[begin + k], weights[0, k]
+        met = walls.wall[j]
+        # eq. 11: a neighbour at the crossing point that has the velocity of the wall
+        lap[i] += a
+        for m in range(dim):
+            u, g = walls.velocity[met, m], weights[1 + m, k]
+            if len(walls.spin) > 0:
+                for q in range(dim):
+                    u += walls.spin[met, m, q] * (x[i, q] + stencil[q][k] * stencil[3][k] * neighbours.support)
+            wall_u[m] = u
+            lap_velocity[i, m] += a * u
+            div[i, m] += g
+            div_velocity[i] += g * u
+        if len(slope_velocity) > 0:
+            for c in range(dim):
+                for m in range(dim):
+                    slope_velocity[i, c, m] += wall_u[c] * weights[1 + m, k]
+        length = walls.slip_length[met]
+        if not length > 0.0:
+            continue
+        factor, off = length / (length + max(walls.distance[i], 0.0)), 0.0
         for q in range(dim):
+            off += normal[j, q] * stencil[q][k]
             for m in range(dim):
                 slide[q, m] = factor * ((1.0 if q == m else 0.0) - normal[j, q] * normal[j, m])
-        for q in range(dim):
-            for m in range(dim):
+                if not slides:
+                    along[q, m] = 0.0
+        slides = True
+        for m in range(dim):
+            s = stencil[3][k] * neighbours.support * (stencil[m][k] - off * normal[j, m])
+            for q in range(dim):
                 slip[i, q, m] += a * slide[q, m]
                 lap_velocity[i, q] -= a * slide[q, m] * wall_u[m]
-                div[i, m] -= weight[1 + q] * slide[q, m]
-                div_velocity[i] -= weight[1 + q] * slide[q, m] * wall_u[m]
+                div[i, m] -= weights[1 + q, k] * slide[q, m]
+                div_velocity[i] -= weights[1 + q, k] * slide[q, m] * wall_u[m]
+                for c in range(dim):
+                    along[c, m] += weights[1 + q, k] * slide[q, c] * s
+    return slides
 
 
 @njit(cache=True, nogil=True)
 def _wall_rows(rows, work, given, order, out, near_wall, boundary):
     """Weights of the pairs in sight of rows, near_wall (n,), arrays of WallSums and slope_velocity; returns how many
     rows are deficient."""
-    (neighbours, links, volume, walls), (sums, slope_velocity) = given, boundary
+    neighbours, links, volume, walls = given
     start, per_length, t, link = neighbours.start, 1.0 / neighbours.support, links.t, links.link
     owner, first = neighbours.owner, links.first
     seen_start, column, row, lap, grad, lap_p, grad_p, symmetric = out
     ex, ey, ez, s, w = work.stencil
-    dim, moments, weights, g_p, pair = grad.shape[1], work.moments, work.weights, work.g_p, work.pair
-    per_area, deficient, along = per_length * per_length, 0, work.along
+    dim, moments, weights, g_p, along = grad.shape[1], work.moments, work.weights, work.g_p, work.wall[2]
+    per_area, deficient = per_length * per_length, 0
     for i in range(rows[0], rows[1]):
         begin, count = start[i], start[i + 1] - start[i]
         padded = gather_stencil(neighbours, i, volume, work.stencil)
@@ -167,7 +191,7 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
         stencil_moments(work.stencil, padded, moments)
         deficient += correction(moments, dim, order, work.tensors)
         stencil_weights(work.stencil, padded, work.tensors, order, weights)
-        at, slides = np.uint64(seen_start[i]), False
+        at = np.uint64(seen_start[i])
         if not near_wall[i]:  # every neighbour is in sight and shares the pressure
             for k in range(count):
                 p = at + np.uint64(k)
@@ -182,60 +206,29 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
             continue
         second_moments(work.stencil, link[begin : begin + count], moments)
         invert_gradient(moments, dim, g_p)
-        for m in range(dim):
-            for c in range(dim):
-                along[m, c] = 0.0
         for k in range(count):
-            a = weights[0, k] * per_area
+            weights[0, k] *= per_area
+            for m in range(dim):
+                weights[1 + m, k] *= per_length
+        slides = add_walls((neighbours, walls), i, link[begin : begin + count], work.stencil, weights, work.wall,
+                           boundary)
+        for k in range(count):
             if link[begin + k] != MEETS_WALL:
                 row[at] = neighbours.row[begin + k]
                 column[at] = owner[row[at]]
-                lap[at] = a
+                lap[at] = weights[0, k]
                 shared = link[begin + k] == SHARES_PRESSURE
                 # eq. 3 beside walls: no flux through them, so that only fluid neighbours count
                 symmetric[at] = 2.0 * dim * per_area * w[k] / (whole * s[k]) if w[k] > 0.0 and shared else 0.0
                 lap_p[at] = symmetric[at]
                 for m in range(dim):
-                    grad[at, m] = weights[1 + m, k] * per_length
+                    grad[at, m] = weights[1 + m, k]
                     b = g_p[m, 0] * ex[k] + g_p[m, 1] * ey[k] + g_p[m, 2] * ez[k]
                     grad_p[at, m] = b * w[k] * per_length if shared else 0.0
                 at += np.uint64(1)
-            else:
-                pair[0][0] = a
-                for m in range(dim):
-                    pair[0][1 + m] = weights[1 + m, k] * per_length
-                add_wall_pair(neighbours, walls, i, k, work.stencil, pair, sums)
-                for c in range(dim):
-                    for m in range(dim):
-                        slope_velocity[i, c, m] += pair[1][c] * pair[0][1 + m]
-                slides |= add_along(neighbours, walls, i, k, work.stencil, pair, along)
         if slides:
             for q in range(seen_start[i], seen_start[i + 1]):
                 for m in range(dim):
                     for c in range(dim):
                         grad[q, m] += along[m, c] * grad_p[q, c]
     return deficient
-
-
-@njit(cache=True)
-def add_along(neighbours, walls, i, k, stencil, pair, along):
-    """Adds to `along` (dim, dim) what the divergence makes of a velocity that changes along the wall where neighbour k
-    of particle i is met, and returns whether it slips. To be called after `add_wall_pair`, with the same arguments.
-
-    Where pair k meets the wall, s away from the foot of the particle, what slides has the velocity of the particle,
-    which `add_wall_pair` takes, and beyond it  s . grad u:  sum_k g_k . B (s_k . grad u). With that slope by the fluid
-    neighbours alone (the weights of the pressure gradient) the divergence of a linear velocity that does not cross the
-    wall is exact. Without it flow along a wall leaked through it.
-    """
-    (weight, _, slide), j = pair, neighbours.row[neighbours.start[i] + k]
-    if not walls.slip_length[walls.wall[j]] > 0.0:
-        return False
-    normal, dim, off = walls.normal, len(along), 0.0
-    for c in range(dim):
-        off += normal[j, c] * stencil[c][k]
-    for c in range(dim):
-        s = stencil[3][k] * neighbours.support * (stencil[c][k] - off * normal[j, c])
-        for m in range(dim):
-            for q in range(dim):
-                along[m, c] += weight[1 + q] * slide[q, m] * s
-    return True

@@ -624,5 +624,10 @@ def _short(name: str, words: Sequence[str]) -> str:
 
 def save_figure(figure: Figure, path: str | os.PathLike) -> None:
     """Write a figure as PNG, whole or not at all."""
+    # laid out here, once: savefig draws a figure that has a layout twice, the first time for the layout alone
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
+        figure.set_layout_engine("none")
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png")
