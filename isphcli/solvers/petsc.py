@@ -84,7 +84,9 @@ class Petsc:
         raised = matrix.copy()
         # hypre and GAMG divide by what is left on their coarsest level; an isolated particle has an empty row
         raised.setdiag(np.where(diagonal > 0.0, diagonal * (1.0 + GROUND), 1.0))
-        return PetscKept(self._cycle_of(self._aij(raised, exchange)), n, exchange, self.comm)
+        whole = self._aij(raised, exchange)
+        del raised  # PETSc has its own
+        return PetscKept(self._cycle_of(whole), n, exchange, self.comm)
 
     def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float, cycles: int) -> Apply:
         """See `engine.Engine`: one cycle, one right-hand side after the other."""
@@ -131,7 +133,7 @@ class Petsc:
         krylov.setOperators(system)
         krylov.setType("gmres")
         krylov.setPCSide(PETSc.PC.Side.RIGHT)
-        krylov.setInitialGuessNonzero(True)
+        krylov.setInitialGuessNonzero(start is not None)  # without one the product with it is left out
         inner = krylov.getPC()
         inner.setType("python")
         inner.setPythonContext(shells[1])
@@ -152,6 +154,7 @@ class Petsc:
                         raise shell.error from None
                 raise
             iterations += krylov.getIterationNumber()
+            krylov.setInitialGuessNonzero(True)
             before, residual = residual, reduce.norm(rhs - apply(found.array_r.copy())) / norm
             if not residual < before:  # also where it is not finite
                 break
