@@ -1,6 +1,7 @@
 """Where a steady solve needs its memory: resident bytes per particle during and after its parts (Linux).
 
 usage: PYTHONPATH=. python benchmarks/memory.py [NAME ...]
+       PYTHONPATH=. mpiexec -n 2 python benchmarks/memory.py NAME       on several processes: of rank 0, and the peaks
 
 Scenes are those of benchmarks/stokes.py. Each part is a call of a function: the most that the process held in it, and
 what it holds after it, both less what it held before particles were placed. Run it twice: compiling takes memory too.
@@ -12,12 +13,15 @@ import sys
 
 from stokes import CASES, SCENES
 
+from isphcli.output.environment import launched
+
 PARTS = """runs.steady.place_case runs.steady.WallScene operators.wall_scene.build_halo
 operators.wall_scene.neighbourhood operators.wall_scene.crossings runs.steady.build_lattice_weights
 runs.steady._percolation
 flow.stokes.pair_components flow.stokes.nearest_matrix flow.stokes.Conductances
 solvers.engine.hierarchy solvers.engine.BlockCycle solvers.engine.PairCycle runs.steady.fluid_cells
 runs.steady._edge_shares solvers.engine.gmres_from_the_right runs.steady.wall_stress""".split()
+PARTS_OF_PETSC = """solvers.petsc.Petsc._aij solvers.petsc._Cycle solvers.petsc.Petsc.gmres""".split()
 
 
 def resident():
@@ -44,15 +48,18 @@ def measure(name):
 
     from isphcli.case.forcing import drives
     from isphcli.case.load import load_case
+    from isphcli.domain.communicator import join
     from isphcli.output.clock import Clock
     from isphcli.runs import steady
     from isphcli.scene.build_geometry import build_geometry
 
-    rows = []
-    for part in PARTS:
-        module, function = part.rsplit(".", 1)
-        module = importlib.import_module(f"isphcli.{module}")
-        setattr(module, function, watched(part, getattr(module, function), rows))
+    ranks, rows = join(launched()), []
+    for part in PARTS + (PARTS_OF_PETSC if ranks.size > 1 else []):
+        *module, function = part.split(".")
+        holder = importlib.import_module(f"isphcli.{'.'.join(module[:2])}")
+        for name_of_class in module[2:]:
+            holder = getattr(holder, name_of_class)
+        setattr(holder, function, watched(part, getattr(holder, function), rows))
     file, sets = SCENES[name]
     case = load_case(CASES / file, sets)
     geometry = build_geometry(case)
@@ -61,19 +68,24 @@ def measure(name):
     axis, force = drives(case, geometry)[0]
     flow = steady.solve_axis(case, scene, axis, force, Clock())
     rows.append(("the end", *resident()))
-    n = scene.particles.n_fluid
+    n, most = scene.particles.n_fluid, max(most for _, most, _ in rows)
+    peaks = ranks.collect((n, most))
+    if ranks.rank:
+        return
     print(f"{name}: {n:,} particles, {scene.particles.n_dummy / n:.2f} dummies and "
           f"{len(scene.system.ops.column) / n:.1f} pairs a particle, {flow.convergence.iterations} iterations, k "
-          f"{flow.permeability[axis or 0]:.7e} m2, whole process {max(most for _, most, _ in rows) / 1e9:.2f} GB; "
+          f"{flow.permeability[axis or 0]:.7e} m2, whole process {most / 1e9:.2f} GB, {begin / 1e9:.2f} of it before; "
           f"bytes per particle:\n{'':42}    most     after")
     for part, most, now in rows:
         if part != "before":
             print(f"{part:42} {(most - begin) / n:9.0f} {(now - begin) / n:9.0f}", flush=True)
+    if ranks.size > 1:
+        print("particles and GB of all:", ", ".join(f"{n:,} {peak / 1e9:.3f}" for n, peak in peaks))
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--one"]:
-        measure(sys.argv[2])
+    if sys.argv[1:2] == ["--one"] or launched() > 1:
+        measure(sys.argv[-1])
     else:
         os.environ.setdefault("NUMBA_NUM_THREADS", "1")
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..solvers.krylov import SolveError
+from .state import Once
 from .step_limits import RunError, StepError
 
 if TYPE_CHECKING:
@@ -28,9 +29,12 @@ if TYPE_CHECKING:
 HALVINGS = 4  # of a step that fails, one after the other; then the run ends
 
 
-def attempt(stepper: Stepper, state: State, config: Configuration, dt: float) -> StepResult:
-    """The StepResult of a step of dt or, if that fails, of a shorter one. Raises RunError."""
+def attempt(stepper: Stepper, state: State, config: Configuration | Once, dt: float) -> StepResult:
+    """The StepResult of a step of dt or, if that fails, of a shorter one. Raises RunError.
+
+    A configuration that the step has taken over is made again for the next one."""
     problem: SolveError | StepError
+    density = (config.look() if isinstance(config, Once) else config).terms.density
     for halving in range(HALVINGS + 1):
         length = dt * 0.5**halving
         try:
@@ -38,11 +42,13 @@ def attempt(stepper: Stepper, state: State, config: Configuration, dt: float) ->
                 raise StepError(f"the step {length:.3g} is lost in the digits of the time {state.time:.3g}")
             with np.errstate(all="ignore"):  # what is not finite is found by the bounds
                 found = stepper.advance(state, config, length)
-                stepper.bounds.check(state, found, config.terms.density)
+                stepper.bounds.check(state, found, density)
             return found
         except (SolveError, StepError) as failure:
-            problem = failure
+            problem = failure.with_traceback(None)  # its frames hold the configuration that the step made
             stepper.solvers.drop()
+        if isinstance(config, Once):
+            config = Once(stepper.configure(state.x, state.time, state.phi, state.number))
     message = f"step {state.step + 1} at time {state.time:g}: {problem} (the last of {HALVINGS} halvings, {length:.3g})"
     if isinstance(problem, StepError):
         # cavities at Reynolds number 1000 and an orifice that blew up with shifting 0.1 held with each of the first two

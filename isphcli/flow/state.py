@@ -70,6 +70,25 @@ class Configuration:
         return self.neighbours.x[: self.ops.n]
 
 
+class Once:
+    """A configuration that one function takes over. A step reads that of its start before it makes that of its end, and
+    is the only one that holds it: with the weights of the pairs it is most of what a run of moving particles has in
+    memory, and two of them at a time would be twice that."""
+
+    def __init__(self, config: Configuration):
+        self._config: Configuration | None = config
+
+    def look(self) -> Configuration:
+        """The configuration, which is not to be kept."""
+        assert self._config is not None  # taken by now
+        return self._config
+
+    def take(self) -> Configuration:
+        """The configuration, which is not here any more."""
+        config, self._config = self.look(), None
+        return config
+
+
 @dataclass(frozen=True)
 class StepResult:
     """What a step made, and what it found on the way.

@@ -35,7 +35,7 @@ from ..solvers.krylov import SolveError
 from .held_velocity import HeldVelocity, leads_through
 from .projection import PressureSystem, pressure_increment, pressure_system, solve_pressure, without_constants
 from .shifting import carry, shift
-from .state import Configuration, State, StepResult
+from .state import Configuration, Once, State, StepResult
 from .step_limits import Bounds, RunError, StepError
 from .viscous_solve import viscous_solve
 
@@ -112,7 +112,7 @@ class Stepper:
 
         def take(state: State, dt: float) -> None:
             with suppress(SolveError, StepError):
-                self.advance(state, self.configure(state.x, state.time, state.phi, state.number), dt)
+                self.advance(state, Once(self.configure(state.x, state.time, state.phi, state.number)), dt)
 
         self.solvers.rebuild(origins, take)
 
@@ -225,11 +225,13 @@ class Stepper:
         moved = replace(moved, x=x, u=u, u_old=u_old, p=p, phi=phi, volume=volume, number=number)
         return moved, found[0] if found else None
 
-    def advance(self, state: State, config: Configuration, dt: float) -> StepResult:
+    def advance(self, state: State, config: Configuration | Once, dt: float) -> StepResult:
         """One step of length dt. Raises SolveError, StepError or RunError."""
+        config = config.take() if isinstance(config, Once) else config
         self.solvers.begin(state, dt)
         moved, stopped = self.move(state, config, dt)
         changing = None if moved.phi is None else self.fluids.changing(state.p, moved.phi, config.terms)
+        del config  # before the next is made
         moved, changing = self.settled(moved, changing)
         config = self.configure(moved.x, state.time + dt, moved.phi, moved.number)
         ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0

@@ -111,19 +111,25 @@ def diagonal(ops: Operators, weights: DivGrad, grad_p: np.ndarray) -> np.ndarray
 def _add_remote_rows(ops: Operators, exchange: Numbered, pair: np.ndarray, grad_p: np.ndarray, out: np.ndarray) -> None:
     """What the rows of remote particles, which are with their owners, add to the diagonal out (n,)."""
     assert ops.walls is not None
-    neighbours, n, dim = ops.neighbours, ops.n, ops.dim
-    near, first = ops.walls.near_wall, np.repeat(np.arange(n), np.diff(ops.start))
-    offset = neighbours.x[neighbours.row] - neighbours.x[first]
-    remote = ops.column >= n
-    told, asked = np.flatnonzero(remote & exchange.forward(near)[ops.column]), np.flatnonzero(remote & near[first])
-    back = exchange.from_other_side((first[told], ops.column[told], offset[told], grad_p[told]),
-                                    (first[asked], ops.column[asked], offset[asked]))
+    n, dim, near = ops.n, ops.dim, ops.walls.near_wall
+    which, row, column, offset = _remote_pairs(ops)
+    told, asked = np.flatnonzero(exchange.forward(near)[column]), np.flatnonzero(near[row])
+    back = exchange.from_other_side((row[told], column[told], offset[told], grad_p[which[told]]),
+                                    (row[asked], column[asked], offset[asked]))
     # in a thin box a remote particle sees several images of this one, through each of which the others go
-    several = np.unique(first[asked] * (n + exchange.remote) + ops.column[asked], return_inverse=True)[1]
+    several = np.unique(row[asked] * (n + exchange.remote) + column[asked], return_inverse=True)[1]
     whole = np.zeros((len(back), dim))
     np.add.at(whole, several, back)
-    over = np.einsum("qk,qk->q", pair[asked, :dim], whole[several])
-    out -= np.bincount(first[asked], over, n)
+    over = np.einsum("qk,qk->q", pair[which[asked], :dim], whole[several])
+    out -= np.bincount(row[asked], over, n)
+
+
+def _remote_pairs(ops: Operators) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The pairs with remote particles, which are few: (their numbers (m,), row and column of each, x_j - x_i (m, dim),
+    m)."""
+    which = np.flatnonzero(ops.column >= ops.n)
+    row, x = np.searchsorted(ops.start, which, side="right") - 1, ops.neighbours.x
+    return which, row, ops.column[which], x[ops.neighbours.row[which]] - x[row]
 
 
 def adjoint_divergence(ops: Operators) -> None:
@@ -148,15 +154,12 @@ def adjoint_divergence(ops: Operators) -> None:
 
 def _adjoint_of_remote(ops: Operators, exchange: Numbered, narrow: np.ndarray) -> None:
     """The pairs of narrow rows with remote particles, whose rows are with their owners. narrow: (n,) bool."""
-    neighbours, n, everyone = ops.neighbours, ops.n, exchange.forward(narrow)
-    first = np.repeat(np.arange(n), np.diff(ops.start))
-    offset = neighbours.x[neighbours.row] - neighbours.x[first]
-    remote = ops.column >= n
-    told, asked = np.flatnonzero(remote & everyone[ops.column]), np.flatnonzero(remote & narrow[first])
-    weighted = -ops.volume[first[told], None] * ops.grad_p[told]
-    found = exchange.from_other_side((first[told], ops.column[told], offset[told], weighted),
-                                     (first[asked], ops.column[asked], offset[asked]))
-    ops.grad[asked] = found / ops.volume[first[asked], None]
+    which, row, column, offset = _remote_pairs(ops)
+    told, asked = np.flatnonzero(exchange.forward(narrow)[column]), np.flatnonzero(narrow[row])
+    weighted = -ops.volume[row[told], None] * ops.grad_p[which[told]]
+    found = exchange.from_other_side((row[told], column[told], offset[told], weighted),
+                                     (row[asked], column[asked], offset[asked]))
+    ops.grad[which[asked]] = found / ops.volume[row[asked], None]
 
 
 @njit(cache=True)

@@ -68,6 +68,15 @@ def keep_freed_memory() -> None:
         library.mallopt(-1, (1 << 31) - 1)  # M_TRIM_THRESHOLD: what may be kept at the end of the heap, bytes
 
 
+def give_back_freed_memory() -> None:
+    """Lets the C library (glibc) give the pages of arrays that are gone back to the system: it keeps those below 32 MB
+    for later ones, and what is built next is not of the same sizes."""
+    import ctypes
+
+    with contextlib.suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
     """One thread of BLAS in the block, also where numpy was imported before this package, as notebooks do."""

@@ -16,7 +16,7 @@ from ..case.yaml import CaseError, Problem
 from ..domain.communicator import current, on_first
 from ..domain.lattice import ParticleError
 from ..flow.held_velocity import leads_through
-from ..flow.state import phase_of
+from ..flow.state import Once, phase_of
 from ..flow.step_limits import RunError
 from ..geometry.protocol import inside_sample
 from ..output import folder, progress, restart
@@ -152,12 +152,12 @@ class MovingRun:
 def run_moving(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
                look: Look | None) -> tuple[Summary, Result]:
     """Runs a case of moving particles and leaves its files; see `run.solve_case`."""
-    run, state, config = _prepared(case, clock, quiet, resume, look)
+    run, state, ready = _prepared(case, clock, quiet, resume, look)
     if run.last_step is None:
         with progress.stage("first snapshot", quiet):
-            run.snapshot(state, config)
+            run.snapshot(state, ready.look())
     try:
-        state, config = _march(run, state, config)
+        state, config = _march(run, state, ready)
     except BaseException as stop:
         stop.restart = run.restart_file if run.restart_file.exists() else None  # type: ignore[attr-defined]  # for `cli`
         _leave_worst(run, stop)
@@ -170,7 +170,7 @@ def run_moving(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
 
 
 def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
-              look: Look | None) -> tuple[MovingRun, State, Configuration]:
+              look: Look | None) -> tuple[MovingRun, State, Once]:
     """The run, its first state, that of a restart file where it goes on, and the configuration of that."""
     assert case.time is not None and case.output.directory is not None
     with clock("geometry"), progress.stage("geometry", quiet):
@@ -227,7 +227,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     if loop.program is not None:
         run.tables[CURVE] = ranks.table(run.directory / CURVE, run.last_step)
     run.grids = grids_of(case, run.directory, run.since)
-    return run, state, config
+    return run, state, Once(config)
 
 
 def _refuse_what_is_closed(case: Case, stepper: Stepper, config: Configuration) -> None:
@@ -280,7 +280,7 @@ def _program(run: MovingRun, between: ReservoirMeasures | None) -> DriveProgram:
     return program
 
 
-def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, Configuration]:
+def _march(run: MovingRun, state: State, ready: Once) -> tuple[State, Configuration]:
     """The time loop with its files; (state, config) at the end."""
     case, loop = run.case, run.loop
     assert case.time is not None
@@ -316,7 +316,7 @@ def _march(run: MovingRun, state: State, config: Configuration) -> tuple[State, 
             look_for_interrupts()
 
         try:
-            state, config = loop.run(state, config, run.snapshot, row, show)
+            state, config = loop.run(state, ready, run.snapshot, row, show)
             series = run.series or run.grids
             if series is None or not series.entries or series.entries[-1][0] < state.time:
                 run.snapshot(state, config)

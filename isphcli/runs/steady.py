@@ -21,6 +21,7 @@ from ..geometry.wall_normals import wall_normals
 from ..operators.kernel import KERNELS
 from ..operators.lattice_weights import LatticeWeights, build_lattice_weights
 from ..operators.wall_scene import WallScene
+from ..output.environment import give_back_freed_memory
 from ..scene import memory
 from ..scene.place import jittered_at_rest, place_case
 from ..solvers.engine import engine_of
@@ -124,6 +125,7 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
             geometry = geometry.within(particles.share.lower, particles.share.upper, support)
             if case.particles.jitter > 0.0:
                 particles = jittered_at_rest(case, geometry, particles, spacing)
+        give_back_freed_memory()
     n = particles.n_fluid
     share = memory.fluid_round(geometry, particles.x[:n], support)
     need = memory.estimate(case, geometry.dim, True, n, particles.n_dummy, share=share)
@@ -134,6 +136,7 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
         seen = dummies if particles.share is None else np.concatenate([dummies, particles.share.dummies])
         walls = WallScene(geometry, seen, support, kind, particles.site_volume)
         ops, row, images, distance = _operators(walls, particles, case.particles.jitter == 0.0)
+        give_back_freed_memory()
     with clock("assembly"):
         percolates = _percolation(ops, row, _shifts(n, len(seen), images, particles.share))
         del row
@@ -143,6 +146,7 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
         nu = next(iter(case.fluids.values())).nu
         system = StokesSystem(ops, spacing, nu, forces=forces_of(case, geometry), x=particles.x[:n],
                               engine=engine_of(case.solver.engine))
+        give_back_freed_memory()
     with clock("geometry"):
         cells = fluid_cells(geometry, particles, distance)
         edge_shares = _edge_shares(geometry, particles.x[:n], distance[:n], spacing)

@@ -12,6 +12,7 @@ from ..domain import reduce
 from ..domain.communicator import current
 from ..flow.attempt import attempt
 from ..flow.forces import largest_of
+from ..flow.state import Once
 from ..flow.step_lengths import next_due, shortest
 from ..output.restart import Saved
 from ..scene.choose_steps import step_lengths
@@ -80,11 +81,12 @@ class TimeLoop:
         left = np.inf if end is None else end - state.time
         return None if drive is None else lambda dt: drive.limit(state.time, dt, left)
 
-    def run(self, state: State, config: Configuration, snapshot: Callable[[State, Configuration], None],
+    def run(self, state: State, config: Configuration | Once, snapshot: Callable[[State, Configuration], None],
             row: Callable[[dict[str, Any]], None],
             progress: Callable[[StepResult, str], None]) -> tuple[State, Configuration]:
         """(state, config) at the end. Raises RunError."""
-        time = self.time
+        time, ready = self.time, config if isinstance(config, Once) else Once(config)
+        del config
         end, program = time.end if time.end is not None else np.inf, self.program
         if program is not None:
             state = program.begin(state)
@@ -93,7 +95,7 @@ class TimeLoop:
             due = next_due(state.time, self.case.output.every)
             target = min(end, due, program.due(state) if program is not None else np.inf) - state.time
             dt, limit = shortest(self.limits(state), target)
-            found = attempt(self.stepper, state, config, dt)
+            found = attempt(self.stepper, state, ready, dt)
             state, config = found.state, found.config
             if self.steady is not None:
                 self.steady.add(state.time, self.observed(state))
@@ -104,11 +106,13 @@ class TimeLoop:
                 state = program.after(state, config)
             self.last = self._saved(state)
             progress(found, limit)
+            ready = Once(config)
+            del found, config  # the next step has it alone
         if time.steady is not None:
             self.outcome = "steady" if self._steady_by_now() else "not steady at the end"
         elif state.step >= time.max_steps and state.time < end * (1.0 - 1e-12) and not self._over(state):
             self.outcome = "out of steps"
-        return state, config
+        return state, ready.take()
 
     def _over(self, state: State) -> bool:
         """Whether the flow is steady, or all steps of a drive have been taken."""

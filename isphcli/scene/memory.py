@@ -15,23 +15,26 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 PAIRS = {2: 2.72, 3: 3.46}  # neighbours over support^dim at one site a spacing^dim: 32 in 3D at 2.1
-# Bytes of a pair by flow and walls. stokes: 10 of its row; navier_stokes, which holds two configurations at a time,
-# from the peak of runs of 2026-11-22: 6.0 and, with walls, 11.3 kB per particle in 3D
+# Bytes of a pair by flow and walls. stokes: 10 of its row; navier_stokes, from the peaks of two steps on 2026-11-30,
+# less BYTES_PROGRAM: 3.0 kB per particle of cases/taylor_green_3d.yaml (spacing 0.02) and 6.2 of
+# cases/sphere_array.yaml (flow: navier_stokes, spacing 1.5625e-5)
 BYTES_PAIR = {
     ("stokes", True): 10,
     ("stokes", False): 10,
-    ("navier_stokes", True): 310,
-    ("navier_stokes", False): 150,
+    ("navier_stokes", True): 166,
+    ("navier_stokes", False): 60,
 }
 # Of a pair, in matrices and hierarchies. stokes: with the rest 1.7 kB per particle seen all round; the peaks were 1.68
 # (sphere array of 64 spacings), 1.92 (Berea 128^3, 46 iterations) and 2.28 kB (bead pack, 56): benchmarks/memory.py,
 # 2026-11-29
 BYTES_MATRIX = {"stokes": 14, "navier_stokes": 18}
-BYTES_PETSC = 40  # the same where PETSc solves: it stores the matrix that PyAMG's cycle computes from the pairs
+# The same where PETSc solves: hypre stores the matrix that PyAMG's cycle computes from the pairs. An eighth of table 1
+# of the paper and Berea 64^3 on two processes held 0.70 and 0.39 GB each (benchmarks/memory.py, 2026-11-30)
+BYTES_PETSC = 26
 # Of a pair, what a second fluid adds to moving particles, by walls: weighted operators, the transposed stress, normals.
-# 71 and 83 (2D, 3D) of 60,000 particles with a drop, beside walls 131 and 109 (2026-11-22); 240 to 320 where all
-# fluid is beside walls (berea_drainage, berea_injection, co2_bubbles: benchmarks/estimates.py, 2026-11-30)
-BYTES_SECOND_FLUID = {False: 110, True: 190}
+# A drop in a cube of 125,000 particles takes 6.2 kB per particle, beside walls 8.6 (two steps, 2026-11-30): 100 and 70;
+# more where all fluid is beside walls
+BYTES_SECOND_FLUID = {False: 110, True: 150}
 BYTES_ROW = {"stokes": 350, "navier_stokes": 0}  # of a particle, beside its pairs
 # Krylov vectors of a steady solve: 18 to 30 in wide pores, 46 to 56 in rock and packs of beads; those of a long restart
 # are allocated but never touched
@@ -88,7 +91,7 @@ def estimate(case: Case, dim: int, walls: bool, fluid: float, dummies: float, tw
         "program": BYTES_PROGRAM,
         "operators": pairs * BYTES_PAIR[case.flow, walls] + fluid * BYTES_ROW[case.flow],
         "matrices": pairs * (BYTES_PETSC if petsc else BYTES_MATRIX[case.flow]),
-        "Krylov vectors": fluid * vectors * (4 if steady and not petsc else 8),
+        "Krylov vectors": fluid * vectors * (4 if steady else 8),
         "particles": (fluid + dummies) * BYTES_PARTICLE,
     }
     if two and not steady:

@@ -1,7 +1,8 @@
 """PETSc as what solves the linear systems, on any number of processes.
 
-KSP's GMRES from the right, with the operator and the preconditioner as shells around functions of numpy arrays; one
-multigrid cycle of hypre's BoomerAMG where PETSc has it, else of PETSc's own GAMG. Imported only where it is used.
+One multigrid cycle of hypre's BoomerAMG where PETSc has it, else of PETSc's own GAMG. Moving particles: KSP's GMRES
+from the right, with the operator and the preconditioner as shells around functions of numpy arrays. Steady flow: that
+of `krylov`, whose vectors take half of the memory. Imported only where it is used.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from ..domain.communicator import INSTALL, Ranks, RanksError, current
 from ..domain.exchange import Exchange
 from ..domain.migration import Numbered
 from ..domain.null_space import GROUND
-from .krylov import Apply, Convergence, Limits, Watch, convergence_of
+from .krylov import Apply, Convergence, Limits, Watch, convergence_of, gmres_from_the_right
 from .pair_cycle import SweptMatrix
 
 try:
@@ -71,6 +72,10 @@ class Petsc:
         return self._cycle_of(whole)
 
     def _cycle_of(self, whole: Any) -> _Cycle:
+        if self.settings is HYPRE:  # it keeps a copy of its own: PETSc's would be held beside it for nothing
+            copy = whole.convert("hypre", PETSc.Mat())
+            whole.destroy()
+            whole = copy
         return _Cycle(whole, self.settings, self.comm)
 
     def keep(self, matrix: sp.csr_matrix, exchange: Exchange) -> PetscKept:
@@ -79,7 +84,9 @@ class Petsc:
         raised = matrix.copy()
         # hypre and GAMG divide by what is left on their coarsest level; an isolated particle has an empty row
         raised.setdiag(np.where(diagonal > 0.0, diagonal * (1.0 + GROUND), 1.0))
-        return PetscKept(self._cycle_of(self._aij(raised, exchange)), n, exchange, self.comm)
+        whole = self._aij(raised, exchange)
+        del raised  # PETSc has its own
+        return PetscKept(self._cycle_of(whole), n, exchange, self.comm)
 
     def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float, cycles: int) -> Apply:
         """See `engine.Engine`: one cycle, one right-hand side after the other."""
@@ -100,21 +107,21 @@ class Petsc:
         """PETSc's matrix of the rows of all processes."""
         n, kind = matrix.shape[0], PETSc.IntType
         whole = reduce.number(matrix.indptr[1:])
-        columns = exchange.numbers(n)[matrix.indices]
-        csr = matrix.indptr.astype(kind), columns.astype(kind), matrix.data.astype(float)
+        columns = exchange.numbers(n).astype(kind)[matrix.indices]
+        csr = matrix.indptr.astype(kind), columns, matrix.data.astype(float, copy=False)
         found = PETSc.Mat().createAIJ(((n, whole), (n, whole)), csr=csr, comm=self.comm)
         found.assemble()
         return found
 
-    def gmres_of_step(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
-                      start: np.ndarray | None = None) -> tuple[np.ndarray, Convergence]:
-        """See `engine.Engine`."""
-        return self.gmres(apply, rhs, precondition, limits, start)
-
     def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
               start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
-        """See `krylov.gmres_from_the_right`: whether it has converged is decided by the residual that is computed
-        afterwards, not by PETSc's, which was below the tolerance on wrong solutions of singular systems."""
+        """See `engine.Engine`: in vectors of single precision, where PETSc's are 32 bytes a particle and iteration."""
+        return gmres_from_the_right(apply, rhs, precondition, limits, start, watch)
+
+    def gmres_of_step(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
+                      start: np.ndarray | None = None) -> tuple[np.ndarray, Convergence]:
+        """See `engine.Engine`: PETSc's, from the right. Whether it has converged is decided by the residual that is
+        computed afterwards, not by PETSc's, which was below the tolerance on wrong solutions of singular systems."""
         norm = reduce.norm(rhs)
         if norm == 0.0:
             return np.zeros_like(rhs), Convergence(0, 0.0, limits.tolerance, "zero right-hand side")
@@ -126,17 +133,11 @@ class Petsc:
         krylov.setOperators(system)
         krylov.setType("gmres")
         krylov.setPCSide(PETSc.PC.Side.RIGHT)
-        krylov.setInitialGuessNonzero(True)
+        krylov.setInitialGuessNonzero(start is not None)  # without one the product with it is left out
         inner = krylov.getPC()
         inner.setType("python")
         inner.setPythonContext(shells[1])
         iterations = 0
-        if watch is not None:
-            def each(_: Any, iteration: int, residual: float) -> None:
-                if iteration > 0:
-                    watch(iterations + iteration, residual / norm)
-
-            krylov.setMonitor(each)
         right, found = system.createVecs()
         right.array[:] = rhs
         found.array[:] = 0.0 if start is None else start
@@ -153,6 +154,7 @@ class Petsc:
                         raise shell.error from None
                 raise
             iterations += krylov.getIterationNumber()
+            krylov.setInitialGuessNonzero(True)
             before, residual = residual, reduce.norm(rhs - apply(found.array_r.copy())) / norm
             if not residual < before:  # also where it is not finite
                 break

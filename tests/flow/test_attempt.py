@@ -1,11 +1,14 @@
 """Solves that miss their tolerance: the order of the tries, and what ends a run."""
 
+import weakref
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from isphcli.flow import step as step_module
 from isphcli.flow.attempt import attempt
+from isphcli.flow.state import Once
 from isphcli.flow.step_limits import RunError
 from isphcli.solvers import engine
 from isphcli.solvers.krylov import SolveError
@@ -51,6 +54,27 @@ def test_the_order_of_tries(monkeypatch):
         seen = tries(monkeypatch, stepper, failing)
         assert attempt(stepper, state, config, 1e-3).dt == length
         assert seen == expected
+
+
+def test_a_step_holds_one_configuration(monkeypatch):
+    """That of its start is gone when that of its end is made. Where the step is tried again it is made again, and the
+    step is what it would have been."""
+    stepper, state, config = scene(VORTEX)
+    monkeypatch.setattr(step_module, "viscous_solve", guessed)  # leave only the pressure solves
+    expected, configure, made, alive = attempt(stepper, state, config, 0.5e-3), stepper.configure, [], []
+
+    def watched(*arguments):
+        alive.append([known() is not None for known in made])
+        made.append(weakref.ref(found := configure(*arguments)))
+        return found
+
+    monkeypatch.setattr(stepper, "configure", watched)
+    ready = Once(watched(state.x))
+    stepper.solvers.drop()
+    tries(monkeypatch, stepper, 2)
+    found = attempt(stepper, state, ready, 1e-3)
+    assert alive == [[], [False], [False, False], [False, False, False]]
+    assert found.dt == 0.5e-3 and np.array_equal(found.state.p, expected.state.p)
 
 
 def test_a_system_solved_with_its_diagonal_gets_a_hierarchy(monkeypatch):

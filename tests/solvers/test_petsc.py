@@ -22,9 +22,9 @@ def small():
     return matrix, np.random.default_rng(0).normal(size=ops.n)
 
 
-def solved(engine, limits, **more):
+def solved(engine, limits, how="gmres", **more):
     matrix, rhs = small()
-    return engine.gmres(matrix.dot, rhs, engine.cycle(matrix, NO_EXCHANGE), limits, **more)
+    return getattr(engine, how)(matrix.dot, rhs, engine.cycle(matrix, NO_EXCHANGE), limits, **more)
 
 
 def test_both_engines_solve_the_same_system():
@@ -37,6 +37,9 @@ def test_both_engines_solve_the_same_system():
     np.testing.assert_allclose(two, one, atol=1e-8 * np.abs(one).max())
     assert [k for k, _ in seen] == list(range(1, second.iterations + 1))
     assert second.iterations <= 2 * first.iterations
+    three, third = solved(engine_of("petsc"), Limits(1e-10, 50, 100), "gmres_of_step")
+    assert third.converged and np.linalg.norm(rhs - matrix @ three) <= 1.01e-10 * np.linalg.norm(rhs)
+    np.testing.assert_allclose(three, one, atol=1e-8 * np.abs(one).max())
 
 
 def test_without_hypre():
@@ -60,12 +63,13 @@ def test_a_block_is_its_columns():
     np.testing.assert_allclose(block(columns), np.stack([once(c) for c in columns.T], axis=1), rtol=1e-12, atol=1e-12)
 
 
-def test_where_a_solve_ends():
+@pytest.mark.parametrize("how", ["gmres", "gmres_of_step"])
+def test_where_a_solve_ends(how):
     """Out of iterations, and started from a solution: restarts count all iterations."""
     engine = engine_of("petsc")
-    x, short = solved(engine, Limits(1e-12, 2, 3))
+    x, short = solved(engine, Limits(1e-12, 2, 3), how)
     assert not short.converged and short.iterations == 3 and short.reason == "out of iterations"
-    x, whole = solved(engine, Limits(1e-9, 3, 100), start=x)
+    x, whole = solved(engine, Limits(1e-9, 3, 100), how, start=x)
     assert whole.converged
-    again, none = solved(engine, Limits(1e-8, 3, 100), start=x)
+    again, none = solved(engine, Limits(1e-8, 3, 100), how, start=x)
     assert none.converged and none.iterations == 0 and np.array_equal(again, x)
