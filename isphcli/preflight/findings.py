@@ -16,8 +16,7 @@ from ..domain.lattice import Lattice
 from ..flow.forces import largest_of
 from ..geometry.connectivity import connectivity_of
 from ..geometry.images.image import machine_memory
-from ..geometry.pore_sizes import ENOUGH_ACROSS
-from ..runs.expected_error import calibrations, wall_of
+from ..runs.expected_error import THINNEST, too_narrow
 from .check_result import CheckResult, in_bytes
 from .throats import TINY, Sites
 
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
 # Reynolds number of a check above which something is mistaken: flow in pores does not come near it, and estimates of
 # free fall and of bubbles are too large, up to 1.4e4 in `cases/`
 TURBULENT = 1e5
-THINNEST = 3  # particles across the median throat below which there is a warning
 
 
 def drive_findings(
@@ -84,13 +82,9 @@ def resolution_findings(result: CheckResult, geometry: Geometry, lattice: Lattic
     """Lattice against throats, voxels, clear layers and box."""
     case, widths = result.case, result.throats
     spacing = case.particles.spacing
-    if widths is not None and widths.median < THINNEST - TINY:
-        known = calibrations()[wall_of(case), "spacing"]
-        yield (
-            f"the median throat is {widths.median:.1f} particles wide: 90 % of {known.bodies} known bodies with pores "
-            f"as wide are within {100 * known.within(widths.median):.2g} % in steady flow; take particles.spacing "
-            f"{spacing * widths.median / ENOUGH_ACROSS:.2g} or less for {ENOUGH_ACROSS}"
-        )
+    if widths is not None:
+        narrow = too_narrow(case, "the median throat is", widths.median * spacing, spacing)
+        yield from [narrow] if narrow else []
     for axis, width in (widths.critical if widths is not None else {}).items():
         if width < THINNEST:
             yield (

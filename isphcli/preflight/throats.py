@@ -223,8 +223,8 @@ def _critical(sites: Sites, geometry: Geometry, axis: int, spacing: float) -> fl
     sites that the found width hangs on are those just above it: they are looked at between sites too (`_passages`),
     until the way hangs on none that has not been.
     """
-    within = (*sites.sample, 0)
-    widths = np.where(sites.phase[within] >= 0, 2 * sites.distance[within] / spacing, 0.0)
+    phase, distance = sites.phase[sites.sample][..., 0], sites.distance[sites.sample][..., 0]
+    widths = np.where(phase >= 0, 2 * distance / spacing, 0.0)
     first = np.array([part.start for part in sites.sample])
     known = np.zeros(widths.shape, dtype=bool)
     while True:
