@@ -431,10 +431,8 @@ def _finish_march(run: MovingRun, state: State, config: Configuration) -> tuple[
         result.two_fluids = summary["two_fluids"]
     if current().size > 1:
         return _finish_ranks(run, summary, result, config), result
-    if case.output.plots:
-        with run.clock("output"):
-            _pictures(run, state, flow["permeability"])
-    return finish(case, run.directory, summary, result, run.clock)
+    return finish(case, run.directory, summary, result, run.clock,
+                  lambda: _pictures(run, state, flow["permeability"]))
 
 
 def _finish_ranks(run: MovingRun, summary: Summary, result: Result, config: Configuration) -> Summary:

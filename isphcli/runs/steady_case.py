@@ -112,7 +112,7 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tupl
         return _finish_ranks(case, summary, result, found, clock), result
     assert case.output.directory is not None
     directory = folder.prepare(case.output.directory)
-    with clock("output"), progress.stage("files and pictures", quiet):
+    with clock("output"), progress.stage("files", quiet):
         series = series_of(case, directory)
         if series is not None:
             series.write(0, 0.0, *snapshot_of(case, main.geometry, main.particles, result.x, main.velocity,
@@ -122,9 +122,12 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tupl
         rows = _profile(main)
         write_rows(directory / "history.csv", found.history)
         write_rows(directory / PROFILES, rows)
-        if case.output.plots:
+
+    def draw() -> None:
+        with progress.stage("pictures", quiet):
             _pictures(case, directory, main, found.flows, summary, rows)
-    return finish(case, directory, summary, result, clock)
+
+    return finish(case, directory, summary, result, clock, draw)
 
 
 def _finish_ranks(case: Case, summary: dict[str, Any], result: Result, found: Found, clock: Clock) -> dict[str, Any]:
