@@ -60,7 +60,7 @@ def drive_findings(
         result.errors.append("nothing moves the fluid; give a drive or a wall with a velocity")
     begins = case.initial is not None and case.initial.velocity
     tension = case.interface is not None and len(fluids_there(case, sites)) > 1
-    result.warnings += [f"{key} is zero along every axis and drives nothing" for key in forcing.drives_of_zero(case)]
+    result.warnings += [f"{zero} and drives nothing" for zero in forcing.drives_of_zero(case)]
     if case.flow != "stokes" and not (pushed or moved or held or begins or tension):
         result.warnings.append("nothing moves the fluid, which stays at rest; give a drive, tension of two fluids, "
                                "an initial velocity or a wall with one")
