@@ -192,8 +192,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     if particles.two_fluids:
         from ..scene.choose_measures import choose_measures, choose_profiles, choose_reservoir_measures
 
-        loop.measure = measures = choose_measures(case, geometry, particles, stepper.fluids)
-        measures.held = stepper.held_velocity
+        loop.measure = measures = choose_measures(case, geometry, particles, stepper.fluids, stepper.held_velocity)
         profiles = choose_profiles(case, geometry, stepper.fluids)
         between = choose_reservoir_measures(case, geometry, particles, stepper.fluids)
     if measures is not None and between is not None:
