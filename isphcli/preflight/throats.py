@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
-from ..geometry.connectivity import Connectivity, connectivity_of
+from ..geometry.connectivity import Connectivity, connectivity_of, percolating
 from ..geometry.pore_sizes import ENOUGH_ACROSS
 from .check_result import Throats
 
@@ -22,6 +22,7 @@ LINE_POINTS = 20_000  # points of the centre lines whose width is found exactly
 # farther off the walls than it, and sites two away that are 1.1
 NOOK = 2
 STEP = 0.2  # spacings: sites whose widths are less above that of the way through are looked at between sites too
+WITHIN = 0.02  # spacings: how well the way through is found
 TINY = 1e-6
 ON_WALL = 1e-9  # of the support: a site this close to a wall is solid, as for `Geometry.phase`
 
@@ -206,9 +207,11 @@ def _around(x: np.ndarray, geometry: Geometry, spacing: float) -> tuple[np.ndarr
 def _not_beyond(x: np.ndarray, distance: np.ndarray, geometry: Geometry, spacing: float) -> np.ndarray:
     """Widths (n,) of balls round points x (n, dim), in spacings, by their wall distance (n,), m.
 
-    The distance from smooth walls of an image is known to a voxel far from them, and well at them: it is at most what a
-    point as far away, in any of the directions of the lattice, has more or less."""
+    The distance from walls of an image is known to a voxel far from them, and well at them: it is at most what a point
+    as far away, in any of the directions of the lattice, has more or less. That from shapes is exact."""
     far = np.maximum(distance, 0.0)
+    if geometry.voxel_size is None:
+        return 2 * far / spacing
     for direction in np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * x.shape[1])).reshape(x.shape[1], -1).T:
         if direction.any():
             wall = geometry.distance(x + far[:, None] * (direction / np.linalg.norm(direction)))
@@ -226,23 +229,32 @@ def _critical(sites: Sites, geometry: Geometry, axis: int, spacing: float) -> fl
     phase, distance = sites.phase[sites.sample][..., 0], sites.distance[sites.sample][..., 0]
     widths = np.where(phase >= 0, 2 * distance / spacing, 0.0)
     first = np.array([part.start for part in sites.sample])
-    known = np.zeros(widths.shape, dtype=bool)
+    known, width = np.zeros(widths.shape, dtype=bool), 0.0
     while True:
-        width = _passing(widths, sites.around, axis)
-        near = np.argwhere((widths >= width) & (widths < width + STEP) & ~known & (widths > 0.0))
+        width = _passing(widths, sites.around, axis, width)
+        through = percolating(((widths >= width) & (widths > 0.0)).T, sites.around, axis).T
+        near = np.argwhere(through & (widths < width + STEP) & ~known)
         if not len(near):
             return width
-        flat = np.ravel_multi_index((*(near + first).T, np.zeros(len(near), dtype=int)), sites.phase.shape)
-        place = tuple(near.T)
-        widths[place] = _passages(sites.positions(flat), geometry, spacing)
-        known[place] = True
+        for part in np.array_split(near, -(-len(near) // LINE_POINTS)):
+            flat = np.ravel_multi_index((*(part + first).T, np.zeros(len(part), dtype=int)), sites.phase.shape)
+            widths[tuple(part.T)] = _passages(sites.positions(flat), geometry, spacing)
+        known[tuple(near.T)] = True
 
 
-def _passing(widths: np.ndarray, around: tuple[bool, ...], axis: int) -> float:
-    """Largest width, to 0.02, whose sites lead through along the axis; widths: [x, y(, z)], 0 in solids."""
-    low, high = 0.0, float(widths.max())
-    while high - low > 0.02:
+def _passing(widths: np.ndarray, around: tuple[bool, ...], axis: int, before: float) -> float:
+    """Largest width, to WITHIN, whose sites lead through along the axis; widths: [x, y(, z)], 0 in solids; before: one
+    that it is probably near."""
+    def leads(width: float) -> bool:
+        return connectivity_of((widths >= width).T, around).percolates[axis]
+
+    low, high, step = 0.0, float(widths.max()), 2 * WITHIN
+    if before > 0.0 and leads(before):
+        low = before
+        while low + step < high and leads(low + step):
+            low, step = low + step, 2 * step
+        high = min(high, low + step)
+    while high - low > WITHIN:
         middle = (low + high) / 2
-        passes = connectivity_of((widths >= middle).T, around).percolates[axis]
-        low, high = (middle, high) if passes else (low, middle)
+        low, high = (middle, high) if leads(middle) else (low, middle)
     return low
