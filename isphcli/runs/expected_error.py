@@ -1,9 +1,9 @@
 """What a permeability at one spacing is worth, and what an image leaves open of it: by bodies whose k is known.
 
 `isphcli/data/calibration.csv` holds what `benchmarks/calibration.py` found on the bodies of
-`isphcli/validation/known_bodies.py`: the relative error that 90 % of them keep within is FACTOR / width^POWER. For what
-the spacing does the width is that of the pores, in particles; for what the image does the mean chord of pores or of
-grains, whichever is smaller, in voxels.
+`isphcli/validation/known_bodies.py`: the relative error that 90 % of them, of shapes 90 % of each family, keep within
+is FACTOR / width^POWER. For what the spacing does the width is that of the pores, in particles; for what the image does
+the mean chord of pores or of grains, whichever is smaller, in voxels.
 """
 
 from __future__ import annotations
