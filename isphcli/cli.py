@@ -321,23 +321,20 @@ def named(path: Path) -> Path:
     return path if path.name else path.resolve()
 
 
-def refuse_image(path: Path, reason: str = "") -> None:
-    """Raise Unusable for an image where a case is asked for, with a case to begin with."""
-    if not is_image(path):
-        return
+def refuse_image(path: Path, reason: str) -> None:
+    """Raise Unusable for an image of which too little is known, with a case to begin with."""
     from .geometry.images.read import image_shape
     from .scene.first_case import case_text
 
     shape = image_shape(path)
-    if reason and shape is None:  # what is wrong with the file is said by its error
+    if shape is None:  # what is wrong with the file is said by its error
         return
-    size = "" if shape is None else f" of {' x '.join(map(str, shape[::-1]))} voxels (x, y, z)"
+    size = f" of {' x '.join(map(str, shape[::-1]))} voxels (x, y, z)"
     case = named(path).with_suffix(".yaml")
-    why = f" {reason}\nOr write" if reason else " Write"
     raise Unusable(
-        f"{path}: is an image{size}, not a case.{why} what is to be known about it into a file {case.name} beside "
-        f"it:\n\n"
-        f"{case_text(path, axes=', '.join('xyz' if shape is None else 'xyz'[: len(shape)]))}\n"
+        f"{path}: is an image{size}, not a case. {reason}\nOr write what is to be known about it into a file "
+        f"{case.name} beside it:\n\n"
+        f"{case_text(path, axes=', '.join('xyz'[: len(shape)]))}\n"
         f"with the labels and the voxel size of your image (isph convert-voxels says which values it holds, and makes "
         f"labels of grey values), then: isph run {case}"
     )
@@ -408,10 +405,10 @@ def validate(
 ) -> int:
     """Check cases, and run those that name a reference: error against run time.
 
-    Without CASE: all of the folder `cases`. The check says what a run would use, need and cost (particles,
-    memory, time), how fine the throats are resolved, which time step binds, and what is likely to go wrong.
-    A reference is run at twice the spacing of the case, at its own and at half of it; the error at its own
-    has to be within reference.tolerance.
+    Without CASE: all of the folder `cases`. An image in its place is taken as isph run takes it. The check says
+    what a run would use, need and cost (particles, memory, time), how fine the throats are resolved, which time
+    step binds, and what is likely to go wrong. A reference is run at twice the
+    spacing of the case, at its own and at half of it; the error at its own has to be within reference.tolerance.
 
     \b
     isph validate --check-only beadpack.yaml
@@ -465,13 +462,12 @@ def check_cases(case_files: Sequence[Path], overrides: tuple[str, ...],
                 ranks: int | None = None) -> tuple[int, list[Case], dict[Path | None, float | None]]:
     """Print the check of each case, for so many processes where they are given: (exit code, cases with a reference that
     can be run, their seconds by path)."""
-    from .preflight.check import check_case_file
+    from .preflight.check import check
 
     code, to_run, estimates = 0, [], {}
     for path in case_files:
         try:
-            refuse_image(path)
-            checked = check_case_file(path, overrides, ranks)
+            checked = check(load(path, overrides), ranks=ranks)
         except (Exception, KeyboardInterrupt) as error:
             if len(case_files) == 1 or exit_code(error) != BAD_INPUT:
                 raise
@@ -722,7 +718,8 @@ def share_of(text: str) -> tuple[float, float]:
 
 def relative_lines(found: Relative) -> list[tuple[str, str]]:
     """What is printed of one snapshot."""
-    lines = [("time", f"{found.time:g} s"), (f"permeability {found.axis}", permeability(found.permeability))]
+    note = ", of both as one fluid, between walls taken from cells of a spacing: isph run is about 1 % off"
+    lines = [("time", f"{found.time:g} s"), (f"permeability {found.axis}", permeability(found.permeability) + note)]
     for k, (name, saturation, relative) in enumerate(zip(found.names, found.saturation, found.relative)):
         why = found.why_zero(k)
         shown = f"{relative:.{DIGITS}g}" + (f" ({why})" if why else "")

@@ -130,7 +130,6 @@ WITHOUT_TESTS = {  # modules without a file of tests of their own, and what test
     "runs.ranks": "tests/test_ranks.py runs cases on several processes",
     "runs.results": "test_run.py and test_moving_case.py read what runs leave",
     "runs.steady": "test_run.py runs steady cases whole",
-    "runs.steady_case": "test_run.py runs steady cases whole",
     "scene.choose_measures": "test_two_fluid_cases.py runs cases with every measure",
 }
 # tests of what several modules of a room do together

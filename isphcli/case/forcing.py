@@ -42,11 +42,18 @@ def is_driven(case: Case) -> bool:
 
 
 def drives_of_zero(case: Case) -> list[str]:
-    """Keys of a drive whose numbers are all zero: the case runs as if they were not there."""
+    """'drive.body_force is zero along every axis' of each key of a drive whose numbers are all zero: it drives nothing,
+    and of a flux in steps it lets nothing flow."""
     if case.drive is None:
         return []
     given = {"body_force": case.drive.body_force, "pressure_drop": (case.drive.pressure_drop or {}).values()}
-    return [f"drive.{name}" for name, numbers in given.items() if numbers and not any(numbers)]
+    found = [f"drive.{name} is zero along every axis" for name, numbers in given.items()
+             if numbers and not any(numbers)]
+    steps = case.drive.steps
+    in_steps = {} if steps is None else {"pressure_drop": steps.pressure_drop,
+                                         "superficial_velocity": steps.superficial_velocity}
+    return found + [f"drive.steps.{name} is zero in every step" for name, numbers in in_steps.items()
+                    if numbers and not any(numbers)]
 
 
 def force_is_given(case: Case) -> bool:

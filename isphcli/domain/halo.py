@@ -40,6 +40,12 @@ def wrap(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, periodic: Sequence
     return x
 
 
+def nearest_image(way: np.ndarray, size: np.ndarray, periodic: Sequence[bool] | np.ndarray) -> np.ndarray:
+    """Ways between points, (..., dim) m, to that of the periodic images of their ends that is nearest; size: (dim,) m,
+    of the box."""
+    return way - np.where(periodic, size, 0.0) * np.round(way / size)
+
+
 def build_halo(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, periodic: np.ndarray, support: float,
                brick: tuple[np.ndarray, np.ndarray] | None = None) -> Halo:
     """Images of x within one support of the box; a box thinner than a support gets several images along that axis.

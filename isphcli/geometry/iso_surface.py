@@ -79,7 +79,7 @@ class IsoSurfaceGeometry(VoxelGeometry):
     def field(self) -> np.ndarray:
         """Field on the voxel centres, float32 [z, y, x], > 0 in fluid; averaged or sharpened as asked."""
         if self._image_field is None:
-            return most_probable_field(self._grid >= 0, self._around)
+            return most_probable_field(self._grid >= 0, self._around, self._sample)
         found = average(self._image_field.values, self._image_field.gaussian, self._around)
         blur = self._image_field.blur
         return found if blur is None else sharpen(found, blur, self._around)
@@ -94,8 +94,13 @@ class IsoSurfaceGeometry(VoxelGeometry):
         assert self.labels is not None
         whole = [part == slice(0, n) for part, n in zip(sample, self.labels.shape)][::-1]  # x, y(, z)
         periodic = tuple(p and w for p, w in zip(self.periodic, whole))
-        part = sample if self.dim == 3 else (slice(0, 1), *sample)
-        return surface_ways(self._spline, self._around, self.field, self._grid, part, periodic)
+        return surface_ways(self._spline, self._around, self.field, self._grid, self._sample, periodic)
+
+    @property
+    def _sample(self) -> tuple[slice, ...]:
+        """The voxels [z, y, x] of the image without its clear layers."""
+        sample = sample_voxels(self)
+        return sample if self.dim == 3 else (slice(0, 1), *sample)
 
     @cached_property
     def _distance_of_centres(self) -> np.ndarray:

@@ -43,15 +43,19 @@ LEAST = 0.05  # standard deviations of the field: of its values on centres, so t
 CERTAIN = 6.0  # standard deviations of the noise beyond which a label changes nothing (1e-8)
 
 
-def most_probable_field(fluid: np.ndarray, around: np.ndarray) -> np.ndarray:
+def most_probable_field(fluid: np.ndarray, around: np.ndarray,
+                        sample: tuple[slice, ...] = (slice(None),) * 3) -> np.ndarray:
     """Field, float32, > 0 in fluid and 0 on the wall, of labels `fluid` (bool [z, y, x]).
 
     around: (3,) bool x, y, z. Along periodic axes the field repeats, along the others it is mirrored at the faces.
+    sample: the part [z, y, x] that is no clear layer; the correlation length is that of its pores, however thick the
+    layers are.
     """
     if fluid.all() or not fluid.any():
         return np.where(fluid, np.float32(1.0), np.float32(-1.0))
     modes = Modes(fluid.shape, around)
-    length = correlation_length(fluid, around)
+    whole = [s.stop is None or s.stop - (s.start or 0) == n for s, n in zip(sample, fluid.shape)][::-1]  # x, y, z
+    length = correlation_length(fluid[sample], around & whole)
     share = _share_kept(modes, length)
     sign = np.where(fluid, np.int8(1), np.int8(-1))
     field = modes.filtered(np.float32(START) * sign, share)

@@ -102,15 +102,15 @@ def digits_within(value: float, error: float | None) -> int:
 
 
 def velocity_lines(summary: Mapping[str, Any], is_part: bool = False) -> list[tuple[str, str]]:
-    """Mean velocity of the fluid and superficial velocity of the sample along each axis, m/s; is_part: the sample may
+    """Mean velocity in the pores and superficial velocity of the sample along each axis, m/s; is_part: the sample may
     be a part of the box, between clear layers or reservoirs, over all of which history.csv has both."""
     lines = []
-    for key in ("mean_velocity", "superficial_velocity"):
+    for key, name in (("mean_velocity", "mean pore velocity"), ("superficial_velocity", "superficial velocity")):
         values = [v for _, v in per_axis(None if summary.get(key) is None else list(summary[key]))]
         if values:
             least = 10.0**-DIGITS * max(abs(v) for v in values)  # what is less is what is left by the others
             shown = (f"{a} {v if abs(v) >= least else 0:.{DIGITS}g}" for a, v in zip("xyz", values))
-            lines.append((key.replace("_", " "), ", ".join(shown) + " m/s" + " in the sample" * is_part))
+            lines.append((name, ", ".join(shown) + " m/s" + " in the sample" * is_part))
     return lines
 
 
@@ -146,8 +146,9 @@ def two_fluid_lines(names: Iterable[str], summary: Mapping[str, Any]) -> list[tu
     lines += [(f"  trapped {name}", found.get(f"trapped_{name}"), " of the fluid in the sample") for name in names]
     lines += [("  closed pockets", found.get("closed_pockets") or None,
                " of the fluid in the sample: no flow passes through them")]
-    lines += [("capillary pressure", found.get("capillary_pressure"), " Pa")]
-    lines += [("pressure jump", found.get("pressure_jump"), f" Pa, {' less '.join(names)}")]
+    lines += [("capillary pressure", found.get("capillary_pressure"),
+               " Pa between the fluids of inlet and outlet, what viscous flow takes included")]
+    lines += [("pressure jump", found.get("pressure_jump"), f" Pa at the interface, {' less '.join(names)}")]
     lines += [("contact angle", found.get("contact_angle"), f" degrees through {next(iter(names), '')}")]
     return [(head, f"{value:.4g}{unit}") for head, value, unit in lines if value is not None]
 

@@ -191,8 +191,8 @@ def plot_numerics(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]], ti
 # label of a panel, first words of its columns, whether it is logarithmic
 Panels = Sequence[tuple[str, tuple[str, ...], bool]]
 PHYSICAL: Panels = (
-    ("mean velocity (m/s)", ("mean_velocity",), False),
-    ("superficial velocity (m/s)", ("superficial_velocity",), False),
+    ("mean pore velocity, whole box (m/s)", ("mean_velocity",), False),
+    ("superficial velocity, whole box (m/s)", ("superficial_velocity",), False),
     ("pressure drop (Pa)", ("pressure_drop",), False),
     ("kinetic energy (J, J/m in 2D)", ("kinetic_energy",), False),
     ("pressure jump (Pa)", ("pressure_jump",), False),

@@ -30,8 +30,8 @@ class Throats:
 
     narrow, median: 10 % and half of the fluid lie in narrower pores; thin: share of the fluid where fewer than
     `ENOUGH_ACROSS` particles lie across (`distributions.png` has another share: of the volume that balls of fewer fill,
-    `geometry.pore_sizes`); critical: per axis, the largest ball that passes along it (within half a spacing), for
-    periodic axes only, because closed faces count as walls.
+    `geometry.pore_sizes`); critical: per axis, the largest ball that passes along it, up to 0.7 spacings too small
+    and hardly too large, for periodic axes only, because closed faces count as walls.
     """
 
     narrow: float

@@ -16,8 +16,7 @@ from ..domain.lattice import Lattice
 from ..flow.forces import largest_of
 from ..geometry.connectivity import connectivity_of
 from ..geometry.images.image import machine_memory
-from ..geometry.pore_sizes import ENOUGH_ACROSS
-from ..runs.expected_error import calibrations, wall_of
+from ..runs.expected_error import THINNEST, too_narrow
 from .check_result import CheckResult, in_bytes
 from .throats import TINY, Sites
 
@@ -33,7 +32,6 @@ TURBULENT = 1e5
 # (27.7 on the mean from t = 0.5 on), 20 at 25.7 (27.2). isph run cases/drop_wall_60.yaml --set particles.spacing=0.0125
 # --set interface.contact_angle=20
 LEAST_ANGLE = 25
-THINNEST = 3  # particles across the median throat below which there is a warning
 
 
 def drive_findings(
@@ -66,7 +64,7 @@ def drive_findings(
         result.errors.append("nothing moves the fluid; give a drive or a wall with a velocity")
     begins = case.initial is not None and case.initial.velocity
     tension = case.interface is not None and len(fluids_there(case, sites)) > 1
-    result.warnings += [f"{key} is zero along every axis and drives nothing" for key in forcing.drives_of_zero(case)]
+    result.warnings += [f"{zero} and drives nothing" for zero in forcing.drives_of_zero(case)]
     if case.flow != "stokes" and not (pushed or moved or held or begins or tension):
         result.warnings.append("nothing moves the fluid, which stays at rest; give a drive, tension of two fluids, "
                                "an initial velocity or a wall with one")
@@ -88,13 +86,9 @@ def resolution_findings(result: CheckResult, geometry: Geometry, lattice: Lattic
     """Lattice against throats, voxels, clear layers and box."""
     case, widths = result.case, result.throats
     spacing = case.particles.spacing
-    if widths is not None and widths.median < THINNEST - TINY:
-        known = calibrations()[wall_of(case), "spacing"]
-        yield (
-            f"the median throat is {widths.median:.1f} particles wide: 90 % of {known.bodies} known bodies with pores "
-            f"as wide are within {100 * known.within(widths.median):.2g} % in steady flow; take particles.spacing "
-            f"{spacing * widths.median / ENOUGH_ACROSS:.2g} or less for {ENOUGH_ACROSS}"
-        )
+    if widths is not None:
+        narrow = too_narrow(case, "the median throat is", widths.median * spacing, spacing)
+        yield from [narrow] if narrow else []
     for axis, width in (widths.critical if widths is not None else {}).items():
         if width < THINNEST:
             yield (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
-from ..geometry.connectivity import Connectivity, connectivity_of
+from ..geometry.connectivity import Connectivity, connectivity_of, percolating
 from ..geometry.pore_sizes import ENOUGH_ACROSS
 from .check_result import Throats
 
@@ -21,6 +21,8 @@ LINE_POINTS = 20_000  # points of the centre lines whose width is found exactly
 # Sites that a centre line is told by: a nook of a wall a site wide and deep has neighbours that are 0.2 spacings
 # farther off the walls than it, and sites two away that are 1.1
 NOOK = 2
+STEP = 0.2  # spacings: sites whose widths are less above that of the way through are looked at between sites too
+WITHIN = 0.02  # spacings: how well the way through is found
 TINY = 1e-6
 ON_WALL = 1e-9  # of the support: a site this close to a wall is solid, as for `Geometry.phase`
 
@@ -142,12 +144,7 @@ def throats(sites: Sites, geometry: Geometry, spacing: float, axes: Sequence[int
     share = np.cumsum(width) / width.sum()
     narrow, median = width[np.searchsorted(share, (0.1, 0.5))]
     thin = float(width[width < ENOUGH_ACROSS - TINY].sum() / width.sum())
-    inside = np.where(fluid, distance, 0)[sites.sample]
-    critical = {
-        axis: _critical(inside, sites.around, axis, spacing) / spacing
-        for axis in axes
-        if geometry.periodic[axis]
-    }
+    critical = {axis: _critical(sites, geometry, axis, spacing) for axis in axes if geometry.periodic[axis]}
     return Throats(float(narrow), float(median), thin, critical)
 
 
@@ -177,28 +174,87 @@ def _in(part: tuple[slice, ...], shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _widths(x: np.ndarray, geometry: Geometry, spacing: float) -> np.ndarray:
-    """Twice the largest wall distance within half a spacing of each point, in spacings.
-
-    The distance from smooth walls of an image is known to a voxel far from them, and well at them: it is at most what a
-    point as far away, in any of the directions of the lattice, has more or less."""
-    around = np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * x.shape[1])).reshape(x.shape[1], -1).T
-    largest, centre = np.full(len(x), -np.inf), x.copy()
-    for offset in 0.5 * spacing * around:
-        there = geometry.distance(x + offset)
-        more = there > largest
-        largest[more], centre[more] = there[more], x[more] + offset
-    far = np.maximum(largest, 0.0)
-    for direction in around[np.any(around != 0.0, axis=1)]:
-        wall = geometry.distance(centre + far[:, None] * (direction / np.linalg.norm(direction)))
-        largest = np.minimum(largest, wall + far)
-    return 2 * np.maximum(largest, 0.0) / spacing
+    """Twice the largest wall distance within half a spacing of each point, in spacings; x: (n, dim) m."""
+    offsets, found = _around(x, geometry, spacing)
+    best = found.argmax(axis=0)
+    return _not_beyond(x + offsets[best], found.max(axis=0), geometry, spacing)
 
 
-def _critical(distance: np.ndarray, around: tuple[bool, ...], axis: int, spacing: float) -> float:
-    """Diameter of the largest ball that passes along the axis, m; distance: [x, y(, z)], 0 in solids."""
-    low, high = 0.0, float(distance.max())
-    while high - low > 0.02 * spacing:
+def _passages(x: np.ndarray, geometry: Geometry, spacing: float) -> np.ndarray:
+    """Diameter of the largest ball that passes by each point along an axis, in spacings; x: (n, dim) m.
+
+    Its centre goes from half a spacing before the point to half a spacing behind it, and beside it by as much to where
+    there is most room: the least of three planes, in each the largest distance, along the best of the axes.
+    """
+    offsets, found = _around(x, geometry, spacing)
+    dim, points = x.shape[1], np.arange(len(x))
+    largest, centre = np.full(len(x), -np.inf), np.zeros(len(x), dtype=int)
+    for axis in range(dim):
+        planes = [np.flatnonzero(offsets[:, axis] == step) for step in np.unique(offsets[:, axis])]
+        best = np.stack([plane[found[plane].argmax(axis=0)] for plane in planes])
+        there = best[found[best, points].argmin(axis=0), points]
+        more = found[there, points] > largest
+        largest[more], centre[more] = found[there, points][more], there[more]
+    return _not_beyond(x + offsets[centre], largest, geometry, spacing)
+
+
+def _around(x: np.ndarray, geometry: Geometry, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Offsets (3^dim, dim) m of half a spacing, and the wall distance (3^dim, n) m of the points moved by each."""
+    offsets = 0.5 * spacing * np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * x.shape[1])).reshape(x.shape[1], -1).T
+    return offsets, np.stack([geometry.distance(x + offset) for offset in offsets])
+
+
+def _not_beyond(x: np.ndarray, distance: np.ndarray, geometry: Geometry, spacing: float) -> np.ndarray:
+    """Widths (n,) of balls round points x (n, dim), in spacings, by their wall distance (n,), m.
+
+    The distance from walls of an image is known to a voxel far from them, and well at them: it is at most what a point
+    as far away, in any of the directions of the lattice, has more or less. That from shapes is exact."""
+    far = np.maximum(distance, 0.0)
+    if geometry.voxel_size is None:
+        return 2 * far / spacing
+    for direction in np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * x.shape[1])).reshape(x.shape[1], -1).T:
+        if direction.any():
+            wall = geometry.distance(x + far[:, None] * (direction / np.linalg.norm(direction)))
+            distance = np.minimum(distance, wall + far)
+    return 2 * np.maximum(distance, 0.0) / spacing
+
+
+def _critical(sites: Sites, geometry: Geometry, axis: int, spacing: float) -> float:
+    """Diameter of the largest ball that passes along the axis, in spacings.
+
+    By the sites alone it comes out up to a spacing too small, because the middle of a throat lies between them. The
+    sites that the found width hangs on are those just above it: they are looked at between sites too (`_passages`),
+    until the way hangs on none that has not been.
+    """
+    phase, distance = sites.phase[sites.sample][..., 0], sites.distance[sites.sample][..., 0]
+    widths = np.where(phase >= 0, 2 * distance / spacing, 0.0)
+    first = np.array([part.start for part in sites.sample])
+    known, width = np.zeros(widths.shape, dtype=bool), 0.0
+    while True:
+        width = _passing(widths, sites.around, axis, width)
+        through = percolating(((widths >= width) & (widths > 0.0)).T, sites.around, axis).T
+        near = np.argwhere(through & (widths < width + STEP) & ~known)
+        if not len(near):
+            return width
+        for part in np.array_split(near, -(-len(near) // LINE_POINTS)):
+            flat = np.ravel_multi_index((*(part + first).T, np.zeros(len(part), dtype=int)), sites.phase.shape)
+            widths[tuple(part.T)] = _passages(sites.positions(flat), geometry, spacing)
+        known[tuple(near.T)] = True
+
+
+def _passing(widths: np.ndarray, around: tuple[bool, ...], axis: int, before: float) -> float:
+    """Largest width, to WITHIN, whose sites lead through along the axis; widths: [x, y(, z)], 0 in solids; before: one
+    that it is probably near."""
+    def leads(width: float) -> bool:
+        return connectivity_of((widths >= width).T, around).percolates[axis]
+
+    low, high, step = 0.0, float(widths.max()), 2 * WITHIN
+    if before > 0.0 and leads(before):
+        low = before
+        while low + step < high and leads(low + step):
+            low, step = low + step, 2 * step
+        high = min(high, low + step)
+    while high - low > WITHIN:
         middle = (low + high) / 2
-        passes = connectivity_of((distance >= middle).T, around).percolates[axis]
-        low, high = (middle, high) if passes else (low, middle)
-    return 2 * low + 0.5 * spacing  # the centre of the throat lies up to half a spacing beside a site
+        low, high = (middle, high) if leads(middle) else (low, middle)
+    return low

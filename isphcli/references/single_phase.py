@@ -11,6 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from ..domain.halo import nearest_image
 from .ducts import (
     annulus,
     annulus_flux,
@@ -389,8 +390,7 @@ def connected_parts(result: Result) -> Array:
     x = np.where(around & (x >= period), 0.0, x)
     tree = cKDTree(x, boxsize=np.where(around, period, 0.0) if around.any() else None)
     i, j = tree.query_pairs(LINKED * result.spacing, output_type="ndarray").T
-    step = x[j] - x[i]
-    step -= np.where(around, period * np.round(step / period), 0.0)
+    step = nearest_image(x[j] - x[i], period, around)
     start = x[i] + lower
     sees = geometry.crossing(start, start + step) >= 1.0
     graph = coo_matrix((np.ones(sees.sum(), dtype=np.int8), (i[sees], j[sees])), shape=(len(x),) * 2)

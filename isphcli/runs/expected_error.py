@@ -1,9 +1,9 @@
 """What a permeability at one spacing is worth, and what an image leaves open of it: by bodies whose k is known.
 
 `isphcli/data/calibration.csv` holds what `benchmarks/calibration.py` found on the bodies of
-`isphcli/validation/known_bodies.py`: the relative error that 90 % of them keep within is FACTOR / width^POWER. For what
-the spacing does the width is that of the pores, in particles; for what the image does the mean chord of pores or of
-grains, whichever is smaller, in voxels.
+`isphcli/validation/known_bodies.py`: the relative error that 90 % of them, of shapes 90 % of each family, keep within
+is FACTOR / width^POWER. For what the spacing does the width is that of the pores, in particles; for what the image does
+the mean chord of pores or of grains, whichever is smaller, in voxels.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 
 from ..geometry.image_brick import ImageBrick
 from ..geometry.labels import unlike_next
+from ..geometry.pore_sizes import ENOUGH_ACROSS
 from ..geometry.protocol import sample_voxels
 from ..references.published import DATA
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..geometry.protocol import Geometry
 
+THINNEST = 3.0  # particles across pores, or across the median throat, below which there is a warning
 WALLS = {"exact": "shapes", "grey": "grey images", "labels": "segmented images", "stairs": "images with stairs"}
 
 
@@ -128,6 +130,18 @@ def pore_width(k: float, porosity: float) -> float:
     It is the width that the flow itself sees: of a slit its own, of a pipe 1.22 radii.
     """
     return math.sqrt(12.0 * k / porosity)
+
+
+def too_narrow(case: Case, along: str, width: float, spacing: float) -> str | None:
+    """A sentence on a flow whose pores are fewer than THINNEST particles wide: what known bodies with pores as wide are
+    worth, and the spacing that would do. along: 'the flow along x sees pores'; width and spacing: m; None elsewhere."""
+    wide = width / spacing
+    if wide >= THINNEST * (1 - 1e-6):
+        return None
+    known = calibrations()[wall_of(case), "spacing"]
+    return (f"{along} {wide:.1f} particles wide: 90 % of {known.bodies} known bodies with pores as wide are within "
+            f"{100 * known.within(wide):.2g} % in steady flow; take particles.spacing {width / ENOUGH_ACROSS:.2g} or "
+            f"less for {ENOUGH_ACROSS}")
 
 
 def usual_error(k: float, porosity: float, spacing: float) -> float:

@@ -192,8 +192,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     if particles.two_fluids:
         from ..scene.choose_measures import choose_measures, choose_profiles, choose_reservoir_measures
 
-        loop.measure = measures = choose_measures(case, geometry, particles, stepper.fluids)
-        measures.held = stepper.held_velocity
+        loop.measure = measures = choose_measures(case, geometry, particles, stepper.fluids, stepper.held_velocity)
         profiles = choose_profiles(case, geometry, stepper.fluids)
         between = choose_reservoir_measures(case, geometry, particles, stepper.fluids)
     if measures is not None and between is not None:
@@ -431,10 +430,8 @@ def _finish_march(run: MovingRun, state: State, config: Configuration) -> tuple[
         result.two_fluids = summary["two_fluids"]
     if current().size > 1:
         return _finish_ranks(run, summary, result, config), result
-    if case.output.plots:
-        with run.clock("output"):
-            _pictures(run, state, flow["permeability"])
-    return finish(case, run.directory, summary, result, run.clock)
+    return finish(case, run.directory, summary, result, run.clock,
+                  lambda: _pictures(run, state, flow["permeability"]))
 
 
 def _finish_ranks(run: MovingRun, summary: Summary, result: Result, config: Configuration) -> Summary:

@@ -158,10 +158,15 @@ def stopped_short(case: Case, loop: TimeLoop, state: State, directory: Path) -> 
     return f"{what}; {cause}. Go on with: isph run --restart {shlex.quote(str(directory))} --set {key}=..."
 
 
-def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
-           clock: Clock) -> tuple[dict[str, Any], Result]:
-    """(summary, result): errors against the reference, the effective case and summary.json, which is left too where
-    there is nothing to compare: CompareError comes after it."""
+def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result, clock: Clock,
+           draw: Callable[[], None] | None = None) -> tuple[dict[str, Any], Result]:
+    """(summary, result): errors against the reference, the effective case, summary.json, and pictures where a case has
+    them.
+
+    summary.json is there before `draw` is called: drawing in 3D takes half a minute, and who stops it has the numbers.
+    It is written again with what drawing took and warned of. It is left too where there is nothing to compare:
+    CompareError comes after it.
+    """
     errors = incomparable = None
     if case.reference is not None:
         with clock("reference"):
@@ -178,11 +183,30 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
     if "speed" not in summary:
         inside = inside_sample(result.geometry, result.x)
         summary["speed"] = speed_distribution(result.cell_velocity[inside])
-    import numba
-
     effective = replace(case, output=replace(case.output, directory=directory))
     write_case(directory, effective, summary.get("restarts", ()))
-    summary = {
+    whole = _write_summary(directory, case, summary, result, errors, clock)
+    if draw is not None and case.output.plots:
+        with clock("output"):
+            draw()
+        whole = _write_summary(directory, case, summary, result, errors, clock)
+    if incomparable is not None:
+        raise incomparable
+    whole["directory"] = str(directory)
+    whole["pictures"] = sorted(str(p) for p in Path(directory).glob("*.png"))
+    if case.output.plots:
+        from ..output.report import write_report
+
+        write_report(directory / "report.html", [directory])
+    return whole, result
+
+
+def _write_summary(directory: Path, case: Case, summary: Mapping[str, Any], result: Result,
+                   errors: Mapping[str, Any] | None, clock: Clock) -> dict[str, Any]:
+    """Writes summary.json as of now, and returns it."""
+    import numba
+
+    whole = {
         "title": case.title,
         **{k: summary[k] for k in ("status", "message", "warnings")},
         "dimension": result.geometry.dim,
@@ -194,16 +218,8 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
         "threads": numba.get_num_threads(),
         "versions": versions(),
     }
-    write_summary(directory / "summary.json", summary)
-    if incomparable is not None:
-        raise incomparable
-    summary["directory"] = str(directory)
-    summary["pictures"] = sorted(str(p) for p in Path(directory).glob("*.png"))
-    if case.output.plots:
-        from ..output.report import write_report
-
-        write_report(directory / "report.html", [directory])
-    return summary, result
+    write_summary(directory / "summary.json", whole)
+    return whole
 
 
 def series_of(case: Case, directory: Path, resume_time: float | None = None) -> Series | None:

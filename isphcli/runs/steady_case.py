@@ -23,7 +23,7 @@ from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at
 from ..solvers.krylov import SolveError
 from . import ranks, steady
-from .expected_error import expected, scan_of, usual_error, wall_of
+from .expected_error import THINNEST, expected, pore_width, scan_of, too_narrow, usual_error, wall_of
 from .flow_measures import profile_rows, speed_distribution, tortuosity
 from .permeability import EDGE, extrapolate
 from .refinement import Solved, further_spacings
@@ -112,7 +112,7 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tupl
         return _finish_ranks(case, summary, result, found, clock), result
     assert case.output.directory is not None
     directory = folder.prepare(case.output.directory)
-    with clock("output"), progress.stage("files and pictures", quiet):
+    with clock("output"), progress.stage("files", quiet):
         series = series_of(case, directory)
         if series is not None:
             series.write(0, 0.0, *snapshot_of(case, main.geometry, main.particles, result.x, main.velocity,
@@ -122,9 +122,12 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tupl
         rows = _profile(main)
         write_rows(directory / "history.csv", found.history)
         write_rows(directory / PROFILES, rows)
-        if case.output.plots:
+
+    def draw() -> None:
+        with progress.stage("pictures", quiet):
             _pictures(case, directory, main, found.flows, summary, rows)
-    return finish(case, directory, summary, result, clock)
+
+    return finish(case, directory, summary, result, clock, draw)
 
 
 def _finish_ranks(case: Case, summary: dict[str, Any], result: Result, found: Found, clock: Clock) -> dict[str, Any]:
@@ -333,8 +336,8 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
     return found
 
 
-def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen) -> None:
-    """What the solves along an axis say of its paths, into the warnings and the open axes of `seen`."""
+def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen, porosity: float) -> None:
+    """What the solves along an axis say of its paths and their width, into the warnings and the open axes of `seen`."""
     name, axis, opened = found.name, "xyz".index(found.name), len(found.shut) < len(case.spacings)
     if found.shut:
         where = f"at the spacing {', '.join(f'{h:g}' for h in found.shut)} " if opened else ""
@@ -343,6 +346,13 @@ def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen) -> None:
         seen.open_axes = [a for a in "xyz" if a == name or a in seen.open_axes]
     elif not opened:
         seen.open_axes = [a for a in seen.open_axes if a != name]
+    told = seen.throats is not None and seen.throats["median"] < THINNEST  # by the check, of the same pores
+    resists = case.microporous or case.geometry.depth  # what is beside the walls makes no pore narrower
+    if found.permeability > 0.0 and not told and not resists:
+        finest = min(h for h in case.spacings if h not in found.shut)
+        narrow = too_narrow(case, f"the flow along {name} sees pores (sqrt(12 k / porosity))",
+                            pore_width(found.permeability, porosity), finest)
+        seen.warnings += [narrow] if narrow else []
 
 
 def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[str, Any], Result]:
@@ -353,7 +363,7 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
     results = [_axis_result(case, axis, flows, main.geometry, filled)
                for axis, _ in axes if axis is not None]
     for along in results:
-        _tell(along, case, found.closed, seen)
+        _tell(along, case, found.closed, seen, filled)
     if main.geometry.has_solid:
         scene["open_axes"] = seen.open_axes
     permeability = {along.name: along.permeability for along in results}

@@ -14,6 +14,7 @@ from ..two_phase.measures import MeasuredFluid, Measures
 if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..domain.lattice import Particles
+    from ..flow.held_velocity import HeldVelocity
     from ..flow.one_fluid import Fluids
     from ..flow.state import State
     from ..geometry.protocol import Geometry
@@ -21,15 +22,15 @@ if TYPE_CHECKING:
     from ..two_phase.reservoir_measures import ReservoirMeasures
 
 
-def choose_measures(case: Case, geometry: Geometry, particles: Particles, fluids: Fluids) -> Measures:
-    """Measures of a case with two fluids; fluids: OneFluid or TwoFluids."""
+def choose_measures(case: Case, geometry: Geometry, particles: Particles, fluids: Fluids,
+                    held: HeldVelocity | None = None) -> Measures:
+    """Measures of a case with two fluids; fluids: OneFluid or TwoFluids; held: the flux that is held, or None."""
     named = [MeasuredFluid(name, case.fluids[name].density, case.fluids[name].mu) for name in case.fluid_names]
     amplitude_of = None
     if case.reference is not None and case.reference.kind in AMPLITUDES:
         def amplitude_of(x: np.ndarray, volume: np.ndarray, fraction: np.ndarray) -> float:
             return amplitude(case, x, volume, fraction)
-    return Measures(named, particles.phase, geometry, particles.site_volume, fluids.reference, fluids.tension,
-                    amplitude_of)
+    return Measures(named, particles.phase, geometry, particles.site_volume, fluids, held, amplitude_of)
 
 
 def choose_profiles(case: Case, geometry: Geometry, fluids: Fluids) -> Profiles | None:

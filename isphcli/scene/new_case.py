@@ -143,7 +143,7 @@ def case_for_spheres(file: Path, folder: Path, radius: float | None = None) -> N
 
 def _spacing_that_divides(box: np.ndarray, about: float) -> float:
     """The spacing next to `about`, m, that all edges of the box (dim,) are whole multiples of, so that the lattice of a
-    periodic box is not stretched; where there is none near, `about` itself with two digits."""
+    periodic box is not stretched; where there is none near, that whose lattice is stretched least, to three digits."""
     shortest = float(box.min())
     fewest, most = math.ceil(shortest / (about * NEAR)), math.floor(shortest / about * NEAR)
     for n in sorted(range(max(fewest, 1), most + 1), key=lambda n: abs(shortest / n - about)):
@@ -151,7 +151,8 @@ def _spacing_that_divides(box: np.ndarray, about: float) -> float:
         whole = np.round(box / spacing)
         if np.all(np.abs(box - whole * spacing) <= WHOLE * box):
             return spacing
-    return float(f"{about:.2g}")
+    near = [float(f"{about * factor:.3g}") for factor in np.linspace(1 / NEAR, NEAR, 101)]
+    return min(near, key=lambda spacing: float(np.abs(box / (np.round(box / spacing) * spacing) - 1.0).max()))
 
 
 def case_for_drop() -> NewCase:

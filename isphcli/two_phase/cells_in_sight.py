@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..domain.halo import wrap
+from ..domain.halo import nearest_image, wrap
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
@@ -80,10 +80,8 @@ class CellSight:
 
     def _offset(self, x: np.ndarray, cell: np.ndarray, particle: np.ndarray) -> np.ndarray:
         """(m, dim) of the middles of cells from particles, m."""
-        size = self.geometry.upper - self.geometry.lower
-        offset = self.middle[cell] - x[particle]
-        offset -= np.where(self.geometry.periodic, size, 0.0) * np.round(offset / size)
-        return offset
+        geometry = self.geometry
+        return nearest_image(self.middle[cell] - x[particle], geometry.upper - geometry.lower, geometry.periodic)
 
     def _hidden(self, cell: np.ndarray, particle: np.ndarray, offset: np.ndarray, distance: np.ndarray) -> np.ndarray:
         """(m,) bool, whether a wall is between the point of a cell and a particle."""

@@ -25,6 +25,7 @@ from numba import njit
 
 from ..domain import reduce
 from ..domain.exchange import NO_EXCHANGE, Exchange
+from ..domain.halo import nearest_image
 from ..domain.row_threads import over_rows
 
 if TYPE_CHECKING:
@@ -155,9 +156,7 @@ def _nothing(n: int, dim: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _farther(cells: Cells, x: np.ndarray, nearest: np.ndarray, some: np.ndarray) -> np.ndarray:
     """Which of the nearest particles of both fluids is farther from the middle of the cells `some` (k,), 0 or 1."""
-    size = cells.side * cells.shape
-    way = x[nearest[some]] - cells.middle[some, None]
-    way -= np.where(cells.periodic, size * np.round(way / size), 0.0)
+    way = nearest_image(x[nearest[some]] - cells.middle[some, None], cells.side * cells.shape, cells.periodic)
     return np.asarray((way * way).sum(axis=2).argmax(axis=1))
 
 

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from ..domain import reduce
 from ..domain.components import parts_of
+from ..domain.halo import nearest_image
 from ..flow.state import phase_of
 from ..geometry.protocol import Geometry, inside_sample
 from ..operators.apply import gradient_one_sided
@@ -23,7 +24,7 @@ from .interface import Interface
 
 if TYPE_CHECKING:
     from ..flow.held_velocity import HeldVelocity
-    from ..flow.one_fluid import Tension
+    from ..flow.one_fluid import Fluids
     from ..flow.state import Configuration, State
     from ..operators.pair_weights import Operators
 
@@ -52,17 +53,16 @@ class MeasuredFluid(NamedTuple):
 
 class Measures:
     """fluids: both; phase: (n,) int8 of fluids that differ in name only, else of the start; geometry: Geometry;
-    site_volume: m^dim; pressure: kg/m3, density that `State.p` is over; tension: SurfaceTension or None; amplitude:
-    function of the positions (n, dim), volumes (n,) and volume fractions (n,), m, or None."""
-
-    held: HeldVelocity | None = None  # the capillary number is that of the flux that is held
+    site_volume: m^dim; flowing: OneFluid or TwoFluids, with the density that `State.p` is over and the tension; held:
+    the flux that is held, whose capillary number is told, or None; amplitude: function of the positions (n, dim),
+    volumes (n,) and volume fractions (n,), m, or None."""
 
     def __init__(self, fluids: Sequence[MeasuredFluid], phase: np.ndarray, geometry: Geometry, site_volume: float,
-                 pressure: float = 1.0, tension: Tension | None = None,
+                 flowing: Fluids, held: HeldVelocity | None = None,
                  amplitude: Callable[[np.ndarray, np.ndarray, np.ndarray], float] | None = None):
         self.names, self.density, self.viscosity = zip(*fluids)
-        self.phase, self.geometry, self.tension, self.pressure = phase, geometry, tension, pressure
-        self.site_volume, self.amplitude = site_volume, amplitude
+        self.phase, self.geometry, self.tension, self.pressure = phase, geometry, flowing.tension, flowing.reference
+        self.site_volume, self.held, self.amplitude = site_volume, held, amplitude
         self.distance = site_volume ** (1.0 / geometry.dim)
         self.centres: list[Centre | None] = [None, None]
 
@@ -136,8 +136,7 @@ class Measures:
             near, volume = cut.nearest[seen, k], volume[seen]
             normal = normals[near] * (1.0 - 2.0 * k)  # into fluid k
             beside = 0.5 * (1.0 - volume / cells.fluid[seen])[:, None] * normal * cells.side  # middle of a slab
-            way = cells.middle[seen] + beside - config.neighbours.x[near]
-            way -= np.where(self.geometry.periodic, length * np.round(way / length), 0.0)
+            way = nearest_image(cells.middle[seen] + beside - config.neighbours.x[near], length, self.geometry.periodic)
             there = velocity[near] + np.einsum("ncd,nd->nc", gradients[near].reshape(-1, ops.dim, ops.dim), way)
             found.append(np.asarray(reduce.dot(volume, there) / reduce.total(volume)))
         return found

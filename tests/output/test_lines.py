@@ -21,7 +21,7 @@ def test_measures_that_are_there():
 def test_velocities_of_a_part_of_the_box_say_so():
     """history.csv has those of the whole box under the same names."""
     summary = {"mean_velocity": [0.5, 0.0], "superficial_velocity": [0.25, 0.0]}
-    assert velocity_lines(summary)[0] == ("mean velocity", "x 0.5, y 0 m/s")
+    assert velocity_lines(summary)[0] == ("mean pore velocity", "x 0.5, y 0 m/s")
     assert velocity_lines(summary, True)[1] == ("superficial velocity", "x 0.25, y 0 m/s in the sample")
 
 

@@ -85,10 +85,12 @@ def test_an_injection_says_all_that_the_terminal_says_with_units(tmp_path):
                                "spurious_capillary_number": 1e-4},
                    errors={"main": "volume", "volume": 0.01, "spurious_capillary_number": 1e-4})
     found = [f"{name.strip()}: {value}" for name, value in answer_lines(read_run(folder))]
-    for wanted in ("mean velocity: x 0.001, y 0 m/s", "pressure drop: 345.6 Pa over the box, of the last step",
+    for wanted in ("mean pore velocity: x 0.001, y 0 m/s", "pressure drop: 345.6 Pa over the box, of the last step",
                    "saturation water: 0.75", "trapped water: 0.125 of the fluid in the sample",
                    "closed pockets: 0.0625 of the fluid in the sample: no flow passes through them",
-                   "capillary pressure: 1234 Pa", "pressure jump: -16 Pa, water",
+                   "capillary pressure: 1234 Pa between the fluids of inlet and outlet, what viscous flow "
+                   "takes included",
+                   "pressure jump: -16 Pa at the interface, water",
                    "contact angle: 60.5 degrees through water",
                    "error volume: +1 %", "error spurious_capillary_number: 0.0001"):
         assert wanted in found, wanted
@@ -97,8 +99,8 @@ def test_an_injection_says_all_that_the_terminal_says_with_units(tmp_path):
 def test_velocities_of_an_image_are_those_of_the_sample(tmp_path):
     run = read_run(leave(tmp_path / "run", k=None, mean_velocity=[1e-3, 0.0]))
     image = type(run)(run.directory, run.summary, {**run.case, "geometry": {"voxels": {"file": "rock.npy"}}}, "", ())
-    assert dict(answer_lines(run))["mean velocity"] == "x 0.001, y 0 m/s"
-    assert dict(answer_lines(image))["mean velocity"] == "x 0.001, y 0 m/s in the sample"
+    assert dict(answer_lines(run))["mean pore velocity"] == "x 0.001, y 0 m/s"
+    assert dict(answer_lines(image))["mean pore velocity"] == "x 0.001, y 0 m/s in the sample"
 
 
 def test_folders_that_are_none_of_a_run(tmp_path):

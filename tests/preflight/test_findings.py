@@ -71,6 +71,9 @@ def test_what_has_no_effect_is_told():
     assert "time.cfl has no effect beside time.step" in told and "time.capillary has no effect" in told
     wall = "geometry.shapes=[{box: {lower: [-1, 0.4], upper: [2, 0.7]}, is: solid}]"
     assert "is zero" not in findings(SLIT, "drive={pressure_drop: {x: 1, y: 0}}", "geometry.periodic=[x, y]", wall)
+    for drops, told in (("[0, 0]", True), ("[0, 1]", False)):  # a curve may begin at rest
+        found = findings(IN_STEPS.replace("END", "6"), f"drive.steps.pressure_drop={drops}")
+        assert ("drive.steps.pressure_drop is zero in every step and drives nothing" in found) == told
 
 
 def test_a_fluid_without_particles():
@@ -191,8 +194,7 @@ def test_fluid_that_spreads_thinner_than_a_spacing(angle, thin):
     assert "contact_angle" not in findings(DROP, f"interface.contact_angle={25 if angle < 90 else 155}")
 
 
-def test_an_end_before_the_steps_of_a_drive_is_told():
-    text = """
+IN_STEPS = """
 geometry: {box: [4, 1], periodic: [x], fluid: water, shapes: [{box: {lower: [0, 0], upper: [2, 1]}, is: gas}]}
 particles: {spacing: 0.125}
 fluids: {water: {density: 2, viscosity: 0.3}, gas: {density: 1, viscosity: 0.3}}
@@ -200,6 +202,9 @@ reservoirs: {axis: x, inlet: gas, outlet: water, length: 1}
 drive: {steps: {pressure_drop: [1, 2, 3], duration: 2}}
 time: {end: END}
 """
-    told = [any("3 drive.steps" in warning for warning in check(read(text.replace("END", end))).warnings)
+
+
+def test_an_end_before_the_steps_of_a_drive_is_told():
+    told = [any("3 drive.steps" in warning for warning in check(read(IN_STEPS.replace("END", end))).warnings)
             for end in ("3", "6")]
     assert told == [True, False]

@@ -13,7 +13,7 @@ def test_the_width_of_a_slit(across):
     throats = check(read(SLIT, f"particles.spacing={spacing}")).throats
     assert throats.narrow == pytest.approx(across)
     assert throats.median == pytest.approx(across)
-    assert throats.critical == {0: pytest.approx(across, abs=0.61)}
+    assert throats.critical == {0: pytest.approx(across, abs=0.02)}  # of the bisection
     assert throats.thin == (1 if across < 4 else 0)
 
 
@@ -22,7 +22,7 @@ def test_the_throat_of_two_chambers():
     shapes = ", ".join([block.format(-1, 0.375), block.format(0.625, 2)])
     case = read(SLIT, "geometry.box=[2, 1]", "particles.spacing=0.03125", f"geometry.shapes=[{shapes}]")
     throats = check(case).throats
-    assert throats.critical[0] == pytest.approx(8, abs=0.61)
+    assert throats.critical[0] == pytest.approx(8, abs=0.02)
     assert throats.narrow == pytest.approx(8, abs=0.1)
     assert 20 < throats.median <= 32
 
@@ -71,5 +71,13 @@ def test_a_porous_scene_of_spheres():
     report = check(read(SPHERE, "particles.spacing=0.05"))
     assert report.connectivity.porosity == pytest.approx(1 - 4 / 3 * np.pi * 0.4**3, abs=0.01)
     assert report.connectivity.percolates == (True, True, True)
-    # a ball passes between four spheres: sqrt(2) cells less their diameter
-    assert report.throats.critical[0] * 0.05 == pytest.approx(np.sqrt(2) - 0.8, abs=0.05)
+
+
+@pytest.mark.parametrize("cells, centre", [(8, 0.5), (8, 0.53), (10, 0.5), (11, 0.48)])
+def test_the_throat_between_four_spheres(cells, centre):
+    """sqrt(2) cells less their diameter, 3.3 to 4.6 particles: a warning hangs on it, so that it is not to come out
+    larger; its middle lies beside the points that are looked at by up to a quarter of a spacing along each axis."""
+    sphere = f"geometry.shapes=[{{sphere: {{centre: [{centre}, {centre}, 0.5], radius: 0.5}}, is: solid}}]"
+    width = check(read(SPHERE, f"particles.spacing={1 / cells}", sphere, "drive.axes=[z]")).throats.critical[2]
+    true = (np.sqrt(2) - 1) * cells
+    assert true - 2 * np.hypot(0.25, 0.25) < width < 1.01 * true

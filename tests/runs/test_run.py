@@ -249,6 +249,22 @@ def test_warnings_come_before_the_solve_and_stay_in_the_summary(tmp_path, monkey
         run_case(load_case(write(tmp_path, ROCK), [f"output.directory={tmp_path / 'o'}", *coarse]), look=look)
 
 
+@pytest.mark.parametrize("flow", ["flow: stokes\ndrive: {axes: [x]}\n",
+                                  "drive: {body_force: [1, 0]}\ntime: {end: 1, max_steps: 1}\n"])
+def test_who_stops_the_pictures_has_the_numbers(tmp_path, monkeypatch, flow):
+    """Ctrl-C and SIGTERM while they are drawn."""
+    from isphcli.output import plots
+
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(plots, "plot_slice", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path, DISK + flow)
+    written = json.loads((tmp_path / "out/summary.json").read_text())
+    assert max(map(abs, written["superficial_velocity"])) > 0 and (tmp_path / "out/case.yaml").exists()
+
+
 @pytest.mark.parametrize("time, status, key", [("{end: 1, max_steps: 2}", "out of steps", "time.max_steps"),
                                                ("{steady: 1e-9, max_steps: 2}", "not steady", "time.max_steps"),
                                                ("{steady: 1e-9, end: 1e-6}", "not steady", "time.end")])
