@@ -1,4 +1,4 @@
-"""Steady creeping flow of particles of two spacings: the coupled solve of `stokes`, every row scaled by its own spacing.
+"""Steady creeping flow of particles of two spacings: the coupled solve of `stokes`, rows scaled by their own spacing.
 
 With u and q = p / (rho nu), rows times d^2 and d (d the spacing of the row), S of `operators.div_grad` times d^2. The
 preconditioner is that of `stokes` too; its two matrices are those of the cells and their faces, symmetric as balances

@@ -1,10 +1,10 @@
 """Operators of particles of two spacings on one lattice (`domain/two_spacings.py`), and matrices of their cells.
 
-Eqs 5, 6 and 11 ask for neighbours and a moment matrix, not for equal volumes: the weights are those of `wall_weights`,
-with kernels as wide as the mean spacing of a pair. Beside the other kind neighbourhoods are not symmetric, and the
-Laplacian of eq. 6 errs by the third derivatives of the velocity, which made k of arrays 0.3 to 0.8 % too high. There its
-weights are the smallest that are exact for functions of third order, as long as their sizes do not exceed their sum by
-more than `HEAVIEST`: rows beside walls, which third order would overweight, keep those of eq. 6.
+Eqs 5, 6 and 11 ask for neighbours and a moment matrix, not for equal volumes: the weights are those of
+`wall_weights`, with kernels as wide as the mean spacing of a pair. Beside the other kind neighbourhoods are not
+symmetric, and the Laplacian of eq. 6 errs by the third derivatives of the velocity, which made k of arrays 0.3 to 0.8 %
+too high. There its weights are the smallest that are exact for functions of third order, as long as the sum of their
+sizes is below `HEAVIEST` of their sum; else, as beside many walls, they are those of eq. 6.
 """
 
 from __future__ import annotations
@@ -90,8 +90,8 @@ def build_mixed_operators(geometry: Geometry, particles: MixedParticles, kind: i
     half = particles.half[owner]
     pairs = pairs_of_two(table, n, half, particles.beside[owner], support)
     # the volume of a neighbour is that of the pair: it takes the width of the kernel of the pair along
-    neighbours = Neighbourhood(pairs.start, np.arange(len(pairs.index), dtype=np.int32), pairs.index, table, owner, kind,
-                               support)
+    number = np.arange(len(pairs.index), dtype=np.int32)
+    neighbours = Neighbourhood(pairs.start, number, pairs.index, table, owner, kind, support)
     weight = np.empty(len(pairs.index))
     over_rows(_pair_volumes, n, neighbours, half, volumes, weight)
     distance, wall = geometry.nearest(particles.x)

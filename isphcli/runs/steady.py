@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
     from ..output.clock import Clock
     from ..solvers.krylov import Convergence, Watch
+    from .throats import InThroats
 
 
 class NoFlowError(ParticleError):
@@ -54,7 +55,8 @@ class StokesResult:
     `runs/permeability.py`; divergence, mass_error: see `_mass`; halo, narrow (particles in pores that the lattice does
     not resolve), components, isolated_pockets, cells: of the scene that it was solved in; drop: Pa, over the box along
     the axis; stress: see `flow_measures.wall_stress`; diffusivity: effective over that of the fluid, where it was asked
-    for; residuals: relative, of the iterations of the solve.
+    for; throats: the permeability with half the spacing in throats, where that was asked for; residuals: relative, of
+    the iterations of the solve.
     """
 
     axis: int | None
@@ -78,6 +80,7 @@ class StokesResult:
     drop: float
     stress: tuple[np.ndarray, np.ndarray] | None
     diffusivity: float | None = None
+    throats: InThroats | None = None
     residuals: list[tuple[int, float]] = field(default_factory=list)
 
     @property

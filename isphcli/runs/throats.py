@@ -19,17 +19,19 @@ from ..geometry.protocol import inside_sample, sample_box
 from ..operators.kernel import KERNELS
 from ..operators.lattice_weights import LatticeWeights, symmetric_laplacian
 from ..operators.two_spacings import MixedParticles, build_mixed_operators
+from ..scene import memory
 from ..scene.place import lattice_at
 from ..solvers.krylov import Limits
-from .permeability import darcy, shares_at_edges
+from .permeability import SHARE, darcy, shares_at_edges
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..geometry.protocol import Geometry
+    from ..output.clock import Clock
     from ..solvers.krylov import Convergence
 
-SHARE = 0.9  # of the dissipation
 BUFFER = 1  # cells round those that are chosen
+BYTES = 10_000  # of a particle, most of them in its pairs
 
 
 @dataclass(frozen=True)
@@ -79,18 +81,24 @@ def place_two(geometry: Geometry, lattice: Lattice, cut: np.ndarray, spacing: fl
 
 
 def in_throats(case: Case, geometry: Geometry, flow: tuple[LatticeWeights, np.ndarray, np.ndarray],
-               drive: tuple[int, np.ndarray], share: float = SHARE) -> InThroats:
+               drive: tuple[int, np.ndarray], clock: Clock, share: float = SHARE) -> InThroats:
     """The permeability along an axis. flow: operators, positions (n, dim), m, and velocities (n, dim), m/s, of the
     spacing of the case; drive: the axis and the force (dim,), m/s2. Raises SolveError."""
     (ops, x, velocity), (axis, force), spacing = flow, drive, case.particles.spacing
     lattice, nu = lattice_at(case, geometry, spacing), next(iter(case.fluids.values())).nu
-    cut = cells_that_lose(lattice, x, dissipation(ops, velocity), share)
-    particles = place_two(geometry, lattice, cut, spacing, case.support * spacing)
-    mixed, faces, distance = build_mixed_operators(geometry, particles, KERNELS[case.particles.kernel],
-                                                   case.support * spacing)
+    support = case.support * spacing
+    with clock("geometry"):
+        cut = cells_that_lose(lattice, x, dissipation(ops, velocity), share)
+        particles = place_two(geometry, lattice, cut, spacing, support)
     d, n, asked = particles.spacings, particles.n_fluid, case.solver
-    system = MixedStokes(mixed, faces, d, spacing)
-    u, laplacian, convergence = system.solve(force / nu, Limits(asked.tolerance, asked.restart, asked.max_iterations))
+    memory.refuse(n * BYTES, f"{n:,} particles of two spacings", memory.too_large(case))
+    with clock("operators"):
+        mixed, faces, distance = build_mixed_operators(geometry, particles, KERNELS[case.particles.kernel], support)
+    with clock("preconditioner"):
+        system = MixedStokes(mixed, faces, d, spacing)
+    with clock("krylov"):
+        u, laplacian, convergence = system.solve(force / nu,
+                                                 Limits(asked.tolerance, asked.restart, asked.max_iterations))
     fluid = particles.x[:n]
     for size in (spacing, 0.5 * spacing):
         own = np.flatnonzero(d == size)
