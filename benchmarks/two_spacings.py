@@ -27,9 +27,9 @@ from calibration import case_of
 
 from isphcli.case.load import load_case
 from isphcli.output.clock import Clock
+from isphcli.runs.half_in_throats import in_throats
 from isphcli.runs.permeability import EDGE, extrapolate
 from isphcli.runs.steady import build_scene, solve_axis
-from isphcli.runs.throats import in_throats
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.validation.known_bodies import Body, LevelGeometry, body
 

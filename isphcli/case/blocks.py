@@ -769,7 +769,7 @@ class Case:
     @property
     def spacings(self) -> tuple[float, ...]:
         """Spacings that it names, m; `refine: auto` adds others as it goes (`runs/refinement.py`), `throats` half of it
-        in parts (`runs/throats.py`)."""
+        in parts (`runs/half_in_throats.py`)."""
         return (self.particles.spacing, *(() if isinstance(self.refine, str) else self.refine))
 
     @property

@@ -465,7 +465,7 @@ class _Checks:
                 self._spacing_fits(spacing, f"refine.{i}")
 
     def _wrong_in_throats(self) -> Iterator[str]:
-        """What a case has that particles of two spacings do not know (`operators/two_spacings.py`)."""
+        """What a case has that particles of two spacings do not know (`operators/mixed_weights.py`)."""
         case = self.case
         if case.particles.lattice not in (None, "cubic", "square"):
             yield f"lattice {case.particles.lattice}"
@@ -474,7 +474,8 @@ class _Checks:
         if forcing.walls_move(case):
             yield "walls that move"
         geometry = case.geometry
-        if any(of.slip_length for of in (geometry, *geometry.walls.values(), *geometry.shapes)):
+        own = [wall.slip_length for wall in geometry.walls.values()]
+        if any([geometry.slip_length, *own, *(shape.slip_length for shape in geometry.shapes)]):
             yield "walls that slip"
         if case.microporous or geometry.depth:
             yield "resistance beside the viscosity (microporous, geometry.depth)"

@@ -120,7 +120,7 @@ EDGE = (1.089, 4 / 3)
 # Bar beside edges over the way from the limit with one order to that with the other. 97, 95 and 100 % of the bodies of
 # cubes hold (two, two finer, three spacings; `benchmarks/calibration.py bars`), with 1 100, 95, 100 %
 EDGE_BAR = 0.75
-# Part of the dissipation in the cells that `refine: throats` cuts (`throats.py`)
+# Part of the dissipation in the cells that `refine: throats` cuts
 SHARE = 0.9
 
 

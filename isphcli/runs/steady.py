@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
     from ..output.clock import Clock
     from ..solvers.krylov import Convergence, Watch
-    from .throats import InThroats
+    from .half_in_throats import InThroats
 
 
 class NoFlowError(ParticleError):

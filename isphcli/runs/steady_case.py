@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
     from ..output.clock import Clock
     from ..solvers.krylov import Watch
-    from .throats import InThroats
+    from .half_in_throats import InThroats
 
 # Of the bar of the formation factor over the differences of its spacings: 90 % of pairs and 95 % of triples of spacings
 # on arrays of insulating cylinders and spheres keep within it (`python benchmarks/formation_factor.py`)
@@ -280,7 +280,7 @@ def _solve_one_axis(job: Job, scene: steady.SteadyScene, axis: int | None, force
 
 def _refine_throats(job: Job, scene: steady.SteadyScene, flow: steady.StokesResult, force: np.ndarray) -> None:
     """The permeability with half the spacing in throats, into the flow; nothing where that solve fails."""
-    from .throats import in_throats
+    from .half_in_throats import in_throats
 
     assert flow.axis is not None
     n = scene.particles.n_fluid

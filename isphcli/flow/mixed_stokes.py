@@ -15,8 +15,8 @@ from ..domain import reduce
 from ..domain.components import pair_components
 from ..operators import pair_sums
 from ..operators.div_grad import div_grad_rhie_chow, div_grad_weights
+from ..operators.mixed_weights import Faces
 from ..operators.pair_weights import Operators
-from ..operators.two_spacings import Faces
 from ..solvers.engine import ONE_PROCESS
 from ..solvers.krylov import Convergence, Limits, SolveError
 from .stokes import CYCLES, ROUGH, STRENGTH, TAU
@@ -27,7 +27,7 @@ LEAST = 1e-3  # response of the velocity to a unit force, in squares of the spac
 class MixedStokes:
     """The system of one set of particles.
 
-    ops, faces: see `operators/two_spacings.py`; d: (n,) spacings, m; spacing: the larger one, m.
+    ops, faces: see `operators/mixed_weights.py`; d: (n,) spacings, m; spacing: the larger one, m.
     """
 
     def __init__(self, ops: Operators, faces: Faces, d: np.ndarray, spacing: float):

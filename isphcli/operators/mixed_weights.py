@@ -1,4 +1,4 @@
-"""Operators of particles of two spacings on one lattice (`domain/two_spacings.py`), and matrices of their cells.
+"""Operators of particles of two spacings on one lattice (`domain/mixed_lattice.py`), and matrices of their cells.
 
 Eqs 5, 6 and 11 ask for neighbours and a moment matrix, not for equal volumes: the weights are those of
 `wall_weights`, with kernels as wide as the mean spacing of a pair. Beside the other kind neighbourhoods are not
@@ -10,6 +10,7 @@ sizes is below `HEAVIEST` of their sum; else, as beside many walls, they are tho
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,10 +18,10 @@ import scipy.sparse as sp
 from numba import njit
 
 from ..domain.halo import build_halo
+from ..domain.mixed_lattice import MIXED, pairs_of_two
 from ..domain.neighbours import Neighbourhood
 from ..domain.null_space import GROUND
 from ..domain.row_threads import over_rows
-from ..domain.two_spacings import MIXED, pairs_of_two
 from .crossings import MEETS_WALL, WallStencils, WallTable, crossings
 from .div_grad import adjoint_divergence
 from .kernel import slope
@@ -41,7 +42,7 @@ RIDGE = 1e-13  # of the trace of their matrices
 
 @dataclass(frozen=True)
 class MixedParticles:
-    """n_fluid fluid particles, then dummies: x (n, dim) m; half, beside (n,) bool, see `domain/two_spacings.py`;
+    """n_fluid fluid particles, then dummies: x (n, dim) m; half, beside (n,) bool, see `domain/mixed_lattice.py`;
     spacing, m, and site_volume, m^dim: of the larger kind."""
 
     x: np.ndarray
@@ -162,9 +163,7 @@ def _third_order_weights(neighbours: Neighbourhood, some: tuple[np.ndarray, ...]
     omega /= omega.max(axis=1)[:, None]
     e = np.moveaxis(step * way[pair][..., None], 2, 0)
     dim = len(e)
-    powers = [(a,) for a in range(dim)]
-    powers += [(a, b) for a in range(dim) for b in range(a, dim)]
-    powers += [(a, b, c) for a in range(dim) for b in range(a, dim) for c in range(b, dim)]
+    powers = [power for order in (1, 2, 3) for power in combinations_with_replacement(range(dim), order)]
     functions = np.stack([np.prod([e[a] for a in power], axis=0) for power in powers], axis=2)
     wanted = np.array([2.0 if len(power) == 2 and power[0] == power[1] else 0.0 for power in powers])
     # every function about as large as the largest: the matrix is then regular where the neighbours tell them apart

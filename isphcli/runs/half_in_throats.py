@@ -13,12 +13,12 @@ import numpy as np
 
 from ..domain.halo import wrap
 from ..domain.lattice import Lattice
-from ..domain.two_spacings import cells_of, grown, sites_of_two
-from ..flow.two_spacings import MixedStokes
+from ..domain.mixed_lattice import cells_of, grown, sites_of_two
+from ..flow.mixed_stokes import MixedStokes
 from ..geometry.protocol import inside_sample, sample_box
 from ..operators.kernel import KERNELS
 from ..operators.lattice_weights import LatticeWeights, symmetric_laplacian
-from ..operators.two_spacings import MixedParticles, build_mixed_operators
+from ..operators.mixed_weights import MixedParticles, build_mixed_operators
 from ..scene import memory
 from ..scene.place import lattice_at
 from ..solvers.krylov import Limits
