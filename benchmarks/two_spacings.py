@@ -88,6 +88,13 @@ def case_and_geometry(one, wall):
         return case, build_geometry(case)
 
 
+def load_kernels():
+    case, _ = case_and_geometry(throat(), "labels")
+    geometry = LevelGeometry(throat())
+    (*_, seconds), kept = one_spacing(case, geometry, 1.0, 0, keep=True)
+    two_spacings(geometry, kept, seconds, 0, SHARES[0])
+
+
 def bodies(*names):
     print("| body | particles a voxel edge | error, % | rms, % | particles | iterations | CPU s |")
     print("|---|---|---|---|---|---|---|")
@@ -132,4 +139,5 @@ def rock(edge="64", walls="stairs", along="x"):
 
 
 if __name__ == "__main__":
+    load_kernels()
     {"bodies": bodies, "cubes": cubes, "rock": rock}[sys.argv[1]](*sys.argv[2:])
