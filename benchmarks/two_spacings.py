@@ -2,11 +2,12 @@
 lattices of one spacing.
 
 usage: PYTHONPATH=. python benchmarks/two_spacings.py bodies [NAME ...]
+       PYTHONPATH=. python benchmarks/two_spacings.py bars [NAME ...]
        PYTHONPATH=. python benchmarks/two_spacings.py cubes [NAME ...]
        PYTHONPATH=. python benchmarks/two_spacings.py rock [EDGE] [stairs|smooth] [AXIS]
 
 bodies: exact surfaces of `isphcli.validation.known_bodies` and a throat between wide pores, at three places of the
-lattice; mean and root mean square of the errors of k. cubes: the labels of such bodies as cubes, against the limit of 3
+lattice; mean and root mean square of the errors of k. bars: of how many surfaces the bar holds the truth. cubes: the labels of such bodies as cubes, against the limit of 3
 and 4 particles a voxel edge. rock: a corner of Berea, against half the spacing everywhere. Two spacings are said as
 "1 and 2, 0.8": one and two particles a voxel edge, two where 0.8 of the energy is lost; the seconds are those of both
 solves.
@@ -27,11 +28,12 @@ from calibration import case_of
 
 from isphcli.case.load import load_case
 from isphcli.output.clock import Clock
-from isphcli.runs.half_in_throats import in_throats
-from isphcli.runs.permeability import EDGE, extrapolate
+from isphcli.runs.half_in_throats import in_throats, limit_of_throats
+from isphcli.runs.permeability import EDGE, SHARE, extrapolate
 from isphcli.runs.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.validation.known_bodies import Body, LevelGeometry, body
+from isphcli.validation.known_bodies import bodies as known_bodies
 
 SHARES = 0.5, 0.8, 0.9
 PLACES = (0.0, 0.0, 0.0), (0.37, 0.71, 0.13), (0.81, 0.29, 0.57)  # of the lattice, spacings
@@ -114,6 +116,26 @@ def bodies(*names):
                   flush=True)
 
 
+def bars(*names):
+    """Whether error bars of `refine: throats` hold the truth of the exact surfaces at one particle a voxel edge."""
+    held = []
+    for one in known_bodies():
+        if names and one.name not in names:
+            continue
+        case, _ = case_and_geometry(one, "labels")
+        geometry, truth = LevelGeometry(one), one.truth()
+        first, kept = one_spacing(case, geometry, 1.0, one.axis, keep=True)
+        k = two_spacings(geometry, kept, 0.0, one.axis, SHARE)[0]
+        value, bar = limit_of_throats(first[0], k, 1.0, float(one.labels().mean()), "smooth")[:2]
+        off = abs(value - truth[0])
+        held.append((off <= bar + truth[1] * truth[0], off / value, bar / value))
+        print(f"{one.name}: one {100 * (first[0] / truth[0] - 1):+.2f} %, two {100 * (k / truth[0] - 1):+.2f} %, bar "
+              f"{100 * bar / k:.2f} %", flush=True)
+    within, off, wide = np.array(held).T
+    print(f"{len(held)} bodies, {100 * within.mean():.0f} % within the bar, median error {100 * np.median(off):.3f} %, "
+          f"bar {100 * np.median(wide):.3f} %, bar over error {np.median(wide) / np.median(off):.2f}")
+
+
 def against(found, limit, name, voxel=1.0):
     print(f"{name}: compared with {limit / voxel**2:.5g} voxel^2")
     print("| particles a voxel edge | k, voxel^2 | off by, % | particles | iterations | CPU s |")
@@ -140,4 +162,4 @@ def rock(edge="64", walls="stairs", along="x"):
 
 if __name__ == "__main__":
     load_kernels()
-    {"bodies": bodies, "cubes": cubes, "rock": rock}[sys.argv[1]](*sys.argv[2:])
+    {"bodies": bodies, "bars": bars, "cubes": cubes, "rock": rock}[sys.argv[1]](*sys.argv[2:])

@@ -357,15 +357,13 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
 
 
 def _with_throats(found: AxisResult, throats: InThroats, spacing: float, porosity: float, wall: str) -> AxisResult:
-    """Value and bar of a spacing, m, and of half of it in throats, as of half of it everywhere; what lies outside the
-    throats may be off by as much of its part."""
-    k, half = throats.permeability, 0.5 * spacing
-    edges = EDGE if wall == "stairs" else None
-    usual = usual_error(k, porosity, half) if edges is None and k > 0.0 else 0.0
-    limit, bar, _, sentence = extrapolate((spacing, half), (found.permeability, k), edges, usual=usual)
-    outside = (1.0 - SHARE) / SHARE * abs(found.permeability - k)
-    by_spacing = found.by_spacing | {f"{spacing:g} and {half:g}": k}
-    return replace(found, permeability=float(limit), bar=bar + outside, by_spacing=by_spacing,
+    """The result of a spacing, m, with the value and bar of half of it in throats."""
+    from .half_in_throats import limit_of_throats
+
+    k = throats.permeability
+    limit, bar, sentence = limit_of_throats(found.permeability, k, spacing, porosity, wall)
+    by_spacing = found.by_spacing | {f"{spacing:g} and {0.5 * spacing:g}": k}
+    return replace(found, permeability=limit, bar=bar, by_spacing=by_spacing,
                    sentence=f"{found.name}: half the spacing where {SHARE:.0%} of the energy is lost, "
                             f"{throats.particles:,} particles: {sentence}, and what lies outside")
 
