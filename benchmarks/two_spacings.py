@@ -7,10 +7,10 @@ usage: PYTHONPATH=. python benchmarks/two_spacings.py bodies [NAME ...]
        PYTHONPATH=. python benchmarks/two_spacings.py rock [EDGE] [stairs|smooth] [AXIS]
 
 bodies: exact surfaces of `isphcli.validation.known_bodies` and a throat between wide pores, at three places of the
-lattice; mean and root mean square of the errors of k. bars: of how many surfaces the bar holds the truth. cubes: the labels of such bodies as cubes, against the limit of 3
-and 4 particles a voxel edge. rock: a corner of Berea, against half the spacing everywhere. Two spacings are said as
-"1 and 2, 0.8": one and two particles a voxel edge, two where 0.8 of the energy is lost; the seconds are those of both
-solves.
+lattice; mean and root mean square of the errors of k. bars: of how many surfaces the bar holds the truth. cubes: the
+labels of such bodies as cubes, against the limit of 3 and 4 particles a voxel edge. rock: a corner of Berea, against
+half the spacing everywhere. Two spacings are said as "1 and 2, 0.8": one and two particles a voxel edge, two where 0.8
+of the energy is lost; the seconds are those of both solves.
 """
 
 import os
