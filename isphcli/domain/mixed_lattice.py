@@ -6,6 +6,7 @@ volumes stay symmetric.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,7 +15,6 @@ from .lattice import Lattice
 from .neighbours import Pairs, find_pairs
 
 MIXED = 0.75  # mean of both spacings over the larger one
-SIGHT = 2  # cells that see a cell of the other kind, and no others do: 0.75 supports of 2.1 are less than two spacings
 
 
 def grown(cells: np.ndarray, by: int) -> np.ndarray:
@@ -30,13 +30,16 @@ def cells_of(lattice: Lattice, x: np.ndarray) -> tuple[np.ndarray, ...]:
     return tuple(np.mod(index, lattice.counts).T)
 
 
-def sites_of_two(lattice: Lattice, cut: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def sites_of_two(lattice: Lattice, cut: np.ndarray,
+                 support: float) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """(x (k, dim) m, half (k,) bool, beside (k,) bool) of the sites, in slabs; of one site a cell.
 
-    cut: (counts) bool, cells that are cut; half: sites of half the spacing; beside: within sight of the other kind.
+    cut: (counts) bool, cells that are cut; support: m, of the larger spacing; half: sites of half the spacing; beside:
+    those that may see the other kind, all of them and some more.
     """
     dim = len(lattice.counts)
-    beside = grown(cut, SIGHT) & grown(~cut, SIGHT)
+    sight = math.ceil(MIXED * support / float(lattice.cell.min()) - 0.75)  # cells between: sites are in their middles
+    beside = grown(cut, sight) & grown(~cut, sight)
     parts = np.stack(np.meshgrid(*[[-0.25, 0.25]] * dim, indexing="ij"), axis=-1).reshape(-1, dim) * lattice.cell
     for index in lattice.cells(np.zeros(dim, int), lattice.counts):
         whole, at = lattice.at(index), tuple(index.T)

@@ -187,7 +187,8 @@ def _faces(ops: Operators, particles: MixedParticles) -> Faces:
     step = (neighbours.x[neighbours.row] - neighbours.x[first]) / particles.spacing
     mean = 0.5 * (d[first] + d[ops.column])
     same = d[first] == d[ops.column]
-    shared = (step**2).sum(axis=1) < np.where(same, 1.02, 1.25) ** 2 * mean**2
+    # the next ones are 1.41 and 1.45 means apart; cells may be stretched along an axis
+    shared = (step**2).sum(axis=1) < np.where(same, 1.2, 1.25) ** 2 * mean**2
     first, second = first[shared], ops.column[shared]
     small = np.minimum(d[first], d[second])
     return Faces(first, second, small ** (ops.dim - 1) / np.abs(step[shared]).max(axis=1))

@@ -73,7 +73,7 @@ def place_two(geometry: Geometry, lattice: Lattice, cut: np.ndarray, spacing: fl
     """The particles of a lattice some of whose cells are cut. spacing, support: m, of the others."""
     kept: tuple[list[np.ndarray], ...] = ([], [], [])
     dummies: tuple[list[np.ndarray], ...] = ([], [], [])
-    for sites, half, beside in sites_of_two(lattice, cut):
+    for sites, half, beside in sites_of_two(lattice, cut, support):
         x = wrap(sites, geometry.lower, geometry.upper, geometry.periodic)
         fluid = geometry.phase(x) >= 0
         solid = np.flatnonzero(~fluid)

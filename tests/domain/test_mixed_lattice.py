@@ -7,26 +7,26 @@ from isphcli.domain.lattice import make_lattice
 from isphcli.domain.mixed_lattice import cells_of, grown, pairs_of_two, sites_of_two
 
 
-def mixed(dim, cells=7):
+def mixed(dim, support=2.1, cells=7):
     """A lattice of unit cells, of which some are cut, and its sites (x, half, beside)."""
     lattice = make_lattice("cubic" if dim == 3 else "square", np.zeros(dim), np.full(dim, float(cells)), [True] * dim,
                            1.0, 0.0)
     cut = np.zeros(lattice.counts, bool)
     cut[tuple(np.random.default_rng(dim).integers(0, cells, (dim, 2)))] = True
     cut = grown(cut, 1)
-    return lattice, cut, [np.concatenate(part) for part in zip(*sites_of_two(lattice, cut))]
+    return lattice, cut, [np.concatenate(part) for part in zip(*sites_of_two(lattice, cut, support))]
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_pairs_are_those_within_the_mean_of_both_supports(dim):
+@pytest.mark.parametrize(("dim", "support"), [(2, 2.1), (3, 2.1), (2, 3.0)])
+def test_pairs_are_those_within_the_mean_of_both_supports(dim, support):
     """By brute force, and each from either side."""
-    _, cut, (x, half, beside) = mixed(dim)
+    _, cut, (x, half, beside) = mixed(dim, support)
     assert 0.0 < cut.mean() < 1.0
     spacing = np.where(half, 0.5, 1.0)
     assert (spacing**dim).sum() == 7**dim  # the cells are filled once
-    pairs = pairs_of_two(x, len(x), half, beside, 2.1)
+    pairs = pairs_of_two(x, len(x), half, beside, support)
     r = np.linalg.norm(x[:, None] - x[None, :], axis=2)
-    near = (r < 2.1 * 0.5 * (spacing[:, None] + spacing[None, :])) & ~np.eye(len(x), dtype=bool)
+    near = (r < support * 0.5 * (spacing[:, None] + spacing[None, :])) & ~np.eye(len(x), dtype=bool)
     found = np.zeros_like(near)
     found[np.repeat(np.arange(len(x)), pairs.count), pairs.index] = True
     assert np.array_equal(found, near) and pairs.count.sum() == near.sum()

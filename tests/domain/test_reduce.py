@@ -63,6 +63,7 @@ ALLOWED = {
     ("domain.migration", "np.all((image > bricks[process, 0] - reach) & (image < bricks[process, 1] + reach), "
                          "axis=1)"): OWN,
     ("domain.mixed_lattice", "(~fine).sum()"): MIXED,
+    ("domain.mixed_lattice", "lattice.cell.min()"): AXES,
     ("domain.neighbours", "cells.prod()"): AXES,
     ("domain.neighbours", "column.min()"): SCRATCH,
     ("domain.neighbours", "column.max()"): SCRATCH,
