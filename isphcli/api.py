@@ -215,8 +215,8 @@ def permeability(image: np.ndarray, *, voxel_size: float | Sequence[float], axis
     as "xyz" or a list. solid: the value or values that are solid, all others are pores: 1 without it, but of bools, of
     which some programs mark the pores, it has to be said. grey: of an image that is not segmented what the block
     geometry.voxels.grey of a case says, {"threshold": "otsu", "solid": "above"}. order: of the axes of the array, zyx
-    or xyz (PoreSpy). refine: further spacings, m, or "auto", for an error bar. spacing: of the particles, m.
-    options: further keys of the case, nested dicts. out, quiet, threads: see `run`.
+    or xyz (PoreSpy). refine: further spacings, m, or "auto" or "throats", for an error bar. spacing: of the particles,
+    m. options: further keys of the case, nested dicts. out, quiet, threads: see `run`.
 
     Raises ValueError for an image or values that cannot be used, and what `run` raises.
     """

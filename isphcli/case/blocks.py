@@ -717,12 +717,13 @@ class Case:
     solver: Solver = key("the linear solvers", default=Solver())
     refine: tuple[float, ...] | str = key(
         "further spacings at which the same case is solved, to extrapolate (stokes). auto: two more, finer ones as "
-        "memory and `refine_budget` allow, else coarser ones",
+        "memory and `refine_budget` allow, else coarser ones. throats: half of the spacing where the flow loses most "
+        "of its energy",
         default=(),
         unit="m",
         above=0,
         unique=True,
-        choices=("auto",),
+        choices=("auto", "throats"),
     )
     refine_budget: float = key(
         "wall seconds that all spacings of `refine: auto` may take together, as those that were solved let expect",
@@ -767,7 +768,8 @@ class Case:
 
     @property
     def spacings(self) -> tuple[float, ...]:
-        """Spacings that it names, m; `refine: auto` adds others as it goes (`runs/refinement.py`)."""
+        """Spacings that it names, m; `refine: auto` adds others as it goes (`runs/refinement.py`), `throats` half of it
+        in parts (`runs/half_in_throats.py`)."""
         return (self.particles.spacing, *(() if isinstance(self.refine, str) else self.refine))
 
     @property

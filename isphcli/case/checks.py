@@ -454,12 +454,31 @@ class _Checks:
             return
         if self.case.flow != "stokes":
             self.bad("refine", "needs flow: stokes", "remove it")
+        if self.case.refine == "throats":
+            for wrong in self._wrong_in_throats():
+                self.bad("refine", f"throats knows no {wrong}", "take auto or a list of spacings")
         further = self.case.spacings[1:]
         if self.case.particles.spacing in further:
             self.bad("refine", "repeats particles.spacing", "list the further spacings only")
         for i, spacing in enumerate(further):
             if self.dim and self.case.geometry.box is not None:
                 self._spacing_fits(spacing, f"refine.{i}")
+
+    def _wrong_in_throats(self) -> Iterator[str]:
+        """What a case has that particles of two spacings do not know (`operators/mixed_weights.py`)."""
+        case = self.case
+        if case.particles.lattice not in (None, "cubic", "square"):
+            yield f"lattice {case.particles.lattice}"
+        if case.particles.jitter:
+            yield "jitter"
+        if forcing.walls_move(case):
+            yield "walls that move"
+        geometry = case.geometry
+        own = [wall.slip_length for wall in geometry.walls.values()]
+        if any([geometry.slip_length, *own, *(shape.slip_length for shape in geometry.shapes)]):
+            yield "walls that slip"
+        if case.microporous or geometry.depth:
+            yield "resistance beside the viscosity (microporous, geometry.depth)"
 
     def measure(self) -> None:
         if not self.case.measure or not self.clear("measure", "flow", "drive"):

@@ -15,7 +15,7 @@ from ..domain.row_threads import over_rows
 from .crossings import IN_SIGHT, MEETS_WALL, SHARES_PRESSURE, in_sight
 from .kernel import slope
 from .moments import extremes_2d, extremes_3d
-from .neighbourhood_class import FULL, ISOLATED, NARROW, NARROW_SHARE, THIN, WALL
+from .neighbourhood_class import FULL, ISOLATED, NARROW, NARROW_SHARE, NARROW_SHARE_FIXED, THIN, WALL
 
 if TYPE_CHECKING:
     from .crossings import WallStencils
@@ -33,9 +33,7 @@ def classify_neighbourhoods(stencils: WallStencils, exchange: Exchange = NO_EXCH
     """
     neighbours, link = stencils.neighbours, stencils.links.link
     start, column = neighbours.start, neighbours.column
-    n = neighbours.n
-    smallest, largest, walled = np.ones(n), np.ones(n), np.zeros(n, np.bool_)
-    over_rows(_shares, n, neighbours, link, stencils.volume, smallest, largest, walled)
+    smallest, largest, walled = _shares_of(stencils)
     found = np.where(walled, WALL, FULL).astype(np.int8)
     found[smallest < NARROW_SHARE] = NARROW
     isolated = largest < THIN
@@ -44,6 +42,22 @@ def classify_neighbourhoods(stencils: WallStencils, exchange: Exchange = NO_EXCH
         isolated |= _behind(start, column, link, exchange) & ~isolated
         _share_no_pressure(start, column, link, exchange.forward(isolated))
         found[isolated] = ISOLATED
+    return found
+
+
+def fixed_classes(stencils: WallStencils) -> np.ndarray:
+    """Class of each particle of a steady solve, (n,) int8; none is isolated (`NARROW_SHARE_FIXED`)."""
+    smallest, _, walled = _shares_of(stencils)
+    found = np.where(walled, WALL, FULL).astype(np.int8)
+    found[walled & ~(smallest > NARROW_SHARE_FIXED)] = NARROW
+    return found
+
+
+def _shares_of(stencils: WallStencils) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """See `_shares`."""
+    n = stencils.neighbours.n
+    found = np.ones(n), np.ones(n), np.zeros(n, np.bool_)
+    over_rows(_shares, n, stencils.neighbours, stencils.links.link, stencils.volume, *found)
     return found
 
 

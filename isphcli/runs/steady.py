@@ -17,7 +17,6 @@ from ..domain.exchange import NO_EXCHANGE
 from ..domain.lattice import ParticleError
 from ..flow.stokes import StokesFlow, StokesSystem
 from ..geometry.connectivity import merge_periodic
-from ..geometry.wall_normals import wall_normals
 from ..operators.kernel import KERNELS
 from ..operators.lattice_weights import LatticeWeights, build_lattice_weights
 from ..operators.wall_scene import WallScene
@@ -27,7 +26,7 @@ from ..scene.place import jittered_at_rest, place_case
 from ..solvers.engine import engine_of
 from ..solvers.krylov import Limits
 from .flow_measures import wall_shear, wall_stress
-from .permeability import darcy, fluid_cells, mean_velocities
+from .permeability import darcy, fluid_cells, mean_velocities, shares_at_edges
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -37,9 +36,7 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
     from ..output.clock import Clock
     from ..solvers.krylov import Convergence, Watch
-
-
-LEVEL = 0.01  # slope to the lattice up to which a wall lies along it: a tenth of a spacing on ten spacings
+    from .half_in_throats import InThroats
 
 
 class NoFlowError(ParticleError):
@@ -59,7 +56,8 @@ class StokesResult:
     `runs/permeability.py`; divergence, mass_error: see `_mass`; halo, narrow (particles in pores that the lattice does
     not resolve), components, isolated_pockets, cells: of the scene that it was solved in; drop: Pa, over the box along
     the axis; stress: see `flow_measures.wall_stress`; diffusivity: effective over that of the fluid, where it was asked
-    for; residuals: relative, of the iterations of the solve.
+    for; throats: the permeability with half the spacing in throats, where that was asked for; residuals: relative, of
+    the iterations of the solve.
     """
 
     axis: int | None
@@ -83,6 +81,7 @@ class StokesResult:
     drop: float
     stress: tuple[np.ndarray, np.ndarray] | None
     diffusivity: float | None = None
+    throats: InThroats | None = None
     residuals: list[tuple[int, float]] = field(default_factory=list)
 
     @property
@@ -96,7 +95,7 @@ class SteadyScene:
     """One geometry at one spacing with its matrices; every axis that it serves shares them.
 
     cells: volume of the fluid in the sample over that of a cell, see `permeability.fluid_cells`; edge_shares: (n,) or
-    None, see `_edge_shares`.
+    None, see `permeability.shares_at_edges`.
     """
 
     geometry: Geometry
@@ -149,7 +148,7 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
         give_back_freed_memory()
     with clock("geometry"):
         cells = fluid_cells(geometry, particles, distance)
-        edge_shares = _edge_shares(geometry, particles.x[:n], distance[:n], spacing)
+        edge_shares = shares_at_edges(geometry, particles.x[:n], distance[:n], spacing)
     return SteadyScene(geometry, particles, system, len(images.owner), percolates, cells, edge_shares)
 
 
@@ -252,31 +251,10 @@ def solve_diffusion(case: Case, scene: SteadyScene, axis: int, clock: Clock, wat
 
 def _quadrature(scene: SteadyScene, laplacian: np.ndarray) -> np.ndarray:
     """Difference between the mean of the velocity over a cell of the lattice and its value in the middle: the share of
-    `_edge_shares` of dx^2 / 24 lap u, which follows from the momentum balance."""
+    `permeability.shares_at_edges` of dx^2 / 24 lap u, which follows from the momentum balance."""
     if scene.edge_shares is None:
         return np.zeros_like(laplacian)
     return laplacian * (scene.edge_shares * (scene.system.spacing**2 / 24.0))[:, None]
-
-
-def _edge_shares(geometry: Geometry, x: np.ndarray, distance: np.ndarray, dx: float) -> np.ndarray | None:
-    """Share (n,) of dx^2 / 24 lap u by which sums of u over the lattice miss its integral, None where they do not.
-
-    x: (n, dim) m, of the fluid particles; distance: (n,) m, of their walls; dx: m.
-
-    Sums over a lattice are integrals but for its planes that lie along a wall: there they miss -B2(delta) / 2 dx^2
-    times the slope of the velocity at the wall (Euler and Maclaurin), delta dx the distance of the first plane and
-    B2(delta) = delta^2 - delta + 1/6. lap u is the sum of these slopes. A slit in an image then has its exact flux for
-    every number of spacings; without it 1 / (2 n^2) too much for n whole cells. Where walls are oblique to the lattice
-    delta takes all values, and the mean of B2 is 0.
-    """
-    if geometry.voxel_size is None:
-        return None
-    if geometry.level_walls:
-        cells = geometry.voxel_size / dx  # faces of voxels are half a spacing from a plane where cells fill voxels
-        return np.full(len(x), float(np.allclose(cells, np.maximum(np.round(cells), 1.0), rtol=1e-6)))
-    along = np.abs(wall_normals(geometry, x, dx)).max(axis=1) > 1.0 - 0.5 * LEVEL**2
-    delta = np.mod(distance / dx, 1.0)
-    return np.where(along & np.isfinite(delta), -12.0 * (delta * (delta - 1.0) + 1.0 / 6.0), 0.0)
 
 
 def _mass(scene: SteadyScene, flow: StokesFlow, cell_velocity: np.ndarray, axis: int | None) -> tuple[float, float]:

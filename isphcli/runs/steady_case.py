@@ -25,7 +25,7 @@ from ..solvers.krylov import SolveError
 from . import ranks, steady
 from .expected_error import THINNEST, expected, pore_width, scan_of, too_narrow, usual_error, wall_of
 from .flow_measures import profile_rows, speed_distribution, tortuosity
-from .permeability import EDGE, extrapolate
+from .permeability import EDGE, SHARE, extrapolate
 from .refinement import Solved, further_spacings
 from .results import (
     PROFILES,
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
     from ..output.clock import Clock
     from ..solvers.krylov import Watch
+    from .half_in_throats import InThroats
 
 # Of the bar of the formation factor over the differences of its spacings: 90 % of pairs and 95 % of triples of spacings
 # on arrays of insulating cylinders and spheres keep within it (`python benchmarks/formation_factor.py`)
@@ -165,6 +166,9 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
     Raises NoPathError where nothing flows along any axis.
     """
     automatic = case.refine == "auto"
+    if case.refine == "throats" and current().size > 1:
+        what = "throats is for one process"
+        raise CaseError((Problem(*case.place_of("refine"), "refine", what, "take auto or a list of spacings"),))
     with clock("geometry"), progress.stage("geometry", quiet):
         first = build_geometry(case)
     layered = first.voxel_size is not None or case.geometry.clear_layer is not None
@@ -197,6 +201,9 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
         if len(solved) == 1:
             seen.warnings.append(f"refine: auto: no further spacing fits refine_budget, {case.refine_budget:g} s, and "
                                  "the memory that is free: no error bar")
+    if case.refine == "throats":
+        seen.warnings += [f"refine: throats: the solve along {'xyz'[axis]} did not converge: no error bar"
+                          for (axis, _), flow in found.flows.items() if axis is not None and flow.throats is None]
     if not found.flows:
         reasons = dict.fromkeys(filter(None, found.closed.values()))
         raise steady.NoPathError("; ".join(reasons) or why_closed(case, *job.driven))
@@ -262,6 +269,8 @@ def _solve_one_axis(job: Job, scene: steady.SteadyScene, axis: int | None, force
         found.closed[axis, spacing] = f"the flow along {'xyz'[axis]} is zero; check the drive and what is solid"
         return
     found.flows[axis, spacing] = flow
+    if job.case.refine == "throats" and axis is not None:
+        _refine_throats(job, scene, flow, force)
     if "formation_factor" in job.case.measure and axis is not None:
         with progress.stage(f"diffusion along {'xyz'[axis]}", job.quiet) as stage:
             flow.diffusivity = steady.solve_diffusion(job.case, scene, axis, job.clock, _watch(stage))
@@ -270,6 +279,17 @@ def _solve_one_axis(job: Job, scene: steady.SteadyScene, axis: int | None, force
                           "iterations_stokes": flow.convergence.iterations,
                           "residual_stokes": flow.convergence.residual,
                           **{f"superficial_velocity_{a}": float(v) for a, v in zip("xyz", flow.superficial)}})
+
+
+def _refine_throats(job: Job, scene: steady.SteadyScene, flow: steady.StokesResult, force: np.ndarray) -> None:
+    """The permeability with half the spacing in throats, into the flow; nothing where that solve fails."""
+    from .half_in_throats import in_throats
+
+    assert flow.axis is not None
+    n = scene.particles.n_fluid
+    with progress.stage(f"half the spacing in throats, along {'xyz'[flow.axis]}", job.quiet), suppress(SolveError):
+        known = scene.system.ops, scene.particles.x[:n], flow.velocity
+        flow.throats = in_throats(job.case, scene.geometry, known, (flow.axis, force), job.clock)
 
 
 def _seconds(clock: Clock) -> float:
@@ -321,7 +341,10 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
     by_spacing = {f"{h:g}": float(k) for h, k in sorted(known.items())}
     found = AxisResult(name, float(known[open_at[0]]) if open_at else 0.0, by_spacing,
                        [h for h in spacings if h not in open_at])
-    if len(open_at) > 1:
+    throats = flows[axis, open_at[0]].throats if open_at else None
+    if throats is not None:
+        found = _with_throats(found, throats, open_at[0], porosity, wall)
+    elif len(open_at) > 1:
         edges = EDGE if wall == "stairs" else None
         finest = min(open_at)
         k = float(known[finest])
@@ -334,6 +357,18 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
         found = replace(found, bounds=error.bounds(k), source=f"{name}: {error.sentence}",
                         image=error.image * k if scan is not None else None)
     return found
+
+
+def _with_throats(found: AxisResult, throats: InThroats, spacing: float, porosity: float, wall: str) -> AxisResult:
+    """The result of a spacing, m, with the value and bar of half of it in throats."""
+    from .half_in_throats import limit_of_throats
+
+    k = throats.permeability
+    limit, bar, sentence = limit_of_throats(found.permeability, k, spacing, porosity, wall)
+    by_spacing = found.by_spacing | {f"{spacing:g} and {0.5 * spacing:g}": k}
+    return replace(found, permeability=limit, bar=bar, by_spacing=by_spacing,
+                   sentence=f"{found.name}: half the spacing where {SHARE:.0%} of the energy is lost, "
+                            f"{throats.particles:,} particles: {sentence}, and what lies outside")
 
 
 def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen, porosity: float) -> None:
@@ -350,6 +385,8 @@ def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen, porosity: f
     resists = case.microporous or case.geometry.depth  # what is beside the walls makes no pore narrower
     if found.permeability > 0.0 and not told and not resists:
         finest = min(h for h in case.spacings if h not in found.shut)
+        if case.refine == "throats" and found.bar is not None:
+            finest *= 0.5  # where the flow is narrowest
         narrow = too_narrow(case, f"the flow along {name} sees pores (sqrt(12 k / porosity))",
                             pore_width(found.permeability, porosity), finest)
         seen.warnings += [narrow] if narrow else []
@@ -399,7 +436,7 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
         "permeability_range": _alone(ranges, single) or None,
         "permeability_range_from": "; ".join(along.source for along in results if along.source) or None,
         "permeability_by_spacing": ({along.name: along.by_spacing for along in results}
-                                    if len(case.spacings) > 1 else None),
+                                    if len(case.spacings) > 1 or case.refine == "throats" else None),
         "permeability_tensor": tensor,
         **_measures(case, flows),
         "superficial_velocity": main.superficial,

@@ -34,6 +34,7 @@ OFFSETS = "of the offsets of a lattice and the tensors of one particle"
 BASIS = "over the vectors of a basis"
 CELLS = "over the particles that a cell of the process sees, or what of its cells is brought together after"
 PARTS = "over the parts of the fluids, of which every process has all"
+MIXED = "of one process alone: `refine: throats` is refused of several"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
     ("domain.components", "joined.max(initial=-1)"): RANKS,
@@ -61,6 +62,8 @@ ALLOWED = {
                          "self.share.lower + moved), axis=1)"): AXES,
     ("domain.migration", "np.all((image > bricks[process, 0] - reach) & (image < bricks[process, 1] + reach), "
                          "axis=1)"): OWN,
+    ("domain.mixed_lattice", "(~fine).sum()"): MIXED,
+    ("domain.mixed_lattice", "lattice.cell.min()"): AXES,
     ("domain.neighbours", "cells.prod()"): AXES,
     ("domain.neighbours", "column.min()"): SCRATCH,
     ("domain.neighbours", "column.max()"): SCRATCH,
@@ -94,6 +97,19 @@ ALLOWED = {
     ("operators.div_grad", "np.einsum('qk,qk->q', pair[which[asked], :dim], whole[several])"): OWN,
     ("operators.div_grad", "np.bincount(row[asked], over, n)"): "over the pairs of each row",
     ("operators.conductances", "np.diff(self._ops.start).max(initial=0)"): SCRATCH,
+    ("operators.mixed_weights", "(found * beyond).sum(axis=1)"): MIXED,
+    ("operators.mixed_weights", "(functions ** 2 * omega[..., None]).sum(axis=1)"): MIXED,
+    ("operators.mixed_weights", "(step ** 2).sum(axis=1)"): MIXED,
+    ("operators.mixed_weights", "count[some].max()"): MIXED,
+    ("operators.mixed_weights", "found.sum(axis=1)"): MIXED,
+    ("operators.mixed_weights", "np.abs(found).sum(axis=1)"): MIXED,
+    ("operators.mixed_weights", "np.abs(step[shared]).max(axis=1)"): MIXED,
+    ("operators.mixed_weights", "np.bincount(self.first, share, minlength=len(w))"): MIXED,
+    ("operators.mixed_weights", "np.linalg.norm(step, axis=2)"): MIXED,
+    ("operators.mixed_weights", "np.prod([e[a] for a in power], axis=0)"): MIXED,
+    ("operators.mixed_weights", "omega.max(axis=1)"): MIXED,
+    ("operators.mixed_weights", "weighted @ np.linalg.solve(matrix, (wanted / size)[..., None])"): MIXED,
+    ("operators.mixed_weights", "weighted.transpose(0, 2, 1) @ scaled"): MIXED,
     ("operators.protocol", "np.einsum('nkm,nm->nk', self.slip, u)"): OWN,
     ("operators.protocol", "np.einsum('nk,nk->n', self.div, u)"): OWN,
     ("operators.lattice_weights", "(ops.pairs.step ** 2).sum(axis=1)"): OFFSETS,

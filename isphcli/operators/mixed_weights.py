@@ -1,0 +1,194 @@
+"""Operators of particles of two spacings on one lattice (`domain/mixed_lattice.py`), and matrices of their cells.
+
+Eqs 5, 6 and 11 ask for neighbours and a moment matrix, not for equal volumes: the weights are those of
+`wall_weights`, with kernels as wide as the mean spacing of a pair. Beside the other kind neighbourhoods are not
+symmetric, and the Laplacian of eq. 6 errs by the third derivatives of the velocity, which made k of arrays 0.3 to 0.8 %
+too high. There its weights are the smallest that are exact for functions of third order, as long as the sum of their
+sizes is below `HEAVIEST` of their sum; else, as beside many walls, they are those of eq. 6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+from numba import njit
+
+from ..domain.halo import build_halo
+from ..domain.mixed_lattice import MIXED, pairs_of_two
+from ..domain.neighbours import Neighbourhood
+from ..domain.null_space import GROUND
+from ..domain.row_threads import over_rows
+from .crossings import MEETS_WALL, WallStencils, WallTable, crossings
+from .div_grad import adjoint_divergence
+from .kernel import slope
+from .narrow_pores import fixed_classes
+from .pair_weights import Operators
+from .wall_weights import build_wall_operators
+
+if TYPE_CHECKING:
+    from ..geometry.protocol import Geometry
+
+# Sizes of the weights of a Laplacian of third order over their sum. Without a bound some rows beside walls have one of
+# 10 and more, and GMRES needs 40 to 400 iterations in the place of 21 to 29 (cylinders and spheres of 12 to 16 spacings
+# a cell, benchmarks/two_spacings.py); a third of the rows keep those of eq. 6
+HEAVIEST = 1.5
+AT_ONCE = 2000  # rows of third order at once: 100 MB
+RIDGE = 1e-13  # of the trace of their matrices
+
+
+@dataclass(frozen=True)
+class MixedParticles:
+    """n_fluid fluid particles, then dummies: x (n, dim) m; half, beside (n,) bool, see `domain/mixed_lattice.py`;
+    spacing, m, and site_volume, m^dim: of the larger kind."""
+
+    x: np.ndarray
+    n_fluid: int
+    half: np.ndarray
+    beside: np.ndarray
+    spacing: float
+    site_volume: float
+
+    @property
+    def spacings(self) -> np.ndarray:
+        """Of the fluid particles, m."""
+        return np.where(self.half[: self.n_fluid], 0.5 * self.spacing, self.spacing)
+
+    @property
+    def volumes(self) -> np.ndarray:
+        """Of all, m^dim."""
+        return np.where(self.half, 0.5 ** self.x.shape[1], 1.0) * self.site_volume
+
+
+@dataclass(frozen=True)
+class Faces:
+    """Pairs whose cells share a face, those of two spacings included: first, second (m,) particles; share (m,), its
+    area over the distance of the middles, in spacings."""
+
+    first: np.ndarray
+    second: np.ndarray
+    share: np.ndarray
+
+    def conductance(self, w: np.ndarray, walls: np.ndarray | None = None) -> sp.csr_matrix:
+        """-div(w grad) summed over each cell, symmetric: w (n,), of which faces take the mean; walls: (n,) added to
+        the diagonal, or None, where it is raised by `GROUND`."""
+        share = 0.5 * self.share * (w[self.first] + w[self.second])
+        total = np.bincount(self.first, share, minlength=len(w))
+        diagonal = total * (1.0 + GROUND) if walls is None else total + walls
+        diagonal[diagonal <= 0.0] = 1.0
+        return (sp.csr_matrix((-share, (self.first, self.second)), shape=(len(w),) * 2) + sp.diags(diagonal)).tocsr()
+
+
+def build_mixed_operators(geometry: Geometry, particles: MixedParticles, kind: int,
+                          support: float) -> tuple[Operators, Faces, np.ndarray]:
+    """(Operators, Faces, wall distance (n_fluid,), m) of walls at rest. support: m, of the larger spacing."""
+    n, volumes = particles.n_fluid, particles.volumes
+    images = build_halo(particles.x, geometry.lower, geometry.upper, np.array(geometry.periodic), support)
+    table, owner = images.positions(particles.x), images.owners(len(particles.x))
+    half = particles.half[owner]
+    pairs = pairs_of_two(table, n, half, particles.beside[owner], support)
+    # the volume of a neighbour is that of the pair: it takes the width of the kernel of the pair along
+    number = np.arange(len(pairs.index), dtype=np.int32)
+    neighbours = Neighbourhood(pairs.start, number, pairs.index, table, owner, kind, support)
+    weight = np.empty(len(pairs.index))
+    over_rows(_pair_volumes, n, neighbours, half, volumes, weight)
+    distance, wall = geometry.nearest(particles.x)
+    walls = WallTable(owner < n, distance[owner], wall[owner], geometry.wall_velocity, geometry.slip_length,
+                      np.zeros((0, geometry.dim)), np.zeros((0, geometry.dim, geometry.dim)))
+    stencils = WallStencils(neighbours, walls, crossings(geometry, neighbours, walls), weight)
+    ops = build_wall_operators(stencils, 2, fixed_classes(stencils))
+    ops = replace(ops, volume=volumes[:n])
+    _of_third_order(stencils, half, weight, ops)
+    adjoint_divergence(ops)
+    return ops, _faces(ops, particles), distance[:n]
+
+
+@njit(cache=True, nogil=True)
+def _pair_volumes(rows, neighbours, half, volumes, weight):
+    """Volume of each neighbour times the slope of the kernel of the pair over that of the larger spacing."""
+    start, row, x, owner = neighbours.start, neighbours.row, neighbours.x, neighbours.owner
+    kind, support, dim = neighbours.kind, neighbours.support, neighbours.x.shape[1]
+    for i in range(rows[0], rows[1]):
+        for p in range(start[i], start[i + 1]):
+            j, r2 = row[p], 0.0
+            share = MIXED if half[i] != half[j] else 0.5 if half[i] else 1.0
+            weight[p] = volumes[owner[j]]
+            if share == 1.0:
+                continue
+            for k in range(dim):
+                r2 += (x[j, k] - x[i, k]) ** 2
+            q = np.sqrt(r2) / support
+            weight[p] *= slope(kind, q / share) / (slope(kind, q) * share ** (dim + 1))
+
+
+def _of_third_order(stencils: WallStencils, half: np.ndarray, weight: np.ndarray, ops: Operators) -> None:
+    """Laplacian of the rows that see both kinds, exact for functions of third order (see above), in place."""
+    neighbours, links = stencils.neighbours, stencils.links
+    assert ops.walls is not None
+    count = np.diff(neighbours.start)
+    first = np.repeat(np.arange(len(count)), count)
+    rows = np.unique(first[half[neighbours.row] != half[first]])
+    wall = links.link == MEETS_WALL
+    way = np.ones(len(first))
+    way[wall] = links.t
+    place_in_sight = np.cumsum(~wall) - 1
+    for some in np.array_split(rows, max(1, -(-len(rows) // AT_ONCE))) if len(rows) else []:
+        places = np.arange(count[some].max())
+        valid = places < count[some][:, None]
+        pair = np.where(valid, neighbours.start[some][:, None] + places, 0)
+        found = _third_order_weights(neighbours, (some, pair, valid), way, weight)
+        good = np.abs(found).sum(axis=1) < HEAVIEST * found.sum(axis=1)
+        pair, valid, found = pair[good], valid[good], found[good]
+        beyond = wall[pair] & valid
+        ops.walls.lap[some[good]] = (found * beyond).sum(axis=1)
+        seen = valid & ~beyond
+        ops.lap[place_in_sight[pair[seen]]] = found[seen]
+
+
+def _third_order_weights(neighbours: Neighbourhood, some: tuple[np.ndarray, ...], way: np.ndarray,
+                         weight: np.ndarray) -> np.ndarray:
+    """Weights (m, longest) 1/m2 of the Laplacian with the smallest sum of squares over those of the kernel.
+
+    some: rows (m,), their pairs (m, longest) and which of these there are; way: (n_pairs,) of each pair to the wall.
+    """
+    (rows, pair, valid), support = some, neighbours.support
+    step = (neighbours.x[neighbours.row[pair]] - neighbours.x[rows][:, None]) / support
+    q = np.maximum(np.linalg.norm(step, axis=2), 1e-30)
+    slopes = np.empty(q.size)
+    over_rows(_slopes, q.size, neighbours.kind, q.ravel(), slopes)
+    omega = np.where(valid, weight[pair] * slopes.reshape(q.shape) / (q * way[pair]), 0.0)
+    omega /= omega.max(axis=1)[:, None]
+    e = np.moveaxis(step * way[pair][..., None], 2, 0)
+    dim = len(e)
+    powers = [power for order in (1, 2, 3) for power in combinations_with_replacement(range(dim), order)]
+    functions = np.stack([np.prod([e[a] for a in power], axis=0) for power in powers], axis=2)
+    wanted = np.array([2.0 if len(power) == 2 and power[0] == power[1] else 0.0 for power in powers])
+    # every function about as large as the largest: the matrix is then regular where the neighbours tell them apart
+    size = np.sqrt((functions**2 * omega[..., None]).sum(axis=1)) + 1e-30
+    scaled = functions / size[:, None]
+    weighted = scaled * omega[..., None]
+    matrix = weighted.transpose(0, 2, 1) @ scaled + RIDGE * len(powers) * np.eye(len(powers))
+    return (weighted @ np.linalg.solve(matrix, (wanted / size)[..., None]))[..., 0] / support**2
+
+
+@njit(cache=True, nogil=True)
+def _slopes(rows, kind, q, out):
+    for k in range(rows[0], rows[1]):
+        out[k] = slope(kind, q[k])
+
+
+def _faces(ops: Operators, particles: MixedParticles) -> Faces:
+    """Faces between cells; those of two kinds are three quarters of a spacing apart, a quarter beside each other."""
+    neighbours, d = ops.neighbours, particles.spacings / particles.spacing
+    first = np.repeat(np.arange(ops.n), np.diff(ops.start))
+    step = (neighbours.x[neighbours.row] - neighbours.x[first]) / particles.spacing
+    mean = 0.5 * (d[first] + d[ops.column])
+    same = d[first] == d[ops.column]
+    # the next ones are 1.41 and 1.45 means apart; cells may be stretched along an axis
+    shared = (step**2).sum(axis=1) < np.where(same, 1.2, 1.25) ** 2 * mean**2
+    first, second = first[shared], ops.column[shared]
+    small = np.minimum(d[first], d[second])
+    return Faces(first, second, small ** (ops.dim - 1) / np.abs(step[shared]).max(axis=1))

@@ -1,0 +1,127 @@
+"""The permeability with particles of half the spacing where a flow loses its energy: `refine: throats`.
+
+The flow of the case's own spacing says where that is. Throats of rock hold most of it: half the spacing in the cells
+that lose most, `SHARE` of the whole, and in those round them, is nearly what half the spacing everywhere is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..domain.halo import wrap
+from ..domain.lattice import Lattice
+from ..domain.mixed_lattice import cells_of, grown, sites_of_two
+from ..flow.mixed_stokes import MixedStokes
+from ..geometry.protocol import inside_sample, sample_box
+from ..operators.kernel import KERNELS
+from ..operators.lattice_weights import LatticeWeights, symmetric_laplacian
+from ..operators.mixed_weights import MixedParticles, build_mixed_operators
+from ..scene import memory
+from ..scene.place import lattice_at
+from ..solvers.krylov import Limits
+from .expected_error import usual_error
+from .permeability import EDGE, SHARE, darcy, extrapolate, shares_at_edges
+
+if TYPE_CHECKING:
+    from ..case.blocks import Case
+    from ..geometry.protocol import Geometry
+    from ..output.clock import Clock
+    from ..solvers.krylov import Convergence
+
+# Of k, what is added where spacings meet: 0.04 to 0.08 % in pores of 15 particles and more, whose bars by the spacings
+# are 0.01 to 0.04 % (`benchmarks/two_spacings.py bars`)
+MEETING = 5e-4
+BUFFER = 1  # cells round those that are chosen
+# Of a particle, most of them in its pairs: in a 64^3 corner of Berea 4.9 kB beside what the first solve takes
+# (docs/design_notes.md)
+BYTES = 6_000
+
+
+@dataclass(frozen=True)
+class InThroats:
+    """permeability: along the axis, m2; particles: fluid particles of both spacings; convergence: of the solve."""
+
+    permeability: float
+    particles: int
+    convergence: Convergence
+
+
+def dissipation(ops: LatticeWeights, u: np.ndarray) -> np.ndarray:
+    """Squares of the velocity differences of each particle, weighted as in the Laplacian, walls at rest included:
+    (n,), m2/s2 over m2."""
+    lost = np.maximum(ops.walls.lap, 0.0) * (u * u).sum(axis=1)
+    for along in u.T:
+        along = np.ascontiguousarray(along)
+        lost += 0.5 * symmetric_laplacian(ops, along * along) - along * symmetric_laplacian(ops, along)
+    return lost
+
+
+def cells_that_lose(lattice: Lattice, x: np.ndarray, lost: np.ndarray, share: float = SHARE) -> np.ndarray:
+    """The fewest cells that hold a share of the dissipation lost (n,) at x (n, dim), and what is round them: bool
+    (counts)."""
+    order = np.argsort(-lost, kind="stable")
+    most = int(np.searchsorted(np.cumsum(lost[order]), share * lost.sum())) + 1
+    found = np.zeros(tuple(lattice.counts), bool)
+    found[cells_of(lattice, x[order[:most]])] = True
+    return grown(found, BUFFER)
+
+
+def place_two(geometry: Geometry, lattice: Lattice, cut: np.ndarray, spacing: float, support: float) -> MixedParticles:
+    """The particles of a lattice some of whose cells are cut. spacing, support: m, of the others."""
+    kept: tuple[list[np.ndarray], ...] = ([], [], [])
+    dummies: tuple[list[np.ndarray], ...] = ([], [], [])
+    for sites, half, beside in sites_of_two(lattice, cut, support):
+        x = wrap(sites, geometry.lower, geometry.upper, geometry.periodic)
+        fluid = geometry.phase(x) >= 0
+        solid = np.flatnonzero(~fluid)
+        reach = support * (1.0 + 1e-9)
+        seen = solid[-geometry.distance(x[solid], reach) < reach]
+        for k, values in enumerate((x, half, beside)):
+            kept[k].append(values[fluid])
+            dummies[k].append(values[seen])
+    x, half, beside = (np.concatenate([*fluid, *solid]) for fluid, solid in zip(kept, dummies))
+    return MixedParticles(x, sum(len(part) for part in kept[0]), half, beside, spacing, lattice.site_volume)
+
+
+def limit_of_throats(coarse: float, fine: float, spacing: float, porosity: float,
+                     wall: str) -> tuple[float, float, str]:
+    """(permeability, bar, sentence) of k at a spacing, m, and with half of it in throats, m2: as of half of it
+    everywhere (`extrapolate`); what lies outside the throats may be off by as much of its part, and where spacings
+    meet something is added (`MEETING`). wall: smooth or stairs."""
+    edges, half = EDGE if wall == "stairs" else None, 0.5 * spacing
+    usual = usual_error(fine, porosity, half) if edges is None and fine > 0.0 else 0.0
+    limit, bar, _, sentence = extrapolate((spacing, half), (coarse, fine), edges, usual=usual)
+    return limit, bar + (1.0 - SHARE) / SHARE * abs(coarse - fine) + MEETING * fine, sentence
+
+
+def in_throats(case: Case, geometry: Geometry, flow: tuple[LatticeWeights, np.ndarray, np.ndarray],
+               drive: tuple[int, np.ndarray], clock: Clock, share: float = SHARE) -> InThroats:
+    """The permeability along an axis. flow: operators, positions (n, dim), m, and velocities (n, dim), m/s, of the
+    spacing of the case; drive: the axis and the force (dim,), m/s2. Raises SolveError."""
+    (ops, x, velocity), (axis, force), spacing = flow, drive, case.particles.spacing
+    lattice, nu = lattice_at(case, geometry, spacing), next(iter(case.fluids.values())).nu
+    support = case.support * spacing
+    with clock("geometry"):
+        cut = cells_that_lose(lattice, x, dissipation(ops, velocity), share)
+        particles = place_two(geometry, lattice, cut, spacing, support)
+    d, n, asked = particles.spacings, particles.n_fluid, case.solver
+    memory.refuse(n * BYTES, f"{n:,} particles of two spacings", memory.too_large(case))
+    with clock("operators"):
+        mixed, faces, distance = build_mixed_operators(geometry, particles, KERNELS[case.particles.kernel], support)
+    with clock("preconditioner"):
+        system = MixedStokes(mixed, faces, d, spacing)
+    with clock("krylov"):
+        u, laplacian, convergence = system.solve(force / nu,
+                                                 Limits(asked.tolerance, asked.restart, asked.max_iterations))
+    fluid = particles.x[:n]
+    for size in (spacing, 0.5 * spacing):
+        own = np.flatnonzero(d == size)
+        edges = shares_at_edges(geometry, fluid[own], distance[own], size)
+        if edges is not None:
+            u[own] += laplacian[own] * (edges * (size**2 / 24.0))[:, None]
+    inside, (lower, upper) = inside_sample(geometry, fluid), sample_box(geometry)
+    superficial = (u * mixed.volume[:, None])[inside].sum(axis=0) / float(np.prod(upper - lower))
+    return InThroats(float(darcy(geometry, superficial, axis, force, nu)[axis]), n, convergence)

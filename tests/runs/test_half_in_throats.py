@@ -1,0 +1,55 @@
+"""`refine: throats`: half the spacing where a flow loses its energy."""
+
+import json
+
+import numpy as np
+import pytest
+
+from isphcli.case.load import read_case
+from isphcli.case.yaml import CaseError
+from isphcli.domain.lattice import make_lattice
+from isphcli.runs.half_in_throats import cells_that_lose
+from isphcli.runs.run import run_case
+
+# A row of spheres whose gaps are two spacings wide, in a wide box
+ARRAY = """
+geometry:
+  box: [1, 1, 1]
+  periodic: [x, y, z]
+  shapes: [{sphere: {centre: [0.5, 0.5, 0.5], radius: 0.372210}, is: solid}]
+particles: {spacing: 0.125}
+fluids: {water: {density: 1, viscosity: 1}}
+flow: stokes
+drive: {axes: [x]}
+refine: throats
+output: {plots: false}
+"""
+ZICK_AND_HOMSY = 1.0 / (6.0 * np.pi * 0.372210 * 7.442)  # solid fraction 0.216
+
+
+def test_a_run_says_the_value_of_both_spacings_and_a_bar_that_holds(tmp_path):
+    case = read_case(ARRAY.encode(), "case.yaml", (f"output.directory={tmp_path / 'out'}",))
+    run_case(case, quiet=True)
+    found = json.loads((tmp_path / "out" / "summary.json").read_text())
+    coarse, both = (found["permeability_by_spacing"]["x"][key] for key in ("0.125", "0.125 and 0.0625"))
+    assert found["permeability"] == both != coarse
+    assert abs(both - ZICK_AND_HOMSY) < found["permeability_error"] < 0.05 * both
+    assert "half the spacing where 90% of the energy is lost" in found["message"]
+
+
+def test_the_fewest_cells_that_hold_a_share():
+    """Of energies 8, 4, 2, 1, 1 in a row two hold 0.75, and their neighbours are cut too."""
+    lattice = make_lattice("cubic", np.zeros(3), [9.0, 1.0, 1.0], [False] * 3, 1.0, 2.0)
+    x = np.array([[0.5, 0.5, 0.5], [4.5, 0.5, 0.5], [5.5, 0.5, 0.5], [6.5, 0.5, 0.5], [8.5, 0.5, 0.5]])
+    cut = cells_that_lose(lattice, x, np.array([1.0, 8.0, 4.0, 2.0, 1.0]), 0.7)
+    assert list(np.flatnonzero(cut[:, 2, 2])) == [5, 6, 7, 8]  # two cells lie before the box
+
+
+@pytest.mark.parametrize(("more", "said"), [
+    ("particles.jitter=0.1", "throats knows no jitter"),
+    ("particles.lattice=bcc", "throats knows no lattice bcc"),
+    ("geometry.slip_length=0.1", "throats knows no walls that slip"),
+])  # fmt: skip
+def test_what_it_does_not_know_is_refused(more, said):
+    with pytest.raises(CaseError, match=said):
+        read_case(ARRAY.encode(), "case.yaml", (more,))
