@@ -1,7 +1,7 @@
 """Weak and strong scaling on few processes: what each holds, sends and takes, measured beside the model of
 isphcli/validation/scaling.py.
 
-usage: python benchmarks/scaling.py FOLDER [weak] [RANKS...]     (1 2 4 8; needs mpiexec, mpi4py and petsc4py)
+usage: python benchmarks/scaling.py FOLDER [weak|strong] [RANKS...]     (1 2 4 8; needs mpiexec, mpi4py and petsc4py)
        python benchmarks/scaling.py model beads|bubbles PARTICLES US_ASSEMBLING US_SOLVING ITERATIONS...
                                                                   the model, from the last row of a ladder
        python benchmarks/scaling.py sizes                         what large steady scenes would take, extrapolated
@@ -136,10 +136,10 @@ def report(out, counts):
 
 # Of docs/clusters.md: bytes of a process; those that one may hold; power with which iterations grow with the particles
 # (PETSc, Berea 64^3 and 128^3: 32 and 41 of 88,635 and 728,845). Then bytes of an own or remote particle; CPU us a
-# particle of the set-up and of an iteration; iterations of a scene of so many particles: the pack of N = 192 in one
-# process (2373 CPU s, 1558 of them in 59 iterations, other programs beside it), Berea 128^3 by PETSc
+# particle of the set-up and of an iteration; iterations of a scene of so many particles: the pack of N = 128 on two
+# processes (236 CPU s each, 144 of them in 55 iterations, other programs beside it); Berea 128^3 by PETSc
 PROGRAM, ROOM, GROWTH = 2.45e8, 3.5e9, 0.12
-COSTS = {"pack": (4.1e3, 77.0, 3.0, 59, 8.85e6), "rock": (3.7e3, 23.9, 1.29, 41, 7.29e5)}
+COSTS = {"pack": (2.9e3, 70.0, 2.0, 55, 2.62e6), "rock": (2.4e3, 23.9, 1.29, 41, 7.29e5)}
 
 
 def sizes():
@@ -186,8 +186,8 @@ def held(fluid, count, box, reach, bytes_each):
 def main(folder, *words):
     out = Path(folder)
     out.mkdir(exist_ok=True)
-    counts = [int(count) for count in words if count != "weak"] or [1, 2, 4, 8]
-    modes = "weak" if "weak" in words else "weak,strong"
+    counts = [int(word) for word in words if word not in ("weak", "strong")] or [1, 2, 4, 8]
+    modes = next((word for word in words if word in ("weak", "strong")), "weak,strong")
     environment = os.environ | {"NUMBA_NUM_THREADS": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1",
                                 "OMPI_MCA_mpi_yield_when_idle": "1"}
     for ranks in counts:
