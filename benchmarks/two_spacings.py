@@ -133,7 +133,7 @@ def bars(*names):
               f"{100 * bar / k:.2f} %", flush=True)
     within, off, wide = np.array(held).T
     print(f"{len(held)} bodies, {100 * within.mean():.0f} % within the bar, median error {100 * np.median(off):.3f} %, "
-          f"bar {100 * np.median(wide):.3f} %, bar over error {np.median(wide) / np.median(off):.2f}")
+          f"bar {100 * np.median(wide):.3f} %, bar over error {np.median(wide / np.maximum(off, 1e-6)):.2f}")
 
 
 def against(found, limit, name, voxel=1.0):

@@ -6,6 +6,7 @@ that lose most, `SHARE` of the whole, and in those round them, is nearly what ha
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -89,12 +90,13 @@ def place_two(geometry: Geometry, lattice: Lattice, cut: np.ndarray, spacing: fl
 def limit_of_throats(coarse: float, fine: float, spacing: float, porosity: float,
                      wall: str) -> tuple[float, float, str]:
     """(permeability, bar, sentence) of k at a spacing, m, and with half of it in throats, m2: as of half of it
-    everywhere (`extrapolate`); what lies outside the throats may be off by as much of its part, and where spacings
-    meet something is added (`MEETING`). wall: smooth or stairs."""
+    everywhere (`extrapolate`), and squares of two more: what lies outside the throats may be off by as much of its
+    part, and where spacings meet something is added (`MEETING`). wall: smooth or stairs."""
     edges, half = EDGE if wall == "stairs" else None, 0.5 * spacing
     usual = usual_error(fine, porosity, half) if edges is None and fine > 0.0 else 0.0
     limit, bar, _, sentence = extrapolate((spacing, half), (coarse, fine), edges, usual=usual)
-    return limit, bar + (1.0 - SHARE) / SHARE * abs(coarse - fine) + MEETING * fine, sentence
+    outside = (1.0 - SHARE) / SHARE * (coarse - fine)
+    return limit, math.hypot(bar, outside, MEETING * fine), sentence
 
 
 def in_throats(case: Case, geometry: Geometry, flow: tuple[LatticeWeights, np.ndarray, np.ndarray],

@@ -8,6 +8,8 @@ import pytest
 from isphcli.case.load import read_case
 from isphcli.case.yaml import CaseError
 from isphcli.domain.lattice import make_lattice
+from isphcli.output.clock import Clock
+from isphcli.runs import steady_case
 from isphcli.runs.half_in_throats import cells_that_lose
 from isphcli.runs.run import run_case
 
@@ -53,3 +55,13 @@ def test_the_fewest_cells_that_hold_a_share():
 def test_what_it_does_not_know_is_refused(more, said):
     with pytest.raises(CaseError, match=said):
         read_case(ARRAY.encode(), "case.yaml", (more,))
+
+
+def test_several_processes_are_refused(tmp_path, monkeypatch):
+    class Many:
+        size = 2
+
+    case = read_case(ARRAY.encode(), "case.yaml", (f"output.directory={tmp_path / 'out'}",))
+    monkeypatch.setattr(steady_case, "current", Many)
+    with pytest.raises(CaseError, match="throats is for one process"):
+        steady_case.run_steady(case, Clock(), True, None)
