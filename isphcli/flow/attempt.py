@@ -47,7 +47,7 @@ def attempt(stepper: Stepper, state: State, config: Configuration | Once, dt: fl
         except (SolveError, StepError) as failure:
             problem = failure.with_traceback(None)  # its frames hold the configuration that the step made
             stepper.solvers.drop()
-        if isinstance(config, Once):
+        if halving < HALVINGS and isinstance(config, Once):
             config = Once(stepper.configure(state.x, state.time, state.phi, state.number))
     message = f"step {state.step + 1} at time {state.time:g}: {problem} (the last of {HALVINGS} halvings, {length:.3g})"
     if isinstance(problem, StepError):

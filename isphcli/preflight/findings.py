@@ -87,7 +87,7 @@ def resolution_findings(result: CheckResult, geometry: Geometry, lattice: Lattic
     case, widths = result.case, result.throats
     spacing = case.particles.spacing
     if widths is not None:
-        narrow = too_narrow(case, "the median throat is", widths.median * spacing, spacing)
+        narrow = too_narrow("the median throat is", widths.median * spacing, spacing)
         yield from [narrow] if narrow else []
     for axis, width in (widths.critical if widths is not None else {}).items():
         if width < THINNEST:

@@ -132,16 +132,15 @@ def pore_width(k: float, porosity: float) -> float:
     return math.sqrt(12.0 * k / porosity)
 
 
-def too_narrow(case: Case, along: str, width: float, spacing: float) -> str | None:
-    """A sentence on a flow whose pores are fewer than THINNEST particles wide: what known bodies with pores as wide are
-    worth, and the spacing that would do. along: 'the flow along x sees pores'; width and spacing: m; None elsewhere."""
+def too_narrow(along: str, width: float, spacing: float) -> str | None:
+    """A sentence on a flow whose pores are fewer than THINNEST particles wide, and the spacing that would do; how far
+    off such a flow is stands in the range of its permeability. along: 'the flow along x sees pores'; width and spacing:
+    m; None elsewhere."""
     wide = width / spacing
     if wide >= THINNEST * (1 - 1e-6):
         return None
-    known = calibrations()[wall_of(case), "spacing"]
-    return (f"{along} {wide:.1f} particles wide: 90 % of {known.bodies} known bodies with pores as wide are within "
-            f"{100 * known.within(wide):.2g} % in steady flow; take particles.spacing {width / ENOUGH_ACROSS:.2g} or "
-            f"less for {ENOUGH_ACROSS}")
+    return (f"{along} {wide:.3g} particles wide: its flow is not resolved; take particles.spacing "
+            f"{width / ENOUGH_ACROSS:.2g} or less for {ENOUGH_ACROSS}")
 
 
 def usual_error(k: float, porosity: float, spacing: float) -> float:

@@ -211,9 +211,9 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
             run.since, run.last_step = state.time, state.step
     with progress.stage("neighbours and operators", quiet):
         state, _ = stepper.settled(state)
-        config = stepper.configure(state.x, state.time, state.phi, state.number)
         if saved is not None:
             stepper.rebuild_hierarchies(saved.origins)
+        config = stepper.configure(state.x, state.time, state.phi, state.number)
     _refuse_what_is_closed(case, stepper, config)
     directory = case.output.directory
     run.directory = on_first(lambda: folder.prepare(directory))

@@ -387,7 +387,7 @@ def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen, porosity: f
         finest = min(h for h in case.spacings if h not in found.shut)
         if case.refine == "throats" and found.bar is not None:
             finest *= 0.5  # where the flow is narrowest
-        narrow = too_narrow(case, f"the flow along {name} sees pores (sqrt(12 k / porosity))",
+        narrow = too_narrow(f"the flow along {name} sees pores (sqrt(12 k / porosity))",
                             pore_width(found.permeability, porosity), finest)
         seen.warnings += [narrow] if narrow else []
 

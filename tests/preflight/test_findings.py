@@ -5,7 +5,6 @@ import pytest
 
 from isphcli.preflight import findings as module
 from isphcli.preflight.check import check
-from isphcli.runs.expected_error import expected
 from tests.preflight.cases import DROP, IMAGE, SLIT, SPHERE, read
 
 
@@ -30,11 +29,11 @@ def test_what_the_geometry_finds_is_a_warning():
 
 
 def test_throats_that_are_too_narrow():
-    """With the error that the range beside a permeability gives pores as wide: one calibration for both."""
+    """A slit of two particles: four take a quarter of its width."""
     found = findings(SLIT, "particles.spacing=0.25")
-    slit = 0.5**2 / 12  # permeability at the porosity 1
-    assert "median throat is 2.0" in found
-    assert f"within {100 * expected('exact', slit, 1.0, 0.25).spacing:.2g} %" in found
+    assert "median throat is 2 particles wide" in found
+    assert "take particles.spacing 0.12 or less for 4" in found
+    assert "median throat" not in findings(SLIT, "particles.spacing=0.125")
 
 
 def test_spacing_and_voxel_size():

@@ -13,5 +13,5 @@ def test_pores_that_the_flow_sees_narrower_than_the_check(across, median, told):
     case = read(SLIT)
     h, seen = case.particles.spacing, Seen(throats={"median": median})
     _tell(AxisResult("x", 0.3 * (across * h) ** 2 / 12, {}, []), case, {}, seen, 0.3)
-    assert any(f"the flow along x sees pores (sqrt(12 k / porosity)) {across:.1f} particles" in text
+    assert any(f"the flow along x sees pores (sqrt(12 k / porosity)) {across:.3g} particles" in text
                for text in seen.warnings) == told
