@@ -28,10 +28,6 @@ if TYPE_CHECKING:
 # Reynolds number of a check above which something is mistaken: flow in pores does not come near it, and estimates of
 # free fall and of bubbles are too large, up to 1.4e4 in `cases/`
 TURBULENT = 1e5
-# Degrees below which a drop does not end within 5 of the contact angle that is asked for, 16 across: 25 ends at 26.2
-# (27.7 on the mean from t = 0.5 on), 20 at 25.7 (27.2). isph run cases/drop_wall_60.yaml --set particles.spacing=0.0125
-# --set interface.contact_angle=20
-LEAST_ANGLE = 25
 
 
 def drive_findings(
@@ -130,19 +126,20 @@ def resolution_findings(result: CheckResult, geometry: Geometry, lattice: Lattic
 
 
 def contact_angle_findings(case: Case, geometry: Geometry) -> Iterator[str]:
-    """A contact angle whose wedge of fluid on the wall is too thin to be resolved."""
+    """A wedge of fluid at the contact line that is thinner than a spacing as far as the wall asks for the angle."""
     if case.interface is None or not geometry.has_solid or len(case.fluids) < 2:
         return
+    from ..two_phase.contact_angle import NEAR_LINE
+
     angle = case.interface.contact_angle
-    sharp = min(angle, 180.0 - angle)
-    if sharp < LEAST_ANGLE:
-        slope = math.tan(math.radians(sharp))
+    slope = math.tan(math.radians(min(angle, 180.0 - angle)))
+    if slope * NEAR_LINE < 1.0:
         thin = case.fluid_names[0 if angle < 90.0 else 1]
         far = "all along a film" if slope < 1e-6 else f"up to {1.0 / slope:.2g} spacings from the contact line"
+        least = math.ceil(math.degrees(math.atan(1.0 / NEAR_LINE)))
         yield (
             f"interface.contact_angle {angle:g}: {thin} on the wall is thinner than a spacing {far}, which no spacing "
-            f"resolves: drops rest at other angles, and films break; {LEAST_ANGLE} to {180 - LEAST_ANGLE} degrees "
-            "are resolved"
+            f"resolves: drops rest at other angles, and films break; {least} to {180 - least} degrees are resolved"
         )
 
 

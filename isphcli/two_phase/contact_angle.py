@@ -6,12 +6,10 @@ p the normal of the wall, into the fluid, it is
     p . grad phi = -cos(theta) |grad phi| / (1 - kappa phi)     at the wall points above the dummies, near the line
                                                                 where phi = 0 meets the wall,
 
-|grad phi| and kappa those of the fit without them. Near means less and less, as far as the fit sees: what a particle at
-the interface fits is of all those levels, and levels that nothing holds drift. With two spacings drops moved on at Ca
-3e-4, at 147 to 149 degrees where 150 were asked for and at 33 for 30. The angle is that of the interface: the other
-levels of the distance to a round interface have the same centre, and meet the wall at other angles. kappa is the
-curvature of the interface in the plane of its normal and p, across the line: along the line the angle does not change.
-Without it the curvature beside walls is 20 % off at every resolution, and drives the largest spurious velocities.
+|grad phi| and kappa those of the fit without them. The angle is that of the interface: the other levels of the distance
+to a round interface have the same centre, and meet the wall at other angles. kappa is the curvature of the interface in
+the plane of its normal and p, across the line: along the line the angle does not change. Without it the curvature
+beside walls is 20 % off at every resolution, and drives the largest spurious velocities.
 
 Normals and curvature beside the wall, and the smoothing of phi, follow from the fit. This is in the place of eqs 18-22,
 which turn the normals of the fluid near a wall towards the angle: with them a drop asked for 150 degrees settles at 84.
@@ -36,6 +34,7 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
     from ..operators.pair_weights import Operators
 
+NEAR_LINE = 2.0  # spacings: wall points are given the angle less and less up to this distance from the interface
 SHALLOW = 1.01  # spacings: dummies deeper than this have wall points that others have too
 WEIGHT = 1.0  # of a slope at a wall point, times the support, over that of a value of a neighbour there
 
@@ -112,9 +111,8 @@ class ContactAngle:
         at_points = particle, offset, dummy
         sums = self.dummies.exchange.summed(_at_wall_points(at_points, normal, count, free, neighbours))
         distance, steepness, curvature = _means(sums)
-        # of all levels that the fit of a particle at the interface sees: those that nothing holds drift, and bend it
-        part = np.maximum(1.0 - (distance / fitted.support) ** 2, 0.0) ** 2
-        sharpest = 0.5 / fitted.support  # kappa phi stays below a half
+        part = np.maximum(1.0 - (distance / (NEAR_LINE * self.spacing)) ** 2, 0.0) ** 2
+        sharpest = 0.5 / (NEAR_LINE * self.spacing)  # kappa phi stays below a half
         bent = np.clip(curvature, -sharpest, sharpest) * np.where(part > 0.0, distance, 0.0)
         steepness /= 1.0 - bent
         touched = np.zeros(ops.n, np.bool_)
