@@ -204,23 +204,26 @@ def run(case: Case | Mapping[str, Any] | str | Path, *, out: str | Path | None =
         return RunResult(asked, summary, flow, None if out is None else directory)
 
 
-def permeability(image: np.ndarray, *, voxel_size: float | Sequence[float], axis: str | Sequence[str] = "x",
-                 solid: int | Sequence[int] | None = None, grey: Mapping[str, Any] | None = None,
-                 order: str = "zyx", refine: str | float | Sequence[float] = (), spacing: float | None = None,
+def permeability(image: np.ndarray, *, voxel_size: float | str | Sequence[float | str],
+                 axis: str | Sequence[str] = "x", solid: int | Sequence[int] | None = None,
+                 grey: Mapping[str, Any] | None = None, order: str = "zyx",
+                 refine: str | float | Sequence[float] = (), spacing: float | None = None,
                  options: Mapping[str, Any] | None = None, out: str | Path | None = None, quiet: bool = False,
                  threads: int | None = None) -> RunResult:
     """Permeability of an image by steady creeping flow, one particle per voxel unless `spacing` says otherwise.
 
-    image: (2D or 3D) integers or bools; voxel_size: m, one or one along each of x, y(, z). axis: of the flow, several
-    as "xyz" or a list. solid: the value or values that are solid, all others are pores: 1 without it, but of bools, of
-    which some programs mark the pores, it has to be said. grey: of an image that is not segmented what the block
-    geometry.voxels.grey of a case says, {"threshold": "otsu", "solid": "above"}. order: of the axes of the array, zyx
-    or xyz (PoreSpy). refine: further spacings, m, or "auto" or "throats", for an error bar. spacing: of the particles,
-    m. options: further keys of the case, nested dicts. out, quiet, threads: see `run`.
+    image: (2D or 3D) integers or bools; voxel_size: m, or "2.25 um", one or one along each of x, y(, z). axis: of the
+    flow, several as "xyz" or a list. solid: the value or values that are solid, all others are pores: 1 without it, but
+    of bools, of which some programs mark the pores, it has to be said. grey: of an image that is not segmented what the
+    block geometry.voxels.grey of a case says, {"threshold": "otsu", "solid": "above"}. order: of the axes of the array,
+    zyx or xyz (PoreSpy). refine: further spacings, m, or "auto" or "throats", for an error bar. spacing: of the
+    particles, m. options: further keys of the case, nested dicts. out, quiet, threads: see `run`.
 
     Raises ValueError for an image or values that cannot be used, and what `run` raises.
     """
     import numpy as np
+
+    from .case.units import number_in
 
     image = np.asarray(image)
     axes = list(axis)
@@ -229,7 +232,7 @@ def permeability(image: np.ndarray, *, voxel_size: float | Sequence[float], axis
         voxels["grey"] = grey
     else:
         image, voxels["labels"] = _labelled(image, solid)
-    sizes = np.atleast_1d(np.asarray(voxel_size, float))
+    sizes = [number_in(str(size), "m") for size in np.atleast_1d(voxel_size)]
     further = [refine] if isinstance(refine, float) else refine if isinstance(refine, str) else list(refine)
     with tempfile.TemporaryDirectory(prefix="isph-") as folder:
         file = Path(folder, "image.npy")
@@ -237,7 +240,7 @@ def permeability(image: np.ndarray, *, voxel_size: float | Sequence[float], axis
         case = {
             "title": f"permeability along {', '.join(axes)}",
             "geometry": {"voxels": {**voxels, "file": file}},
-            "particles": {"spacing": float(sizes.min()) if spacing is None else spacing},
+            "particles": {"spacing": min(sizes) if spacing is None else spacing},
             "fluids": {"water": {"density": 1000.0, "viscosity": 1e-3}},
             "flow": "stokes",
             "drive": {"axes": axes},

@@ -82,7 +82,8 @@ def message(error: BaseException) -> str:
     worst = getattr(error, "worst", None)
     left += f"\nworst particles: {worst}" if worst else ""
     if isinstance(error, KeyboardInterrupt):
-        return f"interrupted{left}"
+        results = getattr(error, "results", None)
+        return f"interrupted{left}" + (f"\nresults: {results}" if results else "")
     if isinstance(error, MemoryError):
         return "error: out of memory; `isph validate --check-only` estimates what a case needs"
     code = exit_code(error)

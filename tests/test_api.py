@@ -114,6 +114,11 @@ def test_moving_particles_go_on_from_a_restart(tmp_path):
     grids, particles = (read_pvd(tmp_path / "out" / f"{name}.pvd") for name in ("grid", "particles"))
     assert [(t, f.replace("grid", "particles").replace("vti", "vtu")) for t, f in grids] == particles
     assert len(grids) == 3 and all((tmp_path / "out" / file).is_file() for _, file in grids)
+    # what was drawn of the shorter run does not stay beside the numbers of a longer one
+    assert (tmp_path / "out/report.html").exists()
+    isphcli.run(case, overrides=["time.max_steps=5", "output.plots=false"], out=tmp_path / "out",
+                restart=tmp_path / "out", quiet=True)
+    assert not list((tmp_path / "out").glob("*.png")) and not (tmp_path / "out/report.html").exists()
 
 
 def slit_image(axis):
@@ -126,7 +131,7 @@ def test_permeability_of_an_image():
     """Of a slit of six voxels h^3 / 12 over the height of the image: walls lie on faces of voxels."""
     options = {"geometry": {"wall_distance": "stairs", "periodic": ["x", "y", "z"]}}
     exact = (6e-6) ** 3 / 12 / 8e-6
-    found = isphcli.permeability(slit_image(2), voxel_size=1e-6, refine=5e-7, options=options, quiet=True)
+    found = isphcli.permeability(slit_image(2), voxel_size="1 um", refine=5e-7, options=options, quiet=True)
     assert found.permeability == pytest.approx(exact, rel=0.01) and found.porosity == pytest.approx(0.75)
     # limits of spacings, with the orders of edges: the bar holds what the formula says
     assert abs(found.permeability - exact) <= max(found.permeability_error, 1e-3 * exact)

@@ -139,8 +139,9 @@ def too_narrow(along: str, width: float, spacing: float) -> str | None:
     wide = width / spacing
     if wide >= THINNEST * (1 - 1e-6):
         return None
+    finer = math.ceil(ENOUGH_ACROSS / wide * (1 - 1e-6))  # a whole part of the spacing: it divides what that does
     return (f"{along} {wide:.3g} particles wide: its flow is not resolved; take particles.spacing "
-            f"{width / ENOUGH_ACROSS:.2g} or less for {ENOUGH_ACROSS}")
+            f"{spacing / finer:.4g} for {ENOUGH_ACROSS} or more")
 
 
 def usual_error(k: float, porosity: float, spacing: float) -> float:

@@ -18,7 +18,7 @@ from ..case.load import dump_case
 from ..domain import reduce
 from ..domain.communicator import current
 from ..geometry.protocol import Geometry, inside_sample, sample_box, sample_voxels
-from ..output import restart
+from ..output import folder, restart
 from ..output.clock import Clock
 from ..output.files import SNAPSHOTS, Series, write_summary, write_text
 from ..output.machine import peak_memory, versions
@@ -36,6 +36,10 @@ if TYPE_CHECKING:
 
 
 PROFILES, CURVE = "profiles.csv", "curve.csv"
+
+
+# Patterns of what is drawn of a run at its end
+PICTURES = ("*.png", "report.html")
 
 
 def files_of(case: Case) -> list[str]:
@@ -185,6 +189,9 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
         summary["speed"] = speed_distribution(result.cell_velocity[inside])
     effective = replace(case, output=replace(case.output, directory=directory))
     write_case(directory, effective, summary.get("restarts", ()))
+    for name in PICTURES:  # of a run that goes on they show what was; who stops the drawing is left with none
+        for path in directory.glob(name):
+            folder.remove(path)
     whole = _write_summary(directory, case, summary, result, errors, clock)
     if draw is not None and case.output.plots:
         with clock("output"):

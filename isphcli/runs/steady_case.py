@@ -128,7 +128,11 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tupl
         with progress.stage("pictures", quiet):
             _pictures(case, directory, main, found.flows, summary, rows)
 
-    return finish(case, directory, summary, result, clock, draw)
+    try:
+        return finish(case, directory, summary, result, clock, draw)
+    except KeyboardInterrupt as stop:
+        stop.results = directory  # type: ignore[attr-defined]  # for `cli`
+        raise
 
 
 def _finish_ranks(case: Case, summary: dict[str, Any], result: Result, found: Found, clock: Clock) -> dict[str, Any]:

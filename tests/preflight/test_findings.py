@@ -32,7 +32,7 @@ def test_throats_that_are_too_narrow():
     """A slit of two particles: four take a quarter of its width."""
     found = findings(SLIT, "particles.spacing=0.25")
     assert "median throat is 2 particles wide" in found
-    assert "take particles.spacing 0.12 or less for 4" in found
+    assert "take particles.spacing 0.125 for 4 or more" in found
     assert "median throat" not in findings(SLIT, "particles.spacing=0.125")
 
 
