@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 HEAVIEST = 1.5
 AT_ONCE = 2000  # rows of third order at once: 100 MB
 RIDGE = 1e-13  # of the trace of their matrices
-# Of area over distance, for pairs in sight between which no way leads over faces. Means of the pressure are those of all
-# that see each other (eqs 25-26); without a way the preconditioner gives each part a mean of its own, and GMRES stalls:
-# in a pack of beads 4 to 5 spacings wide 391 iterations, with it 34, and the same k
+# Of area over distance, for pairs in sight between which no way leads over faces. Means of the pressure are those of
+# all that see each other (eqs 25-26); without a way the preconditioner gives each part a mean of its own, and GMRES
+# stalls: in a pack of beads at a spacing of 1/20 of the box 391 iterations, with it 34, and the same k
 BRIDGE = 0.1
 
 
