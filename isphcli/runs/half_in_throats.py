@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 # are 0.01 to 0.04 % (`benchmarks/two_spacings.py bars`)
 MEETING = 5e-4
 BUFFER = 1  # cells round those that are chosen
-# Of the fluid in cells that are cut, above which half the spacing everywhere costs no more: a particle takes 1.5 to 2
-# times the seconds and three times the memory of one on a lattice of one spacing (docs/resolution.md)
+# Share of the fluid in cells that are cut, above which half the spacing everywhere costs no more: a third of its
+# particles took 62 % of its time, twice as much each (docs/resolution.md), and 6 kB of each are not 2 (scene/memory.py)
 MOST_CUT = 0.6
 
 
