@@ -18,7 +18,7 @@ from ..operators.div_grad import div_grad_rhie_chow, div_grad_weights
 from ..operators.mixed_weights import Faces
 from ..operators.pair_weights import Operators
 from ..solvers.engine import ONE_PROCESS
-from ..solvers.krylov import Convergence, Limits, SolveError
+from ..solvers.krylov import Convergence, Limits, SolveError, Watch
 from .stokes import CYCLES, ROUGH, STRENGTH, TAU
 
 LEAST = 1e-3  # response of the velocity to a unit force, in squares of the spacing, as in `stokes`
@@ -74,13 +74,14 @@ class MixedStokes:
         rest[:, :dim] = (forces / (self.d**2)[:, None] - ops.gradient_p(q)) * self.volume[:, None]
         return self._joined(self._velocity(rest)[:, :dim] * self.spacing**2, q * self.spacing)
 
-    def solve(self, force: np.ndarray, limits: Limits) -> tuple[np.ndarray, np.ndarray, Convergence]:
+    def solve(self, force: np.ndarray, limits: Limits,
+              watch: Watch | None = None) -> tuple[np.ndarray, np.ndarray, Convergence]:
         """(velocity (n, dim), its Laplacian (n, dim) by the balance of momentum, Convergence) under a force (dim,) over
         the viscosity. Raises SolveError."""
         ops = self.ops
         along = ops.potential_gradient(np.asarray(force, float))
         rhs = self._joined(along * (self.d**2)[:, None], np.zeros(ops.n))
-        solution, convergence = ONE_PROCESS.gmres(self.apply, rhs, self.precondition, limits)
+        solution, convergence = ONE_PROCESS.gmres(self.apply, rhs, self.precondition, limits, watch=watch)
         if not convergence.converged:
             raise SolveError("Stokes", convergence)
         u, q = self._split(solution)

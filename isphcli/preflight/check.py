@@ -145,7 +145,9 @@ def _from_samples(result: CheckResult, geometry: Geometry, lattice: Lattice, ran
         fixed = case.time is not None and case.time.step
         result.steps = steps(case, geometry, None, None, list(case.fluids)) if fixed else None
     costs(result, geometry)
-    need, left = sum(result.memory.values()), memory.available()
+    # a second solve that does not fit leaves the first one its value
+    need = sum(result.memory.values()) - (result.second.memory if result.second is not None else 0.0)
+    left = memory.available()
     if ranks is not None:
         of_ranks(result, geometry, ranks)
     elif need > left:

@@ -108,6 +108,17 @@ class ShareOfRank:
     seconds: float | None
 
 
+@dataclass(frozen=True)
+class SecondSolve:
+    """Of `refine: throats`: particles to expect, and with half the spacing everywhere; bytes and seconds of the ones
+    to expect."""
+
+    particles: float
+    most: float
+    memory: float
+    seconds: float
+
+
 @dataclass
 class CheckResult:
     """What is known of a case without running it; lengths in m, axes in the order x, y(, z)."""
@@ -124,6 +135,7 @@ class CheckResult:
     neighbours: float = 0.0
     memory: dict[str, float] = field(default_factory=dict)  # bytes, by part
     seconds: float | None = None  # one core
+    second: SecondSolve | None = None  # part of memory and seconds
     ranks: ShareOfRank | None = None  # where it was asked for several processes
     inputs: tuple[tuple[str, str], ...] = ()  # what was read and how it was understood: (name, text)
     warnings: list[str] = field(default_factory=list)
@@ -180,6 +192,12 @@ def report_lines(r: CheckResult) -> Iterator[str]:
         yield _row("memory", f"about {in_bytes(sum(r.memory.values()))} ({parts})")
         if r.seconds is not None:
             yield _row("time", f"about {_seconds(r.seconds)} on one core, without compilation and pictures")
+    if r.second is not None:
+        second = r.second
+        times = second.most / second.particles
+        yield _row("refine", f"throats: a second solve, of about {whole(second.particles, 2)} particles in the memory "
+                             f"and time above; where it loses its energy everywhere up to {whole(second.most, 2)}, "
+                             f"{in_bytes(times * second.memory)} and {_seconds(times * second.seconds)}")
     if r.ranks is not None:
         each = f"{r.ranks.fluid:,.0f} fluid particles and about {r.ranks.remote:,.0f} remote ones"
         time = "" if r.ranks.seconds is None else f", {_seconds(r.ranks.seconds)}"

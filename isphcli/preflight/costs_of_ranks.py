@@ -27,6 +27,9 @@ def of_ranks(result: CheckResult, geometry: Geometry, count: int, share: float =
     """Adds to a CheckResult what each of `count` processes holds and takes, at most, and what stands against them; of
     more processes than particles only that. share: see `memory.fluid_round`."""
     case, dim = result.case, result.dim
+    if count > 1 and case.refine == "throats":
+        result.errors.append("refine: throats is for one process; take auto or a list of spacings")
+        return
     finest = min(case.spacings) if case.flow == "stokes" else case.particles.spacing
     fluid = result.particles["fluid"] * (case.particles.spacing / finest) ** dim
     if count > fluid:

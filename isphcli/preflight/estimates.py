@@ -16,7 +16,7 @@ from ..case.force_list import forces_of
 from ..flow.forces import largest_of, resistance_of
 from ..output.render import deep_enough
 from ..scene import memory
-from .check_result import CheckResult, Flow, Motion, Steps, Throats
+from .check_result import CheckResult, Flow, Motion, SecondSolve, Steps, Throats
 from .expected_steps import expected_steps
 from .findings import fluids_there
 from .throats import LINE_POINTS, Sites
@@ -43,6 +43,9 @@ MICROSECONDS_TWO = {(2, False): 3.2, (2, True): 5.1, (3, False): 12.6, (3, True)
 # 47 in Berea sandstone, 33 with two particles a voxel, 57 in a pack of beads: see `_iterations`
 MICROSECONDS_ONCE, MICROSECONDS_ITERATION, MICROSECONDS_STEADY_2D = 12.0, 1.15, 27.0
 ITERATIONS, ITERATIONS_OF_THROATS, HALF = 5.0, 65.0, 2.5  # HALF: particles
+# Particles of `refine: throats` over those of half the spacing everywhere: 0.32 in a corner of Berea of 32^3 voxels;
+# arrays of spheres and packs of beads up to 20 spacings a box 0.9 to 1
+IN_ROCK, AMONG_SHAPES = 1 / 3, 1.0
 
 
 # Of the process of a run, by whether there are pictures in 3D: peaks of runs of up to 11,000 particles were 276 to 380
@@ -186,20 +189,43 @@ def costs(result: CheckResult, geometry: Geometry, share: float = 1.0) -> None:
     if labels is not None:
         result.memory["image"] = labels.size * memory.BYTES_VOXEL
     result.seconds = _seconds(result, geometry, fluid)
+    if case.refine == "throats" and result.seconds is not None and fluid:
+        result.second = _second_solve(result, geometry, fluid)
+        result.memory["half the spacing in throats"] = result.second.memory
+        result.seconds += result.second.seconds
+
+
+def _second_solve(result: CheckResult, geometry: Geometry, fluid: float) -> SecondSolve:
+    """That of `refine: throats`, whose matrices each axis makes anew."""
+    most = fluid * 2**result.dim
+    particles = most * (AMONG_SHAPES if geometry.voxel_size is None else IN_ROCK)
+    axes = max(len(forcing.steady_axes(result.case)), 1)
+    return SecondSolve(particles, most, particles * memory.BYTES_TWO_SPACINGS,
+                       axes * particles * _steady_seconds(result, 1))
+
+
+def _pairs(result: CheckResult) -> float:
+    """Neighbours of a particle over those of support 2.1, in millions."""
+    return 1e-6 * result.neighbours / (memory.PAIRS[result.dim] * 2.1**result.dim)
+
+
+def _steady_seconds(result: CheckResult, axes: int) -> float:
+    """CPU seconds of a particle of a steady solve along so many axes with the same matrices."""
+    if result.dim == 2:
+        return _pairs(result) * axes * MICROSECONDS_STEADY_2D
+    iterations = _iterations(result.throats)
+    return _pairs(result) * (MICROSECONDS_ONCE + axes * iterations * MICROSECONDS_ITERATION)
 
 
 def _seconds(result: CheckResult, geometry: Geometry, fluid: float) -> float | None:
     """CPU seconds of a run, of so many fluid particles at its finest spacing; None where there is no telling."""
     case, dim = result.case, result.dim
-    pairs = 1e-6 * result.neighbours / (memory.PAIRS[dim] * 2.1**dim)
+    pairs = _pairs(result)
     if case.flow == "stokes":
         finest = min(case.spacings)
         sizes = sum((finest / spacing) ** dim for spacing in case.spacings)
         axes = max(len(forcing.steady_axes(case)), 1)
-        if dim == 2:
-            return SECONDS_RUN + fluid * sizes * pairs * axes * MICROSECONDS_STEADY_2D
-        iterations = _iterations(result.throats)
-        return SECONDS_RUN + fluid * sizes * pairs * (MICROSECONDS_ONCE + axes * iterations * MICROSECONDS_ITERATION)
+        return SECONDS_RUN + fluid * sizes * _steady_seconds(result, axes)
     if result.steps is None or result.steps.count is None:
         return None
     two = len(result.case.fluids) > 1

@@ -22,32 +22,38 @@ from ..operators.lattice_weights import LatticeWeights, symmetric_laplacian
 from ..operators.mixed_weights import MixedParticles, build_mixed_operators
 from ..scene import memory
 from ..scene.place import lattice_at
-from ..solvers.krylov import Limits
+from ..solvers.krylov import Limits, recorded
 from .expected_error import usual_error
-from .permeability import EDGE, SHARE, darcy, extrapolate, shares_at_edges
+from .permeability import EDGE, EDGE_BAR, ORDER, SHARE, USUAL, darcy, extrapolate, shares_at_edges
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..geometry.protocol import Geometry
     from ..output.clock import Clock
-    from ..solvers.krylov import Convergence
+    from ..solvers.krylov import Convergence, Watch
 
 # Of k, what is added where spacings meet: 0.04 to 0.08 % in pores of 15 particles and more, whose bars by the spacings
 # are 0.01 to 0.04 % (`benchmarks/two_spacings.py bars`)
 MEETING = 5e-4
 BUFFER = 1  # cells round those that are chosen
-# Of a particle, most of them in its pairs: in a 64^3 corner of Berea 4.9 kB beside what the first solve takes
-# (docs/design_notes.md)
-BYTES = 6_000
+# Share of the fluid in cells that are cut, above which half the spacing everywhere costs no more: a third of its
+# particles took 62 % of its time, twice as much each (docs/resolution.md), and 6 kB of each are not 2 (scene/memory.py)
+MOST_CUT = 0.6
 
 
 @dataclass(frozen=True)
 class InThroats:
-    """permeability: along the axis, m2; particles: fluid particles of both spacings; convergence: of the solve."""
+    """permeability: along the axis, m2; superficial: velocity of the sample (dim,), m/s; particles: fluid particles of
+    both spacings; everywhere: about how many there would be with half the spacing everywhere; cut: share of the fluid
+    in cells that are cut; convergence: of the solve; residuals: relative, of its iterations."""
 
     permeability: float
+    superficial: np.ndarray
     particles: int
+    everywhere: int
+    cut: float
     convergence: Convergence
+    residuals: list[tuple[int, float]]
 
 
 def dissipation(ops: LatticeWeights, u: np.ndarray) -> np.ndarray:
@@ -94,15 +100,24 @@ def limit_of_throats(coarse: float, fine: float, spacing: float, porosity: float
     part, and where spacings meet something is added (`MEETING`). wall: smooth or stairs."""
     edges, half = EDGE if wall == "stairs" else None, 0.5 * spacing
     usual = usual_error(fine, porosity, half) if edges is None and fine > 0.0 else 0.0
-    limit, bar, _, sentence = extrapolate((spacing, half), (coarse, fine), edges, usual=usual)
+    limit, bar, _, _ = extrapolate((spacing, half), (coarse, fine), edges, usual=usual)
     outside = (1.0 - SHARE) / SHARE * (coarse - fine)
-    return limit, math.hypot(bar, outside, MEETING * fine), sentence
+    if edges is None:
+        sentence = ("the value is that of this second solve; its bar is made of the difference of both values, by "
+                    f"errors of order {ORDER:g}, of {USUAL:g} of the error that is usual in pores as wide")
+    else:
+        sentence = (f"the value is the limit of both solves, by the known order {edges[1]:.2f} of edges; its bar is "
+                    f"made of {EDGE_BAR:g} of the way to the limit by order {edges[0]:.2f}")
+    return limit, math.hypot(bar, outside, MEETING * fine), (
+        f"{sentence}, and of what the larger spacing elsewhere may change")
 
 
 def in_throats(case: Case, geometry: Geometry, flow: tuple[LatticeWeights, np.ndarray, np.ndarray],
-               drive: tuple[int, np.ndarray], clock: Clock, share: float = SHARE) -> InThroats:
+               drive: tuple[int, np.ndarray], clock: Clock, share: float = SHARE,
+               watch: Watch | None = None) -> InThroats:
     """The permeability along an axis. flow: operators, positions (n, dim), m, and velocities (n, dim), m/s, of the
-    spacing of the case; drive: the axis and the force (dim,), m/s2. Raises SolveError."""
+    spacing of the case; drive: the axis and the force (dim,), m/s2. Raises SolveError, and ParticleError where the
+    memory does not hold it."""
     (ops, x, velocity), (axis, force), spacing = flow, drive, case.particles.spacing
     lattice, nu = lattice_at(case, geometry, spacing), next(iter(case.fluids.values())).nu
     support = case.support * spacing
@@ -110,14 +125,15 @@ def in_throats(case: Case, geometry: Geometry, flow: tuple[LatticeWeights, np.nd
         cut = cells_that_lose(lattice, x, dissipation(ops, velocity), share)
         particles = place_two(geometry, lattice, cut, spacing, support)
     d, n, asked = particles.spacings, particles.n_fluid, case.solver
-    memory.refuse(n * BYTES, f"{n:,} particles of two spacings", memory.too_large(case))
+    memory.refuse(n * memory.BYTES_TWO_SPACINGS, f"{n:,} particles of two spacings", memory.too_large(case))
     with clock("operators"):
         mixed, faces, distance = build_mixed_operators(geometry, particles, KERNELS[case.particles.kernel], support)
     with clock("preconditioner"):
         system = MixedStokes(mixed, faces, d, spacing)
     with clock("krylov"):
-        u, laplacian, convergence = system.solve(force / nu,
-                                                 Limits(asked.tolerance, asked.restart, asked.max_iterations))
+        residuals: list[tuple[int, float]] = []
+        limits = Limits(asked.tolerance, asked.restart, asked.max_iterations)
+        u, laplacian, convergence = system.solve(force / nu, limits, recorded(residuals, watch))
     fluid = particles.x[:n]
     for size in (spacing, 0.5 * spacing):
         own = np.flatnonzero(d == size)
@@ -126,4 +142,7 @@ def in_throats(case: Case, geometry: Geometry, flow: tuple[LatticeWeights, np.nd
             u[own] += laplacian[own] * (edges * (size**2 / 24.0))[:, None]
     inside, (lower, upper) = inside_sample(geometry, fluid), sample_box(geometry)
     superficial = (u * mixed.volume[:, None])[inside].sum(axis=0) / float(np.prod(upper - lower))
-    return InThroats(float(darcy(geometry, superficial, axis, force, nu)[axis]), n, convergence)
+    half = int(np.count_nonzero(d < spacing))
+    everywhere = half + (n - half) * 2**geometry.dim
+    return InThroats(float(darcy(geometry, superficial, axis, force, nu)[axis]), superficial, n, everywhere,
+                     half / everywhere, convergence, residuals)

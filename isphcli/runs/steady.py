@@ -24,7 +24,7 @@ from ..output.environment import give_back_freed_memory
 from ..scene import memory
 from ..scene.place import jittered_at_rest, place_case
 from ..solvers.engine import engine_of
-from ..solvers.krylov import Limits
+from ..solvers.krylov import Limits, recorded
 from .flow_measures import wall_shear, wall_stress
 from .permeability import darcy, fluid_cells, mean_velocities, shares_at_edges
 
@@ -206,7 +206,7 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
         asked = case.solver
         residuals: list[tuple[int, float]] = []
         flow = system.solve(force, Limits(asked.tolerance, asked.restart, asked.max_iterations),
-                            _recorded(residuals, watch))
+                            recorded(residuals, watch))
     laplacian = system.laplacian(flow, force)
     cell_velocity = flow.velocity + _quadrature(scene, laplacian)
     superficial, mean = mean_velocities(geometry, particles.x[: particles.n_fluid], cell_velocity,
@@ -222,17 +222,6 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
                  int(reduce.total(system.ops.narrow)), system.count, int((~scene.percolates.any(axis=1)).sum()),
                  scene.cells, drop, wall_stress(geometry, particles.x[: particles.n_fluid], flow.velocity, laplacian,
                                                 (system.spacing, fluid.mu)), residuals=residuals)
-
-
-def _recorded(residuals: list[tuple[int, float]], watch: Watch | None) -> Watch:
-    """A watch that keeps what it is told, and tells it on."""
-
-    def record(iteration: int, residual: float) -> None:
-        residuals.append((iteration, residual))
-        if watch is not None:
-            watch(iteration, residual)
-
-    return record
 
 
 def solve_diffusion(case: Case, scene: SteadyScene, axis: int, clock: Clock, watch: Watch | None = None) -> float:

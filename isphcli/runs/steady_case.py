@@ -14,6 +14,7 @@ from ..case.forcing import drives, opens, why_closed
 from ..case.yaml import CaseError, Problem
 from ..domain import reduce
 from ..domain.communicator import as_first, current, on_first
+from ..domain.lattice import ParticleError
 from ..geometry.protocol import inside_sample
 from ..output import folder, progress
 from ..output.files import write_rows
@@ -70,6 +71,7 @@ class Found:
     flows: Flows = field(default_factory=dict)
     closed: Closed = field(default_factory=dict)
     history: Rows = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -205,9 +207,7 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
         if len(solved) == 1:
             seen.warnings.append(f"refine: auto: no further spacing fits refine_budget, {case.refine_budget:g} s, and "
                                  "the memory that is free: no error bar")
-    if case.refine == "throats":
-        seen.warnings += [f"refine: throats: the solve along {'xyz'[axis]} did not converge: no error bar"
-                          for (axis, _), flow in found.flows.items() if axis is not None and flow.throats is None]
+    seen.warnings += found.warnings
     if not found.flows:
         reasons = dict.fromkeys(filter(None, found.closed.values()))
         raise steady.NoPathError("; ".join(reasons) or why_closed(case, *job.driven))
@@ -273,11 +273,16 @@ def _solve_one_axis(job: Job, scene: steady.SteadyScene, axis: int | None, force
         found.closed[axis, spacing] = f"the flow along {'xyz'[axis]} is zero; check the drive and what is solid"
         return
     found.flows[axis, spacing] = flow
-    if job.case.refine == "throats" and axis is not None:
-        _refine_throats(job, scene, flow, force)
     if "formation_factor" in job.case.measure and axis is not None:
         with progress.stage(f"diffusion along {'xyz'[axis]}", job.quiet) as stage:
             flow.diffusivity = steady.solve_diffusion(job.case, scene, axis, job.clock, _watch(stage))
+    _tell_history(found, spacing, flow.axis, flow)
+    if job.case.refine == "throats" and axis is not None:
+        _refine_throats(job, scene, flow, force, found)
+
+
+def _tell_history(found: Found, spacing: float, axis: int | None, flow: steady.StokesResult | InThroats) -> None:
+    """The row of a solve."""
     found.history.append({"step": len(found.history) + 1, "spacing": spacing,
                           "axis": "xyz"[axis] if axis is not None else "",
                           "iterations_stokes": flow.convergence.iterations,
@@ -285,15 +290,26 @@ def _solve_one_axis(job: Job, scene: steady.SteadyScene, axis: int | None, force
                           **{f"superficial_velocity_{a}": float(v) for a, v in zip("xyz", flow.superficial)}})
 
 
-def _refine_throats(job: Job, scene: steady.SteadyScene, flow: steady.StokesResult, force: np.ndarray) -> None:
-    """The permeability with half the spacing in throats, into the flow; nothing where that solve fails."""
-    from .half_in_throats import in_throats
+def _refine_throats(job: Job, scene: steady.SteadyScene, flow: steady.StokesResult, force: np.ndarray,
+                    found: Found) -> None:
+    """The permeability with half the spacing in throats, into the flow, and its row of the history; where that solve
+    fails or does not fit, the first one keeps its value, without a bar."""
+    from .half_in_throats import MOST_CUT, in_throats
 
     assert flow.axis is not None
-    n = scene.particles.n_fluid
-    with progress.stage(f"half the spacing in throats, along {'xyz'[flow.axis]}", job.quiet), suppress(SolveError):
+    n, spacing, along = scene.particles.n_fluid, scene.system.spacing, "xyz"[flow.axis]
+    with progress.stage(f"half the spacing in throats, along {along}", job.quiet) as stage:
         known = scene.system.ops, scene.particles.x[:n], flow.velocity
-        flow.throats = in_throats(job.case, scene.geometry, known, (flow.axis, force), job.clock)
+        try:
+            flow.throats = in_throats(job.case, scene.geometry, known, (flow.axis, force), job.clock,
+                                      watch=_watch(stage))
+        except (SolveError, ParticleError) as error:
+            found.warnings.append(f"refine: throats: no second solve along {along}, so no error bar: {error}")
+            return
+    _tell_history(found, 0.5 * spacing, flow.axis, flow.throats)
+    if flow.throats.cut > MOST_CUT:
+        found.warnings.append(f"refine: throats: along {along} {flow.throats.cut:.0%} of the fluid has half the "
+                              f"spacing: refine: [{0.5 * spacing:g}] is as cheap and has the narrower bar")
 
 
 def _seconds(clock: Clock) -> float:
@@ -371,8 +387,9 @@ def _with_throats(found: AxisResult, throats: InThroats, spacing: float, porosit
     limit, bar, sentence = limit_of_throats(found.permeability, k, spacing, porosity, wall)
     by_spacing = found.by_spacing | {f"{spacing:g} and {0.5 * spacing:g}": k}
     return replace(found, permeability=limit, bar=bar, by_spacing=by_spacing,
-                   sentence=f"{found.name}: half the spacing where {SHARE:.0%} of the energy is lost, "
-                            f"{throats.particles:,} particles: {sentence}, and what lies outside")
+                   sentence=f"{found.name}: half the spacing where {SHARE:.0%} of the energy is lost: "
+                            f"{throats.particles:,} particles, of {throats.everywhere:,} of half the spacing "
+                            f"everywhere; {sentence}")
 
 
 def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen, porosity: float) -> None:
@@ -567,5 +584,8 @@ def _plot_numerics(path: Path, case: Case, flows: Flows, summary: dict[str, Any]
         if axis is not None:
             by_spacing.setdefault(name, {})[h] = _along(flow, axis)
         residuals[f"{name}, spacing {h:.3g}"] = flow.residuals
+        if flow.throats is not None:
+            by_spacing[name][0.5 * h] = flow.throats.permeability
+            residuals[f"{name}, {0.5 * h:.3g} in throats"] = flow.throats.residuals
     plot_steady_numerics(path, Numerics(residuals, case.solver.tolerance, by_spacing, of_axes("permeability"),
                                         of_axes("permeability_error"), rows, _main(flows).mass_error), case.title)

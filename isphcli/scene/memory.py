@@ -39,6 +39,9 @@ BYTES_ROW = {"stokes": 350, "navier_stokes": 0}  # of a particle, beside its pai
 # Krylov vectors of a steady solve: 18 to 30 in wide pores, 46 to 56 in rock and packs of beads; those of a long restart
 # are allocated but never touched
 VECTORS = 40
+# Of a particle of the second solve of `refine: throats`, most of them in its pairs: in a 64^3 corner of Berea 4.9 kB
+# beside what the first solve takes (docs/design_notes.md)
+BYTES_TWO_SPACINGS = 6_000
 BYTES_PARTICLE = 200  # positions, fields and work arrays of a particle of any kind
 # Of an image while its geometry is built, from the peaks of random bodies of 64^3 to 192^3 voxels at 47588b5: labels 39
 # to 44 (of which 32 to 35 stay), grey values 36 to 48 (sharpened too), `wall_distance: stairs` 19 to 23
@@ -53,7 +56,8 @@ CROP = "take a part with geometry.voxels.crop, or a coarser image (isph convert-
 def too_large(case: Case) -> str:
     """What to do about a scene that does not fit."""
     image = ", or a part of the image with geometry.voxels.crop" if case.geometry.voxels is not None else ""
-    return f"take a larger particles.spacing{' and refine' if case.refine else ''}{image}"
+    listed = isinstance(case.refine, tuple) and bool(case.refine)  # auto and throats go by particles.spacing
+    return f"take a larger particles.spacing{' and refine' if listed else ''}{image}"
 
 
 def density(case: Case, dim: int) -> float:

@@ -20,6 +20,17 @@ Apply = Callable[[np.ndarray], np.ndarray]  # a linear map of vectors (m,)
 Watch = Callable[[int, float], None]  # told of each iteration and its relative residual
 
 
+def recorded(residuals: list[tuple[int, float]], watch: Watch | None) -> Watch:
+    """A watch that keeps what it is told, and tells it on."""
+
+    def record(iteration: int, residual: float) -> None:
+        residuals.append((iteration, residual))
+        if watch is not None:
+            watch(iteration, residual)
+
+    return record
+
+
 class SolveError(RuntimeError):
     """A linear system that missed its tolerance. Attributes: system, convergence; violation: (n,) residual of each
     particle, or None; worst: the file of the particles of the largest ones, or None."""

@@ -36,6 +36,12 @@ def test_more_processes_than_particles_hold_nothing():
     assert report.ranks is None and "ranks  " not in report.text()
 
 
+def test_throats_are_for_one_process():
+    report = check(read(SPHERE, "refine=throats"), ranks=2)
+    assert not report.can_run and "throats is for one process" in report.errors[0]
+    assert check(read(SPHERE, "refine=throats"), ranks=1).can_run
+
+
 def test_a_process_has_as_many_neighbours_in_rock_as_one_that_is_alone():
     """Half of what lies round a particle is solid: one of one process is said to need no more than the run."""
     report = check(read(SPHERE, "particles.spacing=0.05"), ranks=1)

@@ -51,6 +51,17 @@ def test_costs_grow_with_the_particles():
     assert refined.seconds - SECONDS_RUN == pytest.approx(9 * (coarse.seconds - SECONDS_RUN))
 
 
+def test_half_the_spacing_in_throats_is_a_second_solve_of_every_axis():
+    """Of shapes with eight times the particles, 6 kB each, and matrices that every axis makes anew."""
+    of = ("particles.spacing=0.05", "drive={axes: [x]}"), ("particles.spacing=0.05", "refine=throats")
+    plain, throats, along = (check(read(SPHERE, *more)) for more in (of[0], of[1], of[0] + of[1]))
+    more = sum(along.memory.values()) - sum(plain.memory.values())
+    assert more == pytest.approx(8 * 6000 * plain.particles["fluid"])
+    assert along.seconds - plain.seconds == pytest.approx(8 * (plain.seconds - SECONDS_RUN))
+    assert throats.second.seconds == pytest.approx(3 * along.second.seconds)
+    assert "throats: a second solve, of about" in throats.text() and "refine  " not in plain.text()
+
+
 def test_narrow_pores_cost_more_iterations():
     slits = (f"geometry={{box: [1, {width}, 1], periodic: [x, z]}}" for width in (0.2, 1))
     narrow, wide = (check(read(SPHERE, slit, "drive={axes: [x]}", "particles.spacing=0.05")) for slit in slits)

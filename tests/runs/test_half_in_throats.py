@@ -1,6 +1,7 @@
 """`refine: throats`: half the spacing where a flow loses its energy."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ from isphcli.case.load import read_case
 from isphcli.case.yaml import CaseError
 from isphcli.domain.lattice import make_lattice
 from isphcli.output.clock import Clock
+from isphcli.output.files import read_history
 from isphcli.runs import steady_case
 from isphcli.runs.half_in_throats import cells_that_lose
 from isphcli.runs.run import run_case
+from isphcli.scene import memory
 
 # A row of spheres whose gaps are two spacings wide, in a wide box
 ARRAY = """
@@ -36,7 +39,29 @@ def test_a_run_says_the_value_of_both_spacings_and_a_bar_that_holds(tmp_path):
     coarse, both = (found["permeability_by_spacing"]["x"][key] for key in ("0.125", "0.125 and 0.0625"))
     assert found["permeability"] == both != coarse
     assert abs(both - ZICK_AND_HOMSY) < found["permeability_error"] < 0.05 * both
-    assert "half the spacing where 90% of the energy is lost" in found["message"]
+    assert re.search(r"half the spacing where 90% of the energy is lost: ([\d,]+) particles, of ([\d,]+) of half the "
+                     "spacing everywhere; the value is that of this second solve", found["message"])
+    first, second = read_history(tmp_path / "out" / "history.csv")
+    assert (first["spacing"], second["spacing"]) == (0.125, 0.0625)
+    # k of eq. 28, a force of one and a viscosity of one
+    assert np.isclose(second["superficial_velocity_x"] / first["superficial_velocity_x"], both / coarse, rtol=1e-6)
+    assert found["iterations"]["stokes"]["max"] == second["iterations_stokes"] > first["iterations_stokes"]
+    # a wide pore: nearly all of it is cut
+    assert any("is as cheap and has the narrower bar" in text for text in found["warnings"])
+
+
+def test_a_second_solve_that_does_not_fit_leaves_the_first_one(tmp_path, monkeypatch):
+    """Along each axis the value of the first solve, without a bar."""
+    out = f"output.directory={tmp_path / 'out'}"
+    case = read_case(ARRAY.encode(), "case.yaml", (out, "drive.axes=[x, y]"))
+    monkeypatch.setattr(memory, "BYTES_TWO_SPACINGS", 1e12)
+    run_case(case, quiet=True)
+    found = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert found["permeability_error"] is None
+    assert np.allclose(list(found["permeability"].values()), ZICK_AND_HOMSY, rtol=0.05)
+    told = [text for text in found["warnings"] if "no error bar" in text]
+    assert [text[:50] for text in told] == [f"refine: throats: no second solve along {a}, so no er" for a in "xy"]
+    assert "take a larger particles.spacing" in told[0] and "and refine" not in told[0]
 
 
 def test_the_fewest_cells_that_hold_a_share():
@@ -51,6 +76,7 @@ def test_the_fewest_cells_that_hold_a_share():
     ("particles.jitter=0.1", "throats knows no jitter"),
     ("particles.lattice=bcc", "throats knows no lattice bcc"),
     ("geometry.slip_length=0.1", "throats knows no walls that slip"),
+    ("solver.engine=petsc", "throats knows no solver.engine: petsc"),
 ])  # fmt: skip
 def test_what_it_does_not_know_is_refused(more, said):
     with pytest.raises(CaseError, match=said):
