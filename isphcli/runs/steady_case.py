@@ -72,6 +72,7 @@ class Found:
     closed: Closed = field(default_factory=dict)
     history: Rows = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    stopped: KeyboardInterrupt | None = None  # what ended the solves when at least one spacing was done
 
 
 @dataclass(frozen=True)
@@ -101,11 +102,16 @@ class Job:
 
 
 def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[dict[str, Any], Result]:
-    """Solves a steady case and leaves its files; see `run.solve_case`."""
+    """Solves a steady case and leaves its files; see `run.solve_case`. Where it is interrupted when a spacing is
+    solved already, the files are of the spacings that are, before KeyboardInterrupt goes on."""
     case, axes, found, seen = _solve(case, clock, quiet, look)
     summary, result = _sum_up(case, axes, found, seen)
     main = _main(found.flows)
-    if case.geometry.voxels is not None and case.geometry.voxels.grey is not None:
+    if found.stopped is not None:
+        summary["status"] = "interrupted"
+        summary["message"] = "interrupted before all spacings of refine were solved: what stands here is of the others"
+        case = replace(case, output=replace(case.output, plots=False))
+    elif case.geometry.voxels is not None and case.geometry.voxels.grey is not None:
         from .image_uncertainty import by_threshold
 
         at_own = {axis: _along(flow, axis) for (axis, h), flow in found.flows.items()
@@ -131,10 +137,13 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tupl
             _pictures(case, directory, main, found.flows, summary, rows)
 
     try:
-        return finish(case, directory, summary, result, clock, draw)
+        finished = finish(case, directory, summary, result, clock, draw)
+        if found.stopped is not None:
+            raise found.stopped
     except KeyboardInterrupt as stop:
         stop.results = directory  # type: ignore[attr-defined]  # for `cli`
         raise
+    return finished
 
 
 def _finish_ranks(case: Case, summary: dict[str, Any], result: Result, found: Found, clock: Clock) -> dict[str, Any]:
@@ -189,6 +198,7 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
     seen = look(case, first, clock, quiet) if look is not None else Seen()
     found, solved = Found(), list[Solved]()
     further = as_first(further_spacings(case, first, solved)) if automatic else iter(())
+    whole: list[float] = []  # spacings of which all axes are done
     for spacing in itertools.chain(case.spacings, further):
         started = _seconds(clock)
         try:
@@ -200,11 +210,15 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
             seen.warnings.append(f"refine: auto left out the spacing {spacing:g}: {error}")
             found.flows = {key: other for key, other in found.flows.items() if key[1] != spacing}
             continue
+        except KeyboardInterrupt as stop:
+            case = _interrupted(case, found, [*whole, spacing], axes, stop)
+            break
+        whole.append(spacing)
         if automatic and particles:
             solved.append(Solved(spacing, particles, _seconds(clock) - started))
     if automatic:
         case = replace(case, refine=tuple(level.spacing for level in solved[1:]))
-        if len(solved) == 1:
+        if len(solved) == 1 and found.stopped is None:
             seen.warnings.append(f"refine: auto: no further spacing fits refine_budget, {case.refine_budget:g} s, and "
                                  "the memory that is free: no error bar")
     seen.warnings += found.warnings
@@ -212,6 +226,17 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
         reasons = dict.fromkeys(filter(None, found.closed.values()))
         raise steady.NoPathError("; ".join(reasons) or why_closed(case, *job.driven))
     return case, job.axes, found, seen
+
+
+def _interrupted(case: Case, found: Found, begun: list[float], axes: Drives, stop: KeyboardInterrupt) -> Case:
+    """The case with those of the spacings that were begun whose axes are all done, of which the flows stay in `found`.
+    Raises KeyboardInterrupt where there is none, and on several processes, which do not stop in the same place."""
+    whole = [h for h in begun if all((axis, h) in found.flows or (axis, h) in found.closed for axis, _ in axes)]
+    if not whole or current().size > 1:
+        raise stop
+    found.stopped = stop
+    found.flows = {key: flow for key, flow in found.flows.items() if key[1] in whole}
+    return case if isinstance(case.refine, str) else replace(case, refine=tuple(whole[1:]))
 
 
 def _solve_spacing(job: Job, spacing: float, found: Found, needed: bool) -> int:

@@ -1,7 +1,11 @@
 """What a steady case says of its results."""
 
+import json
+
 import pytest
 
+from isphcli.output.clock import Clock
+from isphcli.runs import steady_case as module
 from isphcli.runs.results import Seen
 from isphcli.runs.steady_case import AxisResult, _tell
 from tests.preflight.cases import SLIT, read
@@ -15,3 +19,24 @@ def test_pores_that_the_flow_sees_narrower_than_the_check(across, median, told):
     _tell(AxisResult("x", 0.3 * (across * h) ** 2 / 12, {}, []), case, {}, seen, 0.3)
     assert any(f"the flow along x sees pores (sqrt(12 k / porosity)) {across:.3g} particles" in text
                for text in seen.warnings) == told
+
+
+def test_an_interrupted_ladder_keeps_the_spacings_that_are_solved(tmp_path, monkeypatch):
+    """Ctrl-C in the second of three: files of the first, k of the slit, and who interrupted is told."""
+    solve = module._solve_spacing
+
+    def interrupted(job, spacing, found, needed):
+        if found.flows:
+            raise KeyboardInterrupt
+        return solve(job, spacing, found, needed)
+
+    monkeypatch.setattr(module, "_solve_spacing", interrupted)
+    plain = ("output.plots=false", "output.snapshots=false")
+    case = read(SLIT, *plain, "refine=[0.03125, 0.015625]", f"output.directory={tmp_path}")
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        module.run_steady(case, Clock(), True, None)
+    assert stopped.value.results == tmp_path
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["status"] == "interrupted" and summary["permeability_error"] is None
+    alone, _ = module.run_steady(read(SLIT, *plain, f"output.directory={tmp_path / 'alone'}"), Clock(), True, None)
+    assert summary["permeability"] == alone["permeability"] > 0.0
