@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 MEETING = 5e-4
 BUFFER = 1  # cells round those that are chosen
 # Share of the fluid in cells that are cut, above which half the spacing everywhere costs no more: a third of its
-# particles took 62 % of its time, twice as much each (docs/resolution.md), and 6 kB of each are not 2 (scene/memory.py)
+# particles took 60 % of its time, twice as much each (docs/resolution.md), and 6 kB of each are not 2 (scene/memory.py)
 MOST_CUT = 0.6
 
 
