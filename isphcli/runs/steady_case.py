@@ -412,9 +412,9 @@ def _with_throats(found: AxisResult, throats: InThroats, spacing: float, porosit
     limit, bar, sentence = limit_of_throats(found.permeability, k, spacing, porosity, wall)
     by_spacing = found.by_spacing | {f"{spacing:g} and {0.5 * spacing:g}": k}
     return replace(found, permeability=limit, bar=bar, by_spacing=by_spacing,
-                   sentence=f"{found.name}: half the spacing where {SHARE:.0%} of the energy is lost: "
-                            f"{throats.particles:,} particles, of {throats.everywhere:,} of half the spacing "
-                            f"everywhere; {sentence}")
+                   sentence=f"{found.name}: half the spacing where {SHARE:.0%} of the energy is lost "
+                            f"({throats.particles:,} particles, of {throats.everywhere:,} of half the spacing "
+                            f"everywhere): {sentence}")
 
 
 def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen, porosity: float) -> None:

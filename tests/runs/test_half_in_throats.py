@@ -39,8 +39,8 @@ def test_a_run_says_the_value_of_both_spacings_and_a_bar_that_holds(tmp_path):
     coarse, both = (found["permeability_by_spacing"]["x"][key] for key in ("0.125", "0.125 and 0.0625"))
     assert found["permeability"] == both != coarse
     assert abs(both - ZICK_AND_HOMSY) < found["permeability_error"] < 0.05 * both
-    assert re.search(r"half the spacing where 90% of the energy is lost: ([\d,]+) particles, of ([\d,]+) of half the "
-                     "spacing everywhere; the value is that of this second solve", found["message"])
+    assert re.search(r"half the spacing where 90% of the energy is lost \(([\d,]+) particles, of ([\d,]+) of half the "
+                     r"spacing everywhere\): the value is that of this second solve", found["message"])
     first, second = read_history(tmp_path / "out" / "history.csv")
     assert (first["spacing"], second["spacing"]) == (0.125, 0.0625)
     # k of eq. 28, a force of one and a viscosity of one
