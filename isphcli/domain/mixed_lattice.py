@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from scipy import ndimage
 
 from .lattice import Lattice
 from .neighbours import Pairs, find_pairs
@@ -19,9 +20,7 @@ MIXED = 0.75  # mean of both spacings over the larger one
 
 def grown(cells: np.ndarray, by: int) -> np.ndarray:
     """The cells of a lattice, (counts) bool, and those within `by` of them along every axis, round the ends of it."""
-    for axis in range(cells.ndim):
-        cells = np.logical_or.reduce([np.roll(cells, k, axis) for k in range(-by, by + 1)])
-    return cells
+    return np.asarray(ndimage.maximum_filter(cells, 2 * by + 1, mode="wrap"))
 
 
 def cells_of(lattice: Lattice, x: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -19,9 +19,7 @@ from ..operators.mixed_weights import Faces
 from ..operators.pair_weights import Operators
 from ..solvers.engine import ONE_PROCESS
 from ..solvers.krylov import Convergence, Limits, SolveError, Watch
-from .stokes import CYCLES, ROUGH, STRENGTH, TAU
-
-LEAST = 1e-3  # response of the velocity to a unit force, in squares of the spacing, as in `stokes`
+from .stokes import CYCLES, LEAST, ROUGH, STRENGTH, TAU
 
 
 class MixedStokes:

@@ -200,8 +200,13 @@ def _passages(x: np.ndarray, geometry: Geometry, spacing: float) -> np.ndarray:
 
 def _around(x: np.ndarray, geometry: Geometry, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Offsets (3^dim, dim) m of half a spacing, and the wall distance (3^dim, n) m of the points moved by each."""
-    offsets = 0.5 * spacing * np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * x.shape[1])).reshape(x.shape[1], -1).T
+    offsets = 0.5 * spacing * _directions(x.shape[1])
     return offsets, np.stack([geometry.distance(x + offset) for offset in offsets])
+
+
+def _directions(dim: int) -> np.ndarray:
+    """(3^dim, dim) steps of the lattice to what is next to a site, and to itself."""
+    return np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * dim)).reshape(dim, -1).T
 
 
 def _not_beyond(x: np.ndarray, distance: np.ndarray, geometry: Geometry, spacing: float) -> np.ndarray:
@@ -212,7 +217,7 @@ def _not_beyond(x: np.ndarray, distance: np.ndarray, geometry: Geometry, spacing
     far = np.maximum(distance, 0.0)
     if geometry.voxel_size is None:
         return 2 * far / spacing
-    for direction in np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * x.shape[1])).reshape(x.shape[1], -1).T:
+    for direction in _directions(x.shape[1]):
         if direction.any():
             wall = geometry.distance(x + far[:, None] * (direction / np.linalg.norm(direction)))
             distance = np.minimum(distance, wall + far)

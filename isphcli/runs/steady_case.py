@@ -198,7 +198,6 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
     seen = look(case, first, clock, quiet) if look is not None else Seen()
     found, solved = Found(), list[Solved]()
     further = as_first(further_spacings(case, first, solved)) if automatic else iter(())
-    whole: list[float] = []  # spacings of which all axes are done
     for spacing in itertools.chain(case.spacings, further):
         started = _seconds(clock)
         try:
@@ -211,9 +210,8 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
             found.flows = {key: other for key, other in found.flows.items() if key[1] != spacing}
             continue
         except KeyboardInterrupt as stop:
-            case = _interrupted(case, found, [*whole, spacing], axes, stop)
+            case = _interrupted(case, found, axes, stop)
             break
-        whole.append(spacing)
         if automatic and particles:
             solved.append(Solved(spacing, particles, _seconds(clock) - started))
     if automatic:
@@ -228,15 +226,17 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
     return case, job.axes, found, seen
 
 
-def _interrupted(case: Case, found: Found, begun: list[float], axes: Drives, stop: KeyboardInterrupt) -> Case:
-    """The case with those of the spacings that were begun whose axes are all done, of which the flows stay in `found`.
-    Raises KeyboardInterrupt where there is none, and on several processes, which do not stop in the same place."""
-    whole = [h for h in begun if all((axis, h) in found.flows or (axis, h) in found.closed for axis, _ in axes)]
-    if not whole or current().size > 1:
+def _interrupted(case: Case, found: Found, axes: Drives, stop: KeyboardInterrupt) -> Case:
+    """The case with the spacings whose axes are all done, of which the flows stay in `found`. Raises KeyboardInterrupt
+    where nothing flows in any, and on several processes, which do not stop in the same place."""
+    def whole(spacing: float) -> bool:
+        return all((axis, spacing) in found.flows or (axis, spacing) in found.closed for axis, _ in axes)
+
+    found.flows = {key: flow for key, flow in found.flows.items() if whole(key[1])}
+    if not found.flows or current().size > 1:
         raise stop
     found.stopped = stop
-    found.flows = {key: flow for key, flow in found.flows.items() if key[1] in whole}
-    return case if isinstance(case.refine, str) else replace(case, refine=tuple(whole[1:]))
+    return case if isinstance(case.refine, str) else replace(case, refine=tuple(filter(whole, case.refine)))
 
 
 def _solve_spacing(job: Job, spacing: float, found: Found, needed: bool) -> int:
