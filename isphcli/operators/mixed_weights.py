@@ -88,8 +88,8 @@ class Faces:
 
 
 def build_mixed_operators(geometry: Geometry, particles: MixedParticles, kind: int,
-                          support: float) -> tuple[Operators, Faces, np.ndarray]:
-    """(Operators, Faces, wall distance (n_fluid,), m) of walls at rest. support: m, of the larger spacing."""
+                          support: float) -> tuple[Operators, Faces]:
+    """(Operators, Faces) of walls at rest. support: m, of the larger spacing."""
     n, volumes = particles.n_fluid, particles.volumes
     images = build_halo(particles.x, geometry.lower, geometry.upper, np.array(geometry.periodic), support)
     table, owner = images.positions(particles.x), images.owners(len(particles.x))
@@ -108,7 +108,7 @@ def build_mixed_operators(geometry: Geometry, particles: MixedParticles, kind: i
     ops = replace(ops, volume=volumes[:n])
     _of_third_order(stencils, half, weight, ops)
     adjoint_divergence(ops)
-    return ops, _faces(ops, particles), distance[:n]
+    return ops, _faces(ops, particles)
 
 
 @njit(cache=True, nogil=True)

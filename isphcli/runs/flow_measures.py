@@ -77,19 +77,19 @@ def profile_rows(geometry: Geometry, x: np.ndarray, flow: tuple[np.ndarray, np.n
     """A dict a layer across an axis, from the lower end of the box on: its middle along the axis, m, mean pressure, Pa,
     None without fluid, and superficial velocity, m/s.
 
-    x: (n, dim) m; flow: velocity (n, dim) m/s, mean over cells, and pressure (n,) Pa; drop: over the box, Pa, that
-    drives the flow: it falls along the axis beside the pressure of the particles; scale: thickness of a layer, m, and
-    volume of a particle, m^dim.
+    x: (m, dim) m, of cells; flow: velocity (m, dim) m/s, mean over them, and pressure (n,) Pa of the first n; drop:
+    over the box, Pa, that drives the flow: it falls along the axis beside the pressure of the particles; scale:
+    thickness of a layer, m, and volume of a particle, m^dim.
     """
     velocity, pressure = flow
     thickness, volume = scale
-    size = geometry.upper - geometry.lower
+    size, n = geometry.upper - geometry.lower, len(pressure)
     count = max(1, round(float(size[axis]) / thickness))
     share = (x[:, axis] - geometry.lower[axis]) / size[axis]
     layer = np.clip((share * count).astype(int), 0, count - 1)
-    number = reduce.total_by(layer, labels=count)
+    number = reduce.total_by(layer[:n], labels=count)
     flux = reduce.total_by(layer, velocity[:, axis], count) * (volume * count / float(np.prod(size)))
-    total = reduce.total_by(layer, pressure - drop * share, count)
+    total = reduce.total_by(layer[:n], pressure - drop * share[:n], count)
     return [{"xyz"[axis]: float(geometry.lower[axis] + (k + 0.5) * size[axis] / count),
              "pressure": float(total[k] / number[k]) if number[k] else None, "superficial_velocity": float(flux[k])}
             for k in range(count)]

@@ -17,6 +17,7 @@ from ..domain.lattice import Lattice
 from ..domain.mixed_lattice import cells_of, grown, sites_of_two
 from ..flow.mixed_stokes import MixedStokes
 from ..geometry.protocol import inside_sample, sample_box
+from ..operators.cell_means import CellMeans, means_over_cells
 from ..operators.kernel import KERNELS
 from ..operators.lattice_weights import LatticeWeights, symmetric_laplacian
 from ..operators.mixed_weights import MixedParticles, build_mixed_operators
@@ -24,7 +25,7 @@ from ..scene import memory
 from ..scene.place import lattice_at
 from ..solvers.krylov import Limits, recorded
 from .expected_error import usual_error
-from .permeability import EDGE, EDGE_BAR, ORDER, SHARE, USUAL, darcy, extrapolate, shares_at_edges
+from .permeability import EDGE, EDGE_BAR, ORDER, SHARE, USUAL, darcy, extrapolate
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -112,6 +113,14 @@ def limit_of_throats(coarse: float, fine: float, spacing: float, porosity: float
         f"{sentence}, and of what the larger spacing elsewhere may change")
 
 
+def _superficial(geometry: Geometry, particles: MixedParticles, means: CellMeans) -> np.ndarray:
+    """Velocity (dim,) of the sample, m/s, from means over the cells."""
+    lower, upper = sample_box(geometry)
+    x, u = means.everywhere(particles.x[: particles.n_fluid])
+    volume = particles.volumes[np.concatenate([np.arange(particles.n_fluid), means.rows])]
+    return (u * volume[:, None])[inside_sample(geometry, x)].sum(axis=0) / float(np.prod(upper - lower))
+
+
 def in_throats(case: Case, geometry: Geometry, flow: tuple[LatticeWeights, np.ndarray, np.ndarray],
                drive: tuple[int, np.ndarray], clock: Clock, share: float = SHARE,
                watch: Watch | None = None) -> InThroats:
@@ -127,21 +136,17 @@ def in_throats(case: Case, geometry: Geometry, flow: tuple[LatticeWeights, np.nd
     d, n, asked = particles.spacings, particles.n_fluid, case.solver
     memory.refuse(n * memory.BYTES_TWO_SPACINGS, f"{n:,} particles of two spacings", memory.too_large(case))
     with clock("operators"):
-        mixed, faces, distance = build_mixed_operators(geometry, particles, KERNELS[case.particles.kernel], support)
+        mixed, faces = build_mixed_operators(geometry, particles, KERNELS[case.particles.kernel], support)
     with clock("preconditioner"):
         system = MixedStokes(mixed, faces, d, spacing)
     with clock("krylov"):
         residuals: list[tuple[int, float]] = []
         limits = Limits(asked.tolerance, asked.restart, asked.max_iterations)
         u, laplacian, convergence = system.solve(force / nu, limits, recorded(residuals, watch))
-    fluid = particles.x[:n]
-    for size in (spacing, 0.5 * spacing):
-        own = np.flatnonzero(d == size)
-        edges = shares_at_edges(geometry, fluid[own], distance[own], size)
-        if edges is not None:
-            u[own] += laplacian[own] * (edges * (size**2 / 24.0))[:, None]
-    inside, (lower, upper) = inside_sample(geometry, fluid), sample_box(geometry)
-    superficial = (u * mixed.volume[:, None])[inside].sum(axis=0) / float(np.prod(upper - lower))
+    with clock("geometry"):
+        means = means_over_cells(geometry, particles.x, lattice, support, (u, laplacian),
+                                 edge=np.where(particles.half, 0.5, 1.0))
+    superficial = _superficial(geometry, particles, means)
     half = int(np.count_nonzero(d < spacing))
     everywhere = half + (n - half) * 2**geometry.dim
     return InThroats(float(darcy(geometry, superficial, axis, force, nu)[axis]), superficial, n, everywhere,

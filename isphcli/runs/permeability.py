@@ -10,7 +10,6 @@ import numpy as np
 
 from ..domain import reduce
 from ..geometry.protocol import Geometry, inside_sample, sample_box
-from ..geometry.wall_normals import wall_normals
 from ..references.ducts import duct_permeability
 
 if TYPE_CHECKING:
@@ -44,30 +43,6 @@ def microporous_shares(geometry: Geometry, x: np.ndarray, rocks: int) -> np.ndar
     particles, which count alike: those of cells that walls cut, too."""
     rock = geometry.microporous(x[inside_sample(geometry, x)])
     return reduce.total_by(rock + np.int64(1), labels=rocks + 1)[1:] / max(reduce.number(rock), 1)
-
-
-LEVEL = 0.01  # slope to the lattice up to which a wall lies along it: a tenth of a spacing on ten spacings
-
-
-def shares_at_edges(geometry: Geometry, x: np.ndarray, distance: np.ndarray, dx: float) -> np.ndarray | None:
-    """Share (n,) of dx^2 / 24 lap u by which sums of u over the lattice miss its integral, None where they do not.
-
-    x: (n, dim) m, of the fluid particles; distance: (n,) m, of their walls; dx: m.
-
-    Sums over a lattice are integrals but for its planes that lie along a wall: there they miss -B2(delta) / 2 dx^2
-    times the slope of the velocity at the wall (Euler and Maclaurin), delta dx the distance of the first plane and
-    B2(delta) = delta^2 - delta + 1/6. lap u is the sum of these slopes. A slit in an image then has its exact flux for
-    every number of spacings; without it 1 / (2 n^2) too much for n whole cells. Where walls are oblique to the lattice
-    delta takes all values, and the mean of B2 is 0.
-    """
-    if geometry.voxel_size is None:
-        return None
-    if geometry.level_walls:
-        cells = geometry.voxel_size / dx  # faces of voxels are half a spacing from a plane where cells fill voxels
-        return np.full(len(x), float(np.allclose(cells, np.maximum(np.round(cells), 1.0), rtol=1e-6)))
-    along = np.abs(wall_normals(geometry, x, dx)).max(axis=1) > 1.0 - 0.5 * LEVEL**2
-    delta = np.mod(distance / dx, 1.0)
-    return np.where(along & np.isfinite(delta), -12.0 * (delta * (delta - 1.0) + 1.0 / 6.0), 0.0)
 
 
 def mean_velocities(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, site_volume: float,

@@ -17,22 +17,23 @@ from ..domain.exchange import NO_EXCHANGE
 from ..domain.lattice import ParticleError
 from ..flow.stokes import StokesFlow, StokesSystem
 from ..geometry.connectivity import merge_periodic
+from ..operators.cell_means import CellMeans, means_over_cells
 from ..operators.kernel import KERNELS
 from ..operators.lattice_weights import LatticeWeights, build_lattice_weights
 from ..operators.wall_scene import WallScene
 from ..output.environment import give_back_freed_memory
 from ..scene import memory
-from ..scene.place import jittered_at_rest, place_case
+from ..scene.place import jittered_at_rest, lattice_at, place_case
 from ..solvers.engine import engine_of
 from ..solvers.krylov import Limits, recorded
 from .flow_measures import wall_shear, wall_stress
-from .permeability import darcy, fluid_cells, mean_velocities, shares_at_edges
+from .permeability import darcy, fluid_cells, mean_velocities
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..domain.cut import Share
     from ..domain.halo import Halo
-    from ..domain.lattice import Particles
+    from ..domain.lattice import Lattice, Particles
     from ..geometry.protocol import Geometry
     from ..output.clock import Clock
     from ..solvers.krylov import Convergence, Watch
@@ -51,8 +52,8 @@ class NoPathError(NoFlowError):
 class StokesResult:
     """Flow along one axis at one spacing.
 
-    axis: 0, 1, 2 or None where the walls drive the flow; velocity (n, dim) m/s of the particles; cell_velocity
-    (n, dim) m/s, its mean over their cells of the lattice; pressure (n,) Pa; superficial, mean, permeability: see
+    axis: 0, 1, 2 or None where the walls drive the flow; velocity (n, dim) m/s of the particles; means: its
+    means over the cells of the lattice; pressure (n,) Pa; superficial, mean, permeability: see
     `runs/permeability.py`; divergence, mass_error: see `_mass`; halo, narrow (particles in pores that the lattice does
     not resolve), components, isolated_pockets, cells: of the scene that it was solved in; drop: Pa, over the box along
     the axis; stress: see `flow_measures.wall_stress`; diffusivity: effective over that of the fluid, where it was asked
@@ -65,7 +66,7 @@ class StokesResult:
     geometry: Geometry
     spacing: float
     velocity: np.ndarray
-    cell_velocity: np.ndarray
+    means: CellMeans
     pressure: np.ndarray
     superficial: np.ndarray
     mean: np.ndarray
@@ -85,6 +86,11 @@ class StokesResult:
     residuals: list[tuple[int, float]] = field(default_factory=list)
 
     @property
+    def cell_velocity(self) -> np.ndarray:
+        """(n, dim) m/s, means over the cells of the particles."""
+        return self.means.fluid
+
+    @property
     def shear(self) -> dict[str, float] | None:
         """`flow_measures.wall_shear`."""
         return wall_shear(None if self.stress is None else self.stress[1])
@@ -94,8 +100,8 @@ class StokesResult:
 class SteadyScene:
     """One geometry at one spacing with its matrices; every axis that it serves shares them.
 
-    cells: volume of the fluid in the sample over that of a cell, see `permeability.fluid_cells`; edge_shares: (n,) or
-    None, see `permeability.shares_at_edges`.
+    cells: volume of the fluid in the sample over that of a cell, see `permeability.fluid_cells`; lattice: of the
+    particles, None where they are off it.
     """
 
     geometry: Geometry
@@ -104,7 +110,7 @@ class SteadyScene:
     halo: int
     percolates: np.ndarray
     cells: float
-    edge_shares: np.ndarray | None
+    lattice: Lattice | None
 
 
 def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, needs: Sequence[int] = ()) -> SteadyScene:
@@ -148,8 +154,8 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
         give_back_freed_memory()
     with clock("geometry"):
         cells = fluid_cells(geometry, particles, distance)
-        edge_shares = shares_at_edges(geometry, particles.x[:n], distance[:n], spacing)
-    return SteadyScene(geometry, particles, system, len(images.owner), percolates, cells, edge_shares)
+    lattice = lattice_at(case, geometry, spacing) if case.particles.jitter == 0.0 else None
+    return SteadyScene(geometry, particles, system, len(images.owner), percolates, cells, lattice)
 
 
 def _operators(walls: WallScene, particles: Particles,
@@ -208,17 +214,18 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
         flow = system.solve(force, Limits(asked.tolerance, asked.restart, asked.max_iterations),
                             recorded(residuals, watch))
     laplacian = system.laplacian(flow, force)
-    cell_velocity = flow.velocity + _quadrature(scene, laplacian)
-    superficial, mean = mean_velocities(geometry, particles.x[: particles.n_fluid], cell_velocity,
-                                        particles.site_volume, scene.cells)
+    with clock("geometry"):
+        means = _cell_means(scene, flow.velocity, laplacian, case.support * system.spacing)
+        x, velocity = means.everywhere(particles.x[: particles.n_fluid])
+    superficial, mean = mean_velocities(geometry, x, velocity, particles.site_volume, scene.cells)
     if axis is not None and system.acceleration is not None:
         raise ValueError("the flux is not that of the drive where another force accelerates the fluid: its check of a "
                          "case has to refuse drive.axes with flow: stokes")
     permeability = None if axis is None else darcy(geometry, superficial, axis, force, fluid.nu)
     drop = 0.0 if axis is None else fluid.density * float(force[axis]) * float((geometry.upper - geometry.lower)[axis])
-    return StokesResult(axis, particles, geometry, system.spacing, flow.velocity, cell_velocity,
+    return StokesResult(axis, particles, geometry, system.spacing, flow.velocity, means,
                  flow.pressure * fluid.density, superficial, mean, permeability,
-                 *_mass(scene, flow, cell_velocity, axis), flow.convergence, scene.halo,
+                 *_mass(scene, flow, (x, velocity), axis), flow.convergence, scene.halo,
                  int(reduce.total(system.ops.narrow)), system.count, int((~scene.percolates.any(axis=1)).sum()),
                  scene.cells, drop, wall_stress(geometry, particles.x[: particles.n_fluid], flow.velocity, laplacian,
                                                 (system.spacing, fluid.mu)), residuals=residuals)
@@ -238,18 +245,20 @@ def solve_diffusion(case: Case, scene: SteadyScene, axis: int, clock: Clock, wat
     return effective_diffusivity(scene.geometry, x, flux, scene.cells, scene.particles.site_volume, axis)
 
 
-def _quadrature(scene: SteadyScene, laplacian: np.ndarray) -> np.ndarray:
-    """Difference between the mean of the velocity over a cell of the lattice and its value in the middle: the share of
-    `permeability.shares_at_edges` of dx^2 / 24 lap u, which follows from the momentum balance."""
-    if scene.edge_shares is None:
-        return np.zeros_like(laplacian)
-    return laplacian * (scene.edge_shares * (scene.system.spacing**2 / 24.0))[:, None]
+def _cell_means(scene: SteadyScene, velocity: np.ndarray, laplacian: np.ndarray, support: float) -> CellMeans:
+    """Means over cells of a velocity (n, dim), m/s, with its Laplacian by the momentum balance, 1/(m s); the velocity
+    itself where particles are off their lattice."""
+    if scene.lattice is None:
+        return CellMeans.whole(velocity)
+    particles = scene.particles
+    return means_over_cells(scene.geometry, particles.x, scene.lattice, support, (velocity, laplacian), particles.share)
 
 
-def _mass(scene: SteadyScene, flow: StokesFlow, cell_velocity: np.ndarray, axis: int | None) -> tuple[float, float]:
+def _mass(scene: SteadyScene, flow: StokesFlow, cells: tuple[np.ndarray, np.ndarray],
+          axis: int | None) -> tuple[float, float]:
     """(largest |div u| over the largest speed per spacing, spread of the flux between planes across the axis).
 
-    The flux is that of which the permeability is the mean: of velocities averaged over cells.
+    The flux is that of which the permeability is the mean. cells: places (m, dim) m and mean velocities (m, dim) m/s.
     """
     dx = scene.system.spacing
     div = scene.system.ops.total_divergence(flow.velocity)
@@ -258,10 +267,10 @@ def _mass(scene: SteadyScene, flow: StokesFlow, cell_velocity: np.ndarray, axis:
     if axis is None:
         return worst, 0.0
     geometry = scene.geometry
-    x = scene.particles.x[: scene.particles.n_fluid, axis] - geometry.lower[axis]
+    x = cells[0][:, axis] - geometry.lower[axis]
     # as many planes as layers of the lattice: every one holds whole layers only
     planes = max(1, round((geometry.upper - geometry.lower)[axis] / dx))
     layer = np.minimum((x / (geometry.upper - geometry.lower)[axis] * planes).astype(int), planes - 1)
-    flux = reduce.total_by(layer, cell_velocity[:, axis], planes)
+    flux = reduce.total_by(layer, cells[1][:, axis], planes)
     mean = flux.mean()
     return worst, float(flux.std() / abs(mean)) if mean != 0.0 else 0.0

@@ -566,8 +566,9 @@ def _profile(flow: steady.StokesResult) -> list[dict[str, float | None]]:
     if flow.axis is None:
         return []
     particles = flow.particles
-    return profile_rows(flow.geometry, particles.x[: particles.n_fluid], (flow.cell_velocity, flow.pressure), flow.axis,
-                        flow.drop, (flow.spacing, particles.site_volume))
+    x, velocity = flow.means.everywhere(particles.x[: particles.n_fluid])
+    return profile_rows(flow.geometry, x, (velocity, flow.pressure), flow.axis, flow.drop,
+                        (flow.spacing, particles.site_volume))
 
 
 def _pictures(case: Case, directory: Path, flow: steady.StokesResult, flows: Flows, summary: dict[str, Any],

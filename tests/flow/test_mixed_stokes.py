@@ -47,7 +47,7 @@ def test_pores_that_touch_over_an_edge():
     lattice = lattice_at(case, geometry, 0.125)
     cut = np.arange(lattice.counts[0])[:, None, None] * np.ones(lattice.counts) < 2
     particles = place_two(geometry, lattice, cut, 0.125, case.support * 0.125)
-    ops, faces, _ = build_mixed_operators(geometry, particles, 0, case.support * 0.125)
+    ops, faces = build_mixed_operators(geometry, particles, 0, case.support * 0.125)
     ways = faces.conductance(np.ones(ops.n))
     assert abs(ways - ways.T).max() < 1e-12
     assert connected_components(ways)[0] == pair_components(ops.start, ops.column)[0] == 1

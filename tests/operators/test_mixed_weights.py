@@ -18,7 +18,7 @@ def between_plates(cells, width=1.0):
     beyond = round(-lattice.corner[1] / dx)
     cut[cells // 4 : cells // 2, : beyond + cells // 2, cells // 4 : 3 * cells // 4] = True
     particles = place_two(geometry, lattice, cut, dx, 2.1 * dx)
-    return *build_mixed_operators(geometry, particles, 0, 2.1 * dx)[:2], particles
+    return *build_mixed_operators(geometry, particles, 0, 2.1 * dx), particles
 
 
 def rows(ops, particles):
