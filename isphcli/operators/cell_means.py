@@ -3,10 +3,9 @@
 Sums of the velocity at the particles are not: beside a wall they depend on how far from it the lattice lies, and of a
 pipe five spacings across the flux is 0.8 % off though the velocities are right.
 
-Beside a wall at the distance s the velocity is f(s) = g (s + b) + c s^2 / 2: slope g at the wall, slip length b, and
-c = lap u - K g, where the wall has the curvature K = lap s: exact in slits and pipes. g, c and K are means over the
-particles beside the wall. A cell holds its mean of f, zero beyond the wall, and so do cells whose middles lie in the
-solid.
+Beside a wall at the distance s the velocity is f(s) = g (s + b) + lap u s^2 / 2, with the slip length b and the slope g
+at the wall, found from the particles beside it. A cell holds its mean of f, zero beyond the wall, and so do cells whose
+middles lie in the solid.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from numba import njit
 from ..domain.halo import build_halo
 from ..domain.neighbours import find_pairs
 from ..domain.row_threads import over_rows
-from ..geometry.wall_normals import wall_shape
+from ..geometry.wall_normals import wall_normals
 
 if TYPE_CHECKING:
     from ..domain.cut import Share
@@ -28,9 +27,6 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 AT_ONCE = 100_000  # cells whose neighbours are found in one go: 40 MB
-# Of a support: particles that are farther from a wall say less of the slope there, and in narrow pores nothing. 1 makes
-# k of random bodies with pores of two particles 0.3 % larger, all else as good (`benchmarks/calibration.py`)
-BESIDE = 0.75
 # Widths of a cell along the normal of a wall below this share of the widest count as none: off by the square of it
 FLAT = 1e-4
 
@@ -56,17 +52,15 @@ class CellMeans(NamedTuple):
 
 class BesideWalls(NamedTuple):
     """Points beside walls, as the kernel takes them: x (n, dim) m; distance (n,) m, signed; normal (n, dim) into the
-    fluid; curvature (n,) 1/m, of walls; slip (n,) m, slip length of the wall; edge (n,), of their cells over those of the
-    lattice."""
+    fluid; slip (n,) m, slip length of the wall; edge (n,), of their cells over those of the lattice."""
 
     x: np.ndarray
     distance: np.ndarray
     normal: np.ndarray
-    curvature: np.ndarray
     slip: np.ndarray
     edge: np.ndarray
 
-    def of(self, rows: np.ndarray) -> BesideWalls:
+    def of(self, rows: slice) -> BesideWalls:
         """Those of some rows."""
         return BesideWalls(*(values[rows] for values in self))
 
@@ -85,8 +79,7 @@ def directions(lattice: Lattice) -> np.ndarray:
 def means_over_cells(geometry: Geometry, x: np.ndarray, lattice: Lattice, support: float,
                      flow: tuple[np.ndarray, np.ndarray], share: Share | None = None,
                      edge: np.ndarray | None = None) -> CellMeans:
-    """Means over the cells of particles that sit on a lattice; where walls move, the velocities
-    themselves.
+    """Means over the cells of particles that sit on a lattice; where walls move, the velocities themselves.
 
     x: (all, dim) m, the n fluid particles, then dummies; support: m; flow: velocity (n, dim) m/s and its Laplacian,
     1/(m s), by the momentum balance; share: of this process, where there are several; edge: (all,), of the cell of each
@@ -112,8 +105,9 @@ def means_over_cells(geometry: Geometry, x: np.ndarray, lattice: Lattice, suppor
     for first in range(0, len(cut), AT_ONCE):
         part = slice(first, first + AT_ONCE)
         pairs = find_pairs(np.concatenate([places[part], table]), len(places[part]), support)
-        over_rows(_means, len(places[part]), (pairs.start, pairs.index), BesideWalls(*(v[part] for v in cells)),
-                  (source, table, owner), seen, ways, support, found[part])
+        beside = cells.of(part)
+        over_rows(_means, len(places[part]), (pairs.start, pairs.index), (beside, _of_parts(geometry, beside, ways)),
+                  (source, table, owner), seen, 0.5 * ways, support, found[part])
     inside = cut < n
     fluid[cut[inside]] = flow[0][cut[inside]] + found[inside]
     at = np.clip(places[~inside], geometry.lower, geometry.upper)
@@ -134,6 +128,13 @@ def _faces_of_voxels(voxel: np.ndarray, lattice: Lattice, flow: tuple[np.ndarray
     return CellMeans.whole(out)
 
 
+def _of_parts(geometry: Geometry, cells: BesideWalls, ways: np.ndarray) -> np.ndarray:
+    """Wall distances (n, 2^m), m, of the middles of the parts of cells: halves along each of the m directions. Another
+    wall may be nearer there than that of the middle."""
+    signs = np.array(list(itertools.product((-0.25, 0.25), repeat=len(ways))))
+    return np.stack([geometry.distance(cells.x + cells.edge[:, None] * way) for way in signs @ ways], axis=1)
+
+
 def _reach(ways: np.ndarray) -> float:
     """Farthest from its middle that a cell of these directions (m, dim) reaches, m."""
     corners = np.array(list(itertools.product((-0.5, 0.5), repeat=len(ways)))) @ ways
@@ -141,11 +142,8 @@ def _reach(ways: np.ndarray) -> float:
 
 
 def _beside(geometry: Geometry, x: np.ndarray, distance: np.ndarray, edge: np.ndarray, support: float) -> BesideWalls:
-    normal, curvature = wall_shape(geometry, x, distance, 0.05 * support)
     slip = geometry.slip_length[geometry.wall(x)] if np.any(geometry.slip_length > 0.0) else np.zeros(len(x))
-    limit = 1.0 / (support * edge)  # sharper bends are not resolved
-    curvature = np.clip(curvature, -limit, limit)
-    return BesideWalls(np.ascontiguousarray(x), distance, normal, curvature, slip, edge)
+    return BesideWalls(np.ascontiguousarray(x), distance, wall_normals(geometry, x, support), slip, edge)
 
 
 def _sources(geometry: Geometry, x: np.ndarray, support: float, flow: tuple[np.ndarray, np.ndarray],
@@ -156,20 +154,19 @@ def _sources(geometry: Geometry, x: np.ndarray, support: float, flow: tuple[np.n
         x, both = np.concatenate([x, share.ghosts]), share.exchange.forward(both)
         edge = np.ones(len(x))
     distance = geometry.distance(x, support)
-    near = np.flatnonzero(distance < BESIDE * support)
+    near = np.flatnonzero(distance < support)
     return _beside(geometry, x[near], distance[near], edge[near], support), np.ascontiguousarray(both[near])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _means(rows, pairs, cells, sources, seen, ways, support, out):  # pragma: no cover
-    """Mean over the cell of f less f in its middle, zero in solids (module)."""
-    start, index = pairs
-    source, table, owner = sources
+def _means(rows, pairs, cut, sources, seen, ways, support, out):  # pragma: no cover
+    """Mean over the cell of f less f in its middle, zero in solids (module). ways: directions of the parts of cells."""
+    (start, index), (cells, depth), (source, table, owner) = pairs, cut, sources
     n, dim = cells.x.shape
     slope, lap = np.empty(dim), np.empty(dim)
+    half, means = np.empty(len(ways)), np.empty(3)
     for i in range(rows[0], rows[1]):
-        edge = cells.edge[i]
-        radius = support * edge
+        radius = support * cells.edge[i]
         slope[:], lap[:] = 0.0, 0.0
         square, weight = 0.0, 0.0
         for p in range(start[i], start[i + 1]):
@@ -185,37 +182,34 @@ def _means(rows, pairs, cells, sources, seen, ways, support, out):  # pragma: no
             if along <= 0.0 or away >= 1.0:
                 continue
             d = source.distance[j]
-            w = (1.0 - away) * along * along
-            q = 0.5 * d * d
-            a = d + source.slip[j] - cells.curvature[i] * q  # u = g a + lap u q
+            w, a = (1.0 - away) * along * along, d + source.slip[j]
             square += w * a * a
             weight += w * d
-            for k in range(dim):
-                slope[k] += w * a * (seen[j, k] - seen[j, dim + k] * q)
+            for k in range(dim):  # least squares: u = g a + lap u d^2 / 2
+                slope[k] += w * a * (seen[j, k] - 0.5 * d * d * seen[j, dim + k])
                 lap[k] += w * d * seen[j, dim + k]
         if not (square > 0.0 and weight > 0.0):
             continue
+        means[:] = 0.0
+        for part in range(depth.shape[1]):
+            _add_means(depth[i, part], cells.normal[i], ways, cells.edge[i], half, means)
+        share, first, second = means[0] / depth.shape[1], means[1] / depth.shape[1], means[2] / depth.shape[1]
         d, slip = cells.distance[i], cells.slip[i]
-        share, first, second, moment = _moments(d, cells.normal[i], ways, edge)
         middle, in_fluid = (d, 1.0) if d > 0.0 else (0.0, 0.0)
         for k in range(dim):
-            g, whole = slope[k] / square, lap[k] / weight
-            c = whole - cells.curvature[i] * g
-            out[i, k] = (g * (first - middle + slip * (share - in_fluid)) + 0.5 * c * (second - middle * middle)
-                         + 0.5 * (whole - c) * share * moment)
+            out[i, k] = (slope[k] / square * (first - middle + slip * (share - in_fluid))
+                         + 0.5 * lap[k] / weight * (second - middle * middle))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _moments(distance, normal, ways, edge):  # pragma: no cover
-    """Means of 1, s and s^2 over a cell, zero where s < 0, s = distance + T: T has the sum of as many uniform parts as
-    the cell has directions. And the mean of the square of the way from the middle along any axis."""
-    half = np.empty(len(ways))
-    moment, widest = 0.0, 0.0
+def _add_means(distance, normal, ways, edge, half, means):  # pragma: no cover
+    """Adds the means of 1, s and s^2 over a box spline, zero where s < 0: s = distance + T, where T is the sum of one
+    uniform part for each direction. half: room for their half widths."""
+    widest = 0.0
     for k in range(len(ways)):
         half[k] = 0.0
         for axis in range(len(normal)):
             half[k] += 0.5 * edge * ways[k, axis] * normal[axis]
-            moment += (edge * ways[k, axis]) ** 2
         half[k] = abs(half[k])
         widest = max(widest, half[k])
     parts, product = 0, 1.0
@@ -224,9 +218,9 @@ def _moments(distance, normal, ways, edge):  # pragma: no cover
             half[parts] = half[k]
             product *= 2.0 * half[k]
             parts += 1
-    means = np.zeros(3)
+    # integrals of the powers of max(s, 0), as many times as there are parts, between the ends of each
     for corner in range(2**parts):
-        at, sign = distance, 1.0
+        at, sign = distance, 1.0 / product
         for k in range(parts):
             if corner >> k & 1:
                 at, sign = at - half[k], -sign
@@ -239,4 +233,3 @@ def _moments(distance, normal, ways, edge):  # pragma: no cover
             means[0] += power
             means[1] += power * at / (parts + 1)
             means[2] += 2.0 * power * at * at / ((parts + 1) * (parts + 2))
-    return means[0] / product, means[1] / product, means[2] / product, moment / (12.0 * len(normal))
