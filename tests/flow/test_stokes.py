@@ -84,10 +84,11 @@ def test_sphere_array_against_zick_and_homsy():
 
 @pytest.mark.slow
 def test_sphere_array_converges():
-    """Order of the permeability error over 16 to 32 spacings at fraction 0.216; 1.5 is asked, 1.9 measured."""
-    n = np.array([16, 24, 32])
-    errors = [abs(spheres(k)[0]) for k in n]
-    assert -np.polyfit(np.log(n), np.log(errors), 1)[0] > 1.5
+    """Order of the permeability error over 8 to 32 spacings at fraction 0.216, by the largest of three lattices each,
+    because errors have both signs: 1.5 is asked, 2.0 measured (0.56, 0.10 and 0.06 %)."""
+    n = np.array([(8, 10, 12), (18, 20, 22), (28, 30, 32)])
+    errors = [max(abs(spheres(k)[0]) for k in lattices) for lattices in n]
+    assert -np.polyfit(np.log(n.mean(axis=1)), np.log(errors), 1)[0] > 1.5
 
 
 def test_iterations_do_not_grow():
@@ -125,8 +126,8 @@ flow: stokes
 
 
 def test_permeability_of_a_random_pack_of_beads_converges():
-    """31 beads of the pack of the paper, periodic, at 6, 8 and 10 spacings a bead: k 2.237, 2.243, 2.250e-3 bead^2
-    (12 and 16: 2.257, 2.261), flux between layers within 2.1, 1.6 and 0.9 %, 22 to 25 iterations. With the balance of
+    """31 beads of the pack of the paper, periodic, at 6, 8 and 10 spacings a bead: k 2.248, 2.246, 2.254e-3 bead^2
+    (12 and 16: 2.259, 2.263), flux between layers within 2.4, 1.6 and 0.9 %, 22 to 25 iterations. With the balance of
     fluxes it was 2.206, 2.180, 2.184 (2.192, 2.212) and 3.2, 2.2, 1.6 %."""
     centres = np.loadtxt(CASES / "data/bead_centres.csv", delimiter=",", skiprows=1) / 5e-4
     centres = centres[(np.abs(centres) < 1.5).all(axis=1)]
@@ -136,8 +137,7 @@ def test_permeability_of_a_random_pack_of_beads_converges():
     flows = [solve_axis(case, build_scene(case, geometry, 1 / n, Clock()), 1, np.eye(3)[1], Clock())
              for n in (6, 8, 10)]
     k = np.array([flow.permeability[1] for flow in flows])
-    assert (np.diff(k) > 0).all() and k[-1] < 1.01 * k[0]
-    assert k[-1] == pytest.approx(2.265e-3, rel=0.01)  # where the trend leads
+    assert (np.abs(k / 2.264e-3 - 1.0) < [0.012, 0.010, 0.007]).all()
     assert (np.array([flow.mass_error for flow in flows]) < [0.03, 0.02, 0.015]).all()
     assert max(flow.convergence.iterations for flow in flows) < 50
 
