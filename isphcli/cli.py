@@ -707,6 +707,9 @@ def relperm(folder: Path, axis: str | None, part: tuple[float, float], every: bo
 
     found = relative_permeabilities(folder, Clock(), every, axis, part)
     click.echo(relative_table(found) if every else table(relative_lines(found[-1])))
+    for one in found:
+        for sentence in one.warnings:
+            click.echo(f"warning: {f't = {one.time:g} s: ' if every else ''}{sentence}", err=True)
 
 
 def share_of(text: str) -> tuple[float, float]:
