@@ -160,10 +160,10 @@ class Sample:
         return first, second
 
     def shares(self, to_first: np.ndarray, to_second: np.ndarray) -> tuple[float, float, float]:
-        """Shares of the pores that fluid 0 holds, of the sample and of the first and last layer of cells along the axis.
+        """Shares of the pores that fluid 0 has, of the sample and of its first and last layer of cells along the axis.
 
-        By cells, as the run measures its saturations: particles do not all stand for the same volume. A cell that a wall
-        or the interface cuts counts with its part. to_first, to_second: see `nearest`.
+        By cells, as the run measures its saturations: particles do not all stand for the same volume. A cell that a
+        wall or the interface cuts counts with its part. to_first, to_second: see `nearest`.
         """
         pores = np.clip(0.5 + self.wall / self.spacing, 0.0, 1.0).reshape(self.cells[::-1])
         way = np.where(np.isinf(to_second), np.inf, to_second - to_first)

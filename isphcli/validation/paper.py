@@ -427,7 +427,8 @@ def square_drops(seconds: float, folder: Path) -> Finding:
     inverse, jump = np.array(points).T
     tension = float(inverse @ jump / (inverse @ inverse))
     finding = Finding(
-        ("side L", "R", "sigma / R", "measured", "error", "spurious capillary number", "circularity - 1", "CPU s"), rows,
+        ("side L", "R", "sigma / R", "measured", "error", "spurious capillary number", "circularity - 1",
+         "CPU s"), rows,
         [f"Slope of the jump over 1 / R: {tension:.4f} for a surface tension of 1. The paper's eq. 27 prints "
          f"p_out - p_in: the inside has the higher pressure."],
         [draw_laplace(folder / "laplace.png", inverse, jump, 1.0), *pictures],
@@ -446,7 +447,8 @@ def drops_on_walls(seconds: float, folder: Path) -> Finding:
         worst = max(worst, abs(errors["angle_relative"]) * angle)
         found = [angle * (1 + errors[f"{name}_relative"]) for name in ("angle", "angle_of_cap")]
         rows.append([angle, *(f"{value:.1f}" for value in found), f"{100 * errors['height_relative']:+.1f} %",
-                     f"{errors['spurious_capillary_number']:.1e}", f"{summary['cpu_seconds']['total']:.0f}"])  # fmt: skip
+                     f"{errors['spurious_capillary_number']:.1e}",
+                     f"{summary['cpu_seconds']['total']:.0f}"])  # fmt: skip
         pictures += sorted((folder / name).glob("slice*.png"))
     return Finding(
         ("asked", "measured", "of the cap of the same centre of mass", "height", "spurious capillary number", "CPU s"),
