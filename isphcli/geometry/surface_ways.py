@@ -34,7 +34,7 @@ class SurfaceWays:
 
     def described(self) -> str:
         """Half a sentence for `Geometry.described`."""
-        return (f"smooth, through the labels: {self.moved} voxels change sides; pores in {_parts(self.parts)} (by faces "
+        return (f"smooth, through the labels: {self.moved} voxels change sides, pores in {_parts(self.parts)} (faces "
                 f"of voxels {self.label_parts}), {self.opened} contacts at edges open, {self.closed} at faces shut")
 
     def warnings(self) -> tuple[str, ...]:
