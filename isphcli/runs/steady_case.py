@@ -459,6 +459,7 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
     images = {along.name: along.image for along in results if along.image is not None}
     ranges = {along.name: along.bounds for along in results if along.bounds is not None}
     tensor, dim = None, main.geometry.dim
+    finest = [flow for (_, spacing), flow in flows.items() if spacing == main.spacing]
     # of sealed sides every axis is an experiment of its own: flow across it has nowhere to go
     if len(permeability) == dim and not bars and all(_periodic_of(case, dim)):
         columns = [flows.get((axis, case.particles.spacing)) for axis in range(dim)]
@@ -492,8 +493,8 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
         **_measures(case, flows),
         "superficial_velocity": main.superficial,
         "mean_velocity": main.mean,
-        "mass_error": max(flow.mass_error for flow in flows.values()),
-        "max_divergence": max(flow.divergence for flow in flows.values()),
+        "mass_error": max(flow.mass_error for flow in finest),
+        "max_divergence": max(flow.divergence for flow in finest),
         "iterations": {"stokes": mean_max([r["iterations_stokes"] for r in history])},
         "components": main.components,
         "isolated_pockets": main.isolated_pockets,
