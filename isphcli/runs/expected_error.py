@@ -28,7 +28,9 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 THINNEST = 3.0  # particles across pores, or across the median throat, below which there is a warning
-LINES = 1024  # along an axis, that chords of shapes are measured on: at n sites a line 3 * 1024 n points are asked for
+# Lines along each axis that chords of grains are measured on, which bounds time and memory: 3 * 1024 sites for each
+# along an edge. Grains of cases/berea.yaml have chords of 87.2 um by them, by all lines 86.9 (2026-11-30)
+LINES = 1024
 WALLS = {"exact": "shapes", "grey": "grey images", "labels": "segmented images", "stairs": "images with stairs"}
 
 
@@ -167,12 +169,15 @@ def grain_chord(geometry: Geometry, spacing: float) -> float:
 
 def _solid_lines(geometry: Geometry, axis: int, spacing: float) -> tuple[np.ndarray, float]:
     """(bool (lines, n) whether there is solid along lines of the sample along an axis, length of a cell, m)."""
+    across = round(LINES ** (1.0 / (geometry.dim - 1)))
     if geometry.labels is not None and geometry.voxel_size is not None:
-        solid = np.moveaxis(geometry.labels[sample_voxels(geometry)] < 0, geometry.dim - 1 - axis, -1)
-        return solid.reshape(-1, solid.shape[-1]), float(geometry.voxel_size[axis])
+        labels = np.moveaxis(geometry.labels[sample_voxels(geometry)], geometry.dim - 1 - axis, -1)
+        for other in range(geometry.dim - 1):
+            n = labels.shape[other]
+            labels = labels.take(((np.arange(min(n, across)) + 0.5) * (n / min(n, across))).astype(int), axis=other)
+        return labels.reshape(-1, labels.shape[-1]) < 0, float(geometry.voxel_size[axis])
     lower, upper = sample_box(geometry)
     counts = np.maximum(np.rint((upper - lower) / spacing), 1).astype(int)
-    across = round(LINES ** (1.0 / (geometry.dim - 1)))
     counts = np.where(np.arange(geometry.dim) == axis, counts, np.minimum(counts, across))
     middles = [low + (np.arange(n) + 0.5) / n * (high - low) for low, high, n in zip(lower, upper, counts)]
     points = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1)
