@@ -32,8 +32,8 @@ import numpy as np
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
 from isphcli.preflight.look import look
-from isphcli.runs.expected_error import WALLS, calibrations, is_straight, mean_chord, pore_width
-from isphcli.runs.permeability import EDGE, extrapolate
+from isphcli.runs.expected_error import WALLS, calibrations, grain_chord, is_straight, mean_chord, pore_width
+from isphcli.runs.permeability import EDGE, ORDER, extrapolate
 from isphcli.runs.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.validation.known_bodies import GREY_LEVEL, LevelGeometry, bodies
@@ -170,7 +170,8 @@ def measured(path):
                      "k": np.array(row["k"].split(), float), "cpu": row["cpu"].split(), "chord": mean_chord(pores),
                      "straight": is_straight(pores),
                      "unsure": 0.0 if row["wall"] == "stairs" else unsure,
-                     "width": pore_width(true, porosity)})
+                     "pores": pore_width(true, porosity),
+                     "width": min(pore_width(true, porosity), grain_chord(LevelGeometry(body), 1 / 3))})
     return rows
 
 
@@ -180,8 +181,8 @@ def off(k, truth):
 
 
 def errors_of(rows, wall, part):
-    """(widths, errors, families): of spacings widths of pores in particles, against the truth or the finest spacing; of
-    images mean chords in voxels."""
+    """(widths, errors, families): of spacings widths of pores or grains in particles, against the truth or the finest
+    spacing; of images mean chords in voxels."""
     widths, errors, families = [], [], []
     for row in rows:
         if row["wall"] != wall:
@@ -278,7 +279,7 @@ def table_of_bodies(rows):
             continue
         labels = own["labels"]
         _, uncertainty, _ = body.truth()
-        line = [body.name, f"{labels['width']:.2f}, {labels['chord']:.2f}",
+        line = [body.name, f"{labels['pores']:.2f}, {labels['chord']:.2f}",
                 f"{labels['true']:.4g}" + (f" +- {100 * uncertainty:.1f} %" if uncertainty > 1e-6 else "")]
         for kind in KINDS:
             found = own.get(kind)
@@ -307,17 +308,18 @@ def report(path):
                 print(f"- {wall}, {levels} a voxel: {len(errors)} bodies, {100 * held:.0f} % within the bar, median "
                       f"error {100 * np.median(errors):.3f} %, bar {100 * np.median(bars):.3f} %, bar over error "
                       f"{ratio:.2f}")
-    print("\nRelative errors that 90 % keep within, factor / width^power, with the width of the pores in particles "
-          "(spacing)\nor the mean chord in voxels (image; straight: all slices alike), as isphcli/data/calibration.csv "
-          "has them:\n\n```\n"
+    print("\nRelative errors that 90 % keep within, factor / width^power, with the width of the pores or the chord "
+          "of the\ngrains in particles (spacing) or the mean chord of either in voxels (image; straight: all slices "
+          "alike), as\nisphcli/data/calibration.csv has them:\n\n```\n"
           f"# {command}\nwall,part,factor,power,bodies,widest")
     for wall in WALLS:
         for part in ("spacing",) if wall == "exact" else ("spacing", "image", "straight"):
             widths, errors, families = errors_of(rows, wall, part)
             if len(widths) > 1:
-                # an image leaves the place of a wall open by a share of a voxel: by first order in the chord
-                factor, power = fit(widths, errors, families if wall == "exact" else None,
-                                    None if part == "spacing" else 1.0)
+                # an image leaves the place of a wall open by a share of a voxel: by first order in the chord; beside
+                # smooth walls of every kind the order is that of the bars
+                power = 1.0 if part != "spacing" else ORDER if wall != "stairs" else None
+                factor, power = fit(widths, errors, families if wall == "exact" else None, power)
                 count = len(widths) if part != "spacing" else len({r["body"] for r in rows if r["wall"] == wall})
                 print(f"{wall},{part},{factor:.3g},{power:g},{count},{widths.max():.3g}")
     print("```")
@@ -336,7 +338,7 @@ def volumes(path, beyond=0.03):
             geometry = build_geometry(case_of(body, "labels", Path(folder)))
         points = np.meshgrid(*[(np.arange(3 * n) + 0.5) / 3 for n in body.size], indexing="ij")
         smooth = float(np.mean(geometry.phase(np.stack(points, axis=-1).reshape(-1, 3)) >= 0))
-        lines.append([row["body"], f"{row['width']:.2f}", f"{100 * k:+.2f}", f"{100 * (labels / true - 1):+.2f}",
+        lines.append([row["body"], f"{row['pores']:.2f}", f"{100 * k:+.2f}", f"{100 * (labels / true - 1):+.2f}",
                       f"{100 * (smooth / true - 1):+.2f}"])
     heads = ["body", "pores, voxels", "k, %", "volume of the labels, %", "of the smooth body, %"]
     print("\n".join(table(heads, lines)))

@@ -28,6 +28,7 @@ from calibration import case_of
 
 from isphcli.case.load import load_case
 from isphcli.output.clock import Clock
+from isphcli.runs.expected_error import grain_chord
 from isphcli.runs.half_in_throats import in_throats, limit_of_throats
 from isphcli.runs.permeability import EDGE, SHARE, extrapolate
 from isphcli.runs.steady import build_scene, solve_axis
@@ -126,7 +127,8 @@ def bars(*names):
         geometry, truth = LevelGeometry(one), one.truth()
         first, kept = one_spacing(case, geometry, 1.0, one.axis, keep=True)
         k = two_spacings(geometry, kept, 0.0, one.axis, SHARE)[0]
-        value, bar = limit_of_throats(first[0], k, 1.0, float(one.labels().mean()), "smooth")[:2]
+        pores = float(one.labels().mean()), grain_chord(geometry, 0.5)
+        value, bar = limit_of_throats(first[0], k, 1.0, pores, "smooth")[:2]
         off = abs(value - truth[0])
         held.append((off <= bar + truth[1] * truth[0], off / value, bar / value))
         print(f"{one.name}: one {100 * (first[0] / truth[0] - 1):+.2f} %, two {100 * (k / truth[0] - 1):+.2f} %, bar "

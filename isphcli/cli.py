@@ -12,6 +12,7 @@ import functools
 import math
 import os
 import re
+import shlex
 import signal
 import sys
 import traceback
@@ -302,8 +303,7 @@ def is_image(path: Path) -> bool:
 
 
 def case_of_image(path: Path, overrides: tuple[str, ...]) -> Case:
-    """A case of an image, with what was assumed on stderr; Unusable, with a case to begin with, where too little is
-    known."""
+    """A case of an image, with what was assumed on stderr; Unusable where too little is known."""
     from .geometry.images.image import VoxelError
     from .scene.first_case import first_case
 
@@ -323,22 +323,15 @@ def named(path: Path) -> Path:
 
 
 def refuse_image(path: Path, reason: str) -> None:
-    """Raise Unusable for an image of which too little is known, with a case to begin with."""
+    """Raise Unusable for an image of which too little is known, with the command that writes a case of it."""
     from .geometry.images.read import image_shape
-    from .scene.first_case import case_text
 
     shape = image_shape(path)
     if shape is None:  # what is wrong with the file is said by its error
         return
-    size = f" of {' x '.join(map(str, shape[::-1]))} voxels (x, y, z)"
-    case = named(path).with_suffix(".yaml")
-    raise Unusable(
-        f"{path}: is an image{size}, not a case. {reason}\nOr write what is to be known about it into a file "
-        f"{case.name} beside it:\n\n"
-        f"{case_text(path, axes=', '.join('xyz'[: len(shape)]))}\n"
-        f"with the labels and the voxel size of your image (isph convert-voxels says which values it holds, and makes "
-        f"labels of grey values), then: isph run {case}"
-    )
+    size, name = " x ".join(map(str, shape[::-1])), shlex.quote(str(path))
+    raise Unusable(f"{reason} (an image of {size} voxels along {', '.join('xyz'[: len(shape)])}). Or keep what is "
+                   f"known of it in a case: isph init {name} --voxel-size 5e-6")
 
 
 def directory_of(case: Case) -> Path:
@@ -707,6 +700,9 @@ def relperm(folder: Path, axis: str | None, part: tuple[float, float], every: bo
 
     found = relative_permeabilities(folder, Clock(), every, axis, part)
     click.echo(relative_table(found) if every else table(relative_lines(found[-1])))
+    for one in found:
+        for sentence in one.warnings:
+            click.echo(f"warning: {f't = {one.time:g} s: ' if every else ''}{sentence}", err=True)
 
 
 def share_of(text: str) -> tuple[float, float]:

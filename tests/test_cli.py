@@ -3,6 +3,7 @@
 import functools
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -209,15 +210,17 @@ def test_a_run_that_stops_short_has_an_exit_code_of_its_own(monkeypatch, status,
 @pytest.mark.parametrize("name", ["scan.npz", "scan.npy"])
 @pytest.mark.parametrize("command", ["run", "validate"])
 def test_an_image_in_place_of_a_case_is_told_what_to_type(folder, name, command):
-    """The case that is printed can be run once its labels are right."""
+    """Both commands that are printed work as they stand: the missing option, and the case that is kept."""
     image = np.ones((4, 5, 6), np.uint8)
     image[:, 1:4, 2:5] = 0
     np.save("scan.npy", image)
     np.savez("scan.npz", image=image)
     done = isph(command, name)
-    assert done.exit_code == BAD_INPUT and "6 x 5 x 4 voxels (x, y, z)" in done.stderr and not done.stdout
-    (folder / "scan.yaml").write_text(done.stderr.split("\n\n")[1])
-    assert isph("validate", "--check-only", "scan.yaml").exit_code == 0
+    assert done.exit_code == BAD_INPUT and "6 x 5 x 4 voxels along x, y, z" in done.stderr and not done.stdout
+    option = re.search(r"--set geometry.voxels.voxel_size=\w+", done.stderr).group()
+    assert isph(command, "--check-only", name, *option.split(), "--set", "drive.axes=[z]").exit_code == 0
+    assert isph(*re.search(r"isph (init scan\S+ --voxel-size \S+)", done.stderr).group(1).split()).exit_code == 0
+    assert isph("validate", "--check-only", "scan.yaml", "--set", "drive.axes=[z]").exit_code == 0
 
 
 def test_errors_of_the_run_are_shown_and_the_bound_stands_beside_the_main_one(monkeypatch, folder):

@@ -22,6 +22,10 @@ INLINE = re.compile(r"(?<!`)`(isph [^`]+)`")
 PARTS = re.compile(r"\s(?:&&|\||>|2>)\s.*")  # what follows goes to a shell
 WORDS = {"CASE", "COMMAND", "IMAGE", "OUT", "DIR", "NAME", "IN"}  # stand for something
 SHORT = ("examples", "keys", "init", "convert-voxels", "validate --check-only")  # begin commands of a second
+# Pages that a newcomer types along with: their steady runs are done on corners of the same images,
+# and checks of these too
+TYPED = ("README.md", "first_permeability.md", "my_image.md", "sphere_packs.md", "paraview.md", "resolution.md")
+CORNERS = {"berea": "[[44,54],[44,54],[44,54]]", "scan": "[[0,8],[0,8],[0,8]]"}
 RAN = set()
 
 
@@ -102,6 +106,16 @@ def test_what_is_set_can_be_set():
     assert seen > 5
 
 
+def small(words):
+    """A command `isph run` of a steady case with a corner of its image, without pictures; None of others."""
+    name = Path(words[1]).stem
+    steady = name in CORNERS or name == "pack"
+    if words[0] != "run" or not steady or not os.path.exists(words[1]):
+        return None
+    corner = f"geometry.voxels.crop={CORNERS[name]}" if name in CORNERS else "particles.spacing=2e-5"
+    return [*words, "--set", corner, "--set", "output.plots=false", "--quiet", "--overwrite"]
+
+
 @pytest.mark.parametrize("path", TEXTS, ids=[path.name for path in TEXTS])
 def test_short_commands_run(path, folder):
     """In their order, so that one finds what the one before it wrote; not those of files that only the user has."""
@@ -110,14 +124,20 @@ def test_short_commands_run(path, folder):
         alone = words[0] in ("convert-voxels", "validate", "init") and not files  # speaks of the command
         stands_for = WORDS & set(words) or "[" in " ".join(words)
         if " ".join(words).startswith(SHORT) and not alone and not stands_for and all(map(os.path.exists, files)):
-            done = CliRunner().invoke(main, list(words))
+            checked = [Path(word).stem for word in words[2:]] if words[0] == "validate" else []
+            corner = [f"--set=geometry.voxels.crop={CORNERS[name]}" for name in checked if name in CORNERS]
+            done = CliRunner().invoke(main, [*words, *corner])
             assert done.exit_code == 0, f"isph {' '.join(words)}\n{done.output}"
             RAN.add(words[0])
+        elif path.name in TYPED and len(words) > 1 and (corner := small(words)) is not None:
+            done = CliRunner().invoke(main, corner)
+            assert done.exit_code == 0 and "permeability" in done.stdout, f"isph {' '.join(words)}\n{done.output}"
+            RAN.add("run")
 
 
 def test_some_of_each_ran():
     """After the ones above, in the order of the file."""
-    assert RAN >= {"examples", "keys", "init", "validate", "convert-voxels"}
+    assert RAN >= {"examples", "keys", "init", "validate", "convert-voxels", "run"}
 
 
 def test_cases_of_the_documents_can_be_read():

@@ -34,8 +34,8 @@ class SurfaceWays:
 
     def described(self) -> str:
         """Half a sentence for `Geometry.described`."""
-        return (f"{self.moved} voxels on the other side than their label; {_parts(self.parts)} of the pores, by faces "
-                f"of voxels {self.label_parts}; {self.opened} edges open, {self.closed} faces closed in their middle")
+        return (f"smooth, through the labels: {self.moved} voxels change sides, pores in {_parts(self.parts)} (faces "
+                f"of voxels {self.label_parts}), {self.opened} contacts at edges open, {self.closed} at faces shut")
 
     def warnings(self) -> tuple[str, ...]:
         """Sentences on the axes along which only one of the two leads through."""

@@ -41,7 +41,9 @@ from .neighbourhood_class import NARROW_SHARE_FIXED
 from .protocol import WallSums
 from .wall_weights import add_walls, boundary_sums, meet_walls, new_boundary_sums, second_moments
 
-NEAREST = 1.02  # of the smallest squared distance on a lattice: the nearest neighbours
+NEAREST = 1.02  # of the smallest squared distance on a lattice that is not stretched: the nearest neighbours
+# Least distances of sites along the axes, in spacings: square and hexagonal, cubic and body-centred lattices
+LEAST_STEPS = {2: ((1.0, 1.0), (0.5, 0.75**0.5)), 3: ((1.0, 1.0, 1.0), (0.5, 0.5, 0.5))}
 MOST_OFFSETS = 255  # more, and every pair keeps an offset of its own: particles off a lattice
 
 
@@ -241,7 +243,7 @@ def nearest_matrix(ops: LatticeWeights, dx: float) -> sp.csr_matrix:
     there; what walls add is as in `velocity_matrix`. It is symmetric, and as a preconditioner as good.
     """
     square = (ops.pairs.step**2).sum(axis=1)
-    near = square < NEAREST * reduce.smallest(square)
+    near = _nearest(ops.pairs.step, dx)
     # a process that has but a few particles may see half of a neighbourhood
     whole = reduce.largest(np.array([np.count_nonzero(near)]))
     weight = np.where(near, 2.0 * ops.dim / whole * dx * dx / square, 0.0)
@@ -250,6 +252,17 @@ def nearest_matrix(ops: LatticeWeights, dx: float) -> sp.csr_matrix:
     matrix = first, np.empty(first[-1], np.int32), np.empty(first[-1])
     over_rows(_near_entries, ops.n, ops.pairs, weight, ops.walls.lap, dx * dx, matrix)
     return canonical(ops, *matrix)
+
+
+def _nearest(step: np.ndarray, dx: float) -> np.ndarray:
+    """(m,) bool, which offsets (m, dim), m, are to nearest neighbours: by distances on the lattice of the spacing dx,
+    m, before a box that it does not fit stretched it. Along an axis that is longer by 1 % two neighbours are as near as
+    before, and a matrix without them does not hold the velocity along it."""
+    apart = np.abs(step)
+    edges = np.array([reduce.smallest(np.append(along[along > 0.1 * dx], np.inf)) for along in apart.T])
+    known = LEAST_STEPS[len(edges)]
+    square = ((step / edges * min(known, key=lambda least: abs(edges[0] / dx - least[0]))) ** 2).sum(axis=1)
+    return square < NEAREST * reduce.smallest(square)
 
 
 def _empty_matrix(ops: LatticeWeights, dtype: np.dtype) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -176,19 +176,21 @@ def _of_one(run: Run) -> str:
 
 
 def _side_by_side(runs: Sequence[Run]) -> str:
-    """A column a run; what differs between the cases first."""
-    cells: list[dict[str, str]] = [dict([("status", str(run.summary.get("status"))), *scene_lines(run.summary),
-                                         *answer_lines(run), *cost_lines(run)]) for run in runs]
+    """A column a run: what differs between the cases, the answers, then scene and cost; what is alike in all runs last,
+    once."""
+    cells: list[dict[str, str]] = [dict([("status", str(run.summary.get("status"))), *answer_lines(run),
+                                         ("warnings", "\n".join(_warnings(run)) or "none"), *scene_lines(run.summary),
+                                         *cost_lines(run)]) for run in runs]
     settings = [_flat(run.case) for run in runs]
-    differing = [name for name in dict.fromkeys(key for known in settings for key in known)
-                 if len({known.get(name) for known in settings}) > 1]
+    differing = [name for name in _merged(settings) if len({known.get(name) for known in settings}) > 1]
     head = "".join(f"<th>{escape(run.title)}<br>{escape(run.directory.name)}</th>" for run in runs)
     rows = [_row(name, [known.get(name, "") for known in settings]) for name in differing]
     asked = f"<h2>What differs between the cases</h2>\n<table>\n<tr><th></th>{head}</tr>\n{''.join(rows)}</table>\n"
-    rows = [_row(name, [known.get(name, "") for known in cells])
-            for name in dict.fromkeys(key for known in cells for key in known)]
-    rows.append(_row("warnings", ["\n".join(_warnings(run)) or "none" for run in runs]))
+    names = _merged(cells)
+    alike = [name for name in names if len({known.get(name) for known in cells}) == 1]
+    rows = [_row(name, [known.get(name, "") for known in cells]) for name in names if name not in alike]
     found = f"<h2>What came out</h2>\n<table>\n<tr><th></th>{head}</tr>\n{''.join(rows)}</table>\n"
+    same = f"<h2>Alike in all of them</h2>\n{_table([(name, cells[0][name]) for name in alike])}" if alike else ""
     drawn = []
     for name in PICTURES:
         of_each = [dict(run.pictures).get(name) for run in runs]
@@ -196,7 +198,19 @@ def _side_by_side(runs: Sequence[Run]) -> str:
             parts = "".join(f"<td>{_image(name, data) if data else ''}</td>" for data in of_each)
             drawn.append(f"<tr><th>{PICTURES[name]}</th>{parts}</tr>\n")
     pictures = f"<h2>Pictures</h2>\n<table>\n<tr><th></th>{head}</tr>\n{''.join(drawn)}</table>\n"
-    return (asked if differing else "") + found + (pictures if drawn else "")
+    return (asked if differing else "") + found + (pictures if drawn else "") + same
+
+
+def _merged(runs: Sequence[Mapping[str, str]]) -> list[str]:
+    """Names of all runs, each behind the one that it follows in its own run."""
+    names: list[str] = []
+    for known in runs:
+        place = 0
+        for name in known:
+            if name not in names:
+                names.insert(place, name)
+            place = names.index(name) + 1
+    return names
 
 
 def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, str]:

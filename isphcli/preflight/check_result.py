@@ -220,11 +220,11 @@ def _pore_lines(c: Connectivity, microporous: dict[str, float], widths: Throats 
         f"{c.isolated_pockets} closed pockets{closed}; open along {', '.join(through) or 'no axis'}",
     )
     if widths is not None:
-        critical = "".join(f"; {AXES[a]} passes a ball of {w:.1f}" for a, w in widths.critical.items())
+        critical = "".join(f"; narrowest along {AXES[a]} {w:.1f}" for a, w in widths.critical.items())
         yield _row(
             "throats",
-            f"in particles: 10 % below {widths.narrow:.1f}, median {widths.median:.1f}{critical}; "
-            f"{100 * widths.thin:.0f} % of the fluid has fewer than {ENOUGH_ACROSS} across its centre line",
+            f"median {widths.median:.1f} particles wide, 10 % of the fluid in pores below {widths.narrow:.1f}, "
+            f"{100 * widths.thin:.0f} % below {ENOUGH_ACROSS}{critical}",
         )
 
 

@@ -94,13 +94,15 @@ def place_two(geometry: Geometry, lattice: Lattice, cut: np.ndarray, spacing: fl
     return MixedParticles(x, sum(len(part) for part in kept[0]), half, beside, spacing, lattice.site_volume)
 
 
-def limit_of_throats(coarse: float, fine: float, spacing: float, porosity: float,
+def limit_of_throats(coarse: float, fine: float, spacing: float, pores: tuple[float, float],
                      wall: str) -> tuple[float, float, str]:
     """(permeability, bar, sentence) of k at a spacing, m, and with half of it in throats, m2: as of half of it
     everywhere (`extrapolate`), and squares of two more: what lies outside the throats may be off by as much of its
-    part, and where spacings meet something is added (`MEETING`). wall: smooth or stairs."""
+    part, and where spacings meet something is added (`MEETING`). pores: porosity and chord of the grains, m, see
+    `grain_chord`; wall: smooth or stairs."""
     edges, half = EDGE if wall == "stairs" else None, 0.5 * spacing
-    usual = usual_error(fine, porosity, half) if edges is None and fine > 0.0 else 0.0
+    porosity, grain = pores
+    usual = usual_error(fine, porosity, half, grain) if edges is None and fine > 0.0 else 0.0
     limit, bar, _, _ = extrapolate((spacing, half), (coarse, fine), edges, usual=usual)
     outside = (1.0 - SHARE) / SHARE * (coarse - fine)
     if edges is None:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ..output.clock import Clock
 
 LEAST = 0.1  # spacings: a particle is at least this far from the interface, of which its fluid says the side
+FEW = 0.5  # of its saturation that a fluid holds of an end face below which its k_r is that of the face
 REACH = 4.0  # spacings up to which the distance to the interface is known; the spline of the wall reads no farther
 
 
@@ -43,7 +44,7 @@ class SnapshotError(ValueError):
 class Relative:
     """One snapshot: time, s; axis of the flow; names of both fluids; their saturations in the sample; their relative
     permeabilities; leads_through: whether a path of its own does, of both, without which it is 0; permeability: m2, of
-    both as a single fluid."""
+    both as a single fluid; at_ends: the first fluid's share of the pores in the first and last layer of cells."""
 
     time: float
     axis: str
@@ -52,6 +53,21 @@ class Relative:
     relative: tuple[float, float]
     leads_through: tuple[bool, bool]
     permeability: float
+    at_ends: tuple[float, float]
+
+    @property
+    def warnings(self) -> list[str]:
+        """Sentences on fluids that hold less of the pores of an end face than of the sample: all that flows passes the
+        face, so that k_r is ruled by it and not by the saturation beside it."""
+        said = []
+        for k, (name, saturation) in enumerate(zip(self.names, self.saturation)):
+            ends = [share if k == 0 else 1.0 - share for share in self.at_ends]
+            for end, share in zip(("first", "last"), ends):
+                if share < FEW * saturation:
+                    said.append(f"{name} holds {share:.2g} of the pores in the {end} layer along {self.axis} and "
+                                f"{saturation:.2g} of the sample: its k_r is ruled by that face; take a part without "
+                                f"it (--part {'0.25:1' if end == 'first' else '0:0.75'})")
+        return said
 
     def why_zero(self, k: int) -> str | None:
         """Why the relative permeability of fluid k, 0 or 1, is zero; None where it is not."""
@@ -89,12 +105,12 @@ def relative_permeabilities(directory: Path, clock: Clock, every: bool = False, 
         x, fields = read_snapshot(directory / file)
         fluid = fields["phase"] >= 0
         x, phase = x[fluid][:, : geometry.dim], fields["phase"][fluid]
-        inside = np.all((x >= sample.lower) & (x <= sample.upper), axis=1)
-        share = float((phase[inside] == 0).mean()) if inside.any() else 0.0
-        sides = [sample.distance_from_the_other(x, phase, k) for k in (0, 1)]
+        nearest = sample.nearest(x, phase)
+        share, *ends = sample.shares(*nearest)
+        sides = [sample.distance_from_the_other(*pair) for pair in (nearest, nearest[::-1])]
         (first, first_leads), (second, second_leads) = (sample.permeability(side) for side in sides)
         found.append(Relative(time, "xyz"[axis], (case.fluid_names[0], case.fluid_names[1]), (share, 1.0 - share),
-                              (first / whole, second / whole), (first_leads, second_leads), whole))
+                              (first / whole, second / whole), (first_leads, second_leads), whole, (ends[0], ends[1])))
     return found
 
 
@@ -134,14 +150,32 @@ class Sample:
         far = REACH * self.spacing
         self.wall = np.clip(geometry.distance(self.x), -far, far) if geometry.has_solid else np.full(len(self.x), far)
 
-    def distance_from_the_other(self, x: np.ndarray, phase: np.ndarray, k: int) -> np.ndarray:
-        """(n,) m, signed distance of the cells from the other fluid than k, positive in fluid k. x: (m, dim) m, phase:
-        (m,) of the particles."""
+    def nearest(self, x: np.ndarray, phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) m, distances of the cells from the nearest particles of fluids 0 and 1, inf without any. x: (m, dim) m,
+        phase: (m,) of the particles."""
         box, origin = self.box
+        trees = [cKDTree(x[mine] - origin, boxsize=box) if mine.any() else None for mine in (phase == 0, phase == 1)]
+        first, second = (np.full(len(self.x), np.inf) if tree is None else tree.query(self.x - origin)[0]
+                         for tree in trees)
+        return first, second
+
+    def shares(self, to_first: np.ndarray, to_second: np.ndarray) -> tuple[float, float, float]:
+        """Shares of the pores that fluid 0 has, of the sample and of its first and last layer of cells along the axis.
+
+        By cells, as the run measures its saturations: particles do not all stand for the same volume. A cell that a
+        wall or the interface cuts counts with its part. to_first, to_second: see `nearest`.
+        """
+        pores = np.clip(0.5 + self.wall / self.spacing, 0.0, 1.0).reshape(self.cells[::-1])
+        way = np.where(np.isinf(to_second), np.inf, to_second - to_first)
+        mine = pores * np.clip(0.5 + 0.5 * way / self.spacing, 0.0, 1.0).reshape(pores.shape)
+        across = tuple(a for a in range(mine.ndim) if a != mine.ndim - 1 - self.axis)
+        held, there = mine.sum(axis=across), pores.sum(axis=across)
+        first, last = (float(held[end] / there[end]) if there[end] else 0.0 for end in (0, -1))
+        return float(held.sum() / there.sum()), first, last
+
+    def distance_from_the_other(self, to_mine: np.ndarray, to_other: np.ndarray) -> np.ndarray:
+        """(n,) m, signed distance of the cells from the other fluid, positive in the own one; see `nearest`."""
         far, side = REACH * self.spacing, np.full(len(self.x), np.inf)
-        trees = [cKDTree(x[mine] - origin, boxsize=box) if mine.any() else None for mine in (phase == k, phase != k)]
-        to_mine, to_other = (np.full(len(self.x), np.inf) if tree is None else tree.query(self.x - origin)[0]
-                             for tree in trees)
         nearest = np.where(to_mine <= to_other, to_other, to_mine)
         side = np.clip(nearest - 0.5 * self.spacing, LEAST * self.spacing, far)
         return np.where(to_mine <= to_other, side, -side)

@@ -24,7 +24,7 @@ from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at
 from ..solvers.krylov import SolveError
 from . import ranks, steady
-from .expected_error import THINNEST, expected, pore_width, scan_of, too_narrow, usual_error, wall_of
+from .expected_error import THINNEST, expected, grain_chord, pore_width, scan_of, too_narrow, usual_error, wall_of
 from .flow_measures import profile_rows, speed_distribution, tortuosity
 from .permeability import EDGE, SHARE, extrapolate
 from .refinement import Solved, further_spacings
@@ -378,8 +378,10 @@ class AxisResult:
     source: str | None = None
 
 
-def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosity: float) -> AxisResult:
-    """AxisResult of the flows along an axis; of spacings, those count at which there is a path."""
+def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosity: float,
+                 grain: float) -> AxisResult:
+    """AxisResult of the flows along an axis; of spacings, those count at which there is a path. grain: m, see
+    `grain_chord`."""
     name, spacings, wall, scan = "xyz"[axis], case.spacings, wall_of(case), scan_of(geometry)
     known = {h: _along(flows[axis, h], axis) if (axis, h) in flows else 0.0 for h in spacings}
     open_at = [h for h in spacings if (axis, h) in flows]
@@ -388,28 +390,30 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
                        [h for h in spacings if h not in open_at])
     throats = flows[axis, open_at[0]].throats if open_at else None
     if throats is not None:
-        found = _with_throats(found, throats, open_at[0], porosity, wall)
+        found = _with_throats(found, throats, open_at[0], (porosity, grain), wall)
     elif len(open_at) > 1:
         edges = EDGE if wall == "stairs" else None
         finest = min(open_at)
         k = float(known[finest])
-        usual = usual_error(k, porosity, finest) if edges is None and k > 0.0 else 0.0
+        usual = usual_error(k, porosity, finest, grain) if edges is None and k > 0.0 else 0.0
         limit, bar, _, sentence = extrapolate(open_at, [known[h] for h in open_at], edges, usual=usual)
         found = replace(found, permeability=float(limit), bar=bar, sentence=f"{name}: {sentence}")
     if found.permeability > 0.0:
         k = found.permeability
-        error = expected(wall, k, porosity, open_at[0], scan, found.bar)
+        error = expected(wall, k, porosity, open_at[0], grain, scan, found.bar)
         found = replace(found, bounds=error.bounds(k), source=f"{name}: {error.sentence}",
                         image=error.image * k if scan is not None else None)
     return found
 
 
-def _with_throats(found: AxisResult, throats: InThroats, spacing: float, porosity: float, wall: str) -> AxisResult:
-    """The result of a spacing, m, with the value and bar of half of it in throats."""
+def _with_throats(found: AxisResult, throats: InThroats, spacing: float, pores: tuple[float, float],
+                  wall: str) -> AxisResult:
+    """The result of a spacing, m, with the value and bar of half of it in throats. pores: porosity and chord of the
+    grains, m."""
     from .half_in_throats import limit_of_throats
 
     k = throats.permeability
-    limit, bar, sentence = limit_of_throats(found.permeability, k, spacing, porosity, wall)
+    limit, bar, sentence = limit_of_throats(found.permeability, k, spacing, pores, wall)
     by_spacing = found.by_spacing | {f"{spacing:g} and {0.5 * spacing:g}": k}
     return replace(found, permeability=limit, bar=bar, by_spacing=by_spacing,
                    sentence=f"{found.name}: half the spacing where {SHARE:.0%} of the energy is lost "
@@ -443,7 +447,8 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
     flows, history, main = found.flows, found.history, _main(found.flows)
     scene = scene_entries(case, main.geometry, main.particles, main.cells, seen)
     filled = scene["porosity"] + sum((scene["microporous"] or {}).values())
-    results = [_axis_result(case, axis, flows, main.geometry, filled)
+    grain = grain_chord(main.geometry, min(case.spacings))
+    results = [_axis_result(case, axis, flows, main.geometry, filled, grain)
                for axis, _ in axes if axis is not None]
     for along in results:
         _tell(along, case, found.closed, seen, filled)
@@ -454,6 +459,7 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
     images = {along.name: along.image for along in results if along.image is not None}
     ranges = {along.name: along.bounds for along in results if along.bounds is not None}
     tensor, dim = None, main.geometry.dim
+    finest = [flow for (_, spacing), flow in flows.items() if spacing == main.spacing]
     # of sealed sides every axis is an experiment of its own: flow across it has nowhere to go
     if len(permeability) == dim and not bars and all(_periodic_of(case, dim)):
         columns = [flows.get((axis, case.particles.spacing)) for axis in range(dim)]
@@ -487,8 +493,8 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
         **_measures(case, flows),
         "superficial_velocity": main.superficial,
         "mean_velocity": main.mean,
-        "mass_error": max(flow.mass_error for flow in flows.values()),
-        "max_divergence": max(flow.divergence for flow in flows.values()),
+        "mass_error": max(flow.mass_error for flow in finest),
+        "max_divergence": max(flow.divergence for flow in finest),
         "iterations": {"stokes": mean_max([r["iterations_stokes"] for r in history])},
         "components": main.components,
         "isolated_pockets": main.isolated_pockets,

@@ -23,7 +23,7 @@ geometry:
 particles: {{spacing: {spacing}}}   # m: one particle per voxel
 fluids: {{water: {{density: 1000, viscosity: 1.0e-3}}}}   # kg/m3, Pa s
 flow: stokes
-drive: {{axes: [{axes}]}}
+drive: {{axes: [x]}}
 """
 
 
@@ -36,10 +36,10 @@ class FirstCase:
     assumed: tuple[str, ...]
 
 
-def case_text(path: Path, values: str = "labels: {solid: 1, water: 0}", size: str = "5.0e-6", spacing: str = "5.0e-6",
-              axes: str = "x") -> str:
+def case_text(path: Path, values: str = "labels: {solid: 1, water: 0}", size: str = "5.0e-6",
+              spacing: str = "5.0e-6") -> str:
     """The text of a case of an image."""
-    return CASE.format(file=repr(path.name), values=values, size=size, spacing=spacing, axes=axes)
+    return CASE.format(file=repr(path.name), values=values, size=size, spacing=spacing)
 
 
 def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:

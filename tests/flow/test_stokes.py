@@ -97,6 +97,17 @@ def test_iterations_do_not_grow():
     assert counts[1] <= 1.2 * counts[0] + 1
 
 
+def test_a_box_that_stretches_the_lattice_is_no_harder():
+    """By +2.1 % along x and -2.1 % along y, as a pack whose box is no multiple of the spacing, and by 3.5 % along both:
+    as many iterations, one more or less."""
+    text = ("geometry: {box: [%r, %r, 0.72], periodic: [x, y, z], shapes: [{sphere: {centre: [0.3, 0.3, 0.3], "
+            "radius: 0.22}, is: solid}]}\nparticles: {spacing: 0.06}\n"
+            "fluids: {water: {density: 1, viscosity: 1}}\nflow: stokes\n")
+    even, *stretched = (solve(text % (0.72 * (1 + x), 0.72 * (1 + y)))[1].convergence.iterations
+                        for x, y in ((0.0, 0.0), (0.021, -0.021), (0.035, 0.035)))
+    assert stretched == pytest.approx([even] * 2, abs=1)
+
+
 def test_flux_is_conserved_between_planes():
     """The divergence is consistent, not a balance: 0.06 % measured. The sum over a layer is not the flux to the last
     digit either, the stencil is two layers wide."""

@@ -106,6 +106,19 @@ def test_the_nearest_neighbours_give_the_laplacian_of_a_quadratic_function(dim):
     np.testing.assert_allclose((matrix @ (x**2).sum(axis=1))[inner], -2.0 * dim * SPACING**2, atol=1e-12)
 
 
+@pytest.mark.parametrize(("kind", "count"), [("square", 4), ("hexagonal", 6), ("cubic", 6), ("bcc", 8)])
+@pytest.mark.parametrize("stretch", [[1.0, 1.0, 1.0], [1.03, 0.97, 1.0], [0.96, 1.0, 1.04]])
+def test_a_stretched_lattice_has_the_same_nearest_neighbours(kind, count, stretch):
+    """By up to 4 %, unlike along the axes: what a box that is no multiple of the spacing does."""
+    dim = 2 if kind in ("square", "hexagonal") else 3
+    box = SPACING * np.array([8.0, 8.0 * np.sqrt(3) if kind == "hexagonal" else 8.0, 8.0])[:dim] * stretch[:dim]
+    lattice = make_lattice(kind, np.zeros(dim), box, [True] * dim, SPACING, 0.0)
+    x = np.concatenate(list(lattice.slabs()))
+    step = x - x[np.linalg.norm(x - box / 2, axis=1).argmin()]
+    step = step[(np.linalg.norm(step, axis=1) < 2.1 * SPACING) & (np.abs(step).max(axis=1) > 0.0)]
+    assert np.count_nonzero(factored._nearest(step, SPACING)) == count
+
+
 def test_bits_do_not_depend_on_the_threads(monkeypatch):
     """Every kernel of a steady solve."""
     def results():

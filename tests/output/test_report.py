@@ -67,7 +67,19 @@ def test_runs_side_by_side_say_what_differs(tmp_path):
     assert rows["particles.spacing"] == ["1e-06", "5e-07"]
     assert rows["permeability"] == ["1.50e-12 m2 = 1520 mD", "1.25e-12 m2 = 1270 mD"]
     assert rows["warnings"] == ["throats &amp; pores are narrow", "none"]
+    assert rows["status"] == ["finished"] and text.index("Alike in all") > text.index("What came out")
     assert "output.directory" not in rows and "drive.axes" not in rows
+
+
+def test_rows_of_three_runs_are_in_the_order_of_one(tmp_path):
+    """The second run alone has a range: it stands under the permeability, not behind the folder."""
+    runs = [leave(tmp_path / "a"), leave(tmp_path / "b", permeability_range=[1e-12, 2e-12]),
+            leave(tmp_path / "c", 5e-7, 1.4e-12)]
+    lines = [[name for name, _ in answer_lines(read_run(run))] for run in runs]
+    extra = next(name for name in lines[1] if name not in lines[0])
+    text = report_page([read_run(run) for run in runs])
+    where = [text.index(f"<th>{name.strip()}</th>") for name in ("permeability", extra, "folder")]
+    assert where == sorted(where)
 
 
 def test_questions_of_moving_particles(tmp_path):

@@ -12,10 +12,12 @@ from isphcli.runs.expected_error import (
     Scan,
     calibrations,
     expected,
+    grain_chord,
     is_straight,
     mean_chord,
     pore_width,
 )
+from isphcli.validation.known_bodies import LevelGeometry, body
 from tests.paths import ROOT
 
 
@@ -37,6 +39,31 @@ def test_mean_chords():
     assert mean_chord(cubes) == pytest.approx(4.0)
     assert mean_chord(np.ones((4, 4), bool)) == math.inf
     assert is_straight(plates) and is_straight(plates[0]) and not is_straight(cubes)
+
+
+class BetweenFaces(LevelGeometry):
+    """The box does not repeat along y."""
+
+    periodic = (True, False, True)
+
+
+def test_chords_of_grains():
+    """Of a sphere 4/3 of its radius (the mean over lines through it), of a plate its volume over
+    its faces; what fills the box up to a face that does not repeat is no grain."""
+    sphere = body("spheres 0.064, 8")
+    radius = 8.0 * (0.064 * 3 / (4 * math.pi)) ** (1 / 3)
+    assert grain_chord(LevelGeometry(sphere), 0.125) == pytest.approx(4 / 3 * radius, rel=0.02)
+    slit = body("slit 5.3")  # in a box of 10, walls across one of three axes
+    # lines lie 1/32 of the box apart
+    assert grain_chord(LevelGeometry(slit), 0.1) == pytest.approx(3 * (10.0 - 5.3), abs=3 * 10.0 / 32)
+    assert grain_chord(BetweenFaces(slit), 0.1) == math.inf
+
+
+def test_thin_grains_widen_the_range():
+    """Pores 8 spacings wide between grains of 2 are worth what pores of 2 are."""
+    k, porosity = 0.5 * 8.0**2 / 12, 0.5
+    wide, thin = (expected("exact", k, porosity, 1.0, grain) for grain in (math.inf, 2.0))
+    assert thin.spacing == pytest.approx(8 * wide.spacing) and "grains 2 particles wide" in thin.sentence
 
 
 def test_every_wall_is_calibrated():
@@ -64,10 +91,10 @@ def test_the_page_on_resolution_has_these_errors():
 @pytest.mark.parametrize("wall", WALLS)
 def test_wider_pores_and_finer_images_are_worth_more(wall):
     scans = [None] * 2 if wall == "exact" else [Scan(3.0, False), Scan(6.0, False)]
-    coarse = expected(wall, 1.0, 0.3, 1.0, scans[0])
-    fine = expected(wall, 1.0, 0.3, 0.5, scans[1])
+    coarse = expected(wall, 1.0, 0.3, 1.0, scan=scans[0])
+    fine = expected(wall, 1.0, 0.3, 0.5, scan=scans[1])
     assert fine.spacing < coarse.spacing and (wall == "exact" or fine.image < coarse.image)
-    assert expected(wall, 1.0, 0.3, 1.0, scans[0], bar=0.01).spacing == 0.01  # several spacings tell by themselves
+    assert expected(wall, 1.0, 0.3, 1.0, scan=scans[0], bar=0.01).spacing == 0.01  # several spacings tell by themselves
 
 
 def test_a_range_is_as_wide_up_as_down():

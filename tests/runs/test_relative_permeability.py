@@ -1,13 +1,15 @@
 """Relative permeability: layers between plates against their formula, fluids that no path leads through."""
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from isphcli.case.load import read_case
 from isphcli.cli import main
 from isphcli.output.clock import Clock
-from isphcli.runs.relative_permeability import SnapshotError, relative_permeabilities
+from isphcli.runs.relative_permeability import Relative, Sample, SnapshotError, relative_permeabilities
 from isphcli.runs.run import run_case
+from isphcli.scene.build_geometry import build_geometry
 
 LAYERS = """
 geometry: {box: [0.375, 1], periodic: [x], fluid: water, shapes: [{box: BOX, is: oil}]}
@@ -49,8 +51,26 @@ def test_a_slug_across_the_channel_stops_both(tmp_path):
     assert found.relative == (0.0, 0.0) and found.saturation == pytest.approx((2 / 3, 1 / 3))
     assert found.leads_through == (False, False)
     printed = CliRunner().invoke(main, ["relperm", str(out)]).stdout
+    assert found.at_ends == pytest.approx((1.0, 1.0)) and len(found.warnings) == 2  # oil holds none of either end
     for name in ("water", "oil"):
         assert f"0 (no path through {name} alone leads through the sample along x)" in printed
+
+
+def test_saturations_are_of_volume_and_ends_are_told(tmp_path):
+    """Cells count, not particles: with every second particle of the oil left out it still holds what it held, but for
+    what its interface moves (half a spacing of 16). Where it holds a tenth of the first layer and half of all, its k_r
+    is said to be that of the layer."""
+    case = read_case(LAYERS.replace("BOX", "{lower: [-1, 0.5], upper: [2, 2]}").encode(), "case.yaml")
+    sample = Sample(case, build_geometry(case, 0), 0, Clock())
+    oil = sample.x[:, 1] > 0.5
+    kept = ~oil | (np.arange(len(oil)) % 2 == 0)
+    phase = oil.astype(np.int8)
+    assert phase[kept].mean() < 0.35
+    for chosen in (np.ones(len(oil), bool), kept):
+        assert sample.shares(*sample.nearest(sample.x[chosen], phase[chosen])) == pytest.approx((0.5,) * 3, abs=0.032)
+    found = Relative(0.0, "x", ("water", "oil"), (0.5, 0.5), (0.2, 0.1), (True, True), 1.0, (0.9, 0.5))
+    (said,) = found.warnings
+    assert said.startswith("oil holds 0.1 of the pores in the first layer along x") and "--part 0.25:1" in said
 
 
 @pytest.mark.slow

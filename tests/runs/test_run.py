@@ -87,12 +87,15 @@ def test_fluid_without_walls_has_no_permeability(tmp_path):
 
 
 def test_refine_gives_an_extrapolation(tmp_path):
-    """The error bar covers what two more levels find (Sangani and Acrivos' fraction is another one: no value here)."""
+    """The error bar covers what two more levels find (Sangani and Acrivos' fraction is another one: no value here). The
+    mass error is that of the finest level, whose fields are written."""
     fine = run(tmp_path, DISK + "flow: stokes\ndrive: {axes: [x]}\n", "particles.spacing=0.015625")
     coarse = run(tmp_path, DISK + "flow: stokes\ndrive: {axes: [x]}\n", "refine=[0.04166666,0.03125]")
     assert coarse["permeability"] == pytest.approx(fine["permeability"], rel=0.02)
     assert coarse["permeability_error"] is None or coarse["permeability_error"] > 0
     assert len(coarse["permeability_by_spacing"]["x"]) == 3
+    finest = run(tmp_path, DISK + "flow: stokes\ndrive: {axes: [x]}\n", "particles.spacing=0.03125")
+    assert coarse["mass_error"] == pytest.approx(finest["mass_error"], rel=1e-3)
 
 
 @pytest.mark.slow

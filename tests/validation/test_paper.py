@@ -90,7 +90,7 @@ def summaries(monkeypatch, errors):
 
 @pytest.mark.parametrize("error, holds", [(0.03, True), (-0.06, False)])
 def test_square_drops_are_judged_by_the_slope(monkeypatch, folder, error, holds):
-    asked = summaries(monkeypatch, {"laplace_relative": error, "peak_capillary_number": 1e-4, "circularity": -0.01})
+    asked = summaries(monkeypatch, {"laplace_relative": error, "spurious_capillary_number": 1e-4, "circularity": -0.01})
     finding = paper.square_drops(1.0, folder)
     assert asked == [f"square_drop_{k}" for k in (1, 2, 3, 4)] and finding.passed is holds
     assert f"{1 + error:.4f}" in finding.notes[0] and finding.pictures[0].stat().st_size > 5000
@@ -101,7 +101,7 @@ def test_square_drops_are_judged_by_the_slope(monkeypatch, folder, error, holds)
 @pytest.mark.parametrize("error, holds", [(0.03, True), (-0.05, False)])
 def test_drops_on_walls_are_judged_by_degrees(monkeypatch, folder, error, holds):
     summaries(monkeypatch, {"angle_relative": error, "angle_of_cap_relative": 0, "height_relative": 0,
-                            "peak_capillary_number": 1e-4})  # fmt: skip
+                            "spurious_capillary_number": 1e-4})  # fmt: skip
     finding = paper.drops_on_walls(1.0, folder)
     assert finding.passed is holds and finding.rows[1][1] == f"{150 * (1 + error):.1f}"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .image import Layout, Part, Stored, VoxelError, check_memory, number_of_voxels
-from .raw import array_shape, of_name
+from .raw import SIZES, array_shape, of_name
 
 PIECE = 2**24  # bytes of text that are read at a time
 ALLOWED = b"0123456789 \t\r\n"
@@ -19,7 +19,7 @@ def open_palabos(path: Path, layout: Layout) -> Stored:
     shape = layout.shape or of_name(path.stem)[0]
     if shape is None:
         raise VoxelError(
-            f"{path}: text without a header: give its sizes along x, y, z (geometry.voxels.shape, --shape)"
+            f"{path}: text without a header: give its sizes along x, y, z, such as {SIZES}"
         )
     array, voxels, size = array_shape(shape, layout.axes or "xyz"), number_of_voxels(path, shape), os.path.getsize(path)
     if size < 2 * voxels - 1:

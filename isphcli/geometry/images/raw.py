@@ -29,6 +29,10 @@ _WORDS = {
 }  # fmt: skip
 
 
+# what a user types of an image without a header; of `isph convert-voxels` --shape
+SIZES = "--set 'geometry.voxels.shape=[100, 100, 50]' (convert-voxels: --shape 100,100,50)"
+
+
 def open_raw(path: Path, layout: Layout) -> Stored:
     """Values that follow one another in the order of `layout.axes`, x fastest in zyx.
 
@@ -43,8 +47,8 @@ def open_raw(path: Path, layout: Layout) -> Stored:
     offset = layout.offset or 0
     if shape is None:
         raise VoxelError(
-            f"{path}: has no header: give its sizes along x, y, z (geometry.voxels.shape, --shape) and its "
-            f"type (dtype){_cube(size - offset, layout.dtype or name_dtype)}"
+            f"{path}: has no header: give its sizes along x, y, z and its type, such as {SIZES}, "
+            f"--set geometry.voxels.dtype=uint8{_cube(size - offset, layout.dtype or name_dtype)}"
         )
     voxels = number_of_voxels(path, shape)
     dtype = layout.dtype or name_dtype or BY_SIZE.get((size - offset) // voxels if (size - offset) % voxels == 0 else 0)

@@ -363,7 +363,7 @@ def test_a_header_beside_a_raw_file(tmp_path):
         ("a.raw", 8000, {}, "has no header: give its sizes .*its 8000 bytes would be 20 x 20 x 20 of uint8"),
         ("a.raw", 16000, {}, "16000 bytes would be 20 x 20 x 20 of uint16"),
         ("a.raw", 400, {}, "400 bytes would be 20 x 20 of uint8"),
-        ("a.raw", 7919, {}, r"has no header: give its sizes along x, y, z \(geometry.voxels.shape, --shape\)"),
+        ("a.raw", 7919, {}, r"has no header: give its sizes along x, y, z and its type, such as --set 'geometry"),
         ("a.raw", 8001, {"shape": (20, 20, 20), "dtype": "uint8"}, "holds 8001 bytes; 20 x 20 x 20 voxels of uint8"),
         ("a.raw", 7999, {"shape": (20, 20, 20), "dtype": "uint8"}, "correct shape, dtype or offset"),
         ("a.raw", 8000, {"shape": (20, 20, 20), "dtype": "uint16"}, "are 16000"),
