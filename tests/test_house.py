@@ -10,8 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.source import files_of, functions, imports, is_kernel, lines, not_annotated, taken
+
 PACKAGE = Path(__file__).parents[1] / "isphcli"
-FILES = {".".join(path.relative_to(PACKAGE).with_suffix("").parts): path for path in sorted(PACKAGE.rglob("*.py"))}
+FILES = files_of(PACKAGE)
 PHYSICS = ("domain", "geometry", "operators", "solvers", "flow", "two_phase")
 WORDS = ("case", "scene", "output", "runs")  # what physics is not to know, but for the stopwatch
 
@@ -22,20 +24,7 @@ def tree_of(name):
     return ast.parse(FILES[name].read_text(encoding="utf-8"))
 
 
-def imports(name):
-    """Files of the package that a file imports."""
-    folder, found = name.split(".")[:-1], set()
-    for node in ast.walk(tree_of(name)):
-        if not isinstance(node, ast.ImportFrom) or not node.level:
-            continue
-        base = ".".join(folder[: len(folder) - node.level + 1] + ([node.module] if node.module else []))
-        for alias in node.names:
-            whole = f"{base}.{alias.name}".strip(".")
-            found |= {target for target in (whole, base) if target in FILES and target != name}
-    return found
-
-
-ARROWS = {name: imports(name) for name in FILES}
+ARROWS = {name: imports(name, tree_of(name), FILES) for name in FILES}
 
 
 def room(name):
@@ -153,8 +142,8 @@ def test_tests_stand_where_their_modules_do():
 def test_one_class_has_a_name():
     """Public ones: a word of the case language and one of the geometry are told apart."""
     found = {}
-    for name, path in FILES.items():
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    for name in FILES:
+        for node in tree_of(name).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 found.setdefault(node.name, []).append(name)
     assert {word: names for word, names in found.items() if len(names) > 1} == {}
@@ -175,8 +164,7 @@ def test_loops_over_rows_are_threads_of_serial_kernels(name):
     """numba's parallel loops take two to four times as long to compile (`domain/row_threads.py`); a kernel that holds
     the lock of the interpreter would make the threads wait for each other."""
     tree = tree_of(name)
-    kernels = {node.name: ast.unparse(node.decorator_list[0]) for node in ast.walk(tree)
-               if isinstance(node, ast.FunctionDef) and is_kernel(node)}
+    kernels = {node.name: ast.unparse(node.decorator_list[0]) for node in kernels_of(name)}
     assert [kernel for kernel, options in kernels.items() if "parallel=True" in options] == []
     handed = {ast.unparse(call.args[0]) for call in calls_of(tree, "over_rows")} & kernels.keys()
     assert [kernel for kernel in handed if "nogil=True" not in kernels[kernel]] == []
@@ -184,8 +172,7 @@ def test_loops_over_rows_are_threads_of_serial_kernels(name):
 
 def kernels_of(name):
     """The compiled functions of a file."""
-    tree = tree_of(name)
-    return [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and is_kernel(node)]
+    return [node for node in functions(tree_of(name)) if is_kernel(node)]
 
 
 @cache
@@ -221,37 +208,18 @@ def test_kernels_inherit_no_rounding_from_those_that_call_them(word):
             and "inline='always'" not in options[pair[1]]] == []
 
 
-def is_kernel(node):
-    return any("njit" in ast.unparse(decorator) for decorator in node.decorator_list)
-
-
-def taken(node):
-    """The arguments of a function, of every kind."""
-    given = node.args
-    return [*given.posonlyargs, *given.args, *given.kwonlyargs, *filter(None, (given.vararg, given.kwarg))]
-
-
 @pytest.mark.parametrize("name", FILES)
 def test_functions_have_annotations(name):
     """mypy asks for them but in files that hold kernels, whose types numba finds."""
-    missing = []
-    for node in ast.walk(tree_of(name)):
-        if not isinstance(node, ast.FunctionDef) or is_kernel(node):
-            continue
-        bare = [a.arg for a in taken(node) if a.annotation is None and a.arg not in ("self", "cls")]
-        if bare or (node.returns is None and node.name != "__init__"):
-            missing.append((node.lineno, node.name, *bare))
+    missing = [(node.lineno, node.name, *not_annotated(node)) for node in functions(tree_of(name))
+               if not is_kernel(node) and not_annotated(node)]
     assert missing == []
 
 
 def test_few_functions_take_many_arguments():
     """Of eight and more: what belongs together is handed on together. What is left are commands, and lists that have
     no parts."""
-    many = []
-    for name in FILES:
-        for node in ast.walk(tree_of(name)):
-            if isinstance(node, ast.FunctionDef) and len(taken(node)) > 7:
-                many.append(f"{name}.{node.name}")
+    many = [f"{name}.{node.name}" for name in FILES for node in functions(tree_of(name)) if len(taken(node)) > 7]
     assert len(many) < 10, many
 
 
@@ -283,16 +251,13 @@ def test_constants_say_what_they_bound(name):
     assert list(numbers_without_a_word(FILES[name].read_text(encoding="utf-8"))) == []
 
 
-LONGEST = 60  # lines of a function from its name on; kernels are long where their sums have to stay in registers
+LONGEST = 60  # lines of a function, which has fewer; kernels are long where their sums have to stay in registers
 
 
 def test_functions_are_short():
     """What is longer does several things, each of which has a name of its own."""
-    long = []
-    for name in FILES:
-        for node in ast.walk(tree_of(name)):
-            if isinstance(node, ast.FunctionDef) and not is_kernel(node) and node.end_lineno - node.lineno >= LONGEST:
-                long.append((f"{name}.{node.name}", node.end_lineno - node.lineno + 1))
+    long = [(f"{name}.{node.name}", lines(node)) for name in FILES for node in functions(tree_of(name))
+            if not is_kernel(node) and lines(node) >= LONGEST]
     assert long == []
 
 

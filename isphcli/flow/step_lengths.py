@@ -65,7 +65,7 @@ def shortest(limits: dict[str, float], target: float) -> tuple[float, str]:
     if dt > target * (1.0 - 1e-9):
         dt, limit = target, "end"
     elif dt > 0.5 * target:
-        dt = 0.5 * target  # two like steps instead of a long one and a stump
+        dt = 0.5 * target  # two equal steps instead of a long and a very short one
     return dt, limit
 
 

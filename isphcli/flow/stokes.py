@@ -38,7 +38,8 @@ ROUGH = 0.4
 # Aggregates of the velocity hierarchy and W-cycles an iteration, from 16 to 64 spacings a cell of the sphere array:
 # 14 to 16 iterations; one cycle 16 to 19; with `multigrid.STRENGTH` 15 to 18 and 18 to 21
 STRENGTH, CYCLES = 0.05, 2
-LEAST = 1e-3  # response of the velocity to a unit force, in squares of the spacing: what Darcy part a dead end has
+# Smallest response of the velocity to a unit force, in squares of the spacing: dead ends have a conductance too
+LEAST = 1e-3
 
 
 @dataclass(frozen=True)

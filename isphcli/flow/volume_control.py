@@ -4,7 +4,7 @@ A divergence of zero is not quite the volume kept: what it misses, a few per cen
 menisci, has the same sign for as long as the flow keeps its shape, and particles gather in one part of a scene and
 thin out in another (a Berea corner with spurious currents some twenty times its flux: 3 % in 1500 steps). Shifting
 does not see it: it evens out neighbours, not regions. The number of particles that a region holds is known, from the
-lattice that the run began with. Each block of SIDE spacings with more of them is therefore told to expand, as Asai et
+lattice that the run began with. Each block of SIDE spacings with more of them is therefore made to expand, as Asai et
 al. (2012) do particle by particle:
 
     div u = (N - N_0) / (N_0 T),      T = `keep_volume` steps,

@@ -12,7 +12,7 @@ from ..domain import reduce
 from ..domain.communicator import current
 from ..flow.attempt import attempt
 from ..flow.forces import largest_of
-from ..flow.state import Once
+from ..flow.state import Handover
 from ..flow.step_lengths import next_due, shortest
 from ..output.restart import Saved
 from ..scene.choose_steps import step_lengths
@@ -81,13 +81,12 @@ class TimeLoop:
         left = np.inf if end is None else end - state.time
         return None if drive is None else lambda dt: drive.limit(state.time, dt, left)
 
-    def run(self, state: State, config: Configuration | Once, snapshot: Callable[[State, Configuration], None],
+    def run(self, state: State, ready: Handover, snapshot: Callable[[State, Configuration], None],
             row: Callable[[dict[str, Any]], None],
             progress: Callable[[StepResult, str], None]) -> tuple[State, Configuration]:
-        """(state, config) at the end. Raises RunError."""
-        time, ready = self.time, config if isinstance(config, Once) else Once(config)
-        del config
-        end, program = time.end if time.end is not None else np.inf, self.program
+        """(state, config) at the end. ready: the configuration of the state. Raises RunError."""
+        time, program = self.time, self.program
+        end = time.end if time.end is not None else np.inf
         if program is not None:
             state = program.begin(state)
         self.last = self._saved(state)
@@ -106,7 +105,7 @@ class TimeLoop:
                 state = program.after(state, config)
             self.last = self._saved(state)
             progress(found, limit)
-            ready = Once(config)
+            ready = Handover(config)
             del found, config  # the next step has it alone
         if time.steady is not None:
             self.outcome = "steady" if self._steady_by_now() else "not steady at the end"

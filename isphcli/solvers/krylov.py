@@ -1,4 +1,5 @@
-"""GMRES from either side, and how a solve went. Constants are projected out by `domain.components` (eqs 25-26)."""
+"""GMRES from either side, and how a solve went. Constants are projected out by `ComponentMeans` of
+`domain/null_space.py` (eqs 25-26)."""
 
 from __future__ import annotations
 

@@ -52,7 +52,8 @@ class SlipAtLine:
 
     def wall_table(self, geometry: Geometry, wall: np.ndarray, neighbours: Neighbourhood,
                    particles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-        """(wall (n_rows,), velocity, slip length, spin) of the walls, each there twice: as it is, and near a line.
+        """(wall (n_rows,), velocity, slip length, spin) of the walls, each listed twice: away from a contact line, and
+        near one.
 
         wall: (n_rows,) nearest wall of each row; neighbours: of the fluid particles, dummies included; particles: how
         many there are before the dummies.

@@ -1,11 +1,11 @@
 """The volume of each part of either fluid, kept over a run by the level of phi.
 
-A part is what hangs together of one fluid, a ganglion or what surrounds it. Its volume is made or lost where phi moves
-otherwise than the fluid: eq. 3 leaves a divergence, shifted particles take phi from its Taylor series, and what is
-smoothed out of a thin layer was part of it. Particles remember it: each holds an even share of the volume of the part
-that it is of (`State.volume`), and takes it along. Parts that join or fall apart have those of their particles, and
-over the seam between two reservoirs as much of one fluid comes in as of the other leaves. A particle that the interface
-moves past leaves its share behind: phi says where a fluid is, the shares how much of it there is.
+A part is a connected region of one fluid: a ganglion, or the fluid around ganglia. Its volume is made or lost where phi
+moves otherwise than the fluid: eq. 3 leaves a divergence, shifted particles take phi from its Taylor series, and what
+is smoothed out of a thin layer was part of it. Particles carry it: each holds an even share of the volume of its part
+(`State.volume`). Parts that join or split have the shares of their particles, and over the seam between two reservoirs
+as much of one fluid comes in as of the other leaves. A particle that the interface moves past leaves its share behind:
+phi says where a fluid is, the shares how much of it there is.
 
 What a part has too little, r, comes back along its interfaces, from the parts that it touches there: the level between
 parts a and b is moved by m_a - m_b with
@@ -13,8 +13,8 @@ parts a and b is moved by m_a - m_b with
     sum_b area_ab (m_a - m_b) = r_a,        or   - sum_a area_ab (m_a - m_b) = r_b   of the other fluid,
 
 which is the least motion of the interface that does it. Only interfaces in the sample are moved: in clear layers and
-reservoirs the flow is smooth and phi goes with it, and the plane at a seam stays. Had they their share, what is made or
-lost in the rock would come and go where the fluids come in: more than a held flux brings, or less. Nothing goes from
+reservoirs the flow is smooth and phi goes with it, and the plane at a seam stays. If those moved too, volume lost in
+the rock would come back at the inlet, where more fluid would then come in than the flux that is held. Nothing goes from
 one ganglion to another but through what lies between them.
 """
 

@@ -6,7 +6,7 @@ import pytest
 from isphcli.flow.seam import Seam
 from isphcli.flow.state import phase_of
 from tests.flow.runs import run
-from tests.two_phase.scenes import march, scene
+from tests.two_phase.scenes import run_loop, scene
 
 BEHIND = np.array([[-0.9, 0.5], [-1.0, 0.5], [2.75, 0.5], [1.0, 0.1], [-0.2, 0.9]])  # of a box from -1 to 3
 
@@ -68,7 +68,7 @@ def test_what_is_asked_of_a_pump_is_what_enters():
     text = text.replace("shifting: 0", "jitter: 0.2").replace("end: 3.0", "end: 0.5")
     text = text.replace('["0.25", "0"]', '["0", "0"]')
     case, geometry, state, stepper, particles = scene(text)
-    end = march(case, geometry, state, stepper, particles)
+    end = run_loop(case, geometry, state, stepper, particles)
     first, last = (now.volume[phase_of(now.phi) == 1].sum() for now in (state, end))
     assert stepper.seam.area == pytest.approx(0.5)
     assert last - first == pytest.approx(0.5 * 0.25 * end.time, rel=3e-3)

@@ -18,7 +18,7 @@ def taken(case):
     """Names of the limits of the steps of a run."""
     state, stepper, particles = prepare(case, build_geometry(case), Clock())
     loop, rows = TimeLoop(case, stepper, particles.site_volume, 1.0), []
-    loop.run(state, stepper.configure(state.x, phi=state.phi), lambda *_: None, rows.append, lambda *_: None)
+    loop.run(state, stepper.ready(state), lambda *_: None, rows.append, lambda *_: None)
     return [row["limit"] for row in rows]
 
 
