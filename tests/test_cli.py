@@ -249,8 +249,8 @@ def test_errors_become_one_message_and_an_exit_code(monkeypatch, error, code, te
 
 
 def test_a_failed_solve_and_its_restart_file(monkeypatch):
-    report = types.SimpleNamespace(residual=1e-2, iterations=400, tolerance=1e-6, reason="out of iterations")
-    error = SolveError("Stokes", report)
+    convergence = types.SimpleNamespace(residual=1e-2, iterations=400, tolerance=1e-6, reason="out of iterations")
+    error = SolveError("Stokes", convergence)
     error.restart = "out/case/restart.npz"
     fake_run(monkeypatch, error)
     done = isph("run", "case.yaml")

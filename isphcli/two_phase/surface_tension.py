@@ -48,7 +48,7 @@ class SurfaceTension:
             across = weighted.lap_p if weighted.walls is None else weighted.walls.symmetric_laplacian
             phi, curvature = (weighted.exchange.forward(f) for f in (interface.phi, interface.curvature))
             return _jump(weighted, across, phi, curvature, self.tension / reference)
-        gradient = weighted.gradient_p(interface.fraction)
+        gradient = weighted.gradient_p(interface.fraction)  # in place of eq. 16
         return (self.tension / reference * interface.curvature)[:, None] * gradient, None  # eq. 24
 
 

@@ -204,7 +204,7 @@ class TwoFluids:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near_wall
             transposed_stress = TransposedStress.build(ops, viscous.weight, np.flatnonzero(free))
-        force, jump, laplacian_of_jump, along = balanced_force(ops, self.body), None, None, None
+        force, jump_acceleration, laplacian_of_jump, along = balanced_force(ops, self.body), None, None, None
         if self.drop_force.any():
             force = force + weighted.potential_gradient(self.drop_force)
         if self.held is not None:
@@ -214,9 +214,9 @@ class TwoFluids:
             if laplacian_of_jump is None:
                 force = force + tension_force
             else:
-                jump = tension_force
+                jump_acceleration = tension_force
         rules = self.rules
-        terms = Terms(weighted, viscous, force, jump, laplacian_of_jump, rho if heavy else 1.0,
+        terms = Terms(weighted, viscous, force, jump_acceleration, laplacian_of_jump, rho if heavy else 1.0,
                       rules.rotational_viscosity / reference, transposed_stress, smooth, along, interface)
         return with_forces(terms, self.forces, neighbours.x[: ops.n], mu / rho)
 

@@ -21,8 +21,8 @@ def tries(monkeypatch, stepper, failing):
 
     def gmres(apply, rhs, precondition, limits, guess):
         seen.append((limits.restart, len(built)))
-        solution, report = real(apply, rhs, precondition, limits, guess)
-        return solution, replace(report, reason="out of iterations") if len(seen) <= failing else report
+        solution, convergence = real(apply, rhs, precondition, limits, guess)
+        return solution, replace(convergence, reason="out of iterations") if len(seen) <= failing else convergence
 
     monkeypatch.setattr(engine, "gmres", gmres)
     monkeypatch.setattr(engine, "hierarchy", lambda matrix: built.append(1) or build(matrix))
