@@ -610,6 +610,7 @@ def test_progress_that_nobody_reads_ends_no_run(folder):
     assert subprocess.run(["bash", "-c", command], env=env).returncode == BAD_INPUT
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_is_one_line(folder):
     """As the compiler works, in a cache that is new: no traceback, and the exit code of an interruption."""
     (folder / "case.yaml").write_text(CASE.replace("stokes", "navier_stokes\ntime: {end: 1}"))

@@ -102,6 +102,7 @@ def test_what_is_set_can_be_set():
     assert seen > 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", TEXTS, ids=[path.name for path in TEXTS])
 def test_short_commands_run(path, folder):
     """In their order, so that one finds what the one before it wrote; not those of files that only the user has."""

@@ -149,6 +149,15 @@ def test_one_class_has_a_name():
     assert {word: names for word, names in found.items() if len(names) > 1} == {}
 
 
+@pytest.mark.parametrize("folder", [name for name in PHYSICS if name != "geometry"])
+def test_one_constant_has_a_name(folder):
+    """Of the rooms of the equations: two limits of one room are told apart by their words."""
+    names = [name.id for file in FILES if room(file) == folder for node in tree_of(file).body
+             if isinstance(node, ast.Assign) for target in node.targets for name in ast.walk(target)
+             if isinstance(name, ast.Name) and name.id.isupper()]
+    assert names and [name for name in names if names.count(name) > 1] == []
+
+
 def test_one_file_has_a_name():
     """But `protocol.py`, the protocols of a room."""
     stems = [name.rpartition(".")[2] for name in FILES]

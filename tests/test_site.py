@@ -45,6 +45,7 @@ def test_what_a_page_loads_is_told():
     assert page.found == ["https://a.b/c.js"]
 
 
+@pytest.mark.slow
 def test_pages_load_nothing_from_outside(site):
     pages = list(site.rglob("*.html"))
     for path in pages:

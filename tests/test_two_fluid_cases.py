@@ -54,6 +54,7 @@ def test_layers_share_the_stress(name, bound, tmp_path):
     assert "density jump" not in summary["terms"] and "interface_area" not in summary["two_fluids"]
 
 
+@pytest.mark.slow
 def test_a_light_layer_rests_on_a_heavy_one(tmp_path):
     """The pressure at the floor is the weight of both: nothing moves."""
     summary, _ = run("layered_hydrostatics", tmp_path, "particles.spacing=0.0625", "time.end=0.1")
@@ -75,6 +76,7 @@ def test_a_bubble_rises_and_the_liquid_sinks(tmp_path):
     assert found["spurious_capillary_number"] is None and "slip walls" in summary["terms"]
 
 
+@pytest.mark.slow
 def test_a_bubble_of_a_thousandth_of_the_density_rises(tmp_path):
     """Case 2 of Hysing et al. (2009) at 1/20: largest rise velocity within 4 % of the published 0.2502 to 0.2517
     (0.2525 measured; 0.254 at 1/40), and no gas faster than that flow makes it: a capillary number of 2.8. With the
@@ -103,6 +105,7 @@ def test_a_drop_on_a_tilted_wall_meets_its_angle(tmp_path):
     assert abs(summary["errors"]["volume_relative"]) < 0.03
 
 
+@pytest.mark.slow
 def test_a_capillary_wave_swings(tmp_path):
     """24 a wavelength: the height is off by 5.3 % (root mean square) and passes through zero 1.1 % late."""
     summary, _ = run("capillary_wave", tmp_path, "particles.spacing=0.04166667", "time.end=0.4")
@@ -110,6 +113,7 @@ def test_a_capillary_wave_swings(tmp_path):
     assert summary["errors"]["amplitude_relative_l2"] < 0.07
 
 
+@pytest.mark.slow
 def test_water_fills_a_slit(tmp_path):
     """8 across in place of 16, and a quarter of the time: what has gone in and how fast, -2.2 and -1.9 % measured."""
     summary, _ = run("slit_imbibition", tmp_path, "particles.spacing=1.25e-5", "time.end=4e-4")

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 # Part of a row's weights below which a pair is left out of the matrix that preconditions: at a support of 2.1 spacings
 # the 14 farthest of 32 neighbours, which have 3 % of the weights together
-LEAST = 0.01
+LEAST_WEIGHT = 0.01
 # Fraction of the odd-even part of the pressure that is removed in a step where there is an interface: eigenvalues of A
 # are at most twice its diagonal, so that a half over-corrects no mode
-LOCAL = 0.5
+ODD_EVEN_REMOVED = 0.5
 # Of |A p|: the right-hand side of eq. 3 is a difference of terms of that size, and below this part of it is round-off
 ROUND_OFF = 1e-14
 
@@ -58,7 +58,7 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
     ops, terms = config.ops, config.terms
     with solvers.clock("assembly"):
         # weights before densities divide them: the same pairs are left out on both sides of an interface
-        matrix = assemble_near(ops.start, ops.column, terms.ops.lap_p, ops.lap_p, LEAST, ops.exchange.remote)
+        matrix = assemble_near(ops.start, ops.column, terms.ops.lap_p, ops.lap_p, LEAST_WEIGHT, ops.exchange.remote)
     if ops.walls is None:  # eq. 3 by the Laplacian of eq. 6
         return PressureSystem(matrix, lambda p, gradient=None: -terms.ops.laplacian_p(p), None)
     from ..operators.div_grad import diagonal, div_grad_rhie_chow, div_grad_weights
@@ -97,7 +97,7 @@ def pressure_increment(config: Configuration, system: PressureSystem, div: np.nd
         odd_even, beside = _odd_even(config, gradient, old, rate, nu_min), np.zeros(len(div))
         if config.terms.interface is not None:
             own = system.laplacian.diagonal() * (1.0 if system.scale is None else system.scale)
-            odd_even, beside = beside, LOCAL * np.divide(odd_even, own, out=beside.copy(), where=own > 0.0)
+            odd_even, beside = beside, ODD_EVEN_REMOVED * np.divide(odd_even, own, out=beside.copy(), where=own > 0.0)
         right = config.means.remove(odd_even - rate * div)
         # a small increment is the difference of large pressures: no solve is more exact than their round-off
         size, floor = reduce.norm(right), ROUND_OFF * reduce.norm(old)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 SIDE = 6  # spacings: some 50 to 200 particles a block
-LEAST = 0.02  # of the fullest block: to that, blocks in the rock with less fluid are not held as strictly
+LEAST_FULL = 0.02  # of the fullest block: to that, blocks in the rock with less fluid are not held as strictly
 
 
 class KeptVolume:
@@ -44,7 +44,7 @@ class KeptVolume:
         """Divergence (n,) that the particles at x (n, dim) are to have in a step of dt, 1/s, and the root mean square
         of (N - N_0) / N_0 over the fluid."""
         shares = self._shares(x)
-        surplus = (self._numbers(shares) - self.wanted) / (self.wanted + LEAST * self.wanted.max())
+        surplus = (self._numbers(shares) - self.wanted) / (self.wanted + LEAST_FULL * self.wanted.max())
         drift = float(np.sqrt((surplus**2 @ self.wanted) / self.wanted.sum()))
         return sum(share * surplus[node] for share, node in shares) / (self.steps * dt), drift
 

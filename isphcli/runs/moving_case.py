@@ -181,22 +181,18 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         state, stepper, particles = prepare(case, geometry, clock)
     geometry = stepper.geometry  # of an image that is held by parts that of this process
     box = float(np.prod(geometry.upper - geometry.lower))
-    loop = TimeLoop(case, stepper, particles.site_volume, box)
     with clock("geometry"):
         distance = geometry.distance(particles.x) if geometry.has_solid else None
         cells = fluid_cells(geometry, particles, distance)
-        if geometry.has_solid:
-            loop.fluid_cells = fluid_cells(geometry, particles, distance, whole=True)
-    measures = None
-    between = profiles = None
+        whole = fluid_cells(geometry, particles, distance, whole=True) if geometry.has_solid else None
+    measures = between = profiles = None
     if particles.two_fluids:
         from ..scene.choose_measures import choose_measures, choose_profiles, choose_reservoir_measures
 
-        loop.measure = measures = choose_measures(case, geometry, particles, stepper.fluids, stepper.held_velocity)
+        measures = choose_measures(case, geometry, particles, stepper.fluids, stepper.held_velocity)
         profiles = choose_profiles(case, geometry, stepper.fluids)
         between = choose_reservoir_measures(case, geometry, particles, stepper.fluids)
-    if measures is not None and between is not None:
-        loop.measure = _both(measures, between)
+    loop = TimeLoop(case, stepper, particles.site_volume, box, _each_step(measures, between), whole)
     run = MovingRun(case, case.output.directory, clock, quiet, geometry, particles, stepper, loop, measures, cells,
                     seen, on_first(lambda: restart.record_of(case)), between=between, profiles=profiles)
     if drive_steps(case) is not None:
@@ -243,8 +239,10 @@ def _refuse_what_is_closed(case: Case, stepper: Stepper, config: Configuration) 
         raise ParticleError(why_closed(case, *axes))
 
 
-def _both(measures: Measures, between: ReservoirMeasures) -> Callable[[State, Configuration], dict[str, Any]]:
-    return lambda state, config: measures(state, config) | between(state, config)
+def _each_step(*measures: Measures | ReservoirMeasures | None) -> Callable[[State, Configuration], dict[str, Any]]:
+    """What the measures that there are add to a row of the history."""
+    there = [measure for measure in measures if measure is not None]
+    return lambda state, config: {name: value for measure in there for name, value in measure(state, config).items()}
 
 
 def _program(run: MovingRun, between: ReservoirMeasures | None) -> DriveProgram:

@@ -43,16 +43,15 @@ class TimeLoop:
     steady: steadiness.Steady of what `observed` says, in a run to a steady state, else None.
     fluid_cells: volume of the fluid in the box over `site_volume`, see `permeability.fluid_cells`, which the mean
     velocity is taken over; None: over the particles. program: of a drive in steps, which ends the run with its last
-    one, or None.
+    one, or None: `moving_case` makes it when the run that it writes for is there.
     """
 
-    fluid_cells: float | None = None
-    program: DriveProgram | None = None
-
     def __init__(self, case: Case, stepper: Stepper, site_volume: float, box_volume: float,
-                 measure: Callable[[State, Configuration], dict[str, Any]] = lambda state, config: {}):
+                 measure: Callable[[State, Configuration], dict[str, Any]] = lambda state, config: {},
+                 fluid_cells: float | None = None):
         assert case.time is not None  # of moving particles
-        self.measure = measure
+        self.measure, self.fluid_cells = measure, fluid_cells
+        self.program: DriveProgram | None = None
         self.case, self.time, self.stepper = case, case.time, stepper
         self.site_volume, self.box_volume = site_volume, box_volume
         self.steady = Steady() if case.time.steady is not None else None

@@ -99,19 +99,20 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     fluids = choose_fluids(case, geometry, particles, force)
     held = held_velocity(case, particles, fluids.reference, geometry)
     drive = timed_drive(case, geometry) if forcing.changes(case) else None
+    migration = None
+    if share is not None:
+        reach = max(support, fluids.reach)
+        migration = Migration(share, geometry.lower, geometry.upper, geometry.periodic, reach)
     stepper = Stepper(
         geometry=geometry, dummies=particles.dummies_in_sight, spacing=spacing, support=support,
         kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,
         fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
         solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock,
                                 engine_of(case.solver.engine)),
-        bounds=bounds(case, geometry, particles, u, held), held_velocity=held,
+        bounds=bounds(case, geometry, particles, u, held, drive), held_velocity=held,
         volume=kept_volume(case, geometry, x), timed_drive=drive, seam=seam(case, particles, geometry),
+        migration=migration,
     )
-    if share is not None:
-        stepper.migration = Migration(share, geometry.lower, geometry.upper, geometry.periodic, stepper.reach)
-    if drive is not None:
-        stepper.bounds = replace(stepper.bounds, largest_force=drive.largest_force)
     gradient, phi, volume = None if forcing.gradient_axis(case) is None else 0.0, None, None
     if not isinstance(fluids, OneFluid):
         from .first_interface import first_interface
@@ -157,8 +158,9 @@ def seam(case: Case, particles: Particles, geometry: Geometry) -> Seam | None:
     return Seam(axis, float(geometry.lower[axis]), float(geometry.upper[axis]), depth, fluids, sample, area)
 
 
-def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, rate: HeldVelocity | None) -> Bounds:
-    """Bounds of a case that starts with velocities u (n, dim). rate: HeldVelocity or None."""
+def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, rate: HeldVelocity | None,
+           drive: TimedDrive | None) -> Bounds:
+    """Bounds of a case that starts with velocities u (n, dim). rate, drive: of the Stepper, or None."""
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     walls = np.max(geometry.wall_speed, initial=0.0)
     tension = case.interface.tension if case.interface is not None else 0.0
@@ -170,7 +172,8 @@ def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, 
     other = walls + capillary + SPREAD * speed
     force = float(forcing.strongest_acceleration(case, geometry.upper - geometry.lower))
     force += largest_of(forces_of(case, geometry))
-    found = Bounds(geometry, particles.site_volume, 0.0, force, other)
+    largest = drive.largest_force if drive is not None else None
+    found = Bounds(geometry, particles.site_volume, 0.0, force, other, largest)
     return replace(found, start=found.speed(u, density))
 
 

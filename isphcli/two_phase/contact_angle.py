@@ -70,7 +70,7 @@ class SlipAtLine:
 
 
 class WallDummies(NamedTuple):
-    """x: (n_dummy, dim) m; depth: (n_dummy,) below the wall, m, infinite below an edge, which has no normal and so no
+    """x: (n_dummy, dim) m; depth: (n_dummy,) below the wall, m, infinite below a concave edge, without normal and
     angle; normal: (n_dummy, dim) of the wall, into the fluid; neutral: (n_dummy,) bool, of walls that both fluids wet
     alike (90 degrees), or None; exchange: of those of other processes, which are the last ones."""
 

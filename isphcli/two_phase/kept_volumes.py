@@ -38,11 +38,11 @@ if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from .cut_cells import CutCells
 
-LINKED = 1.5  # spacings that like particles of one part are apart at most
-RATE = 0.5  # part of what is lacking that comes back in a step
-FARTHEST = 0.05  # spacings that a level is moved in a step at most
+LIKE_WITHIN = 1.5  # spacings that like particles of one part are apart at most
+RETURN_RATE = 0.5  # part of what is lacking that comes back in a step
+LARGEST_MOVE = 0.05  # spacings that a level is moved in a step at most
 BAND = 1.5  # spacings on either side of the interface where phi is moved
-RIDGE = 1e-9  # of the largest diagonal entry: only differences of m count, and parts without an interface have none
+LEVELS_RIDGE = 1e-9  # of the largest diagonal entry: only differences of m count; parts without an interface have none
 
 
 def first_shares(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, spacing: float,
@@ -77,7 +77,7 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
     other = everyone[across]
     first = phi > 0.0
     rise = np.where(first, level[part] - level[other], level[other] - level[part])
-    new = np.where(moved, new + np.clip(RATE * rise, -FARTHEST * spacing, FARTHEST * spacing), new)
+    new = np.where(moved, new + np.clip(RETURN_RATE * rise, -LARGEST_MOVE * spacing, LARGEST_MOVE * spacing), new)
     changed = (new > 0.0) != first
     alone = changed & (across < 0)  # no interface is near that could have moved past them
     new[alone], changed = phi[alone], changed & ~alone
@@ -100,7 +100,7 @@ def _within(x: np.ndarray, sample: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
 def _parts(neighbours: Neighbourhood, phi: np.ndarray, spacing: float, exchange: Exchange) -> tuple[int, np.ndarray]:
     """How many parts there are, and that of each particle (n,)."""
     like = np.zeros(len(neighbours.column), np.bool_)
-    over_rows(_like, len(phi), neighbours, exchange.forward(phi), (LINKED * spacing) ** 2, like)
+    over_rows(_like, len(phi), neighbours, exchange.forward(phi), (LIKE_WITHIN * spacing) ** 2, like)
     return pair_components(neighbours.start, neighbours.column, like, exchange)
 
 
@@ -143,7 +143,7 @@ def _levels(lacking: np.ndarray, between: sp.csr_matrix, wanted: np.ndarray) -> 
     if alone.all():
         return np.zeros(len(diagonal))
     off, own = between.tocoo(), np.arange(len(diagonal))
-    values = np.concatenate([-off.data, diagonal + RIDGE * diagonal.max()])
+    values = np.concatenate([-off.data, diagonal + LEVELS_RIDGE * diagonal.max()])
     places = np.concatenate([off.row, own]), np.concatenate([off.col, own])
     level = np.asarray(spsolve(sp.csc_matrix((values, places), shape=between.shape), np.where(alone, 0.0, lacking)))
     return np.where(alone, 0.0, level)

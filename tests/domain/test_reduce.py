@@ -75,7 +75,7 @@ ALLOWED = {
     ("flow.one_fluid", "force.any()"): AXES,
     ("flow.step", "np.einsum('nk,nk->n', a, b)"): OWN,
     ("domain.row_threads", "math.prod(shape)"): SCRATCH,
-    ("flow.shifting", "math.prod(slope.shape[1:])"): SCRATCH,
+    ("flow.shifting", "math.prod(gradients.shape[1:])"): SCRATCH,
     ("flow.shifting", "others.any()"): "whether own rows are taken again, of values that are there",
     ("flow.step_limits", "((u / largest) ** 2).sum(axis=1)"): OWN,
     ("flow.step_limits", "bad.any(axis=1)"): OWN,

@@ -37,6 +37,7 @@ time: {end: 3.0, step: 0.05}
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held, gas", [(0.25, 1.25), (-0.25, 0.25)])
 def test_a_piston_fills_the_sample_with_the_fluid_of_the_end_that_it_comes_from(held, gas):
     """0.75 of a sample of length 1 by gas from the inlet, a reservoir of 0.5 that is filled up over the seam; pushed

@@ -124,6 +124,7 @@ flow: stokes
     assert flow.convergence.iterations < 40
 
 
+@pytest.mark.slow
 def test_permeability_of_a_random_pack_of_beads_converges():
     """31 beads of the pack of the paper, periodic, at 6, 8 and 10 spacings a bead: k 2.237, 2.243, 2.250e-3 bead^2
     (12 and 16: 2.257, 2.261), flux between layers within 2.1, 1.6 and 0.9 %, 22 to 25 iterations. With the balance of

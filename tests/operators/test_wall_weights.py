@@ -130,7 +130,7 @@ def test_slit_one_particle_wide_is_exact(dim, ratio, offset):
 
 
 def test_particle_on_a_wall_is_finite():
-    """Nearer than the limit `NEAREST`: no longer exact, but finite, and the wall dominates the row."""
+    """Nearer than the limit `NEAREST_CROSSING`: no longer exact, but finite, and the wall dominates the row."""
     for gap in (1e-9, 1e-11):
         s = Walled(channel(2, 1.0), 1 / 8, 2.1, offset=[0.0, 0.5 - gap])
         assert s.n == 64 and np.isfinite(s.ops.walls.lap).all() and np.isfinite(s.ops.lap).all()

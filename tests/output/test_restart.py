@@ -324,6 +324,7 @@ def test_a_file_holds_all_of_a_run(tmp_path):
     assert found.origins["velocity"][0] is state
 
 
+@pytest.mark.slow
 def test_every_damaged_bit_is_found(tmp_path):
     """A bit turned over anywhere: refused, or in a byte that means nothing (the zip's own times and attributes)."""
     was, path = saved(4), tmp_path / "r.npz"
@@ -391,6 +392,7 @@ def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
     assert left_by(tmp_path / "a") == left_by(tmp_path / "b")
 
 
+@pytest.mark.slow
 def test_files_that_may_not_grow(tmp_path):
     """Any write past 20 kB fails, in whatever file: exit code 3, no traceback, no unfinished file."""
     (tmp_path / "case.yaml").write_text(VORTEX.replace("every: 0.03", "every: 0.01, restart_every: 3"))

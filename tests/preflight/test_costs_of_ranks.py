@@ -23,6 +23,7 @@ def test_one_process_has_no_remote_particles_and_the_time_of_one():
     assert found.ranks.remote == 0.0 and found.ranks.seconds == found.seconds and found.can_run
 
 
+@pytest.mark.slow
 def test_processes_that_are_not_worth_it_and_those_that_are_too_many():
     found = check(read(SPHERE), ranks=4)
     assert found.can_run and any("not worth it; run it in one process" in text for text in found.warnings)
@@ -48,6 +49,7 @@ def test_a_process_has_as_many_neighbours_in_rock_as_one_that_is_alone():
     assert found.ranks.memory["operators"] == pytest.approx(found.memory["operators"])
 
 
+@pytest.mark.slow
 def test_an_image_is_held_whole_or_by_parts(tmp_path):
     """40 bytes a voxel of all, clear layers included, or of a brick and its margin."""
     image = np.zeros((20, 20, 200), np.uint8)

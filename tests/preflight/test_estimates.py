@@ -36,6 +36,7 @@ def test_initial_velocity():
     assert found.throats is None
 
 
+@pytest.mark.slow
 def test_costs_grow_with_the_particles():
     coarse, fine = (
         check(read(SPHERE, "particles.spacing=0.05")),

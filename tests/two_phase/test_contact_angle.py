@@ -134,6 +134,7 @@ def test_curvature_of_a_meniscus_between_plates_in_space(angle):
     assert interface.curvature[near] == pytest.approx(-sign / radius, rel=0.006)
 
 
+@pytest.mark.slow
 def test_a_meniscus_in_space_comes_to_rest():
     """Between plates ten spacings apart, from the exact shape: after t = 2 sqrt(rho D^3 / sigma) largest speeds of Ca
     3e-6 and a jump 0.2 % off, as in the plane. With a fit over the support of the operators, 2.1 spacings, it moved at

@@ -202,6 +202,7 @@ def test_contact_angle_on_a_tilted_wall_and_over_a_periodic_face():
     assert MeasuredScene(across).row()["contact_angle"] == pytest.approx(60, abs=3)
 
 
+@pytest.mark.slow
 def test_contact_angle_of_a_ball_on_a_wall():
     text = CAP.format(centre=0.1, radius=0.2, inside="oil", outside="water")
     text = text.replace("[1, 0.6]", "[0.6, 0.4, 0.6]").replace("[0.5, 0.1]", "[0.3, 0.1, 0.3]").replace("[x]", "[x, z]")

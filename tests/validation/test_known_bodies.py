@@ -58,6 +58,7 @@ def test_the_bodies_are_those_whose_truth_was_computed():
         assert truth > 0.0 and uncertainty < 0.03 and source, one.name
 
 
+@pytest.mark.slow
 def test_images_and_surface_are_the_same_body():
     for one in bodies():
         labels, grey = one.labels(), one.grey()
@@ -82,6 +83,7 @@ def test_distance_and_crossing_of_a_level_function():
     assert np.all(geometry.crossing(centre + ways, centre + 2 * ways) == 1.0)
 
 
+@pytest.mark.slow
 def test_the_bar_of_exact_surfaces_holds_the_truth():
     """At 1 and 2 particles per voxel, solved here: k is that of the table on which bars and ranges rest, and so are the
     two bodies that miss their bar (of all 45 four do). The bar of the others is narrow enough to be of use."""
