@@ -60,7 +60,7 @@ MUTATIONS = (
     Mutation("wall_at_the_dummy", "order", "walls taken at the dummy, not where the pair meets them",
              "operators.wall_weights", "s[k] *= t[first]", "s[k] *= 1.0"),
     Mutation("rotational_sign", "sign", "rotational term of the pressure added, not subtracted",
-             "flow.step", "+ beside - terms.bulk * div", "+ beside + terms.bulk * div"),
+             "flow.step", "+ beside - terms.rotational_viscosity * div", "+ beside + terms.rotational_viscosity * div"),
     Mutation("projection_factor", "factor", "half of the pressure gradient taken off the velocity (eq. 3)",
              "flow.step", "u = u_star - terms.ops.gradient_p(q) / rate",
              "u = u_star - 0.5 * terms.ops.gradient_p(q) / rate",

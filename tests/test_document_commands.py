@@ -116,6 +116,7 @@ def test_short_commands_run(path, folder):
             RAN.add(words[0])
 
 
+@pytest.mark.slow
 def test_some_of_each_ran():
     """After the ones above, in the order of the file."""
     assert RAN >= {"examples", "keys", "init", "validate", "convert-voxels"}

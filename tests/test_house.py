@@ -27,6 +27,12 @@ def tree_of(name):
 ARROWS = {name: imports(name, tree_of(name), FILES) for name in FILES}
 
 
+@cache
+def nodes_of(name):
+    """All nodes of the parsed source of a file."""
+    return list(ast.walk(tree_of(name)))
+
+
 def room(name):
     return name.partition(".")[0]
 
@@ -65,7 +71,7 @@ def test_no_circle_of_files():
 @pytest.mark.parametrize("name", FILES)
 def test_no_import_by_a_name_that_is_computed(name):
     """An arrow that no reader of imports can see."""
-    for node in ast.walk(tree_of(name)):
+    for node in nodes_of(name):
         if isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
             assert isinstance(node.args[0], ast.Constant), f"{name}:{node.lineno}"
 
@@ -296,7 +302,7 @@ def test_what_is_public_says_what_it_is(name):
 @pytest.mark.parametrize("name", FILES)
 def test_no_field_is_of_any_type_whatever(name):
     """`object` says nothing of a field, a SimpleNamespace nothing of a result."""
-    for node in ast.walk(tree_of(name)):
+    for node in nodes_of(name):
         assert not (isinstance(node, ast.AnnAssign) and ast.unparse(node.annotation) == "object"), node.lineno
         assert not (isinstance(node, ast.Name) and node.id == "SimpleNamespace"), node.lineno
 
@@ -304,6 +310,6 @@ def test_no_field_is_of_any_type_whatever(name):
 @pytest.mark.parametrize("name", [name for name in FILES if room(name) != "case"])
 def test_no_geometry_is_asked_what_it_has(name):
     """What some geometries do not have is None in the protocol. In a case, `geometry` is a block and no geometry."""
-    for node in ast.walk(tree_of(name)):
+    for node in nodes_of(name):
         if isinstance(node, ast.Call) and ast.unparse(node.func) in ("getattr", "hasattr"):
             assert ast.unparse(node.args[0]).rpartition(".")[2] != "geometry", node.lineno

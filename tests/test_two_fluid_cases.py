@@ -33,6 +33,7 @@ def test_a_square_drop_relaxes_to_its_pressure(name, side, tmp_path):
     assert "surface tension (jump)" in summary["terms"]
 
 
+@pytest.mark.slow
 def test_a_cube_of_fluid_contracts_to_a_ball(tmp_path):
     """At 0.03 s the corners are gone. Nothing else has: volume, centre, one drop. A cube of 6 spacings is measured
     with rounded edges at the start: 0.19 for the 6 x 0.04 of its faces, which energies are compared with."""
@@ -62,6 +63,7 @@ def test_a_light_layer_rests_on_a_heavy_one(tmp_path):
     assert summary["errors"]["speed_relative"] < 1e-7  # the solves stop at 1e-6 of what they start from
 
 
+@pytest.mark.slow
 def test_a_bubble_rises_and_the_liquid_sinks(tmp_path):
     """The box is closed: as much liquid goes down as bubble goes up, and its centre moves with its velocity. A disk in
     a wide box starts with g (rho_l - rho_b) / (rho_l + rho_b); walls two radii off hold it back."""

@@ -281,7 +281,7 @@ class Stepper:
         div = ops.total_divergence(u_star) - expansion
         q, beside = pressure_increment(config, system, div, (p, gradient), rate, self.fluids.nu_min, self.solvers)
         u = u_star - terms.ops.gradient_p(q) / rate  # eq. 3
-        return u, without_constants(config, p + q + beside - terms.bulk * div)  # eq. 4
+        return u, without_constants(config, p + q + beside - terms.rotational_viscosity * div)  # eq. 4
 
     def _set_in_motion(self, config: Configuration, system: PressureSystem, moved: State) -> State:
         """The first state with the superficial velocity that is held, which an impulse of the pressure gradient makes.
@@ -343,7 +343,8 @@ class Stepper:
         increment = held.gradient_for_flux(config.x, u, v, rate)
         if increment is None:
             self._nothing_flows()
-        return u + increment * v, without_constants(config, p + increment * (q - terms.bulk * div)), increment
+        response = q - terms.rotational_viscosity * div
+        return u + increment * v, without_constants(config, p + increment * response), increment
 
     def _nothing_flows(self) -> NoReturn:
         assert self.held_velocity is not None

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 SIDE = 6  # spacings: some 50 to 200 particles a block
-LEAST_FULL = 0.02  # of the fullest block: to that, blocks in the rock with less fluid are not held as strictly
+# Of N_0 of the fullest block, added to that of each: blocks in rock with little fluid are held less strictly
+LEAST_FULL = 0.02
 
 
 class KeptVolume:
@@ -65,6 +66,6 @@ class KeptVolume:
 
 def _blocks(layers: int) -> int:
     """Number of blocks along an axis of so many layers of particles, of a whole number of layers each if 5 to 8 will
-    do: numbers of others change when a lattice moves on."""
+    do: the number of particles in other blocks changes when a lattice is carried through them."""
     whole = [n for n in range(1, layers + 1) if layers % n == 0 and 5 <= layers // n <= 8]
     return min(whole, key=lambda n: abs(layers // n - SIDE)) if whole else max(round(layers / SIDE), 1)

@@ -88,11 +88,8 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
             if case.particles.jitter > 0.0:
                 particles = jittered(case, geometry, particles, number, spacing)
             particles = with_fluids(case, geometry, particles)
-    n = particles.n_fluid
-    two = particles.two_fluids
-    need = memory.estimate(case, geometry.dim, geometry.has_solid, n, particles.n_dummy, two=two)
-    most = float(reduce.largest(np.array([sum(need.values())])))
-    memory.refuse(most * current().here, f"{n:,} fluid particles{' of two fluids' * two}", memory.too_large(case))
+    n, two = particles.n_fluid, particles.two_fluids
+    _refuse_what_does_not_fit(case, geometry, particles)
     x = particles.x[:n].copy()
     u = initial_velocity(case, x)
     force = sum((force for _, force in drives(case, geometry)), np.zeros(geometry.dim))
@@ -128,6 +125,14 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
 
         state = replace(state, drive_step=begun(0, 0.0))
     return state, stepper, particles
+
+
+def _refuse_what_does_not_fit(case: Case, geometry: Geometry, particles: Particles) -> None:
+    """Raises ParticleError where the memory that is left does not hold the run."""
+    n, two = particles.n_fluid, particles.two_fluids
+    need = memory.estimate(case, geometry.dim, geometry.has_solid, n, particles.n_dummy, two=two)
+    most = float(reduce.largest(np.array([sum(need.values())])))
+    memory.refuse(most * current().here, f"{n:,} fluid particles{' of two fluids' * two}", memory.too_large(case))
 
 
 def initial_velocity(case: Case, x: np.ndarray) -> np.ndarray:

@@ -205,9 +205,9 @@ class Measures:
 
     def _jump(self, state: State, config: Configuration) -> float:
         """Of the pressure, m2/s2, from the second fluid to the first, at the interface: a linear function of the
-        distance through the particles of each that know theirs and lie off the band, where it is zero. Means over the
-        fluids would have the weight of what lies between their centres in them. Of interfaces in the sample, where
-        there are any: at a seam of two reservoirs nothing jumps."""
+        distance through the particles of each that know theirs and lie off the band, where it is zero. The difference
+        of the means over both fluids would hold the pressure drop between their centres too. Of interfaces in the
+        sample, where there are any: at a seam of two reservoirs nothing jumps."""
         interface, p, there = _interface(config), state.p, []
         near = (interface.strength == 0.0) & (np.abs(interface.phi) < interface.reach)
         inside = near & inside_sample(self.geometry, state.x)

@@ -50,6 +50,7 @@ def test_a_piston_fills_the_sample_with_the_fluid_of_the_end_that_it_comes_from(
     assert state.u[:, 0] == pytest.approx(held, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_what_comes_over_the_seam_is_what_flows():
     """Not what rows of particles bring, half of a row more or less here: the volume of the gas is that of a quarter of
     the box and of what has flowed, to 1 % of that (0.7 measured, how exactly rows of particles sum up to a flux), and

@@ -75,6 +75,7 @@ def test_pictures_show_what_they_did_when_they_were_looked_at(drawn, name):
     assert mean < 0.05 and largest < 0.15
 
 
+@pytest.mark.slow
 def test_the_hash_tells_pictures_apart(drawn):
     known = {name: digits(image) for name, image in drawn.items()}
     for name, image in drawn.items():
@@ -105,6 +106,7 @@ def test_framed_pictures_are_whole_files(tmp_path, geometry, particles):
     assert [path.name for path in tmp_path.iterdir()] == ["flow.png"]
 
 
+@pytest.mark.slow
 def test_without_pyvista_a_sentence_says_so(tmp_path, geometry, particles, monkeypatch):
     """A Python that cannot import it: what is raised is its last line, and no file is left."""
     (tmp_path / "pyvista.py").write_text("raise ImportError('no such library here')\n")

@@ -48,6 +48,7 @@ def case_of(one, block):
     return read_case(text.encode(), "body.yaml")
 
 
+@pytest.mark.slow
 def test_the_bodies_are_those_whose_truth_was_computed():
     """Random places and fields come from generators of libraries: the porosity tells if they are other ones now."""
     assert len(bodies()) >= 40 and len({one.name for one in bodies()}) == len(bodies())
@@ -119,6 +120,7 @@ def test_the_range_of_images_holds_the_truth(grey, tmp_path):
         assert low <= one.truth()[0] <= high, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("levels", [(1, 2), (2, 3), (1, 2, 3)])
 @pytest.mark.parametrize("wall", ["exact", "stairs"])
 def test_bars_hold_nine_bodies_in_ten(wall, levels):

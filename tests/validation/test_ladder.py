@@ -201,6 +201,7 @@ def test_a_budget_stops_the_ladder():
     assert not Path("runs/slit/work_precision.png").exists()
 
 
+@pytest.mark.slow
 def test_without_a_budget_the_own_spacing_is_run(monkeypatch):
     monkeypatch.setattr(validate, "BUDGET", 1e-6)
     text, passed = validate_cases([case("slit")], say=lambda line: None, **PARTS)
