@@ -18,7 +18,7 @@ from isphcli.two_phase import surface_tension, two_fluids
 
 TIMED = (
     (two_fluids, ("find_interface", "cut", "carried", "kept_volumes", "strain", "interface_fractions", "_weigh_viscous",
-                  "_weigh_pressure", "_add_viscosity", "_transposed_stress_tensors", "near_interface")),
+                  "_weigh_pressure", "_thicken", "_transposed_stress_tensors", "near_interface")),
     (two_fluids.TransposedStress, ("add",)),
     (surface_tension, ("_jump",)),
 )

@@ -41,7 +41,7 @@ from .neighbourhood_class import NARROW_SHARE_FIXED
 from .protocol import WallSums
 from .wall_weights import add_walls, boundary_sums, meet_walls, new_boundary_sums, second_moments
 
-FIRST_SHELL = 1.02  # of the smallest squared distance on a lattice: the nearest neighbours
+NEAREST = 1.02  # of the smallest squared distance on a lattice: the nearest neighbours
 MOST_OFFSETS = 255  # more, and every pair keeps an offset of its own: particles off a lattice
 
 
@@ -242,7 +242,7 @@ def nearest_matrix(ops: LatticeWeights, dx: float) -> sp.csr_matrix:
     there; what walls add is as in `velocity_matrix`. It is symmetric, and as a preconditioner as good.
     """
     square = (ops.pairs.step**2).sum(axis=1)
-    near = square < FIRST_SHELL * reduce.smallest(square)
+    near = square < NEAREST * reduce.smallest(square)
     # a process that has but a few particles may see half of a neighbourhood
     whole = reduce.largest(np.array([np.count_nonzero(near)]))
     weight = np.where(near, 2.0 * ops.dim / whole * dx * dx / square, 0.0)

@@ -27,7 +27,7 @@ tests/operators/test_narrow_pores.py).
 
 Interfaces have no class: they fit quadratic functions, and what the neighbours do not determine of one is held at zero
 by a small number on the diagonal of its moments, in `two_phase/quadratic_fit.py` always (RIDGE_...), in
-`two_phase/two_fluids.py` where a pivot is below LEAST_PIVOT of their trace.
+`two_phase/two_fluids.py` where a pivot is below SINGULAR of their trace.
 
 What was measured with other rules: docs/design_notes.md, pores that hardly hold particles.
 """  # noqa: E501

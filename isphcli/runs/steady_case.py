@@ -453,7 +453,7 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
     images = {along.name: along.image for along in results if along.image is not None}
     ranges = {along.name: along.bounds for along in results if along.bounds is not None}
     tensor, dim = None, main.geometry.dim
-    # with sealed sides there is no flow across the drive: a tensor needs all axes periodic
+    # of sealed sides every axis is an experiment of its own: flow across it has nowhere to go
     if len(permeability) == dim and not bars and all(_periodic_of(case, dim)):
         columns = [flows.get((axis, case.particles.spacing)) for axis in range(dim)]
         tensor = np.array([np.zeros(dim) if flow is None else flow.permeability for flow in columns]).T

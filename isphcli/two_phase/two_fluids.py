@@ -47,8 +47,7 @@ if TYPE_CHECKING:
 # Most sweeps over particles that have come into the other fluid; whole rows of them gain a digit in four sweeps
 SWEEPS = 100
 SETTLED = 1e-12  # of the largest change of a sweep: below this no more of them are made
-# Of the trace of the moments of neighbours: what these do not resolve, like a second derivative across a plane of them
-LEAST_PIVOT = 1e-10
+SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like a second derivative of a plane of them
 
 
 class TwoFluidForces(NamedTuple):
@@ -184,24 +183,24 @@ class TwoFluids:
                         None if ops.walls is None else ops.walls.distance)
             interface = replace(interface, cut=found._replace(sample=self.grid.sample))
         reference = self.density[0]
-        densities_differ, viscosities_differ = self.density[1] != reference, self.mu[1] != self.mu[0]
+        heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
         everyone = ops.exchange.forward
         phase = everyone(interface.phase)
         rho, mu = self.density[phase] / reference, self.mu[phase] / reference
         weighted, transposed_stress, smooth = ops, None, None
         viscous = ViscousWeights(self.mu[0] / reference, ops.lap, ops.walls)
-        if densities_differ or viscosities_differ:
+        if heavy or thick:
             t = interface_fractions(ops.start, ops.column, everyone(phi))
-            weighted, viscous = self._weigh(ops, t, rho, mu, densities_differ)
+            weighted, viscous = self._weigh(ops, t, rho, mu, heavy)
         rho, mu = rho[: ops.n], mu[: ops.n]
-        if viscosities_differ or self.added_viscosity > 0.0:
+        if thick or self.added_viscosity > 0.0:
             near = near_interface(ops.start, ops.column, everyone(interface.colour))
         if self.added_viscosity > 0.0:
             share = self.added_viscosity / reference / (viscous.factor * rho)
-            viscous_weight = viscous.weight.copy()
-            over_rows(_add_viscosity, ops.n, ops.start, ops.column, ops.lap, everyone(near), share, viscous_weight)
-            viscous = replace(viscous, weight=viscous_weight)
-        if viscosities_differ:
+            thickened = viscous.weight.copy()
+            over_rows(_thicken, ops.n, ops.start, ops.column, ops.lap, everyone(near), share, thickened)
+            viscous = replace(viscous, weight=thickened)
+        if thick:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near_wall
             transposed_stress = TransposedStress.build(ops, viscous.weight, np.flatnonzero(free))
@@ -217,20 +216,20 @@ class TwoFluids:
             else:
                 jump_acceleration = tension_force
         rules = self.rules
-        terms = Terms(weighted, viscous, force, jump_acceleration, laplacian_of_jump, rho if densities_differ else 1.0,
+        terms = Terms(weighted, viscous, force, jump_acceleration, laplacian_of_jump, rho if heavy else 1.0,
                       rules.rotational_viscosity / reference, transposed_stress, smooth, along, interface)
         return with_forces(terms, self.forces, neighbours.x[: ops.n], mu / rho)
 
     @staticmethod
     def _weigh(ops: Operators, t: np.ndarray, rho: np.ndarray, mu: np.ndarray,
-               densities_differ: bool) -> tuple[Operators, ViscousWeights]:
+               heavy: bool) -> tuple[Operators, ViscousWeights]:
         """The operators with the density in the weights of the pressure, and the weights of the viscous term."""
         walls, viscous_walls = ops.walls, None
         symmetric = ops.lap_p if walls is None else walls.symmetric_laplacian
         lap = np.empty(len(ops.lap))
         over_rows(_weigh_viscous, ops.n, ops.start, ops.column, t, (rho, mu), ops.lap, lap)
         lap_p, grad_p = ops.lap_p, ops.grad_p
-        if densities_differ:
+        if heavy:
             weights = lap_p, grad_p, symmetric
             lap_p, grad_p, symmetric = (np.empty_like(weight) for weight in weights)
             over_rows(_weigh_pressure, ops.n, ops.start, ops.column, t, rho, weights, (lap_p, grad_p, symmetric))
@@ -309,11 +308,11 @@ def _weigh_pressure(rows, start, column, t, rho, weights, new):
     new_lap_p, new_grad_p, new_symmetric = new
     for i in range(rows[0], rows[1]):
         for p in range(start[i], start[i + 1]):
-            inverse = 1.0 / (t[p] * rho[i] + (1.0 - t[p]) * rho[column[p]])
-            new_lap_p[p] = lap_p[p] * inverse  # eq. 3: div(grad q / rho)
-            new_symmetric[p] = symmetric[p] * inverse
+            light = 1.0 / (t[p] * rho[i] + (1.0 - t[p]) * rho[column[p]])
+            new_lap_p[p] = lap_p[p] * light  # eq. 3: div(grad q / rho)
+            new_symmetric[p] = symmetric[p] * light
             for k in range(grad_p.shape[1]):
-                new_grad_p[p, k] = grad_p[p, k] * inverse
+                new_grad_p[p, k] = grad_p[p, k] * light
 
 
 @njit(cache=True, nogil=True)
@@ -357,7 +356,7 @@ def _sweep(rows, pairs, right, p):
 
 
 @njit(cache=True, nogil=True)
-def _add_viscosity(rows, start, column, lap, near, share, out):
+def _thicken(rows, start, column, lap, near, share, out):
     """Adds share (n,) of `lap` (n_pairs,) between the particles of `near` (n,) to out (n_pairs,)."""
     for i in range(rows[0], rows[1]):
         if near[i]:
@@ -405,7 +404,7 @@ def _transposed_stress_tensors(turns, work, neighbours, weights, rows, out):
         for a in range(size):
             total += moments[a, a]
         # least squares: the coefficients of the quadratic terms are the second derivatives
-        least = LEAST_PIVOT * total
+        least = SINGULAR * total
         if not _invert(work, least, dim):
             for a in range(size):
                 moments[a, a] += least  # as good as a pseudo-inverse, which takes numba 15 s to compile

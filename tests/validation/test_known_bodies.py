@@ -120,9 +120,9 @@ def test_the_range_of_images_holds_the_truth(grey, tmp_path):
         assert low <= one.truth()[0] <= high, name
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("levels", [(1, 2), (2, 3), (1, 2, 3)])
 @pytest.mark.parametrize("wall", ["exact", "stairs"])
+@pytest.mark.slow
 def test_bars_hold_nine_bodies_in_ten(wall, levels):
     """What was measured of all bodies, put through `extrapolate` as it is: 90 % hold the truth, and half of the bars
     are not wider than three times the error. Of stairs the truth is that of the cubes. Of channels whose edges all run
