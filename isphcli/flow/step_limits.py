@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 # benchmarks/limits.py: what runs that ended well reached | runs that blew up, left alone, with an earlier scheme: at
 # commit 511ac79 none of the scenes there does, with a shifting of 0.1 and of 0.3
-ENERGY_GROWTH = 1.5  # of the root mean square speed over what energy allows; <= 1.01 | 5 to 1e14
+GROWTH = 1.5  # of the root mean square speed over what energy allows; <= 1.01 | 5 to 1e14
 DIVERGENCE = 0.5  # largest divergence times dt, the part of its volume that a particle gains; <= 0.34 | 0.3 to 1e27
 VOLUME = (0.3, 1.8)  # of a particle, over that of a site: the inverse of the number density; 0.52 to 1.39 | 0.01, 2.3
 
@@ -83,7 +83,7 @@ class Bounds:
         force = self.force if self.largest_force is None else self.largest_force(new.time)
         before = (("of the step before", self.speed(old.u, old_density), dt), ("of the start", self.start, new.time))
         for since, begin, time in before:
-            bound = ENERGY_GROWTH * (begin + force * time + self.other)
+            bound = GROWTH * (begin + force * time + self.other)
             if speed > bound:
                 raise StepError(f"the mean speed is {speed:.3g}, but that {since}, the force and the walls allow "
                                 f"{bound:.3g}", size)

@@ -29,7 +29,9 @@ from .place import jittered, lattice_at, place_case, sight_of, with_fluids
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
+    from ..domain.cut import Share
     from ..domain.lattice import Particles
+    from ..domain.migration import Migration
     from ..flow.seam import Seam
     from ..flow.timed_drive import TimedDrive
     from ..flow.volume_control import KeptVolume
@@ -81,25 +83,24 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         particles = place_case(case, geometry, spacing)
         share, number = particles.share, None
         if share is not None:
-            from ..domain.migration import Migration, numbers_of
+            from ..domain.migration import numbers_of
 
             geometry = geometry.within(share.lower, share.upper, sight_of(case, spacing, geometry.dim))
             number = numbers_of(share.sites, lattice_at(case, geometry, spacing).sites)
             if case.particles.jitter > 0.0:
                 particles = jittered(case, geometry, particles, number, spacing)
             particles = with_fluids(case, geometry, particles)
-    n, two = particles.n_fluid, particles.two_fluids
-    _refuse_what_does_not_fit(case, geometry, particles)
+    n = particles.n_fluid
+    two = particles.two_fluids
+    need = memory.estimate(case, geometry.dim, geometry.has_solid, n, particles.n_dummy, two=two)
+    most = float(reduce.largest(np.array([sum(need.values())])))
+    memory.refuse(most * current().here, f"{n:,} fluid particles{' of two fluids' * two}", memory.too_large(case))
     x = particles.x[:n].copy()
     u = initial_velocity(case, x)
     force = sum((force for _, force in drives(case, geometry)), np.zeros(geometry.dim))
     fluids = choose_fluids(case, geometry, particles, force)
     held = held_velocity(case, particles, fluids.reference, geometry)
     drive = timed_drive(case, geometry) if forcing.changes(case) else None
-    migration = None
-    if share is not None:
-        reach = max(support, fluids.reach)
-        migration = Migration(share, geometry.lower, geometry.upper, geometry.periodic, reach)
     stepper = Stepper(
         geometry=geometry, dummies=particles.dummies_in_sight, spacing=spacing, support=support,
         kind=KERNELS[case.particles.kernel], site_volume=particles.site_volume,
@@ -108,7 +109,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
                                 engine_of(case.solver.engine)),
         bounds=bounds(case, geometry, particles, u, held, drive), held_velocity=held,
         volume=kept_volume(case, geometry, x), timed_drive=drive, seam=seam(case, particles, geometry),
-        migration=migration,
+        migration=migration(share, geometry, max(support, fluids.reach)),
     )
     gradient, phi, volume = None if forcing.gradient_axis(case) is None else 0.0, None, None
     if not isinstance(fluids, OneFluid):
@@ -127,12 +128,13 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
     return state, stepper, particles
 
 
-def _refuse_what_does_not_fit(case: Case, geometry: Geometry, particles: Particles) -> None:
-    """Raises ParticleError where the memory that is left does not hold the run."""
-    n, two = particles.n_fluid, particles.two_fluids
-    need = memory.estimate(case, geometry.dim, geometry.has_solid, n, particles.n_dummy, two=two)
-    most = float(reduce.largest(np.array([sum(need.values())])))
-    memory.refuse(most * current().here, f"{n:,} fluid particles{' of two fluids' * two}", memory.too_large(case))
+def migration(share: Share | None, geometry: Geometry, reach: float) -> Migration | None:
+    """Between the bricks of processes, each of which sees as far as `reach`, m; None of one process."""
+    if share is None:
+        return None
+    from ..domain.migration import Migration
+
+    return Migration(share, geometry.lower, geometry.upper, geometry.periodic, reach)
 
 
 def initial_velocity(case: Case, x: np.ndarray) -> np.ndarray:

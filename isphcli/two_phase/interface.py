@@ -141,8 +141,8 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     phi, fit, reach, spacing = interface.phi, interface.fit, interface.reach, interface.spacing
     everyone, known = ops.exchange.forward, np.abs(interface.phi) < reach
     distance = everyone(phi)
-    # |grad phi| is brought to one by an explicit step of an advection away from the interface, which the smoothing
-    # keeps stable as long as it is the faster of the two
+    # the slope is brought to one as an explicit step of an advection away from the interface would do it: it has to be
+    # slower than the smoothing that keeps it stable
     steepness = np.clip(interface.steepness, 0.0, 2.0)
     weight = np.where(np.abs(distance) < reach, ops.volume, 0.0)
     stretched = averages(ops.neighbours, weight, everyone(steepness)) - 1.0

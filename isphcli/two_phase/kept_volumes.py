@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
     from .cut_cells import CutCells
 
-LIKE_WITHIN = 1.5  # spacings that like particles of one part are apart at most
+LINKED = 1.5  # spacings that like particles of one part are apart at most
 RETURN_RATE = 0.5  # part of what is lacking that comes back in a step
 LARGEST_MOVE = 0.05  # spacings that a level is moved in a step at most
 BAND = 1.5  # spacings on either side of the interface where phi is moved
@@ -100,7 +100,7 @@ def _within(x: np.ndarray, sample: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
 def _parts(neighbours: Neighbourhood, phi: np.ndarray, spacing: float, exchange: Exchange) -> tuple[int, np.ndarray]:
     """How many parts there are, and that of each particle (n,)."""
     like = np.zeros(len(neighbours.column), np.bool_)
-    over_rows(_like, len(phi), neighbours, exchange.forward(phi), (LIKE_WITHIN * spacing) ** 2, like)
+    over_rows(_like, len(phi), neighbours, exchange.forward(phi), (LINKED * spacing) ** 2, like)
     return pair_components(neighbours.start, neighbours.column, like, exchange)
 
 

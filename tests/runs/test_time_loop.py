@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from isphcli.case.load import read_case
-from isphcli.flow.step_lengths import FIRST, FIRST_AT_WALLS, GROWTH, GROWTH_AT_WALLS
+from isphcli.flow.step_lengths import FIRST, FIRST_AT_WALLS, STEP_GROWTH, GROWTH_AT_WALLS
 from isphcli.output.clock import Clock
 from isphcli.runs.time_loop import TimeLoop
 from isphcli.scene.build_geometry import build_geometry
@@ -37,7 +37,7 @@ def test_no_particle_moves_farther_than_it_may():
     found = loop.limits(moved)
     dt = found["cfl"]
     assert 2 * dt + 5 * dt**2 / 2 == pytest.approx(0.2 * 0.1)
-    assert found["start"] == GROWTH * 0.4 and found["viscous"] == pytest.approx(8 * 0.1**2 / 1e-3)
+    assert found["start"] == STEP_GROWTH * 0.4 and found["viscous"] == pytest.approx(8 * 0.1**2 / 1e-3)
 
 
 def test_steps_beside_walls_begin_shorter_and_grow_slower():
@@ -49,7 +49,7 @@ def test_steps_beside_walls_begin_shorter_and_grow_slower():
 def test_a_fixed_step_is_taken_after_a_first_shorter_one():
     loop, state = loop_of(FALL, "time.step=0.01")
     assert loop.limits(state) == {"start": FIRST * 0.01}
-    assert loop.limits(replace(state, dt_old=0.01)) == {"step": 0.01, "start": GROWTH * 0.01}
+    assert loop.limits(replace(state, dt_old=0.01)) == {"step": 0.01, "start": STEP_GROWTH * 0.01}
 
 
 def test_snapshots_are_written_at_their_times_and_the_run_ends_at_its_own():
