@@ -2,7 +2,7 @@
 
 import pytest
 
-from isphcli.flow.step_lengths import FIRST, STEP_GROWTH, GROWTH_AT_WALLS, StepLengths, next_due, shortest
+from isphcli.flow.step_lengths import FIRST, GROWTH_AT_WALLS, STEP_GROWTH, StepLengths, next_due, shortest
 
 
 def lengths(**given):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from isphcli.case.load import read_case
-from isphcli.flow.step_lengths import FIRST, FIRST_AT_WALLS, STEP_GROWTH, GROWTH_AT_WALLS
+from isphcli.flow.step_lengths import FIRST, FIRST_AT_WALLS, GROWTH_AT_WALLS, STEP_GROWTH
 from isphcli.output.clock import Clock
 from isphcli.runs.time_loop import TimeLoop
 from isphcli.scene.build_geometry import build_geometry
