@@ -87,7 +87,7 @@ def main():
             seen.clear()
             more = [f"particles.shifting={amount}", *(["time.max_steps=300"] if asked.free else [])]
             try:
-                run = stress.marched(text, *sets, *more, change=change[0] if change else None)
+                run = stress.stepped(text, *sets, *more, change=change[0] if change else None)
                 outcome = run.loop.outcome
             except RunError as error:
                 outcome = str(error).split(";")[0][:60]

@@ -64,22 +64,23 @@ def moving(share, points):
     import step_cost
 
     from isphcli.case.load import read_case
+    from isphcli.flow.state import Handover
     from isphcli.output.clock import Clock
     from isphcli.scene.build_geometry import build_geometry
     from isphcli.scene.prepare import prepare
 
     case = read_case(step_cost.CASE.format(spacing=1.0 / points).encode(), "step_cost.yaml")
     state, stepper, _ = prepare(case, build_geometry(case), Clock())
-    config = stepper.configure(state.x, phi=state.phi)
+    ready = stepper.ready(state)
 
-    def steps(count, state, config):
+    def steps(count, state, ready):
         for _ in range(count):
-            found = stepper.advance(state, config, 0.2 / points)
-            state, config = found.state, found.config
-        return state, config
+            found = stepper.advance(state, ready, 0.2 / points)
+            state, ready = found.state, Handover(found.config)
+        return state, ready
 
-    state, config = steps(2, state, config)
-    share.of(lambda: steps(4, state, config))
+    state, ready = steps(2, state, ready)
+    share.of(lambda: steps(4, state, ready))
     print(share.line(f"moving {points}^3, 4 steps"), flush=True)
 
 

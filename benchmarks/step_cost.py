@@ -17,6 +17,7 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from isphcli.case.load import read_case
+from isphcli.flow.state import Handover
 from isphcli.output.clock import Clock
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
@@ -60,19 +61,20 @@ def main(points=48, steps=12, scene="vortex"):
     case = read_case(text.format(spacing=1.0 / points).encode(), "step_cost.yaml")
     geometry = build_geometry(case)
     state, stepper, particles = prepare(case, geometry, Clock())
-    config = stepper.configure(state.x, phi=state.phi)
+    ready = stepper.ready(state)
     clock, iterations = None, []
     for k in range(steps + 2):
         if k == 2:
             clock = stepper.solvers.clock = Clock()
         dt = step / points
-        found = stepper.advance(state, config, dt)
-        state, config = found.state, found.config
+        found = stepper.advance(state, ready, dt)
+        state, ready = found.state, Handover(found.config)
         if k >= 2:
             iterations.append({name: r.iterations for name, r in found.solves.items()})
     spent = clock.cpu()
     scale = 1e6 / (particles.n_fluid * steps)
-    print(f"{particles.n_fluid} particles, {steps} steps, {len(config.ops.column) / particles.n_fluid:.0f} neighbours, "
+    neighbours = len(ready.look().ops.column) / particles.n_fluid
+    print(f"{particles.n_fluid} particles, {steps} steps, {neighbours:.0f} neighbours, "
           f"iterations {iterations[-1]}")
     for name, seconds in spent.items():
         print(f"  {name:15s} {seconds * scale:7.2f} us per particle and step")

@@ -123,7 +123,7 @@ def guarded(function: Callable[..., int | None]) -> Callable[..., None]:
     return command
 
 
-PATIENCE = 5.0  # s: ranks that fail for the same reason do so within it; after it a rank ends those that wait for it
+FAIL_TOGETHER = 5.0  # s: ranks that fail for the same reason do so within it; later one ends those that wait for it
 
 
 def several() -> Ranks | None:
@@ -138,7 +138,7 @@ def fail_together(text: str, code: int) -> None:
     and ends the others, which would wait for it for ever."""
     ranks = several()
     assert ranks is not None
-    said = ranks.agree_to_fail(text, PATIENCE)
+    said = ranks.agree_to_fail(text, FAIL_TOGETHER)
     if said is None:
         complain(f"rank {ranks.rank} of {ranks.size}: {text}")
         ranks.abort(code)

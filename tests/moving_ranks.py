@@ -178,7 +178,7 @@ def main(folder, engine, names):
     on_first(lambda: (out / "left").write_text(str(left)))
 
 
-def go_on(*folders):
+def resume(*folders):
     from isphcli import api
     from isphcli.case.load import load_case
     from isphcli.domain.communicator import join
@@ -195,6 +195,6 @@ def go_on(*folders):
 
 if __name__ == "__main__":
     if sys.argv[1] == "goes_on":
-        go_on(*sys.argv[2:])
+        resume(*sys.argv[2:])
     else:
         main(*sys.argv[1:])

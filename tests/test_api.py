@@ -63,6 +63,7 @@ def test_problems_of_a_case_of_dicts_name_keys_and_no_lines():
     assert "case: particles.spacin: unknown key; did you mean 'spacing'?" in str(caught.value).splitlines()
 
 
+@pytest.mark.slow
 def test_a_run_returns_numbers_fields_and_pictures_and_leaves_nothing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found = isphcli.run(SLIT, quiet=True)
@@ -88,6 +89,7 @@ def test_the_package_of_runs_can_be_called():
     assert isphcli.run(SLIT, quiet=True).permeability > 0
 
 
+@pytest.mark.slow
 def test_a_run_with_a_folder_leaves_what_the_command_leaves(tmp_path):
     found = isphcli.run({**SLIT, "output": {"grid": "auto"}}, out=tmp_path / "out", quiet=True)
     assert found.directory == tmp_path / "out"
@@ -102,6 +104,7 @@ def test_a_run_with_a_folder_leaves_what_the_command_leaves(tmp_path):
     assert again.permeability == found.permeability and not (tmp_path / "out/grid.pvd").exists()
 
 
+@pytest.mark.slow
 def test_moving_particles_go_on_from_a_restart(tmp_path):
     case = {**SLIT, "flow": "navier_stokes", "drive": {"body_force": [1.0, 0.0]}, "time": {"end": 1.0, "max_steps": 2},
             "output": {"grid": "auto"}}

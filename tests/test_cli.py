@@ -252,8 +252,8 @@ def test_errors_become_one_message_and_an_exit_code(monkeypatch, error, code, te
 
 
 def test_a_failed_solve_and_its_restart_file(monkeypatch):
-    report = types.SimpleNamespace(residual=1e-2, iterations=400, tolerance=1e-6, reason="out of iterations")
-    error = SolveError("Stokes", report)
+    convergence = types.SimpleNamespace(residual=1e-2, iterations=400, tolerance=1e-6, reason="out of iterations")
+    error = SolveError("Stokes", convergence)
     error.restart = "out/case/restart.npz"
     fake_run(monkeypatch, error)
     done = isph("run", "case.yaml")
@@ -613,6 +613,7 @@ def test_progress_that_nobody_reads_ends_no_run(folder):
     assert subprocess.run(["bash", "-c", command], env=env).returncode == BAD_INPUT
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_is_one_line(folder):
     """As the compiler works, in a cache that is new: no traceback, and the exit code of an interruption."""
     (folder / "case.yaml").write_text(CASE.replace("stokes", "navier_stokes\ntime: {end: 1}"))

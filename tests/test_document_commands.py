@@ -116,6 +116,7 @@ def small(words):
     return [*words, "--set", corner, "--set", "output.plots=false", "--quiet", "--overwrite"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", TEXTS, ids=[path.name for path in TEXTS])
 def test_short_commands_run(path, folder):
     """In their order, so that one finds what the one before it wrote; not those of files that only the user has."""
@@ -135,6 +136,7 @@ def test_short_commands_run(path, folder):
             RAN.add("run")
 
 
+@pytest.mark.slow
 def test_some_of_each_ran():
     """After the ones above, in the order of the file."""
     assert RAN >= {"examples", "keys", "init", "validate", "convert-voxels", "run"}

@@ -10,8 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.source import files_of, functions, imports, is_kernel, lines, not_annotated, taken
+
 PACKAGE = Path(__file__).parents[1] / "isphcli"
-FILES = {".".join(path.relative_to(PACKAGE).with_suffix("").parts): path for path in sorted(PACKAGE.rglob("*.py"))}
+FILES = files_of(PACKAGE)
 PHYSICS = ("domain", "geometry", "operators", "solvers", "flow", "two_phase")
 WORDS = ("case", "scene", "output", "runs")  # what physics is not to know, but for the stopwatch
 
@@ -22,20 +24,13 @@ def tree_of(name):
     return ast.parse(FILES[name].read_text(encoding="utf-8"))
 
 
-def imports(name):
-    """Files of the package that a file imports."""
-    folder, found = name.split(".")[:-1], set()
-    for node in ast.walk(tree_of(name)):
-        if not isinstance(node, ast.ImportFrom) or not node.level:
-            continue
-        base = ".".join(folder[: len(folder) - node.level + 1] + ([node.module] if node.module else []))
-        for alias in node.names:
-            whole = f"{base}.{alias.name}".strip(".")
-            found |= {target for target in (whole, base) if target in FILES and target != name}
-    return found
+ARROWS = {name: imports(name, tree_of(name), FILES) for name in FILES}
 
 
-ARROWS = {name: imports(name) for name in FILES}
+@cache
+def nodes_of(name):
+    """All nodes of the parsed source of a file."""
+    return list(ast.walk(tree_of(name)))
 
 
 def room(name):
@@ -59,9 +54,9 @@ def test_the_reader_of_imports_sees_them():
     assert forbidden("flow.step", "output.files") and not forbidden("flow.step", "output.clock")
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_forbidden_arrows(name):
-    assert {other: forbidden(name, other) for other in ARROWS[name] if forbidden(name, other)} == {}
+def test_forbidden_arrows():
+    assert {(name, other): forbidden(name, other) for name in FILES for other in ARROWS[name]
+            if forbidden(name, other)} == {}
 
 
 def test_no_circle_of_files():
@@ -73,38 +68,46 @@ def test_no_circle_of_files():
     assert {name: known & left.keys() for name, known in left.items()} == {}
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_no_import_by_a_name_that_is_computed(name):
+def called(node):
+    """The last word of what a call calls."""
+    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+
+
+def test_no_import_by_a_name_that_is_computed():
     """An arrow that no reader of imports can see."""
-    for node in ast.walk(tree_of(name)):
-        if isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
-            assert isinstance(node.args[0], ast.Constant), f"{name}:{node.lineno}"
+    for name in FILES:
+        for node in nodes_of(name):
+            if isinstance(node, ast.Call) and called(node) in ("import_module", "__import__"):
+                assert isinstance(node.args[0], ast.Constant), f"{name}:{node.lineno}"
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_what_begins_with_an_underscore_stays_in_its_file(name):
-    """Imported by name, or asked of a module that was imported."""
-    tree, taken_from_others, modules = tree_of(name), [], set()
-    for node in ast.walk(tree):
+def private(name):
+    """Words with an underscore that a file takes from others: imported by name, or asked of a module."""
+    found, modules = [], set()
+    for node in nodes_of(name):
         if isinstance(node, ast.ImportFrom) and node.level:
-            taken_from_others += [alias.name for alias in node.names if alias.name.startswith("_")]
+            found += [alias.name for alias in node.names if alias.name.startswith("_")]
             modules |= {alias.asname or alias.name for alias in node.names}
-    taken_from_others += [ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)
-                          and node.attr.startswith("_") and not node.attr.startswith("__")
-                          and isinstance(node.value, ast.Name) and node.value.id in modules]
-    assert [found for found in taken_from_others if found != "__version__"] == []
+    found += [ast.unparse(node) for node in nodes_of(name) if isinstance(node, ast.Attribute)
+              and node.attr.startswith("_") and not node.attr.startswith("__")
+              and isinstance(node.value, ast.Name) and node.value.id in modules]
+    return [word for word in found if word != "__version__"]
+
+
+def test_what_begins_with_an_underscore_stays_in_its_file():
+    assert {name: private(name) for name in FILES if private(name)} == {}
 
 
 READ_DRIVE = ("case.forcing", "case.checks")  # what it means, and whether it may be
 
 
-@pytest.mark.parametrize("name", [name for name in FILES if name not in READ_DRIVE])
-def test_what_drives_a_flow_is_read_in_one_place(name):
+def test_what_drives_a_flow_is_read_in_one_place():
     """`case.drive` is touched by `case/forcing.py` alone; a method of that name is called, not read."""
-    tree = tree_of(name)
-    called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
-    read = [node.lineno for node in ast.walk(tree)
-            if isinstance(node, ast.Attribute) and node.attr == "drive" and id(node) not in called]
+    read = []
+    for name in [name for name in FILES if name not in READ_DRIVE]:
+        methods = {id(node.func) for node in nodes_of(name) if isinstance(node, ast.Call)}
+        read += [(name, node.lineno) for node in nodes_of(name)
+                 if isinstance(node, ast.Attribute) and node.attr == "drive" and id(node) not in methods]
     assert read == []
 
 
@@ -153,11 +156,20 @@ def test_tests_stand_where_their_modules_do():
 def test_one_class_has_a_name():
     """Public ones: a word of the case language and one of the geometry are told apart."""
     found = {}
-    for name, path in FILES.items():
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    for name in FILES:
+        for node in tree_of(name).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 found.setdefault(node.name, []).append(name)
     assert {word: names for word, names in found.items() if len(names) > 1} == {}
+
+
+@pytest.mark.parametrize("folder", [name for name in PHYSICS if name != "geometry"])
+def test_one_constant_has_a_name(folder):
+    """Of the rooms of the equations: two limits of one room are told apart by their words."""
+    names = [name.id for file in FILES if room(file) == folder for node in tree_of(file).body
+             if isinstance(node, ast.Assign) for target in node.targets for name in ast.walk(target)
+             if isinstance(name, ast.Name) and name.id.isupper()]
+    assert names and [name for name in names if names.count(name) > 1] == []
 
 
 def test_one_file_has_a_name():
@@ -166,26 +178,23 @@ def test_one_file_has_a_name():
     assert {stem for stem in stems if stems.count(stem) > 1} <= {"__init__", "protocol"}
 
 
-def calls_of(tree, name):
-    return [node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == name]
+def calls_of(name, word):
+    return [node for node in nodes_of(name) if isinstance(node, ast.Call) and called(node) == word]
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_loops_over_rows_are_threads_of_serial_kernels(name):
+def test_loops_over_rows_are_threads_of_serial_kernels():
     """numba's parallel loops take two to four times as long to compile (`domain/row_threads.py`); a kernel that holds
     the lock of the interpreter would make the threads wait for each other."""
-    tree = tree_of(name)
-    kernels = {node.name: ast.unparse(node.decorator_list[0]) for node in ast.walk(tree)
-               if isinstance(node, ast.FunctionDef) and is_kernel(node)}
-    assert [kernel for kernel, options in kernels.items() if "parallel=True" in options] == []
-    handed = {ast.unparse(call.args[0]) for call in calls_of(tree, "over_rows")} & kernels.keys()
-    assert [kernel for kernel in handed if "nogil=True" not in kernels[kernel]] == []
+    for name in FILES:
+        kernels = {node.name: ast.unparse(node.decorator_list[0]) for node in kernels_of(name)}
+        assert [kernel for kernel, options in kernels.items() if "parallel=True" in options] == [], name
+        handed = {ast.unparse(call.args[0]) for call in calls_of(name, "over_rows")} & kernels.keys()
+        assert [kernel for kernel in handed if "nogil=True" not in kernels[kernel]] == [], name
 
 
 def kernels_of(name):
     """The compiled functions of a file."""
-    tree = tree_of(name)
-    return [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and is_kernel(node)]
+    return [node for node in functions(tree_of(name)) if is_kernel(node)]
 
 
 @cache
@@ -221,37 +230,17 @@ def test_kernels_inherit_no_rounding_from_those_that_call_them(word):
             and "inline='always'" not in options[pair[1]]] == []
 
 
-def is_kernel(node):
-    return any("njit" in ast.unparse(decorator) for decorator in node.decorator_list)
-
-
-def taken(node):
-    """The arguments of a function, of every kind."""
-    given = node.args
-    return [*given.posonlyargs, *given.args, *given.kwonlyargs, *filter(None, (given.vararg, given.kwarg))]
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_functions_have_annotations(name):
+def test_functions_have_annotations():
     """mypy asks for them but in files that hold kernels, whose types numba finds."""
-    missing = []
-    for node in ast.walk(tree_of(name)):
-        if not isinstance(node, ast.FunctionDef) or is_kernel(node):
-            continue
-        bare = [a.arg for a in taken(node) if a.annotation is None and a.arg not in ("self", "cls")]
-        if bare or (node.returns is None and node.name != "__init__"):
-            missing.append((node.lineno, node.name, *bare))
+    missing = [(name, node.lineno, node.name, *not_annotated(node)) for name in FILES
+               for node in functions(tree_of(name)) if not is_kernel(node) and not_annotated(node)]
     assert missing == []
 
 
 def test_few_functions_take_many_arguments():
     """Of eight and more: what belongs together is handed on together. What is left are commands, and lists that have
     no parts."""
-    many = []
-    for name in FILES:
-        for node in ast.walk(tree_of(name)):
-            if isinstance(node, ast.FunctionDef) and len(taken(node)) > 7:
-                many.append(f"{name}.{node.name}")
+    many = [f"{name}.{node.name}" for name in FILES for node in functions(tree_of(name)) if len(taken(node)) > 7]
     assert len(many) < 10, many
 
 
@@ -278,21 +267,18 @@ def test_the_reader_of_constants_sees_them():
     assert list(numbers_without_a_word(source)) == ["A", "G"]
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_constants_say_what_they_bound(name):
-    assert list(numbers_without_a_word(FILES[name].read_text(encoding="utf-8"))) == []
+def test_constants_say_what_they_bound():
+    assert [(name, word) for name in FILES
+            for word in numbers_without_a_word(FILES[name].read_text(encoding="utf-8"))] == []
 
 
-LONGEST = 60  # lines of a function from its name on; kernels are long where their sums have to stay in registers
+LONGEST = 60  # lines of a function, which has fewer; kernels are long where their sums have to stay in registers
 
 
 def test_functions_are_short():
     """What is longer does several things, each of which has a name of its own."""
-    long = []
-    for name in FILES:
-        for node in ast.walk(tree_of(name)):
-            if isinstance(node, ast.FunctionDef) and not is_kernel(node) and node.end_lineno - node.lineno >= LONGEST:
-                long.append((f"{name}.{node.name}", node.end_lineno - node.lineno + 1))
+    long = [(f"{name}.{node.name}", lines(node)) for name in FILES for node in functions(tree_of(name))
+            if not is_kernel(node) and lines(node) >= LONGEST]
     assert long == []
 
 
@@ -314,22 +300,20 @@ def test_the_reader_of_docstrings_sees_them():
     assert list(says_nothing(ast.parse(source).body)) == ["A.f", "k"]
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_what_is_public_says_what_it_is(name):
-    assert list(says_nothing(tree_of(name).body)) == []
+def test_what_is_public_says_what_it_is():
+    assert [(name, word) for name in FILES for word in says_nothing(tree_of(name).body)] == []
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_no_field_is_of_any_type_whatever(name):
+def test_no_field_is_of_any_type_whatever():
     """`object` says nothing of a field, a SimpleNamespace nothing of a result."""
-    for node in ast.walk(tree_of(name)):
-        assert not (isinstance(node, ast.AnnAssign) and ast.unparse(node.annotation) == "object"), node.lineno
-        assert not (isinstance(node, ast.Name) and node.id == "SimpleNamespace"), node.lineno
+    assert [(name, node.lineno) for name in FILES for node in nodes_of(name)
+            if (isinstance(node, ast.AnnAssign) and ast.unparse(node.annotation) == "object")
+            or (isinstance(node, ast.Name) and node.id == "SimpleNamespace")] == []
 
 
-@pytest.mark.parametrize("name", [name for name in FILES if room(name) != "case"])
-def test_no_geometry_is_asked_what_it_has(name):
+def test_no_geometry_is_asked_what_it_has():
     """What some geometries do not have is None in the protocol. In a case, `geometry` is a block and no geometry."""
-    for node in ast.walk(tree_of(name)):
-        if isinstance(node, ast.Call) and ast.unparse(node.func) in ("getattr", "hasattr"):
-            assert ast.unparse(node.args[0]).rpartition(".")[2] != "geometry", node.lineno
+    assert [(name, node.lineno) for name in FILES if room(name) != "case" for node in nodes_of(name)
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+            and node.func.id in ("getattr", "hasattr")
+            and ast.unparse(node.args[0]).rpartition(".")[2] == "geometry"] == []

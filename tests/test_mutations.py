@@ -26,6 +26,7 @@ def test_the_test_that_notices_a_mutation_is_there(mutation):
     assert mutation.unnoticed and f"\ndef {name}(" in (ROOT / path).read_text()
 
 
+@pytest.mark.slow
 def test_a_changed_kernel_drops_the_kernels_that_hold_it():
     held = {"operators.kernel", "operators.moments", "operators.wall_weights", "flow.step", "flow.shifting"}
     assert held <= mutations.dependents("operators.kernel")

@@ -30,6 +30,7 @@ def cells_of(monkeypatch):
     return run
 
 
+@pytest.mark.slow
 def test_rock(cells_of):
     """Beside the walls of voxels, at one particle per voxel: 1.01e-12 m2 (`isph run cases/berea.yaml --set
     'geometry.voxels.crop=[[0,40],[0,40],[0,40]]'`). Smooth walls open throats: 11 % more measured."""
@@ -39,6 +40,7 @@ def test_rock(cells_of):
     assert low < found.permeability < high
 
 
+@pytest.mark.slow
 def test_sphere_pack(cells_of):
     """Kozeny and Carman's constant varies by some 30 % from pack to pack (measured 16 % off). No pack conducts better
     than the bound of Maxwell, Hashin and Shtrikman; Bruggeman's power law of spheres is 3 % less than measured."""

@@ -45,6 +45,7 @@ def test_what_a_page_loads_is_told():
     assert page.found == ["https://a.b/c.js"]
 
 
+@pytest.mark.slow
 def test_pages_load_nothing_from_outside(site):
     pages = list(site.rglob("*.html"))
     for path in pages:
@@ -54,6 +55,7 @@ def test_pages_load_nothing_from_outside(site):
     assert len(pages) > 50  # with a page of each case
 
 
+@pytest.mark.slow
 def test_every_document_has_its_page(site):
     """Strict building finds links that lead nowhere; this, a document that the hook or the navigation leaves out."""
     for path in [*(ROOT / "docs").glob("*.md"), ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]:
@@ -62,6 +64,7 @@ def test_every_document_has_its_page(site):
         assert (site / path.relative_to(ROOT).with_suffix(".html")).is_file(), path.name
 
 
+@pytest.mark.slow
 def test_the_search_needs_no_server(site):
     """A page that was opened from the disk reads the index as a script, and runs the search in a frame of its own."""
     index = (site / "search/search_index.js").read_text(encoding="utf-8")
@@ -71,12 +74,14 @@ def test_the_search_needs_no_server(site):
         assert "file:" in (site / page).parent.joinpath(script).read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_formulas_are_drawn_without_a_script(site):
     page = (site / "method.html").read_text(encoding="utf-8")
     formulas = re.findall(r"\$\$.*?\$\$", (ROOT / "docs/method.md").read_text(encoding="utf-8"), re.DOTALL)
     assert page.count("<math") == len(formulas) and "$$" not in page and "arithmatex" not in page
 
 
+@pytest.mark.slow
 def test_the_options_of_every_command_are_there(site):
     from isphcli.cli import main
 

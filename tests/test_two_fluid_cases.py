@@ -33,6 +33,7 @@ def test_a_square_drop_relaxes_to_its_pressure(name, side, tmp_path):
     assert "surface tension (jump)" in summary["terms"]
 
 
+@pytest.mark.slow
 def test_a_cube_of_fluid_contracts_to_a_ball(tmp_path):
     """At 0.03 s the corners are gone. Nothing else has: volume, centre, one drop. A cube of 6 spacings is measured
     with rounded edges at the start: 0.19 for the 6 x 0.04 of its faces, which energies are compared with."""
@@ -54,6 +55,7 @@ def test_layers_share_the_stress(name, bound, tmp_path):
     assert "density jump" not in summary["terms"] and "interface_area" not in summary["two_fluids"]
 
 
+@pytest.mark.slow
 def test_a_light_layer_rests_on_a_heavy_one(tmp_path):
     """The pressure at the floor is the weight of both: nothing moves."""
     summary, _ = run("layered_hydrostatics", tmp_path, "particles.spacing=0.0625", "time.end=0.1")
@@ -61,6 +63,7 @@ def test_a_light_layer_rests_on_a_heavy_one(tmp_path):
     assert summary["errors"]["speed_relative"] < 1e-7  # the solves stop at 1e-6 of what they start from
 
 
+@pytest.mark.slow
 def test_a_bubble_rises_and_the_liquid_sinks(tmp_path):
     """The box is closed: as much liquid goes down as bubble goes up, and its centre moves with its velocity. A disk in
     a wide box starts with g (rho_l - rho_b) / (rho_l + rho_b); walls two radii off hold it back."""
@@ -75,6 +78,7 @@ def test_a_bubble_rises_and_the_liquid_sinks(tmp_path):
     assert found["spurious_capillary_number"] is None and "slip walls" in summary["terms"]
 
 
+@pytest.mark.slow
 def test_a_bubble_of_a_thousandth_of_the_density_rises(tmp_path):
     """Case 2 of Hysing et al. (2009) at 1/20: largest rise velocity within 4 % of the published 0.2502 to 0.2517
     (0.2525 measured; 0.254 at 1/40), and no gas faster than that flow makes it: a capillary number of 2.8. With the
@@ -103,6 +107,7 @@ def test_a_drop_on_a_tilted_wall_meets_its_angle(tmp_path):
     assert abs(summary["errors"]["volume_relative"]) < 0.03
 
 
+@pytest.mark.slow
 def test_a_capillary_wave_swings(tmp_path):
     """24 a wavelength: the height is off by 5.3 % (root mean square) and passes through zero 1.1 % late."""
     summary, _ = run("capillary_wave", tmp_path, "particles.spacing=0.04166667", "time.end=0.4")
@@ -110,6 +115,7 @@ def test_a_capillary_wave_swings(tmp_path):
     assert summary["errors"]["amplitude_relative_l2"] < 0.07
 
 
+@pytest.mark.slow
 def test_water_fills_a_slit(tmp_path):
     """8 across in place of 16, and a quarter of the time: what has gone in and how fast, -2.2 and -1.9 % measured."""
     summary, _ = run("slit_imbibition", tmp_path, "particles.spacing=1.25e-5", "time.end=4e-4")

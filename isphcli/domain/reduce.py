@@ -47,7 +47,7 @@ def smallest(values: np.ndarray) -> Any:
 
 
 def _least(dtype: np.dtype) -> Any:
-    """What every other number of a kind is at least."""
+    """The smallest value of a number type."""
     return -np.inf if dtype.kind == "f" else np.iinfo(dtype).min
 
 

@@ -19,36 +19,36 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..solvers.krylov import SolveError
-from .state import Once
+from .state import Handover
 from .step_limits import RunError, StepError
 
 if TYPE_CHECKING:
-    from .state import Configuration, State, StepResult
+    from .state import State, StepResult
     from .step import Stepper
 
 HALVINGS = 4  # of a step that fails, one after the other; then the run ends
 
 
-def attempt(stepper: Stepper, state: State, config: Configuration | Once, dt: float) -> StepResult:
+def attempt(stepper: Stepper, state: State, ready: Handover, dt: float) -> StepResult:
     """The StepResult of a step of dt or, if that fails, of a shorter one. Raises RunError.
 
-    A configuration that the step has taken over is made again for the next one."""
+    ready: the configuration of the state, which the first step takes over; it is made again for each shorter one."""
     problem: SolveError | StepError
-    density = (config.look() if isinstance(config, Once) else config).terms.density
+    density = ready.look().terms.density
     for halving in range(HALVINGS + 1):
         length = dt * 0.5**halving
         try:
             if state.time + length * 1e-3 == state.time:
                 raise StepError(f"the step {length:.3g} is lost in the digits of the time {state.time:.3g}")
             with np.errstate(all="ignore"):  # what is not finite is found by the bounds
-                found = stepper.advance(state, config, length)
+                found = stepper.advance(state, ready, length)
                 stepper.bounds.check(state, found, density)
             return found
         except (SolveError, StepError) as failure:
             problem = failure.with_traceback(None)  # its frames hold the configuration that the step made
             stepper.solvers.drop()
-        if halving < HALVINGS and isinstance(config, Once):
-            config = Once(stepper.configure(state.x, state.time, state.phi, state.number))
+        if halving < HALVINGS:
+            ready = stepper.ready(state)
     message = f"step {state.step + 1} at time {state.time:g}: {problem} (the last of {HALVINGS} halvings, {length:.3g})"
     if isinstance(problem, StepError):
         # cavities at Reynolds number 1000 and an orifice that blew up with shifting 0.1 held with each of the first two

@@ -23,9 +23,9 @@ class HeldVelocity:
     """A superficial velocity that is held: each step finds the pressure gradient that it takes.
 
     A step is linear in the gradient G over the density of the first fluid: with v the velocity that a gradient of one
-    makes (`Stepper._hold`), U(u + G v) = U(u) + G U(v) is what was asked. U is taken where the flow is clear: in the
-    clear layers of an image, as at a pump, else in the whole box. It is that of the velocity alone: a shift is but a
-    change of the points, of two fluids too, whose interface goes with the velocity.
+    makes (`Stepper._hold`), U(u + G v) = U(u) + G U(v) is what was asked. U is taken in the clear layers of an image
+    where there are some, as at a pump, else in the whole box. Shifts do not count: they move points, not fluid, and the
+    interface of two fluids moves with the velocity.
 
     axis: 0, 1 or 2; wanted: m/s; lower, upper: m along the axis, the sample, outside of which U is taken, inf and -inf
     for the whole box; fraction: of the place where U is taken that is fluid; porosity: of the sample, or of the box;
@@ -42,7 +42,7 @@ class HeldVelocity:
 
     @property
     def speed(self) -> float:
-        """Mean speed of the fluid in the sample, m/s; of that beside a sample without any."""
+        """Mean speed of the fluid in the sample, m/s; beside the sample, where that holds no fluid."""
         return abs(self.wanted) / (self.porosity or self.fraction)
 
     def gradient_for_flux(self, x: np.ndarray, u: np.ndarray, v: np.ndarray, rate: float) -> float | None:
@@ -55,9 +55,9 @@ class HeldVelocity:
         return (self.wanted / self.fraction - reduce.mean(u[here, self.axis])) / gain
 
     def flux(self, x: np.ndarray, u: np.ndarray) -> float:
-        """The superficial velocity along the axis, m/s, of velocities u (n, dim) at x (n, dim), where it is held. By
-        mass it is that of every cross section; a sum over the few particles across a pore is larger, of a parabola over
-        n of them by 1 / (2 n^2)."""
+        """The superficial velocity along the axis, m/s, of velocities u (n, dim) at x (n, dim), where it is held. It is
+        the same through every cross section, by conservation of mass. A mean over the n particles across a pore is
+        larger, by 1 / (2 n^2) of a parabolic profile."""
         here = outside_sample(x[:, self.axis], self.lower, self.upper)
         return float(self.fraction * reduce.mean(u[here, self.axis]))
 
@@ -71,7 +71,8 @@ def leads_through(ops: Operators, axis: int, box: tuple[np.ndarray, np.ndarray])
     """Whether particles that see each other lead all the way round a periodic axis. ops: Operators; box: its corners,
     (dim,) each, m.
 
-    How far a gradient moves the fluid does not tell: before a wall across it, viscous layers leave a tenth of it.
+    The velocity that a gradient makes does not tell this: in front of a wall across the axis it is still a tenth of
+    that of free fluid.
     """
     n, (x, row), column = ops.n, (ops.neighbours.x, ops.neighbours.row), ops.column
     # of two copies of the scene, own particles of both before the remote ones, a way over the seam leads to the other

@@ -19,7 +19,7 @@ from ..operators.mixed_weights import Faces
 from ..operators.pair_weights import Operators
 from ..solvers.engine import ONE_PROCESS
 from ..solvers.krylov import Convergence, Limits, SolveError, Watch
-from .stokes import CYCLES, LEAST, ROUGH, STRENGTH, TAU
+from .stokes import CYCLES, LEAST_RESPONSE, ROUGH, STRENGTH, TAU
 
 
 class MixedStokes:
@@ -39,7 +39,8 @@ class MixedStokes:
         self._velocity = ONE_PROCESS.block_cycle(faces.conductance(np.ones(ops.n), resists), ops.exchange, STRENGTH,
                                                  CYCLES)
         w = self._velocity(np.repeat(self.volume[:, None], 3, axis=1))[:, 0]
-        self._darcy = ONE_PROCESS.cycle(faces.conductance(np.maximum(w, LEAST * (d / spacing) ** 2)), ops.exchange)
+        w = np.maximum(w, LEAST_RESPONSE * (d / spacing) ** 2)
+        self._darcy = ONE_PROCESS.cycle(faces.conductance(w), ops.exchange)
         nothing = replace(ops, grad=np.zeros_like(ops.grad), walls=replace(walls, div=np.zeros_like(walls.div)))
         self._odd_even = div_grad_weights(nothing, walls.symmetric_laplacian)  # of -S alone
 

@@ -144,15 +144,14 @@ class Terms:
     """The fluids of one configuration, as the equations see them.
 
     ops: Operators, the weights of the pressure over the density; viscous: the weights of the viscous term; force:
-    (dim,) or (n, dim) m/s2; jump_acceleration: (n, dim) m/s2 what a jump of the pressure at the interface accelerates
-    by, or None; laplacian_of_jump: (n,) 1/s2, what the Laplacian of the pressure makes of that jump; density: over that
-    of the first fluid, (n,) or 1; bulk: number, dynamic viscosity over the density of the first fluid of the rotational
-    term (eq. 4), m2/s; transposed_stress: of two fluids, or None where the viscosity does not jump; smooth: (n,) bool,
-    where the velocity has no kink, or None;
-    along: (dim,) or (n, dim), what a unit pressure gradient along the axis of a held velocity accelerates by, or None;
-    interface: of two fluids, or None;
-    excess: (n,) m2, c of `viscous_solve`, or None where the velocity has kinks and forces jump; drag: (n,) 1/s, -drag u
-    of what resists (`Force`), or None.
+    (dim,) or (n, dim) m/s2; jump_acceleration: (n, dim) m/s2 by the jump of the pressure at the interface, or None;
+    laplacian_of_jump: (n,) 1/s2, what the Laplacian of the pressure makes of that jump; density: over that of the first
+    fluid, (n,) or 1; rotational_viscosity: number, dynamic viscosity over the density of the first fluid of the
+    rotational term (eq. 4), m2/s; transposed_stress: of two fluids, or None where the viscosity does not jump; smooth:
+    (n,) bool, where the velocity has no kink, or None; along: (dim,) or (n, dim), acceleration by a unit pressure
+    gradient along the axis of a held velocity, or None; interface: of two fluids, or None; excess: (n,) m2, c of
+    `viscous_solve`, or None where the velocity has kinks and forces jump; drag: (n,) 1/s, -drag u of the forces that
+    resist (`Force`), or None.
     """
 
     ops: Operators
@@ -161,7 +160,7 @@ class Terms:
     jump_acceleration: np.ndarray | None = None
     laplacian_of_jump: np.ndarray | None = None
     density: np.ndarray | float = 1.0
-    bulk: float = 0.0
+    rotational_viscosity: float = 0.0
     transposed_stress: StressCoupling | None = None
     smooth: np.ndarray | None = None
     along: np.ndarray | None = None
@@ -239,7 +238,7 @@ class OneFluid:
         """Terms of one configuration; see `Fluids.terms`."""
         along = balanced_force(ops, self.held) if self.held is not None else None
         viscous = ViscousWeights(self.viscosity, ops.lap, ops.walls)
-        terms = Terms(ops, viscous, balanced_force(ops, self.force), bulk=self.viscosity, along=along,
+        terms = Terms(ops, viscous, balanced_force(ops, self.force), rotational_viscosity=self.viscosity, along=along,
                       excess=laplacian_excess(ops))
         return with_forces(terms, self.forces, neighbours.x[: ops.n], self.viscosity)
 

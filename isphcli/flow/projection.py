@@ -26,11 +26,12 @@ if TYPE_CHECKING:
 
 # Part of a row's weights below which a pair is left out of the matrix that preconditions: at a support of 2.1 spacings
 # the 14 farthest of 32 neighbours, which have 3 % of the weights together
-LEAST = 0.01
-# Part of what A sees of the odd-even pressure, over its diagonal, that is taken out in a step where there is an
-# interface: eigenvalues of A are at most twice its diagonal, so that none is overshot
-LOCAL = 0.5
-ROUND_OFF = 1e-14  # of the pressures whose difference the right-hand side is: nothing is solved more exactly
+LEAST_WEIGHT = 0.01
+# Fraction of the odd-even part of the pressure that is removed in a step where there is an interface: eigenvalues of A
+# are at most twice its diagonal, so that a half over-corrects no mode
+ODD_EVEN_REMOVED = 0.5
+# Of |A p|: the right-hand side of eq. 3 is a difference of terms of that size, and below this part of it is round-off
+ROUND_OFF = 1e-14
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,8 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
     """The matrix of eq. 3 of a configuration."""
     ops, terms = config.ops, config.terms
     with solvers.clock("assembly"):
-        # judged before densities divide them: those that are left out lie on both sides of an interface
-        matrix = assemble_near(ops.start, ops.column, terms.ops.lap_p, ops.lap_p, LEAST, ops.exchange.remote)
+        # weights before densities divide them: the same pairs are left out on both sides of an interface
+        matrix = assemble_near(ops.start, ops.column, terms.ops.lap_p, ops.lap_p, LEAST_WEIGHT, ops.exchange.remote)
     if ops.walls is None:  # eq. 3 by the Laplacian of eq. 6
         return PressureSystem(matrix, lambda p, gradient=None: -terms.ops.laplacian_p(p), None)
     from ..operators.div_grad import diagonal, div_grad_rhie_chow, div_grad_weights
@@ -81,11 +82,11 @@ def pressure_increment(config: Configuration, system: PressureSystem, div: np.nd
     """The increment q (n,) of  A q = -w (A + div grad) p - rate div u*  (eq. 3), with the constant of each component
     projected out (eqs 25-26), and what is added to the pressure beside it. Raises SolveError.
 
-    Where there is an interface the odd-even part of p is no part of that system: it goes from the pressure itself,
-    where it is, and makes no velocity. The viscous force jumps at an interface, by the ratio of viscosities. A gradient
-    over neighbours on both sides can balance that only with a pressure that is odd-even beside it; solved for, it would
-    be a divergence, dt times the jump, and the rows beside a meniscus that is pushed through a tube would carry other
-    fluxes than the rest.
+    Where there is an interface the odd-even part of p is left out of that system: it is subtracted from the pressure,
+    row by row, and changes no velocity. The viscous force jumps at an interface, by the ratio of viscosities. A
+    gradient over neighbours on both sides can balance that only with a pressure that is odd-even beside it; solved for,
+    it would be a divergence, dt times the jump, and the rows beside a meniscus that is pushed through a tube would
+    carry other fluxes than the rest.
 
     div: (n,) of u*, 1/s; pressure: p (n,) and its gradient (n, dim); rate: g0 / dt, 1/s; nu_min: smallest kinematic
     viscosity, m2/s.
@@ -96,7 +97,7 @@ def pressure_increment(config: Configuration, system: PressureSystem, div: np.nd
         odd_even, beside = _odd_even(config, gradient, old, rate, nu_min), np.zeros(len(div))
         if config.terms.interface is not None:
             own = system.laplacian.diagonal() * (1.0 if system.scale is None else system.scale)
-            odd_even, beside = beside, LOCAL * np.divide(odd_even, own, out=beside.copy(), where=own > 0.0)
+            odd_even, beside = beside, ODD_EVEN_REMOVED * np.divide(odd_even, own, out=beside.copy(), where=own > 0.0)
         right = config.means.remove(odd_even - rate * div)
         # a small increment is the difference of large pressures: no solve is more exact than their round-off
         size, floor = reduce.norm(right), ROUND_OFF * reduce.norm(old)
@@ -139,8 +140,8 @@ def _odd_even(config: Configuration, gradient: np.ndarray, old: np.ndarray, rate
     """-w (A + div grad) p of `pressure_increment`, (n,), which damps the odd-even part of the pressure.
     gradient: (n, dim) of p; old: (n,) A p.
 
-    w is the part of inertia in what a particle sets against a force, rate / (rate + nu sum_j lap_ij), nu that of
-    the thinner fluid. Without it, what A sees of p and the gradient does not, its odd-even part, is handed on from
+    w is the share of inertia in the resistance of a particle to a force, rate / (rate + nu sum_j lap_ij), nu that of
+    the less viscous fluid. Without this term the odd-even part of p, which A sees and the gradient does not, stays from
     step to step, hardly damped: in layers of density ratio 100 at rest it grows by 5 % a step, whatever the length of
     the step, and a drop of density ratio 1000 blows up. Where drag sets the speed there is nothing to damp, and w = 1
     would keep the pressure from growing to what balances it.

@@ -4,7 +4,7 @@ A scene that is periodic along an axis needs no open boundary: pressures and vel
 reservoir at the upper end of the box, the outlet, meets that at its lower end, the inlet. Only which fluid a particle
 is of does not: near the seam all are of the fluid of their reservoir. What leaves the outlet comes in as the fluid of
 the inlet, and the reverse; a bubble that comes to the end of the outlet is gone; the interface at the seam is a plane,
-so that no capillary pressure falls off there. The number of particles stays.
+without capillary pressure. The number of particles stays.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class Seam:
 
     def let_in(self, x: np.ndarray, flows: float, changed: np.ndarray, volume: np.ndarray) -> np.ndarray:
         """`State.volume` (n,), m^dim, with what flows over the seam in a step: the inlet's fluid has more of it, that
-        of the outlet less. A particle that is told another fluid at the seam leaves its share behind: particles come a
-        row at a time.
+        of the outlet less. Particles cross the seam a row at a time, and a flow does not: the shares of those that have
+        just crossed are taken off `flows`, and what is left is spread over all particles at the seam.
 
         x: (n, dim) after the step, in the box, m; flows: m^dim, of `flows`; changed: (n,) bool, which have come into
         the other fluid at the seam; volume: (n,) before.

@@ -43,27 +43,29 @@ def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray
     walls, everyone = ops.walls, ops.exchange.forward(fields)
     known = np.zeros(ops.n, np.bool_)
     if walls is None or walls.slope_velocity is None:
-        slope = pair_sums.gradient(ops.start, ops.column, ops.grad_p, everyone)
+        gradients = pair_sums.gradient(ops.start, ops.column, ops.grad_p, everyone)
     else:
         from ..operators.wall_weights import wall_gradient
 
         known = walls.near_wall & ~walls.narrow
-        slope = pair_sums.gradient(ops.start, ops.column, ops.grad, everyone)
+        gradients = pair_sums.gradient(ops.start, ops.column, ops.grad, everyone)
         for c in range(0, fields.shape[1], ops.dim):
-            slope[known, c : c + ops.dim] += wall_gradient(walls, fields[:, c : c + ops.dim])[known]
+            gradients[known, c : c + ops.dim] += wall_gradient(walls, fields[:, c : c + ops.dim])[known]
         # of particles that see no wall the weights are those of the pressure
         others = (walls.near_wall | walls.narrow) & ~known
         if others.any():
-            slope[others] = pair_sums.gradient(ops.start, ops.column, ops.grad_p, everyone)[others]
+            gradients[others] = pair_sums.gradient(ops.start, ops.column, ops.grad_p, everyone)[others]
     if walls is not None:
         second = second & (known | ~walls.near_wall)
-    return taylor(ops, fields, slope, dr, second)
+    return taylor(ops, fields, gradients, dr, second)
 
 
-def taylor(ops: Operators, fields: np.ndarray, slope: np.ndarray, dr: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """fields (n, c) of slopes (n, c, dim) at positions displaced by dr (n, dim) (eq. 9); second: (n,) bool, where the
-    second derivative is taken too, from the slopes of the neighbours."""
-    out, flat = np.empty_like(fields), ops.exchange.forward(slope.reshape(len(slope), math.prod(slope.shape[1:])))
+def taylor(ops: Operators, fields: np.ndarray, gradients: np.ndarray, dr: np.ndarray,
+           second: np.ndarray) -> np.ndarray:
+    """fields (n, c) with gradients (n, c, dim) at positions displaced by dr (n, dim) (eq. 9); second: (n,) bool, where
+    the second derivative is taken too, from the gradients of the neighbours."""
+    out = np.empty_like(fields)
+    flat = ops.exchange.forward(gradients.reshape(len(gradients), math.prod(gradients.shape[1:])))
     over_rows(_carry, ops.n, (ops.start, ops.column, ops.grad_p), (fields, flat), dr, second, out,
               work=lambda: tuple(in_one_piece((ops.neighbours.longest,), (flat.shape[1],))))
     return out
@@ -100,7 +102,7 @@ def _shift(rows, neighbours, amount, longest, out):
 
 @njit(cache=True, nogil=True, fastmath=REDUCE)
 def _carry(rows, work, pairs, fields, dr, second, out):
-    (start, column, grad), (along, change), (f, slope) = pairs, work, fields
+    (start, column, grad), (along, change), (f, gradients) = pairs, work, fields
     width, dim = f.shape[1], grad.shape[1]
     last, deep = dim - 1, 1.0 if dim == 3 else 0.0
     for i in range(rows[0], rows[1]):
@@ -111,13 +113,13 @@ def _carry(rows, work, pairs, fields, dr, second, out):
             along[k] = grad[p, 0] * d0 + grad[p, 1] * d1 + grad[p, last] * d2
             total += along[k]
         for m in range(np.uint64(len(change))):
-            change[m] = -total * slope[i, m]
+            change[m] = -total * gradients[i, m]
         for k in range(count):
             a, j = along[k], np.uint32(column[begin + k])
             for m in range(np.uint64(len(change))):
-                change[m] += a * slope[j, m]
+                change[m] += a * gradients[j, m]
         for c in range(width):
             g, s = c * dim, f[i, c]
             for k in range(dim):
-                s += (slope[i, g + k] + 0.5 * change[g + k]) * dr[i, k]  # eq. 9, and beyond it the second derivative
+                s += (gradients[i, g + k] + 0.5 * change[g + k]) * dr[i, k]  # eq. 9, and second derivatives
             out[i, c] = s

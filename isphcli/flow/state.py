@@ -24,11 +24,11 @@ class State:
     x, u, u_old: (n, dim) m and m/s; p: (n,) pressure over the density of the first fluid, m2/s2; time: s; dt_old:
     length of the step before, s, 0 before the first. Of a scene that holds a superficial velocity, otherwise None:
     pressure_gradient: over the density of the first fluid, m/s2, that held it (`HeldVelocity`). Of two fluids,
-    otherwise None: phi: (n,) signed distance to their interface, positive in the first one, m; volume: (n,) m^dim, what
-    the part of its fluid that a particle is of has, over the number of its particles (two_phase/kept_volumes.py). Of a
-    drive in steps, otherwise None: pressure_gradient: as above, of this step; drive_step: (4,) which one, and what was
-    seen of it (`drive_steps.begun`). Of several processes, otherwise None: number: (n,) int64 of the particles, which
-    one process has in this order.
+    otherwise None: phi: (n,) signed distance to their interface, positive in the first one, m; volume: (n,) m^dim, the
+    share of a particle in the volume of its connected part of a fluid (two_phase/kept_volumes.py). Of a drive in steps,
+    otherwise None: pressure_gradient: as above, of this step; drive_step: (4,) which one, and what was seen of it
+    (`drive_steps.begun`). Of several processes, otherwise None: number: (n,) int64 of the particles, which one process
+    has in this order.
     """
 
     x: np.ndarray
@@ -70,10 +70,10 @@ class Configuration:
         return self.neighbours.x[: self.ops.n]
 
 
-class Once:
-    """A configuration that one function takes over. A step reads that of its start before it makes that of its end, and
-    is the only one that holds it: with the weights of the pairs it is most of what a run of moving particles has in
-    memory, and two of them at a time would be twice that."""
+class Handover:
+    """The configuration of a state, for the step that takes it over. The step reads it before it makes that of its end,
+    and is the only one that holds it: with the weights of the pairs it is most of what a run of moving particles has in
+    memory, and two of them at a time would be twice that. Whoever reads it afterwards keeps it beside this."""
 
     def __init__(self, config: Configuration):
         self._config: Configuration | None = config

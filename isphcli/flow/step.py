@@ -35,7 +35,7 @@ from ..solvers.krylov import SolveError
 from .held_velocity import HeldVelocity, leads_through
 from .projection import PressureSystem, pressure_increment, pressure_system, solve_pressure, without_constants
 from .shifting import carry, shift
-from .state import Configuration, Once, State, StepResult
+from .state import Configuration, Handover, State, StepResult
 from .step_limits import Bounds, RunError, StepError
 from .viscous_solve import viscous_solve
 
@@ -112,7 +112,7 @@ class Stepper:
 
         def take(state: State, dt: float) -> None:
             with suppress(SolveError, StepError):
-                self.advance(state, Once(self.configure(state.x, state.time, state.phi, state.number)), dt)
+                self.advance(state, self.ready(state), dt)
 
         self.solvers.rebuild(origins, take)
 
@@ -158,15 +158,19 @@ class Stepper:
                 labels = pair_components(ops.start, ops.column, joined, ops.exchange)[1]
         return Configuration(ops, neighbours, ComponentMeans(labels), len(images.owner), terms)
 
+    def ready(self, state: State) -> Handover:
+        """The configuration of a state, for the step that starts from it."""
+        return Handover(self.configure(state.x, state.time, state.phi, state.number))
+
     def move(self, state: State, config: Configuration, dt: float) -> tuple[State, int]:
         """The state with its particles where they are after dt and its fields carried to where they were shifted, and
         the number of particles that would have entered a wall and stay."""
         ratio = dt / state.dt_old if state.dt_old else 0.0
         u, u_old, p = state.u, state.u_old, state.p
-        # without walls nothing tells a wind from a motion of the box: shifting and the carried pressure must not either
-        wind = 0.0 if self.walls is not None else reduce.mean(u)
+        # without walls a uniform velocity is a motion of the frame, on which neither shifts nor the pressure may depend
+        frame = 0.0 if self.walls is not None else reduce.mean(u)
         displacement = dt * (u + 0.5 * ratio * (u - u_old))  # eq. 4: the mean of the old and the new velocity
-        speed = np.sqrt(reduce.largest(_products(u - wind, u - wind)))
+        speed = np.sqrt(reduce.largest(_products(u - frame, u - frame)))
         flows = 0.0 if self.seam is None else self.seam.flows(state.x, displacement[:, self.seam.axis])
         dr = self._shift(state, config, dt, speed, displacement)
         if dr is not None:
@@ -179,7 +183,7 @@ class Stepper:
             phi, volume = self.fluids.carried(config.ops, config.terms, (state.u, state.volume), dr, dt, speed)
         terms, stopped = config.terms, 0
         # eqs 4 and 10: the pressure is carried over the whole displacement, with the flow and by the shift
-        p = p + terms.density * _products(terms.pressure_gradient(p), displacement - dt * wind)
+        p = p + terms.density * _products(terms.pressure_gradient(p), displacement - dt * frame)
         x = wrap(state.x + displacement, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
         if self.walls is not None:
             # a particle never enters a wall: one that would stays where it is
@@ -225,9 +229,10 @@ class Stepper:
         moved = replace(moved, x=x, u=u, u_old=u_old, p=p, phi=phi, volume=volume, number=number)
         return moved, found[0] if found else None
 
-    def advance(self, state: State, config: Configuration | Once, dt: float) -> StepResult:
-        """One step of length dt. Raises SolveError, StepError or RunError."""
-        config = config.take() if isinstance(config, Once) else config
+    def advance(self, state: State, ready: Handover, dt: float) -> StepResult:
+        """One step of length dt, which takes over the configuration of the state. Raises SolveError, StepError or
+        RunError."""
+        config = ready.take()
         self.solvers.begin(state, dt)
         moved, stopped = self.move(state, config, dt)
         changing = None if moved.phi is None else self.fluids.changing(state.p, moved.phi, config.terms)
@@ -248,7 +253,7 @@ class Stepper:
         # eq. 2 in time: backward differences along the paths
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
         held, known = state.pressure_gradient, history + config.terms.force
-        # the first step finds the pressure of the start: it is taken again with what it found
+        # the first step has no pressure to go on from: it is repeated with the one that it found
         for _ in range(self.fluids.first_passes if first else 1):
             # eq. 1: what drives the fluid, then pressure and viscosity
             driven = known
@@ -276,14 +281,14 @@ class Stepper:
         div = ops.total_divergence(u_star) - expansion
         q, beside = pressure_increment(config, system, div, (p, gradient), rate, self.fluids.nu_min, self.solvers)
         u = u_star - terms.ops.gradient_p(q) / rate  # eq. 3
-        return u, without_constants(config, p + q + beside - terms.bulk * div)  # eq. 4
+        return u, without_constants(config, p + q + beside - terms.rotational_viscosity * div)  # eq. 4
 
     def _set_in_motion(self, config: Configuration, system: PressureSystem, moved: State) -> State:
-        """The state of the start with the superficial velocity that is held, as an impulse of the pressure gradient
-        makes it: in a step of dt that impulse would be a pressure drop of rho U / dt times the length, with the
-        opposite of it in the next step, whose backward difference sees the jump. What one solve leaves of the
-        divergence is taken out as often as the first step goes through the equations: in rock, where a throat is a few
-        particles wide, that step would make up for it by a pressure drop many times too large."""
+        """The first state with the superficial velocity that is held, which an impulse of the pressure gradient makes.
+        Taken within a step of dt that impulse would be a pressure drop of rho U / dt times the length, with the
+        opposite drop in the next step, whose backward difference sees the jump. One solve does not remove all of the
+        divergence, so that `first_passes` of them are taken: in rock, where a throat is a few particles wide, the first
+        step would otherwise answer the rest with a pressure drop many times too large."""
         held, terms = self.held_velocity, config.terms
         assert held is not None and terms.along is not None
         if not leads_through(config.ops, held.axis, (self.geometry.lower, self.geometry.upper)):
@@ -323,7 +328,7 @@ class Stepper:
     def _hold(self, config: Configuration, system: PressureSystem, u: np.ndarray, p: np.ndarray,
               rate: float) -> tuple[np.ndarray, np.ndarray, float]:
         """(velocity, pressure, increment of the pressure gradient) that have the superficial velocity that is held:
-        what a gradient of one makes in this step is added so many times (`HeldVelocity`).
+        the response to a unit gradient in this step, times the increment, is added (`HeldVelocity`).
 
         Arguments as those of `_project`.
         """
@@ -338,7 +343,8 @@ class Stepper:
         increment = held.gradient_for_flux(config.x, u, v, rate)
         if increment is None:
             self._nothing_flows()
-        return u + increment * v, without_constants(config, p + increment * (q - terms.bulk * div)), increment
+        response = q - terms.rotational_viscosity * div
+        return u + increment * v, without_constants(config, p + increment * response), increment
 
     def _nothing_flows(self) -> NoReturn:
         assert self.held_velocity is not None

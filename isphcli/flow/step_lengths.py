@@ -10,7 +10,7 @@ VISCOUS = 8.0  # nu dt / dx^2 that resolves the decay of the flow in time; no li
 # The first step, as a part of what the limits allow, and the growth of the steps after it (second order needs less
 # than 2.41). A wall that sets fluid in motion at once makes a layer that grows with the square root of time: only steps
 # that stay a fifth of the time since the start resolve it.
-FIRST, GROWTH = 1.0 / 16.0, 2.0
+FIRST, STEP_GROWTH = 1.0 / 16.0, 2.0
 FIRST_AT_WALLS, GROWTH_AT_WALLS = 1.0 / 64.0, 1.25
 
 
@@ -52,7 +52,7 @@ class StepLengths:
             if self.capillary is not None:
                 found["capillary"] = self.capillary
         if dt_old:
-            found["start"] = (GROWTH_AT_WALLS if self.walls else GROWTH) * dt_old
+            found["start"] = (GROWTH_AT_WALLS if self.walls else STEP_GROWTH) * dt_old
         else:
             found = {"start": (FIRST_AT_WALLS if self.walls else FIRST) * min(found.values())}
         return found
@@ -65,7 +65,7 @@ def shortest(limits: dict[str, float], target: float) -> tuple[float, str]:
     if dt > target * (1.0 - 1e-9):
         dt, limit = target, "end"
     elif dt > 0.5 * target:
-        dt = 0.5 * target  # two like steps instead of a long one and a stump
+        dt = 0.5 * target  # two equal steps instead of a long and a very short one
     return dt, limit
 
 

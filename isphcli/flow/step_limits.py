@@ -92,7 +92,7 @@ class Bounds:
         if most > DIVERGENCE:
             raise StepError(f"a particle would change its volume by {most:.2g} of it (limit {DIVERGENCE})", change)
         volume, walls = found.config.ops.volume[: len(new.x)] / self.site_volume, found.config.ops.walls
-        if walls is not None and walls.dead_ends:  # the number density of who sees next to nobody says nothing
+        if walls is not None and walls.dead_ends:  # isolated particles have too few neighbours for a number density
             volume = np.where(walls.isolated, 1.0, volume)
         least, most = reduce.smallest(volume), reduce.largest(volume)
         if least < VOLUME[0] or most > VOLUME[1]:

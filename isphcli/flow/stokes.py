@@ -38,7 +38,8 @@ ROUGH = 0.4
 # Aggregates of the velocity hierarchy and W-cycles an iteration, from 16 to 64 spacings a cell of the sphere array:
 # 14 to 16 iterations; one cycle 16 to 19; with `multigrid.STRENGTH` 15 to 18 and 18 to 21
 STRENGTH, CYCLES = 0.05, 2
-LEAST = 1e-3  # response of the velocity to a unit force, in squares of the spacing: what Darcy part a dead end has
+# Smallest response of the velocity to a unit force, in squares of the spacing: dead ends have a conductance too
+LEAST_RESPONSE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class StokesSystem:
         and the Schur complement of the coupled system is this operator there, the identity for short modes.
         """
         # of a strong drag w is its inverse
-        least = LEAST if self.drag is None else LEAST / np.maximum(1.0, 1e-2 * self.drag)
+        least = LEAST_RESPONSE if self.drag is None else LEAST_RESPONSE / np.maximum(1.0, 1e-2 * self.drag)
         w = np.maximum(self._velocity(np.ones((self.ops.n, 3)))[:, 0], least)
         return Conductances(self.ops, w, self.spacing)
 

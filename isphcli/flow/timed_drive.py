@@ -15,7 +15,8 @@ import numpy as np
 # steps of 0.05 to 0.16 of a radian (`isph run cases/oscillating_slit.yaml`), some 100 a period. With ten times as many
 # its response changes by 8e-4 (--set time.step=5e-5)
 DEVIATION = 3e-4
-INSIDE = np.array([0.0, 0.13, 0.29, 0.41, 0.5, 0.63, 0.77, 0.89, 1.0])  # of a step, where its drive is looked at
+# Parts of a step at which its drive is compared with a straight line
+INSIDE = np.array([0.0, 0.13, 0.29, 0.41, 0.5, 0.63, 0.77, 0.89, 1.0])
 # Of the step that other limits allow, and of the time that is left: the shortest for the sake of the drive. A force
 # that jumps is not linear over any step: it is met in some 14 steps, each half of the one before
 SHORTEST = 2.0**-14
@@ -57,7 +58,7 @@ class TimedDrive:
         largest = {name: _largest(values) for name, values in self._values(time * PASSED).items()}
         shortest = SHORTEST * min(dt, left)
         while (deviation := self._deviation(time, dt, largest) / DEVIATION) > 1.0 and dt > shortest:
-            # what bends does so with the square of the step
+            # the deviation grows with the square of the step
             dt = max(dt * min(max(0.95 * deviation**-0.5, 0.1), 0.95), shortest)
         return dt
 

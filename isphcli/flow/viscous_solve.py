@@ -48,7 +48,7 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, driv
         dragged = viscous.factor * walls.lap_velocity
         right, driven = right + dragged, driven + dragged
     if not stiff:
-        guess = driven / rate  # what viscosity then changes little
+        guess = driven / rate  # the explicit step, which viscosity then changes little
     coupled = slip is not None or terms.transposed_stress is not None
     if not stiff and not coupled:
         found, convergence = _by_pairs(terms, rate, right, guess, solvers)
@@ -112,8 +112,8 @@ def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right
              stiff: bool, solvers: KeptHierarchies) -> np.ndarray:
     """All components at once; the preconditioner leaves their coupling out.
 
-    Every row is divided by its diagonal: where viscosities differ by 1e4, the thin fluid would be lost in the
-    residual of the thick one.
+    Every row is divided by its diagonal: where viscosities differ by 1e4, the residual of the more viscous fluid would
+    hide that of the other.
     """
     n, dim = right.shape
     transposed_stress, factor, exchange = terms.transposed_stress, terms.viscous.factor, terms.ops.exchange

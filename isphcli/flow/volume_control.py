@@ -4,7 +4,7 @@ A divergence of zero is not quite the volume kept: what it misses, a few per cen
 menisci, has the same sign for as long as the flow keeps its shape, and particles gather in one part of a scene and
 thin out in another (a Berea corner with spurious currents some twenty times its flux: 3 % in 1500 steps). Shifting
 does not see it: it evens out neighbours, not regions. The number of particles that a region holds is known, from the
-lattice that the run began with. Each block of SIDE spacings with more of them is therefore told to expand, as Asai et
+lattice that the run began with. Each block of SIDE spacings with more of them is therefore made to expand, as Asai et
 al. (2012) do particle by particle:
 
     div u = (N - N_0) / (N_0 T),      T = `keep_volume` steps,
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 SIDE = 6  # spacings: some 50 to 200 particles a block
-LEAST = 0.02  # of the fullest block: to that, blocks in the rock with less fluid are not held as strictly
+# Of N_0 of the fullest block, added to that of each: blocks in rock with little fluid are held less strictly
+LEAST_FULL = 0.02
 
 
 class KeptVolume:
@@ -44,7 +45,7 @@ class KeptVolume:
         """Divergence (n,) that the particles at x (n, dim) are to have in a step of dt, 1/s, and the root mean square
         of (N - N_0) / N_0 over the fluid."""
         shares = self._shares(x)
-        surplus = (self._numbers(shares) - self.wanted) / (self.wanted + LEAST * self.wanted.max())
+        surplus = (self._numbers(shares) - self.wanted) / (self.wanted + LEAST_FULL * self.wanted.max())
         drift = float(np.sqrt((surplus**2 @ self.wanted) / self.wanted.sum()))
         return sum(share * surplus[node] for share, node in shares) / (self.steps * dt), drift
 
@@ -65,6 +66,6 @@ class KeptVolume:
 
 def _blocks(layers: int) -> int:
     """Number of blocks along an axis of so many layers of particles, of a whole number of layers each if 5 to 8 will
-    do: numbers of others change when a lattice moves on."""
+    do: the number of particles in other blocks changes when a lattice is carried through them."""
     whole = [n for n in range(1, layers + 1) if layers % n == 0 and 5 <= layers // n <= 8]
     return min(whole, key=lambda n: abs(layers // n - SIDE)) if whole else max(round(layers / SIDE), 1)

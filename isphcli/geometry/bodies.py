@@ -282,13 +282,13 @@ def _lower_to_nearest(d: np.ndarray, x: np.ndarray, tree: cKDTree, radii: np.nda
         todo, k = todo[distance[:, -1] - largest < d[todo]], 4 * k
 
 
+VECTORS = ("centre", "lower", "upper", "point", "normal")  # fields of bodies that are points or directions
+
+
 def check_body(body: Region, dim: int, name: str) -> None:
     """Sizes and positivity of a body, with a message that says what to do."""
-    vectors = {
-        k: getattr(body, k) for k in ("centre", "lower", "upper", "point", "normal") if hasattr(body, k)
-    }
-    for key, value in vectors.items():
-        if np.shape(value) != (dim,) or not np.isfinite(np.asarray(value, float)).all():
+    for key, value in vars(body).items():
+        if key in VECTORS and (np.shape(value) != (dim,) or not np.isfinite(np.asarray(value, float)).all()):
             raise ShapeError(f"{name}: {key} {value!r} must be {dim} finite numbers")
     if isinstance(body, Sphere | Cylinder) and not 0 < body.radius < np.inf:
         raise ShapeError(f"{name}: radius {body.radius} must be positive")

@@ -73,7 +73,7 @@ def _put_rows(rows, pairs, walls, shifts, scales, fill, matrix):
         if not fill:
             count = 1
             for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
-                count += not abs(sizes[p]) < bound  # what is no number stays
+                count += not abs(sizes[p]) < bound  # NaN stays
             first[i + 1] = count
             continue
         begin, total = first[i], walls[i] if len(walls) > 0 else 0.0

@@ -88,7 +88,7 @@ class Conductances:
         return x, rest
 
     def sweep_back(self, blocks: np.ndarray, b: np.ndarray, x: np.ndarray) -> None:
-        """A backward sweep in place, each block with what the others had before."""
+        """A backward sweep in place, each block with the values that the others had before it."""
         over_blocks(_backward, blocks, self._entries, self.diagonal, b, x, x.copy())
 
 
@@ -107,7 +107,7 @@ def _diagonal(rows, entries, diagonal):
         for q in range(start[i], start[i + 1]):
             a = _conductance(entries, i, q)
             total += a
-            if column[q] == i:  # an image of its own
+            if column[q] == i:  # the neighbour is a periodic image of the particle itself
                 own += a
         diagonal[i] = (1.0 + GROUND) * total - own if total > 0.0 else 1.0
 

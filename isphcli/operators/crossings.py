@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 AT_ONCE = 1_000_000  # pairs asked of the geometry in one go: bounds the memory of large scenes
 SCANNED = 32 * AT_ONCE  # pairs looked through for those to ask about
-NEAREST = 0.02  # of a pair: nearest a wall may be; nearer ones triple the iterations and change k by 1e-5
+NEAREST_CROSSING = 0.02  # smallest t of a pair at a wall; smaller ones triple the iterations and change k by 1e-5
 # What links a pair: a wall is met on the way; the two see each other but share no pressure (`narrow_pores`); they do
 MEETS_WALL, IN_SIGHT, SHARES_PRESSURE = 0, 1, 2
 
@@ -82,10 +82,10 @@ def crossings(geometry: Geometry, neighbours: Neighbourhood, walls: WallTable) -
             i = np.searchsorted(start, some, side="right") - 1
             j = neighbours.row[some]
             met = geometry.crossing(x[i], x[j])
-            # a fluid neighbour in sight stays one; a dummy that the geometry calls free is met at its own place
+            # a pair with a dummy always meets a wall: at the place of the dummy, t = 1, where the geometry finds none
             wall = ~(walls.fluid[j] & (met >= 1.0))
             link[some[wall]] = MEETS_WALL
-            t.append(np.clip(met[wall], NEAREST, 1.0))
+            t.append(np.clip(met[wall], NEAREST_CROSSING, 1.0))
     first = np.concatenate([[0], np.cumsum(np.diff(start) - in_sight(start, link))])
     return Links(link, np.concatenate(t), first)
 

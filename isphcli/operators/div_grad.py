@@ -5,12 +5,12 @@ The central gradient does not see a pressure that alternates from particle to pa
     S_i p = sum_j w_ij [ (p_j - p_i) - (grad p_i + grad p_j) . x_ji / 2 ]
 
 with w the symmetric-form weights of the Laplacian: a difference of fourth order in dx that vanishes for quadratic
-p, beside walls too (Rhie and Chow 1983 in the particles' words).
+p, beside walls too (the interpolation of Rhie and Chow 1983, for particles).
 
 Where a pair meets an interface at t, with a = grad p / rho on either side, the difference of p is that of two straight
 pieces,  p_j - p_i = (t rho_i a_i + (1 - t) rho_j a_j) . x_ji,  so that the two gradients have the weights t rho_i r_ij
-and (1 - t) rho_j r_ij in the place of halves, 1 / r_ij = t rho_i + (1 - t) rho_j. Along an interface a jumps with the
-density; with halves S saw an odd-even mode there, and what it took out was a divergence.
+and (1 - t) rho_j r_ij in the place of halves, 1 / r_ij = t rho_i + (1 - t) rho_j. Across an interface a jumps with the
+density: with halves S p would not vanish there for a smooth flow, and would leave a divergence.
 """
 
 from __future__ import annotations
@@ -209,7 +209,7 @@ def _diagonal(rows, pairs, pair, own, grad_p, near_wall, out):
                 continue
             many, first, end = 0, np.uint64(start[j]), np.uint64(start[j + 1])
             place = np.uint64(0)
-            for back in range(first, end):  # without a way out of it: a vector
+            for back in range(first, end):  # without a break, so that LLVM makes vectors of it
                 many += column[back] == np.int32(i)
                 place += back if column[back] == np.int32(i) else np.uint64(0)
             if many == 1:

@@ -205,7 +205,8 @@ def _own_tensors(seen: np.ndarray, near: np.ndarray, offsets: int) -> np.ndarray
 
 def _with_remote(tensors: Factors, exchange: Exchange) -> Factors:
     """The tensors with rows of gradient_p and k_tensor_p for remote particles behind the others."""
-    if exchange is NO_EXCHANGE:  # a process that sees nobody may be seen, and sends
+    # a process without remote neighbours may have particles that others see, and sends those
+    if exchange is NO_EXCHANGE:
         return tensors
     n, rows = len(tensors.row), len(tensors.scale)
     more = [np.concatenate([tensor, exchange.forward(tensor[tensors.row])[n:]]) if len(tensor) else tensor
@@ -438,7 +439,7 @@ def _factors(rows, work, given, order, tensors, narrow, sums):
                         spread[m, 0] * g[0, k] + spread[m, 1] * g[1, k] + spread[m, 2] * g[2, k])
                 for v in range(6):
                     k_tensor[o, m, v] = per_length * right[v, 1 + m]
-        if whole == 0.0:  # nothing is near: at rest, as what walls surround
+        if whole == 0.0:  # no neighbour at all: the particle rests, as one that walls surround
             wall_lap[i] = per_area
         if not near_wall:
             if len(k_tensor_p) > 0:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 # 10 and more, and GMRES needs 40 to 400 iterations in the place of 21 to 29 (cylinders and spheres of 12 to 16 spacings
 # a cell, benchmarks/two_spacings.py); a third of the rows keep those of eq. 6
 HEAVIEST = 1.5
-AT_ONCE = 2000  # rows of third order at once: 100 MB
+ROWS_AT_ONCE = 2000  # rows of third order at once: 100 MB
 RIDGE = 1e-13  # of the trace of their matrices
 # Of area over distance, for pairs in sight between which no way leads over faces. Means of the pressure are those of
 # all that see each other (eqs 25-26); without a way the preconditioner gives each part a mean of its own, and GMRES
@@ -140,7 +140,7 @@ def _of_third_order(stencils: WallStencils, half: np.ndarray, weight: np.ndarray
     way = np.ones(len(first))
     way[wall] = links.t
     place_in_sight = np.cumsum(~wall) - 1
-    for some in np.array_split(rows, max(1, -(-len(rows) // AT_ONCE))) if len(rows) else []:
+    for some in np.array_split(rows, max(1, -(-len(rows) // ROWS_AT_ONCE))) if len(rows) else []:
         places = np.arange(count[some].max())
         valid = places < count[some][:, None]
         pair = np.where(valid, neighbours.start[some][:, None] + places, 0)

@@ -1,4 +1,4 @@
-"""The class of each neighbourhood beside walls (`neighbourhood_class`), and the pressure of those that share none."""
+"""The class of each neighbourhood beside walls (`neighbourhood_class`), and the pressure of isolated particles."""
 
 from __future__ import annotations
 
@@ -109,8 +109,8 @@ def _share_no_pressure(start, column, link, isolated):
 
 
 def extrapolate_pressure(ops: Operators, p: np.ndarray) -> None:
-    """Gives p (n,) of particles that share it with nobody the mean of what they see, in place, deep in a dead end step
-    by step from its mouth on: what they start from when they see more, and what is written."""
+    """Sets the pressure p (n,) of isolated particles to the mean over their neighbours in sight, in place, from the
+    mouth of a dead end inwards. A particle that comes out of the dead end starts from it, and files hold it."""
     assert ops.walls is not None
     known, more = ~ops.walls.isolated, True
     while more:

@@ -96,6 +96,13 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
     _costs(result, geometry, sites, ranks)
     if not to_run or case.flow != "stokes":
         drive_findings(result, geometry, sites, driven, through)
+    _findings(result, geometry, sites, lattice, to_run)
+    return result
+
+
+def _findings(result: CheckResult, geometry: Geometry, sites: Sites, lattice: Lattice, to_run: bool) -> None:
+    """What may go wrong with a flow that is expected; to_run: see `check`."""
+    case = result.case
     kinds = {(f.density, f.mu) for f in case.fluids.values()}
     if case.flow == "stokes" and sites.per_fluid[1:].any() and len(kinds) > 1:
         result.errors.append("a steady solve has one fluid; use flow: navier_stokes for two")
@@ -107,7 +114,6 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
         result.warnings += [*other, *absent_fluids(case, sites)]
     elif case.flow != "stokes":  # the run finds out, by its particles
         result.warnings += result.errors
-    return result
 
 
 def _flow_is_expected(result: CheckResult, geometry: Geometry, sites: Sites, driven: Sequence[int]) -> bool:

@@ -24,8 +24,8 @@ MOST, MOST_FOLLOWED, MOST_TO_STEADY = 20_000, 400, 5_000
 
 
 @dataclass
-class _March:
-    """What has been taken: steps by the limit that they had, and the time, s."""
+class _Taken:
+    """Steps that have been taken, by the limit of each; time, s, and the length dt of the last, s."""
 
     taken: Counter[str]
     time: float = 0.0
@@ -55,29 +55,29 @@ def expected_steps(case: Case, geometry: Geometry, motion: Motion, fluids: list[
     lengths = step_lengths(case, min(f.nu for f in there), _capillary_step(case, fluids), geometry.has_solid)
     drive, end = None if time.step else _timed_drive(case, geometry), forcing.longest_time(case)
     end = math.inf if end is None else end
-    march, most = _March(Counter()), MOST if drive is None else MOST_FOLLOWED
+    run, most = _Taken(Counter()), MOST if drive is None else MOST_FOLLOWED
     record = None
     if time.steady is not None and decay is not None:
         record, most = Steady(), MOST_TO_STEADY
-    while march.time < end * (1.0 - 1e-12) and march.count < min(most, time.max_steps):
-        now = march.time
+    while run.time < end * (1.0 - 1e-12) and run.count < min(most, time.max_steps):
+        now = run.time
         target = min(end, next_due(now, case.output.every), next_due(now, _window(case))) - now
-        march.take(lengths, motion, target, None if drive is None else _from(drive, now, end - now))
+        run.take(lengths, motion, target, None if drive is None else _from(drive, now, end - now))
         if record is not None:
-            record.add(march.time, -math.expm1(-march.time / decay))  # type: ignore[operator]  # both or none
+            record.add(run.time, -math.expm1(-run.time / decay))  # type: ignore[operator]  # both or none
             if record.distance is not None and record.distance < time.steady:  # type: ignore[operator]
-                end = march.time
-    count = march.count
-    if march.time < end * (1.0 - 1e-12):  # as long as the last one
-        count = min(count + (end - march.time) / march.dt, float(time.max_steps))
+                end = run.time
+    count = run.count
+    if run.time < end * (1.0 - 1e-12):  # as long as the last one
+        count = min(count + (end - run.time) / run.dt, float(time.max_steps))
     limits = lengths.limits(motion.largest, 0.0, math.inf)
     del limits["start"]
     if drive is not None:
-        limits["drive"] = march.dt
+        limits["drive"] = run.dt
     steps = forcing.drive_steps(case)
-    early = (steps is not None and steps.settled is not None) or (time.steady is not None and count > march.count)
-    return Steps(limits, None if math.isinf(count) else count, march.taken["start"], early,
-                 march.taken.most_common(1)[0][0])
+    early = (steps is not None and steps.settled is not None) or (time.steady is not None and count > run.count)
+    return Steps(limits, None if math.isinf(count) else count, run.taken["start"], early,
+                 run.taken.most_common(1)[0][0])
 
 
 def _from(drive: Callable[[float, float, float], float], time: float, left: float) -> Callable[[float], float]:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .check_result import CheckResult
 
 # Spacings across a tube, and capillary number of the root mean square speed of a slug in it that should be at rest, by
-# the viscosity of the thicker fluid (benchmarks/menisci_in_pores.py 3 4 6 8; smooth tubes). Beyond, the last slope.
+# the larger viscosity (benchmarks/menisci_in_pores.py 3 4 6 8; smooth tubes). Beyond, the last slope.
 ACROSS = np.log([3.0, 4.0, 6.0, 8.0])
 AT_REST = np.log([1.1e-3, 7.4e-4, 1.2e-4, 3.5e-5])
 SHARE = 0.1  # of the mean velocity in the pores that speeds at rest may have for velocities to mean something

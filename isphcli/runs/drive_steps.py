@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..flow.state import Configuration, State
     from ..flow.step import Stepper
 
-UNSEEN = -1.0  # in place of a saturation: not looked at yet
+UNSEEN = -1.0  # stands for a saturation where none has been measured yet
 WINDOWS = 10  # in the duration of a step, where the case does not say
 
 

@@ -16,7 +16,7 @@ from ..case.yaml import CaseError, Problem
 from ..domain.communicator import current, on_first
 from ..domain.lattice import ParticleError
 from ..flow.held_velocity import leads_through
-from ..flow.state import Once, phase_of
+from ..flow.state import Handover, phase_of
 from ..flow.step_limits import RunError
 from ..geometry.protocol import inside_sample
 from ..output import folder, progress, restart
@@ -157,20 +157,20 @@ def run_moving(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         with progress.stage("first snapshot", quiet):
             run.snapshot(state, ready.look())
     try:
-        state, config = _march(run, state, ready)
+        state, config = _time_loop(run, state, ready)
     except BaseException as stop:
         stop.restart = run.restart_file if run.restart_file.exists() else None  # type: ignore[attr-defined]  # for `cli`
         _leave_worst(run, stop)
         raise
     try:
-        return _finish_march(run, state, config)
+        return _finish(run, state, config)
     except KeyboardInterrupt as stop:
         stop.restart = run.restart_file  # type: ignore[attr-defined]  # for `cli`
         raise
 
 
 def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
-              look: Look | None) -> tuple[MovingRun, State, Once]:
+              look: Look | None) -> tuple[MovingRun, State, Handover]:
     """The run, its first state, that of a restart file where it goes on, and the configuration of that."""
     assert case.time is not None and case.output.directory is not None
     with clock("geometry"), progress.stage("geometry", quiet):
@@ -181,22 +181,18 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         state, stepper, particles = prepare(case, geometry, clock)
     geometry = stepper.geometry  # of an image that is held by parts that of this process
     box = float(np.prod(geometry.upper - geometry.lower))
-    loop = TimeLoop(case, stepper, particles.site_volume, box)
     with clock("geometry"):
         distance = geometry.distance(particles.x) if geometry.has_solid else None
         cells = fluid_cells(geometry, particles, distance)
-        if geometry.has_solid:
-            loop.fluid_cells = fluid_cells(geometry, particles, distance, whole=True)
-    measures = None
-    between = profiles = None
+        whole = fluid_cells(geometry, particles, distance, whole=True) if geometry.has_solid else None
+    measures = between = profiles = None
     if particles.two_fluids:
         from ..scene.choose_measures import choose_measures, choose_profiles, choose_reservoir_measures
 
-        loop.measure = measures = choose_measures(case, geometry, particles, stepper.fluids, stepper.held_velocity)
+        measures = choose_measures(case, geometry, particles, stepper.fluids, stepper.held_velocity)
         profiles = choose_profiles(case, geometry, stepper.fluids)
         between = choose_reservoir_measures(case, geometry, particles, stepper.fluids)
-    if measures is not None and between is not None:
-        loop.measure = _both(measures, between)
+    loop = TimeLoop(case, stepper, particles.site_volume, box, _each_step(measures, between), whole)
     run = MovingRun(case, case.output.directory, clock, quiet, geometry, particles, stepper, loop, measures, cells,
                     seen, on_first(lambda: restart.record_of(case)), between=between, profiles=profiles)
     if drive_steps(case) is not None:
@@ -213,8 +209,8 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         state, _ = stepper.settled(state)
         if saved is not None:
             stepper.rebuild_hierarchies(saved.origins)
-        config = stepper.configure(state.x, state.time, state.phi, state.number)
-    _refuse_what_is_closed(case, stepper, config)
+        ready = stepper.ready(state)
+    _refuse_what_is_closed(case, stepper, ready.look())
     directory = case.output.directory
     run.directory = on_first(lambda: folder.prepare(directory))
     on_first(lambda: write_case(run.directory, case, run.record["changes"]))
@@ -226,7 +222,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     if loop.program is not None:
         run.tables[CURVE] = ranks.table(run.directory / CURVE, run.last_step)
     run.grids = grids_of(case, run.directory, run.since)
-    return run, state, Once(config)
+    return run, state, ready
 
 
 def _refuse_what_is_closed(case: Case, stepper: Stepper, config: Configuration) -> None:
@@ -243,8 +239,10 @@ def _refuse_what_is_closed(case: Case, stepper: Stepper, config: Configuration) 
         raise ParticleError(why_closed(case, *axes))
 
 
-def _both(measures: Measures, between: ReservoirMeasures) -> Callable[[State, Configuration], dict[str, Any]]:
-    return lambda state, config: measures(state, config) | between(state, config)
+def _each_step(*measures: Measures | ReservoirMeasures | None) -> Callable[[State, Configuration], dict[str, Any]]:
+    """What the measures that there are add to a row of the history."""
+    there = [measure for measure in measures if measure is not None]
+    return lambda state, config: {name: value for measure in there for name, value in measure(state, config).items()}
 
 
 def _program(run: MovingRun, between: ReservoirMeasures | None) -> DriveProgram:
@@ -279,7 +277,7 @@ def _program(run: MovingRun, between: ReservoirMeasures | None) -> DriveProgram:
     return program
 
 
-def _march(run: MovingRun, state: State, ready: Once) -> tuple[State, Configuration]:
+def _time_loop(run: MovingRun, state: State, ready: Handover) -> tuple[State, Configuration]:
     """The time loop with its files; (state, config) at the end."""
     case, loop = run.case, run.loop
     assert case.time is not None
@@ -399,7 +397,7 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
     }
 
 
-def _finish_march(run: MovingRun, state: State, config: Configuration) -> tuple[Summary, Result]:
+def _finish(run: MovingRun, state: State, config: Configuration) -> tuple[Summary, Result]:
     """The summary and the flow of a run that has ended, its pictures, and its errors against the reference."""
     case, history = run.case, run.history
     flow = _flow_entries(run, state)

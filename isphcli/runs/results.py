@@ -189,7 +189,7 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
         summary["speed"] = speed_distribution(result.cell_velocity[inside])
     effective = replace(case, output=replace(case.output, directory=directory))
     write_case(directory, effective, summary.get("restarts", ()))
-    for name in PICTURES:  # of a run that goes on they show what was; who stops the drawing is left with none
+    for name in PICTURES:  # those of the run before a restart are old: where drawing is stopped there are none
         for path in directory.glob(name):
             folder.remove(path)
     whole = _write_summary(directory, case, summary, result, errors, clock)

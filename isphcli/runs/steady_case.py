@@ -122,12 +122,7 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tupl
     assert case.output.directory is not None
     directory = folder.prepare(case.output.directory)
     with clock("output"), progress.stage("files", quiet):
-        series = series_of(case, directory)
-        if series is not None:
-            series.write(0, 0.0, *snapshot_of(case, main.geometry, main.particles, result.x, main.velocity,
-                                              main.pressure))
-        write_grid(grids_of(case, directory), case, main.geometry, main.particles, (0, 0.0),
-                   (result.x, main.velocity, main.pressure), main.spacing)
+        _write_fields(case, directory, main, result.x)
         rows = _profile(main)
         write_rows(directory / "history.csv", found.history)
         write_rows(directory / PROFILES, rows)
@@ -146,6 +141,15 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tupl
     return finished
 
 
+def _write_fields(case: Case, directory: Path, main: steady.StokesResult, x: np.ndarray) -> None:
+    """The snapshot of a flow, and its fields on a grid where they are asked for. x: (n, dim) of its particles, m."""
+    series = series_of(case, directory)
+    if series is not None:
+        series.write(0, 0.0, *snapshot_of(case, main.geometry, main.particles, x, main.velocity, main.pressure))
+    write_grid(grids_of(case, directory), case, main.geometry, main.particles, (0, 0.0),
+               (x, main.velocity, main.pressure), main.spacing)
+
+
 def _finish_ranks(case: Case, summary: dict[str, Any], result: Result, found: Found, clock: Clock) -> dict[str, Any]:
     """The files of several processes: a snapshot of each, all else by rank 0; returns the summary."""
     main, output = _main(found.flows), case.output
@@ -157,12 +161,7 @@ def _finish_ranks(case: Case, summary: dict[str, Any], result: Result, found: Fo
         summary["warnings"].append(ranks.NO_PICTURES)
     directory: Path = on_first(lambda: folder.prepare(output.directory))  # type: ignore[arg-type]
     with clock("output"):
-        series = series_of(case, directory)
-        if series is not None:
-            series.write(0, 0.0, *snapshot_of(case, main.geometry, main.particles, result.x, main.velocity,
-                                              main.pressure))
-        write_grid(grids_of(case, directory), case, main.geometry, main.particles, (0, 0.0),
-                   (result.x, main.velocity, main.pressure), main.spacing)
+        _write_fields(case, directory, main, result.x)
         compared, rows = ranks.whole(case, result), _profile(main)
 
         def rest() -> dict[str, Any]:
@@ -192,7 +191,7 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
     job = Job(case, {axis: first for axis, _ in axes[:1]}, axes, sealed, clock, quiet)
     if job.driven and not any(opens(case, axis) for axis in job.driven):
         raise steady.NoPathError(why_closed(case, *job.driven))
-    for spacing in case.spacings:  # a finer one that does not fit is not found out after hours
+    for spacing in case.spacings:  # refused before the coarser ones have taken hours
         lattice_at(case, first, spacing)
         memory.refuse_lattice(case, first, spacing)
     seen = look(case, first, clock, quiet) if look is not None else Seen()

@@ -12,7 +12,7 @@ from ..domain import reduce
 from ..domain.communicator import current
 from ..flow.attempt import attempt
 from ..flow.forces import largest_of
-from ..flow.state import Once
+from ..flow.state import Handover
 from ..flow.step_lengths import next_due, shortest
 from ..output.restart import Saved
 from ..scene.choose_steps import step_lengths
@@ -43,16 +43,15 @@ class TimeLoop:
     steady: steadiness.Steady of what `observed` says, in a run to a steady state, else None.
     fluid_cells: volume of the fluid in the box over `site_volume`, see `permeability.fluid_cells`, which the mean
     velocity is taken over; None: over the particles. program: of a drive in steps, which ends the run with its last
-    one, or None.
+    one, or None: `moving_case` makes it when the run that it writes for is there.
     """
 
-    fluid_cells: float | None = None
-    program: DriveProgram | None = None
-
     def __init__(self, case: Case, stepper: Stepper, site_volume: float, box_volume: float,
-                 measure: Callable[[State, Configuration], dict[str, Any]] = lambda state, config: {}):
+                 measure: Callable[[State, Configuration], dict[str, Any]] = lambda state, config: {},
+                 fluid_cells: float | None = None):
         assert case.time is not None  # of moving particles
-        self.measure = measure
+        self.measure, self.fluid_cells = measure, fluid_cells
+        self.program: DriveProgram | None = None
         self.case, self.time, self.stepper = case, case.time, stepper
         self.site_volume, self.box_volume = site_volume, box_volume
         self.steady = Steady() if case.time.steady is not None else None
@@ -81,13 +80,12 @@ class TimeLoop:
         left = np.inf if end is None else end - state.time
         return None if drive is None else lambda dt: drive.limit(state.time, dt, left)
 
-    def run(self, state: State, config: Configuration | Once, snapshot: Callable[[State, Configuration], None],
+    def run(self, state: State, ready: Handover, snapshot: Callable[[State, Configuration], None],
             row: Callable[[dict[str, Any]], None],
             progress: Callable[[StepResult, str], None]) -> tuple[State, Configuration]:
-        """(state, config) at the end. Raises RunError."""
-        time, ready = self.time, config if isinstance(config, Once) else Once(config)
-        del config
-        end, program = time.end if time.end is not None else np.inf, self.program
+        """(state, config) at the end. ready: the configuration of the state. Raises RunError."""
+        time, program = self.time, self.program
+        end = time.end if time.end is not None else np.inf
         if program is not None:
             state = program.begin(state)
         self.last = self._saved(state)
@@ -106,7 +104,7 @@ class TimeLoop:
                 state = program.after(state, config)
             self.last = self._saved(state)
             progress(found, limit)
-            ready = Once(config)
+            ready = Handover(config)
             del found, config  # the next step has it alone
         if time.steady is not None:
             self.outcome = "steady" if self._steady_by_now() else "not steady at the end"

@@ -63,7 +63,7 @@ def _contact(case: Case, geometry: Geometry, particles: Particles, support: floa
     assert case.interface is not None
     dummies = particles.dummies_in_sight
     depth, normal = np.maximum(-geometry.distance(dummies), 0.0), wall_normals(geometry, dummies, support)
-    # off an edge that the fluid is in the angle of, the wall is farther along than off a face
+    # off a concave edge, whose angle the fluid fills, the wall is farther along than off a face
     ahead = FROM_WALL * case.particles.spacing
     depth[geometry.distance(dummies + (depth + ahead)[:, None] * normal) < ON_FACE * ahead] = np.inf
     walls = WallDummies(dummies, depth, normal, _of_reservoirs(case, geometry, dummies),

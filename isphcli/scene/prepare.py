@@ -29,7 +29,9 @@ from .place import jittered, lattice_at, place_case, sight_of, with_fluids
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
+    from ..domain.cut import Share
     from ..domain.lattice import Particles
+    from ..domain.migration import Migration
     from ..flow.seam import Seam
     from ..flow.timed_drive import TimedDrive
     from ..flow.volume_control import KeptVolume
@@ -81,7 +83,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         particles = place_case(case, geometry, spacing)
         share, number = particles.share, None
         if share is not None:
-            from ..domain.migration import Migration, numbers_of
+            from ..domain.migration import numbers_of
 
             geometry = geometry.within(share.lower, share.upper, sight_of(case, spacing, geometry.dim))
             number = numbers_of(share.sites, lattice_at(case, geometry, spacing).sites)
@@ -105,13 +107,10 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
         fluids=fluids, shifting=case.particles.shifting, second_order=case.time.scheme == "bdf2",
         solvers=KeptHierarchies(case.solver.tolerance, case.solver.restart, case.solver.max_iterations, clock,
                                 engine_of(case.solver.engine)),
-        bounds=bounds(case, geometry, particles, u, held), held_velocity=held,
+        bounds=bounds(case, geometry, particles, u, held, drive), held_velocity=held,
         volume=kept_volume(case, geometry, x), timed_drive=drive, seam=seam(case, particles, geometry),
+        migration=migration(share, geometry, max(support, fluids.reach)),
     )
-    if share is not None:
-        stepper.migration = Migration(share, geometry.lower, geometry.upper, geometry.periodic, stepper.reach)
-    if drive is not None:
-        stepper.bounds = replace(stepper.bounds, largest_force=drive.largest_force)
     gradient, phi, volume = None if forcing.gradient_axis(case) is None else 0.0, None, None
     if not isinstance(fluids, OneFluid):
         from .first_interface import first_interface
@@ -127,6 +126,15 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
 
         state = replace(state, drive_step=begun(0, 0.0))
     return state, stepper, particles
+
+
+def migration(share: Share | None, geometry: Geometry, reach: float) -> Migration | None:
+    """Between the bricks of processes, each of which sees as far as `reach`, m; None of one process."""
+    if share is None:
+        return None
+    from ..domain.migration import Migration
+
+    return Migration(share, geometry.lower, geometry.upper, geometry.periodic, reach)
 
 
 def initial_velocity(case: Case, x: np.ndarray) -> np.ndarray:
@@ -157,8 +165,9 @@ def seam(case: Case, particles: Particles, geometry: Geometry) -> Seam | None:
     return Seam(axis, float(geometry.lower[axis]), float(geometry.upper[axis]), depth, fluids, sample, area)
 
 
-def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, rate: HeldVelocity | None) -> Bounds:
-    """Bounds of a case that starts with velocities u (n, dim). rate: HeldVelocity or None."""
+def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, rate: HeldVelocity | None,
+           drive: TimedDrive | None) -> Bounds:
+    """Bounds of a case that starts with velocities u (n, dim). rate, drive: of the Stepper, or None."""
     density = np.array([fluid.density for fluid in case.fluids.values()])[particles.phase]
     walls = np.max(geometry.wall_speed, initial=0.0)
     tension = case.interface.tension if case.interface is not None else 0.0
@@ -170,7 +179,8 @@ def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, 
     other = walls + capillary + SPREAD * speed
     force = float(forcing.strongest_acceleration(case, geometry.upper - geometry.lower))
     force += largest_of(forces_of(case, geometry))
-    found = Bounds(geometry, particles.site_volume, 0.0, force, other)
+    largest = drive.largest_force if drive is not None else None
+    found = Bounds(geometry, particles.site_volume, 0.0, force, other, largest)
     return replace(found, start=found.speed(u, density))
 
 

@@ -27,11 +27,12 @@ class Kept(Protocol):
     """A hierarchy that is kept while its particles move on."""
 
     def cycle(self, matrix: sp.csr_matrix, exchange: Exchange) -> Apply:
-        """An approximate inverse as a function of the right-hand side (n,), for the matrix that its own has become."""
+        """An approximate inverse as a function of the right-hand side (n,), for the matrix of this step, whose
+        particles have moved since the hierarchy was built."""
         ...
 
     def release(self) -> None:
-        """It is not wanted any more."""
+        """Frees its memory."""
         ...
 
 
@@ -44,7 +45,8 @@ class Engine(Protocol):
         ...
 
     def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float, cycles: int) -> Apply:
-        """The same of three right-hand sides (n, 3). strength, cycles: of the aggregates of the one that aggregates."""
+        """The same of three right-hand sides (n, 3). strength, cycles: threshold of aggregation and W-cycles per call
+        of `OneProcess`; PETSc has its own settings."""
         ...
 
     def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,

@@ -1,8 +1,8 @@
 """Linear systems of moving particles: GMRES, preconditioned by hierarchies that are kept over many steps.
 
 A hierarchy is kept until its iterations have grown; a solve that misses its tolerance is repeated with a new one, and
-then with more of it (see `flow.attempt`). A restart file does not hold hierarchies, which are ten times as large as the
-state: it holds the steps in which they were built (`origins`), and these are taken again.
+then with RETRY_FACTOR cycles of it (see `flow.attempt`). A restart file does not hold hierarchies, which are ten times
+as large as the state: it holds the steps in which they were built (`origins`), and these are taken again.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""GMRES from either side, and how a solve went. Constants are projected out by `domain.components` (eqs 25-26)."""
+"""GMRES from either side, and how a solve went. Constants are projected out by `ComponentMeans` of
+`domain/null_space.py` (eqs 25-26)."""
 
 from __future__ import annotations
 
@@ -88,12 +89,10 @@ def gmres(apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
     grows on. scipy's starts a new one, which costs two or three products and cycles of a dozen.
     """
     tolerance, restart, max_iterations = limits
-    norm = reduce.norm(rhs)
+    count, norm = 0, reduce.norm(rhs)
     if norm == 0.0:
         return np.zeros_like(rhs), Convergence(0, 0.0, tolerance, "zero right-hand side")
-    count = 0
-    solution = np.zeros_like(rhs) if start is None else start.copy()
-    rest = rhs - apply(solution) if start is not None else rhs
+    solution, rest = _first_guess(apply, rhs, start)
     residual = reduce.norm(rest) / norm
     while residual > tolerance and count < max_iterations:
         whole = precondition(rest)
@@ -133,12 +132,10 @@ def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, lim
     another one, and meeting it too early costs a restart; and its vectors are twice as long as a `KrylovBasis`.
     """
     tolerance, restart, max_iterations = limits
-    norm = reduce.norm(rhs)
+    count, norm = 0, reduce.norm(rhs)
     if norm == 0.0:
         return np.zeros_like(rhs), Convergence(0, 0.0, tolerance, "zero right-hand side")
-    count = 0
-    solution = np.zeros_like(rhs) if start is None else start.copy()
-    rest = rhs - apply(solution) if start is not None else rhs
+    solution, rest = _first_guess(apply, rhs, start)
     residual = reduce.norm(rest) / norm
 
     def each(relative: float) -> None:
@@ -159,6 +156,13 @@ def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, lim
         if not residual < before:  # also where it is not finite
             break
     return solution, convergence_of(count, residual, tolerance)
+
+
+def _first_guess(apply: Apply, rhs: np.ndarray, start: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """(first solution, its residual), (m,) each: without a guess zero, and no product."""
+    if start is None:
+        return np.zeros_like(rhs), rhs
+    return start.copy(), rhs - apply(start)
 
 
 class KrylovSpace:

@@ -47,8 +47,8 @@ def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH,
     # the aggregation leaves coarse matrices in block form with blocks of one, ten times slower to sweep over
     for level in levels.levels:
         level.A = level.A.tocsr()
-        if hasattr(level, "P"):
-            level.P, level.R = level.P.tocsr(), level.R.tocsr()
+    for level in levels.levels[:-1]:
+        level.P, level.R = level.P.tocsr(), level.R.tocsr()
     return levels
 
 

@@ -218,7 +218,7 @@ class PetscKept:
 
     def _follow(self, exchange: Numbered) -> None:
         """Finds where the rows of the particles are that this process owns now."""
-        self._forget()
+        self._free_vectors()
         self.exchange = exchange
         rows = self.order.app2petsc(exchange.number.astype(PETSc.IntType))
         self.here = PETSc.Vec().createMPI((len(rows), PETSc.DETERMINE), comm=self.comm)
@@ -234,14 +234,14 @@ class PetscKept:
         self.scatter.scatter(once.found, self.here, mode=PETSc.ScatterMode.REVERSE)
         return self.here.array.copy()
 
-    def _forget(self) -> None:
+    def _free_vectors(self) -> None:
         if self.scatter is not None:
             self.scatter.destroy()
             self.here.destroy()
 
     def release(self) -> None:
         """See `engine.Kept`."""
-        self._forget()
+        self._free_vectors()
         self.once.destroy()
         if self.order is not None:
             self.order.destroy()

@@ -19,7 +19,7 @@ from ..domain.halo import nearest_image, wrap
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
-SAMPLES = 4  # along each side of a cell: points of it that it may look from
+VIEWPOINTS = 4  # along each side of a cell: points of it that it may look from
 
 
 class SeenBy(NamedTuple):
@@ -39,7 +39,7 @@ class CellSight:
         dim = geometry.dim
         self.geometry, self.middle, point = geometry, middle, middle.copy()
         blind = np.flatnonzero(geometry.phase(point) < 0)
-        steps = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
+        steps = (np.arange(VIEWPOINTS) + 0.5) / VIEWPOINTS - 0.5
         offsets = np.stack(np.meshgrid(*[steps] * dim, indexing="ij"), axis=-1).reshape(-1, dim) * side
         for offset in offsets[np.argsort((offsets**2).sum(axis=1), kind="stable")]:  # the nearest first
             found = geometry.phase(middle[blind] + offset) >= 0

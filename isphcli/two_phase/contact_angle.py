@@ -52,7 +52,8 @@ class SlipAtLine:
 
     def wall_table(self, geometry: Geometry, wall: np.ndarray, neighbours: Neighbourhood,
                    particles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-        """(wall (n_rows,), velocity, slip length, spin) of the walls, each there twice: as it is, and near a line.
+        """(wall (n_rows,), velocity, slip length, spin) of the walls, each listed twice: away from a contact line, and
+        near one.
 
         wall: (n_rows,) nearest wall of each row; neighbours: of the fluid particles, dummies included; particles: how
         many there are before the dummies.
@@ -69,7 +70,7 @@ class SlipAtLine:
 
 
 class WallDummies(NamedTuple):
-    """x: (n_dummy, dim) m; depth: (n_dummy,) below the wall, m, infinite below an edge, which has no normal and so no
+    """x: (n_dummy, dim) m; depth: (n_dummy,) below the wall, m, infinite below a concave edge, without normal and
     angle; normal: (n_dummy, dim) of the wall, into the fluid; neutral: (n_dummy,) bool, of walls that both fluids wet
     alike (90 degrees), or None; exchange: of those of other processes, which are the last ones."""
 

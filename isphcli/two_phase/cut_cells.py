@@ -1,11 +1,11 @@
 """Volumes of the two fluids and the area of their interface, on the cells of a grid that the interface cuts.
 
-What particles carry is phi; their own volumes (eq. 7) are those of a disordered sample of the fluid, beside walls one
-that depends on how the dummies lie, and a layer of a thickness round the interface, over which a fraction of them goes
-from one fluid to the other, ends at walls. Sums over particles are off by 0.2 % in a bubble that rises, and by 2 % of
-the pores in rock. Here the box has cells of about a spacing; in the middle of each phi is the mean of what the
-particles round it make of theirs, with slopes and curvatures. The cell is cut by a plane there. Of a box of sides a_k,
-in units of which the plane's normal has the components n_k >= 0, the part on the side of phi > 0 at phi = d is
+Particles carry phi. Their own volumes (eq. 7) vary with the disorder of the particles and, beside walls, with the
+places of the dummies; and a volume fraction that goes from one to zero over a layer round the interface is cut off
+where that layer meets a wall. Sums over particles are off by 0.2 % in a bubble that rises, and by 2 % of the pores in
+rock. Here the box has cells of about a spacing. In the middle of each, phi is the weighted mean of what the particles
+round it extrapolate to there, with their slopes and curvatures. The cell is cut by a plane there. Of a box of sides
+a_k, in units of which the plane's normal has the components n_k >= 0, the part on the side of phi > 0 at phi = d is
 
     F(d) = sum_s (prod_k s_k) max(d + sum_k s_k b_k / 2, 0)^dim / (dim! prod_k b_k),   b_k = n_k a_k,  s_k = -1 or 1.
 
@@ -118,10 +118,9 @@ def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchang
     are not asked for; exchange: of remote particles; sight, distance: of scenes with walls, and (n + remote,) of the
     particles to them, m.
 
-    A cell without a particle in reach holds no fluid that is simulated: it counts for neither, in `CutCells.cells` it
-    has none, and the others have its part: all of them have what the particles have. One that has both fluids round
-    it, but no interface near, as on the two sides of a wall that it does not see over, is of the fluid of the nearest
-    particle.
+    A cell without a particle in reach holds no fluid that is simulated: its volume in `CutCells.cells` is zero, and the
+    others are scaled so that all of them have the volume of the particles. One that has both fluids round it, but no
+    interface near, as on the two sides of a wall that it does not see over, is of the fluid of the nearest particle.
     """
     phi, slope, form = (exchange.forward(values) for values in (phi, fit.slope, fit.form))
     n, dim, reach = len(cells.fluid), len(cells.side), REACH * cells.side.max()
@@ -289,7 +288,7 @@ def _weight(r2, reach):
 
 @njit(cache=True, inline="always")
 def _level(i, d, size, phi, slope, form):
-    """What a particle makes of phi in the middle of a cell, d (dim,) from it; size: of its slope."""
+    """phi in the middle of a cell, d (dim,) from a particle, extrapolated from that particle; size: of its slope."""
     there, dim = phi[i], len(d)
     for k in range(dim):
         there += slope[i, k] * d[k]
@@ -342,7 +341,7 @@ def _cut(rows, b, cells, found, volume, area):
             kappa = min(max(sums[c, dim + 1] / weight[c], -1.0 / smallest), 1.0 / smallest)
             part -= density * kappa * square / 24.0
         else:
-            part = 1.0 if sums[c, 0] > 0.0 else 0.0  # the slopes of the particles cancel: they know no way to go
+            part = 1.0 if sums[c, 0] > 0.0 else 0.0  # the slopes of the particles cancel: the plane has no direction
         volume[c] = fluid[c] * min(max(part, 0.0), 1.0)
 
 

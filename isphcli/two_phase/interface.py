@@ -118,12 +118,12 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
         fit = contact.at_walls(ops, (fitted, neighbours), distance, known, fit)
     steepness = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
     strength = fraction_slope(phi, spacing) * steepness
-    # the curvature does not change along the normals: any weight that ends within the support will do
+    # `fit.curvature` is that of phi = 0 all along a normal: any weight that ends within the support will do
     weight = np.where(known, np.maximum(1.0 - (distance / seen.support) ** 2, 0.0) ** 2, 0.0)
     # no drop is smaller than the spacing
     sharpest = (ops.dim - 1) / spacing
     curvature = averages(seen, weight * ops.volume, everyone(np.clip(fit.curvature, -sharpest, sharpest)))
-    # over a layer of this thickness round a drop the mean of a fraction has that of the curvature beside it
+    # where the interface is bent, its outer half-layer is the larger one: the fraction less this has the right volume
     resolved = np.clip(curvature, -0.5 * sharpest, 0.5 * sharpest)
     bent = 0.5 * SPREAD * (THICKNESS * spacing) ** 2 * resolved * strength
     return Interface(phi, fit, steepness, reach, spacing, volume_fraction(phi, spacing) - bent, strength, curvature)
@@ -134,9 +134,9 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     """phi (n,) of the particles after a step: smoother by a part of its roughness, |grad phi| nearer to one, with the
     volumes that the fluids had before, and shifted by dr (n, dim), m, or None.
 
-    ops: Operators before the step; stretch: (n,) or 0, by which the flow parts the levels of phi in the step, relative:
-    they are numbered anew; moved: part of what |grad phi| differs from one that is made up for because particles have
-    moved.
+    ops: Operators before the step; stretch: (n,) or 0, relative increase in the step of the distance between levels of
+    phi by the flow, with which phi is rescaled; moved: part of the difference of |grad phi| from one that is taken out
+    because particles have moved.
     """
     phi, fit, reach, spacing = interface.phi, interface.fit, interface.reach, interface.spacing
     everyone, known = ops.exchange.forward, np.abs(interface.phi) < reach
@@ -150,7 +150,8 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     slower = SLOWER * part + moved
     factor = 1.0 + np.clip(stretch, -LARGEST_STRETCH, LARGEST_STRETCH) - slower * stretched
     new = np.where(known, factor * phi + part * change, phi)
-    # a distance has no minimum but at the interface: patches of particles that lost theirs would make one of their own
+    # |phi| has its minima at the interface alone: one elsewhere is left from an interface that has gone, and is set to
+    # `reach`
     left = np.zeros(ops.n, np.bool_)
     over_rows(_left_behind, ops.n, ops.neighbours, distance, known, left)
     new[left] = np.sign(phi[left]) * reach

@@ -1,11 +1,11 @@
 """The volume of each part of either fluid, kept over a run by the level of phi.
 
-A part is what hangs together of one fluid, a ganglion or what surrounds it. Its volume is made or lost where phi moves
-otherwise than the fluid: eq. 3 leaves a divergence, shifted particles take phi from its Taylor series, and what is
-smoothed out of a thin layer was part of it. Particles remember it: each holds an even share of the volume of the part
-that it is of (`State.volume`), and takes it along. Parts that join or fall apart have those of their particles, and
-over the seam between two reservoirs as much of one fluid comes in as of the other leaves. A particle that the interface
-moves past leaves its share behind: phi says where a fluid is, the shares how much of it there is.
+A part is a connected region of one fluid: a ganglion, or the fluid around ganglia. Its volume is made or lost where phi
+moves otherwise than the fluid: eq. 3 leaves a divergence, shifted particles take phi from its Taylor series, and what
+is smoothed out of a thin layer was part of it. Particles carry it: each holds an even share of the volume of its part
+(`State.volume`). Parts that join or split have the shares of their particles, and over the seam between two reservoirs
+as much of one fluid comes in as of the other leaves. A particle that the interface moves past leaves its share behind:
+phi says where a fluid is, the shares how much of it there is.
 
 What a part has too little, r, comes back along its interfaces, from the parts that it touches there: the level between
 parts a and b is moved by m_a - m_b with
@@ -13,8 +13,8 @@ parts a and b is moved by m_a - m_b with
     sum_b area_ab (m_a - m_b) = r_a,        or   - sum_a area_ab (m_a - m_b) = r_b   of the other fluid,
 
 which is the least motion of the interface that does it. Only interfaces in the sample are moved: in clear layers and
-reservoirs the flow is smooth and phi goes with it, and the plane at a seam stays. Had they their share, what is made or
-lost in the rock would come and go where the fluids come in: more than a held flux brings, or less. Nothing goes from
+reservoirs the flow is smooth and phi goes with it, and the plane at a seam stays. If those moved too, volume lost in
+the rock would come back at the inlet, where more fluid would then come in than the flux that is held. Nothing goes from
 one ganglion to another but through what lies between them.
 """
 
@@ -39,10 +39,10 @@ if TYPE_CHECKING:
     from .cut_cells import CutCells
 
 LINKED = 1.5  # spacings that like particles of one part are apart at most
-RATE = 0.5  # part of what is lacking that comes back in a step
-FARTHEST = 0.05  # spacings that a level is moved in a step at most
+RETURN_RATE = 0.5  # part of what is lacking that comes back in a step
+LARGEST_MOVE = 0.05  # spacings that a level is moved in a step at most
 BAND = 1.5  # spacings on either side of the interface where phi is moved
-RIDGE = 1e-9  # of the largest diagonal entry: only differences of m count, and parts without an interface have none
+LEVELS_RIDGE = 1e-9  # of the largest diagonal entry: only differences of m count; parts without an interface have none
 
 
 def first_shares(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, spacing: float,
@@ -77,7 +77,7 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
     other = everyone[across]
     first = phi > 0.0
     rise = np.where(first, level[part] - level[other], level[other] - level[part])
-    new = np.where(moved, new + np.clip(RATE * rise, -FARTHEST * spacing, FARTHEST * spacing), new)
+    new = np.where(moved, new + np.clip(RETURN_RATE * rise, -LARGEST_MOVE * spacing, LARGEST_MOVE * spacing), new)
     changed = (new > 0.0) != first
     alone = changed & (across < 0)  # no interface is near that could have moved past them
     new[alone], changed = phi[alone], changed & ~alone
@@ -130,8 +130,8 @@ def _areas(cut: CutCells, part: np.ndarray, count: int) -> sp.csr_matrix:
 
 def _levels(lacking: np.ndarray, between: sp.csr_matrix, wanted: np.ndarray) -> np.ndarray:
     """m of the parts, m, from what they lack, m^dim, the areas between them, and what they are to have, m^dim."""
-    # what the parts round one do not lack they cannot give: of those that have area between them, which are all but for
-    # what lies outside of a sample, the largest one is what surrounds the others, and has what is left over
+    # the equations have a solution where what the parts of a group that touch lack adds up to zero: the largest part of
+    # each group, which surrounds the others, takes what is left over
     joined, group = connected_components(between, directed=False)
     surrounding = np.zeros(joined, np.int64)
     order = np.argsort(wanted, kind="stable")
@@ -143,7 +143,7 @@ def _levels(lacking: np.ndarray, between: sp.csr_matrix, wanted: np.ndarray) -> 
     if alone.all():
         return np.zeros(len(diagonal))
     off, own = between.tocoo(), np.arange(len(diagonal))
-    values = np.concatenate([-off.data, diagonal + RIDGE * diagonal.max()])
+    values = np.concatenate([-off.data, diagonal + LEVELS_RIDGE * diagonal.max()])
     places = np.concatenate([off.row, own]), np.concatenate([off.col, own])
     level = np.asarray(spsolve(sp.csc_matrix((values, places), shape=between.shape), np.where(alone, 0.0, lacking)))
     return np.where(alone, 0.0, level)

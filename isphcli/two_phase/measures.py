@@ -32,7 +32,7 @@ Centre = list[float | None]  # (dim,) m, None along a periodic axis that a fluid
 
 SELDOM = 20  # steps between ganglia and contact angles
 ADJACENT = 1.25  # mean distances of particles: unlike ones nearer than this have the interface between them
-LINKED = 1.5  # mean distances of particles V^(1/dim) that like particles of one ganglion are apart at most
+JOINED = 1.5  # mean distances of particles V^(1/dim) that like particles of one ganglion are apart at most
 ROUND = 0.1  # length of the mean direction round a periodic axis below which a fluid has no centre there
 # Points of the interface that a circle or sphere is fitted to are at least a support off the wall (nearer, the average
 # of the colour sees the wall), and at most this many mean distances (farther, gravity and flow may have bent it). Caps
@@ -190,7 +190,7 @@ class Measures:
             return False
         for axis in np.flatnonzero(self.geometry.periodic):
             length = self.geometry.upper[axis] - self.geometry.lower[axis]
-            if self._widest_gap(x[:, axis] - self.geometry.lower[axis], length) < LINKED * self.distance:
+            if self._widest_gap(x[:, axis] - self.geometry.lower[axis], length) < JOINED * self.distance:
                 return False
         return True
 
@@ -325,13 +325,13 @@ class Measures:
 
 
 def linked(ops: Operators, mine: np.ndarray, distance: float) -> np.ndarray:
-    """(n_pairs,) bool, pairs of the particles `mine` (n,) within LINKED times their mean distance, m, of each other."""
+    """(n_pairs,) bool, pairs of the particles `mine` (n,) within JOINED times their mean distance, m, of each other."""
     owner = np.repeat(np.arange(ops.n), np.diff(ops.start))
     mine = ops.exchange.forward(mine)
     pairs = np.flatnonzero(mine[owner] & mine[ops.column])
     offset = ops.neighbours.x[ops.neighbours.row[pairs]] - ops.neighbours.x[owner[pairs]]
     found = np.zeros(len(owner), np.bool_)
-    found[pairs] = (offset * offset).sum(axis=1) < (LINKED * distance) ** 2
+    found[pairs] = (offset * offset).sum(axis=1) < (JOINED * distance) ** 2
     return found
 
 

@@ -5,10 +5,10 @@
 a wall point asks in the same sum for its slope along the normal p of the wall: support (p . (g + H d) - slope) with the
 weight of a neighbour there. C are the terms of third and fourth order that a distance has (|grad phi| does not change
 along grad phi) if the curvatures of its level stay as they are along it. They follow from g and H of a first fit and
-are taken off in a second one: without that, fits to one side, beside walls, are of first order. A sphere is its own fit
-to fourth order in the support, and roughness shorter than the support is not.
+are taken off in a second one: without that, fits to one side, beside walls, are of first order. The fit to a sphere is
+exact to fourth order in the support; roughness shorter than the support is smoothed out.
 
-Half way between two interfaces the distance has an edge. Neighbours whose gradient points another way know the distance
+Half way between two interfaces the distance has a kink. Neighbours whose gradient points another way know the distance
 to another interface and are left out: the fit is that of a particle's own one.
 """
 
@@ -246,8 +246,8 @@ def _gather(i, m, neighbours, field, work):
     the number of these, filled up to whole vectors, are written to place m.
 
     A weight is that of the distance times a number of 0 to 1, whether the distances of the two particles are to the
-    same interface, by the angle between them and by phi where they would meet: an edge nearer to the interface than a
-    spacing is its own."""
+    same interface, by the angle between them and by phi where they would meet: a kink nearer to the interface than a
+    spacing belongs to it."""
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     phi, known, direction = field.phi, field.known, field.direction
     ways, weight, rise, alike, kind = work.ways, work.weight, work.rise, work.alike, neighbours.kind

@@ -65,7 +65,7 @@ class ReservoirMeasures:
         return float(reduce.mean(p[first]) - reduce.mean(p[last]))
 
     def joined(self, state: State, config: Configuration, k: int) -> np.ndarray:
-        """Which particles (n,) are of fluid k and joined to a reservoir of it: by particles of it within LINKED mean
+        """Which particles (n,) are of fluid k and joined to a reservoir of it: by particles of it within JOINED mean
         distances of each other, but not over the seam."""
         mine = _phase(state) == k
         near = linked(config.ops, mine, self.site_volume ** (1.0 / self.geometry.dim))

@@ -1,10 +1,10 @@
 """The neighbours that the fit of the distance takes: SIGHT distances of particles, farther than the operators in 3D.
 
 A quadratic function has ten unknowns in space. Over the 2.1 spacings of the operators a cubic lattice hardly has more
-neighbours with a weight to speak of (those two spacings away, the third row beside a wall, 2.5e-5 of the own one):
-the fit follows roughness, of white noise it keeps 0.8, and curvature is as rough. Over 2.8 spacings, 80 neighbours, it
-keeps a half, as in the plane. A body-centred lattice, two particles in a spacing cubed, has as many within 2.2
-spacings. Only particles that know their distance are looked through, and no operator has these neighbours.
+neighbours with a weight to speak of (one two spacings away weighs 2.5e-5 of the particle itself): the fit follows
+roughness, of white noise it keeps 0.8, and curvature is as rough. Over 2.8 spacings, 80 neighbours, it keeps a half, as
+in the plane. A body-centred lattice, two particles in a spacing cubed, has as many within 2.2 spacings. Only particles
+that know their distance are looked through, and no operator has these neighbours.
 """
 
 from __future__ import annotations

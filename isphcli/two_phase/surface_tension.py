@@ -3,7 +3,8 @@
 `jump` (default): the pressure of unlike neighbours differs by J_ij = sigma kappa_ij (c_j - c_i), c the colour. Eq. 2
 sees what is left of the difference, so that each particle is accelerated by  sum_j b_ij J_ij grad_ij  with the very
 weights b_ij grad_ij of its pressure gradient: a constant curvature is balanced to round-off by a pressure.
-`csf` (eq. 24): the force sigma kappa grad C, C the volume fraction, with the weights of the pressure gradient too.
+`csf` (eq. 24): the force sigma kappa grad C, C the volume fraction (in place of the colour of eq. 16), with the weights
+of the pressure gradient too.
 """
 
 from __future__ import annotations

@@ -44,7 +44,8 @@ if TYPE_CHECKING:
     from .sight import Sight
     from .surface_tension import SurfaceTension
 
-SWEEPS = 100  # at most, over particles that have come into the other fluid; whole rows of them gain a digit in four
+# Most sweeps over particles that have come into the other fluid; whole rows of them gain a digit in four sweeps
+SWEEPS = 100
 SETTLED = 1e-12  # of the largest change of a sweep: below this no more of them are made
 SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like a second derivative of a plane of them
 
@@ -159,9 +160,9 @@ class TwoFluids:
     def relabelled(self, carried: np.ndarray, changing: np.ndarray | None, now: Terms) -> np.ndarray:
         """carried: (n,) m2/s2; see `Fluids.relabelled`.
 
-        The pressure of the heavy fluid is known to a part of rho g dx: in the light one such a part accelerates by its
-        density ratio times g. A particle that has come into the other fluid takes the pressure with which its row of
-        eq. 3 has the sum that it had before, from the neighbours that the weights of its new fluid listen to.
+        The pressure of the heavy fluid has errors that are a fraction of rho g dx; in the light fluid they accelerate a
+        particle by that fraction of g times the density ratio. A particle that has come into the other fluid takes the
+        pressure with which its row of eq. 3, in the weights of its new fluid, has the sum that it had before.
         """
         assert changing is not None and now.interface is not None
         change, sums = changing.T
@@ -203,7 +204,7 @@ class TwoFluids:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near_wall
             transposed_stress = TransposedStress.build(ops, viscous.weight, np.flatnonzero(free))
-        force, jump, laplacian_of_jump, along = balanced_force(ops, self.body), None, None, None
+        force, jump_acceleration, laplacian_of_jump, along = balanced_force(ops, self.body), None, None, None
         if self.drop_force.any():
             force = force + weighted.potential_gradient(self.drop_force)
         if self.held is not None:
@@ -213,9 +214,9 @@ class TwoFluids:
             if laplacian_of_jump is None:
                 force = force + tension_force
             else:
-                jump = tension_force
+                jump_acceleration = tension_force
         rules = self.rules
-        terms = Terms(weighted, viscous, force, jump, laplacian_of_jump, rho if heavy else 1.0,
+        terms = Terms(weighted, viscous, force, jump_acceleration, laplacian_of_jump, rho if heavy else 1.0,
                       rules.rotational_viscosity / reference, transposed_stress, smooth, along, interface)
         return with_forces(terms, self.forces, neighbours.x[: ops.n], mu / rho)
 
@@ -326,7 +327,7 @@ def _row_sums(turns, rows, pairs, p, sums):
 
 def _balanced(rows: np.ndarray, now: Terms, sums: np.ndarray, p: np.ndarray) -> np.ndarray:
     """p (n,) with values at particles `rows` (m,) for which  lap p - jumps = sums (m,): a row of particles can change
-    at once, on several processes, whose order the result must not tell."""
+    at once, on several processes, and the result must not depend on their order."""
     pairs, right, most = _laplacian(now), -_jumps(now, rows) - sums, 0.0
     for _ in range(SWEEPS):
         everyone = now.ops.exchange.forward(p)

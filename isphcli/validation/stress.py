@@ -117,7 +117,7 @@ def scene(name: str, setting: str, invariant: str, bound: float) -> Callable[[Me
 
 
 @dataclass(frozen=True)
-class Marched:
+class Stepped:
     """A run of moving particles in memory at its end.
 
     start: its first state; rows: of the history; loop: with the outcome; site_volume: m^dim.
@@ -134,8 +134,8 @@ class Marched:
     site_volume: float
 
 
-def marched(text: str, *sets: str, change: Callable[[State], State] | None = None,
-            adjust: Callable[[Stepper], None] | None = None) -> Marched:
+def stepped(text: str, *sets: str, change: Callable[[State], State] | None = None,
+            adjust: Callable[[Stepper], None] | None = None) -> Stepped:
     """A run of moving particles in memory.
 
     sets: key=value overrides. change: function of the first state, adjust: what is changed of the stepper, for what a
@@ -150,9 +150,8 @@ def marched(text: str, *sets: str, change: Callable[[State], State] | None = Non
         adjust(stepper)
     loop = TimeLoop(case, stepper, particles.site_volume, float(np.prod(geometry.upper - geometry.lower)))
     rows: list[dict[str, Any]] = []
-    config = stepper.configure(start.x, start.time, start.phi)
-    state, config = loop.run(start, config, lambda *_: None, rows.append, lambda *_: None)
-    return Marched(case, geometry, start, state, rows, config, stepper, loop, particles.site_volume)
+    state, config = loop.run(start, stepper.ready(start), lambda *_: None, rows.append, lambda *_: None)
+    return Stepped(case, geometry, start, state, rows, config, stepper, loop, particles.site_volume)
 
 
 def creeping_scene(text: str, *sets: str, axis: int = 0) -> tuple[StokesResult, SteadyScene]:
@@ -196,8 +195,8 @@ def apart(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.abs(a - b).max() / scale) if scale > 0.0 else float(np.abs(a).max())
 
 
-def permeability(run: Marched, axis: int = 0) -> float:
-    """Of a marched steady flow under a unit force in fluid of unit viscosity, 1 of the box."""
+def permeability(run: Stepped, axis: int = 0) -> float:
+    """Of a stepped steady flow under a unit force in fluid of unit viscosity, 1 of the box."""
     box = np.prod(run.geometry.upper - run.geometry.lower)
     fluid = next(iter(run.case.fluids.values()))
     force = body_force(run.case, run.geometry.dim)[axis]
@@ -211,7 +210,7 @@ def _large_steps(factor: float, large: bool) -> float:
     spacing = 0.03125 if large else 0.0625
     step = factor * EXPLICIT * spacing**2
     sets = (f"particles.spacing={spacing}", f"time.step={step}", f"time.end={60 * step}")
-    run = marched(DISK, *sets, "drive.body_force=[1.0e-4, 0]")
+    run = stepped(DISK, *sets, "drive.body_force=[1.0e-4, 0]")
     return abs(permeability(run) / creeping_permeability(DISK, sets[0]) - 1)
 
 
@@ -300,7 +299,7 @@ def two_slits(large: bool) -> float:
        "rest: speed over that of free fall through a voxel", 1e-6)
 def sealed_pores(large: bool) -> float:
     def measure(text: str) -> float:
-        run = marched(text, "solver.tolerance=1e-10", "time.end=2", "time.step=0.1")
+        run = stepped(text, "solver.tolerance=1e-10", "time.end=2", "time.step=0.1")
         return float(np.abs(run.state.u).max() / np.sqrt(2.0))
 
     image = np.random.default_rng(4).random((30, 30) if large else (12, 12)) < 0.6
@@ -310,7 +309,7 @@ def sealed_pores(large: bool) -> float:
 
 @scene("sealed box under gravity", "moving particles, a disk in it", "rest: speed over that of free fall", 1e-6)
 def sealed_box(large: bool) -> float:
-    run = marched(DISK, "geometry.periodic=[]", "drive.body_force=[0, -9.81]", "fluids.water.viscosity=0.01",
+    run = stepped(DISK, "geometry.periodic=[]", "drive.body_force=[0, -9.81]", "fluids.water.viscosity=0.01",
                   "time.step=0.02", f"time.end={1.0 if large else 0.1}", "solver.tolerance=1e-10")
     return float(np.abs(run.state.u).max() / np.sqrt(2 * 9.81))
 
@@ -321,7 +320,7 @@ def sealed_box(large: bool) -> float:
 @scene("all solid", "either flow", "an error that says so (0: yes)", 0)
 def all_solid(large: bool) -> float:
     said = 0
-    for run in (creeping, marched):
+    for run in (creeping, stepped):
         try:
             run(DISK, "geometry.shapes.0.sphere.radius=2")
         except ParticleError as error:
@@ -331,7 +330,7 @@ def all_solid(large: bool) -> float:
 
 @scene("all fluid", "free fall from disorder", "u = g t", 1e-9)
 def all_fluid(large: bool) -> float:
-    run = marched(DISK, "geometry.shapes=[]", "drive.body_force=[0.5, -0.25]", "particles.jitter=0.2", "time.end=0.7")
+    run = stepped(DISK, "geometry.shapes=[]", "drive.body_force=[0.5, -0.25]", "particles.jitter=0.2", "time.end=0.7")
     return apart(run.state.u, np.broadcast_to([0.35, -0.175], run.state.u.shape))
 
 
@@ -346,7 +345,7 @@ def all_fluid_steady(large: bool) -> float:
 
 @scene("everything zero", "no drive, no motion", "velocity and pressure are exactly zero", 0)
 def nothing(large: bool) -> float:
-    run = marched(CAVITY, "geometry.walls={}", "time.end=1")
+    run = stepped(CAVITY, "geometry.walls={}", "time.end=1")
     still = creeping(CHANNEL, "drive=null")
     return float(max(np.abs(f).max() for f in (run.state.u, run.state.p, still.velocity, still.pressure)))
 
@@ -365,8 +364,8 @@ def elongated(large: bool) -> float:
 def thin_box(large: bool) -> float:
     spacing = 0.025 if large else 0.05
     sets = ('initial.velocity=["sin(2*pi*y)", "0"]', f"particles.spacing={spacing}", "particles.jitter=0", EXACT)
-    thin = marched(VORTEX, *sets, f"geometry.box=[{2 * spacing}, 1]")
-    wide = marched(VORTEX, *sets)
+    thin = stepped(VORTEX, *sets, f"geometry.box=[{2 * spacing}, 1]")
+    wide = stepped(VORTEX, *sets)
     rows = np.flatnonzero(wide.start.x[:, 0] < 2 * spacing)  # the lattices number alike
     return apart(thin.state.u, wide.state.u[rows])
 
@@ -376,8 +375,8 @@ def thin_column(large: bool) -> float:
     spacing = 0.0625 if large else 0.125
     sets = ('initial.velocity=["sin(2*pi*y)", "0", "0"]', f"particles.spacing={spacing}", "particles.jitter=0", EXACT,
             "geometry.periodic=[x, y, z]")
-    thin = marched(VORTEX, *sets, f"geometry.box=[{2 * spacing}, 1, {2 * spacing}]")
-    wide = marched(VORTEX, *sets, "geometry.box=[1, 1, 1]")
+    thin = stepped(VORTEX, *sets, f"geometry.box=[{2 * spacing}, 1, {2 * spacing}]")
+    wide = stepped(VORTEX, *sets, "geometry.box=[1, 1, 1]")
     _, rows = cKDTree(wide.start.x).query(thin.start.x)
     return apart(thin.state.u, wide.state.u[rows])
 
@@ -396,13 +395,13 @@ def flat_voxels(large: bool) -> float:
 @scene("Reynolds number 1e-8", "disk array", "k of the steady coupled solve", 0.02)
 def low_reynolds(large: bool) -> float:
     spacing = f"particles.spacing={0.03125 if large else 0.0625}"
-    run = marched(DISK, spacing, "drive.body_force=[1.0e-6, 0]", "time={steady: 1.0e-9, end: 100}")
+    run = stepped(DISK, spacing, "drive.body_force=[1.0e-6, 0]", "time={steady: 1.0e-9, end: 100}")
     return abs(permeability(run) / creeping_permeability(DISK, spacing) - 1)
 
 
 @scene("Reynolds number 1e3", "Taylor-Green vortex from disorder", "largest relative gain of energy in a step", 0.01)
 def high_reynolds(large: bool) -> float:
-    run = marched(VORTEX, "fluids.water.viscosity=1e-3", "particles.jitter=0.2", "time.step=null",
+    run = stepped(VORTEX, "fluids.water.viscosity=1e-3", "particles.jitter=0.2", "time.step=null",
                   f"particles.spacing={0.02 if large else 0.05}", f"time.end={2 if large else 0.5}")
     energy = np.array([row["kinetic_energy"] for row in run.rows])
     return float((energy[1:] / energy[:-1] - 1).max())
@@ -411,13 +410,13 @@ def high_reynolds(large: bool) -> float:
 @scene("Reynolds number 1e3", "lid-driven cavity from rest", "nobody is faster than the lid: speed over its speed", 1)
 def fast_cavity(large: bool) -> float:
     sets = ("particles.spacing=0.03125", "time.end=10") if large else ("particles.spacing=0.05", "time.end=2")
-    return float(np.sqrt((marched(CAVITY, "fluids.water.viscosity=1e-3", *sets).state.u ** 2).sum(axis=1).max()))
+    return float(np.sqrt((stepped(CAVITY, "fluids.water.viscosity=1e-3", *sets).state.u ** 2).sum(axis=1).max()))
 
 
 @scene("an orifice two particles wide", "Reynolds number of the jet about 10",
        "speed over that of free fall from end to end", 1)
 def orifice(large: bool) -> float:
-    run = marched(ORIFICE, f"time.end={5 if large else 0.6}")
+    run = stepped(ORIFICE, f"time.end={5 if large else 0.6}")
     return float(np.sqrt((run.state.u**2).sum(axis=1).max() / 4))
 
 
@@ -425,7 +424,7 @@ def orifice(large: bool) -> float:
        "the run ends with the step and the limit (0: yes)", 0)
 def blow_up(large: bool) -> float:
     try:
-        marched(ORIFICE, "particles.shifting=0")
+        stepped(ORIFICE, "particles.shifting=0")
     except RunError as error:
         return int("mean speed" not in str(error) or error.violation is None)
     return 1
@@ -445,7 +444,7 @@ time: {end: 10, max_steps: 30}
 def _laplace(large: bool, *sets: str) -> float:
     """How far the pressure in a drop at rest is from tension over radius, relative."""
     more = ("particles.spacing=0.025", "time.max_steps=400") if large else ()
-    run = marched(DROP, *more, *sets)
+    run = stepped(DROP, *more, *sets)
     inside = np.linalg.norm(run.start.x - 0.5, axis=1) < 0.25
     return abs(float(np.median(run.state.p[inside]) - np.median(run.state.p[~inside])) * 0.25 - 1)
 
@@ -496,7 +495,7 @@ THIN = tuple(f"fluids.{name}.viscosity={np.sqrt(0.5e-6)}" for name in ("water", 
 @scene("Laplace number 1e6", "a drop at rest, steps at the capillary limit, viscosity added at the interface",
        "capillary number of the spurious currents", 1e-3)
 def laplace_number(large: bool) -> float:
-    run = marched(DROP, *THIN, f"time.max_steps={1000 if large else 60}")
+    run = stepped(DROP, *THIN, f"time.max_steps={1000 if large else 60}")
     return float(np.sqrt(0.5e-6) * np.abs(run.state.u).max())
 
 
@@ -505,7 +504,7 @@ def laplace_number(large: bool) -> float:
 def above_the_capillary_limit(large: bool) -> float:
     step = 2 * np.sqrt(0.04**3 / (2 * np.pi))
     try:
-        run = marched(DROP, *THIN, f"time.step={step}", f"time.max_steps={1000 if large else 60}")
+        run = stepped(DROP, *THIN, f"time.step={step}", f"time.max_steps={1000 if large else 60}")
     except RunError as error:
         return float("capillary limit" not in str(error) or error.violation is None)
     return float(np.abs(run.state.u).max() * 0.2)
@@ -526,7 +525,7 @@ time: {end: 1}
 @scene("viscosity ratio 1e4 in shear", "two layers, the upper wall moves",
        "stress in each and velocity between them, relative", 0.02)
 def layers_in_shear(large: bool) -> float:
-    run = marched(LAYERS, "fluids.lower.viscosity=1e4", "geometry.walls={y_max: {velocity: [1, 0]}}",
+    run = stepped(LAYERS, "fluids.lower.viscosity=1e4", "geometry.walls={y_max: {velocity: [1, 0]}}",
                   f"particles.spacing={0.03125 if large else 0.0625}", "time.scheme=euler")
     y, u = run.state.x[:, 1], run.state.u[:, 0]
     stress = 2 * 1e4 / (1e4 + 1)
@@ -539,7 +538,7 @@ def layers_in_shear(large: bool) -> float:
        "rest: speed over sqrt(g H)", 1e-8)
 def layers_at_rest(large: bool) -> float:
     # what the first step leaves of the pressure is 3e-8 at 32 spacings, and decays: 5e-12 after 500 steps
-    run = marched(LAYERS, "fluids.lower.density=1000", "drive={body_force: [0, -1]}", "time.step=0.02", "time.end=100",
+    run = stepped(LAYERS, "fluids.lower.density=1000", "drive={body_force: [0, -1]}", "time.step=0.02", "time.end=100",
                   *(("particles.spacing=0.03125", "time.max_steps=500") if large else
                     ("particles.spacing=0.0833333333333", "time.max_steps=40")))
     return float(np.abs(run.state.u).max())
@@ -549,14 +548,14 @@ def layers_at_rest(large: bool) -> float:
 def empty_phase(large: bool) -> float:
     # a case with tension has a larger support by default, whether both fluids have particles or not
     two = ("fluids.oil={density: 1000, viscosity: 1}", "interface={tension: 1}")
-    return apart(marched(VORTEX, *two).state.u, marched(VORTEX, "particles.support=2.8").state.u)
+    return apart(stepped(VORTEX, *two).state.u, stepped(VORTEX, "particles.support=2.8").state.u)
 
 
 @scene("an empty phase", "no particle of the first", "the flow of the second alone", 0)
 def empty_first_phase(large: bool) -> float:
     both = "fluids={oil: {density: 1000, viscosity: 1}, water: {density: 1, viscosity: 0.01}}"
-    return apart(marched(VORTEX, both, "geometry.fluid=water", "interface={tension: 1}").state.u,
-                 marched(VORTEX, "particles.support=2.8").state.u)
+    return apart(stepped(VORTEX, both, "geometry.fluid=water", "interface={tension: 1}").state.u,
+                 stepped(VORTEX, "particles.support=2.8").state.u)
 
 
 CAP = """
@@ -572,7 +571,7 @@ time: {end: 10, max_steps: 20}
        "speed over that of capillary waves as long as a spacing", 1)
 def contact_angles(large: bool) -> float:
     sets = ("particles.spacing=0.04", "time.max_steps=300") if large else ()
-    runs = [marched(CAP, *sets, f"interface.contact_angle={angle}") for angle in (0, 1, 179, 180)]
+    runs = [stepped(CAP, *sets, f"interface.contact_angle={angle}") for angle in (0, 1, 179, 180)]
     return float(max(np.abs(run.state.u).max() * np.sqrt(run.case.particles.spacing) for run in runs))
 
 
@@ -587,7 +586,7 @@ def _in_units(length: float, second: float, mass: float, *, steady: bool = False
             f"fluids.water.viscosity={mass / length / second}", f"drive.body_force=[{length / second**2}, 0]", EXACT)
     if steady:
         return creeping(DISK, *sets).velocity * second / length
-    run = marched(DISK, *sets, f"time.step={0.01 * second}", f"time.end={0.05 * second}")
+    run = stepped(DISK, *sets, f"time.step={0.01 * second}", f"time.end={0.05 * second}")
     return run.state.u * second / length
 
 
@@ -621,7 +620,7 @@ def _drop_in_units(length: float, second: float, mass: float) -> np.ndarray:
             f"radius: {length / 4}}}", f"particles.spacing={length / 16}", f"interface.tension={mass / second**2}",
             f"fluids.oil={{density: {2 * density}, viscosity: {0.5 * viscosity}}}",
             f"fluids.water={{density: {density}, viscosity: {0.125 * viscosity}}}", "interface.contact_angle=60")
-    run = marched(CAP, *sets, EXACT, f"time.step={second / 128}", f"time.end={second}", "time.max_steps=5")
+    run = stepped(CAP, *sets, EXACT, f"time.step={second / 128}", f"time.end={second}", "time.max_steps=5")
     return run.state.u * second / length
 
 
@@ -654,7 +653,7 @@ def coincident(large: bool) -> float:
         x[1] = x[0]
         return replace(state, x=x)
 
-    run = marched(VORTEX, "particles.jitter=0", "time.end=0.3", change=together)
+    run = stepped(VORTEX, "particles.jitter=0", "time.end=0.3", change=together)
     distance, _ = cKDTree(run.state.x, boxsize=1.0).query(run.state.x, k=2)
     return float(0.05 / distance[:, 1].min())
 
@@ -667,7 +666,7 @@ def on_a_wall(large: bool) -> float:
         x[np.argmin(np.abs(x - [0.5, 0.1]).sum(axis=1))] = [0.5, 1e-10]
         return replace(state, x=x)
 
-    run = marched(CAVITY, "particles.offset=[0.5, -0.5000000001]", f"time.end={5 if large else 1}", change=touching)
+    run = stepped(CAVITY, "particles.offset=[0.5, -0.5000000001]", f"time.end={5 if large else 1}", change=touching)
     assert (run.geometry.phase(run.state.x) >= 0).all()
     return float(np.abs(run.state.u).max())
 
@@ -680,26 +679,26 @@ OFF_CENTRE = ("geometry.shapes.0.sphere={centre: [0.4, 0.55], radius: 0.2}", "dr
 
 @scene("mirror", "disk off the centre", "the mirrored flow", 1e-9)
 def mirror(large: bool) -> float:
-    one = marched(DISK, *OFF_CENTRE)
-    other = marched(DISK, *OFF_CENTRE, "geometry.shapes.0.sphere.centre=[0.6, 0.55]", "drive.body_force=[-1, 0.5]",
+    one = stepped(DISK, *OFF_CENTRE)
+    other = stepped(DISK, *OFF_CENTRE, "geometry.shapes.0.sphere.centre=[0.6, 0.55]", "drive.body_force=[-1, 0.5]",
                     change=lambda state: replace(state, x=one.start.x * [-1, 1] + [1, 0]))
     return apart(other.state.u * [-1, 1], one.state.u)
 
 
 @scene("rotation by 90 degrees", "disk off the centre", "the rotated flow", 1e-9)
 def rotation(large: bool) -> float:
-    one = marched(DISK, *OFF_CENTRE)
+    one = stepped(DISK, *OFF_CENTRE)
     turned = one.start.x[:, ::-1] * [-1, 1] + [1, 0]
-    other = marched(DISK, *OFF_CENTRE, "geometry.shapes.0.sphere.centre=[0.45, 0.4]", "drive.body_force=[-0.5, 1]",
+    other = stepped(DISK, *OFF_CENTRE, "geometry.shapes.0.sphere.centre=[0.45, 0.4]", "drive.body_force=[-0.5, 1]",
                     change=lambda state: replace(state, x=turned))
     return apart(other.state.u[:, ::-1] * [1, -1], one.state.u)
 
 
 @scene("translation", "disk and lattice by a third of a spacing", "the same flow", 1e-9)
 def translation(large: bool) -> float:
-    one = marched(DISK, *OFF_CENTRE)
+    one = stepped(DISK, *OFF_CENTRE)
     by = 0.0625 / 3
-    other = marched(DISK, *OFF_CENTRE, f"geometry.shapes.0.sphere.centre=[{0.4 + by}, {0.55 + by}]",
+    other = stepped(DISK, *OFF_CENTRE, f"geometry.shapes.0.sphere.centre=[{0.4 + by}, {0.55 + by}]",
                     f"particles.offset=[{1 / 3}, {1 / 3}]",
                     change=lambda state: replace(state, x=(one.start.x + by) % 1.0))
     return apart(other.state.u, one.state.u)
@@ -707,17 +706,17 @@ def translation(large: bool) -> float:
 
 @scene("Galilean boost", "vortex with a wind of its own speed", "the flow less the wind", 1e-9)
 def boost(large: bool) -> float:
-    one = marched(VORTEX, EXACT)
+    one = stepped(VORTEX, EXACT)
     wind = ("sin(2*pi*x)*cos(2*pi*y) + 1", "-cos(2*pi*x)*sin(2*pi*y) - 0.5")
-    other = marched(VORTEX, EXACT, f'initial.velocity=["{wind[0]}", "{wind[1]}"]')
+    other = stepped(VORTEX, EXACT, f'initial.velocity=["{wind[0]}", "{wind[1]}"]')
     return apart(other.state.u - [1, -0.5], one.state.u)
 
 
 @scene("renumbering", "particles in any order", "the same flow", 1e-9)
 def renumbering(large: bool) -> float:
-    one = marched(VORTEX, EXACT)
+    one = stepped(VORTEX, EXACT)
     order = np.random.default_rng(0).permutation(len(one.start.x))
-    other = marched(VORTEX, EXACT, change=lambda s: replace(s, x=s.x[order], u=s.u[order], u_old=s.u_old[order]))
+    other = stepped(VORTEX, EXACT, change=lambda s: replace(s, x=s.x[order], u=s.u[order], u_old=s.u_old[order]))
     return apart(other.state.u, one.state.u[order])
 
 
@@ -729,14 +728,14 @@ CARRIED = ("geometry.shapes.0.sphere={centre: [0.4, 0.55], radius: 0.2}", "parti
 
 
 def carried(large: bool, place: Map = lambda x: x, turn: Map = lambda u: u,
-            order: slice | np.ndarray = slice(None), adjust: Callable[[Stepper], None] | None = None) -> Marched:
-    """The drop with its places and velocities mapped; adjust: see `marched`."""
+            order: slice | np.ndarray = slice(None), adjust: Callable[[Stepper], None] | None = None) -> Stepped:
+    """The drop with its places and velocities mapped; adjust: see `stepped`."""
     def change(state: State) -> State:
         assert state.phi is not None and state.volume is not None
         return replace(state, x=place(state.x)[order], u=turn(state.u)[order], u_old=turn(state.u_old)[order],
                        phi=state.phi[order], volume=state.volume[order])
 
-    return marched(DROP, *CARRIED, EXACT, f"time.max_steps={60 if large else 10}", change=change, adjust=adjust)
+    return stepped(DROP, *CARRIED, EXACT, f"time.max_steps={60 if large else 10}", change=change, adjust=adjust)
 
 
 @scene("mirror", "a drop in a vortex", "the mirrored flow", 1e-9)
@@ -810,9 +809,9 @@ def threads(large: bool) -> float:
     try:
         row_threads.FEWEST = 16  # else a few hundred particles are one range, whatever the number of threads
         row_threads.get_num_threads = lambda: 1
-        one = marched(DISK, *OFF_CENTRE)
+        one = stepped(DISK, *OFF_CENTRE)
         row_threads.get_num_threads = lambda: 8
-        return apart(marched(DISK, *OFF_CENTRE).state.u, one.state.u)
+        return apart(stepped(DISK, *OFF_CENTRE).state.u, one.state.u)
     finally:
         row_threads.get_num_threads, row_threads.FEWEST = before, fewest
 
@@ -823,14 +822,14 @@ def threads(large: bool) -> float:
 @scene("momentum budget", "Taylor-Green vortex from disorder", "gain of the sum of velocities over that of speeds",
        5e-3)
 def momentum(large: bool) -> float:
-    run = marched(VORTEX, f"time.end={1 if large else 0.2}")
+    run = stepped(VORTEX, f"time.end={1 if large else 0.2}")
     gain = (run.state.u - run.start.u).sum(axis=0)
     return float(np.linalg.norm(gain) / np.linalg.norm(run.start.u, axis=1).sum())
 
 
 @scene("energy budget", "the same", "energy lost over the exact 16 pi2 nu E dt, less one", 0.05)
 def energy(large: bool) -> float:
-    run = marched(VORTEX, f"particles.spacing={0.025 if large else 0.05}", "time.end=0.2")
+    run = stepped(VORTEX, f"particles.spacing={0.025 if large else 0.05}", "time.end=0.2")
     lost = np.log(run.loop.stepper.bounds.speed(run.state.u, 1.0) / run.loop.stepper.bounds.start)
     return abs(float(lost / (-8 * np.pi**2 * 0.01 * 0.2)) - 1)
 
@@ -841,7 +840,7 @@ def energy(large: bool) -> float:
 @scene("momentum budget", "a square drop that becomes round", "gain of momentum over tension, length of the interface "
        "and time", 0.03)
 def momentum_of_two(large: bool) -> float:
-    run = marched(DROP, "geometry.shapes.0={box: {lower: [0.33, 0.27], upper: [0.73, 0.67]}, is: oil}",
+    run = stepped(DROP, "geometry.shapes.0={box: {lower: [0.33, 0.27], upper: [0.73, 0.67]}, is: oil}",
                   "particles.jitter=0.1", "fluids.oil.density=3", f"time.max_steps={300 if large else 40}")
     density = run.stepper.fluids.reference * np.broadcast_to(run.config.terms.density, len(run.state.u))
     gain = run.site_volume * (density[:, None] * run.state.u).sum(axis=0)
@@ -851,7 +850,7 @@ def momentum_of_two(large: bool) -> float:
 @scene("a long run", "sphere array, 5000 steps (150 in the tests)", "drift of the mean velocity between the second and "
        "the last quarter", 0.01)
 def long_run(large: bool) -> float:
-    run = marched(SPHERES, f"time.max_steps={5000 if large else 150}")
+    run = stepped(SPHERES, f"time.max_steps={5000 if large else 150}")
     mean = np.array([row["mean_velocity_x"] for row in run.rows])
     quarter = len(mean) // 4
     return abs(float(mean[-quarter:].mean() / mean[quarter : 2 * quarter].mean()) - 1)

@@ -5,6 +5,7 @@ import pytest
 
 from isphcli.case.load import read_case
 from isphcli.case.yaml import CaseError
+from isphcli.flow.state import Handover
 from isphcli.output.clock import Clock
 from isphcli.output.lines import scene_lines
 from isphcli.preflight.check import check
@@ -174,7 +175,7 @@ def test_plates_resist_as_rock_does(flow):
         state, stepper, _ = prepare(case, geometry, Clock())
         config = stepper.configure(state.x)
         for _ in range(40):  # its slowest mode decays by 0.3 (1 / k + pi^2), 1 / 33 s
-            step = stepper.advance(state, config, 0.02)
+            step = stepper.advance(state, Handover(config), 0.02)
             state, config = step.state, step.config
         found, y = state.u[:, 0], state.x[:, 1]
     assert np.linalg.norm(found - brinkman(y, k)) < 6e-3 * np.linalg.norm(brinkman(y, k))

@@ -14,10 +14,10 @@ def run(text, measured=None):
     case = read_case(text.encode(), "case.yaml")
     geometry = build_geometry(case)
     state, stepper, particles = prepare(case, geometry, Clock())
-    march = TimeLoop(case, stepper, particles.site_volume, float(np.prod(geometry.upper - geometry.lower)))
-    if measured is not None:
-        march.measure = lambda state, _: measured(geometry, state)
+    measure = (lambda state, _: measured(geometry, state)) if measured is not None else lambda *_: {}
+    box = float(np.prod(geometry.upper - geometry.lower))
+    loop = TimeLoop(case, stepper, particles.site_volume, box, measure)
     rows = []
     nothing = lambda *_: None  # noqa: E731
-    state, config = march.run(state, stepper.configure(state.x, phi=state.phi), nothing, rows.append, nothing)
+    state, config = loop.run(state, stepper.ready(state), nothing, rows.append, nothing)
     return state, config, stepper, rows

@@ -8,7 +8,7 @@ import pytest
 
 from isphcli.flow import step as step_module
 from isphcli.flow.attempt import attempt
-from isphcli.flow.state import Once
+from isphcli.flow.state import Handover
 from isphcli.flow.step_limits import RunError
 from isphcli.solvers import engine
 from isphcli.solvers.krylov import SolveError
@@ -21,8 +21,8 @@ def tries(monkeypatch, stepper, failing):
 
     def gmres(apply, rhs, precondition, limits, guess):
         seen.append((limits.restart, len(built)))
-        solution, report = real(apply, rhs, precondition, limits, guess)
-        return solution, replace(report, reason="out of iterations") if len(seen) <= failing else report
+        solution, convergence = real(apply, rhs, precondition, limits, guess)
+        return solution, replace(convergence, reason="out of iterations") if len(seen) <= failing else convergence
 
     monkeypatch.setattr(engine, "gmres", gmres)
     monkeypatch.setattr(engine, "hierarchy", lambda matrix: built.append(1) or build(matrix))
@@ -37,22 +37,22 @@ def guessed(terms, nu_max, spacing, rate, right, guess, solvers):
 def test_the_order_of_tries(monkeypatch):
     """A pressure solve that misses its tolerance: the kept hierarchy, a new one, more of a new one, half the step."""
     stepper, state, config = scene(VORTEX + "solver: {restart: 40}\n")
-    found = attempt(stepper, state, config, 1e-3)
+    found = attempt(stepper, state, Handover(config), 1e-3)
     state, config = found.state, found.config
     assert set(stepper.solvers._levels) == {"pressure"}
     monkeypatch.setattr(step_module, "viscous_solve", guessed)  # leave only the pressure solves
     seen = tries(monkeypatch, stepper, 0)
-    attempt(stepper, state, config, 1e-3)
+    attempt(stepper, state, Handover(config), 1e-3)
     assert seen == [(40, 0)]
     for failing, expected, length in ((1, [(40, 0), (40, 1)], 1e-3),
                                       (2, [(40, 0), (40, 1), (80, 2)], 1e-3),
                                       (3, [(40, 0), (40, 1), (80, 2), (40, 3)], 0.5e-3)):
         monkeypatch.undo()
         stepper.solvers.drop()
-        stepper.advance(state, config, 1e-3)
+        stepper.advance(state, Handover(config), 1e-3)
         monkeypatch.setattr(step_module, "viscous_solve", guessed)
         seen = tries(monkeypatch, stepper, failing)
-        assert attempt(stepper, state, config, 1e-3).dt == length
+        assert attempt(stepper, state, Handover(config), 1e-3).dt == length
         assert seen == expected
 
 
@@ -61,7 +61,7 @@ def test_a_step_holds_one_configuration(monkeypatch):
     step is what it would have been."""
     stepper, state, config = scene(VORTEX)
     monkeypatch.setattr(step_module, "viscous_solve", guessed)  # leave only the pressure solves
-    expected, configure, made, alive = attempt(stepper, state, config, 0.5e-3), stepper.configure, [], []
+    expected, configure, made, alive = attempt(stepper, state, Handover(config), 0.5e-3), stepper.configure, [], []
 
     def watched(*arguments):
         alive.append([known() is not None for known in made])
@@ -69,7 +69,7 @@ def test_a_step_holds_one_configuration(monkeypatch):
         return found
 
     monkeypatch.setattr(stepper, "configure", watched)
-    ready = Once(watched(state.x))
+    ready = Handover(watched(state.x))
     stepper.solvers.drop()
     tries(monkeypatch, stepper, 2)
     found = attempt(stepper, state, ready, 1e-3)
@@ -80,7 +80,7 @@ def test_a_step_holds_one_configuration(monkeypatch):
 def test_a_system_solved_with_its_diagonal_gets_a_hierarchy(monkeypatch):
     stepper, state, config = scene(VORTEX)
     seen = tries(monkeypatch, stepper, 1)
-    stepper.advance(state, config, 1e-4)
+    stepper.advance(state, Handover(config), 1e-4)
     assert seen[:2] == [(100, 0), (100, 1)] and "velocity" in stepper.solvers
 
 
@@ -88,11 +88,11 @@ def test_a_solve_that_cannot_be_cured_names_its_system(monkeypatch):
     stepper, state, config = scene(VORTEX)
     tries(monkeypatch, stepper, 10**9)
     with pytest.raises(RunError, match=r"step 1 at time 0: the velocity system.*residual.*4 halvings.*") as caught:
-        attempt(stepper, state, config, 1e-3)
+        attempt(stepper, state, Handover(config), 1e-3)
     assert isinstance(caught.value.__cause__, SolveError) and caught.value.violation.shape == (100,)
 
 
 def test_a_step_without_length_ends_the_run():
     stepper, state, config = scene(VORTEX)
     with pytest.raises(RunError, match="lost in the digits of the time"):
-        attempt(stepper, replace(state, time=1.0), config, 1e-17)
+        attempt(stepper, replace(state, time=1.0), Handover(config), 1e-17)

@@ -5,6 +5,7 @@ import pytest
 
 from isphcli.case import force_list as listed
 from isphcli.flow.forces import Force, acceleration_of, largest_of, resistance_of
+from isphcli.flow.state import Handover
 from tests.flow.steps import scene
 
 X = np.array([[0.0, 0.0], [1.0, 2.0], [3.0, 1.0]])
@@ -39,7 +40,7 @@ def test_an_acceleration_of_the_list_makes_the_flow_of_a_body_force(density, mon
     but for what the gradient of its potential makes beside walls."""
     def first_step(drive):
         stepper, state, config = scene(CHANNEL % (density, drive))
-        return stepper, stepper.advance(state, config, 0.01)
+        return stepper, stepper.advance(state, Handover(config), 0.01)
 
     _, wanted = first_step("drive: {body_force: [0.7, 0]}")
     constant = Force("constant", "", lambda x: np.array([0.7, 0.0]), 0.7)

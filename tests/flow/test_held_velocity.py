@@ -161,6 +161,7 @@ def test_what_cannot_be_held_is_refused(drive, message):
         read_case(slit(1).replace("time:", "flow: stokes\n#").encode(), "case.yaml")
 
 
+@pytest.mark.slow
 def test_a_slug_of_thin_fluid_goes_through_a_tube_as_a_plug():
     """Between two plates, whose drag is ten times larger in the water, with side walls that slip: the exact answer is
     one velocity everywhere. With the odd-even part of the pressure among what eq. 3 solves for, particles beside the

@@ -1,6 +1,7 @@
 """Flow of particles of two spacings: exact between plates, wherever the spacings meet."""
 
 import numpy as np
+import pytest
 from scipy.sparse.csgraph import connected_components
 
 from isphcli.case.load import read_case
@@ -14,6 +15,7 @@ from isphcli.solvers.krylov import Limits
 from tests.operators.test_mixed_weights import between_plates
 
 
+@pytest.mark.slow
 def test_plane_poiseuille_flow_is_exact():
     """A quadratic velocity and its pressure solve the discrete equations: what is left is the tolerance."""
     ops, faces, particles = between_plates(8)

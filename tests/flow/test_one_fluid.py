@@ -24,7 +24,8 @@ time: {end: 1}
 def test_without_walls_the_force_is_one_vector():
     stepper, _, config = scene(OPEN)
     assert np.array_equal(config.terms.force, [3, -1])
-    assert config.terms.viscous.factor == 0.3 and config.terms.bulk == 0.3 and config.terms.along is None
+    terms = config.terms
+    assert terms.viscous.factor == 0.3 and terms.rotational_viscosity == 0.3 and terms.along is None
     assert stepper.fluids.reference == 2 and stepper.fluids.nu_max == stepper.fluids.nu_min == 0.3
 
 

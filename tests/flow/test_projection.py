@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from isphcli.case.load import read_case
+from isphcli.flow.state import Handover
 from isphcli.output.clock import Clock
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
@@ -13,7 +14,7 @@ from isphcli.scene.prepare import prepare
 
 def advance(stepper, state, config, dt):
     """(state, configuration) after one step."""
-    found = stepper.advance(state, config, dt)
+    found = stepper.advance(state, Handover(config), dt)
     return found.state, found.config
 
 

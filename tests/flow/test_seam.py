@@ -6,7 +6,7 @@ import pytest
 from isphcli.flow.seam import Seam
 from isphcli.flow.state import phase_of
 from tests.flow.runs import run
-from tests.two_phase.scenes import march, scene
+from tests.two_phase.scenes import run_loop, scene
 
 BEHIND = np.array([[-0.9, 0.5], [-1.0, 0.5], [2.75, 0.5], [1.0, 0.1], [-0.2, 0.9]])  # of a box from -1 to 3
 
@@ -37,6 +37,7 @@ time: {end: 3.0, step: 0.05}
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held, gas", [(0.25, 1.25), (-0.25, 0.25)])
 def test_a_piston_fills_the_sample_with_the_fluid_of_the_end_that_it_comes_from(held, gas):
     """0.75 of a sample of length 1 by gas from the inlet, a reservoir of 0.5 that is filled up over the seam; pushed
@@ -49,6 +50,7 @@ def test_a_piston_fills_the_sample_with_the_fluid_of_the_end_that_it_comes_from(
     assert state.u[:, 0] == pytest.approx(held, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_what_comes_over_the_seam_is_what_flows():
     """Not what rows of particles bring, half of a row more or less here: the volume of the gas is that of a quarter of
     the box and of what has flowed, to 1 % of that (0.7 measured, how exactly rows of particles sum up to a flux), and
@@ -68,7 +70,7 @@ def test_what_is_asked_of_a_pump_is_what_enters():
     text = text.replace("shifting: 0", "jitter: 0.2").replace("end: 3.0", "end: 0.5")
     text = text.replace('["0.25", "0"]', '["0", "0"]')
     case, geometry, state, stepper, particles = scene(text)
-    end = march(case, geometry, state, stepper, particles)
+    end = run_loop(case, geometry, state, stepper, particles)
     first, last = (now.volume[phase_of(now.phi) == 1].sum() for now in (state, end))
     assert stepper.seam.area == pytest.approx(0.5)
     assert last - first == pytest.approx(0.5 * 0.25 * end.time, rel=3e-3)

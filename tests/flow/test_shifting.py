@@ -10,7 +10,7 @@ from isphcli.geometry.faces import Walls
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.operators.moments import particle_volumes
 from tests.operators.clouds import build, inside, jittered, quadratic
-from tests.operators.walls import Scene
+from tests.operators.walls import Walled
 
 RATIO = 2.5  # support over spacing
 
@@ -99,7 +99,7 @@ def test_beside_walls_quadratic_velocities_are_carried_exactly(dim):
     n, lid = 8, 2.0
     geometry = ShapeGeometry(np.zeros(dim), np.ones(dim), [axis != 1 for axis in range(dim)],
                              walls=Walls(face_velocity={(1, 1): [lid, *[0.0] * (dim - 1)]}))
-    scene = Scene(geometry, 1 / n, RATIO, order=2, jitter=0.1)
+    scene = Walled(geometry, 1 / n, RATIO, order=2, jitter=0.1)
     walls = scene.ops.walls
 
     def flow(y):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from isphcli.flow.step_lengths import FIRST, GROWTH, GROWTH_AT_WALLS, StepLengths, next_due, shortest
+from isphcli.flow.step_lengths import FIRST, GROWTH_AT_WALLS, STEP_GROWTH, StepLengths, next_due, shortest
 
 
 def lengths(**given):
@@ -22,7 +22,7 @@ def test_the_decay_counts_in_a_run_to_a_steady_state_only_where_nothing_moves():
 
 def test_a_drive_is_followed_within_the_other_limits():
     found = lengths(capillary=0.3).limits(1.0, 0.0, 1.0, follow=lambda dt: 0.5 * dt)
-    assert found == {"cfl": 0.02, "viscous": 0.5, "drive": 0.01, "capillary": 0.3, "start": GROWTH}
+    assert found == {"cfl": 0.02, "viscous": 0.5, "drive": 0.01, "capillary": 0.3, "start": STEP_GROWTH}
 
 
 def test_the_first_step_is_a_part_of_the_limits_and_the_others_grow():

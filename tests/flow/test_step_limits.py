@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from isphcli.flow.state import Handover
 from isphcli.flow.step_limits import Bounds, StepError
 from tests.flow.steps import VORTEX, scene
 
@@ -13,7 +14,7 @@ from tests.flow.steps import VORTEX, scene
 def step():
     """A good step: (bounds, state before it, its result)."""
     stepper, state, config = scene(VORTEX)
-    return stepper.bounds, state, stepper.advance(state, config, 0.01)
+    return stepper.bounds, state, stepper.advance(state, Handover(config), 0.01)
 
 
 def test_a_good_step_keeps_all_limits(step):
@@ -73,7 +74,7 @@ def test_divergence_and_volumes_are_bounded(step):
 
 def test_particles_in_a_wall_are_found():
     stepper, state, config = scene(VORTEX.replace("periodic: [x, y]", "periodic: [x]"))
-    found = stepper.advance(state, config, 1e-4)
+    found = stepper.advance(state, Handover(config), 1e-4)
     found.state.x[5, 1] = -0.01
     with pytest.raises(StepError, match="1 particles are in a wall"):
         stepper.bounds.check(state, found)

@@ -136,6 +136,7 @@ flow: stokes
     assert flow.convergence.iterations < 40
 
 
+@pytest.mark.slow
 def test_permeability_of_a_random_pack_of_beads_converges():
     """31 beads of the pack of the paper, periodic, at 6, 8 and 10 spacings a bead: k 2.248, 2.246, 2.254e-3 bead^2
     (12 and 16: 2.259, 2.263), flux between layers within 2.4, 1.6 and 0.9 %, 22 to 25 iterations. With the balance of

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from isphcli.flow.state import Handover
 from isphcli.flow.step_limits import StepError
 from isphcli.flow.timed_drive import DEVIATION, SHORTEST, TimedDrive
 from isphcli.references.plates import oscillating_wall
@@ -103,7 +104,7 @@ def test_fluid_that_falls_to_and_fro(given):
 def test_without_the_largest_force_so_far_the_guard_would_stop_it():
     """By the force of the start, zero, fluid at rest may not move at all."""
     stepper, state, config = scene(FALL.replace("DRIVE", 'body_force: ["sin(5*t)", 0]'))
-    found = stepper.advance(state, config, 0.01)
+    found = stepper.advance(state, Handover(config), 0.01)
     stepper.bounds.check(state, found)
     with pytest.raises(StepError, match="mean speed"):
         replace(stepper.bounds, largest_force=None).check(state, found)

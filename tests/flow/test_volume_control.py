@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from isphcli.case.load import read_case
+from isphcli.flow.state import Handover
 from isphcli.output.clock import Clock
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
@@ -73,11 +74,11 @@ def test_fluid_returns_to_its_volume(periodic, solid):
         judge = scene(periodic, 20, solid)[1].volume
         inside = stepper.geometry.phase(squeezed(state.x, 0.03)) >= 0
         state = replace(state, x=np.where(inside[:, None], squeezed(state.x, 0.03), state.x))
-        config = stepper.configure(state.x, phi=state.phi)
+        ready = stepper.ready(state)
         before = judge.expansion(state.x, 1.0)[1]
         for _ in range(30):
-            found = stepper.advance(state, config, 1e-3)
-            state, config = found.state, found.config
+            found = stepper.advance(state, ready, 1e-3)
+            state, ready = found.state, Handover(found.config)
         left[steps] = judge.expansion(state.x, 1.0)[1] / before
         assert (stepper.geometry.phase(state.x) >= 0).all()
     assert left[0] == pytest.approx(1.0, abs=0.1) and 0.15 < left[20] < 0.5

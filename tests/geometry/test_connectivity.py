@@ -92,6 +92,7 @@ def test_wrong_number_of_axes():
         connectivity_of(np.ones((3, 3)), (True,) * 3)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.lists(st.booleans(), min_size=2, max_size=2), st.floats(0.4, 0.8))
 def test_percolation_agrees_with_a_walk_on_the_unrolled_lattice(seed, periodic, porosity):

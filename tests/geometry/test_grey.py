@@ -55,6 +55,7 @@ def test_fluids_by_ranges_of_grey_values():
         labels_of_grey(values, 30, "above", {"gas": (0, 2), "water": (2, 30)}, ("water", "gas"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blur", [0.0, 0.5, 0.8])
 def test_the_blur_of_an_image_of_two_values_is_estimated(blur):
     """0.2 voxels: walls are curved and lie near each other, the slopes of grey values are coarse."""

@@ -5,7 +5,7 @@ import pytest
 
 from isphcli.domain.components import pair_components
 from isphcli.geometry.bodies import Box, Shape
-from tests.operators.walls import SUPPORTS, Scene, along_x, channel
+from tests.operators.walls import SUPPORTS, Walled, along_x, channel
 
 
 @pytest.mark.parametrize("ratio", SUPPORTS)
@@ -13,7 +13,7 @@ def test_thin_wall_blocks_pairs(ratio):
     """A plate a tenth of a spacing thick: no pair across it, parabolas on both sides exact."""
     dx = 1 / 16
     lower, upper = 0.5 + 0.1 * dx, 0.5 + 0.2 * dx
-    s = Scene(channel(2, 1.0, shapes=[Shape(Box([0.0, lower], [1.0, upper]))]), dx, ratio)
+    s = Walled(channel(2, 1.0, shapes=[Shape(Box([0.0, lower], [1.0, upper]))]), dx, ratio)
     assert s.n == 256  # no lattice site inside the plate
     i = np.repeat(np.arange(s.n), np.diff(s.ops.start))
     y, above = s.x[:, 1], s.x[:, 1] > 0.5

@@ -5,6 +5,7 @@ import pytest
 
 from isphcli.case.load import load_case, read_case
 from isphcli.domain.components import pair_components
+from isphcli.flow.state import Handover
 from isphcli.flow.step_limits import VOLUME
 from isphcli.geometry.iso_surface import ImageField, IsoSurfaceGeometry
 from isphcli.operators.moments import extremes_2d, extremes_3d
@@ -41,7 +42,7 @@ def test_beads_that_touch_let_the_pressure_be_solved():
     state, stepper, _ = prepare(case, build_geometry(case), Clock())
     config = stepper.configure(state.x, phi=state.phi)
     for _ in range(4):
-        found = stepper.advance(state, config, 1.4e-4)
+        found = stepper.advance(state, Handover(config), 1.4e-4)
         state, config = found.state, found.config
         assert found.solves["pressure"].iterations < 40
         assert np.linalg.norm(state.u, axis=1).max() < 10 * 1.06 * state.time
@@ -67,7 +68,7 @@ def test_moving_particles_between_beads_that_touch(pack):
     config, speeds = stepper.configure(state.x, phi=state.phi), []
     for _ in range(45):
         dt = min(limits(state).values())
-        found = stepper.advance(state, config, dt)
+        found = stepper.advance(state, Handover(config), dt)
         stepper.bounds.check(state, found)
         state, config = found.state, found.config
         speeds.append(stepper.bounds.speed(state.u, 1.0))
@@ -133,7 +134,7 @@ def test_a_particle_that_sees_nobody_rests(support, neighbours):
     assert len(alone) == 1 and np.diff(config.neighbours.start)[alone] == neighbours
     assert config.ops.walls.isolated.sum() == 1 and (config.ops.volume[alone] > VOLUME[1]) == (neighbours > 0)
     for _ in range(3):
-        found = stepper.advance(state, config, 0.1)
+        found = stepper.advance(state, Handover(config), 0.1)
         stepper.bounds.check(state, found)
         state, config = found.state, found.config
     assert not state.u[alone].any() and state.u[:, 2].max() > 0.0

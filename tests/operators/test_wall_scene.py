@@ -83,8 +83,8 @@ def test_particles_are_kept_off_the_walls(geometry):
     # one that starts nearer than it may does not approach; normals are differences over 1e-4 of the support or so
     least = np.minimum(geometry.distance(x), nearest)
     assert kept[pushed] == pytest.approx(least[pushed], abs=1e-6 * SPACING)
-    push = (dr - shift)[pushed]
-    assert np.linalg.norm(push, axis=1) == pytest.approx((least - ahead)[pushed], abs=1e-6 * SPACING)
+    added = (dr - shift)[pushed]
+    assert np.linalg.norm(added, axis=1) == pytest.approx((least - ahead)[pushed], abs=1e-6 * SPACING)
 
 
 def test_each_particle_has_its_own_distance():

@@ -12,7 +12,7 @@ from isphcli.operators.crossings import MEETS_WALL, WallStencils, WallTable, cro
 from isphcli.operators.kernel import KERNELS
 from isphcli.operators.pair_weights import build_operators
 from isphcli.operators.wall_weights import build_wall_operators
-from tests.operators.walls import SUPPORTS, Scene, along_x, channel
+from tests.operators.walls import SUPPORTS, Walled, along_x, channel
 from tests.threads import on_threads
 
 
@@ -23,7 +23,7 @@ from tests.threads import on_threads
 def test_poiseuille_is_exact_at_any_wall_offset(dim, ratio, offset, order):
     """u = y (h - y): Laplacian -2, wherever the lattice lies, up to 1e-5 spacings from the wall."""
     h, dx = 1.0, 1 / 8
-    s = Scene(channel(dim, h), dx, ratio, order=order, offset=np.eye(dim)[1] * offset)
+    s = Walled(channel(dim, h), dx, ratio, order=order, offset=np.eye(dim)[1] * offset)
     assert s.n == 8**dim and s.ops.deficient == 0
     u = along_x(s.x[:, 1] * (h - s.x[:, 1]), dim)
     lap = s.lap(u)
@@ -39,7 +39,7 @@ def test_poiseuille_is_exact_at_any_wall_offset(dim, ratio, offset, order):
 def test_wall_off_the_lattice_spacing():
     """A channel 7.3 spacings wide."""
     for ratio in SUPPORTS:
-        s = Scene(channel(2, 7.3 / 8), 1 / 8, ratio)
+        s = Walled(channel(2, 7.3 / 8), 1 / 8, ratio)
         u = along_x(s.x[:, 1] * (7.3 / 8 - s.x[:, 1]), 2)
         assert np.abs(s.lap(u)[:, 0] + 2).max() < 1e-10
 
@@ -48,7 +48,7 @@ def test_wall_off_the_lattice_spacing():
 @pytest.mark.parametrize("jitter", [0.0, 0.1, 0.2])
 @pytest.mark.parametrize("kind", KERNELS.values(), ids=KERNELS)
 def test_jittered_channel_is_exact(dim, jitter, kind):
-    s = Scene(channel(dim, 1.0), 1 / 8, 2.5, kind=kind, order=2, jitter=jitter)
+    s = Walled(channel(dim, 1.0), 1 / 8, 2.5, kind=kind, order=2, jitter=jitter)
     u = along_x(s.x[:, 1] * (1 - s.x[:, 1]), dim)
     u[:, -1] += 3.0 * s.x[:, 1] * (s.x[:, 1] - 1)
     lap = s.lap(u)
@@ -74,7 +74,7 @@ def test_any_quadratic_with_its_wall_values(dim, ratio):
     particle sees, moving with the value of the quadratic where that pair crosses the wall."""
     dx = 1 / 6
     geometry = ShapeGeometry(np.zeros(dim), np.ones(dim), [False] * dim)
-    s = Scene(geometry, dx, ratio, jitter=0.1)
+    s = Walled(geometry, dx, ratio, jitter=0.1)
     f, df, lap_f = general_quadratic(dim)
     worst = 0.0
     for i in range(0, s.n, 5):
@@ -118,7 +118,7 @@ def test_any_quadratic_with_its_wall_values(dim, ratio):
 def test_slit_one_particle_wide_is_exact(dim, ratio, offset):
     """One row of particles between two walls: Poiseuille flow is exact, nothing falls back."""
     h = 0.9 / 8
-    s = Scene(channel(dim, h), 1 / 8, ratio, offset=np.eye(dim)[1] * (offset - 0.05))
+    s = Walled(channel(dim, h), 1 / 8, ratio, offset=np.eye(dim)[1] * (offset - 0.05))
     assert s.n == 8 ** (dim - 1) and s.ops.deficient == 0
     u = along_x(s.x[:, 1] * (h - s.x[:, 1]), dim)
     assert np.abs(s.lap(u)[:, 0] + 2).max() < 1e-10
@@ -130,9 +130,9 @@ def test_slit_one_particle_wide_is_exact(dim, ratio, offset):
 
 
 def test_particle_on_a_wall_is_finite():
-    """Nearer than the limit `NEAREST`: no longer exact, but finite, and the wall dominates the row."""
+    """Nearer than the limit `NEAREST_CROSSING`: no longer exact, but finite, and the wall dominates the row."""
     for gap in (1e-9, 1e-11):
-        s = Scene(channel(2, 1.0), 1 / 8, 2.1, offset=[0.0, 0.5 - gap])
+        s = Walled(channel(2, 1.0), 1 / 8, 2.1, offset=[0.0, 0.5 - gap])
         assert s.n == 64 and np.isfinite(s.ops.walls.lap).all() and np.isfinite(s.ops.lap).all()
         assert s.ops.walls.lap.max() > 10 * 64  # a wall at half a spacing gives about 4
 
@@ -142,12 +142,12 @@ def test_particle_on_a_wall_is_finite():
 def test_couette(dim, order):
     """The upper wall moves: the linear profile has no Laplacian and no divergence, off the lattice too."""
     h, velocity = 0.93, [0.7, 0.0, -0.2][:dim]
-    s = Scene(channel(dim, h, walls=Walls(face_velocity={(1, 1): velocity})), 1 / 8, 2.1, order=order, jitter=0.1)
+    s = Walled(channel(dim, h, walls=Walls(face_velocity={(1, 1): velocity})), 1 / 8, 2.1, order=order, jitter=0.1)
     u = s.x[:, 1:2] / h * velocity
     assert np.abs(s.lap(u)).max() < 1e-11 * 64 * max(1, s.ops.walls.lap.max() / 64)
     assert np.abs(s.div(u)).max() < 1e-11
     # walls that open: u_y = y / h has divergence 1 / h
-    s = Scene(
+    s = Walled(
         channel(dim, h, walls=Walls(face_velocity={(1, 1): [0.0, 1.0, 0.0][:dim]})), 1 / 8, 2.1, order=order, jitter=0.1
     )
     u = np.zeros((s.n, dim))
@@ -163,7 +163,7 @@ def test_slip_walls(dim):
     b, h = 0.2, 1.0
     rise = 1.0 / (h + b)
     geometry = channel(dim, h, walls=Walls(0.0, {(1, 1): [1.0, 0.0, 0.0][:dim]}, {(1, 0): b}))
-    s = Scene(geometry, 1 / 8, 2.1, offset=np.eye(dim)[1] * 0.2)
+    s = Walled(geometry, 1 / 8, 2.1, offset=np.eye(dim)[1] * 0.2)
     u = along_x(rise * (s.x[:, 1] + b), dim)
     assert np.abs(s.lap(u)).max() < 1e-10
     assert np.abs(s.div(u)).max() < 1e-11
@@ -172,7 +172,7 @@ def test_slip_walls(dim):
     u[:, 1] = s.x[:, 1]
     assert s.ops.walls.slip is not None and np.abs(s.ops.walls.slip[:, :, 1]).max() < 1e-9
     # both walls of a perfect slip channel leave a uniform flow alone
-    free = Scene(channel(dim, h, walls=Walls(1e12)), 1 / 8, 2.1)
+    free = Walled(channel(dim, h, walls=Walls(1e12)), 1 / 8, 2.1)
     assert np.abs(free.lap(along_x(np.ones(free.n), dim))).max() < 1e-8
 
 
@@ -180,7 +180,7 @@ def test_slip_walls(dim):
 @pytest.mark.parametrize("order", [1, 2])
 def test_flow_along_a_wall_that_slips_does_not_leak(dim, order):
     """A stagnation point flow on it, linear, has no divergence."""
-    s = Scene(channel(dim, 1.0, walls=Walls(1e12)), 1 / 12, 2.1, order=order, jitter=0.15, offset=np.eye(dim)[1] * 0.3)
+    s = Walled(channel(dim, 1.0, walls=Walls(1e12)), 1 / 12, 2.1, order=order, jitter=0.15, offset=np.eye(dim)[1] * 0.3)
     u = s.x * ([1.0, -1.0] if dim == 2 else [0.75, -1.0, 0.25])
     inside = (s.x[:, 1] < 0.6) & (np.abs(np.delete(s.x, 1, axis=1) - 0.5) < 0.3).all(axis=1)  # sees no period
     assert (inside & s.ops.walls.near_wall).sum() > 5
@@ -190,7 +190,7 @@ def test_flow_along_a_wall_that_slips_does_not_leak(dim, order):
 def test_no_wall_in_sight_is_the_scene_without_walls():
     """Far from walls the rows are those of `build_operators`; pressure and velocity weights agree there."""
     geometry = ShapeGeometry([0, 0], [1, 1], [True, True], shapes=[Shape(Disk([0.5, 0.5], 0.2))])
-    s = Scene(geometry, 1 / 24, 2.5, jitter=0.1, order=2)
+    s = Walled(geometry, 1 / 24, 2.5, jitter=0.1, order=2)
     plain = build_operators(s.neighbours, s.volume, 2)
     f = np.random.default_rng(0).normal(size=(s.n, 2))
     far = ~s.ops.walls.near_wall
@@ -211,7 +211,7 @@ def test_no_wall_in_sight_is_the_scene_without_walls():
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_pressure_is_exact_for_linear_functions_at_walls(dim):
-    s = Scene(channel(dim, 1.0), 1 / 8, 2.1, jitter=0.1)
+    s = Walled(channel(dim, 1.0), 1 / 8, 2.1, jitter=0.1)
     slope = np.arange(1.0, dim + 1)
     slope[0] = 0.0  # periodic
     slope[-1] *= dim == 2
@@ -223,7 +223,7 @@ def test_pressure_is_exact_for_linear_functions_at_walls(dim):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_symmetric_pressure_weights_are_conservative_on_a_lattice(dim):
     """Every particle of a lattice has the same full neighbourhood: the weights are mutual, fluxes cancel in pairs."""
-    s = Scene(channel(dim, 1.0), 1 / 8, 2.1)
+    s = Walled(channel(dim, 1.0), 1 / 8, 2.1)
     p = np.random.default_rng(0).normal(size=s.n)
     i = np.repeat(np.arange(s.n), np.diff(s.ops.start))
     assert abs((s.ops.walls.symmetric_laplacian * (p[s.ops.column] - p[i])).sum()) < 1e-9
@@ -239,7 +239,7 @@ def test_throats_and_corners_are_finite():
         shapes=[Shape(Spheres(rng.random((14, 3)), rng.uniform(0.12, 0.3, 14)))],
     )
     for order in (1, 2):
-        s = Scene(geometry, 1 / 14, 2.1, order=order)
+        s = Walled(geometry, 1 / 14, 2.1, order=order)
         w = s.ops.walls
         for a in (
             s.ops.lap,
@@ -260,7 +260,7 @@ def test_throats_and_corners_are_finite():
 def test_particle_alone_in_a_pore():
     """A pore of one particle: its walls are all its neighbours."""
     geometry = ShapeGeometry([0, 0], [1, 1], [False, False])
-    s = Scene(geometry, 1.0, 2.1)
+    s = Walled(geometry, 1.0, 2.1)
     assert s.n == 1 and s.ops.deficient == 0 and len(s.ops.column) == 0
     assert s.ops.walls.lap[0] > 0
     assert np.isfinite(s.ops.walls.lap).all() and np.isfinite(s.ops.walls.div).all()
@@ -272,7 +272,7 @@ def test_units_do_not_matter(dim, power):
     scale = 2.0**power
 
     def make(k):
-        return Scene(
+        return Walled(
             channel(
                 dim,
                 0.95 * k,
@@ -297,7 +297,7 @@ def test_bits_do_not_depend_on_the_threads(monkeypatch):
     geometry = ShapeGeometry([0, 0], [1, 1], [True, True], shapes=[Shape(Disk([0.5, 0.5], 0.2))])
 
     def results():
-        ops = Scene(geometry, 1 / 24, 2.1).ops
+        ops = Walled(geometry, 1 / 24, 2.1).ops
         return ops.lap, ops.grad, ops.lap_p, ops.grad_p, ops.walls.lap, ops.walls.div
 
     first, *others = on_threads(monkeypatch, results)
@@ -310,7 +310,7 @@ def test_gradient_of_a_field_that_is_zero_on_the_walls():
     errors = {1: [], 2: []}
     for n in (8, 16):
         for order in errors:
-            s = Scene(channel(2, 1.0), 1 / n, 2.1, order=order, offset=[0.0, 0.2])
+            s = Walled(channel(2, 1.0), 1 / n, 2.1, order=order, offset=[0.0, 0.2])
             y = s.x[:, 1]
             # walls at rest: their part of the gradient is -div_k u_c
             grad = gradient(s.ops, along_x(y * (1 - y), 2))[:, 0] - s.ops.walls.div * (y * (1 - y))[:, None]
@@ -331,7 +331,7 @@ def test_walls_that_turn_together_carry_a_rigid_body(axis):
     lower, upper = middle - 2.0, middle + 2.0
     if axis is not None:
         lower[axis], upper[axis] = 0.0, 0.6
-    scene = Scene(ShapeGeometry(lower, upper, [True] * dim, shapes=shapes), 0.15, jitter=0.1)
+    scene = Walled(ShapeGeometry(lower, upper, [True] * dim, shapes=shapes), 0.15, jitter=0.1)
     spin = np.cross(np.eye(3)[2 if axis is None else axis], np.pad(scene.x - middle, ((0, 0), (0, 3 - dim))))
     u = omega * spin[:, :dim]
     assert np.abs(scene.lap(u)).max() < 1e-9 * omega / 0.15 and np.abs(scene.div(u)).max() < 1e-9 * omega

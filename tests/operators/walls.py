@@ -14,7 +14,7 @@ from isphcli.scene.place import place
 SUPPORTS = [2.1, 2.5, 3.0]
 
 
-class Scene:
+class Walled:
     """Particles of a geometry on a lattice, the table of positions, and operators with walls."""
 
     def __init__(self, geometry, spacing, ratio=2.1, kind=0, order=1, jitter=0.0, offset=None, lattice=None):

@@ -181,6 +181,7 @@ def test_what_is_written_is_read_back_with_its_voxel_size(tmp_path, suffix, dtyp
     assert image.spacing == (None if suffix in ("npy", "raw") else pytest.approx(spacing, rel=1e-6))
 
 
+@pytest.mark.slow
 def test_the_picture_is_refused_and_replaced_as_the_image_is(tmp_path):
     np.save(tmp_path / "a.npy", BLOCK)
     (tmp_path / "b_slices.png").write_text("mine")
@@ -199,6 +200,7 @@ def test_an_image_without_a_solid_voxel_is_warned_of(tmp_path):
     assert convert(tmp_path / "a.npy", tmp_path / "c.npy", Conversion(solid=255))["warnings"] == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix, options", [
     (".raw", {"threshold": 120.0}), (".npz", {"threshold": (80.0, 160.0), "invert": True}),
     (".mhd", {"threshold": 120.0, "downsample": 2}), (".mha", {"labels": {3: 1, 200: 7}, "solid": (1, 7)}),

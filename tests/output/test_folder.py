@@ -64,6 +64,7 @@ def refused(done, *words):
 # -- runs ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", [STEADY, MOVING], ids=["steady", "moving"])
 def test_results_are_refused_unless_they_shall_be_overwritten(here, text):
     """And then the files of others stay: those of the names that isph had taken for its own, too."""
@@ -95,6 +96,7 @@ def test_two_cases_of_one_name(here):
                                                    f"{here / 'b/case.yaml'}")
 
 
+@pytest.mark.slow
 def test_a_run_into_the_folder_of_its_case(here):
     """The case of the user is not replaced by the copy that a run leaves; a case of another name is no hindrance."""
     (here / "case.yaml").write_text(STEADY)
@@ -120,6 +122,7 @@ def test_a_file_of_others_in_the_way(here, name, monkeypatch):
     assert contents(here) == {"case.yaml": STEADY.encode(), f"out/case/{name}": path.read_bytes()}
 
 
+@pytest.mark.slow
 def test_all_files_of_a_run_are_announced(here):
     """`run._files` names all that a run writes: what is not there is found only when the run has been computed."""
     from isphcli.case.load import load_case
@@ -188,6 +191,7 @@ def test_a_folder_that_was_copied_without_its_manifest(here):
     assert isph(*words, "--out", "longer").exit_code == 0
 
 
+@pytest.mark.slow
 def test_the_copy_of_a_case_that_is_run_is_never_away(here, monkeypatch):
     """`isph run out/case/case.yaml --overwrite`: the run is killed as soon as the old results are removed."""
     (here / "case.yaml").write_text(STEADY)
@@ -254,6 +258,7 @@ def test_a_second_run_in_a_folder_is_refused(here, holder):
     assert not (here / "out/case" / folder.LOCK).exists()
 
 
+@pytest.mark.slow
 def test_one_of_many_gets_the_lock(here):
     """Eight processes at once, again and again: never two in the folder at a time, and none is refused for good."""
     code = ("import os, time\nfrom isphcli.output.folder import Folder, FolderError\nwon = 0\n"

@@ -16,6 +16,7 @@ def shares(path):
     return float((pixels == wanted).all(axis=-1).mean())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(6, 8, 10), (8, 10)])
 @pytest.mark.parametrize("spacing", [None, 2e-6])
 def test_solids_are_drawn_in_their_colour(tmp_path, shape, spacing):

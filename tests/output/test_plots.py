@@ -96,6 +96,7 @@ def history(n=40):
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_histories(tmp_path):
     plots.plot_histories(tmp_path / "h.png", history(), "title")
     assert image(tmp_path / "h.png").shape[0] > 500
@@ -122,6 +123,7 @@ def test_permeability_in_both_units():
     assert "(12 mD)" in plots._permeability(0.012 * plots.DARCY)
 
 
+@pytest.mark.slow
 def test_pyplot_stays_out_and_matplotlib_comes_late():
     code = (
         "import sys, numpy as np, isphcli.output.plots as p; assert 'matplotlib' not in sys.modules; "

@@ -13,7 +13,7 @@ class Terminal(io.StringIO):
         return True
 
 
-def march(stream, **options):
+def run_shown(stream, **options):
     with Progress(total_time=1.0, stream=stream, **options) as progress:
         for step in range(1, 5):
             progress.update(
@@ -30,12 +30,12 @@ def march(stream, **options):
 
 def test_plain_lines_are_few():
     stream = io.StringIO()
-    march(stream)
+    run_shown(stream)
     (line,) = stream.getvalue().splitlines()
     assert line.startswith("100 %  step 4  t 1  dt 0.25 (cfl)  iterations poisson 13  divergence 1.0e-07")
-    march(stream := io.StringIO(), interval=0.0)
+    run_shown(stream := io.StringIO(), interval=0.0)
     assert len(stream.getvalue().splitlines()) == 4
-    march(stream := io.StringIO(), quiet=True)
+    run_shown(stream := io.StringIO(), quiet=True)
     assert stream.getvalue() == ""
 
 
@@ -50,7 +50,7 @@ def test_what_is_done_is_the_larger_part_of_time_and_steps():
 def test_terminal_shows_bar_and_detail(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "120")
-    march(stream := Terminal())
+    run_shown(stream := Terminal())
     assert "step 4" in stream.getvalue() and "poisson 13" in stream.getvalue()
 
 

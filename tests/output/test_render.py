@@ -61,6 +61,7 @@ def test_the_fluid_inside_the_other_one_is_drawn(geometry, particles, inside):
     assert scene.phase[0, 0, 0] < 0.1 < 0.9 < scene.phase[N, N, 5]  # a corner of the box, beside the solid
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [render.FLOW, render.SHEAR, render.FLUIDS])
 def test_pictures_show_what_they_did_when_they_were_looked_at(drawn, name):
     """Other drivers and versions smooth edges and shade otherwise (VTK 9.4 and 9.7 keep within); what is missing, moved
@@ -74,6 +75,7 @@ def test_pictures_show_what_they_did_when_they_were_looked_at(drawn, name):
     assert mean < 0.05 and largest < 0.15
 
 
+@pytest.mark.slow
 def test_the_hash_tells_pictures_apart(drawn):
     known = {name: digits(image) for name, image in drawn.items()}
     for name, image in drawn.items():
@@ -92,6 +94,7 @@ def test_wall_distance_is_exact_beside_walls(geometry, particles):
     assert (scene.phase >= 0).all() and (scene.phase <= 1).all()
 
 
+@pytest.mark.slow
 def test_framed_pictures_are_whole_files(tmp_path, geometry, particles):
     pytest.importorskip("pyvista")
     from matplotlib.image import imread
@@ -103,6 +106,7 @@ def test_framed_pictures_are_whole_files(tmp_path, geometry, particles):
     assert [path.name for path in tmp_path.iterdir()] == ["flow.png"]
 
 
+@pytest.mark.slow
 def test_without_pyvista_a_sentence_says_so(tmp_path, geometry, particles, monkeypatch):
     """A Python that cannot import it: what is raised is its last line, and no file is left."""
     (tmp_path / "pyvista.py").write_text("raise ImportError('no such library here')\n")

@@ -133,7 +133,7 @@ def test_two_fluids_go_on_with_the_same_bits(tmp_path):
     case = load(tmp_path, DROP, "a")
     geometry = build_geometry(case)
 
-    def march(saved, steps):
+    def loop(saved, steps):
         state, stepper, particles = prepare(case, geometry, Clock())
         if saved is not None:
             restart.save(tmp_path / "r.npz", saved)
@@ -143,10 +143,10 @@ def test_two_fluids_go_on_with_the_same_bits(tmp_path):
         limited = replace(case, time=replace(case.time, max_steps=steps))
         found = TimeLoop(limited, stepper, particles.site_volume, 1.0)
         nothing = lambda *_: None  # noqa: E731
-        found.run(state, stepper.configure(state.x, phi=state.phi), nothing, nothing, nothing)
+        found.run(state, stepper.ready(state), nothing, nothing, nothing)
         return found.last
 
-    whole, parts = march(None, 14), march(march(march(None, 3), 8), 14)
+    whole, parts = loop(None, 14), loop(loop(loop(None, 3), 8), 14)
     assert whole.state.step == parts.state.step == 14 and whole.origins.keys() == parts.origins.keys() != set()
     for name in ("x", "u", "u_old", "p", "time", "dt_old"):
         assert np.array_equal(getattr(whole.state, name), getattr(parts.state, name)), name
@@ -324,6 +324,7 @@ def test_a_file_holds_all_of_a_run(tmp_path):
     assert found.origins["velocity"][0] is state
 
 
+@pytest.mark.slow
 def test_every_damaged_bit_is_found(tmp_path):
     """A bit turned over anywhere: refused, or in a byte that means nothing (the zip's own times and attributes)."""
     was, path = saved(4), tmp_path / "r.npz"
@@ -391,6 +392,7 @@ def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
     assert left_by(tmp_path / "a") == left_by(tmp_path / "b")
 
 
+@pytest.mark.slow
 def test_files_that_may_not_grow(tmp_path):
     """Any write past 20 kB fails, in whatever file: exit code 3, no traceback, no unfinished file."""
     (tmp_path / "case.yaml").write_text(VORTEX.replace("every: 0.03", "every: 0.01, restart_every: 3"))

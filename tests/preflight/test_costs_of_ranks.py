@@ -19,35 +19,37 @@ def test_two_processes_of_a_box_full_of_fluid():
 
 
 def test_one_process_has_no_remote_particles_and_the_time_of_one():
-    report = check(read(SPHERE), ranks=1)
-    assert report.ranks.remote == 0.0 and report.ranks.seconds == report.seconds and report.can_run
+    found = check(read(SPHERE), ranks=1)
+    assert found.ranks.remote == 0.0 and found.ranks.seconds == found.seconds and found.can_run
 
 
+@pytest.mark.slow
 def test_processes_that_are_not_worth_it_and_those_that_are_too_many():
-    report = check(read(SPHERE), ranks=4)
-    assert report.can_run and any("not worth it; run it in one process" in text for text in report.warnings)
+    found = check(read(SPHERE), ranks=4)
+    assert found.can_run and any("not worth it; run it in one process" in text for text in found.warnings)
     fine = check(read(SPHERE, "particles.spacing=0.025"), ranks=64)
     assert any("not worth it; take 2 at most" in text for text in fine.warnings)
 
 
 def test_more_processes_than_particles_hold_nothing():
-    report = check(read(SPHERE), ranks=5000)
-    assert not report.can_run and "5,000 processes" in report.errors[0]
-    assert report.ranks is None and "ranks  " not in report.text()
+    found = check(read(SPHERE), ranks=5000)
+    assert not found.can_run and "5,000 processes" in found.errors[0]
+    assert found.ranks is None and "ranks  " not in found.text()
 
 
 def test_throats_are_for_one_process():
-    report = check(read(SPHERE, "refine=throats"), ranks=2)
-    assert not report.can_run and "throats is for one process" in report.errors[0]
+    found = check(read(SPHERE, "refine=throats"), ranks=2)
+    assert not found.can_run and "throats is for one process" in found.errors[0]
     assert check(read(SPHERE, "refine=throats"), ranks=1).can_run
 
 
 def test_a_process_has_as_many_neighbours_in_rock_as_one_that_is_alone():
     """Half of what lies round a particle is solid: one of one process is said to need no more than the run."""
-    report = check(read(SPHERE, "particles.spacing=0.05"), ranks=1)
-    assert report.ranks.memory["operators"] == pytest.approx(report.memory["operators"])
+    found = check(read(SPHERE, "particles.spacing=0.05"), ranks=1)
+    assert found.ranks.memory["operators"] == pytest.approx(found.memory["operators"])
 
 
+@pytest.mark.slow
 def test_an_image_is_held_whole_or_by_parts(tmp_path):
     """40 bytes a voxel of all, clear layers included, or of a brick and its margin."""
     image = np.zeros((20, 20, 200), np.uint8)

@@ -16,26 +16,27 @@ def test_neighbours_of_a_lattice():
 
 
 def test_flow_and_steps_of_a_slit():
-    report = check(read(SLIT, "flow=navier_stokes", "time={end: 1}"))
-    assert report.flow.velocity == pytest.approx(0.5**2 / 8, rel=0.2)
-    assert report.flow.reynolds == pytest.approx(report.flow.velocity * 0.5, rel=0.2)
-    assert report.steps.limits["viscous"] == pytest.approx(8 * 0.0625**2)
-    assert report.steps.limits["cfl"] == pytest.approx(0.2 * 0.0625 / report.flow.velocity)
+    found = check(read(SLIT, "flow=navier_stokes", "time={end: 1}"))
+    assert found.flow.velocity == pytest.approx(0.5**2 / 8, rel=0.2)
+    assert found.flow.reynolds == pytest.approx(found.flow.velocity * 0.5, rel=0.2)
+    assert found.steps.limits["viscous"] == pytest.approx(8 * 0.0625**2)
+    assert found.steps.limits["cfl"] == pytest.approx(0.2 * 0.0625 / found.flow.velocity)
 
 
 def test_capillary_limit_and_number():
-    report = check(read(DROP))
-    assert report.steps.limits["capillary"] == pytest.approx(np.sqrt(2 * 0.0625**3 / (2 * np.pi * 2)))
-    assert report.flow.capillary == pytest.approx(2 * report.flow.velocity / 2)
+    found = check(read(DROP))
+    assert found.steps.limits["capillary"] == pytest.approx(np.sqrt(2 * 0.0625**3 / (2 * np.pi * 2)))
+    assert found.flow.capillary == pytest.approx(2 * found.flow.velocity / 2)
 
 
 def test_initial_velocity():
     box = ("geometry.periodic=[x, y]", "drive=null", "flow=navier_stokes", "time={end: 1}")
-    report = check(read(SLIT, *box, "initial={velocity: ['3*cos(0*x)', 0]}"))
-    assert report.flow.velocity == pytest.approx(3) and report.flow.source == "initial velocity"
-    assert report.throats is None
+    found = check(read(SLIT, *box, "initial={velocity: ['3*cos(0*x)', 0]}"))
+    assert found.flow.velocity == pytest.approx(3) and found.flow.source == "initial velocity"
+    assert found.throats is None
 
 
+@pytest.mark.slow
 def test_costs_grow_with_the_particles():
     coarse, fine = (
         check(read(SPHERE, "particles.spacing=0.05")),
@@ -89,8 +90,8 @@ def test_a_bubble_between_walls_does_not_fall_with_the_box():
 
 
 def test_a_drive_that_changes_moves_by_what_it_pushes_over_its_time():
-    report = check(read(SLIT, "flow=navier_stokes", "time={end: 1}", "drive={body_force: ['0.5*cos(100*t)', 0]}"))
-    assert report.flow.velocity == pytest.approx(0.5 / 100, rel=0.05) and "over its time" in report.flow.source
+    found = check(read(SLIT, "flow=navier_stokes", "time={end: 1}", "drive={body_force: ['0.5*cos(100*t)', 0]}"))
+    assert found.flow.velocity == pytest.approx(0.5 / 100, rel=0.05) and "over its time" in found.flow.source
 
 
 def test_a_drop_comes_to_rest():
@@ -109,7 +110,7 @@ def test_pictures_need_memory():
 @pytest.mark.parametrize("what", ["initial: {flood: {fluid: bubble, from: y_min, saturation: 0.2}}", ""])
 def test_a_fluid_that_has_no_sites_yet_falls_over_the_box(what):
     """One that floods the scene; one that is absent moves nothing."""
-    report = check(read(f"""
+    found = check(read(f"""
 geometry: {{box: [1, 2], fluid: liquid}}
 particles: {{spacing: 0.1}}
 fluids: {{bubble: {{density: 100, viscosity: 1}}, liquid: {{density: 1000, viscosity: 10}}}}
@@ -119,4 +120,4 @@ drive: {{body_force: [0, -0.98]}}
 time: {{end: 0.1}}
 """))
     fastest = 0.98 * 900 / 1100 * 0.1 if what else 0.0  # at the end, with 900 / 1100 of g
-    assert report.flow.motion.driven == pytest.approx(fastest)
+    assert found.flow.motion.driven == pytest.approx(fastest)

@@ -18,7 +18,7 @@ def taken(case):
     """Names of the limits of the steps of a run."""
     state, stepper, particles = prepare(case, build_geometry(case), Clock())
     loop, rows = TimeLoop(case, stepper, particles.site_volume, 1.0), []
-    loop.run(state, stepper.configure(state.x, phi=state.phi), lambda *_: None, rows.append, lambda *_: None)
+    loop.run(state, stepper.ready(state), lambda *_: None, rows.append, lambda *_: None)
     return [row["limit"] for row in rows]
 
 
@@ -39,9 +39,9 @@ def test_a_flow_that_slows_down_takes_longer_steps():
     vortex = "initial={velocity: ['sin(2*pi*x)*cos(2*pi*y)', '-cos(2*pi*x)*sin(2*pi*y)']}"
     case = read(SLIT, "geometry={box: [1, 1], periodic: [x, y]}", "drive=null", "flow=navier_stokes", vortex,
                 "fluids.water={density: 1, viscosity: 0.02}", "time={end: 1}")
-    report = check(case)
-    assert report.flow.motion.decay == pytest.approx(1.0 / (0.02 * 8 * np.pi**2), rel=0.01)
-    assert report.steps.count == pytest.approx(len(taken(case)), rel=0.1)
+    found = check(case)
+    assert found.flow.motion.decay == pytest.approx(1.0 / (0.02 * 8 * np.pi**2), rel=0.01)
+    assert found.steps.count == pytest.approx(len(taken(case)), rel=0.1)
 
 
 def test_capillary_limit_is_that_of_the_run():

@@ -9,9 +9,9 @@ from tests.preflight.cases import DROP, IMAGE, SLIT, SPHERE, read
 
 
 def findings(text: str, *overrides: str) -> str:
-    report = check(read(text, *overrides))
-    assert report.can_run, report.text()
-    return "\n".join(report.warnings)
+    found = check(read(text, *overrides))
+    assert found.can_run, found.text()
+    return "\n".join(found.warnings)
 
 
 def test_nothing_to_say_about_a_good_case():
@@ -76,14 +76,14 @@ def test_what_has_no_effect_is_told():
 
 
 def test_a_fluid_without_particles():
-    report = check(read(DROP, "geometry.shapes=[]"))
-    assert any("fluids.oil has no particle" in text for text in report.warnings)
+    found = check(read(DROP, "geometry.shapes=[]"))
+    assert any("fluids.oil has no particle" in text for text in found.warnings)
 
 
 def errors(text: str, *overrides: str) -> str:
-    report = check(read(text, *overrides))
-    assert not report.can_run and "cannot run" in report.text()
-    return "\n".join(report.errors)
+    found = check(read(text, *overrides))
+    assert not found.can_run and "cannot run" in found.text()
+    return "\n".join(found.errors)
 
 
 WALL = "geometry.shapes=[{box: {lower: [0.4, -1], upper: [0.7, 2]}, is: solid}]"
@@ -108,8 +108,8 @@ def test_no_percolation_matters_less_in_time_or_beside_another_axis():
 def test_a_velocity_can_only_be_held_where_fluid_flows():
     """The estimate of the speed is that of the pores; a velocity across a slab is an error at any time."""
     held = ("drive={superficial_velocity: {x: 0.25}}", "flow=navier_stokes", "time={end: 1}")
-    report = check(read(SLIT, *held))
-    assert report.can_run and "held" in report.text() and report.flow.velocity == pytest.approx(2 * 0.25)
+    found = check(read(SLIT, *held))
+    assert found.can_run and "held" in found.text() and found.flow.velocity == pytest.approx(2 * 0.25)
     two_a_cell = check(read(SLIT, *held, "particles.lattice=hexagonal"))
     assert two_a_cell.flow.velocity == pytest.approx(2 * 0.25, rel=0.1)  # rows that the walls cut
     assert "along x" in errors(SLIT, WALL, *held)
@@ -136,8 +136,8 @@ def test_a_pore_that_leads_over_an_edge_is_left_to_the_run():
     boxes = ", ".join(f"{{box: {{lower: {low}, upper: {up}}}, is: solid}}"
                       for low, up in (([0, -1], [0.5, 0.25]), ([0.5, 0.25], [1, 2])))
     held = ("drive={superficial_velocity: {x: 0.1}}", "flow=navier_stokes", "time={end: 1}")
-    report = check(read(SLIT, f"geometry.shapes=[{boxes}]", *held))
-    assert report.can_run and any("only over their edges" in text for text in report.warnings)
+    found = check(read(SLIT, f"geometry.shapes=[{boxes}]", *held))
+    assert found.can_run and any("only over their edges" in text for text in found.warnings)
     assert "along x" in errors(SLIT, WALL, *held)
 
 

@@ -59,18 +59,18 @@ def test_percolation_and_pockets_of_an_image(folder):
     values[1:6, 1:6] = 0
     values[7, 7, 3] = 0
     np.save("rock.npy", values)
-    report = check(read(IMAGE))
-    assert report.can_run
-    assert report.connectivity.percolates == (True, False, False)
-    assert report.connectivity.isolated_pockets == 1
-    assert report.connectivity.porosity == pytest.approx((values == 0).mean())  # without the clear layers
-    assert report.throats.median == pytest.approx(5, abs=0.5)
+    found = check(read(IMAGE))
+    assert found.can_run
+    assert found.connectivity.percolates == (True, False, False)
+    assert found.connectivity.isolated_pockets == 1
+    assert found.connectivity.porosity == pytest.approx((values == 0).mean())  # without the clear layers
+    assert found.throats.median == pytest.approx(5, abs=0.5)
 
 
 def test_a_porous_scene_of_spheres():
-    report = check(read(SPHERE, "particles.spacing=0.05"))
-    assert report.connectivity.porosity == pytest.approx(1 - 4 / 3 * np.pi * 0.4**3, abs=0.01)
-    assert report.connectivity.percolates == (True, True, True)
+    found = check(read(SPHERE, "particles.spacing=0.05"))
+    assert found.connectivity.porosity == pytest.approx(1 - 4 / 3 * np.pi * 0.4**3, abs=0.01)
+    assert found.connectivity.percolates == (True, True, True)
 
 
 @pytest.mark.parametrize("cells, centre", [(8, 0.5), (8, 0.53), (10, 0.5), (11, 0.48)])

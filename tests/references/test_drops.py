@@ -117,11 +117,11 @@ def gram(weight, left, right):
     return left.T @ (weight[:, None] * right)
 
 
-def free_motion(mass, damping, stiffness, pull):
-    """Matrix of d/dt (g, a): mass g' = -damping g - stiffness pull a, a' = pull . g."""
+def free_motion(mass, damping, stiffness, surface):
+    """Matrix of d/dt (g, a): mass g' = -damping g - stiffness surface a, a' = surface . g."""
     n = len(mass)
     right = np.zeros((n + 1, n + 1))
-    right[:n, :n], right[:n, n], right[n, :n] = -damping, -stiffness * pull, pull
+    right[:n, :n], right[:n, n], right[n, :n] = -damping, -stiffness * surface, surface
     right[:n] = np.linalg.solve(mass, right[:n])
     return right
 
@@ -138,11 +138,11 @@ def wave_by_weak_form(times, tension, layers, amplitude, speed):
     y, weight, (b, b1, b2), at_surface = spline_basis(breaks, 0.0)
     rho, visc = (np.where(y < 0, *pair) for pair in zip(below, above))
     kept = slice(2, -2)  # at rest, with no slip, far away
-    b, b1, b2, pull = b[:, kept], b1[:, kept], b2[:, kept], at_surface[kept]
+    b, b1, b2, surface = b[:, kept], b1[:, kept], b2[:, kept], at_surface[kept]
     shear = b2 + k**2 * b
     mass = gram(weight * rho, b, b) + gram(weight * rho / k**2, b1, b1)
     damping = gram(4 * weight * visc, b1, b1) + gram(weight * visc / k**2, shear, shear)
-    rate = free_motion(mass, damping, tension * k**2, pull)
+    rate = free_motion(mass, damping, tension * k**2, surface)
     depth = np.where(y < 0, deep, high)
     start = np.linalg.lstsq(b, speed * np.sinh(k * (depth - np.abs(y))) / np.sinh(k * depth), rcond=None)[0]
     return [(expm(rate * t) @ np.append(start, amplitude))[-1] for t in times]
@@ -173,12 +173,12 @@ def drop_by_weak_form(tension, density, mu, n, wall):
     inside = r < 1
     rho, visc = np.where(inside, *density), np.where(inside, *mu)
     kept = slice(2, -2 if wall else None)
-    g, g1, g2, pull = g[:, kept], g1[:, kept], g2[:, kept], n * at_surface[kept]
+    g, g1, g2, surface = g[:, kept], g1[:, kept], g2[:, kept], n * at_surface[kept]
     r = r[:, None]
     stretch, shear = g1 / r - g / r**2, g2 - g1 / r + n**2 * g / r**2
     mass = gram(weight * rho, n * g / r, n * g / r) + gram(weight * rho, g1, g1)
     damping = gram(4 * n**2 * weight * visc, stretch, stretch) + gram(weight * visc, shear, shear)
-    rates = np.linalg.eigvals(free_motion(mass, damping, tension * (n**2 - 1), pull))
+    rates = np.linalg.eigvals(free_motion(mass, damping, tension * (n**2 - 1), surface))
     return rates[rates.imag > 1e-9]
 
 

@@ -71,6 +71,7 @@ def test_an_oscillating_pipe_solves_its_equation(omega):
     assert abs(ducts.oscillating_pipe(np.array([1.0]), t, 1.0, 0.5, 2.0, omega)[0]) < 1e-12
 
 
+@pytest.mark.slow
 def test_an_oscillating_pipe_from_rest():
     """At rest at t = 0 within the 200 terms of a series that falls as n^-5/2, then the same as the periodic one;
     means by Simpson's rule."""

@@ -137,6 +137,7 @@ def test_imbibition_of_one_fluid_without_viscosity():
     assert np.allclose(way, t * math.sqrt(2.0), rtol=1e-4) and np.allclose(velocity, math.sqrt(2.0), rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_imbibition_of_one_viscous_fluid():
     """Washburn: l^2 = p width^2 t / (6 mu)."""
     t = np.linspace(1e4, 4e5, 5)

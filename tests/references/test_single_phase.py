@@ -213,7 +213,7 @@ def test_cavity_from_its_own_tables():
     assert scaled["velocity_relative_l2"] == pytest.approx(WRONG - 1, abs=0.005)
 
 
-@pytest.mark.parametrize("name", ["oscillating_slit", "oscillating_pipe"])
+@pytest.mark.parametrize("name", ["oscillating_slit", pytest.param("oscillating_pipe", marks=pytest.mark.slow)])
 def test_amplitude_and_phase_of_an_oscillation(name):
     """Histories of the reference itself, then 3 % too strong and 0.05 radians late, with what is left of the start."""
     case = the_case(name)

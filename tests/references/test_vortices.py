@@ -36,6 +36,7 @@ def test_spectral_solver_on_the_exact_2d_vortex():
     assert np.allclose(u[:, :2], exact * np.exp(0), atol=1e-12) and np.abs(u[:, 2]).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_taylor_green_3d():
     """Initial energy U^2/8 and dissipation 6 nu k^2 E; a finer grid agrees; units scale."""
     energy, fields = vortices.taylor_green_3d([0.0, 0.01, 1.0], 0.02, k=1.0, n=16)

@@ -91,6 +91,7 @@ def run(directory, *sets, plots=False, **more):
     return run_case(read_case(text.encode(), "case.yaml", (f"output.directory={directory}", *sets)), quiet=True, **more)
 
 
+@pytest.mark.slow
 def test_a_piston_goes_to_and_fro_and_leaves_its_curve(tmp_path):
     """Half of the sample is displaced and comes back; a row of the lattice, 1/8, is what a saturation is known to."""
     summary = run(tmp_path, plots=True)
@@ -108,6 +109,7 @@ def test_a_piston_goes_to_and_fro_and_leaves_its_curve(tmp_path):
     assert late[0]["saturation_gas"] == 1 and late[-1]["saturation_water"] == 1
 
 
+@pytest.mark.slow
 def test_a_restart_goes_on_within_a_step_with_the_same_bits(tmp_path):
     run(tmp_path / "whole")
     run(tmp_path / "parts", "time.max_steps=53")
@@ -116,6 +118,7 @@ def test_a_restart_goes_on_within_a_step_with_the_same_bits(tmp_path):
         assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "parts" / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_restart_takes_further_steps(tmp_path):
     first = "drive.steps.superficial_velocity=[0.25]"
     run(tmp_path / "whole")

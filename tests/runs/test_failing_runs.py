@@ -31,6 +31,7 @@ output: {every: 0.05, plots: false}
 """
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_a_run_that_blows_up_ends_with_all_it_has(tmp_path):
     """Exit code 3; the step, the limit and what to try; the worst particles; a restart file of the last good state; no

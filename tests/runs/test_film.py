@@ -23,6 +23,7 @@ def folder(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_a_frame_a_snapshot_in_which_the_fluid_moves(folder, tmp_path):
     """The body force moves everything by a t^2 / 2 = 0.45 of the box."""
     seen = []
@@ -49,6 +50,7 @@ def test_what_no_film_can_be_made_of(folder, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_mp4(folder, tmp_path):
     pytest.importorskip("imageio_ffmpeg")
     assert make_film(folder, tmp_path / "film.mp4") == 4

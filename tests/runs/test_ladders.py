@@ -95,6 +95,7 @@ def test_parts_grow_and_lie_within():
     assert len(parts_of([16, 16])) == 3 + 3 + 1  # edges 8 (of 4, 6 and 8), 12 and 16
 
 
+@pytest.mark.slow
 def test_parts_of_slits_have_their_permeability(tmp_path):
     """Slits 4 voxels wide between walls of 4: a whole number of periods has the porosity 1/2 and k = 4^2 / 24."""
     image = np.zeros((32, 32), np.uint8)

@@ -65,6 +65,7 @@ def test_a_run_goes_on_in_its_own_folder_as_if_it_had_not_stopped(tmp_path):
     assert [t for t, _ in read_pvd(tmp_path / "parts" / "particles.pvd")] == pytest.approx([0, 0.05, 0.1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", [
     'drive.body_force=["2*cos(30*t)", 0]',
     'geometry.walls={y_max: {velocity: ["sin(30*t)", 0]}}',

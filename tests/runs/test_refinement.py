@@ -61,6 +61,7 @@ def test_no_spacing_that_memory_does_not_hold(image, monkeypatch):
     assert chosen(case, geometry, 1e-3) == pytest.approx([0.5, 1 / 3, 1.0])
 
 
+@pytest.mark.slow
 def test_a_run_refines_itself_and_says_what_it_took(image):
     """The case that the run leaves names the spacings, so that it can be repeated on a busier machine."""
     case, _ = image

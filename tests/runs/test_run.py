@@ -45,6 +45,7 @@ def run(tmp_path, text, *sets):
                     overwrite=True, look=look)
 
 
+@pytest.mark.slow
 def test_a_steady_run_leaves_its_files(tmp_path):
     summary = run(tmp_path, DISK + "flow: stokes\ndrive: {axes: [x, y]}\n"
                   "output: {dummies: true, fields: [velocity, pressure, phase, distance]}\n")
@@ -66,6 +67,7 @@ def test_a_steady_run_leaves_its_files(tmp_path):
     assert summary["directory"] == str(out)
 
 
+@pytest.mark.slow
 def test_a_moving_run_leaves_its_files(tmp_path):
     summary = run(tmp_path, VORTEX)
     out = tmp_path / "out"
@@ -81,11 +83,13 @@ def test_a_moving_run_leaves_its_files(tmp_path):
         summary["cpu_seconds"]["total"], rel=0.05)
 
 
+@pytest.mark.slow
 def test_fluid_without_walls_has_no_permeability(tmp_path):
     summary = run(tmp_path, VORTEX + "drive: {body_force: [1, 0]}\n")
     assert summary["permeability"] is None and "no wall resists" in summary["message"]
 
 
+@pytest.mark.slow
 def test_refine_gives_an_extrapolation(tmp_path):
     """The error bar covers what two more levels find (Sangani and Acrivos' fraction is another one: no value here). The
     mass error is that of the finest level, whose fields are written."""
@@ -177,6 +181,7 @@ def test_axes_without_a_path_have_a_permeability_of_zero_and_leave_the_others(tm
     assert not capfd.readouterr().err  # quiet
 
 
+@pytest.mark.slow
 def test_a_run_in_three_dimensions_leaves_its_pictures_and_a_report_with_them(tmp_path, monkeypatch):
     """And where they cannot be drawn in 3D a warning, and those of a plane."""
     pytest.importorskip("pyvista")
@@ -219,6 +224,7 @@ def test_only_periodic_scenes_have_a_tensor(tmp_path):
     assert np.shape(around["permeability_tensor"]) == (2, 2)
 
 
+@pytest.mark.slow
 def test_an_image_with_a_pressure_drop_is_read_once(tmp_path, monkeypatch):
     from isphcli.scene import image_file
 

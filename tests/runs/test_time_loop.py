@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from isphcli.case.load import read_case
-from isphcli.flow.step_lengths import FIRST, FIRST_AT_WALLS, GROWTH, GROWTH_AT_WALLS
+from isphcli.flow.step_lengths import FIRST, FIRST_AT_WALLS, GROWTH_AT_WALLS, STEP_GROWTH
 from isphcli.output.clock import Clock
 from isphcli.runs.time_loop import TimeLoop
 from isphcli.scene.build_geometry import build_geometry
@@ -22,7 +22,7 @@ output: {every: 0.1}
 """
 
 
-def loop(text, *sets):
+def loop_of(text, *sets):
     case = read_case(text.encode(), "case.yaml", sets)
     state, stepper, particles = prepare(case, build_geometry(case), Clock())
     return TimeLoop(case, stepper, particles.site_volume, 1.0), state
@@ -30,41 +30,40 @@ def loop(text, *sets):
 
 def test_no_particle_moves_farther_than_it_may():
     """u dt + a dt^2 / 2 = cfl dx, of the force at rest and of the last step later; the growth of steps is bounded."""
-    march, state = loop(FALL)
-    first = march.limits(state)
+    loop, state = loop_of(FALL)
+    first = loop.limits(state)
     assert first == {"start": pytest.approx(FIRST * np.sqrt(2 * 0.2 * 0.1 / 5))}
     moved = replace(state, u=state.u + [1.2, 1.6], u_old=state.u, dt_old=0.4)
-    found = march.limits(moved)
+    found = loop.limits(moved)
     dt = found["cfl"]
     assert 2 * dt + 5 * dt**2 / 2 == pytest.approx(0.2 * 0.1)
-    assert found["start"] == GROWTH * 0.4 and found["viscous"] == pytest.approx(8 * 0.1**2 / 1e-3)
+    assert found["start"] == STEP_GROWTH * 0.4 and found["viscous"] == pytest.approx(8 * 0.1**2 / 1e-3)
 
 
 def test_steps_beside_walls_begin_shorter_and_grow_slower():
-    march, state = loop(FALL, "geometry.periodic=[x]", "drive.body_force=[5, 0]")
-    assert march.limits(state)["start"] == pytest.approx(FIRST_AT_WALLS * np.sqrt(2 * 0.2 * 0.1 / 5))
-    assert march.limits(replace(state, dt_old=0.4))["start"] == GROWTH_AT_WALLS * 0.4
+    loop, state = loop_of(FALL, "geometry.periodic=[x]", "drive.body_force=[5, 0]")
+    assert loop.limits(state)["start"] == pytest.approx(FIRST_AT_WALLS * np.sqrt(2 * 0.2 * 0.1 / 5))
+    assert loop.limits(replace(state, dt_old=0.4))["start"] == GROWTH_AT_WALLS * 0.4
 
 
 def test_a_fixed_step_is_taken_after_a_first_shorter_one():
-    march, state = loop(FALL, "time.step=0.01")
-    assert march.limits(state) == {"start": FIRST * 0.01}
-    assert march.limits(replace(state, dt_old=0.01)) == {"step": 0.01, "start": GROWTH * 0.01}
+    loop, state = loop_of(FALL, "time.step=0.01")
+    assert loop.limits(state) == {"start": FIRST * 0.01}
+    assert loop.limits(replace(state, dt_old=0.01)) == {"step": 0.01, "start": STEP_GROWTH * 0.01}
 
 
 def test_snapshots_are_written_at_their_times_and_the_run_ends_at_its_own():
-    march, state = loop(FALL)
+    loop, state = loop_of(FALL)
     times, rows = [], []
-    config = march.stepper.configure(state.x, phi=state.phi)
-    end, _ = march.run(state, config, lambda s, _: times.append(s.time), rows.append,
-                       lambda *_: None)
+    end, _ = loop.run(state, loop.stepper.ready(state), lambda s, _: times.append(s.time), rows.append,
+                      lambda *_: None)
     assert times == pytest.approx([0.1, 0.2], rel=1e-12) and end.time == pytest.approx(0.25, rel=1e-12)
     assert [row["step"] for row in rows] == list(range(1, end.step + 1))
     assert np.allclose(end.u, [0.75, 1.0], rtol=1e-9)  # free fall
-    assert march.outcome == "finished" and march.last.state is end
+    assert loop.outcome == "finished" and loop.last.state is end
 
 
 def test_a_run_out_of_steps_says_so():
-    march, state = loop(FALL, "time.max_steps=2")
-    end, _ = march.run(state, march.stepper.configure(state.x, phi=state.phi), *[lambda *_: None] * 3)
-    assert end.step == 2 and march.outcome == "out of steps"
+    loop, state = loop_of(FALL, "time.max_steps=2")
+    end, _ = loop.run(state, loop.stepper.ready(state), *[lambda *_: None] * 3)
+    assert end.step == 2 and loop.outcome == "out of steps"

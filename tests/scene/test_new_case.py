@@ -64,9 +64,9 @@ def test_spheres(tmp_path):
     case = load_case(written(case_for_spheres(tmp_path / "pack.csv", tmp_path, 1e-3), tmp_path))
     assert case.geometry.box == pytest.approx((4e-3, 4e-3, 2e-3))
     assert case.geometry.origin == pytest.approx((-1e-3,) * 3)
-    report = check_case_file(tmp_path / "case.yaml")
+    found = check_case_file(tmp_path / "case.yaml")
     # three whole spheres in the box; cells cut by spheres are counted by their middles: 4 a radius
-    assert report.can_run and report.connectivity.porosity == pytest.approx(1 - 4 * np.pi / 32, abs=0.02)
+    assert found.can_run and found.connectivity.porosity == pytest.approx(1 - 4 * np.pi / 32, abs=0.02)
 
 
 DUMP = """ITEM: TIMESTEP
@@ -113,5 +113,5 @@ def test_what_is_no_text_is_no_list_of_spheres(tmp_path):
 
 
 def test_a_drop_in_a_throat(tmp_path):
-    report = check_case_file(written(case_for_drop(), tmp_path))
-    assert report.can_run and report.case.fluid_names == ("oil", "water")
+    found = check_case_file(written(case_for_drop(), tmp_path))
+    assert found.can_run and found.case.fluid_names == ("oil", "water")

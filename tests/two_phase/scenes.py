@@ -19,14 +19,14 @@ def run(text):
     """(state, stepper, particles, rows) at the end of a case."""
     case, geometry, state, stepper, particles = scene(text)
     rows = []
-    return march(case, geometry, state, stepper, particles, rows.append), stepper, particles, rows
+    return run_loop(case, geometry, state, stepper, particles, rows.append), stepper, particles, rows
 
 
-def march(case, geometry, state, stepper, particles, record=lambda _: None):
+def run_loop(case, geometry, state, stepper, particles, record=lambda _: None):
     """The state at the end of a case that begins from `state`; record: takes the rows of its history."""
     loop = TimeLoop(case, stepper, particles.site_volume, float(np.prod(geometry.upper - geometry.lower)))
     nothing = lambda *_: None  # noqa: E731
-    return loop.run(state, stepper.configure(state.x, phi=state.phi), nothing, record, nothing)[0]
+    return loop.run(state, stepper.ready(state), nothing, record, nothing)[0]
 
 
 LAYERS = """

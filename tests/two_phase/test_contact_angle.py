@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from isphcli.two_phase.interface import reach_of
-from tests.two_phase.scenes import march, run, scene
+from tests.two_phase.scenes import run, run_loop, scene
 
 SIDE_BY_SIDE = """
 geometry:
@@ -134,6 +134,7 @@ def test_curvature_of_a_meniscus_between_plates_in_space(angle):
     assert interface.curvature[near] == pytest.approx(-sign / radius, rel=0.006)
 
 
+@pytest.mark.slow
 def test_a_meniscus_in_space_comes_to_rest():
     """Between plates ten spacings apart, from the exact shape: after t = 2 sqrt(rho D^3 / sigma) largest speeds of Ca
     3e-6 and a jump 0.2 % off, as in the plane. With a fit over the support of the operators, 2.1 spacings, it moved at
@@ -152,7 +153,7 @@ time: {end: 2, capillary: 4}
     case, geometry, state, stepper, particles = scene(text)
     reach = reach_of(stepper.reach, stepper.spacing)
     phi = np.hypot(np.abs(state.x[:, 0] - 1.25) - 1.75, state.x[:, 1] - 0.5) - 1.0
-    state = march(case, geometry, replace(state, phi=np.clip(phi, -reach, reach)), stepper, particles)
+    state = run_loop(case, geometry, replace(state, phi=np.clip(phi, -reach, reach)), stepper, particles)
     assert 0.03 * np.linalg.norm(state.u, axis=1).max() < 1e-5
     interface = stepper.configure(state.x, phi=state.phi).terms.interface
     far = interface.strength == 0.0

@@ -1,6 +1,7 @@
 """What the fit of the distance sees beyond the support of the operators."""
 
 import numpy as np
+import pytest
 
 from isphcli.two_phase.interface import find_interface
 from isphcli.two_phase.sight import Sight
@@ -27,6 +28,7 @@ def pairs_of(neighbours):
     return {(i, *np.round(neighbours.x[row], 9)) for i, row in zip(particle, neighbours.row)}
 
 
+@pytest.mark.slow
 def test_farther_neighbours_are_those_in_sight_that_know_their_distance():
     """Beside a wall a spacing thick in a periodic box: all pairs of particles that know their distance within 2.8
     spacings, images included, but those whose way leads through the wall, found by its two faces."""

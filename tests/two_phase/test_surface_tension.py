@@ -16,6 +16,7 @@ def pressure_jump(state, stepper, particles, dx):
     return (p[inside & far].mean() - p[~inside & far].mean()) * radius
 
 
+@pytest.mark.slow
 def test_jump_of_a_drop():
     """Young and Laplace within 0.3 % at a radius of 7 spacings; spurious flow below Ca 1e-5."""
     state, stepper, particles, rows = run(drop())
@@ -24,6 +25,7 @@ def test_jump_of_a_drop():
     assert {row["limit"] for row in rows[10:-2]} == {"capillary"}
 
 
+@pytest.mark.slow
 def test_continuous_force_of_a_drop():
     """The band of the force blurs the pressure: 6 %."""
     state, stepper, particles, _ = run(drop(method="csf"))

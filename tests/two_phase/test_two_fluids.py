@@ -32,6 +32,7 @@ def test_the_layered_profile_is_exact_to_round_off():
     assert np.abs(residual).max() < 1e-11 * np.abs(matrix).max()
 
 
+@pytest.mark.slow
 def test_pressure_driven_layers():
     """A prototype (before 2026-11-22) had 0.6 % at 24 across."""
     state, *_ = run(layers(1 / 24, mu=10, gx=1, time="{end: 1, step: 0.02, scheme: euler}"))

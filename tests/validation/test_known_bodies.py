@@ -49,6 +49,7 @@ def case_of(one, block):
     return read_case(text.encode(), "body.yaml")
 
 
+@pytest.mark.slow
 def test_the_bodies_are_those_whose_truth_was_computed():
     """Random places and fields come from generators of libraries: the porosity tells if they are other ones now."""
     assert len(bodies()) >= 40 and len({one.name for one in bodies()}) == len(bodies())
@@ -59,6 +60,7 @@ def test_the_bodies_are_those_whose_truth_was_computed():
         assert truth > 0.0 and uncertainty < 0.03 and source, one.name
 
 
+@pytest.mark.slow
 def test_images_and_surface_are_the_same_body():
     for one in bodies():
         labels, grey = one.labels(), one.grey()
@@ -89,6 +91,7 @@ def grain_of(name):
     return grain_chord(LevelGeometry(body(name)), 1.0)
 
 
+@pytest.mark.slow
 def test_the_bar_of_exact_surfaces_holds_the_truth():
     """At 1 and 2 particles per voxel, solved here: k is that of the table on which bars and ranges rest, and so are the
     two bodies that miss their bar (of all 45 four do). The bar of the others is narrow enough to be of use."""
@@ -127,6 +130,7 @@ def test_the_range_of_images_holds_the_truth(grey, tmp_path):
 
 @pytest.mark.parametrize("levels", [(1, 2), (2, 3), (1, 2, 3)])
 @pytest.mark.parametrize("wall", ["exact", "stairs"])
+@pytest.mark.slow
 def test_bars_hold_nine_bodies_in_ten(wall, levels):
     """What was measured of all bodies, put through `extrapolate` as it is: 90 % hold the truth, and half of the bars
     are not wider than three times the error. Of stairs the truth is that of the cubes. Of channels whose edges all run

@@ -116,6 +116,7 @@ def test_the_own_spacing_decides():
 # -- runs ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_ladder_and_its_files():
     lines = []
     text, passed = validate_cases([case("slit")], say=lines.append, **PARTS)
@@ -171,6 +172,7 @@ def test_what_is_not_the_method_is_not_counted():
     assert one.cpu_seconds <= one.cpu_process_seconds
 
 
+@pytest.mark.slow
 def test_vary_is_a_ladder_a_setting():
     lines = []
     vary = [("particles.support", ["2.1", "2.5"]), ("solver.tolerance", ["1e-8"])]
@@ -199,6 +201,7 @@ def test_a_budget_stops_the_ladder():
     assert not Path("runs/slit/work_precision.png").exists()
 
 
+@pytest.mark.slow
 def test_without_a_budget_the_own_spacing_is_run(monkeypatch):
     monkeypatch.setattr(validate, "BUDGET", 1e-6)
     text, passed = validate_cases([case("slit")], say=lambda line: None, **PARTS)
@@ -216,6 +219,7 @@ def test_a_run_that_fails_is_a_row(monkeypatch):
     assert "did not converge" in Path("runs/slit/validation.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_several_cases_end_with_one_page():
     cases = [case("slit"), case("cylinder_array", "particles.spacing=6.25e-3", "reference.tolerance=1e-5")]
     text, passed = validate_cases(cases, levels=1, say=lambda line: None, **PARTS)

@@ -116,6 +116,7 @@ def test_what_cannot_run_says_why(folder):
         paper.run("slit", folder, "particles.spacing=much")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("growth, holds", [(1.0, True), (2.5, False)])
 def test_the_ladder_of_sizes(monkeypatch, folder, growth, holds):
     """Runs of 3 us (assembling) and 5 us (solving) a particle and step, the iterations growing with the size."""

@@ -12,6 +12,7 @@ from isphcli.validation.scaling import Busiest, Counted, Cycle, Machine, Work, b
 WORK = Work(4e-6, 8e-6, 10.0, Counted((20.0, 1.0), (500.0, 8.0), (30.0, 1.0), 0.1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count, periodic", [(2, (True, True, True)), (8, (True, True, True)),
                                              (16, (False, True, False))])
 def test_remote_particles_and_neighbours_are_those_counted_on_a_lattice(count, periodic):

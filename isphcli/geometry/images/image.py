@@ -255,7 +255,7 @@ def stored_part(path: Path, open_data: Callable[[], AbstractContextManager[Reada
 
 
 def _pass_over(stream: Readable, count: int) -> None:
-    seek = getattr(stream, "seek", None)
+    seek = getattr(stream, "seek", None)  # what is decompressed as it is read has none
     if seek is not None and count > PIECE:
         seek(count, os.SEEK_CUR)
         return
