@@ -111,7 +111,39 @@ def reduced():
     return {"quantiles": reduce.quantiles(own, shares).tolist(), "wanted": np.quantile(values, shares).tolist(),
             "sums": [float(reduce.total(own) - values.sum()), float(reduce.mean(own) - values.mean()),
                      float(reduce.largest(own) - values.max()), float(reduce.smallest(own) - values.min()),
-                     reduce.count(own > 0) - int((values > 0).sum()), reduce.number(own) - 401]}
+                     reduce.count(own > 0) - int((values > 0).sum()), reduce.number(own) - 401,
+                     *np.subtract(reduce.totals(own, np.abs(own), len(own)),
+                                  [values.sum(), np.abs(values).sum(), 401.0]),
+                     *np.subtract(reduce.largest_of_each(own, -own), [values.max(), -values.min()])]}
+
+
+def kept_by_petsc():
+    """How many of two hierarchies, which nothing refers to any more, PETSc holds when a third one is made."""
+    import gc
+    import weakref
+
+    import scipy.sparse as sp
+
+    from isphcli.domain.communicator import current
+    from isphcli.solvers.engine import engine_of
+
+    class Mark:
+        """What a matrix of PETSc holds as long as it is there."""
+
+    class Own:
+        def numbers(self, n):
+            return current().rank * n + np.arange(n)
+
+    marks = []
+    for _ in range(3):
+        once = engine_of("petsc").cycle(sp.csr_matrix(sp.diags([-1.0, 2.5, -1.0], [-1, 0, 1], (50, 50))), Own())
+        gc.collect()
+        left = sum(mark() is not None for mark in marks)
+        mark = Mark()
+        once.matrix.setAttr("mark", mark)
+        marks.append(weakref.ref(mark))
+        del once, mark
+    return left
 
 
 def main(folder, engine, names="all"):
@@ -136,6 +168,8 @@ def main(folder, engine, names="all"):
             if field is not None:
                 np.savez(out / f"{name}.npz", x=field[0], forces=field[1], mass=field[2])
     numbers = reduced()
+    if current().size > 1:
+        numbers["kept"] = current().sum(kept_by_petsc())
     if first:
         (out / "reduced.json").write_text(json.dumps(numbers))
 

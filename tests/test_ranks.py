@@ -145,7 +145,14 @@ def test_sums_and_quantiles_over_processes(found, ranks):
     """All values on one process and none on the others: exact quantiles, sums to round-off."""
     numbers = summary(found(ranks), "reduced")
     assert numbers["quantiles"] == pytest.approx(numbers["wanted"], rel=1e-14)
-    assert numbers["sums"] == pytest.approx([0.0] * 6, abs=1e-9)
+    assert numbers["sums"] == pytest.approx([0.0] * 11, abs=1e-9)
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_hierarchies_that_nothing_refers_to_are_freed(found, ranks):
+    """PETSc keeps what several processes have together until all of them let go of it together: spacing after spacing
+    of `refine`, axis after axis of a sealed image."""
+    assert summary(found(ranks), "reduced")["kept"] == 0
 
 
 def test_snapshots_of_processes_are_one(found):

@@ -6,6 +6,8 @@ particles, and `forward` hands back what it was given.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -30,6 +32,10 @@ class Exchange(Protocol):
         """values (n, ...) of the own particles, those of the remote ones behind them: (n + remote, ...)."""
         ...
 
+    def forward_each(self, *values: np.ndarray) -> tuple[np.ndarray, ...]:
+        """`forward` of each of several arrays, in one message to each process."""
+        ...
+
     def summed(self, values: np.ndarray) -> np.ndarray:
         """What all processes together have for the own and the remote particles, where this one has values
         (n + remote, ...)."""
@@ -50,6 +56,10 @@ class NoExchange:
         return values
 
     summed = forward
+
+    def forward_each(self, *values: np.ndarray) -> tuple[np.ndarray, ...]:
+        """The same arrays."""
+        return values
 
 
 NO_EXCHANGE = NoExchange()
@@ -89,15 +99,19 @@ class NeighbourExchange:
 
     def forward(self, values: np.ndarray) -> np.ndarray:
         """See `Exchange`."""
-        n = len(values)
-        out = np.empty((n + self.remote, *values.shape[1:]), values.dtype)
-        out[:n] = values
-        sent = np.ascontiguousarray(values[self._send])
-        found = out[n:] if self._slot is None else np.empty((self.remote, *values.shape[1:]), values.dtype)
-        _send(self._comm, (sent, self._targets), (found, self._sources))
-        if self._slot is not None:
-            out[n + self._slot] = found
-        return out
+        return self.forward_each(values)[0]
+
+    def forward_each(self, *values: np.ndarray) -> tuple[np.ndarray, ...]:
+        """See `Exchange`."""
+        sent = _bytes([part[self._send] for part in values])
+        come = np.empty((self.remote, sent.shape[1]), np.uint8)
+        _send(self._comm, (sent, self._targets), (come, self._sources))
+        place, found = slice(None) if self._slot is None else self._slot, []
+        for part, there in zip(values, _of_bytes(come, values)):
+            out = np.empty((len(part) + self.remote, *part.shape[1:]), part.dtype)
+            out[: len(part)], out[len(part) :][place] = part, there
+            found.append(out)
+        return tuple(found)
 
     def summed(self, values: np.ndarray) -> np.ndarray:
         """See `Exchange`."""
@@ -119,13 +133,10 @@ def deliver(comm: Any, owner: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarr
     want = np.empty_like(give)
     with TRAFFIC.counted(collectives=1):
         comm.Alltoall(give, want)
-    found: list[np.ndarray] = []
-    for values in arrays:
-        sent = np.ascontiguousarray(values[order])
-        come = np.empty((int(want.sum()), *values.shape[1:]), values.dtype)
-        _send(comm, (sent, _parts(give)), (come, _parts(want)))
-        found.append(come)
-    return (*found, want)
+    sent = _bytes([values[order] for values in arrays])
+    come = np.empty((int(want.sum()), sent.shape[1]), np.uint8)
+    _send(comm, (sent, _parts(give)), (come, _parts(want)))
+    return (*_of_bytes(come, arrays), want)
 
 
 def _send(comm: Any, given: tuple[np.ndarray, list[tuple[int, slice]]],
@@ -138,6 +149,22 @@ def _send(comm: Any, given: tuple[np.ndarray, list[tuple[int, slice]]],
         pending += [comm.Isend(sent[part], target) for target, part in targets]
         for request in pending:
             request.Wait()
+
+
+def _bytes(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    """Arrays (m, ...) as (m, bytes of a row of all of them): in a message they stand one behind the other."""
+    rows = [np.ascontiguousarray(values).reshape(len(values), math.prod(values.shape[1:])).view(np.uint8)
+            for values in arrays]
+    return rows[0] if len(rows) == 1 else np.concatenate(rows, axis=1)
+
+
+def _of_bytes(rows: np.ndarray, like: Sequence[np.ndarray]) -> Iterator[np.ndarray]:
+    """The arrays (m, ...) in rows (m, bytes) that `_bytes` has made of others of their kinds."""
+    end = 0
+    for values in like:
+        begin, end = end, end + values.itemsize * math.prod(values.shape[1:])
+        part = np.ascontiguousarray(rows[:, begin:end])
+        yield part.view(values.dtype).reshape(len(rows), *values.shape[1:])
 
 
 def _parts(counts: np.ndarray) -> list[tuple[int, slice]]:

@@ -16,12 +16,12 @@ GROUND = 1e-6
 class ComponentMeans:
     """The projection P of eq. 26 for one constant vector a connected component.
 
-    labels: (n,) component of each particle, of those of all processes.
+    labels: (n,) component of each particle, of those of all processes; count: of these, where it is known.
     """
 
-    def __init__(self, labels: np.ndarray):
+    def __init__(self, labels: np.ndarray, count: int = 0):
         self.labels = labels
-        self.count = reduce.total_by(labels)
+        self.count = reduce.total_by(labels, labels=count)
 
     def remove(self, v: np.ndarray) -> np.ndarray:
         """v without its mean over each component, (n,)."""

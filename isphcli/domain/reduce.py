@@ -23,13 +23,38 @@ def total(values: np.ndarray) -> Any:
     return current().sum(values.sum(axis=0))
 
 
+def totals(*values: np.ndarray | float) -> list[Any]:
+    """Sums over the particles of several arrays (n,) or (n, k), and over the processes of numbers, which each has:
+    between processes in one message, in double precision."""
+    sums = [part.sum(axis=0) if isinstance(part, np.ndarray) else part for part in values]
+    return sums if current().size == 1 else _each(current().sum(_joined(sums)), sums)
+
+
+def largest_of_each(*values: np.ndarray) -> list[float]:
+    """Largest entries of several arrays (n,) or (n, k), -inf where there is none: between processes in one message."""
+    return [float(most) for most in current().max(np.array([part.max(initial=-np.inf) for part in values]))]
+
+
+def _joined(values: Sequence[Any]) -> np.ndarray:
+    """Numbers and vectors in one vector."""
+    return np.concatenate([np.atleast_1d(np.asarray(part, float)) for part in values])
+
+
+def _each(joined: np.ndarray, like: Sequence[Any]) -> list[Any]:
+    """The parts of a vector that `_joined` has made of what is like them."""
+    ends = np.cumsum([np.size(part) for part in like])
+    return [joined[end - np.size(part) : end] if np.ndim(part) else joined[end - 1] for end, part in zip(ends, like)]
+
+
 def mean(values: np.ndarray, weights: np.ndarray | None = None) -> Any:
     """Mean over the particles of values (n,) or (n, k), a number or (k,); with weights (n,) of values (n,) only."""
     if current().size == 1:
         return values.mean(axis=0) if weights is None else np.average(values, weights=weights)
     if weights is None:
-        return total(values) / number(values)
-    return dot(weights, values) / total(weights)
+        whole, count = totals(values, len(values))
+    else:
+        whole, count = current().sum(np.array([weights @ values, weights.sum()]))
+    return whole / count
 
 
 def largest(values: np.ndarray) -> Any:
@@ -91,6 +116,11 @@ def total_by(label: np.ndarray, values: np.ndarray | None = None, labels: int = 
     return current().sum(found if values is None else found.astype(float))  # numpy makes integers of no values at all
 
 
+def totals_by(labels: int, *given: tuple[np.ndarray, np.ndarray | None]) -> list[np.ndarray]:
+    """`total_by` of several (label, values), in double precision: between processes in one message."""
+    return list(current().sum(np.array([np.bincount(*part, minlength=labels) for part in given], float)))
+
+
 def largest_by(label: np.ndarray, values: np.ndarray, labels: int) -> np.ndarray:
     """Largest (labels,) of values (n,) over the particles of each label (n,), -inf where there is none."""
     found = np.full(labels, -np.inf)
@@ -98,10 +128,10 @@ def largest_by(label: np.ndarray, values: np.ndarray, labels: int) -> np.ndarray
     return current().max(found)
 
 
-def together(values: np.ndarray) -> np.ndarray:
-    """Rows (m, ...) that each process has, of all of them, on each: for what is few, such as points of a drop near a
-    wall."""
-    return np.concatenate(current().collect(values))
+def together(*values: np.ndarray) -> list[np.ndarray]:
+    """Rows (m, ...) of arrays that each process has, of all of them, on each: for what is few, such as points of a drop
+    near a wall."""
+    return [np.concatenate(parts) for parts in zip(*current().collect(values))]
 
 
 def quantiles(values: np.ndarray, shares: Sequence[float]) -> np.ndarray:

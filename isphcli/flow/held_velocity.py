@@ -100,6 +100,10 @@ class _Twice:
         """Not asked for."""
         raise NotImplementedError
 
+    def forward_each(self, *values: np.ndarray) -> tuple[np.ndarray, ...]:
+        """See `Exchange`."""
+        return tuple(self.forward(part) for part in values)
+
     def forward(self, values: np.ndarray) -> np.ndarray:
         """See `Exchange`."""
         parts = np.split(values, 2)

@@ -100,7 +100,8 @@ def pressure_increment(config: Configuration, system: PressureSystem, div: np.nd
             odd_even, beside = beside, ODD_EVEN_REMOVED * np.divide(odd_even, own, out=beside.copy(), where=own > 0.0)
         right = config.means.remove(odd_even - rate * div)
         # a small increment is the difference of large pressures: no solve is more exact than their round-off
-        size, floor = reduce.norm(right), ROUND_OFF * reduce.norm(old)
+        size, floor = (float(np.sqrt(square)) for square in reduce.totals(right * right, old * old))
+        floor *= ROUND_OFF
         if size <= floor:
             right[:] = 0.0
         tolerance = max(solvers.tolerance, floor / size) if size > 0.0 else solvers.tolerance

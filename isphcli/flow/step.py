@@ -152,11 +152,11 @@ class Stepper:
             terms = self.fluids_at(time).terms(ops, neighbours, phi)
         with self.clock("assembly"):
             # a periodic box full of fluid is one component; pores can be many
-            labels = np.zeros(n, np.int32)
+            count, labels = 1, np.zeros(n, np.int32)
             if ops.walls is not None:
                 joined = ops.walls.symmetric_laplacian > 0.0 if ops.walls.dead_ends else None
-                labels = pair_components(ops.start, ops.column, joined, ops.exchange)[1]
-        return Configuration(ops, neighbours, ComponentMeans(labels), len(images.owner), terms)
+                count, labels = pair_components(ops.start, ops.column, joined, ops.exchange)
+        return Configuration(ops, neighbours, ComponentMeans(labels, count), len(images.owner), terms)
 
     def ready(self, state: State) -> Handover:
         """The configuration of a state, for the step that starts from it."""

@@ -5,7 +5,7 @@ benchmarks/limits.py measures what good runs reach of each limit, and what runs 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,43 +63,52 @@ class Bounds:
     @staticmethod
     def speed(u: np.ndarray, density: np.ndarray | float) -> float:
         """Root mean square speed of velocities (n, dim), weighted with the density, (n,) in any unit, or a number."""
-        largest = reduce.largest(np.abs(u))
-        if not 0.0 < largest < np.inf:  # squares of very small and very large speeds leave the range of numbers
-            return largest
-        square = ((u / largest) ** 2).sum(axis=1)
-        return largest * np.sqrt(reduce.mean(square, np.broadcast_to(density, square.shape)))
+        return _root_mean_square([reduce.largest(np.abs(u))], [(u, density)])[0]
 
     def check(self, old: State, found: StepResult, old_density: np.ndarray | float = 1.0) -> None:
         """Raises StepError where the step from the State `old` to the StepResult `found` broke a limit. old_density:
         `Terms.density` of the old state, whose particles other processes may own by now."""
         new, dt = found.state, found.dt
-        for name, values in (("position", new.x), ("velocity", new.u), ("pressure", new.p)):
-            bad = ~np.isfinite(values)
-            bad = bad.any(axis=1) if values.ndim > 1 else bad
-            if reduce.any_true(bad):
-                raise StepError(f"the {name} of {reduce.count(bad)} particles is no longer a number", bad.astype(float))
-        density = found.config.terms.density
-        speed, size = self.speed(new.u, density), np.sqrt((new.u**2).sum(axis=1))
-        force = self.force if self.largest_force is None else self.largest_force(new.time)
-        before = (("of the step before", self.speed(old.u, old_density), dt), ("of the start", self.start, new.time))
-        for since, begin, time in before:
-            bound = GROWTH * (begin + force * time + self.other)
-            if speed > bound:
-                raise StepError(f"the mean speed is {speed:.3g}, but that {since}, the force and the walls allow "
-                                f"{bound:.3g}", size)
-        change = np.abs(found.divergence) * dt
-        most = reduce.largest(change)
-        if most > DIVERGENCE:
-            raise StepError(f"a particle would change its volume by {most:.2g} of it (limit {DIVERGENCE})", change)
+        self._refuse_what_is_no_number(new)
+        density, change = found.config.terms.density, np.abs(found.divergence) * dt
         volume, walls = found.config.ops.volume[: len(new.x)] / self.site_volume, found.config.ops.walls
         if walls is not None and walls.dead_ends:  # isolated particles have too few neighbours for a number density
             volume = np.where(walls.isolated, 1.0, volume)
-        least, most = reduce.smallest(volume), reduce.largest(volume)
-        if least < VOLUME[0] or most > VOLUME[1]:
-            raise StepError(f"the volumes of particles range from {least:.2g} to {most:.2g} of that at "
+        inside = self.geometry.phase(new.x) < 0 if self.geometry.has_solid else np.zeros(len(new.x), np.bool_)
+        *largest, growth, small, large, wall = reduce.largest_of_each(
+            np.abs(new.u), np.abs(old.u), change, -volume, volume, inside.astype(float))
+        speed, before = _root_mean_square(largest, [(new.u, density), (old.u, old_density)])
+        force = self.force if self.largest_force is None else self.largest_force(new.time)
+        for since, begin, time in (("of the step before", before, dt), ("of the start", self.start, new.time)):
+            bound = GROWTH * (begin + force * time + self.other)
+            if speed > bound:
+                raise StepError(f"the mean speed is {speed:.3g}, but that {since}, the force and the walls allow "
+                                f"{bound:.3g}", np.sqrt((new.u**2).sum(axis=1)))
+        if growth > DIVERGENCE:
+            raise StepError(f"a particle would change its volume by {growth:.2g} of it (limit {DIVERGENCE})", change)
+        if -small < VOLUME[0] or large > VOLUME[1]:
+            raise StepError(f"the volumes of particles range from {-small:.2g} to {large:.2g} of that at "
                             f"the start (limits {VOLUME[0]} and {VOLUME[1]}): they clump or part",
                             np.maximum(VOLUME[0] / volume, volume / VOLUME[1]))
-        if self.geometry.has_solid:
-            inside = self.geometry.phase(new.x) < 0
-            if reduce.any_true(inside):
-                raise StepError(f"{reduce.count(inside)} particles are in a wall", inside.astype(float))
+        if wall > 0.0:
+            raise StepError(f"{reduce.count(inside)} particles are in a wall", inside.astype(float))
+
+    @staticmethod
+    def _refuse_what_is_no_number(new: State) -> None:
+        fields = {"position": new.x, "velocity": new.u, "pressure": new.p}
+        bad = {name: ~np.isfinite(values) for name, values in fields.items()}
+        bad = {name: some.any(axis=1) if some.ndim > 1 else some for name, some in bad.items()}
+        for (name, some), count in zip(bad.items(), reduce.totals(*bad.values())):
+            if count:
+                raise StepError(f"the {name} of {int(count)} particles is no longer a number", some.astype(float))
+
+
+def _root_mean_square(largest: Sequence[float], given: Sequence[tuple[np.ndarray, np.ndarray | float]]) -> list[float]:
+    """Root mean square speeds of (velocities (n, dim), density (n,) or number) whose largest components are known."""
+    # squares of very small and very large speeds leave the range of numbers
+    scale = [most if 0.0 < most < np.inf else 1.0 for most in largest]
+    squares = [((u / most) ** 2).sum(axis=1) for (u, _), most in zip(given, scale)]
+    weights = [np.broadcast_to(density, square.shape) for (_, density), square in zip(given, squares)]
+    sums = reduce.totals(*(weight * square for weight, square in zip(weights, squares)), *weights)
+    means = [whole / weight for whole, weight in zip(sums, sums[len(given):])]
+    return [float(most * np.sqrt(mean)) if 0.0 < most < np.inf else float(most) for most, mean in zip(largest, means)]

@@ -67,7 +67,7 @@ class StokesSystem:
         self.resistance = resistance_of(forces, x) if x is not None else None
         self.drag = None if self.resistance is None else spacing**2 * self.resistance
         self.count, labels = pair_components(ops.start, ops.column, exchange=ops.exchange)
-        self.means = ComponentMeans(labels)
+        self.means = ComponentMeans(labels, self.count)
         matrix = nearest_matrix(ops, spacing) if ops.on_lattice else velocity_matrix(ops, spacing)
         if self.drag is not None:
             own = np.arange(ops.n + 1)

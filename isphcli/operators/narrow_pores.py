@@ -65,8 +65,8 @@ def _behind(start: np.ndarray, column: np.ndarray, link: np.ndarray, exchange: E
     """Particles (n,) in clusters smaller than a neighbourhood that only isolated particles join with the rest."""
     seen, sight = in_sight(start, link), link != MEETS_WALL
     begin, fluid, shared = np.concatenate([[0], np.cumsum(seen)]), column[sight], link[sight] == SHARES_PRESSURE
-    whole, part = (pair_components(begin, fluid, joined, exchange)[1] for joined in (None, shared))
-    size, all_in_sight = reduce.total_by(part)[part], reduce.total_by(whole)[whole]
+    (wholes, whole), (parts, part) = (pair_components(begin, fluid, joined, exchange) for joined in (None, shared))
+    size, all_in_sight = reduce.total_by(part, labels=parts)[part], reduce.total_by(whole, labels=wholes)[whole]
     return (size < all_in_sight) & (size < np.diff(start))
 
 

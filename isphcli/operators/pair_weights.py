@@ -8,7 +8,7 @@ Sums are taken once a configuration: one weight of the Laplacian and `dim` of th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numba import njit
@@ -154,7 +154,7 @@ class WallRows(WallSums):
         """(n,) bool, in a dead end that shares no pressure with the rest."""
         return self.classes == ISOLATED
 
-    @property
+    @cached_property
     def dead_ends(self) -> bool:
         """Whether a particle is isolated."""
         return reduce.any_true(self.isolated)

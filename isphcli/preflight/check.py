@@ -131,7 +131,7 @@ def _flow_is_expected(result: CheckResult, geometry: Geometry, sites: Sites, dri
 def _costs(result: CheckResult, geometry: Geometry, sites: Sites, ranks: int | None) -> None:
     """Memory and time, and those of each of so many processes."""
     case = result.case
-    share = memory.fluid_round(geometry, sites.points(memory.SAMPLE), case.support * min(case.spacings))
+    share = memory.neighbours_held(case, geometry, sites.points(memory.SAMPLE), min(case.spacings))
     costs(result, geometry, share)
     if ranks is not None:
         of_ranks(result, geometry, ranks, share)
@@ -142,7 +142,8 @@ def _from_samples(result: CheckResult, geometry: Geometry, lattice: Lattice, ran
     case = result.case
     size = geometry.upper - geometry.lower
     points = geometry.lower + np.random.default_rng(0).random((memory.SAMPLE, geometry.dim)) * size
-    share = float((geometry.phase(points) >= 0).mean())
+    inside = geometry.phase(points) >= 0
+    share = float(inside.mean())
     porosity = f"porosity about {100 * share:.2g} %"
     if case.microporous:
         porosity += f", {100 * float((geometry.microporous(points) >= 0).mean()):.2g} % of the box microporous"
@@ -150,7 +151,7 @@ def _from_samples(result: CheckResult, geometry: Geometry, lattice: Lattice, ran
     if case.flow != "stokes":
         fixed = case.time is not None and case.time.step
         result.steps = steps(case, geometry, None, None, list(case.fluids)) if fixed else None
-    costs(result, geometry)
+    costs(result, geometry, memory.neighbours_held(case, geometry, points[inside], min(case.spacings)))
     # a second solve that does not fit leaves the first one its value
     need = sum(result.memory.values()) - (result.second.memory if result.second is not None else 0.0)
     left = memory.available()

@@ -25,7 +25,7 @@ MARGIN = 7  # voxels of an image beside its brick that a process holds (geometry
 
 def of_ranks(result: CheckResult, geometry: Geometry, count: int, share: float = 1.0) -> None:
     """Adds to a CheckResult what each of `count` processes holds and takes, at most, and what stands against them; of
-    more processes than particles only that. share: see `memory.fluid_round`."""
+    more processes than particles only that. share: see `memory.neighbours_held`."""
     case, dim = result.case, result.dim
     if count > 1 and case.refine == "throats":
         result.errors.append("refine: throats is for one process; take auto or a list of spacings")

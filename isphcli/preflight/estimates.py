@@ -176,7 +176,7 @@ def _iterations(widths: Throats | None) -> float:
 
 
 def costs(result: CheckResult, geometry: Geometry, share: float = 1.0) -> None:
-    """Neighbours, memory and time. share: see `memory.fluid_round`."""
+    """Neighbours, memory and time. share: see `memory.neighbours_held`."""
     case, dim = result.case, result.dim
     result.neighbours = memory.neighbours(case, dim)
     spacing = case.particles.spacing

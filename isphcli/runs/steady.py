@@ -132,7 +132,7 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
                 particles = jittered_at_rest(case, geometry, particles, spacing)
         give_back_freed_memory()
     n = particles.n_fluid
-    share = memory.fluid_round(geometry, particles.x[:n], support)
+    share = memory.neighbours_held(case, geometry, particles.x[:n], spacing)
     need = memory.estimate(case, geometry.dim, True, n, particles.n_dummy, share=share)
     most = float(reduce.largest(np.array([sum(need.values())])))
     memory.refuse(most * current().here, f"{n:,} fluid particles", memory.too_large(case))

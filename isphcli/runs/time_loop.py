@@ -65,9 +65,11 @@ class TimeLoop:
     def limits(self, state: State) -> dict[str, float]:
         """{name: step} of everything that bounds the next step, s."""
         stepper = self.stepper
-        speed = float(np.sqrt(reduce.largest((state.u * state.u).sum(axis=1))))
+        speed, change = np.sqrt(reduce.largest_of_each((state.u * state.u).sum(axis=1),
+                                                       ((state.u - state.u_old) ** 2).sum(axis=1)))
+        speed = float(speed)
         if state.dt_old:
-            acceleration = np.sqrt(reduce.largest(((state.u - state.u_old) ** 2).sum(axis=1))) / state.dt_old
+            acceleration = change / state.dt_old
         else:
             acceleration = np.linalg.norm(stepper.fluids_at(state.time).force) + abs(state.pressure_gradient or 0.0)
             acceleration += largest_of(stepper.fluids.forces)
@@ -161,13 +163,14 @@ class TimeLoop:
     def _row(self, found: StepResult, limit: str) -> dict[str, Any]:
         state, stepper = found.state, self.stepper
         # einsum: numpy's sums over an axis of two or three entries take five times as long
-        total, number = current().sum(np.einsum("ij->j", state.u)), reduce.number(state.u)
+        density = stepper.fluids.reference * found.config.terms.density
+        total, square, number = reduce.totals(np.einsum("ij->j", state.u)[None],
+                                              density * np.einsum("ij,ij->i", state.u, state.u), len(state.u))
         held = stepper.held_velocity
         if held is not None:
             total[held.axis] = held.flux(state.x, state.u) * self.box_volume / self.site_volume
         mean = total / (self.fluid_cells or number)
-        density = stepper.fluids.reference * found.config.terms.density
-        energy = 0.5 * self.site_volume * float(reduce.total(density * np.einsum("ij,ij->i", state.u, state.u)))
+        energy = 0.5 * self.site_volume * float(square)
         fraction = number * self.site_volume / self.box_volume
         row = {"step": state.step, "time": state.time, "dt": found.dt, "limit": limit}
         for name in ("velocity", "pressure"):

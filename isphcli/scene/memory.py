@@ -21,9 +21,11 @@ PAIRS = {2: 2.72, 3: 3.46}  # neighbours over support^dim at one site a spacing^
 BYTES_PAIR = {
     ("stokes", True): 10,
     ("stokes", False): 10,
-    ("navier_stokes", True): 166,
-    ("navier_stokes", False): 60,
+    ("navier_stokes", True): 158,
+    ("navier_stokes", False): 52,
 }
+# Of moving particles a neighbour of any kind, behind a wall or a dummy: its row and its column
+BYTES_NEIGHBOUR = 8
 # Of a pair, in matrices and hierarchies. stokes: with the rest 1.7 kB per particle seen all round; the peaks were 1.68
 # (sphere array of 64 spacings), 1.92 (Berea 128^3, 46 iterations) and 2.28 kB (bead pack, 56): benchmarks/memory.py,
 # 2026-11-29
@@ -70,30 +72,37 @@ def neighbours(case: Case, dim: int) -> float:
     return PAIRS[dim] * density(case, dim) * case.support**dim
 
 
-def fluid_round(geometry: Geometry, x: np.ndarray, support: float) -> float:
-    """Share of what lies within a support, m, of fluid particles x (n, dim) that is fluid: of the neighbours that they
-    would have in a box full of it they have about as many."""
-    rng = np.random.default_rng(0)
-    chosen = x[rng.integers(len(x), size=SAMPLE)] if len(x) else x
+def neighbours_held(case: Case, geometry: Geometry, x: np.ndarray, spacing: float) -> float:
+    """Of the neighbours that fluid particles x (n, dim) of a spacing, m, would have in a box full of fluid, the share
+    whose weights are held: those that are fluid; of moving particles those of them that no wall hides. (What steady
+    flow takes was measured by the first.)"""
+    if not geometry.has_solid or not len(x):
+        return 1.0
+    reach, rng = case.support * spacing, np.random.default_rng(0)
+    chosen = x[rng.integers(len(x), size=SAMPLE)]
     offset = rng.normal(size=chosen.shape)
-    offset *= (support * rng.random(len(chosen)) ** (1 / geometry.dim) / np.linalg.norm(offset, axis=1))[:, None]
-    return float((geometry.phase(chosen + offset) >= 0).mean()) if len(x) else 1.0
+    offset *= (reach * rng.random(len(chosen)) ** (1 / geometry.dim) / np.linalg.norm(offset, axis=1))[:, None]
+    held = geometry.phase(chosen + offset) >= 0
+    if case.flow != "stokes":
+        held[held] = geometry.crossing(chosen[held], (chosen + offset)[held]) >= 1.0
+    return float(held.mean())
 
 
 def estimate(case: Case, dim: int, walls: bool, fluid: float, dummies: float, two: bool = False,
              share: float = 1.0) -> dict[str, float]:
     """Bytes by part at the peak of a run with so many fluid particles and dummies, without its image.
 
-    two: particles of two fluids that differ or have an interface; share: see `fluid_round`. Moving particles keep pairs
-    with dummies too: there the share counts for nothing.
+    two: particles of two fluids that differ or have an interface; share: see `neighbours_held`. Of all other neighbours
+    moving particles know who they are: BYTES_NEIGHBOUR.
     """
     steady = case.flow == "stokes"
-    pairs = fluid * neighbours(case, dim) * (share if steady else 1.0)
+    pairs = fluid * neighbours(case, dim) * share
     petsc = steady and (case.solver.engine == "petsc" or current().size > 1)
     vectors = min(case.solver.restart, VECTORS) * (dim + 1) if steady else case.solver.restart
     parts = {
         "program": BYTES_PROGRAM,
-        "operators": pairs * BYTES_PAIR[case.flow, walls] + fluid * BYTES_ROW[case.flow],
+        "operators": pairs * BYTES_PAIR[case.flow, walls] + fluid * BYTES_ROW[case.flow] + (
+            0.0 if steady else fluid * neighbours(case, dim) * BYTES_NEIGHBOUR),
         "matrices": pairs * (BYTES_PETSC if petsc else BYTES_MATRIX[case.flow]),
         "Krylov vectors": fluid * vectors * (4 if steady else 8),
         "particles": (fluid + dummies) * BYTES_PARTICLE,
@@ -117,7 +126,9 @@ def refuse_lattice(case: Case, geometry: Geometry, spacing: float) -> None:
     points = geometry.lower + np.random.default_rng(0).random((SAMPLE, geometry.dim)) * size
     phase = geometry.phase(points)
     fluid = sites * float((phase >= 0).mean())
-    need = estimate(case, geometry.dim, geometry.has_solid, fluid, 0, two=len(np.unique(phase[phase >= 0])) > 1)
+    share = neighbours_held(case, geometry, points[phase >= 0], spacing)
+    need = estimate(case, geometry.dim, geometry.has_solid, fluid, 0, two=len(np.unique(phase[phase >= 0])) > 1,
+                    share=share)
     refuse(_of_this_machine(sum(need.values())), f"about {fluid:.3g} fluid particles", too_large(case))
 
 

@@ -92,7 +92,8 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
             particles = with_fluids(case, geometry, particles)
     n = particles.n_fluid
     two = particles.two_fluids
-    need = memory.estimate(case, geometry.dim, geometry.has_solid, n, particles.n_dummy, two=two)
+    need = memory.estimate(case, geometry.dim, geometry.has_solid, n, particles.n_dummy, two=two,
+                           share=memory.neighbours_held(case, geometry, particles.x[:n], spacing))
     most = float(reduce.largest(np.array([sum(need.values())])))
     memory.refuse(most * current().here, f"{n:,} fluid particles{' of two fluids' * two}", memory.too_large(case))
     x = particles.x[:n].copy()

@@ -104,7 +104,8 @@ class Petsc:
         return apply
 
     def _aij(self, matrix: sp.csr_matrix, exchange: Exchange) -> Any:
-        """PETSc's matrix of the rows of all processes."""
+        """PETSc's matrix of the rows of all processes; what hierarchies before it held is freed first."""
+        self._free()
         n, kind = matrix.shape[0], PETSc.IntType
         whole = reduce.number(matrix.indptr[1:])
         columns = exchange.numbers(n).astype(kind)[matrix.indices]
@@ -112,6 +113,12 @@ class Petsc:
         found = PETSc.Mat().createAIJ(((n, whole), (n, whole)), csr=csr, comm=self.comm)
         found.assemble()
         return found
+
+    def _free(self) -> None:
+        """Frees what no process refers to any more. Objects of PETSc that are of several processes can only be freed by
+        all of them together: petsc4py keeps those that Python has let go of, from 3.18 on, until this is called."""
+        if hasattr(PETSc, "garbage_cleanup"):
+            PETSc.garbage_cleanup(self.comm)
 
     def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
               start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
@@ -122,10 +129,12 @@ class Petsc:
                       start: np.ndarray | None = None) -> tuple[np.ndarray, Convergence]:
         """See `engine.Engine`: PETSc's, from the right. Whether it has converged is decided by the residual that is
         computed afterwards, not by PETSc's, which was below the tolerance on wrong solutions of singular systems."""
-        norm = reduce.norm(rhs)
+        rest = rhs if start is None else rhs - apply(start)
+        square, left, number = reduce.totals(rhs * rhs, rest * rest, len(rhs))
+        norm = float(np.sqrt(square))
         if norm == 0.0:
             return np.zeros_like(rhs), Convergence(0, 0.0, limits.tolerance, "zero right-hand side")
-        size = (len(rhs), reduce.number(rhs))
+        size = (len(rhs), int(number))
         shells = _Shell(apply), _Shell(precondition)
         system = PETSc.Mat().createPython((size, size), shells[0], comm=self.comm)
         system.setUp()
@@ -141,7 +150,7 @@ class Petsc:
         right, found = system.createVecs()
         right.array[:] = rhs
         found.array[:] = 0.0 if start is None else start
-        residual = 1.0 if start is None else reduce.norm(rhs - apply(start)) / norm
+        residual = float(np.sqrt(left)) / norm
         while residual > limits.tolerance and iterations < limits.max_iterations:
             left = limits.max_iterations - iterations
             krylov.setGMRESRestart(min(limits.restart, left))

@@ -122,7 +122,7 @@ def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchang
     others are scaled so that all of them have the volume of the particles. One that has both fluids round it, but no
     interface near, as on the two sides of a wall that it does not see over, is of the fluid of the nearest particle.
     """
-    phi, slope, form = (exchange.forward(values) for values in (phi, fit.slope, fit.form))
+    phi, slope, form = exchange.forward_each(phi, fit.slope, fit.form)
     n, dim, reach = len(cells.fluid), len(cells.side), REACH * cells.side.max()
     weight, sums, nearest = found = _nothing(n, dim)
     particles, far = (x, phi, slope, form), FAR * cells.side.max()
@@ -140,7 +140,8 @@ def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchang
     far_off = np.flatnonzero((nearest >= 0).all(axis=1) & (weight == 0.0))
     nearest[far_off, _farther(cells, x, nearest, far_off)] = -1
     held = np.where((nearest < 0).all(axis=1), 0.0, cells.fluid)
-    cells = cells._replace(fluid=held * (reduce.total(cells.fluid) / reduce.total(held)))
+    whole, left = reduce.totals(cells.fluid, held)
+    cells = cells._replace(fluid=held * (whole / left))
     volume, area = np.zeros(n), np.zeros(n)
     over_rows(_cut, n, cells, found, volume, area, work=lambda: np.empty(dim))
     known = (weight > 0.0)[:, None]
@@ -168,7 +169,7 @@ def outline(cut: CutCells) -> tuple[float, float]:
     place = np.stack(np.unravel_index(np.arange(len(cut.phi)), cells.end - cells.first), axis=1) + cells.first
     near = np.abs(cut.phi) < most  # of four that have zero between them all are
     # a process knows its own cells; those round an interface are few
-    place, phi, slope = (reduce.together(values[near]) for values in (place, cut.phi, cut.slope))
+    place, phi, slope = reduce.together(place[near], cut.phi[near], cut.slope[near])
     number = place[:, 0] * cells.shape[1] + place[:, 1]
     order = np.argsort(number)
     height = np.full((len(phi), 4, 3), np.nan)

@@ -75,12 +75,17 @@ class Interface:
     @property
     def colour(self) -> np.ndarray:
         """(n,) 1 of particles of the first fluid, else 0 (eq. 15, the same for all particles)."""
-        return (self.phi > 0.0).astype(float)
+        return colour_of(self.phi)
 
     @property
     def phase(self) -> np.ndarray:
         """(n,) int8 fluid of each particle."""
         return phase_of(self.phi)
+
+
+def colour_of(phi: np.ndarray) -> np.ndarray:
+    """`Interface.colour` of particles with phi (n,), m."""
+    return (phi > 0.0).astype(float)
 
 
 def reach_of(support: float, spacing: float) -> float:
@@ -112,7 +117,7 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     distance = everyone(phi)
     known = np.abs(distance) < reach
     fitted, neighbours = (seen, neighbours) if sight is None else sight.neighbours(ops, neighbours, known)
-    gradient = everyone(own_gradient(fitted, distance, known, everyone(ops.gradient_p(phi)), spacing))
+    gradient = everyone(own_gradient(fitted, distance, known, everyone(ops.gradient_with_remote(distance)), spacing))
     fit = quadratic_fit(fitted, distance, known, known, gradient, spacing, no_slopes(ops.n, ops.dim))
     if contact is not None:
         fit = contact.at_walls(ops, (fitted, neighbours), distance, known, fit)
@@ -140,12 +145,11 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     """
     phi, fit, reach, spacing = interface.phi, interface.fit, interface.reach, interface.spacing
     everyone, known = ops.exchange.forward, np.abs(interface.phi) < reach
-    distance = everyone(phi)
     # the slope is brought to one as an explicit step of an advection away from the interface would do it: it has to be
     # slower than the smoothing that keeps it stable
-    steepness = np.clip(interface.steepness, 0.0, 2.0)
+    distance, steepness, slope = ops.exchange.forward_each(phi, np.clip(interface.steepness, 0.0, 2.0), fit.slope)
     weight = np.where(np.abs(distance) < reach, ops.volume, 0.0)
-    stretched = averages(ops.neighbours, weight, everyone(steepness)) - 1.0
+    stretched = averages(ops.neighbours, weight, steepness) - 1.0
     change = np.clip(fit.value - phi, -spacing, spacing)
     slower = SLOWER * part + moved
     factor = 1.0 + np.clip(stretch, -LARGEST_STRETCH, LARGEST_STRETCH) - slower * stretched
@@ -158,7 +162,7 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     known &= ~left
     # particles that the interface comes near to, by less than a spacing a step, know their distance from those that do
     beyond, value = np.zeros(ops.n, np.bool_), np.zeros(ops.n)
-    over_rows(_extended, ops.n, ops.neighbours, distance, everyone(fit.slope), everyone(known), beyond, value)
+    over_rows(_extended, ops.n, ops.neighbours, distance, slope, everyone(known), beyond, value)
     beyond &= ~left
     there = np.sign(phi) * np.clip(np.sign(phi) * value, reach - spacing, reach)
     new[beyond] = there[beyond]
@@ -181,18 +185,18 @@ def with_volumes_of(before: np.ndarray, phi: np.ndarray, ops: Operators, spacing
     """phi (n,) moved along the normals by one length for each connected piece of the interface, so that the volume of
     the first fluid round it is that of `before` (n,)."""
     inside = (fraction_slope(phi, spacing) > 0.0) | (fraction_slope(before, spacing) > 0.0)
-    if not reduce.any_true(inside):
-        return phi
     band = np.flatnonzero(inside)
     count, piece = parts_of(ops.start, ops.column, ops.exchange.forward(inside), exchange=ops.exchange)
+    if not count:
+        return phi
     piece = piece[band]
     volume = ops.volume[band]
-    wanted = reduce.total_by(piece, volume * volume_fraction(before[band], spacing), count)
+    wanted = volume * volume_fraction(before[band], spacing)
     shift = np.zeros(count)
     for _ in range(ITERATIONS):
         now = phi[band] + shift[piece]
-        lacks = wanted - reduce.total_by(piece, volume * volume_fraction(now, spacing), count)
-        slope = reduce.total_by(piece, volume * fraction_slope(now, spacing), count)
+        lacks, slope = reduce.totals_by(count, (piece, wanted - volume * volume_fraction(now, spacing)),
+                                        (piece, volume * fraction_slope(now, spacing)))
         step = np.divide(lacks, slope, out=np.zeros(count), where=slope > 0.0)
         shift += np.clip(step, -0.5 * spacing, 0.5 * spacing)
     out = phi.copy()

@@ -48,8 +48,9 @@ LEVELS_RIDGE = 1e-9  # of the largest diagonal entry: only differences of m coun
 def first_shares(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, spacing: float,
                  exchange: Exchange = NO_EXCHANGE) -> np.ndarray:
     """`State.volume` (n,), m^dim, of particles that begin with phi (n,), m: what the parts have there."""
-    count, part = _parts(neighbours, phi, spacing, exchange)
-    return _shared(_volumes(cut, exchange.forward(part), count), part)
+    count, part = _parts(neighbours, exchange.forward(phi), spacing, exchange)
+    volumes, particles = reduce.totals_by(count, _of_cells(cut, exchange.forward(part)), (part, None))
+    return _shared(volumes, particles, part)
 
 
 def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new: np.ndarray,
@@ -63,13 +64,13 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
     sample, everywhere = cut.sample, cut
     if sample is not None:
         cut = cut._replace(area=np.where(_within(cut.cells.middle, sample), cut.area, 0.0))
-    count, part = _parts(neighbours, phi, spacing, exchange)
+    distance = exchange.forward(phi)
+    count, part = _parts(neighbours, distance, spacing, exchange)
     everyone = exchange.forward(part)
     across = np.full(len(phi), -1)
-    over_rows(_nearest_across, len(phi), neighbours, exchange.forward(phi), across)
-    wanted = reduce.total_by(part, volume, count)
-    between = _areas(cut, everyone, count)
-    level = _levels(wanted - _volumes(cut, everyone, count), between, wanted)
+    over_rows(_nearest_across, len(phi), neighbours, distance, across)
+    wanted, have, particles = reduce.totals_by(count, (part, volume), _of_cells(cut, everyone), (part, None))
+    level = _levels(wanted - have, _areas(cut, everyone, count), wanted)
     moved = np.abs(new) < BAND * spacing
     moved &= across >= 0
     if sample is not None:
@@ -82,14 +83,15 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
     alone = changed & (across < 0)  # no interface is near that could have moved past them
     new[alone], changed = phi[alone], changed & ~alone
     now = np.where(changed, other, part)
-    there = reduce.total_by(now, None, count) > 0
-    for gone in np.flatnonzero((reduce.total_by(part, None, count) > 0) & ~there):
+    remain = reduce.total_by(now, None, count)
+    there = remain > 0
+    for gone in np.flatnonzero((particles > 0) & ~there):
         # smaller than a particle: what it had goes to the part of its fluid that is next to what is there now
         around = reduce.total_by(now[part == gone], None, count).argmax()
         kin = _areas(everywhere, everyone, count)[[around]].toarray()[0]
         kin[~there] = 0.0
         wanted[kin.argmax() if kin.max() > 0.0 else around] += wanted[gone]
-    return new, _shared(wanted, now)
+    return new, _shared(wanted, remain, now)
 
 
 def _within(x: np.ndarray, sample: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -98,22 +100,23 @@ def _within(x: np.ndarray, sample: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
 
 
 def _parts(neighbours: Neighbourhood, phi: np.ndarray, spacing: float, exchange: Exchange) -> tuple[int, np.ndarray]:
-    """How many parts there are, and that of each particle (n,)."""
+    """How many parts there are, and that of each particle (n,). phi: (n + remote,) m."""
     like = np.zeros(len(neighbours.column), np.bool_)
-    over_rows(_like, len(phi), neighbours, exchange.forward(phi), (LINKED * spacing) ** 2, like)
+    over_rows(_like, neighbours.n, neighbours, phi, (LINKED * spacing) ** 2, like)
     return pair_components(neighbours.start, neighbours.column, like, exchange)
 
 
-def _shared(volumes: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Volumes of the parts, shared out evenly among the particles of each, (n,)."""
-    return (volumes / np.maximum(reduce.total_by(part, None, len(volumes)), 1))[part]
+def _shared(volumes: np.ndarray, particles: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Volumes of the parts, shared out evenly among the particles of each, of which there are so many, (n,)."""
+    return (volumes / np.maximum(particles, 1))[part]
 
 
-def _volumes(cut: CutCells, part: np.ndarray, count: int) -> np.ndarray:
-    """Volume of each of so many parts, m^dim. part: (n + remote,) of the particles."""
+def _of_cells(cut: CutCells, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(part, volume, m^dim) of both sides of the cells: as many for each part as it fills. part: (n + remote,) of the
+    particles."""
     seen = cut.nearest >= 0
     volume = np.stack([cut.volume, cut.cells.fluid - cut.volume], axis=1)
-    return reduce.total_by(part[cut.nearest[seen]], volume[seen], count)
+    return part[cut.nearest[seen]], volume[seen]
 
 
 def _areas(cut: CutCells, part: np.ndarray, count: int) -> sp.csr_matrix:
@@ -122,7 +125,7 @@ def _areas(cut: CutCells, part: np.ndarray, count: int) -> sp.csr_matrix:
     first, other = part[cut.nearest[both]].T.astype(np.int64)
     pair, place = np.unique(first * count + other, return_inverse=True)
     # between parts, of which there are few, not between cells
-    pair, area = (reduce.together(values) for values in (pair, np.bincount(place, cut.area[both], len(pair))))
+    pair, area = reduce.together(pair, np.bincount(place, cut.area[both], len(pair)))
     first, other = np.divmod(pair, count)
     ends = np.concatenate([first, other]), np.concatenate([other, first])
     return sp.csr_matrix((np.concatenate([area, area]), ends), shape=(count, count))

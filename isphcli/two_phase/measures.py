@@ -72,7 +72,8 @@ class Measures:
         if state.phi is not None:
             self.phase = phase_of(state.phi)
         volume = config.ops.volume[: len(state.x)]
-        volume = volume * (self.site_volume * reduce.number(volume) / reduce.total(volume))
+        number, whole = reduce.totals(len(volume), volume)
+        volume = volume * (self.site_volume * number / whole)
         row = self._fluids(state, config, volume)
         if self.amplitude is not None:
             row["amplitude"] = self.amplitude(state.x, volume, _interface(config).fraction)
@@ -106,16 +107,17 @@ class Measures:
             x, parts = cut.cells.middle, [cut.volume, cut.cells.fluid - cut.volume]
             means = self._mean_velocities(state.u, config, cut)
         inside = inside_sample(self.geometry, x)
-        sample = sum(reduce.total(part[inside]) for part in parts)
-        for name, mask, part, k in zip(self.names, masks, parts, (0, 1)):
-            u, there = state.u[mask], part > 0.0
-            row[f"volume_{name}"] = float(reduce.total(part))
-            row[f"saturation_{name}"] = float(reduce.total(part[inside]) / sample)
-            self.centres[k] = centre = self._centre(x[there], part[there], self.centres[k])
-            row |= {f"centre_{a}_{name}": c for a, c in zip("xyz", centre)}
+        sums = reduce.totals(*parts, *(part[inside] for part in parts),
+                             *((state.u[mask] ** 2).ravel() for mask in masks))
+        whole, sample, square = sums[:2], sums[2:4], sums[4:]
+        centres = self._centres(*((x[part > 0.0], part[part > 0.0], then) for part, then in zip(parts, self.centres)))
+        for k, name in enumerate(self.names):
+            row[f"volume_{name}"] = float(whole[k])
+            row[f"saturation_{name}"] = float(sample[k] / (sample[0] + sample[1]))
+            self.centres[k] = centres[k]
+            row |= {f"centre_{a}_{name}": c for a, c in zip("xyz", centres[k])}
             row |= {f"velocity_{a}_{name}": float(v) for a, v in zip("xyz", means[k])}
-            square = reduce.total((u * u).ravel())
-            row[f"kinetic_energy_{name}"] = float(0.5 * self.density[k] * self.site_volume * square)
+            row[f"kinetic_energy_{name}"] = float(0.5 * self.density[k] * self.site_volume * square[k])
         return row
 
     def _mean_velocities(self, u: np.ndarray, config: Configuration, cut: CutCells) -> list[np.ndarray]:
@@ -124,53 +126,59 @@ class Measures:
         The mean over its particles jumps where the interface moves past one, by 1 % for a bubble of 490. Here each cell
         has the velocity of the nearest particle, with its gradient, in the middle of what the cell holds of the fluid.
         """
-        ops, cells, everyone, found = config.ops, cut.cells, config.ops.exchange.forward, []
-        velocity, normals = everyone(u), everyone(_interface(config).normal)
-        gradients = everyone(gradient_one_sided(ops, u).reshape(len(u), ops.dim**2))
+        ops, cells, sums = config.ops, cut.cells, list[np.ndarray]()
+        velocity, normals, gradients = ops.exchange.forward_each(
+            u, _interface(config).normal, gradient_one_sided(ops, u).reshape(len(u), ops.dim**2))
         length = self.geometry.upper - self.geometry.lower
         for k, volume in enumerate((cut.volume, cells.fluid - cut.volume)):
             seen = (volume > 0.0) & (cut.nearest[:, k] >= 0)
-            if not reduce.any_true(seen):
-                found.append(np.asarray(reduce.mean(u[self.phase_at(config) == k])))
-                continue
             near, volume = cut.nearest[seen, k], volume[seen]
             normal = normals[near] * (1.0 - 2.0 * k)  # into fluid k
             beside = 0.5 * (1.0 - volume / cells.fluid[seen])[:, None] * normal * cells.side  # middle of a slab
             way = nearest_image(cells.middle[seen] + beside - config.neighbours.x[near], length, self.geometry.periodic)
             there = velocity[near] + np.einsum("ncd,nd->nc", gradients[near].reshape(-1, ops.dim, ops.dim), way)
-            found.append(np.asarray(reduce.dot(volume, there) / reduce.total(volume)))
+            sums += [volume[:, None] * there, volume]
+        moved, first, moved_second, second = reduce.totals(*sums)
+        return [np.asarray(flux / volume) if volume > 0.0 else np.asarray(reduce.mean(u[self.phase_at(config) == k]))
+                for k, (flux, volume) in enumerate(((moved, first), (moved_second, second)))]
+
+    def _centres(self, *given: tuple[np.ndarray, np.ndarray, Centre | None]) -> list[Centre]:
+        """Centres of volume, lists of dim, m, of several (places (n, dim), their volumes (n,), the centre before or
+        None): None along a periodic axis that the fluid lies all round, else in the period nearest to the centre
+        before."""
+        periodic, lower = np.array(self.geometry.periodic), self.geometry.lower
+        length, middles, sums = self.geometry.upper - lower, list[np.ndarray](), list[list[np.ndarray]]()
+        # along a periodic axis about the mean direction round it
+        angles = [2.0 * math.pi * (x - lower) / length for x, _, _ in given]
+        parts = [part for (x, volume, _), angle in zip(given, angles) for part in (
+            volume[:, None] * np.sin(angle), volume[:, None] * np.cos(angle), volume[:, None] * x, volume)]
+        whole = reduce.totals(*parts)
+        for k in range(len(given)):
+            sums.append(whole[4 * k : 4 * k + 4])
+            middles.append(lower + length * (np.arctan2(*sums[k][:2]) / (2.0 * math.pi) % 1.0))
+        offsets = reduce.totals(*(volume[:, None] * ((x - middle + length / 2) % length - length / 2)
+                                  for (x, volume, _), middle in zip(given, middles)))
+        found = list[Centre]()
+        for (_, _, before), (sine, cosine, plain, volume), middle, offset in zip(given, sums, middles, offsets):
+            mean = np.where(periodic, middle + offset / volume, plain / volume)
+            all_round = periodic & (np.hypot(sine, cosine) < ROUND * volume)
+            known = before if before is not None else [None] * len(mean)
+            found.append([None if all_round[a] else float(here) if then is None or not periodic[a]
+                          else float(here + length[a] * round((then - here) / length[a]))
+                          for a, (here, then) in enumerate(zip(mean, known))])
         return found
-
-    def _centre(self, x: np.ndarray, volume: np.ndarray, before: Centre | None) -> Centre:
-        """Centre of volume, list of dim, m; None along a periodic axis that the fluid lies all round."""
-        return [
-            self._mean_round(x[:, a], volume, a, None if before is None else before[a])
-            if self.geometry.periodic[a] else float(reduce.dot(volume, x[:, a]) / reduce.total(volume))
-            for a in range(x.shape[1])
-        ]
-
-    def _mean_round(self, x: np.ndarray, weight: np.ndarray, axis: int, before: float | None) -> float | None:
-        """Mean of coordinates (n,) along a periodic axis, in the period nearest to the mean `before` (or None)."""
-        length = self.geometry.upper[axis] - self.geometry.lower[axis]
-        phase = np.exp(2j * math.pi * (x - self.geometry.lower[axis]) / length)
-        direction = reduce.dot(weight, phase) / reduce.total(weight)
-        if abs(direction) < ROUND:
-            return None
-        middle = self.geometry.lower[axis] + length * (np.angle(direction) / (2 * math.pi) % 1.0)
-        offset = (x - middle + length / 2) % length - length / 2
-        mean = middle + float(reduce.dot(weight, offset) / reduce.total(weight))
-        return mean if before is None else mean + length * round((before - mean) / length)
 
     def _interface(self, state: State, config: Configuration) -> dict[str, Any]:
         assert self.tension is not None
         sigma, interface = self.tension.tension, _interface(config)
         assert interface.cut is not None
         inside = inside_sample(self.geometry, interface.cut.cells.middle)
-        area, circularity = float(reduce.total(interface.cut.area[inside])), None
+        area, flux = reduce.totals(interface.cut.area[inside], state.u)
+        area, circularity = float(area), None
         if self.geometry.dim == 2 and any(self._enclosed(state.x[interface.phase == k]) for k in (0, 1)):
             area, within = outline(interface.cut)
             circularity = 2.0 * math.sqrt(math.pi * within) / area if area > 0.0 else None
-        flux = reduce.total(state.u) * self.site_volume / np.prod(self.geometry.upper - self.geometry.lower)
+        flux *= self.site_volume / np.prod(self.geometry.upper - self.geometry.lower)
         if self.held is not None:
             flux[self.held.axis] = self.held.flux(state.x, state.u)
         speed = np.sqrt(reduce.largest((state.u * state.u).sum(axis=1)))
@@ -208,22 +216,22 @@ class Measures:
         distance through the particles of each that know theirs and lie off the band, where it is zero. Means over the
         fluids would have the weight of what lies between their centres in them. Of interfaces in the sample, where
         there are any: at a seam of two reservoirs nothing jumps."""
-        interface, p, there = _interface(config), state.p, []
+        interface, p = _interface(config), state.p
         near = (interface.strength == 0.0) & (np.abs(interface.phi) < interface.reach)
         inside = near & inside_sample(self.geometry, state.x)
-        if all(reduce.any_true(inside & (interface.phase == k)) for k in (0, 1)):
+        mine = [interface.phase == k for k in (0, 1)]
+        if min(reduce.totals(*(inside & some for some in mine))) > 0:
             near = inside
-        for k in (0, 1):
-            mine = interface.phase == k
-            beside = mine & near
-            if not reduce.any_true(beside):
-                there.append(reduce.mean(p[mine]))
-                continue
-            phi, mean = interface.phi[beside], reduce.mean(p[beside])
-            off = phi - reduce.mean(phi)
-            spread = reduce.dot(off, off)
-            slope = reduce.dot(off, p[beside] - mean) / spread if spread > 0.0 else 0.0
-            there.append(mean - slope * reduce.mean(phi))
+        counts = reduce.totals(*(near & some for some in mine))
+        # of a fluid that has none there, all its particles
+        taken = [some & near if count > 0 else some for some, count in zip(mine, counts)]
+        given = [np.stack([interface.phi[some], p[some], np.ones_like(p[some])], axis=1) for some in taken]
+        sums = reduce.totals(*given)
+        means = [part[:2] / part[2] for part in sums]
+        off = [part[:, :2] - mean for part, mean in zip(given, means)]
+        spread = reduce.totals(*(part[:, :1] * part for part in off))
+        slopes = [line[1] / line[0] if count > 0 and line[0] > 0.0 else 0.0 for line, count in zip(spread, counts)]
+        there = [mean[1] - slope * mean[0] for mean, slope in zip(means, slopes)]
         return float(there[0] - there[1])
 
     def ganglia(self, config: Configuration, k: int) -> int:
@@ -244,7 +252,7 @@ class Measures:
         points, depth = points[kept], depth[kept]
         normals = wall_normals(self.geometry, points, self.distance)
         # a process knows the walls of its own brick; the points are of a surface, and few
-        points, depth, normals = (reduce.together(part) for part in (points, depth, normals))
+        points, depth, normals = reduce.together(points, depth, normals)
         if len(points) == 0:
             return None
         same = normals @ normals[np.argmin(depth)] > 0.99
@@ -289,7 +297,7 @@ class Measures:
     def _centre_of_drop(self, x: np.ndarray, phase: np.ndarray) -> Centre:
         """Centre of the fluid of which there is less, list of dim, None along axes where it has none."""
         mine = x[phase == (0 if reduce.count(phase == 0) <= reduce.count(phase == 1) else 1)]
-        return self._centre(mine, np.ones(len(mine)), None)
+        return self._centres((mine, np.ones(len(mine)), None))[0]
 
     def _round(self, points: np.ndarray, centre: Sequence[float | None]) -> np.ndarray:
         """The points with those brought over periodic faces that are then nearer to a centre (entries may be None)."""

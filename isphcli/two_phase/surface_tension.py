@@ -47,7 +47,7 @@ class SurfaceTension:
         """
         if self.method == "jump":
             across = weighted.lap_p if weighted.walls is None else weighted.walls.symmetric_laplacian
-            phi, curvature = (weighted.exchange.forward(f) for f in (interface.phi, interface.curvature))
+            phi, curvature = weighted.exchange.forward_each(interface.phi, interface.curvature)
             return _jump(weighted, across, phi, curvature, self.tension / reference)
         gradient = weighted.gradient_p(interface.fraction)
         return (self.tension / reference * interface.curvature)[:, None] * gradient, None  # eq. 24

@@ -30,7 +30,17 @@ from ..flow.one_fluid import Terms, ViscousWeights, balanced_force, with_forces
 from ..flow.state import phase_of
 from ..operators.protocol import WallSums
 from .cut_cells import Cells, cut
-from .interface import MOST, RATE, Interface, carried, find_interface, interface_fractions, near_interface, strain
+from .interface import (
+    MOST,
+    RATE,
+    Interface,
+    carried,
+    colour_of,
+    find_interface,
+    interface_fractions,
+    near_interface,
+    strain,
+)
 from .interface_rules import FIRST_PASSES, interface_rules
 from .kept_volumes import kept_volumes
 
@@ -184,21 +194,21 @@ class TwoFluids:
             interface = replace(interface, cut=found._replace(sample=self.grid.sample))
         reference = self.density[0]
         heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
-        everyone = ops.exchange.forward
-        phase = everyone(interface.phase)
+        distance = ops.exchange.forward(phi)
+        phase = phase_of(distance)
         rho, mu = self.density[phase] / reference, self.mu[phase] / reference
         weighted, transposed_stress, smooth = ops, None, None
         viscous = ViscousWeights(self.mu[0] / reference, ops.lap, ops.walls)
         if heavy or thick:
-            t = interface_fractions(ops.start, ops.column, everyone(phi))
+            t = interface_fractions(ops.start, ops.column, distance)
             weighted, viscous = self._weigh(ops, t, rho, mu, heavy)
         rho, mu = rho[: ops.n], mu[: ops.n]
         if thick or self.added_viscosity > 0.0:
-            near = near_interface(ops.start, ops.column, everyone(interface.colour))
+            near = near_interface(ops.start, ops.column, colour_of(distance))
         if self.added_viscosity > 0.0:
             share = self.added_viscosity / reference / (viscous.factor * rho)
             thickened = viscous.weight.copy()
-            over_rows(_thicken, ops.n, ops.start, ops.column, ops.lap, everyone(near), share, thickened)
+            over_rows(_thicken, ops.n, ops.start, ops.column, ops.lap, ops.exchange.forward(near), share, thickened)
             viscous = replace(viscous, weight=thickened)
         if thick:
             smooth = ~near

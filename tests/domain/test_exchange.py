@@ -32,6 +32,20 @@ def test_values_of_remote_particles():
     assert sent == (2, 24)  # bytes, of both: here they are threads of one
 
 
+def test_several_arrays_go_in_one_message():
+    """Of one particle each process sends all that it has of it: 8 bytes of a number, 2 of flags, 4 of an integer."""
+    a, b = two()
+    flags, whole = np.array([[True, False], [False, True], [True, True]]), np.array([7, 8, 9], np.int32)
+    before = replace(TRAFFIC)
+    first, second = on_all([lambda: a.forward_each(np.array([0.0, 1.0, 2.0]), flags, whole),
+                            lambda: b.forward_each(np.array([10.0, 11.0]), flags[:2], whole[:2])])
+    assert [part.tolist() for part in first] == [[0.0, 1.0, 2.0, 11.0], [*flags.tolist(), [False, True]], [7, 8, 9, 8]]
+    assert [part.tolist() for part in second] == [
+        [10.0, 11.0, 0.0, 2.0], [*flags[:2].tolist(), [True, False], [True, True]], [7, 8, 7, 9]]
+    assert [part.dtype for part in second] == [float, bool, np.int32]
+    assert (TRAFFIC.messages - before.messages, TRAFFIC.sent - before.sent) == (2, 42)
+
+
 def test_sums_of_what_processes_have_for_a_particle():
     """Every process that sees a particle gets the sum of all that have something for it."""
     a, b = two()

@@ -47,6 +47,7 @@ ALLOWED = {
     ("domain.cut", "np.bincount(of[inside] * BINS + bin_of[inside].astype(np.int64), minlength=k * BINS)"): BINS,
     ("domain.cut", "np.isfinite(beside).all(axis=0)"): BINS,
     ("domain.exchange", "want.sum()"): RANKS,
+    ("domain.exchange", "math.prod(values.shape[1:])"): SCRATCH,
     ("domain.exchange", "np.bincount(owner, minlength=comm.size)"): RANKS,
     ("domain.lattice", "self.counts.prod()"): AXES,
     ("domain.lattice", "math.prod((len(r) for r in rest))"): AXES,
@@ -76,8 +77,8 @@ ALLOWED = {
     ("domain.row_threads", "math.prod(shape)"): SCRATCH,
     ("flow.shifting", "math.prod(gradients.shape[1:])"): SCRATCH,
     ("flow.shifting", "others.any()"): "whether own rows are taken again, of values that are there",
-    ("flow.step_limits", "((u / largest) ** 2).sum(axis=1)"): OWN,
-    ("flow.step_limits", "bad.any(axis=1)"): OWN,
+    ("flow.step_limits", "((u / most) ** 2).sum(axis=1)"): OWN,
+    ("flow.step_limits", "some.any(axis=1)"): OWN,
     ("flow.step_limits", "(new.u ** 2).sum(axis=1)"): OWN,
     ("flow.stokes", "np.einsum('nkm,nm->nk', self.ops.walls.slip, u)"): OWN,
     ("flow.stokes", "forces.max(axis=1)"): OWN,
@@ -258,9 +259,14 @@ def test_values():
     assert reduce.dot(weight, u).tolist() == [10.0, 6.0] and reduce.dot(weight, weight) == 14.0
     assert reduce.count(u[:, 0] > 0.0) == 2 and reduce.number(u) == 4
     assert reduce.any_true(u[:, 0] > 2.0) and not reduce.any_true(u[:, 0] > 3.0)
+    whole, square, number = reduce.totals(u, weight * weight, len(u))
+    assert whole.tolist() == [-4.0, 4.0] and square == 14.0 and number == 4
+    assert reduce.largest_of_each(u, weight, weight[:0]) == [4.0, 3.0, -np.inf]
     label = np.array([2, 0, 2, 0])
     assert reduce.total_by(label).tolist() == [2, 0, 2]
     assert reduce.total_by(label, weight, 4).tolist() == [3.0, 0.0, 3.0, 0.0]
+    one, other = reduce.totals_by(4, (label, weight), (label[1:], None))
+    assert one.tolist() == [3.0, 0.0, 3.0, 0.0] and other.tolist() == [2.0, 0.0, 1.0, 0.0]
 
 
 def test_sums_by_label_of_no_particles_are_numbers_like_those_of_others():

@@ -10,7 +10,6 @@ from isphcli.domain.lattice import ParticleError
 from isphcli.geometry import iso_surface
 from isphcli.geometry.images import read
 from isphcli.geometry.images.image import machine_memory
-from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.output.clock import Clock
 from isphcli.preflight.check import check
 from isphcli.runs import steady
@@ -74,13 +73,33 @@ def test_the_estimate_grows_with_the_scene():
     assert 1600e6 < large < 2200e6  # measured: 1.7 kB a particle with 18 iterations; 240 bytes more with 40 of them
 
 
-def test_particles_in_a_slit_have_the_neighbours_that_lie_in_it():
-    """A ball about its middle plane; the tolerance is three standard errors of the sample."""
-    slit = ShapeGeometry([0, 0, 0], [1, 1, 0.1], (True, True, False))
-    x, support, width = np.full((500, 3), [0.5, 0.5, 0.05]), 0.2, 0.1
-    part = (support**2 * width - width**3 / 12) / (4 / 3 * support**3)
-    assert memory.fluid_round(slit, x, support) == pytest.approx(part, abs=3 * (0.25 / memory.SAMPLE) ** 0.5)
-    assert memory.fluid_round(slit, x, 0.04) == 1.0
+PLATE = b"""
+geometry: {box: [1, 1, 1], periodic: [x, y, z], shapes: [{box: {lower: [-1, -1, 0.5], upper: [2, 2, 0.55]}, is: solid}]}
+particles: {spacing: 0.1, support: 2}
+fluids: {water: {density: 1, viscosity: 1}}
+flow: stokes
+"""
+
+
+@pytest.mark.parametrize("flow", ["stokes", "navier_stokes"])
+def test_what_is_held_of_the_neighbours_beside_a_plate(flow):
+    """A ball of radius 0.2 whose middle lies 0.1 before a plate 0.05 thick, of which steady flow counts what lies in
+    the plate, and moving particles the fluid behind it too. The tolerance is three standard errors of the sample."""
+    case = read_case(PLATE, "case.yaml", (f"flow={flow}", *(("time={end: 1}",) if flow == "navier_stokes" else ())))
+    x, geometry = np.full((500, 3), [0.5, 0.5, 0.4]), build_geometry(case)
+    near, far = ((1.0 - h / 0.2) ** 2 * (2.0 + h / 0.2) / 4.0 for h in (0.1, 0.15))  # caps, of the ball
+    part = 1.0 - (near - far if flow == "stokes" else near)
+    found = memory.neighbours_held(case, geometry, x, 0.1)
+    assert found == pytest.approx(part, abs=3 * (0.25 / memory.SAMPLE) ** 0.5)
+    assert memory.neighbours_held(case, geometry, x, 0.045) == 1.0
+
+
+def test_moving_particles_of_a_pack_need_what_was_measured():
+    """5.6 kB above the process of each of 79,468 particles of which 25 of 64 neighbours are in sight
+    (benchmarks/moving_memory.py "pack 40", 2026-11-30), and no more than 1.3 times that."""
+    case = read_case(DISK, "case.yaml", ("flow=navier_stokes", "time={end: 1}", "particles.lattice=bcc"))
+    need = sum(memory.estimate(case, 3, True, 1e6, 1e6, share=0.39).values()) - memory.BYTES_PROGRAM
+    assert 1.0 < need / 5634e6 < 1.3
 
 
 @pytest.mark.parametrize("sets, who", [((), "400 fluid particles of two fluids"),
