@@ -17,9 +17,9 @@ from isphcli.runs.run import run_case
 from isphcli.two_phase import surface_tension, two_fluids
 
 TIMED = (
-    (two_fluids, ("find_interface", "cut", "carried", "kept_volumes", "strain", "interface_fractions", "_weigh_viscous",
-                  "_weigh_pressure", "_thicken", "_transposed_stress_tensors", "near_interface")),
-    (two_fluids.TransposedStress, ("add",)),
+    (two_fluids, ("find_interface", "cut", "carried", "kept_volumes", "strain", "_weigh_viscous", "_weigh_pressure",
+                  "_thicken")),
+    (two_fluids.TransposedStress, ("build", "add")),
     (surface_tension, ("_jump",)),
 )
 
