@@ -178,6 +178,8 @@ def _fit(turns, work, which, neighbours, field, walls, fit):
             if quadratic:
                 matrix[0, 0, m] += own
             for p in range(wall_start[i], wall_start[i + 1]):
+                if not wall_weight[p] > 0.0:
+                    continue
                 w = wall_weight[p] * _weight(d, offset, p, support, kind)
                 _slopes(basis, d, normal[p])
                 for a in range(size):
@@ -201,6 +203,8 @@ def _fit(turns, work, which, neighbours, field, walls, fit):
             steepness = _levels(c, work.unit, work.form, work.once)
             _beyond_neighbours(work, m, steepness)
             for p in range(wall_start[i], wall_start[i + 1]):
+                if not wall_weight[p] > 0.0:
+                    continue
                 w = wall_weight[p] * _weight(d, offset, p, support, kind)
                 _slopes(basis, d, normal[p])
                 _slopes_beyond(d, work.unit, work.form, (work.slopes, work.once, work.twice))
