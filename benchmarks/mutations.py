@@ -75,7 +75,7 @@ MUTATIONS = (
              "runs.permeability", "total * (site_volume / np.prod(upper - lower))",
              "total / max(int(inside.sum()), 1)"),
     Mutation("viscosity_mean", "order", "mean viscosity between unlike particles, not the one that keeps the stress",
-             "two_phase.two_fluids", "1.0 / (t[p] / mu[i] + (1.0 - t[p]) / mu[j])",
+             "two_phase.two_fluids", "1.0 / (t / mu[i] + (1.0 - t) / mu[j])",
              "(0.5 * mu[i] + 0.5 * mu[j])", TWO_FLUIDS),
     Mutation("tension_factor", "factor", "nine tenths of the pressure jump of the interface",
              "two_phase.surface_tension", "jump = tension * (", "jump = 0.9 * tension * (", TWO_FLUIDS),

@@ -60,6 +60,8 @@ class CellSight:
         cell, particle = cell[may], particle[may]
         cells = np.unique(cell[self._hidden(cell, particle, self._offset(x, cell, particle), distance)])
         cell, particle, _ = self._around(x, cells, np.arange(len(x)), reach)
+        order = np.lexsort((particle, cell))  # those of a cell lie together
+        cell, particle = cell[order], particle[order]
         offset = self._offset(x, cell, particle)
         seen = ~self._hidden(cell, particle, offset, distance)
         cell, particle = cell[seen], particle[seen]
@@ -75,7 +77,6 @@ class CellSight:
         there = wrap(x[particles], geometry.lower, geometry.upper, geometry.periodic) - geometry.lower
         trees = [cKDTree(points, boxsize=box) for points in (self.middle[cells] - geometry.lower, there)]
         pairs = trees[0].sparse_distance_matrix(trees[1], reach, output_type="ndarray")
-        pairs = pairs[np.lexsort((pairs["j"], pairs["i"]))]  # those of a cell lie together
         return cells[pairs["i"]], particles[pairs["j"]], pairs["v"]
 
     def _offset(self, x: np.ndarray, cell: np.ndarray, particle: np.ndarray) -> np.ndarray:

@@ -126,8 +126,7 @@ def cut(cells: Cells, x: np.ndarray, phi: np.ndarray, fit: QuadraticFit, exchang
     n, dim, reach = len(cells.fluid), len(cells.side), REACH * cells.side.max()
     weight, sums, nearest = found = _nothing(n, dim)
     particles, far = (x, phi, slope, form), FAR * cells.side.max()
-    over_rows(_gather, n, particles, cells, (reach, far), found,
-              work=lambda: (np.empty(dim), np.full((n, 2), math.inf)))
+    over_rows(_gather, n, particles, cells, (reach, far), found, work=lambda: np.full((n, 2), math.inf))
     if sight is not None and distance is not None:
         seen = sight.seen(x[: len(phi)], np.flatnonzero((nearest >= 0).all(axis=1)), reach, distance)
         if len(seen.cells):
@@ -201,17 +200,23 @@ def _in_one_piece(place: np.ndarray, shape: np.ndarray) -> np.ndarray:
 def _gather(rows, work, particles, cells, asked, out):
     """Adds the particles to the cells `rows` round them: a range has its own cells, each particle in turn. asked: how
     far particles are asked, reach, m, and how far from the interface they may be, far, m; out: weight (n_cells,); sums
-    (n_cells, dim + 2) weighted phi, slope, and curvature of the level; nearest (n_cells, 2). work: d (dim,); least
-    (n_cells, 2) squared distances."""
-    (x, phi, slope, form), (weight, sums, nearest), (d, least) = particles, out, work
+    (n_cells, dim + 2) weighted phi, slope, and curvature of the level; nearest (n_cells, 2). work: least (n_cells, 2)
+    squared distances."""
+    (x, phi, slope, form), (weight, sums, nearest), least = particles, out, work
     lower, side, _, _, begin, end, fluid = cells
-    (reach, far), dim = asked, len(d)
+    (reach, far), dim = asked, slope.shape[1]
     # 2D is one layer of 3D: y and z are the last two axes in both
-    y, z = dim - 2, dim - 1
+    y, z, deep = dim - 2, dim - 1, 1.0 if dim == 3 else 0.0
     n1, n2 = end[y] - begin[y], end[z] - begin[z]
     for i in range(len(phi)):
         size, trace = _bent(slope, form, i)
         side_of = 1 if phi[i] <= 0.0 else 0
+        own, half, near = phi[i], 0.5 * size, abs(phi[i]) <= far
+        # numbers of their own: of arrays LLVM does not know that the sums are apart, and reads them for each cell
+        g0, g1, g2 = deep * slope[i, 0], slope[i, y], slope[i, z]
+        xx, xy, xz = deep * form[i, 0], deep * form[i, y], deep * form[i, z]
+        yx, yy, yz = deep * form[i, y * dim], form[i, y * dim + y], form[i, y * dim + z]
+        zx, zy, zz = deep * form[i, z * dim], form[i, z * dim + y], form[i, z * dim + z]
         a0, a1 = _window(cells, 0, x[i, 0], reach) if dim == 3 else (0, 1)
         b0, b1 = _window(cells, y, x[i, y], reach)
         e0, e1 = _window(cells, z, x[i, z], reach)
@@ -232,15 +237,18 @@ def _gather(rows, work, particles, cells, asked, out):
                         continue
                     if r2 < least[cell, side_of]:
                         least[cell, side_of], nearest[cell, side_of] = r2, i
-                    if abs(phi[i]) > far:
-                        continue
-                    d[0], d[y], d[z] = d0 if dim == 3 else d1, d1, d2
-                    w, there = _weight(r2, reach), _level(i, d, size, phi, slope, form)
-                    weight[cell] += w
-                    sums[cell, 0] += w * there
-                    for k in range(dim):
-                        sums[cell, 1 + k] += w * slope[i, k]
-                    sums[cell, dim + 1] -= w * trace
+                    if near:
+                        w = _weight(r2, reach)
+                        there = own + g0 * d0 + half * d0 * (xx * d0 + xy * d1 + xz * d2)
+                        there = there + g1 * d1 + half * d1 * (yx * d0 + yy * d1 + yz * d2)
+                        there = there + g2 * d2 + half * d2 * (zx * d0 + zy * d1 + zz * d2)
+                        weight[cell] += w
+                        sums[cell, 0] += w * there
+                        if dim == 3:
+                            sums[cell, 1] += w * g0
+                        sums[cell, 1 + y] += w * g1
+                        sums[cell, 1 + z] += w * g2
+                        sums[cell, dim + 1] -= w * trace
 
 
 @njit(cache=True, nogil=True)

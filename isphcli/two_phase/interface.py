@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -48,13 +48,28 @@ LARGEST_STRETCH = 0.2  # of a step, relative: it would be wrong at the walls of 
 ITERATIONS = 4  # of Newton's method for the volumes; the second is of round-off already
 
 
+class UnlikePairs(NamedTuple):
+    """Pairs that the interface parts: start (n + 1,) row pointers of them; pair: (m,) which of the neighbours, in the
+    order of these; fraction: (m,) t of the way from i to j at which the pair meets the interface."""
+
+    start: np.ndarray
+    pair: np.ndarray
+    fraction: np.ndarray
+
+    @property
+    def near(self) -> np.ndarray:
+        """Particles with a neighbour of the other fluid, (n,) bool."""
+        return np.diff(self.start) > 0
+
+
 @dataclass(frozen=True)
 class Interface:
     """The interface of one configuration; lengths in m.
 
     phi: (n,) signed distance, up to `reach` on either side; fit: QuadraticFit to it; steepness: (n,) size of its slope;
     reach, spacing: m; fraction: (n,) volume fraction of the first fluid; strength: (n,) its gradient, 1/m; curvature:
-    (n,) 1/m, averaged along the interface; cut: the volumes on both sides of it, or None where they are not asked for.
+    (n,) 1/m, averaged along the interface; unlike: the pairs that it parts; cut: the volumes on both sides of it, or
+    None where they are not asked for.
     """
 
     phi: np.ndarray
@@ -65,6 +80,7 @@ class Interface:
     fraction: np.ndarray
     strength: np.ndarray
     curvature: np.ndarray
+    unlike: UnlikePairs
     cut: CutCells | None = None
 
     @property
@@ -131,7 +147,8 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
     # where the interface is bent, its outer half-layer is the larger one: the fraction less this has the right volume
     resolved = np.clip(curvature, -0.5 * sharpest, 0.5 * sharpest)
     bent = 0.5 * SPREAD * (THICKNESS * spacing) ** 2 * resolved * strength
-    return Interface(phi, fit, steepness, reach, spacing, volume_fraction(phi, spacing) - bent, strength, curvature)
+    return Interface(phi, fit, steepness, reach, spacing, volume_fraction(phi, spacing) - bent, strength, curvature,
+                     unlike_pairs(ops.start, ops.column, distance))
 
 
 def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: float,
@@ -204,36 +221,37 @@ def with_volumes_of(before: np.ndarray, phi: np.ndarray, ops: Operators, spacing
     return out
 
 
-def near_interface(start: np.ndarray, column: np.ndarray, colour: np.ndarray) -> np.ndarray:
-    """Particles with a neighbour of the other fluid, (n,) bool."""
-    near = np.zeros(len(start) - 1, np.bool_)
-    over_rows(_near_interface, len(near), start, column, colour, near)
-    return near
+def unlike_pairs(start: np.ndarray, column: np.ndarray, phi: np.ndarray) -> UnlikePairs:
+    """UnlikePairs among the pairs start (n + 1,), column (n_pairs,) of particles with phi (n + remote,), m."""
+    first, n = phi > 0.0, len(start) - 1
+    count = np.zeros(n + 1, np.int64)
+    over_rows(_count_unlike, n, start, column, first, count[1:])
+    begin = np.cumsum(count)
+    pair, fraction = np.empty(begin[-1], np.int64), np.empty(begin[-1])
+    over_rows(_put_unlike, n, (start, column, phi, first), begin, pair, fraction)
+    return UnlikePairs(begin, pair, fraction)
 
 
 @njit(cache=True, nogil=True)
-def _near_interface(rows, start, column, colour, near):
+def _count_unlike(rows, start, column, first, count):
     for i in range(rows[0], rows[1]):
-        for p in range(start[i], start[i + 1]):
-            if colour[column[p]] != colour[i]:
-                near[i] = True
-                break
+        found = 0
+        for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            found += first[np.uint32(column[p])] != first[i]
+        count[i] = found
 
 
-def interface_fractions(start: np.ndarray, column: np.ndarray, phi: np.ndarray) -> np.ndarray:
-    """Fraction t of the way from i to j at which a pair meets the interface, (n_pairs,); 0.5 for like pairs."""
-    t = np.full(len(column), 0.5)
-    over_rows(_interface_fractions, len(start) - 1, start, column, phi, t)
-    return t
-
-
-@njit(cache=True, nogil=True)
-def _interface_fractions(rows, start, column, phi, t):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _put_unlike(rows, given, begin, pair, fraction):
+    start, column, phi, first = given
     for i in range(rows[0], rows[1]):
-        for p in range(start[i], start[i + 1]):
+        at, p = begin[i], start[i]
+        while at < begin[i + 1]:
             j = column[p]
-            if (phi[j] > 0.0) != (phi[i] > 0.0):
-                t[p] = phi[i] / (phi[i] - phi[j])
+            pair[at] = p  # overwritten by the next one unless it is unlike: no branch to mispredict
+            fraction[at] = phi[i] / (phi[i] - phi[j])
+            at += np.int64(first[j] != first[i])
+            p += 1
 
 
 @njit(cache=True, nogil=True)

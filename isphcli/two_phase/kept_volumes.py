@@ -67,11 +67,11 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
     distance = exchange.forward(phi)
     count, part = _parts(neighbours, distance, spacing, exchange)
     everyone = exchange.forward(part)
-    across = np.full(len(phi), -1)
-    over_rows(_nearest_across, len(phi), neighbours, distance, across)
+    across, moved = np.full(len(phi), -1), np.abs(new) < BAND * spacing
+    asked = moved | ((new > 0.0) != (phi > 0.0))
+    over_rows(_nearest_across, len(phi), neighbours, distance, asked, across)
     wanted, have, particles = reduce.totals_by(count, (part, volume), _of_cells(cut, everyone), (part, None))
     level = _levels(wanted - have, _areas(cut, everyone, count), wanted)
-    moved = np.abs(new) < BAND * spacing
     moved &= across >= 0
     if sample is not None:
         moved &= _within(neighbours.x[: len(phi)], sample)
@@ -158,26 +158,28 @@ def _like(rows, neighbours, phi, most, like):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     for i in range(rows[0], rows[1]):
         for p in range(start[i], start[i + 1]):
-            if (phi[column[p]] > 0.0) == (phi[i] > 0.0):
-                r2 = 0.0
-                for k in range(x.shape[1]):
-                    r2 += (x[row[p], k] - x[i, k]) ** 2
-                like[p] = r2 < most
+            like[p] = ((phi[column[p]] > 0.0) == (phi[i] > 0.0)) & (_square(x, i, row[p]) < most)
 
 
 @njit(cache=True, nogil=True)
-def _nearest_across(rows, neighbours, phi, across):
-    """The nearest particle of the other fluid that each one sees, (n,)."""
+def _nearest_across(rows, neighbours, phi, asked, across):
+    """The nearest particle of the other fluid that each one that is `asked` (n,) sees, (n,)."""
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
-    dim = x.shape[1]
     for i in range(rows[0], rows[1]):
         least = math.inf
-        for p in range(start[i], start[i + 1]):
+        for p in range(start[i], start[i + 1] if asked[i] else start[i]):
             j = column[p]
             if (phi[j] > 0.0) != (phi[i] > 0.0):
-                r2 = 0.0
-                for k in range(dim):
-                    r2 += (x[row[p], k] - x[i, k]) ** 2
+                r2 = _square(x, i, row[p])
                 if r2 < least:
                     least = r2
                     across[i] = j
+
+
+@njit(cache=True, inline="always")
+def _square(x, i, j):
+    """Of the distance between two rows of x (n, dim)."""
+    r2 = (x[j, 0] - x[i, 0]) ** 2 + (x[j, 1] - x[i, 1]) ** 2
+    if x.shape[1] == 3:
+        r2 += (x[j, 2] - x[i, 2]) ** 2
+    return r2

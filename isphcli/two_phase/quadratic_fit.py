@@ -15,8 +15,6 @@ to another interface and are left out: the fit is that of a particle's own one.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
-from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -24,6 +22,7 @@ from numba import njit
 
 from ..domain.row_threads import REDUCE, in_one_piece, over_rows
 from ..operators.kernel import QUINTIC_SPLINE, WENDLAND_C2, WENDLAND_C4, shape
+from .least_squares import LANES, TOGETHER, factors, higher_powers, powers, put_moments, solve_factored, terms_of
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
@@ -39,9 +38,6 @@ MOST_BENT = 1.0  # times 1 / support: curvature up to which the terms of higher 
 APART = 8
 STEEP = 0.5  # |grad phi| below which phi has no direction: half way between two interfaces
 FLATTEST = 0.25  # 1 + kappa d + K d^2 of a particle at distance d is above zero but at the centre of a drop
-# Systems that are solved side by side, each its own: the divisions and sums of one wait for each other.
-TOGETHER = 4
-LANES = 16  # neighbours are filled up to a multiple of so many without weight: four vectors, which a sum takes at once
 
 
 class SlopesAtWalls(NamedTuple):
@@ -123,7 +119,7 @@ class Scratch(NamedTuple):
     what phi rises by (TOGETHER, places). Of one: alike (2, places), what the weights depend on beside the distance;
     product (places,) of the weights and what is fitted; sums (35,) of the powers of the ways; of a wall point the terms
     of the function and the way there; coefficients, and what a level of phi is like: its normal, its form, and vectors
-    of the terms of higher order. Of the terms, see `_terms`: place, pair, scale.
+    of the terms of higher order. Of the terms, see `terms_of`: place, pair, scale.
     """
 
     matrix: np.ndarray
@@ -152,7 +148,7 @@ class Scratch(NamedTuple):
 def _scratch(neighbours: Neighbourhood, quadratic: bool) -> Scratch:
     """quadratic: of a quadratic function, else of a linear one without its constant."""
     dim, most = neighbours.x.shape[1], int(neighbours.longest) + LANES
-    terms = _terms(dim, quadratic)
+    terms = terms_of(dim, (0, 1, 2) if quadratic else (1,))
     size = len(terms[0])
     arrays = in_one_piece((size, size, TOGETHER), (size, TOGETHER), (size, TOGETHER), (TOGETHER, 3, most),
                           (TOGETHER, most), (TOGETHER, most), (2, most), (most,), (35,), (size,), (dim,), (size,), (3,),
@@ -161,18 +157,6 @@ def _scratch(neighbours: Neighbourhood, quadratic: bool) -> Scratch:
     for array in (work.matrix, work.right, work.more, work.unit, work.form):
         array[:] = 0.0  # of fewer particles than TOGETHER, and in 2D the third components
     return work
-
-
-@lru_cache(maxsize=4)
-def _terms(dim: int, quadratic: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(place (size,) of each term among the 35 powers of d up to the fourth order, those of 1 x y z xx xy xz yy yz zz
-    first; pair (size, size), that of the product of two; scale (size,) of each) of the function that is fitted."""
-    powers = [powers for order in range(5) for powers in combinations_with_replacement(range(3), order)]
-    terms = [term for term in powers[: 10 if quadratic else 4] if not term or term[-1] < dim][0 if quadratic else 1 :]
-    number = {term: k for k, term in enumerate(powers)}
-    pair = [[number[tuple(sorted(a + b))] for b in terms] for a in terms]
-    scale = [0.5 if len(term) == 2 and term[0] == term[1] else 1.0 for term in terms]
-    return np.array([number[term] for term in terms]), np.array(pair), np.array(scale)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -189,11 +173,13 @@ def _fit(turns, work, which, neighbours, field, walls, fit):
             i = which[first + m]
             _gather(i, m, neighbours, field, work)
             if quadratic:
-                _higher_powers(work, m)
+                higher_powers(work, m)
             _normal_equations(work, m)
             if quadratic:
                 matrix[0, 0, m] += own
             for p in range(wall_start[i], wall_start[i + 1]):
+                if not wall_weight[p] > 0.0:
+                    continue
                 w = wall_weight[p] * _weight(d, offset, p, support, kind)
                 _slopes(basis, d, normal[p])
                 for a in range(size):
@@ -202,8 +188,8 @@ def _fit(turns, work, which, neighbours, field, walls, fit):
                     right[a, m] += w * basis[a] * support * wall_slope[p]
             for a in range(1 if quadratic else 0, size):
                 matrix[a, a, m] += own * (RIDGE if a > dim else RIDGE_FIRST)
-        _factors(matrix)
-        _solve(matrix, right)
+        factors(matrix)
+        solve_factored(matrix, right)
         if not quadratic:
             for m in range(lanes):
                 for k in range(dim):
@@ -217,6 +203,8 @@ def _fit(turns, work, which, neighbours, field, walls, fit):
             steepness = _levels(c, work.unit, work.form, work.once)
             _beyond_neighbours(work, m, steepness)
             for p in range(wall_start[i], wall_start[i + 1]):
+                if not wall_weight[p] > 0.0:
+                    continue
                 w = wall_weight[p] * _weight(d, offset, p, support, kind)
                 _slopes(basis, d, normal[p])
                 _slopes_beyond(d, work.unit, work.form, (work.slopes, work.once, work.twice))
@@ -225,7 +213,7 @@ def _fit(turns, work, which, neighbours, field, walls, fit):
                     along += work.slopes[k] * normal[p, k]
                 for a in range(size):
                     more[a, m] -= w * steepness * along * basis[a]
-        _solve(matrix, more)
+        solve_factored(matrix, more)
         for m in range(lanes):
             i = which[first + m]
             for a in range(size):
@@ -287,83 +275,17 @@ def _gather(i, m, neighbours, field, work):
 
 
 @njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
-def _powers(work, m):
-    """Sums of the products times 1, x, y, z, xx, xy, xz, yy, yz, zz of the ways to the neighbours of place m; in any
-    order, so that they are vectors. More of them would not stay in registers."""
-    x, y, z, v, sums = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.product, work.sums
-    s, sx, sy, sz, xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(work.seen[m]):
-        a, b, c = v[k] * x[k], v[k] * y[k], v[k] * z[k]
-        s += v[k]
-        sx += a
-        sy += b
-        sz += c
-        xx += a * x[k]
-        xy += a * y[k]
-        xz += a * z[k]
-        yy += b * y[k]
-        yz += b * z[k]
-        zz += c * z[k]
-    sums[0], sums[1], sums[2], sums[3], sums[4] = s, sx, sy, sz, xx
-    sums[5], sums[6], sums[7], sums[8], sums[9] = xy, xz, yy, yz, zz
-
-
-@njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
-def _higher_powers(work, m):
-    """As `_powers`, the weights times the powers of third and fourth order."""
-    x, y, z, w, sums, seen = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.weight[m], work.sums, work.seen
-    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = 0.0
-    for k in range(seen[m]):
-        xx, yy, zz = w[k] * x[k] * x[k], w[k] * y[k] * y[k], w[k] * z[k] * z[k]
-        s0 += xx * x[k]
-        s1 += xx * y[k]
-        s2 += xx * z[k]
-        s3 += yy * x[k]
-        s4 += w[k] * x[k] * y[k] * z[k]
-        s5 += zz * x[k]
-        s6 += yy * y[k]
-        s7 += yy * z[k]
-        s8 += zz * y[k]
-        s9 += zz * z[k]
-    sums[10], sums[11], sums[12], sums[13], sums[14] = s0, s1, s2, s3, s4
-    sums[15], sums[16], sums[17], sums[18], sums[19] = s5, s6, s7, s8, s9
-    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = t0 = t1 = t2 = t3 = t4 = 0.0
-    for k in range(seen[m]):
-        xx, xy, yy, yz, zz = x[k] * x[k], x[k] * y[k], y[k] * y[k], y[k] * z[k], z[k] * z[k]
-        a, b, c, e, f = w[k] * xx, w[k] * xy, w[k] * yy, w[k] * yz, w[k] * zz
-        s0 += a * xx
-        s1 += a * xy
-        s2 += a * x[k] * z[k]
-        s3 += a * yy
-        s4 += a * yz
-        s5 += a * zz
-        s6 += b * yy
-        s7 += b * yz
-        s8 += b * zz
-        s9 += f * z[k] * x[k]
-        t0 += c * yy
-        t1 += c * yz
-        t2 += c * zz
-        t3 += e * zz
-        t4 += f * zz
-    sums[20], sums[21], sums[22], sums[23], sums[24] = s0, s1, s2, s3, s4
-    sums[25], sums[26], sums[27], sums[28], sums[29] = s5, s6, s7, s8, s9
-    sums[30], sums[31], sums[32], sums[33], sums[34] = t0, t1, t2, t3, t4
-
-
-@njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
 def _normal_equations(work, m):
     """Matrix, its lower half, and right-hand side of what phi rises by at the neighbours of place m."""
     for side in range(2):
         for k in range(work.seen[m]):
             work.product[k] = work.weight[m, k] * (1.0 if side == 0 else work.rise[m, k])
-        _powers(work, m)
-        for a in range(len(work.scale)):
-            if side == 1:
+        powers(work, m)
+        if side == 0:
+            put_moments(work, m)
+        else:
+            for a in range(len(work.scale)):
                 work.right[a, m] = work.scale[a] * work.sums[work.place[a]]
-            else:
-                for b in range(a + 1):
-                    work.matrix[a, b, m] = work.scale[a] * work.scale[b] * work.sums[work.pair[a, b]]
 
 
 @njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
@@ -385,7 +307,7 @@ def _beyond_neighbours(work, m, steepness):
         q4 = xx * s * s + yy * t * t + zz * u * u + 2.0 * (xy * s * t + xz * s * u + yz * t * u)
         beyond = 0.5 * along * (along * q4 - q3) - 0.125 * q2 * q3
         product[k] = -w[k] * steepness * beyond
-    _powers(work, m)
+    powers(work, m)
     for a in range(len(work.scale)):
         work.more[a, m] = work.scale[a] * work.sums[work.place[a]]
 
@@ -412,46 +334,6 @@ def _slopes(basis, d, normal):
         for b in range(a, dim):
             basis[v] = normal[a] * d[a] if a == b else normal[a] * d[b] + normal[b] * d[a]
             v += 1
-
-
-# Numbers of their own, one for each of TOGETHER: of arrays LLVM does not know that they are apart, and a loop over them
-# would be no vector.
-
-
-@njit(cache=True, error_model="numpy")
-def _factors(lower):
-    """Symmetric positive matrices (size, size, TOGETHER), whose lower halves are given, become their Cholesky factors,
-    with one over what is on the diagonals."""
-    for k in range(len(lower)):
-        for c in range(k + 1):
-            r0, r1, r2, r3 = lower[k, c, 0], lower[k, c, 1], lower[k, c, 2], lower[k, c, 3]
-            for e in range(c):
-                r0 -= lower[k, e, 0] * lower[c, e, 0]
-                r1 -= lower[k, e, 1] * lower[c, e, 1]
-                r2 -= lower[k, e, 2] * lower[c, e, 2]
-                r3 -= lower[k, e, 3] * lower[c, e, 3]
-            if c < k:
-                r0, r1, r2, r3 = r0 * lower[c, c, 0], r1 * lower[c, c, 1], r2 * lower[c, c, 2], r3 * lower[c, c, 3]
-            else:
-                r0, r1, r2, r3 = 1.0 / math.sqrt(r0), 1.0 / math.sqrt(r1), 1.0 / math.sqrt(r2), 1.0 / math.sqrt(r3)
-            lower[k, c, 0], lower[k, c, 1], lower[k, c, 2], lower[k, c, 3] = r0, r1, r2, r3
-
-
-@njit(cache=True, error_model="numpy")
-def _solve(lower, right):
-    """right (size, TOGETHER) becomes the solutions of the systems whose `_factors` are given."""
-    size = len(right)
-    for turn in range(2 * size):  # there, and back again
-        k = turn if turn < size else 2 * size - 1 - turn
-        r0, r1, r2, r3 = right[k, 0], right[k, 1], right[k, 2], right[k, 3]
-        for e in range(0 if turn < size else k + 1, k if turn < size else size):
-            a, b = (k, e) if turn < size else (e, k)
-            r0 -= lower[a, b, 0] * right[e, 0]
-            r1 -= lower[a, b, 1] * right[e, 1]
-            r2 -= lower[a, b, 2] * right[e, 2]
-            r3 -= lower[a, b, 3] * right[e, 3]
-        right[k, 0], right[k, 1] = r0 * lower[k, k, 0], r1 * lower[k, k, 1]
-        right[k, 2], right[k, 3] = r2 * lower[k, k, 2], r3 * lower[k, k, 3]
 
 
 @njit(cache=True, inline="always")

@@ -47,33 +47,32 @@ class SurfaceTension:
         """
         if self.method == "jump":
             across = weighted.lap_p if weighted.walls is None else weighted.walls.symmetric_laplacian
-            phi, curvature = weighted.exchange.forward_each(interface.phi, interface.curvature)
-            return _jump(weighted, across, phi, curvature, self.tension / reference)
+            curvature = weighted.exchange.forward(interface.curvature)
+            return _jump(weighted, across, interface, curvature, self.tension / reference)
         gradient = weighted.gradient_p(interface.fraction)
         return (self.tension / reference * interface.curvature)[:, None] * gradient, None  # eq. 24
 
 
-def _jump(ops: Operators, lap: np.ndarray, phi: np.ndarray, kappa: np.ndarray,
+def _jump(ops: Operators, lap: np.ndarray, interface: Interface, kappa: np.ndarray,
           tension: float) -> tuple[np.ndarray, np.ndarray]:
     """What the weights of the pressure gradient and lap (n_pairs,) make of the jumps of the pressure across the
-    interface, (n, dim) and (n,)."""
+    interface, (n, dim) and (n,). kappa: (n + remote,)."""
     out, laplacian_of_jump = np.zeros((ops.n, ops.dim)), np.zeros(ops.n)
-    pairs = ops.start, ops.column, ops.grad_p, lap
-    over_rows(_add_jumps, ops.n, pairs, phi, kappa, tension, out, laplacian_of_jump)
+    pairs, kappas = (ops.column, ops.grad_p, lap), (interface.phi, kappa)
+    over_rows(_add_jumps, ops.n, pairs, interface.unlike, kappas, tension, out, laplacian_of_jump)
     return out, laplacian_of_jump
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_jumps(rows, pairs, phi, kappa, tension, out, laplacian_of_jump):
-    start, column, grad, lap = pairs
+def _add_jumps(rows, pairs, unlike, given, tension, out, laplacian_of_jump):
+    (column, grad, lap), (first, pair, fraction), (phi, kappa) = pairs, unlike, given
     dim = grad.shape[1]
     for i in range(rows[0], rows[1]):
-        for p in range(start[i], start[i + 1]):
-            j = column[p]
-            if (phi[j] > 0.0) != (phi[i] > 0.0):
-                t = phi[i] / (phi[i] - phi[j])
-                # eqs 14 and 24 as the jump of the pressure that balances the force
-                jump = tension * ((1.0 - t) * kappa[i] + t * kappa[j]) * (1.0 if phi[j] > 0.0 else -1.0)
-                laplacian_of_jump[i] += lap[p] * jump
-                for k in range(dim):
-                    out[i, k] += grad[p, k] * jump
+        sign = -1.0 if phi[i] > 0.0 else 1.0
+        for q in range(first[i], first[i + 1]):
+            p, t = pair[q], fraction[q]
+            # eqs 14 and 24 as the jump of the pressure that balances the force
+            jump = tension * ((1.0 - t) * kappa[i] + t * kappa[column[p]]) * sign
+            laplacian_of_jump[i] += lap[p] * jump
+            for k in range(dim):
+                out[i, k] += grad[p, k] * jump

@@ -2,14 +2,14 @@
 
 The pressure stays a pressure over the density of the first fluid, so that fluids of one density share every array
 with a scene of one fluid. With t the fraction of the way from i to j at which a pair meets the interface
-(`interface_fractions`), r_ij and m_ij are what is left of a density and a viscosity between i and j when the normal
+(`unlike_pairs`), r_ij and m_ij are what is left of a density and a viscosity between i and j when the normal
 acceleration and the stress are continuous:
 
     grad p / rho  ->  sum_j (1 / r_ij) (p_j - p_i) grad_ij,      r_ij = t rho_i + (1 - t) rho_j
     mu lap u      ->  sum_j m_ij lap_ij (u_j - u_i),         1 / m_ij = t / mu_i + (1 - t) / mu_j
 
 Both are paired: the Poisson matrix has lap_ij / r_ij (only one of the two blows up at density ratio 10).
-Where the viscosity jumps, the transposed stress div(mu (grad u)^T) does not vanish: see `TransposedStress`.
+Where the viscosity jumps, the transposed stress div(mu (grad u)^T) does not vanish: see `transposed_stress`.
 """
 
 from __future__ import annotations
@@ -17,32 +17,22 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from ..domain import reduce
-from ..domain.row_threads import REDUCE, in_one_piece, over_rows
+from ..domain.row_threads import over_rows
 from ..flow.one_fluid import Terms, ViscousWeights, balanced_force, with_forces
 from ..flow.state import phase_of
 from ..operators.protocol import WallSums
 from .cut_cells import Cells, cut
-from .interface import (
-    MOST,
-    RATE,
-    Interface,
-    carried,
-    colour_of,
-    find_interface,
-    interface_fractions,
-    near_interface,
-    strain,
-)
+from .interface import MOST, RATE, Interface, UnlikePairs, carried, find_interface, strain
 from .interface_rules import FIRST_PASSES, interface_rules
 from .kept_volumes import kept_volumes
+from .transposed_stress import TransposedStress
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
@@ -57,7 +47,6 @@ if TYPE_CHECKING:
 # Most sweeps over particles that have come into the other fluid; whole rows of them gain a digit in four sweeps
 SWEEPS = 100
 SETTLED = 1e-12  # of the largest change of a sweep: below this no more of them are made
-SINGULAR = 1e-10  # of the moments of neighbours: what they do not resolve, like a second derivative of a plane of them
 
 
 class TwoFluidForces(NamedTuple):
@@ -200,11 +189,10 @@ class TwoFluids:
         weighted, transposed_stress, smooth = ops, None, None
         viscous = ViscousWeights(self.mu[0] / reference, ops.lap, ops.walls)
         if heavy or thick:
-            t = interface_fractions(ops.start, ops.column, distance)
-            weighted, viscous = self._weigh(ops, t, rho, mu, heavy)
+            weighted, viscous = self._weigh(ops, interface.unlike, rho, mu, heavy)
         rho, mu = rho[: ops.n], mu[: ops.n]
         if thick or self.added_viscosity > 0.0:
-            near = near_interface(ops.start, ops.column, colour_of(distance))
+            near = interface.unlike.near
         if self.added_viscosity > 0.0:
             share = self.added_viscosity / reference / (viscous.factor * rho)
             thickened = viscous.weight.copy()
@@ -231,18 +219,19 @@ class TwoFluids:
         return with_forces(terms, self.forces, neighbours.x[: ops.n], mu / rho)
 
     @staticmethod
-    def _weigh(ops: Operators, t: np.ndarray, rho: np.ndarray, mu: np.ndarray,
+    def _weigh(ops: Operators, unlike: UnlikePairs, rho: np.ndarray, mu: np.ndarray,
                heavy: bool) -> tuple[Operators, ViscousWeights]:
         """The operators with the density in the weights of the pressure, and the weights of the viscous term."""
         walls, viscous_walls = ops.walls, None
         symmetric = ops.lap_p if walls is None else walls.symmetric_laplacian
         lap = np.empty(len(ops.lap))
-        over_rows(_weigh_viscous, ops.n, ops.start, ops.column, t, (rho, mu), ops.lap, lap)
+        over_rows(_weigh_viscous, ops.n, (ops.start, ops.column), unlike, (rho, mu), ops.lap, lap)
         lap_p, grad_p = ops.lap_p, ops.grad_p
         if heavy:
             weights = lap_p, grad_p, symmetric
             lap_p, grad_p, symmetric = (np.empty_like(weight) for weight in weights)
-            over_rows(_weigh_pressure, ops.n, ops.start, ops.column, t, rho, weights, (lap_p, grad_p, symmetric))
+            over_rows(_weigh_pressure, ops.n, (ops.start, ops.column), unlike, rho, weights,
+                      (lap_p, grad_p, symmetric))
         if walls is not None:
             nu = mu[: ops.n] / rho[: ops.n]
             viscous_walls = WallSums(nu * walls.lap, nu[:, None] * walls.lap_velocity, walls.div, walls.div_velocity,
@@ -268,58 +257,37 @@ def _jumps(terms: Terms, rows: np.ndarray) -> np.ndarray:
     return np.zeros(len(rows)) if terms.laplacian_of_jump is None else terms.laplacian_of_jump[rows]
 
 
-@dataclass(frozen=True)
-class TransposedStress:
-    """The transposed stress of the particles at the interface that see no wall, over their density.
-
-    sum_j m_ij 2 H_ij (u_j - u_i) / rho_i with H_ij the weights of the second derivatives d_k d_l, exact for quadratic
-    functions. For a like viscosity it is 2 grad div u, with m_ij it makes of mu lap u the full stress. Two other forms,
-    (grad u)^T grad mu and the same without its part in div u, have growing modes at a viscosity ratio of 100 (smallest
-    eigenvalue of the velocity matrix -72 and -5000, against +36 and more of this one).
-
-    rows: (m,) particles; start: (m + 1,), column: neighbours; tensor: (n_pairs of those, dim (dim + 1) / 2), the
-    upper half, row by row.
-    """
-
-    rows: np.ndarray
-    start: np.ndarray
-    column: np.ndarray
-    tensor: np.ndarray
-
-    @classmethod
-    def build(cls, ops: Operators, weighted_lap: np.ndarray, rows: np.ndarray) -> TransposedStress:
-        """ops: Operators; weighted_lap: (n_pairs,) its `lap` times m_ij / rho_i; rows: (m,)."""
-        count = np.diff(ops.start)[rows]
-        start = np.concatenate([[0], np.cumsum(count)])
-        column, tensor = np.empty(start[-1], np.int32), np.empty((start[-1], ops.dim * (ops.dim + 1) // 2))
-        over_rows(_transposed_stress_tensors, len(rows), ops.neighbours, (ops.lap, weighted_lap), rows,
-                  (start, column, tensor), work=partial(_stress_scratch, ops.dim, ops.neighbours.longest))
-        return cls(rows, start, column, tensor)
-
-    def add(self, u: np.ndarray, out: np.ndarray, factor: float) -> None:
-        """out += factor times the stress; u: (n + remote, dim); out: (n, dim)."""
-        given = self.rows, self.start, self.column, self.tensor
-        over_rows(_add_transposed_stress, len(self.rows), given, u, out, factor)
-
-
 @njit(cache=True, nogil=True)
-def _weigh_viscous(rows, start, column, t, given, lap, new_lap):
-    rho, mu = given
+def _weigh_viscous(rows, pairs, unlike, given, lap, new_lap):
+    """new_lap (n_pairs,): lap times the viscosity between the two particles over rho_i."""
+    (start, column), (first, pair, fraction), (rho, mu) = pairs, unlike, given
     for i in range(rows[0], rows[1]):
         for p in range(start[i], start[i + 1]):
+            new_lap[p] = lap[p] * mu[i] / rho[i]  # eq. 2: div(mu grad u) / rho
+        for q in range(first[i], first[i + 1]):
+            p, t = pair[q], fraction[q]
             j = column[p]
-            between = 1.0 / (t[p] / mu[i] + (1.0 - t[p]) / mu[j]) if mu[i] != mu[j] else mu[i]
-            new_lap[p] = lap[p] * between / rho[i]  # eq. 2: div(mu grad u) / rho
+            between = 1.0 / (t / mu[i] + (1.0 - t) / mu[j]) if mu[i] != mu[j] else mu[i]
+            new_lap[p] = lap[p] * between / rho[i]
 
 
 @njit(cache=True, nogil=True)
-def _weigh_pressure(rows, start, column, t, rho, weights, new):
+def _weigh_pressure(rows, pairs, unlike, rho, weights, new):
+    """The weights of the pressure over the density between the two particles."""
+    (start, column), (first, pair, fraction) = pairs, unlike
     lap_p, grad_p, symmetric = weights
     new_lap_p, new_grad_p, new_symmetric = new
     for i in range(rows[0], rows[1]):
+        light = 1.0 / rho[i]
         for p in range(start[i], start[i + 1]):
-            light = 1.0 / (t[p] * rho[i] + (1.0 - t[p]) * rho[column[p]])
             new_lap_p[p] = lap_p[p] * light  # eq. 3: div(grad q / rho)
+            new_symmetric[p] = symmetric[p] * light
+            for k in range(grad_p.shape[1]):
+                new_grad_p[p, k] = grad_p[p, k] * light
+        for q in range(first[i], first[i + 1]):
+            p, t = pair[q], fraction[q]
+            light = 1.0 / (t * rho[i] + (1.0 - t) * rho[column[p]])
+            new_lap_p[p] = lap_p[p] * light
             new_symmetric[p] = symmetric[p] * light
             for k in range(grad_p.shape[1]):
                 new_grad_p[p, k] = grad_p[p, k] * light
@@ -373,148 +341,3 @@ def _thicken(rows, start, column, lap, near, share, out):
             for p in range(start[i], start[i + 1]):
                 if near[column[p]]:
                     out[p] += share[i] * lap[p]
-
-
-class _StressScratch(NamedTuple):
-    """Of one particle: basis (size, places), terms at its neighbours, a row each, their weights w and products here
-    (places,); moments, lower, inverse (size, size) and over (size,): the sums and what `_invert` makes of them."""
-
-    basis: np.ndarray
-    w: np.ndarray
-    here: np.ndarray
-    moments: np.ndarray
-    lower: np.ndarray
-    inverse: np.ndarray
-    over: np.ndarray
-
-
-def _stress_scratch(dim: int, neighbours: int) -> _StressScratch:
-    size, most = dim + dim * (dim + 1) // 2, max(neighbours, 1)
-    square = (size, size)
-    return _StressScratch(*in_one_piece((size, most), (most,), (most,), square, square, square, (size,)))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _transposed_stress_tensors(turns, work, neighbours, weights, rows, out):
-    (lap, weighted_lap), (new_start, new_column, tensor) = weights, out
-    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
-    dim, support = x.shape[1], neighbours.support
-    basis, w, here, moments, inverse = work.basis, work.w, work.here, work.moments, work.inverse
-    size, entries = dim + dim * (dim + 1) // 2, dim * (dim + 1) // 2
-    for m in range(turns[0], turns[1]):
-        i, at = rows[m], new_start[m]
-        begin, count = start[i], start[i + 1] - start[i]
-        # one row a term, so that what is done to all neighbours runs along the memory
-        _fill(basis, row, x, i, begin, count, support)
-        total = 0.0
-        for k in range(count):
-            new_column[at + k] = column[begin + k]
-            w[k] = max(lap[begin + k], 0.0)
-        _moments(work, count)
-        for a in range(size):
-            total += moments[a, a]
-        # least squares: the coefficients of the quadratic terms are the second derivatives
-        least = SINGULAR * total
-        if not _invert(work, least, dim):
-            for a in range(size):
-                moments[a, a] += least  # as good as a pseudo-inverse, which takes numba 15 s to compile
-            _invert(work, 0.0, dim)
-        for k in range(count):
-            w[k] = 2.0 * weighted_lap[begin + k] / (support * support) if lap[begin + k] > 0.0 else 0.0
-        for v in range(entries):
-            for k in range(count):
-                here[k] = 0.0
-            for c in range(size):
-                weight = inverse[c, dim + v]
-                for k in range(count):
-                    here[k] += weight * basis[c, k]
-            for k in range(count):
-                tensor[at + k, v] = w[k] * here[k]
-
-
-@njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
-def _moments(work, count):
-    """Lower half of sum_k w basis (x) basis, what `_invert` reads; sums in any order, so that they are vectors."""
-    basis, w, here, moments = work.basis, work.w, work.here, work.moments
-    for a in range(len(basis)):
-        for k in range(count):
-            here[k] = w[k] * basis[a, k]
-        for b in range(a + 1):
-            total = 0.0
-            for k in range(count):
-                total += here[k] * basis[b, k]
-            moments[a, b] = total
-
-
-@njit(cache=True, error_model="numpy")
-def _invert(work, least, first):
-    """Columns from `first` on of the inverse of the moments, whose lower half is read, by Cholesky's factors; False
-    where a pivot is not above `least`."""
-    matrix, lower, over, inverse = work.moments, work.lower, work.over, work.inverse
-    n = len(matrix)
-    for k in range(n):
-        for m in range(k + 1):
-            rest = matrix[k, m]
-            for c in range(m):
-                rest -= lower[k, c] * lower[m, c]
-            if m < k:
-                lower[k, m] = rest * over[m]
-            elif rest > least:
-                lower[k, k] = math.sqrt(rest)
-                over[k] = 1.0 / lower[k, k]
-            else:
-                return False
-    for k in range(first, n):  # a column of the unit matrix at a time
-        for m in range(k):
-            inverse[m, k] = 0.0
-        for m in range(k, n):
-            rest = 1.0 if m == k else 0.0
-            for c in range(k, m):
-                rest -= lower[m, c] * inverse[c, k]
-            inverse[m, k] = rest * over[m]
-        for m in range(n - 1, -1, -1):
-            rest = inverse[m, k]
-            for c in range(m + 1, n):
-                rest -= lower[c, m] * inverse[c, k]
-            inverse[m, k] = rest * over[m]
-    return True
-
-
-@njit(cache=True, error_model="numpy")
-def _fill(basis, row, x, i, begin, count, unit):
-    """The terms d_a, d_a d_a / 2 and d_a d_b of d = (x_j - x_i) / unit, one row (count,) each."""
-    dim = x.shape[1]
-    v = dim
-    for k in range(count):
-        for a in range(dim):
-            basis[a, k] = (x[row[begin + k], a] - x[i, a]) / unit
-    for a in range(dim):
-        for b in range(a, dim):
-            factor = 0.5 if a == b else 1.0
-            for k in range(count):
-                basis[v, k] = factor * basis[a, k] * basis[b, k]
-            v += 1
-
-
-@njit(cache=True, nogil=True)
-def _add_transposed_stress(turns, given, u, out, factor):
-    rows, start, column, tensor = given
-    flat = u.shape[1] == 2
-    for m in range(turns[0], turns[1]):
-        i = rows[m]
-        a, b, c = 0.0, 0.0, 0.0
-        for p in range(start[m], start[m + 1]):
-            j = column[p]
-            du, dv = u[j, 0] - u[i, 0], u[j, 1] - u[i, 1]
-            if flat:
-                a += tensor[p, 0] * du + tensor[p, 1] * dv
-                b += tensor[p, 1] * du + tensor[p, 2] * dv
-            else:
-                dw = u[j, 2] - u[i, 2]
-                a += tensor[p, 0] * du + tensor[p, 1] * dv + tensor[p, 2] * dw
-                b += tensor[p, 1] * du + tensor[p, 3] * dv + tensor[p, 4] * dw
-                c += tensor[p, 2] * du + tensor[p, 4] * dv + tensor[p, 5] * dw
-        out[i, 0] += factor * a
-        out[i, 1] += factor * b
-        if not flat:
-            out[i, 2] += factor * c

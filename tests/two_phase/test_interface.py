@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isphcli.two_phase.interface import carried, interface_fractions, near_interface, volume_fraction, with_volumes_of
+from isphcli.two_phase.interface import carried, volume_fraction, with_volumes_of
 from tests.two_phase.scenes import drop, layers, scene
 
 
@@ -16,13 +16,14 @@ def interface_of(text):
 
 def test_crossings_of_a_flat_interface_are_exact_wherever_it_lies():
     """Also between two layers of the lattice, at 0.4 of the height."""
-    state, config, _ = interface_of(layers(1 / 16, mu=5).replace("point: [0, 0.5]", "point: [0, 0.4]"))
-    ops, seen = config.ops, config.ops.neighbours
-    t = interface_fractions(ops.start, ops.column, state.phi)
+    state, config, interface = interface_of(layers(1 / 16, mu=5).replace("point: [0, 0.5]", "point: [0, 0.4]"))
+    ops, seen, found = config.ops, config.ops.neighbours, interface.unlike
     i = np.repeat(np.arange(ops.n), np.diff(ops.start))
-    unlike = (state.phi[i] > 0) != (state.phi[ops.column] > 0)
-    y = seen.x[i, 1] + t * (seen.x[seen.row, 1] - seen.x[i, 1])
-    assert unlike.any() and np.abs(y[unlike] - 0.4).max() < 1e-12
+    unlike = np.flatnonzero((state.phi[i] > 0) != (state.phi[ops.column] > 0))
+    assert len(unlike) and np.array_equal(found.pair, unlike)
+    assert np.array_equal(np.repeat(np.arange(ops.n), np.diff(found.start)), i[unlike])
+    i, j = i[unlike], seen.row[unlike]
+    assert np.abs(seen.x[i, 1] + found.fraction * (seen.x[j, 1] - seen.x[i, 1]) - 0.4).max() < 1e-12
 
 
 def test_normals_of_a_disk_point_into_it():
@@ -78,8 +79,8 @@ time: {{end: 1}}
 def pair_of_bubbles(gap):
     """Interface of two bubbles of 8 spacings in radius, so many spacings apart, and the particles that see it."""
     half = 0.5 + 0.03125 * gap
-    _, config, interface = interface_of(PAIR.format(left=1.5 - half, right=1.5 + half))
-    return interface, near_interface(config.ops.start, config.ops.column, interface.colour)
+    _, _, interface = interface_of(PAIR.format(left=1.5 - half, right=1.5 + half))
+    return interface, interface.unlike.near
 
 
 def test_bubbles_three_spacings_apart_do_not_feel_each_other():

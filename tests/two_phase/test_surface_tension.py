@@ -47,9 +47,10 @@ def test_a_uniform_curvature_is_balanced_exactly():
     from isphcli.operators.apply import laplacian
     from isphcli.two_phase.surface_tension import _jump
 
-    colour = config.terms.interface.colour
+    interface = config.terms.interface
+    colour = interface.colour
     ops = config.terms.ops
-    jump_force, laplacian_of_jump = _jump(ops, ops.lap_p, state.phi, np.full(len(state.x), 3.0), 2.0)
+    jump_force, laplacian_of_jump = _jump(ops, ops.lap_p, interface, np.full(len(state.x), 3.0), 2.0)
     residual = jump_force - ops.gradient_p(6.0 * colour)
     assert np.abs(residual).max() < 1e-12 * np.abs(jump_force).max()
     left = laplacian_of_jump - laplacian(replace(ops, lap=ops.lap_p), 6.0 * colour[:, None])[:, 0]

@@ -5,7 +5,6 @@ import pytest
 
 from isphcli.operators.assemble import assemble
 from isphcli.references.plates import two_layer_couette, two_layer_poiseuille
-from isphcli.two_phase.interface import near_interface
 from tests.threads import on_threads
 from tests.two_phase.scenes import drop, layers, run, scene
 
@@ -103,7 +102,7 @@ def test_an_interface_that_hardly_damps_gets_viscosity():
             assert terms.ops is ops and terms.viscous.weight is ops.lap
             continue
         more = terms.viscous.weight * terms.viscous.factor - ops.lap * mu
-        near = near_interface(ops.start, ops.column, terms.interface.colour)
+        near = terms.interface.unlike.near
         owner = np.repeat(np.arange(len(state.x)), np.diff(ops.start))
         both = near[owner] & near[ops.column]
         assert not more[~both].any() and more[both].min() >= 0.0
@@ -128,18 +127,3 @@ def test_the_velocity_matrix_has_no_growing_mode(ratio):
         terms.transposed_stress.add(one.reshape(n, 2), out, 1.0)
         full[:, k] -= out.ravel()
     assert np.linalg.eigvals(full).real.min() > 0.0
-
-
-def test_the_stress_of_a_linear_velocity_vanishes():
-    """Constant viscosity, any arrangement, velocity linear in x: weights of second derivatives see nothing."""
-    _, _, state, stepper, _ = scene(layers(1 / 12, mu=2).replace("spacing: ", "jitter: 0.2, spacing: "))
-    config = stepper.configure(state.x, phi=state.phi)
-    from isphcli.two_phase.two_fluids import TransposedStress
-
-    ops = config.ops
-    rows = np.flatnonzero(~ops.walls.near_wall & (np.abs(state.x[:, 0] - 3 / 12) < 0.5 / 12))
-    transposed_stress = TransposedStress.build(ops, ops.lap, rows)
-    u, out = np.zeros_like(state.x), np.zeros_like(state.x)
-    u[:] = state.x @ np.array([[0.3, 2.0], [-1.0, -0.3]])
-    transposed_stress.add(u, out, 1.0)
-    assert len(rows) and np.abs(out).max() < 1e-9 * np.abs(ops.lap).max()
