@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -34,7 +35,7 @@ def results(name):
 
 
 def ladder(*levels, name="slit"):
-    return Ladder(case(name), {}, "main", list(levels))
+    return Ladder(case(name, "reference.tolerance=0.001"), {}, "main", list(levels))
 
 
 def level(spacing, seconds=None, error=1e-3, steps=None, own=False):
@@ -119,20 +120,20 @@ def test_the_own_spacing_decides():
 @pytest.mark.slow
 def test_a_ladder_and_its_files():
     lines = []
-    text, passed = validate_cases([case("slit")], say=lines.append, **PARTS)
-    assert passed and text.startswith("pass      slit: |-0.000156| <= 0.001")
-    assert "order 2.00" in text and "why this bound: quadratic flow" in text
+    text, passed = validate_cases([case("taylor_couette")], say=lines.append, **PARTS)
+    assert passed and text.startswith("pass      taylor_couette: |0.00028| <= 0.005")
+    assert "why this bound: measured 2.8e-4" in text
     assert [line.split()[0] for line in lines if line and "warning" not in line][1:5] == ["level", "1", "2*", "3"]
-    (record,) = results("slit")["settings"]
-    assert record["order"] == pytest.approx(2, abs=0.01) and record["verdict"]["passed"]
-    rows = list(csv.DictReader(Path("runs/slit/validation.csv").open(encoding="utf-8")))
-    assert [int(row["particles"]) for row in rows] == [16, 64, 256]
-    assert float(rows[1]["order"]) == pytest.approx(2, abs=0.01)
-    # the solve stops at 1e-6 of its right-hand side
-    assert float(rows[1]["error_velocity_max"]) < 1e-7 and float(rows[1]["iterations_stokes"]) >= 1
-    page = Path("runs/slit/validation.md").read_text(encoding="utf-8")
-    assert "| 2* | 6.25e-06 | 64 |" in page and "work_precision.png" in page
-    assert Path("runs/slit/work_precision.png").stat().st_size > 5000
+    (record,) = results("taylor_couette")["settings"]
+    assert record["order"] > 1.5 and record["verdict"]["passed"]
+    rows = list(csv.DictReader(Path("runs/taylor_couette/validation.csv").open(encoding="utf-8")))
+    assert [int(row["particles"]) for row in rows] == [224, 948, 3760]
+    first, second = (abs(float(row["error"])) for row in rows[:2])
+    assert float(rows[1]["order"]) == pytest.approx(np.log2(first / second), abs=0.01)
+    assert float(rows[1]["error_velocity_max"]) < 1e-3 and float(rows[1]["iterations_stokes"]) >= 1
+    page = Path("runs/taylor_couette/validation.md").read_text(encoding="utf-8")
+    assert "| 2* | 0.1 | 948 |" in page and "work_precision.png" in page
+    assert Path("runs/taylor_couette/work_precision.png").stat().st_size > 5000
     assert not list(Path("runs").rglob("*.vtu")) and not list(Path("runs").rglob("slice.png"))
 
 
@@ -238,11 +239,12 @@ def test_several_cases_end_with_one_page():
 @pytest.mark.slow
 def test_exit_codes_of_a_bound():
     words = [CASES / "slit.yaml", "--levels", 1, "--out", "runs"]
-    done = isph(*words, "--vary", "particles.offset=[0, 0.3],[0, 0]")  # the sum over 16 particles: 2e-3
+    # off the lattice sums are taken at the particles, and no velocity is exact
+    done = isph(*words, "--vary", "particles.jitter=0,0.3")
     assert done.exit_code == OUTSIDE and "1 of 2 passed" in done.stdout, done.output
     assert [setting["verdict"]["passed"] for setting in results("slit")["settings"]] == [True, False]
     assert isph(*words).exit_code == 0
-    missed = isph(*words, "--set", "reference.tolerance=1e-6")
+    missed = isph(*words, "--set", "reference.tolerance=1e-12")
     assert missed.exit_code == OUTSIDE == 1 and "FAIL" in missed.stdout
 
 
