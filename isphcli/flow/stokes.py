@@ -31,7 +31,9 @@ from ..solvers.engine import ONE_PROCESS, Engine
 from ..solvers.krylov import Convergence, Limits, SolveError, Watch
 from .forces import Force, acceleration_of, resistance_of
 
-TAU = 0.05  # strength of S (trials before 2026-11-22)
+# Strength of S, of which 0.05 to 0.1 take the fewest iterations; k is 0.04 to 0.44 % larger with 0.1, 0.02 to 0.33 %
+# smaller with 0.025 (`benchmarks/odd_even_strength.py`, 2026-11-30)
+TAU = 0.05
 # The Schur complement falls from 1 for long pressure modes to 0.2 for those that alternate from particle to particle,
 # where little but S is left. Its inverse is 1 - ROUGH dx^2 lap to within 30 % on a lattice.
 ROUGH = 0.4
