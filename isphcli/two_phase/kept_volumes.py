@@ -85,7 +85,7 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
     for gone in np.flatnonzero((reduce.total_by(part, None, count) > 0) & ~there):
         # smaller than a particle: what it had goes to the part of its fluid that is next to what is there now
         around = reduce.total_by(now[part == gone], None, count).argmax()
-        kin = _areas(everywhere, everyone, count).beside(around, count)
+        kin = _areas(everywhere, everyone, count).beside(int(around), count)
         kin[~there] = 0.0
         wanted[kin.argmax() if kin.max() > 0.0 else around] += wanted[gone]
     return new, _shared(wanted, now)
