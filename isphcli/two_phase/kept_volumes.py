@@ -21,12 +21,11 @@ one ganglion to another but through what lies between them.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from numba import njit
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
 from ..domain import reduce
@@ -88,7 +87,7 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
     for gone in np.flatnonzero((particles > 0) & ~there):
         # smaller than a particle: what it had goes to the part of its fluid that is next to what is there now
         around = reduce.total_by(now[part == gone], None, count).argmax()
-        kin = _areas(everywhere, everyone, count)[[around]].toarray()[0]
+        kin = _areas(everywhere, everyone, count).beside(int(around), count)
         kin[~there] = 0.0
         wanted[kin.argmax() if kin.max() > 0.0 else around] += wanted[gone]
     return new, _shared(wanted, remain, now)
@@ -119,36 +118,59 @@ def _of_cells(cut: CutCells, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return part[cut.nearest[seen]], volume[seen]
 
 
-def _areas(cut: CutCells, part: np.ndarray, count: int) -> sp.csr_matrix:
-    """Area of the interface between each two of so many parts, m^(dim - 1)."""
+class Touching(NamedTuple):
+    """Parts of the two fluids that touch, (m,) each: one of the first fluid, one of the other, area between them,
+    m^(dim - 1). Two that touch on several processes are there for each of these."""
+
+    one: np.ndarray
+    other: np.ndarray
+    area: np.ndarray
+
+    def beside(self, part: int, count: int) -> np.ndarray:
+        """Area between a part and each of all, (count,) m^(dim - 1)."""
+        here, there = self.one == part, self.other == part
+        kin = np.concatenate([self.other[here], self.one[there]])
+        return np.bincount(kin, np.concatenate([self.area[here], self.area[there]]), count)
+
+    def groups(self, count: int) -> np.ndarray:
+        """Number (count,) of the group of parts that touch, of each part: the smallest one in it."""
+        group = np.arange(count)
+        while True:
+            least, before = np.minimum(group[self.one], group[self.other]), group.copy()
+            np.minimum.at(group, self.one, least)
+            np.minimum.at(group, self.other, least)
+            if (group == before).all():
+                return group
+
+
+def _areas(cut: CutCells, part: np.ndarray, count: int) -> Touching:
+    """Area of the interface between so many parts."""
     both = cut.area > 0.0
     first, other = part[cut.nearest[both]].T.astype(np.int64)
     pair, place = np.unique(first * count + other, return_inverse=True)
     # between parts, of which there are few, not between cells
     pair, area = reduce.together(pair, np.bincount(place, cut.area[both], len(pair)))
-    first, other = np.divmod(pair, count)
-    ends = np.concatenate([first, other]), np.concatenate([other, first])
-    return sp.csr_matrix((np.concatenate([area, area]), ends), shape=(count, count))
+    return Touching(*np.divmod(pair, count), area)
 
 
-def _levels(lacking: np.ndarray, between: sp.csr_matrix, wanted: np.ndarray) -> np.ndarray:
+def _levels(lacking: np.ndarray, between: Touching, wanted: np.ndarray) -> np.ndarray:
     """m of the parts, m, from what they lack, m^dim, the areas between them, and what they are to have, m^dim."""
     # the equations have a solution where what the parts of a group that touch lack adds up to zero: the largest part of
     # each group, which surrounds the others, takes what is left over
-    joined, group = connected_components(between, directed=False)
-    surrounding = np.zeros(joined, np.int64)
+    count = len(lacking)
+    group, surrounding = between.groups(count), np.arange(count)
     order = np.argsort(wanted, kind="stable")
     surrounding[group[order]] = order  # the largest last
-    lacking = lacking.copy()
-    lacking[surrounding] -= np.bincount(group, lacking, joined)
-    diagonal = np.asarray(between.sum(axis=1)).ravel()
+    lacking = lacking - np.bincount(surrounding[group], lacking, count)
+    one, other, area = between
+    diagonal = np.bincount(one, area, count) + np.bincount(other, area, count)
     alone = diagonal <= 0.0
     if alone.all():
-        return np.zeros(len(diagonal))
-    off, own = between.tocoo(), np.arange(len(diagonal))
-    values = np.concatenate([-off.data, diagonal + LEVELS_RIDGE * diagonal.max()])
-    places = np.concatenate([off.row, own]), np.concatenate([off.col, own])
-    level = np.asarray(spsolve(sp.csc_matrix((values, places), shape=between.shape), np.where(alone, 0.0, lacking)))
+        return np.zeros(count)
+    own = np.arange(count)
+    values = np.concatenate([-area, -area, diagonal + LEVELS_RIDGE * diagonal.max()])
+    places = np.concatenate([one, other, own]), np.concatenate([other, one, own])
+    level = np.asarray(spsolve(sp.csc_matrix((values, places), shape=(count, count)), np.where(alone, 0.0, lacking)))
     return np.where(alone, 0.0, level)
 
 

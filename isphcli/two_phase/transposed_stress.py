@@ -162,7 +162,7 @@ def _moments(work, m):
 @njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
 def _put(work, m, there, count, tensor):
     """The entries of the tensors of the neighbours of place m, from the row `there` on."""
-    x, y, z, over, c = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.over, work.at
+    x, y, z, over, here, c = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.over, work.product, work.at
     for v in range(len(work.inverse)):
         for a in range(10):
             c[a] = 0.0
@@ -171,7 +171,9 @@ def _put(work, m, there, count, tensor):
         c1, c2, c3, c4, c5, c6, c7, c8, c9 = c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9]
         for k in range(count):
             along = x[k] * (c1 + c4 * x[k] + c5 * y[k] + c6 * z[k])
-            tensor[there + k, v] = over[k] * (along + y[k] * (c2 + c7 * y[k] + c8 * z[k]) + z[k] * (c3 + c9 * z[k]))
+            here[k] = over[k] * (along + y[k] * (c2 + c7 * y[k] + c8 * z[k]) + z[k] * (c3 + c9 * z[k]))
+        for k in range(count):  # a loop that computes is one of vectors only where it writes along the memory
+            tensor[there + k, v] = here[k]
 
 
 @njit(cache=True, nogil=True)
