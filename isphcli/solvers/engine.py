@@ -43,8 +43,8 @@ class Engine(Protocol):
         """An approximate inverse as a function of the right-hand side (n,)."""
         ...
 
-    def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float, cycles: int) -> Apply:
-        """The same of three right-hand sides (n, 3). strength, cycles: of the aggregates of the one that aggregates."""
+    def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float) -> Apply:
+        """The same of three right-hand sides (n, 3). strength: of the aggregates of the one that aggregates."""
         ...
 
     def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
@@ -71,9 +71,9 @@ class OneProcess:
             return cycle(hierarchy(matrix.tocsr()))
         return PairCycle(matrix)
 
-    def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float, cycles: int) -> Apply:
+    def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float) -> Apply:
         """See `Engine`."""
-        return BlockCycle(hierarchy(matrix, strength), cycles)
+        return BlockCycle(hierarchy(matrix, strength))
 
     def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
               start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
