@@ -78,7 +78,7 @@ def applied(case):
         def cycle(self, matrix, exchange):
             return lambda b: b
 
-        def block_cycle(self, matrix, exchange, strength, cycles):
+        def block_cycle(self, matrix, exchange, strength):
             return lambda b: b
 
     import isphcli.runs.steady as steady

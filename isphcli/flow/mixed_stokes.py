@@ -19,7 +19,7 @@ from ..operators.mixed_weights import Faces
 from ..operators.pair_weights import Operators
 from ..solvers.engine import ONE_PROCESS
 from ..solvers.krylov import Convergence, Limits, SolveError, Watch
-from .stokes import CYCLES, LEAST_RESPONSE, ROUGH, STRENGTH, TAU
+from .stokes import LEAST_RESPONSE, ROUGH, STRENGTH, TAU
 
 
 class MixedStokes:
@@ -36,8 +36,7 @@ class MixedStokes:
         self.labels = pair_components(ops.start, ops.column)[1]
         self.whole = reduce.total_by(self.labels, self.volume)
         resists = np.maximum(walls.lap, 0.0) * spacing**2 * self.volume
-        self._velocity = ONE_PROCESS.block_cycle(faces.conductance(np.ones(ops.n), resists), ops.exchange, STRENGTH,
-                                                 CYCLES)
+        self._velocity = ONE_PROCESS.block_cycle(faces.conductance(np.ones(ops.n), resists), ops.exchange, STRENGTH)
         w = self._velocity(np.repeat(self.volume[:, None], 3, axis=1))[:, 0]
         w = np.maximum(w, LEAST_RESPONSE * (d / spacing) ** 2)
         self._darcy = ONE_PROCESS.cycle(faces.conductance(w), ops.exchange)

@@ -18,12 +18,13 @@ import scipy.sparse as sp
 from ..domain import reduce
 from ..domain.components import pair_components
 from ..domain.null_space import ComponentMeans
-from ..operators.conductances import Conductances
+from ..operators.conductances import Conductances, sparse_pairs
 from ..operators.lattice_weights import (
     LatticeWeights,
     divergence_and_rhie_chow,
     momentum,
     nearest_matrix,
+    share_in_sight,
     symmetric_laplacian,
     velocity_matrix,
 )
@@ -37,9 +38,9 @@ TAU = 0.05
 # The Schur complement falls from 1 for long pressure modes to 0.2 for those that alternate from particle to particle,
 # where little but S is left. Its inverse is 1 - ROUGH dx^2 lap to within 30 % on a lattice.
 ROUGH = 0.4
-# Aggregates of the velocity hierarchy and W-cycles an iteration, from 16 to 64 spacings a cell of the sphere array:
-# 14 to 16 iterations; one cycle 16 to 19; with `multigrid.STRENGTH` 15 to 18 and 18 to 21
-STRENGTH, CYCLES = 0.05, 2
+# Aggregates of the velocity hierarchy, from 16 to 64 spacings a cell of the sphere array: 16 to 19 iterations; with
+# `multigrid.STRENGTH` 18 to 21
+STRENGTH = 0.05
 # Smallest response of the velocity to a unit force, in squares of the spacing: dead ends have a conductance too
 LEAST_RESPONSE = 1e-3
 
@@ -74,7 +75,7 @@ class StokesSystem:
         if self.drag is not None:
             own = np.arange(ops.n + 1)
             matrix = matrix + sp.csr_matrix((self.drag, own[:-1], own), shape=matrix.shape)
-        self._velocity = engine.block_cycle(matrix, ops.exchange, STRENGTH, CYCLES)
+        self._velocity = engine.block_cycle(matrix, ops.exchange, STRENGTH)
         del matrix
         self._darcy = engine.cycle(self._conductance(), ops.exchange)
 
@@ -83,11 +84,18 @@ class StokesSystem:
 
         In a pore of width h, w is about h^2 / 12: pressure modes much longer than the pore is wide obey Darcy's law,
         and the Schur complement of the coupled system is this operator there, the identity for short modes.
+
+        In narrow pores, where the divergence is the adjoint of the pressure gradient, a linear pressure has its whole
+        gradient by the few pairs in sight, and so much more of the velocity answers to each of them.
         """
         # of a strong drag w is its inverse
         least = LEAST_RESPONSE if self.drag is None else LEAST_RESPONSE / np.maximum(1.0, 1e-2 * self.drag)
         w = np.maximum(self._velocity(np.ones((self.ops.n, 3)))[:, 0], least)
-        return Conductances(self.ops, w, self.spacing)
+        ops = sparse_pairs(self.ops, self.spacing) if self.ops.on_lattice else self.ops
+        share = share_in_sight(ops)
+        few = ops.narrow & (share > 0.0)
+        w[few] /= share[few]
+        return Conductances(ops, w, self.spacing)
 
     def split(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(velocity (n, dim), scaled pressure (n,)) of a vector of unknowns."""

@@ -136,16 +136,23 @@ def _stairs(grid, around, voxel, ux, uy, uz, far):
     ix, iy, iz = voxel_of(ux), voxel_of(uy), voxel_of(uz)
     fluid = label_at(grid, around, ix, iy, iz) >= 0
     least = np.inf
-    for dz in range(-1, 2):
+    # the own layer of each axis first: what lies farther than what is known need not be looked up
+    for kz in range(3):
+        dz = kz if kz < 2 else -1
         if grid.shape[0] == 1 and around[2] and dz != 0:
             continue
         z = voxel[2] * max(iz + dz - uz, uz - (iz + dz + 1), 0.0)
-        for dy in range(-1, 2):
+        for ky in range(3):
+            dy = ky if ky < 2 else -1
             y = voxel[1] * max(iy + dy - uy, uy - (iy + dy + 1), 0.0)
-            for dx in range(-1, 2):
-                if (label_at(grid, around, ix + dx, iy + dy, iz + dz) >= 0) != fluid:
-                    x = voxel[0] * max(ix + dx - ux, ux - (ix + dx + 1), 0.0)
-                    least = min(least, x * x + y * y + z * z)
+            if y * y + z * z >= least:
+                continue
+            for kx in range(3):
+                dx = kx if kx < 2 else -1
+                x = voxel[0] * max(ix + dx - ux, ux - (ix + dx + 1), 0.0)
+                square = x * x + y * y + z * z
+                if square < least and (label_at(grid, around, ix + dx, iy + dy, iz + dz) >= 0) != fluid:
+                    least = square
     d = min(np.sqrt(least), max(abs(far), 1.0))
     return d if fluid else -d
 

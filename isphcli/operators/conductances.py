@@ -6,13 +6,42 @@ times a number of the offset (`LatticeWeights`), which the pairs are there for a
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import scipy.sparse as sp
 from numba import njit
 
+from ..domain import reduce
+from ..domain.components import pair_components
 from ..domain.null_space import GROUND
 from ..domain.row_threads import over_blocks, over_rows
-from .lattice_weights import LatticeWeights, canonical
+from .crossings import in_sight
+from .lattice_weights import LatticeWeights, canonical, nearest_weights
+
+
+def sparse_pairs(ops: LatticeWeights, dx: float) -> LatticeWeights:
+    """The same with the pairs of nearest neighbours of the lattice alone, 6 of 32 on a cubic one, and those farther
+    ones that join what nearest neighbours leave apart: pockets between bodies that touch.
+
+    The former weigh as much more as makes the symmetric Laplacian of a quadratic function what it was where all are in
+    sight; the latter keep their weights. Components, and with them the null space, are those of all pairs. dx: m, the
+    spacing.
+    """
+    pairs, exchange = ops.pairs, ops.exchange
+    scale = reduce.largest(ops.tensors.scale)
+    weight = nearest_weights(ops, dx) / (scale if scale > 0.0 else 1.0)
+    near = weight > 0.0
+    kept = near[pairs.offset_id]
+    count, labels = pair_components(pairs.start, pairs.column, kept, exchange)
+    if count > 1:
+        labels = exchange.forward(labels[: ops.n])
+        over_rows(_mark_joining, ops.n, pairs.start, pairs.column, labels, kept)
+    start = np.zeros(ops.n + 1, np.int64)
+    np.cumsum(in_sight(pairs.start, kept.view(np.int8)), out=start[1:])
+    return replace(ops, pairs=pairs._replace(
+        start=start, column=pairs.column[kept], offset_id=pairs.offset_id[kept],
+        pair_laplacian=np.where(near, weight, pairs.pair_laplacian)))
 
 
 class Conductances:
@@ -90,6 +119,15 @@ class Conductances:
     def sweep_back(self, blocks: np.ndarray, b: np.ndarray, x: np.ndarray) -> None:
         """A backward sweep in place, each block with the values that the others had before it."""
         over_blocks(_backward, blocks, self._entries, self.diagonal, b, x, x.copy())
+
+
+@njit(cache=True, nogil=True)
+def _mark_joining(rows, start, column, labels, kept):
+    """Marks the pairs of particles in different components."""
+    for i in range(rows[0], rows[1]):
+        for q in range(start[i], start[i + 1]):
+            if labels[column[q]] != labels[i]:
+                kept[q] = True
 
 
 @njit(cache=True, inline="always")

@@ -243,11 +243,7 @@ def nearest_matrix(ops: LatticeWeights, dx: float) -> sp.csr_matrix:
     Each weighs 2 dim / (number in a whole neighbourhood) dx^2 / distance^2, which is exact for quadratic functions
     there; what walls add is as in `velocity_matrix`. It is symmetric, and as a preconditioner as good.
     """
-    square = (ops.pairs.step**2).sum(axis=1)
-    near = _nearest(ops.pairs.step, dx)
-    # a process that has but a few particles may see half of a neighbourhood
-    whole = reduce.largest(np.array([np.count_nonzero(near)]))
-    weight = np.where(near, 2.0 * ops.dim / whole * dx * dx / square, 0.0)
+    weight = dx * dx * nearest_weights(ops, dx)
     first = np.zeros(ops.n + 1, np.int32)
     np.cumsum(1 + in_sight(ops.start, (weight > 0.0).view(np.int8)[ops.pairs.offset_id]), out=first[1:])
     matrix = first, np.empty(first[-1], np.int32), np.empty(first[-1])
@@ -264,6 +260,14 @@ def _nearest(step: np.ndarray, dx: float) -> np.ndarray:
     known = LEAST_STEPS[len(edges)]
     square = ((step / edges * min(known, key=lambda least: abs(edges[0] / dx - least[0]))) ** 2).sum(axis=1)
     return square < NEAREST * reduce.smallest(square)
+
+
+def nearest_weights(ops: LatticeWeights, dx: float) -> np.ndarray:
+    """Weights of the offsets in that Laplacian, (m,) 1/m2: zero but for the nearest."""
+    near = _nearest(ops.pairs.step, dx)
+    # a process that has but a few particles may see half of a neighbourhood
+    whole = reduce.largest(np.array([np.count_nonzero(near)]))
+    return np.where(near, 2.0 * ops.dim / whole / (ops.pairs.step**2).sum(axis=1), 0.0)
 
 
 def _empty_matrix(ops: LatticeWeights, dtype: np.dtype) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -328,6 +332,14 @@ def symmetric_laplacian(ops: LatticeWeights, f: np.ndarray) -> np.ndarray:
     """sum_j symmetric_ij (f_j - f_i), (n,)."""
     f, out = ops.exchange.forward(f), np.empty(ops.n)
     over_rows(_symmetric, ops.n, ops.pairs, (ops.tensors.row, ops.tensors.scale), f, out)
+    return out
+
+
+def share_in_sight(ops: LatticeWeights) -> np.ndarray:
+    """What the pairs of each particle have of the second moments of a whole neighbourhood, (n,): 1 where no wall hides
+    a neighbour, 0 where walls hide all."""
+    out, square = np.empty(ops.n), (ops.pairs.step**2).sum(axis=1) / (2.0 * ops.dim)
+    over_rows(_share, ops.n, ops.pairs, (ops.tensors.row, ops.tensors.scale), square, out)
     return out
 
 
@@ -554,7 +566,7 @@ def _momentum(rows, weights, wall_lap, dx, unknowns, out, grad_p):
         s0 = s1 = s2 = v0 = v1 = v2 = 0.0
         u0, u1, u2, pi, o = u[i, 0], u[i, 1], u[i, last], p[i], tensors.row[i]
         if o == 0:
-            for q in range(start[i], start[i + 1]):
+            for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
                 j, t = np.uint32(column[q]), np.uint32(offset_id[q])
                 dp, a = p[j] - pi, whole.laplacian[t]
                 s0, s1, s2 = s0 + first[t, 0] * dp, s1 + first[t, 1] * dp, s2 + first[t, 2] * dp
@@ -562,7 +574,7 @@ def _momentum(rows, weights, wall_lap, dx, unknowns, out, grad_p):
         else:
             l0, l1, l2, l3, l4 = laplace[o, 0], laplace[o, 1], laplace[o, 2], laplace[o, 3], laplace[o, 4]
             l5, b0, b1, b2 = laplace[o, 5], laplace[o, 6], laplace[o, 7], laplace[o, 8]
-            for q in range(start[i], start[i + 1]):
+            for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
                 j, t = np.uint32(column[q]), np.uint32(offset_id[q])
                 x0, x1, x2, dp = first[t, 0], first[t, 1], first[t, 2], p[j] - pi
                 s0, s1, s2 = s0 + x0 * dp, s1 + x1 * dp, s2 + x2 * dp
@@ -585,13 +597,14 @@ def _divergence_and_rhie_chow(rows, work, weights, walls, unknowns, factors, out
     for i in range(rows[0], rows[1]):
         odd_even, divergence, pi, o = 0.0, 0.0, p[i], tensors.row[i]
         q0, q1, q2, u0, u1, u2 = grad_p[i, 0], grad_p[i, 1], grad_p[i, last], u[i, 0], u[i, 1], u[i, last]
-        for q in range(start[i], start[i + 1]):
+        first, end = np.uint64(start[i]), np.uint64(start[i + 1])
+        for q in range(first, end):
             j, t = np.uint32(column[q]), np.uint32(offset_id[q])
             odd_even += (weight[t] * (p[j] - pi) - half[t, 0] * (q0 + grad_p[j, 0]) - half[t, 1] * (q1 + grad_p[j, 1])
                          - half[t, 2] * (q2 + grad_p[j, last]))
         if o == 0:
             own = whole.gradient
-            for q in range(start[i], start[i + 1]):
+            for q in range(first, end):
                 j, t = np.uint32(column[q]), np.uint32(offset_id[q])
                 divergence += own[t, 0] * (u[j, 0] - u0) + own[t, 1] * (u[j, 1] - u1) + own[t, 2] * (u[j, last] - u2)
         else:
@@ -602,8 +615,8 @@ def _divergence_and_rhie_chow(rows, work, weights, walls, unknowns, factors, out
             if not narrow[i]:
                 begin, count = (0, len(weight)) if on_lattice else (start[i], start[i + 1] - start[i])
                 _gradient_weights(tensors, o, moments, begin, count, g)
-                for q in range(start[i], start[i + 1]):
-                    j, t = np.uint32(column[q]), np.uint32(offset_id[q] - begin)
+                for q in range(first, end):
+                    j, t = np.uint32(column[q]), np.uint32(offset_id[q]) - np.uint32(begin)
                     divergence += g[0, t] * (u[j, 0] - u0) + g[1, t] * (u[j, 1] - u1) + g[2, t] * (u[j, last] - u2)
         out[i] = a * divergence + b * tensors.scale[o] * odd_even
 
@@ -644,14 +657,14 @@ def _adjoint_flux(pairs, tensors, i, k, u):
     return flux
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _gradient_p(rows, pairs, tensors, p, out):
     start, column, offset_id, first_moment = pairs.start, pairs.column, pairs.offset_id, pairs.first_moment
     (row, gradient_p), dim = tensors, out.shape[1]
     for i in range(rows[0], rows[1]):
-        s0 = s1 = s2 = 0.0
-        for q in range(start[i], start[i + 1]):
-            dp, t = p[column[q]] - p[i], offset_id[q]
+        s0, s1, s2, pi = 0.0, 0.0, 0.0, p[i]
+        for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            dp, t = p[np.uint32(column[q])] - pi, np.uint32(offset_id[q])
             s0 += first_moment[t, 0] * dp
             s1 += first_moment[t, 1] * dp
             s2 += first_moment[t, 2] * dp
@@ -696,12 +709,23 @@ def _potential_gradient(rows, pairs, tensors, force, out):
             out[i, k] += g[0] * s0 + g[1] * s1 + (g[2] * s2 if dim == 3 else 0.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _symmetric(rows, pairs, scales, f, out):
     row, scale = scales
     start, column, offset_id, pair_laplacian = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
     for i in range(rows[0], rows[1]):
+        s, fi = 0.0, f[i]
+        for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            s += pair_laplacian[np.uint32(offset_id[q])] * (f[np.uint32(column[q])] - fi)
+        out[i] = scale[row[i]] * s
+
+
+@njit(cache=True, nogil=True)
+def _share(rows, pairs, scales, square, out):
+    row, scale = scales
+    start, offset_id, pair_laplacian = pairs.start, pairs.offset_id, pairs.pair_laplacian
+    for i in range(rows[0], rows[1]):
         s = 0.0
         for q in range(start[i], start[i + 1]):
-            s += pair_laplacian[offset_id[q]] * (f[column[q]] - f[i])
+            s += pair_laplacian[offset_id[q]] * square[offset_id[q]]
         out[i] = scale[row[i]] * s

@@ -85,9 +85,9 @@ def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndar
 # Bar beside smooth walls: BAR times the root of the square of what differences of spacings tell, errors of the order
 # ORDER, and of the square of USUAL times the error that nine in ten bodies with pores as wide keep within. ORDER is the
 # power of that error in calibration.csv, the nearest half to which a fit comes (2.0). Without the second part two
-# spacings that agree by chance make a bar of nothing. With one family of bodies left out at a time, and BAR the smallest
-# that holds 90 % of all others, 93, 84 and 92 % of those that were left out hold (two, two finer, three spacings;
-# `benchmarks/calibration.py bars`)
+# spacings that agree by chance make a bar of nothing. 93, 92 and 92 % of all bodies hold (two, two finer, three
+# spacings), with one family left out at a time and the smallest BAR that holds 90 % of all others 93, 84 and 92 %
+# (`benchmarks/calibration.py bars`)
 ORDER, BAR, USUAL = 2.0, 0.73, 1 / 8
 # Order of k beside the edges of cubes: twice the exponent of the velocity there, because the error of k is that of the
 # dissipation. Across an edge of 90 degrees of solid it is 0.5445 (Dean and Montagnon 1949), along it 2/3 (Laplace)

@@ -44,9 +44,9 @@ class Engine(Protocol):
         """An approximate inverse as a function of the right-hand side (n,)."""
         ...
 
-    def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float, cycles: int) -> Apply:
-        """The same of three right-hand sides (n, 3). strength, cycles: threshold of aggregation and W-cycles per call
-        of `OneProcess`; PETSc has its own settings."""
+    def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float) -> Apply:
+        """The same of three right-hand sides (n, 3). strength: threshold of aggregation of `OneProcess`; PETSc has its
+        own settings."""
         ...
 
     def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
@@ -73,9 +73,9 @@ class OneProcess:
             return cycle(hierarchy(matrix.tocsr()))
         return PairCycle(matrix)
 
-    def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float, cycles: int) -> Apply:
+    def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float) -> Apply:
         """See `Engine`."""
-        return BlockCycle(hierarchy(matrix, strength), cycles)
+        return BlockCycle(hierarchy(matrix, strength))
 
     def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
               start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:

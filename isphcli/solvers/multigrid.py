@@ -90,9 +90,9 @@ def cycle(levels: MultilevelSolver) -> Apply:
 
 
 class BlockCycle:
-    """W-cycles of a hierarchy on three right-hand sides at once: the matrices are read once for all three.
+    """One W-cycle of a hierarchy on three right-hand sides at once: the matrices are read once for all three.
 
-    levels: hierarchy of a matrix; count: cycles. Called with (n, 3), returns the same. Matrices are kept in single
+    levels: hierarchy of a matrix. Called with (n, 3), returns the same. Matrices are kept in single
     precision, vectors are not: their round-off would make the preconditioner a little nonlinear, and GMRES would stall
     at residuals of 1e-5 on long pores.
 
@@ -101,40 +101,32 @@ class BlockCycle:
     the number of threads.
     """
 
-    def __init__(self, levels: MultilevelSolver, count: int):
-        self.count = count if len(levels.levels) > 1 else 1  # the coarsest is solved exactly
-        self.levels = [(_csr(single(level.A)), _csr(single(level.P)), _csr(single(level.R)))
-                       for level in levels.levels[:-1]]
-        self.blocks = [edges(len(a[0]) - 1) for a, _, _ in self.levels]
+    def __init__(self, levels: MultilevelSolver):
+        known = [(single(level.A), single(level.P), single(level.R)) for level in levels.levels[:-1]]
+        self.levels = [(_csr(a), _csr(p), _csr(r)) for a, p, r in known]
+        self.blocks = [edges(a.shape[0]) for a, _, _ in known]
+        self._diagonals = [_places(a) for a, _, _ in known]
         self.coarse = _pseudo_inverse(levels.levels[-1].A)
 
     def __call__(self, b: np.ndarray) -> np.ndarray:
-        x = self._descend(0, b)
-        for _ in range(self.count - 1):
-            x += self._descend(0, self._residual(0, b, x))
-        return x
-
-    def _residual(self, k: int, b: np.ndarray, x: np.ndarray) -> np.ndarray:
-        out = np.empty_like(b)
-        over_rows(_residual3, len(b), self.levels[k][0], b, x, out)
-        return out
+        return self._descend(0, b)
 
     def _descend(self, k: int, b: np.ndarray) -> np.ndarray:
         if k == len(self.levels):
             return self.coarse @ b
-        (a, p, r), blocks = self.levels[k], self.blocks[k]
+        (a, p, r), blocks, at = self.levels[k], self.blocks[k], self._diagonals[k]
         x, other = np.empty_like(b), np.empty_like(b)
-        over_blocks(_forward3, blocks, a, b, x)
-        over_blocks(_rest3, blocks, a, x, other)
+        over_blocks(_forward3, blocks, a, at, b, x)
+        over_blocks(_rest3, blocks, a, at, x, other)
         coarse = np.zeros((len(r[0]) - 1, b.shape[1]))
-        over_rows(_add_product3, len(coarse), r, other, coarse)
+        over_rows(_add_product3, len(coarse), r, 1.0, other, coarse)
         y = self._descend(k + 1, coarse)
         if k + 1 < len(self.levels):
-            y += self._descend(k + 1, self._residual(k + 1, coarse, y))
-        over_rows(_add_product3, len(x), p, y, x)
-        if len(blocks) > 2:
-            other[:] = x
-        over_blocks(_backward3, blocks, a, b, x, other)
+            over_rows(_add_product3, len(y), self.levels[k + 1][0], -1.0, y, coarse)
+            y += self._descend(k + 1, coarse)
+        over_rows(_add_product3, len(x), p, 1.0, y, x)
+        other[:] = x
+        over_blocks(_backward3, blocks, a, at, b, x, other)
         return x
 
 
@@ -237,86 +229,72 @@ def _backward(blocks, edges, matrix, at, b, x, before):
 # Three columns are written out: a loop over them costs twice the time
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _forward3(blocks, edges, matrix, b, x):
-    """One forward Gauss-Seidel sweep from zero over blocks of rows into x."""
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _forward3(blocks, edges, matrix, at, b, x):
+    """As `_forward`, of three columns."""
     indptr, indices, data = matrix
     for block in range(blocks[0], blocks[1]):
-        begin = edges[block]
-        for i in range(begin, edges[block + 1]):
-            s0, s1, s2, diagonal = b[i, 0], b[i, 1], b[i, 2], 1.0
-            for q in range(indptr[i], indptr[i + 1]):
-                j, a = np.uint32(indices[q]), data[q]
-                if j >= i:
-                    diagonal = float(a)
-                    break
+        begin = np.uint32(edges[block])
+        for i in range(edges[block], edges[block + 1]):
+            s0, s1, s2, own = b[i, 0], b[i, 1], b[i, 2], np.uint64(at[i])
+            for q in range(np.uint64(indptr[i]), own):
+                j = np.uint32(indices[q])
                 if j >= begin:
-                    s0 -= a * x[j, 0]
-                    s1 -= a * x[j, 1]
-                    s2 -= a * x[j, 2]
+                    a = data[q]
+                    s0, s1, s2 = s0 - a * x[j, 0], s1 - a * x[j, 1], s2 - a * x[j, 2]
+            diagonal = float(data[own])
             x[i, 0], x[i, 1], x[i, 2] = s0 / diagonal, s1 / diagonal, s2 / diagonal
 
 
-@njit(cache=True, nogil=True)
-def _rest3(blocks, edges, matrix, x, rest):
-    """What that sweep leaves of the right-hand side: later columns have changed, and those of other blocks."""
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _rest3(blocks, edges, matrix, at, x, rest):
+    """As `_rest`, of three columns."""
     indptr, indices, data = matrix
     for block in range(blocks[0], blocks[1]):
-        begin = edges[block]
-        for i in range(begin, edges[block + 1]):
-            s0 = s1 = s2 = 0.0
-            for q in range(indptr[i + 1] - 1, indptr[i] - 1, -1):
+        begin = np.uint32(edges[block])
+        for i in range(edges[block], edges[block + 1]):
+            s0, s1, s2, q, own = 0.0, 0.0, 0.0, np.uint64(indptr[i]), np.uint64(at[i])
+            while np.uint32(indices[q]) < begin:
                 j, a = np.uint32(indices[q]), data[q]
-                if j > i or j < begin:
-                    s0 -= a * x[j, 0]
-                    s1 -= a * x[j, 1]
-                    s2 -= a * x[j, 2]
+                s0, s1, s2 = s0 - a * x[j, 0], s1 - a * x[j, 1], s2 - a * x[j, 2]
+                q += np.uint64(1)
+            for k in range(own + np.uint64(1), np.uint64(indptr[i + 1])):
+                j, a = np.uint32(indices[k]), data[k]
+                s0, s1, s2 = s0 - a * x[j, 0], s1 - a * x[j, 1], s2 - a * x[j, 2]
             rest[i, 0], rest[i, 1], rest[i, 2] = s0, s1, s2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _backward3(blocks, edges, matrix, b, x, before):
-    """One backward Gauss-Seidel sweep over blocks of rows of x; before: x of the other blocks."""
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _backward3(blocks, edges, matrix, at, b, x, before):
+    """As `_backward`, of three columns."""
     indptr, indices, data = matrix
     for block in range(blocks[0], blocks[1]):
-        begin, end = edges[block], edges[block + 1]
-        for i in range(end - 1, begin - 1, -1):
-            s0, s1, s2, diagonal = b[i, 0], b[i, 1], b[i, 2], 1.0
-            for q in range(indptr[i], indptr[i + 1]):
+        end = np.uint32(edges[block + 1])
+        for i in range(edges[block + 1] - 1, edges[block] - 1, -1):
+            s0, s1, s2 = b[i, 0], b[i, 1], b[i, 2]
+            own, last = np.uint64(at[i]), np.uint64(indptr[i + 1])
+            for q in range(np.uint64(indptr[i]), own):  # none of these has changed
                 j, a = np.uint32(indices[q]), data[q]
-                if j == i:
-                    diagonal = float(a)
-                else:
-                    known = x if begin <= j < end else before
-                    s0 -= a * known[j, 0]
-                    s1 -= a * known[j, 1]
-                    s2 -= a * known[j, 2]
+                s0, s1, s2 = s0 - a * before[j, 0], s1 - a * before[j, 1], s2 - a * before[j, 2]
+            q = own + np.uint64(1)
+            while q < last and np.uint32(indices[q]) < end:
+                j, a = np.uint32(indices[q]), data[q]
+                s0, s1, s2 = s0 - a * x[j, 0], s1 - a * x[j, 1], s2 - a * x[j, 2]
+                q += np.uint64(1)
+            for k in range(q, last):
+                j, a = np.uint32(indices[k]), data[k]
+                s0, s1, s2 = s0 - a * before[j, 0], s1 - a * before[j, 1], s2 - a * before[j, 2]
+            diagonal = float(data[own])
             x[i, 0], x[i, 1], x[i, 2] = s0 / diagonal, s1 / diagonal, s2 / diagonal
 
 
-@njit(cache=True, nogil=True)
-def _residual3(rows, matrix, b, x, out):
-    """b - A x."""
-    indptr, indices, data = matrix
-    for i in range(rows[0], rows[1]):
-        s0, s1, s2 = b[i, 0], b[i, 1], b[i, 2]
-        for q in range(indptr[i], indptr[i + 1]):
-            j, a = np.uint32(indices[q]), data[q]
-            s0 -= a * x[j, 0]
-            s1 -= a * x[j, 1]
-            s2 -= a * x[j, 2]
-        out[i, 0], out[i, 1], out[i, 2] = s0, s1, s2
-
-
-@njit(cache=True, nogil=True)
-def _add_product3(rows, matrix, x, out):
-    """out += A x."""
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _add_product3(rows, matrix, sign, x, out):
+    """out += sign A x."""
     indptr, indices, data = matrix
     for i in range(rows[0], rows[1]):
         s0 = s1 = s2 = 0.0
-        for q in range(indptr[i], indptr[i + 1]):
+        for q in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
             j, a = np.uint32(indices[q]), data[q]
-            s0 += a * x[j, 0]
-            s1 += a * x[j, 1]
-            s2 += a * x[j, 2]
-        out[i, 0], out[i, 1], out[i, 2] = out[i, 0] + s0, out[i, 1] + s1, out[i, 2] + s2
+            s0, s1, s2 = s0 + a * x[j, 0], s1 + a * x[j, 1], s2 + a * x[j, 2]
+        out[i, 0], out[i, 1], out[i, 2] = out[i, 0] + sign * s0, out[i, 1] + sign * s1, out[i, 2] + sign * s2

@@ -88,7 +88,7 @@ class Petsc:
         del raised  # PETSc has its own
         return PetscKept(self._cycle_of(whole), n, exchange, self.comm)
 
-    def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float, cycles: int) -> Apply:
+    def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float) -> Apply:
         """See `engine.Engine`: one cycle, one right-hand side after the other."""
         whole = self._aij(matrix, exchange)
         del matrix

@@ -8,9 +8,10 @@ from pyamg.aggregation.tentative import fit_candidates
 from pyamg.relaxation.relaxation import gauss_seidel
 from pyamg.strength import symmetric_strength_of_connection
 
+from isphcli.domain.components import pair_components
 from isphcli.domain.null_space import GROUND
-from isphcli.operators.conductances import Conductances
-from isphcli.operators.lattice_weights import symmetric_laplacian
+from isphcli.operators.conductances import Conductances, sparse_pairs
+from isphcli.operators.lattice_weights import nearest_weights, symmetric_laplacian
 from tests.operators.test_lattice_weights import SPACING, both
 from tests.threads import on_threads
 
@@ -30,6 +31,29 @@ def test_of_a_constant_they_are_the_symmetric_laplacian():
     expected = -2.0 * SPACING**2 * symmetric_laplacian(rows, p)
     ground = GROUND * conductance.diagonal() / (1 + GROUND)
     np.testing.assert_allclose(conductance @ p - ground * p, expected, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("kind", ["cubic", "bcc"])
+def test_sparse_pairs_give_the_laplacian_of_a_quadratic_function(kind):
+    """2 dim where all nearest neighbours are in sight, and the box does not close on itself; to round-off."""
+    ops, rows = both(3, 0.0, kind=kind)
+    few = sparse_pairs(rows, SPACING)
+    nearest = 6 if kind == "cubic" else 8
+    x = ops.neighbours.x[: ops.n]
+    inner = (np.diff(few.start) == nearest) & np.all(np.abs(x - 0.5) < 0.4, axis=1)
+    assert inner.any() and np.diff(few.start).max() == nearest
+    np.testing.assert_allclose(symmetric_laplacian(few, (x**2).sum(axis=1))[inner], 6.0, atol=1e-10)
+
+
+def test_sparse_pairs_join_what_all_pairs_join():
+    """Between spheres that overlap, on a body-centred lattice: nearest neighbours alone leave pockets apart."""
+    rows = both(3, 0.0, radius=0.6, kind="bcc", centre=0.52)[1]
+    few, near = sparse_pairs(rows, SPACING), (nearest_weights(rows, SPACING) > 0.0)[rows.pairs.offset_id]
+    count, labels = pair_components(rows.start, rows.column)
+    assert pair_components(rows.start, rows.column, near)[0] > count
+    joined, found = pair_components(few.start, few.column)
+    assert joined == count and np.array_equal(found, labels)
+    assert near.sum() < len(few.column) < 0.2 * len(rows.column)
 
 
 def test_rows_are_those_of_the_whole_matrix(matrix):
@@ -76,7 +100,7 @@ def test_bits_do_not_depend_on_the_threads(monkeypatch):
     w, blocks = 1.0 + np.random.default_rng(2).random(rows.n), np.linspace(0, rows.n, 9).astype(np.int64)
 
     def results():
-        matrix = Conductances(rows, w, SPACING)
+        matrix = Conductances(sparse_pairs(rows, SPACING), w, SPACING)
         x, rest = matrix.sweep_from_zero(blocks, w)
         matrix.sweep_back(blocks, w, x)
         return [matrix.tocsr().data, matrix.strong(THRESHOLD).indices, x, rest]

@@ -20,12 +20,12 @@ from tests.threads import on_threads
 SPACING = 1 / 12
 
 
-def both(dim, jitter, slip=0.0, order=2, radius=0.31):
+def both(dim, jitter, slip=0.0, order=2, radius=0.31, kind=None, centre=0.5):
     """Weights per pair and in factors of a disk that moves and turns, or of a sphere that moves, in a periodic cell."""
     turn = 0.7 if dim == 2 else None
-    body = Shape(Sphere([0.5] * dim, radius), velocity=[0.3, -0.2, 0.1][:dim], angular_velocity=turn)
+    body = Shape(Sphere([centre] * dim, radius), velocity=[0.3, -0.2, 0.1][:dim], angular_velocity=turn)
     geometry = ShapeGeometry([0] * dim, [1] * dim, [True] * dim, shapes=[body], walls=Walls(slip))
-    kind = "square" if dim == 2 else "cubic"
+    kind = kind or ("square" if dim == 2 else "cubic")
     support = 2.1 * SPACING
     particles = place(geometry, make_lattice(kind, geometry.lower, geometry.upper, geometry.periodic, SPACING, support),
                       support, jitter, SPACING)
@@ -85,6 +85,20 @@ def test_divergence_of_narrow_particles_is_the_adjoint_of_the_gradient(dim, radi
     left = ops.volume * p * rows.total_divergence(u)
     right = (ops.volume[:, None] * u * rows.gradient_p(p)).sum()
     assert abs(left.sum() + right) < 1e-12 * np.abs(left).sum()
+
+
+@pytest.mark.parametrize("radius", [0.31, 0.65])
+def test_share_in_sight(radius):
+    """The trace of the second moments of the pairs in sight, over that of a whole neighbourhood: 1 where nothing is
+    hidden, less beside one sphere and between spheres that overlap. To round-off."""
+    ops, rows = both(3, 0.0, radius=radius)
+    share, seen = factored.share_in_sight(rows), np.diff(rows.start)
+    np.testing.assert_allclose(share[seen == 32], 1.0, atol=1e-12)
+    assert (share[seen < 32] < 1.0 - 1e-6).all() and share.min() > 0.0
+    x, owner = ops.neighbours.x, np.repeat(np.arange(ops.n), seen)
+    square = ((x[ops.neighbours.row] - x[owner]) ** 2).sum(axis=1)
+    traces = np.bincount(owner, ops.walls.symmetric_laplacian * square) / 6.0
+    np.testing.assert_allclose(share, traces, atol=1e-12)
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.1])

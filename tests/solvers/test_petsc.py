@@ -58,7 +58,7 @@ def test_a_block_is_its_columns():
     """In 2D the third column is zero, and stays so."""
     matrix, rhs = small()
     engine = engine_of("petsc")
-    once, block = engine.cycle(matrix, NO_EXCHANGE), engine.block_cycle(matrix, NO_EXCHANGE, 0.05, 2)
+    once, block = engine.cycle(matrix, NO_EXCHANGE), engine.block_cycle(matrix, NO_EXCHANGE, 0.05)
     columns = np.stack([rhs, 2.0 * rhs[::-1], 0.0 * rhs], axis=1)
     np.testing.assert_allclose(block(columns), np.stack([once(c) for c in columns.T], axis=1), rtol=1e-12, atol=1e-12)
 
