@@ -257,8 +257,8 @@ def _nearest(step: np.ndarray, dx: float) -> np.ndarray:
     before, and a matrix without them does not hold the velocity along it."""
     apart = np.abs(step)
     edges = np.array([reduce.smallest(np.append(along[along > 0.1 * dx], np.inf)) for along in apart.T])
-    known = LEAST_STEPS[len(edges)]
-    square = ((step / edges * min(known, key=lambda least: abs(edges[0] / dx - least[0]))) ** 2).sum(axis=1)
+    unstretched = min(LEAST_STEPS[len(edges)], key=lambda least: abs(edges[0] / dx - least[0]))
+    square = ((step / edges * unstretched) ** 2).sum(axis=1)
     return square < NEAREST * reduce.smallest(square)
 
 

@@ -57,17 +57,19 @@ class Relative:
 
     @property
     def warnings(self) -> list[str]:
-        """Sentences on fluids that hold less of the pores of an end face than of the sample: all that flows passes the
-        face, so that k_r is ruled by it and not by the saturation beside it."""
-        said = []
-        for k, (name, saturation) in enumerate(zip(self.names, self.saturation)):
-            ends = [share if k == 0 else 1.0 - share for share in self.at_ends]
-            for end, share in zip(("first", "last"), ends):
-                if share < FEW * saturation:
-                    said.append(f"{name} holds {share:.2g} of the pores in the {end} layer along {self.axis} and "
-                                f"{saturation:.2g} of the sample: its k_r is ruled by that face; take a part without "
-                                f"it (--part {'0.25:1' if end == 'first' else '0:0.75'})")
-        return said
+        """Sentences on fluids that lead through and hold less of the pores of an end face than of the sample: all that
+        flows passes the face, so that k_r is ruled by it and not by the saturation beside it."""
+        return [f"the flow of {name} is ruled by an end of the sample: {few}"
+                for k, name in enumerate(self.names) if self.leads_through[k] and (few := self._few_at_an_end(k))]
+
+    def _few_at_an_end(self, k: int) -> str:
+        """Where fluid k, 0 or 1, holds much less than its saturation, and what to do; nothing where it does not."""
+        for end, share, part in zip(("first", "last"), self.at_ends, ("0.25:1", "0:0.75")):
+            held = share if k == 0 else 1.0 - share
+            if held < FEW * self.saturation[k]:
+                return (f"it holds {held:.2g} of the pores in the {end} layer along {self.axis} and "
+                        f"{self.saturation[k]:.2g} of all; take a part without that layer (--part {part})")
+        return ""
 
     def why_zero(self, k: int) -> str | None:
         """Why the relative permeability of fluid k, 0 or 1, is zero; None where it is not."""
@@ -76,7 +78,9 @@ class Relative:
         if self.saturation[k] == 0.0:
             return "there is none of it in the sample"
         if not self.leads_through[k]:
-            return f"no path through {self.names[k]} alone leads through the sample along {self.axis}"
+            few = self._few_at_an_end(k)
+            return (f"no path through {self.names[k]} alone leads through the sample along {self.axis}"
+                    + (f"; {few}" if few else ""))
         return "its flow is less than the error of the solve"
 
 
@@ -165,7 +169,9 @@ class Sample:
         By cells, as the run measures its saturations: particles do not all stand for the same volume. A cell that a
         wall or the interface cuts counts with its part. to_first, to_second: see `nearest`.
         """
-        pores = np.clip(0.5 + self.wall / self.spacing, 0.0, 1.0).reshape(self.cells[::-1])
+        open_part = np.clip(0.5 + self.wall / self.spacing, 0.0, 1.0)
+        # a cell whose middle is solid has no particle of its own: the nearest may be across the wall or the end face
+        pores = np.where(self.wall > 0.0, open_part, 0.0).reshape(self.cells[::-1])
         way = np.where(np.isinf(to_second), np.inf, to_second - to_first)
         mine = pores * np.clip(0.5 + 0.5 * way / self.spacing, 0.0, 1.0).reshape(pores.shape)
         across = tuple(a for a in range(mine.ndim) if a != mine.ndim - 1 - self.axis)

@@ -114,6 +114,7 @@ ALLOWED = {
     ("operators.protocol", "np.einsum('nkm,nm->nk', self.slip, u)"): OWN,
     ("operators.protocol", "np.einsum('nk,nk->n', self.div, u)"): OWN,
     ("operators.lattice_weights", "(ops.pairs.step ** 2).sum(axis=1)"): OFFSETS,
+    ("operators.lattice_weights", "((step / edges * unstretched) ** 2).sum(axis=1)"): OFFSETS,
     ("operators.lattice_weights", "np.count_nonzero(near)"): OFFSETS,
     ("operators.lattice_weights", "np.diff(ops.start).max(initial=1)"): OFFSETS,
     ("operators.lattice_weights", "second @ tensors.laplace[0, :6]"): OFFSETS,
