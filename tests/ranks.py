@@ -169,7 +169,7 @@ def main(folder, engine, names="all"):
                 np.savez(out / f"{name}.npz", x=field[0], forces=field[1], mass=field[2])
     numbers = reduced()
     if current().size > 1:
-        numbers["kept"] = current().sum(kept_by_petsc())
+        numbers["kept"] = int(current().sum(kept_by_petsc()))
     if first:
         (out / "reduced.json").write_text(json.dumps(numbers))
 
