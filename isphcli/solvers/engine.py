@@ -45,8 +45,7 @@ class Engine(Protocol):
         ...
 
     def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float, cycles: int) -> Apply:
-        """The same of three right-hand sides (n, 3). strength, cycles: threshold of aggregation and W-cycles per call
-        of `OneProcess`; PETSc has its own settings."""
+        """The same of three right-hand sides (n, 3). strength, cycles: of the aggregates of the one that aggregates."""
         ...
 
     def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,

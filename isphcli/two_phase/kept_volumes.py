@@ -130,8 +130,8 @@ def _areas(cut: CutCells, part: np.ndarray, count: int) -> sp.csr_matrix:
 
 def _levels(lacking: np.ndarray, between: sp.csr_matrix, wanted: np.ndarray) -> np.ndarray:
     """m of the parts, m, from what they lack, m^dim, the areas between them, and what they are to have, m^dim."""
-    # the equations have a solution where what the parts of a group that touch lack adds up to zero: the largest part of
-    # each group, which surrounds the others, takes what is left over
+    # what the parts round one do not lack they cannot give: of those that have area between them, which are all but for
+    # what lies outside of a sample, the largest one is what surrounds the others, and has what is left over
     joined, group = connected_components(between, directed=False)
     surrounding = np.zeros(joined, np.int64)
     order = np.argsort(wanted, kind="stable")
