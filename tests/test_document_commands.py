@@ -116,8 +116,8 @@ def small(words):
     return [*words, "--set", corner, "--set", "output.plots=false", "--quiet", "--overwrite"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("path", TEXTS, ids=[path.name for path in TEXTS])
+@pytest.mark.slow
 def test_short_commands_run(path, folder):
     """In their order, so that one finds what the one before it wrote; not those of files that only the user has."""
     for words in dict.fromkeys(commands(path.read_text(encoding="utf-8"))):
