@@ -146,7 +146,7 @@ def _places(matrix: sp.csr_matrix) -> np.ndarray:
     """Where the diagonals stand among the entries, (n,)."""
     matrix.sort_indices()
     at = np.empty(matrix.shape[0], matrix.indptr.dtype)
-    over_rows(_diagonals, len(at), _csr(matrix), at)
+    over_rows(_diagonals, len(at), matrix.indptr, matrix.indices, at)
     return at
 
 
@@ -166,9 +166,8 @@ def _pseudo_inverse(matrix: sp.csr_matrix) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _diagonals(rows, matrix, at):
+def _diagonals(rows, indptr, indices, at):
     """Where the diagonal of each row stands, which all rows have."""
-    indptr, indices, _ = matrix
     for i in range(rows[0], rows[1]):
         q = indptr[i]
         while indices[q] < i:
