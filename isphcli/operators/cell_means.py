@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..domain.lattice import Lattice
     from ..geometry.protocol import Geometry
 
-AT_ONCE = 100_000  # cells whose neighbours are found in one go: 40 MB
+CELLS_AT_ONCE = 100_000  # cells whose neighbours are found in one go: 40 MB
 # Widths of a cell along the normal of a wall below this share of the widest count as none: off by the square of it
 FLAT = 1e-4
 
@@ -102,12 +102,12 @@ def means_over_cells(geometry: Geometry, x: np.ndarray, lattice: Lattice, suppor
                         None if share is None else (share.lower, share.upper))
     table, owner = images.positions(source.x), images.owners(len(source.x))
     found = np.zeros_like(places)
-    for first in range(0, len(cut), AT_ONCE):
-        part = slice(first, first + AT_ONCE)
+    for first in range(0, len(cut), CELLS_AT_ONCE):
+        part = slice(first, first + CELLS_AT_ONCE)
         pairs = find_pairs(np.concatenate([places[part], table]), len(places[part]), support)
         beside = cells.of(part)
         over_rows(_means, len(places[part]), (pairs.start, pairs.index), (beside, _of_parts(geometry, beside, ways)),
-                  (source, table, owner), seen, 0.5 * ways, support, found[part])
+                  (source, table, owner, seen), 0.5 * ways, support, found[part])
     inside = cut < n
     fluid[cut[inside]] = flow[0][cut[inside]] + found[inside]
     at = np.clip(places[~inside], geometry.lower, geometry.upper)
@@ -159,9 +159,9 @@ def _sources(geometry: Geometry, x: np.ndarray, support: float, flow: tuple[np.n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _means(rows, pairs, cut, sources, seen, ways, support, out):  # pragma: no cover
+def _means(rows, pairs, cut, sources, ways, support, out):  # pragma: no cover
     """Mean over the cell of f less f in its middle, zero in solids (module). ways: directions of the parts of cells."""
-    (start, index), (cells, depth), (source, table, owner) = pairs, cut, sources
+    (start, index), (cells, depth), (source, table, owner, seen) = pairs, cut, sources
     n, dim = cells.x.shape
     slope, lap = np.empty(dim), np.empty(dim)
     half, means = np.empty(len(ways)), np.empty(3)
