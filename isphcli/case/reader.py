@@ -1,7 +1,7 @@
 """Reads a tree of YAML nodes into the frozen dataclasses that declare a language.
 
-Knows nothing of flows: a block is a dataclass, its keys are the fields declared with `key(...)`, and
-everything that can be checked on one value (type, bounds, choices, spelling) is checked here.
+It does not depend on the content of the language: a block is a dataclass, its keys are the fields declared with
+`key(...)`, and all that can be checked of a single value (type, bounds, choices, spelling) is checked here.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _MAX_INT = 2**53  # beyond it a float no longer tells neighbours apart
 
 @dataclass(frozen=True, kw_only=True)
 class Key:
-    """What is declared of a key besides its type and default."""
+    """The declaration of a key, besides its type and default."""
 
     doc: str
     unit: str = ""
@@ -155,7 +155,7 @@ class _Bad(Exception):
 
 
 class Reader:
-    """Reads one tree; `places` says afterwards where each dotted path was written.
+    """Reads one tree; `places` then holds the file and line of each dotted path.
 
     A value with a problem becomes None, so that the rest can still be read and checked.
     """
@@ -358,7 +358,7 @@ class Reader:
         return Path(value)
 
     def _unknown(self, name: str, node: Node, path: str, known: Iterable[str], what: str) -> str | None:
-        """Report an entry of `node` that nobody knows; returns the name that was probably meant."""
+        """Report an unknown entry of `node`; returns the name that was probably meant."""
         if self.problems.full:
             return None  # looking for similar names is not free
         self.problems.add(

@@ -29,7 +29,7 @@ FORMATS = (".gif", ".mp4")
 
 
 class FilmError(ValueError):
-    """A folder that no film can be made of, or a file that none can be written to."""
+    """A folder without snapshots for a film, or a file that the film cannot be written to."""
 
 
 def make_film(directory: Path, target: Path, rate: float = 10.0, view: str = "plane",

@@ -8,10 +8,10 @@ is the sum of
 
 - its noise: from the scatter of the means of equal parts of a window about a straight line (the method of batch means:
   noise that is correlated over less than a part is taken in full), at a confidence of 95 %;
-- what is left to go: with d1 and d2 the steps from window to window, an exponential has d2^2 / (d1 - d2) to go from the
-  last; the same from the last halves of windows, which sees a slow mode that begins where a fast one ends. It is not
-  less than d2, so that a turning point does not pass for an end, and is unknown while d2 is not less than d1, unless
-  the windows cannot be told from each other through the noise.
+- the change still to come: with d1 and d2 the steps from window to window, an exponential has d2^2 / (d1 - d2) left
+after the last; the same from the last halves of windows, which detects a slow mode that begins where a fast one ends.
+It is at least d2, so that a turning point does not pass for an end, and is unknown while d2 is not less than d1, unless
+the differences between windows are within the noise.
 """
 
 from bisect import bisect_left
@@ -82,8 +82,8 @@ class Steady:
 
 
 def _left(means: np.ndarray, noise: float) -> float:
-    """How far the last of three means, (3,), each with such a noise, may be from what they approach; inf where they do
-    not tell."""
+    """Bound on the difference between the last of three means, (3,), each with that noise, and their limit; inf where
+    it is unknown."""
     first, middle, last = means
     before, now = middle - first, last - middle
     if before * now <= 0.0 or abs(last - first) <= np.sqrt(2.0) * noise:

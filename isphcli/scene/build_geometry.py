@@ -80,7 +80,7 @@ def _box_of(case: Case, along: int | None) -> _Box:
 
 @dataclass(frozen=True)
 class _Said:
-    """What is said of a geometry: see `protocol.Geometry`."""
+    """Sentences on a geometry: `described` and `warnings` of `protocol.Geometry`."""
 
     described: list[tuple[str, str]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -165,7 +165,7 @@ def _within(body: Spheres, axis: int, sample: tuple[np.ndarray, np.ndarray], nam
             described: list[tuple[str, str]]) -> Spheres:
     """The balls of a pack with clear layers: those whose centre lies between its two ends, whole.
 
-    As much of them sticks out at the ends as is missing of those beyond, so that the pack is as dense as it is inside.
+    As much volume of them sticks out at the ends as spheres beyond would have within: the porosity is that inside.
     Raises ShapeError where none lies there.
     """
     from ..geometry.bodies import ShapeError, Spheres
@@ -190,7 +190,7 @@ def between_reservoirs(lower: np.ndarray, upper: np.ndarray, axis: int,
 
 
 def _describe_spheres(file: Path, body: Spheres, box: _Box, said: _Said) -> None:
-    """Put what a file of spheres holds and what is odd about it on the two lists."""
+    """Add sentences on the spheres of a file to the descriptions and to the warnings of a geometry."""
     from .spheres import sphere_findings
 
     radii = np.ravel(body.radii)

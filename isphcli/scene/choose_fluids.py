@@ -1,4 +1,4 @@
-"""The fluids of a case as the equations see them: one, or two with what their interface needs."""
+"""The fluids of a case as objects of the method: one, or two with tension, contact angle and slip at the line."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ON_FACE = 0.9  # of those: along the diagonal of a right angle the wall is 0.71 
 
 
 def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: np.ndarray) -> OneFluid | TwoFluids:
-    """OneFluid or TwoFluids: the one place that chooses what an interface needs."""
+    """OneFluid or TwoFluids of a case; only this function chooses tension, contact angle and slip at the line."""
     present = [case.fluids[name] for k, name in enumerate(case.fluid_names) if reduce.any_true(particles.phase == k)]
     differ = len({(f.density, f.mu) for f in present}) > 1
     axis = gradient_axis(case)

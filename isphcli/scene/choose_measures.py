@@ -1,4 +1,4 @@
-"""What is measured of the fluids of a case as it runs."""
+"""The objects that measure the fluids of a case during its run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A case from an image alone: the permeability of a scan before anything is written down about it."""
+"""A case from an image alone: the permeability of a scan without a case file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ drive: {{axes: [x]}}
 
 @dataclass(frozen=True)
 class FirstCase:
-    """case: as it was read; text: of a case file that says the same; assumed: sentences on what nobody has said."""
+    """case: as it was read; text: of the equivalent case file; assumed: sentences on what the user has not given."""
 
     case: Case
     text: str

@@ -180,7 +180,7 @@ def _brick_geometry(case: Case, spec: Voxels, axis: int | None, walls: Walls) ->
     size, whence, odd = voxel_size_of(slab, spec.voxel_size, spec.file)
     clear, edges = 0, np.broadcast_to(size, dim)
     if axis is not None and not periodic[axis]:
-        # how thick they must be follows from what leads through the whole image: rank 0 reads it, and forgets it
+        # the thickness depends on the percolating pores of the whole image: rank 0 reads it, and frees it
         clear = on_first(lambda: _clear_voxels(
             case, in_file.part(np.zeros(dim, int), shape if spec.clear_layer is None else np.ones(dim, int), None),
             axis, edges, periodic))
@@ -314,7 +314,7 @@ def threshold_of(spec: Voxels) -> float:
 
 SI_DENSITY = (300.0, 20_000.0)  # kg/m3 of liquids: a case that has one counts in SI units and not in its own
 SI_VISCOSITY = (5e-6, 5e-5)  # Pa s of gases
-MOST_POROUS = 0.6  # above it hardly any rock
+MOST_POROUS = 0.6  # above it hardly any rock is found
 
 
 def image_voxel_size(spec: Voxels) -> np.ndarray:
@@ -325,7 +325,8 @@ def image_voxel_size(spec: Voxels) -> np.ndarray:
 
 
 def _unusual_size(case: Case, size: np.ndarray) -> tuple[str, ...]:
-    """A voxel of millimetres and more in a case whose fluids are in SI units is mistaken, mostly micrometres."""
+    """Warnings of a voxel of millimetres or more in a case whose fluids are in SI units: most are meant in
+    micrometres."""
     si = any(
         SI_DENSITY[0] <= f.density <= SI_DENSITY[1] or SI_VISCOSITY[0] <= f.mu <= SI_VISCOSITY[1]
         for f in case.fluids.values()
@@ -340,8 +341,8 @@ def _unusual_size(case: Case, size: np.ndarray) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Porosity:
-    """Of the voxels of an image: the share of those of pores, the shares of microporous rocks by name, and words that
-    say which values are solid."""
+    """The share of the voxels of an image that are pores, the shares of microporous rocks by name, and which values are
+    solid, in words."""
 
     pores: float
     rocks: dict[str, float]

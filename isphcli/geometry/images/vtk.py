@@ -100,7 +100,7 @@ def _header(path: Path, file: BinaryIO) -> dict[str, list[str]]:
 
 
 def _arrays(path: Path, file: BinaryIO, header: dict[str, list[str]], text: bool) -> Iterator[_Array]:
-    """The arrays of a file, whose numbers are passed over."""
+    """The arrays of a file; their numbers are skipped."""
     count = 0
     for _ in range(MOST_LINES):
         line = file.readline(512)
