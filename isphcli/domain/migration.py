@@ -56,8 +56,8 @@ class Numbered(NeighbourExchange):
 
 
 def numbers_of(sites: np.ndarray, count: int) -> np.ndarray:
-    """(n,) int64 place of each own site, (n,) int64 below `count`, among the sites of all processes in rising order: the
-    number of its particle in a run of one process."""
+    """(n,) int64 place of each own site, (n,) int64 below `count`, among the sites of all processes in rising order:
+    the number of its particle in a run of one process."""
     comm, size = current().raw, current().size  # type: ignore[attr-defined]
     block = sites * size // count
     come, want = deliver(comm, block, sites)

@@ -1,7 +1,7 @@
 """report.html: what was asked of a run, what came out, its pictures and how to repeat it, in one file without the
 network; of several runs side by side.
 
-Only what runs leave is read: summary.json, case.yaml and the pictures. Nothing heavy is imported.
+Only the files of runs are read: summary.json, case.yaml and the pictures. Nothing that takes long is imported.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ figure { margin: 1rem 0; } img { max-width: 100%; } pre { background: #f5f4f1; p
 
 
 class ReportError(ValueError):
-    """A folder that no report can be made of."""
+    """A folder without the files that a report needs."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def report_page(runs: Sequence[Run]) -> str:
 
 
 def question(run: Run) -> str:
-    """What a case asks, a sentence."""
+    """The question that a case asks, a sentence."""
     drive = run.case.get("drive") or {}
     names = list(run.case.get("fluids") or {})
     if run.case.get("flow") == "stokes":
@@ -121,7 +121,7 @@ def question(run: Run) -> str:
 
 
 def answer_lines(run: Run) -> list[tuple[str, str]]:
-    """What came out: permeability with its bar and range, or velocities; what is measured of two fluids; errors."""
+    """The results: permeability with its bar and range, or velocities; measures of two fluids; errors."""
     summary = run.summary
     lines = permeability_lines(summary)
     if summary.get("permeability") is None:
@@ -136,7 +136,7 @@ def answer_lines(run: Run) -> list[tuple[str, str]]:
 
 
 def cost_lines(run: Run) -> list[tuple[str, str]]:
-    """What it took, and with what it was done."""
+    """The costs of a run, and the machine and versions of its libraries."""
     summary = run.summary
     counts, memory = summary.get("particles") or {}, summary.get("peak_memory_bytes")
     lines = [("particles", f"{counts['fluid']:,} in the fluid")] if "fluid" in counts else []

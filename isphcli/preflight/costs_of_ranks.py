@@ -1,4 +1,4 @@
-"""What a case costs each of several processes, before anything is started on a cluster."""
+"""Estimates of the memory and time of a case on several processes."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Estimates of the flow, of time steps and of costs, meant to be right within a factor of two.
 
-The numbers behind them stand below with the date on which they were measured.
+The numbers behind them are below, with the date on which they were measured.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # sandstone, by the steps that cases/berea_drainage.yaml tells. Menisci alone, driven slowly, leave steps of 1.3 us
 # there: they are slower than this part of sqrt(sigma / rho w)
 FASTEST, FASTEST_IN_ROCK, MENISCI = 2.0, 6.0, 0.3
-SAID = 0.05  # of the velocity to expect: what makes less of it is not named
+SAID = 0.05  # of the expected velocity: a cause of a smaller share is not named
 # CPU seconds of one core without compilation, pictures and reference, from docs/validation.md (1836b9f, 2026-11-30) and
 # docs/performance.md; benchmarks/estimates.py compares them with runs. A step: a part for any scene, and microseconds a
 # particle at support 2.1 (square or cubic lattice), of which a denser one or a wider support has more neighbours; by
@@ -49,7 +49,7 @@ ITERATIONS, ITERATIONS_OF_THROATS, HALF = 9.0, 50.0, 2.5  # HALF: particles
 IN_ROCK, AMONG_SHAPES = 1 / 3, 1.0
 
 
-# Of the process of a run, by whether there are pictures in 3D: peaks of runs of up to 11,000 particles were 276 to 380
+# Bytes for drawing, by whether there are pictures in 3D: peaks of runs of up to 11,000 particles were 276 to 380
 # MB without those and 551 MB with them (couette, slit, cylinder_array, taylor_green_2d; sphere_array; 2026-11-30), 228
 # to 232 MB without any
 BYTES_PICTURES = {False: 1.0e8, True: 3.0e8}
@@ -130,7 +130,7 @@ def _driven(case: Case, geometry: Geometry, sites: Sites, width: float,
     if driven and not any(forcing.opens(case, axis) for axis in driven):  # only what is lighter or heavier moves
         densities = [case.fluids[name].density for name in fluids_there(case, sites)]
         g *= (max(densities) - min(densities)) / (max(densities) + min(densities))
-        # a fluid that floods the rock has no sites before it does
+        # a fluid that floods the rock has no sites yet
         fall = 0.5 * sites.smaller_body() * case.particles.spacing or fall
     beside = forces_of(case, geometry)
     more = largest_of(beside)

@@ -1,4 +1,4 @@
-"""What may go wrong in a run, in sentences."""
+"""Sentences on what may go wrong in a run."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 
-# Reynolds number of a check above which something is mistaken: flow in pores does not come near it, and estimates of
-# free fall and of bubbles are too large, up to 1.4e4 in `cases/`
+# Reynolds number of a check above which a value of the case must be wrong: flow in pores stays far below it, and
+# estimates of free fall and of bubbles, which are too large, reach 1.4e4 in `cases/`
 TURBULENT = 1e5
 
 

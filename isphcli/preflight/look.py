@@ -1,4 +1,4 @@
-"""The check of a case that is about to run: what it warns of is said before anything is solved."""
+"""The check of a case that is about to run: its warnings are printed before anything is solved."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ class Scan:
 
 def scan_of(geometry: Geometry) -> Scan | None:
     """Of the sample of an image, without its clear layers; None of shapes, and where all is fluid or solid."""
-    if isinstance(geometry, ImageBrick):  # of the whole, which no process has
+    if isinstance(geometry, ImageBrick):  # numbers of the whole image, which no process holds
         porosity = geometry.image.fluid / math.prod(geometry.image.shape)
         chord = _chord(porosity, geometry.image.walls)
         return Scan(chord, geometry.image.straight) if chord < np.inf else None
@@ -155,7 +155,7 @@ def grain_chord(geometry: Geometry, spacing: float) -> float:
     Solid that reaches a face which is not periodic is no grain. Chords are measured at the sites of a lattice of the
     spacing, m, of an image at its voxels.
     """
-    if isinstance(geometry, ImageBrick):  # of the whole, which no process has
+    if isinstance(geometry, ImageBrick):  # numbers of the whole image, which no process holds
         solid = 1.0 - geometry.image.fluid / math.prod(geometry.image.shape)
         voxels = 2.0 * solid / geometry.image.walls if geometry.image.walls > 0.0 else math.inf
         return voxels * float(np.mean(geometry.voxel_size))

@@ -66,7 +66,7 @@ def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndar
     """Permeability (dim,) of the sample, m2 (eq. 28): entry `axis` along the drive, the others across it.
 
     superficial: (dim,) m/s; axis: of the drive; force: (dim,) m/s2; viscosity: kinematic, m2/s. The force acts on the
-    whole length of the box; from its work the resistance of the clear layers as a duct is subtracted:
+    whole length of the box; from it the part that drives the clear layers, as a duct, is subtracted:
     k = nu U L_sample / (g L_box - nu U L_clear / k_duct).
     """
     lower, upper = sample_box(geometry)
@@ -86,8 +86,8 @@ def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndar
 # spacings, for errors of the order ORDER, and of USUAL times the error that nine in ten bodies with pores as wide keep
 # within. ORDER is the power of that error in calibration.csv, rounded to halves (2.0). Without the second part two
 # spacings that agree by chance have a bar of nearly zero. 93, 92 and 92 % of all bodies lie within their bars (two, two
-# finer, three spacings); with one family left out at a time, and the smallest BAR for 90 % of all others, 93, 84 and 92
-# % (`benchmarks/calibration.py bars`)
+# finer, three spacings); with one family left out at a time, and the smallest BAR for 90 % of all others, 93, 84 and
+# 92 % (`benchmarks/calibration.py bars`)
 ORDER, BAR, USUAL = 2.0, 0.73, 1 / 8
 # Order of k beside the edges of cubes: twice the exponent of the velocity there, because the error of k is that of the
 # dissipation. Across an edge of 90 degrees of solid it is 0.5445 (Dean and Montagnon 1949), along it 2/3 (Laplace)

@@ -9,9 +9,9 @@ is the sum of
 - its noise: from the scatter of the means of equal parts of a window about a straight line (the method of batch means:
   noise that is correlated over less than a part is taken in full), at a confidence of 95 %;
 - the change still to come: with d1 and d2 the steps from window to window, an exponential has d2^2 / (d1 - d2) left
-after the last; the same from the last halves of windows, which detects a slow mode that begins where a fast one ends.
-It is at least d2, so that a turning point does not pass for an end, and is unknown while d2 is not less than d1, unless
-the differences between windows are within the noise.
+  after the last; the same from the last halves of windows, which detects a slow mode that begins where a fast one ends.
+  It is at least d2, so that a turning point does not pass for an end, and is unknown while d2 is not less than d1,
+  unless the differences between windows are within the noise.
 """
 
 from bisect import bisect_left

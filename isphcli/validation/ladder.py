@@ -33,9 +33,9 @@ REPORTS = ("validation.*", "work_precision.png")
 LEVELS = 3  # of a ladder where none are asked for: of three the order can be observed
 BUDGET = 60.0  # s, of a ladder where none is asked for; the case's own spacing is then run in any case
 GROWTH = 1.1  # exponent of the particles in the time of a step, to predict that of the next level
-WARM = 2.0  # s: a level that is shorter is run twice, so that loading the kernels is not counted
+WARM = 2.0  # s: a shorter level is run twice, so that the loading of kernels is not counted
 NOT_COMPARED = "not compared"
-KEPT = ("particles.spacing", "refine", "output", "reference")  # keys that the ladder itself is about
+KEPT = ("particles.spacing", "refine", "output", "reference")  # keys that the ladder itself sets or reads
 HEADS = ("level", "spacing", "particles", "steps", "error", "order", "cpu s", "compile s", "wall s", "MB")
 WIDTHS = (5, 10, 10, 6, 11, 6, 9, 9, 9, 7)
 Vary = Sequence[tuple[str, Sequence[str]]]
@@ -114,7 +114,7 @@ class Ladder:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a ladder says about the bound of its reference."""
+    """Whether a ladder keeps the bound of its reference, and why."""
 
     passed: bool
     word: str
@@ -250,7 +250,7 @@ def _climb(
     quiet: bool,
     say: Say,
 ) -> None:
-    """Run the levels of a ladder until the budget would not do, a row per level."""
+    """Run the levels of a ladder as far as the budget allows, a row per level."""
     case = ladder.case
     if ladder.name:
         say(f"-- {ladder.name}")
@@ -304,7 +304,7 @@ def _over(
 def predicted_seconds(ladder: Ladder, spacing: float, estimate: float | None = None) -> float | None:
     """Wall seconds of the next level, from the last one; of the first one from an estimate of the own level.
 
-    As particles^1.1 and steps; None where nothing tells.
+    Proportional to particles^1.1 and to steps; None where neither is known.
     """
     case, done = ladder.case, ladder.done
     dim = done[-1].dimension if done else case.dim or 3
@@ -358,7 +358,7 @@ def _run(case: Case, number: int, spacing: float, directory: Path, quiet: bool) 
     try:
         asked = replace(case, particles=particles, refine=(), output=files)
         summary = run_case(asked, quiet=quiet, overwrite=ours(directory), look=look)
-    except FolderError:  # the whole command is told, as it would be of its own files
+    except FolderError:  # ends the whole command, as one of its own files would
         raise
     except (ValueError, RuntimeError, ArithmeticError, MemoryError) as error:  # a full disk ends the command
         level.status = f"{type(error).__name__}: {error}"
@@ -368,7 +368,7 @@ def _run(case: Case, number: int, spacing: float, directory: Path, quiet: bool) 
 
 
 def _filled(level: Level, summary: Mapping[str, Any]) -> Level:
-    """The level with what a summary says."""
+    """The level with the values of a summary."""
     cpu, wall = summary["cpu_seconds"], summary["wall_seconds"]
     level.status = summary["status"]
     level.warnings = list(summary.get("warnings") or ())

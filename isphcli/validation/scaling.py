@@ -1,11 +1,11 @@
-"""A step on as many processes as the paper had: what each holds, sends and takes.
+"""A model of a step on as many processes as the paper had: particles, messages and seconds of each.
 
-Nobody ran this program on more than the cores of a desk machine. What is here is a model: the particles of a process,
-those that it sees of others and the messages between them follow from the bricks of the cut (`domain/cut.py`); how many
-values go with a step was counted in runs of 1 to 8 processes (`benchmarks/scaling.py`), and how long a particle takes
-was measured in one; latency, bandwidth, the messages of the multigrid cycle and the collective sums are assumed
-(`Machine`, `Cycle`). tests/validation/test_scaling.py compares the arithmetic with bricks of real cuts,
-tests/test_moving_ranks.py with what runs of several processes count.
+This program has only run on the cores of a desk machine. In the model the particles of a process, the remote ones that
+it sees and the messages between processes follow from the bricks of the cut (`domain/cut.py`); the number of values
+sent in a step was counted in runs of 1 to 8 processes (`benchmarks/scaling.py`), and the time of a particle was
+measured in one; latency, bandwidth, the messages of the multigrid cycle and the collective sums are assumed (`Machine`,
+`Cycle`). tests/validation/test_scaling.py compares the arithmetic with bricks of real cuts, tests/test_moving_ranks.py
+with what runs of several processes count.
 """
 
 from __future__ import annotations
@@ -23,8 +23,7 @@ SAMPLE = 64  # bricks of which the busiest is looked for, where there are more: 
 
 @dataclass(frozen=True)
 class Machine:
-    """What messages cost, of a machine like the paper's; the cores are as fast as those that the seconds were measured
-    on.
+    """The cost of messages on a machine like that of the paper, with cores as fast as those of the measurements.
 
     latency: s, of a message, all of it paid one after the other; bandwidth: bytes/s of one process. A Cray XE6 with
     Gemini routers has 0.7 to 1.4 us and more than 6 GB/s a node were measured (A. J. van der Steen, Overview of recent
@@ -89,8 +88,8 @@ TWO_FLUIDS = Counted((33.0, 1.96), (595.0, 30.2), (118.2, 4.18), 0.1)
 
 @dataclass(frozen=True)
 class Work:
-    """What a step was measured to take of one process, CPU s a particle, assembling and solving; iterations: of all
-    its solves; counted: what several processes send."""
+    """Measured cost of a step on one process, CPU s per particle, of assembling and solving; iterations: of all its
+    solves; counted: messages of several processes."""
 
     assembling: float
     solving: float
@@ -118,7 +117,7 @@ class Step:
 
     @property
     def total(self) -> float:
-        """s, all together: nothing overlaps."""
+        """s of all parts: computing and messages do not overlap in the model."""
         return self.assembling + self.solving + self.messages + self.sums + self.cycles
 
 

@@ -187,7 +187,7 @@ def machine_memory() -> int:
 
 
 def check_size(path: Path, needed: int, there: int) -> None:
-    """Raises VoxelError where a file has not as many bytes as its header says."""
+    """Raises VoxelError where a file does not have as many bytes as its header says."""
     if needed > there:
         raise VoxelError(
             f"{path}: is truncated: {there} bytes of {needed}; copy it again or correct the header"
