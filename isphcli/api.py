@@ -75,7 +75,7 @@ class RunResult:
 
     @property
     def permeability_range(self) -> Sequence[float] | dict[str, Sequence[float]] | None:
-        """(lowest, highest) k that the value stands for, m2, as `permeability`; None where nothing is known of it."""
+        """(lowest, highest) k within the expected errors, m2, as `permeability`; None where they are unknown."""
         return self.summary.get("permeability_range")
 
     @property
@@ -111,7 +111,7 @@ class RunResult:
 
     @property
     def history(self) -> Sequence[Mapping[str, Any]]:
-        """A dict a step, or a solve: the columns of history.csv."""
+        """A dict per step, or per solve: the columns of history.csv."""
         return self.flow.history
 
     def grid(self, cell: float | None = None) -> Grid:

@@ -727,7 +727,7 @@ def relative_lines(found: Relative) -> list[tuple[str, str]]:
 
 
 def relative_table(found: Sequence[Relative]) -> str:
-    """Comma-separated values, a line a snapshot; leads_through_<fluid> is 1 where a path of its own does, else 0."""
+    """Comma-separated values, a line per snapshot; leads_through_<fluid> is 1 where the fluid percolates, else 0."""
     a, b = found[0].names
     lines = [f"time,saturation_{a},saturation_{b},k_r_{a},k_r_{b},leads_through_{a},leads_through_{b}"]
     return "\n".join(lines + [",".join(f"{v:.6g}" for v in (f.time, *f.saturation, *f.relative, *f.leads_through))
@@ -966,7 +966,7 @@ def rev(case_file: Path, each: int, out: Path | None, overwrite: bool, threads: 
 def film(folder: Path, target: Path, rate: float, view: str, force: bool, quiet: bool) -> None:
     """Make a film of the snapshots of the run in OUT: of two fluids where each of them is, of one its speed.
 
-    A frame a snapshot: `output.every` of the case says how often one is taken.
+    One frame per snapshot: `output.every` of the case says how often one is taken.
 
     \b
     isph film out/rock_drainage

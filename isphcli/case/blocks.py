@@ -449,7 +449,8 @@ class InterfaceBlock:
 
 @dataclass(frozen=True, kw_only=True)
 class Reservoirs:
-    """Two reservoirs, of one fluid each: one is injected at one end of a scene, and fluid leaves at the other end.
+    """Two reservoirs, of one fluid each: the fluid of the inlet is injected at one end of a scene, and fluid leaves at
+    the other end.
 
     They are the clear layers of an image, or the two ends of a box that is periodic along the axis. Fluid that leaves
     one end of the box comes in at the other as the fluid of the reservoir there.
@@ -806,7 +807,7 @@ class Case:
 
 
 def plain(value: Any) -> Any:
-    """Dataclasses, tables and tuples as the dicts and lists that YAML knows, without what is None."""
+    """Dataclasses, tables and tuples as dicts and lists, the types of YAML, without entries that are None."""
     if is_dataclass(value):
         cls: Any = type(value)
         attributes = {k.name: getattr(value, k.attribute) for k in keys_of(cls).values()}

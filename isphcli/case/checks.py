@@ -531,7 +531,7 @@ class _Checks:
                 self.bad(place, f"{shown(str(value))} is not a choice", suggest(str(value), known))
 
     def reference_values(self) -> None:
-        """A permeability has one value or one an axis, and what it is of as many ranges and edges."""
+        """A permeability has one value or one per axis, and its sample one range and one edge of a voxel per axis."""
         reference = self.case.reference
         if reference is None or reference.kind != "permeability" or not self.clear("reference", "geometry.box"):
             return

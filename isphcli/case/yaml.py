@@ -21,7 +21,7 @@ import yaml
 MAX_BYTES = 1_000_000
 MAX_NODES = 100_000
 MAX_DEPTH = 32
-MAX_PROBLEMS = 100  # that are listed
+MAX_PROBLEMS = 100  # problems of a case that are listed
 _TOO_DEEP = f"nested more than {MAX_DEPTH} deep"
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 # characters that text may not contain: some control a terminal, others PyYAML does not write back, none has a use

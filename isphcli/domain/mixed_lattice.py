@@ -31,7 +31,7 @@ def cells_of(lattice: Lattice, x: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def sites_of_two(lattice: Lattice, cut: np.ndarray,
                  support: float) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """(x (k, dim) m, half (k,) bool, beside (k,) bool) of the sites, in slabs; of one site a cell.
+    """(x (k, dim) m, half (k,) bool, beside (k,) bool) of the sites, in slabs; of a lattice with one site per cell.
 
     cut: (counts) bool, cells that are cut; support: m, of the larger spacing; half: sites of half the spacing; beside:
     those that may see the other kind, all of them and some more.

@@ -14,7 +14,7 @@ GROUND = 1e-6
 
 
 class ComponentMeans:
-    """The projection P of eq. 26 for one constant vector a connected component.
+    """The projection P of eq. 26 for one constant vector per connected component.
 
     labels: (n,) component of each particle, numbered over all processes; count: of the components, where it is known.
     """
@@ -27,5 +27,5 @@ class ComponentMeans:
         """v without its mean over each component, (n,)."""
         if len(self.count) == 1:
             return v - reduce.total(v) / self.count[0]  # eq. 26
-        # eq. 26, with one constant vector a component
+        # eq. 26, with one constant vector per component
         return v - (reduce.total_by(self.labels, v, len(self.count)) / self.count)[self.labels]

@@ -93,7 +93,7 @@ def labels_of_grey(values: np.ndarray, threshold: float, solid: str, fluids: Map
 
 
 def estimate_blur(field: np.ndarray, around: np.ndarray) -> float:
-    """Standard deviation, voxels, of the Gaussian that made an image of two values what it is; see `field_of_grey`.
+    """Standard deviation, voxels, of the Gaussian that has blurred an image of two values; see `field_of_grey`.
 
     A step between -1 and 1 that is averaged over a voxel, with a Gaussian of width s and by the spline has the slope
     sqrt(2 / (pi (s^2 + UNBLURRED))) on its middle; the median of the slopes of the spline where it is zero between

@@ -155,8 +155,8 @@ def _put_phases(rows, c, fluid, around, u, phase):
 
 @njit(cache=True, nogil=True)
 def _put_distances(rows, c, edt, around, voxel, u, d):
-    """Distances of points u (n, 3), units of `voxel`, into d (n,): along the slope to the zero; far off, as between
-    voxels."""
+    """Distances of points u (n, 3), units of `voxel`, into d (n,): along the slope to the zero; far off, interpolated
+    between voxel centres."""
     end = np.empty(3)
     for k in range(rows[0], rows[1]):
         d[k] = join_faces(_distance(c, edt, around, voxel, u[k], end), c.shape, around, voxel, u[k, 0], u[k, 1],

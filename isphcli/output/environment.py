@@ -162,7 +162,7 @@ def _is_writable(folder: Path) -> bool:
 
 
 def _private_folder() -> Path:
-    """A folder that nobody else can write to, the same one every time if possible: what is read from it is run."""
+    """A folder that no other user can write to, the same one every time if possible: the kernels in it are executed."""
     user = os.getuid() if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
     folder = Path(tempfile.gettempdir(), f"isph-{user}")
     with contextlib.suppress(OSError):

@@ -176,8 +176,8 @@ def _of_one(run: Run) -> str:
 
 
 def _side_by_side(runs: Sequence[Run]) -> str:
-    """A column a run: what differs between the cases, the answers, then scene and cost; what is alike in all runs last,
-    once."""
+    """A column per run: differences between the cases, results, then scene and costs; values that are the same in all
+    runs come last, once."""
     cells: list[dict[str, str]] = [dict([("status", str(run.summary.get("status"))), *answer_lines(run),
                                          ("warnings", "\n".join(_warnings(run)) or "none"), *scene_lines(run.summary),
                                          *cost_lines(run)]) for run in runs]

@@ -275,7 +275,7 @@ def _head(name: str, kind: str, shape: tuple[int, ...]) -> bytes:
 
 
 def record_of(case: Case) -> dict[str, Any]:
-    """The record of a case, of what JSON knows: {"scene": {key: value}, "values": {key: value}, "changes": []}.
+    """The record of a case, in types of JSON: {"scene": {key: value}, "values": {key: value}, "changes": []}.
 
     Keys are those of the case file. A file that the scene is read from stands there as the SHA-256 of its bytes, an
     image as that of its voxels, whatever file holds them.

@@ -194,8 +194,8 @@ def step_findings(result: CheckResult) -> Iterator[str]:
 
 
 def reservoir_findings(case: Case) -> Iterator[str]:
-    """One fluid at both ends: nothing displaces anything. Reservoirs that are all seam. An end before that of the steps
-    of the drive."""
+    """The same fluid at both ends, so that none displaces another. Reservoirs shorter than the seam between them. An
+    end of the run before that of the steps of the drive."""
     ends, steps = case.reservoirs, forcing.drive_steps(case)
     if steps is not None and case.time is not None and case.time.end is not None:
         count = len(steps.pressure_drop or steps.superficial_velocity or ())

@@ -152,7 +152,7 @@ def two_layer_poiseuille(
 ) -> Array:
     """Steady velocity (n,) of two layers, mu[0] under `interface`, between walls at rest.
 
-    gradient: driving force per volume, one number or one a layer (a body force on unlike densities).
+    gradient: driving force per volume, one number or one per layer (a body force on different densities).
     mu u' = c - G y in the lower layer, with u and the stress continuous at the interface (Bird, Stewart and
     Lightfoot, Transport Phenomena, section 2.5, there with one gradient and layers of equal height).
     """

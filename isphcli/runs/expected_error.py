@@ -61,7 +61,7 @@ class Expected:
     sentence: str
 
     def bounds(self, k: float) -> tuple[float, float]:
-        """Smallest and largest permeability that a value k stands for, m2."""
+        """Smallest and largest permeability within the errors of a value k, m2."""
         both = 1.0 + math.hypot(self.spacing, self.image)
         return k / both, k * both
 

@@ -74,8 +74,8 @@ def wall_shear(stress: np.ndarray | None) -> dict[str, float] | None:
 
 def profile_rows(geometry: Geometry, x: np.ndarray, flow: tuple[np.ndarray, np.ndarray], axis: int, drop: float,
                  scale: tuple[float, float]) -> list[dict[str, float | None]]:
-    """A dict a layer across an axis, from the lower end of the box on: its middle along the axis, m, mean pressure, Pa,
-    None without fluid, and superficial velocity, m/s.
+    """A dict per layer across an axis, from the lower end of the box on: its middle along the axis, m, mean pressure,
+    Pa, None without fluid, and superficial velocity, m/s.
 
     x: (m, dim) m, of cells; flow: velocity (m, dim) m/s, mean over them, and pressure (n,) Pa of the first n; drop:
     over the box, Pa, that drives the flow: it falls along the axis beside the pressure of the particles; scale:

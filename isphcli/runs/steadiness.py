@@ -1,7 +1,7 @@
 """When a flow has reached its steady value: the test of `time.steady`.
 
-One number a step tells of the flow (`time_loop.TimeLoop` chooses it). It comes near its steady value as
-exp(-t / T), and moving particles add a noise to it that stays. Both are judged by means over windows of time that grow
+The test has one number per step (`time_loop.TimeLoop` chooses it). That number approaches its steady value as exp(-t /
+T), and moving particles add a noise to it that does not decay. Both are judged by means over windows of time that grow
 with the run, so that neither the small steps of the start nor slow modes of the flow look steady: the last three
 quarters of the time since the start are cut into three windows of equal length. The error of the mean of the last one
 is the sum of

@@ -362,8 +362,8 @@ class AxisResult:
 
     permeability: m2, 0 without a path; by_spacing: the same of each spacing, keys as they are written; shut: spacings
     without a path; bar: its error by the spacings, m2, and sentence: how that was found, None of one spacing; image:
-    its error by the image, m2, None without one; bounds: what a permeability is worth, m2, and source: by which bodies,
-    None where it is 0.
+    its error by the image, m2, None without one; bounds: range of the permeability, m2, and source: the bodies behind
+    it, None where k is 0.
     """
 
     name: str

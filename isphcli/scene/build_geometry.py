@@ -165,7 +165,8 @@ def _within(body: Spheres, axis: int, sample: tuple[np.ndarray, np.ndarray], nam
             described: list[tuple[str, str]]) -> Spheres:
     """The balls of a pack with clear layers: those whose centre lies between its two ends, whole.
 
-    As much volume of them sticks out at the ends as spheres beyond would have within: the porosity is that inside.
+    Their parts beyond the ends have on average the volume that spheres centred beyond would have within, so that the
+    porosity is that inside.
     Raises ShapeError where none lies there.
     """
     from ..geometry.bodies import ShapeError, Spheres

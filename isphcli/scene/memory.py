@@ -74,8 +74,8 @@ def neighbours(case: Case, dim: int) -> float:
 
 def neighbours_held(case: Case, geometry: Geometry, x: np.ndarray, spacing: float) -> float:
     """Of the neighbours that fluid particles x (n, dim) of a spacing, m, would have in a box full of fluid, the share
-    whose weights are held: those that are fluid; of moving particles those of them that no wall hides. (What steady
-    flow takes was measured by the first.)"""
+    whose weights are held: those that are fluid; of moving particles those of them that no wall hides. (The bytes of
+    steady flow were measured per fluid neighbour.)"""
     if not geometry.has_solid or not len(x):
         return 1.0
     reach, rng = case.support * spacing, np.random.default_rng(0)

@@ -226,8 +226,8 @@ def _outside_spheres(x: np.ndarray, size: Sequence[int], centres: np.ndarray, ra
 def _spline_of(source: tuple) -> tuple[np.ndarray, float]:
     """(spline coefficients on a grid FINER times finer than the voxels, level of the wall) of a random field.
 
-    source: ("file", name) of a grey image, or (seed, voxels an edge, correlation length in voxels, porosity). The field
-    is a Fourier series without modes beyond half the voxels an edge, so the finer grid has its exact values.
+    source: ("file", name) of a grey image, or (seed, voxels per edge, correlation length in voxels, porosity). The
+    field is a Fourier series without modes beyond half the voxels per edge, so the finer grid has its exact values.
     """
     from scipy.ndimage import spline_filter
 

@@ -138,7 +138,7 @@ def validate_cases(
 ) -> tuple[str, bool]:
     """Run the ladders of cases that name a reference: (closing page, whether all are within their bounds).
 
-    levels: spacings of a ladder; budget: s of a ladder; out: directory, a folder a case in it; vary: keys
+    levels: spacings of a ladder; budget: s of a ladder; out: directory, with a folder per case; vary: keys
     with the values that are overlaid, every combination a ladder; overrides: of `--set`, under those of vary;
     estimates: s of the own spacing of a case file, to decide on its first level; say: prints a line as it
     goes. Raises CaseError for a setting that cannot be, before anything is run.
@@ -196,7 +196,7 @@ def _ladders(case: Case, vary: Vary, overrides: Sequence[str]) -> list[Ladder]:
 
 
 def _folders(cases: Iterable[Case], out: Path) -> list[Path]:
-    """A folder a case, named after its file; a number tells files of one name apart."""
+    """A folder per case, named after its file; a number tells files of one name apart."""
     found: list[Path] = []
     for case in cases:
         stem = case.path.stem if case.path else "case"
@@ -466,7 +466,7 @@ def _or_dash(value: float | None) -> str:
 
 
 def closing_page(ladders: Sequence[Ladder]) -> str:
-    """A block a ladder: best error, order, bound and verdict with its reasons."""
+    """A block per ladder: best error, order, bound and verdict with its reasons."""
     lines = []
     for ladder in ladders:
         result, best = verdict(ladder), ladder.best
@@ -640,7 +640,7 @@ def _peer_table(peers: Iterable[tuple[Peer, str]]) -> list[str]:
 
 
 def draw(path: Path, ladders: Sequence[Ladder], peers: Sequence[Peer] = ()) -> None:
-    """Log |error| over log CPU seconds, a line a setting with its slope over the last three levels."""
+    """Log |error| over log CPU seconds, a line per setting with its slope over the last three levels."""
     from ..output import plots
 
     figure, ((axes,),) = plots.new_figure(7.2, 4.8)
@@ -663,7 +663,7 @@ def draw(path: Path, ladders: Sequence[Ladder], peers: Sequence[Peer] = ()) -> N
 
 
 def _draw_peers(axes: Any, peers: Sequence[Peer]) -> None:
-    """A dotted line a code; those whose seconds were not measured in that run say so."""
+    """A dotted line per code; labels say which seconds were not measured in that run."""
     for k, code in enumerate(dict.fromkeys(peer.code for peer in peers)):
         mine = [peer for peer in peers if peer.code == code]
         points = [(peer.cpu_seconds, abs(peer.error)) for peer in mine]

@@ -585,7 +585,7 @@ def reproduce(
 ) -> tuple[str, bool]:  # fmt: skip
     """Run the figures of the paper: (closing lines, whether every claim that was run holds).
 
-    Leaves report.md, report.json and a folder a figure in `out`. budget: CPU s in all; each figure chooses its size
+    Leaves report.md, report.json and a folder per figure in `out`. budget: CPU s in all; each figure chooses its size
     by its share, and one that comes when the budget is spent is not run.
     """
     out = Path("out", "paper") if out is None else out

@@ -68,7 +68,7 @@ class Counted:
     """What a process sends, (of a step without its iterations, of an iteration) each, as `benchmarks/scaling.py` counts
     it.
 
-    exchanges: of values with every neighbour; sent: bytes of these a remote particle; collectives: sums and the like
+    exchanges: of values with every neighbour; sent: bytes of these per remote particle; collectives: sums and the like
     over all processes; set_ups: times that a hierarchy is built in a step.
     """
 
@@ -79,7 +79,7 @@ class Counted:
 
 
 # `benchmarks/scaling.py FOLDER weak 1 2` at commit 38b910c, 2026-11-30 (docs/clusters.md): past spheres in a step of
-# 14.3 iterations 57.3 messages to the one neighbour, 1068 bytes a remote particle and 114 collectives, with each more
+# 14.3 iterations 57.3 messages to the one neighbour, 1068 bytes per remote particle and 114 collectives, with each more
 # iteration 3.1, 49 and 4.9; of drops 49.3, 847 and 153 with 8.3 iterations, then 2.0, 30 and 4.2. Hierarchies: assumed,
 # one in ten steps; runs that are under way build fewer, the first steps more.
 ONE_FLUID = Counted((12.3, 3.14), (364.0, 49.1), (43.3, 4.93), 0.1)
@@ -99,7 +99,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Busiest:
-    """The most of any process: processes that it exchanges with, and remote particles over own ones."""
+    """Largest values of any process: processes that it exchanges with, and remote particles over own ones."""
 
     neighbours: int
     remote: float

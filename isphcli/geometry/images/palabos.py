@@ -15,7 +15,8 @@ ALLOWED = b"0123456789 \t\r\n"
 
 
 def open_palabos(path: Path, layout: Layout) -> Stored:
-    """One whole number a voxel, parted by blanks or lines; the sizes are given or stand in the name of the file."""
+    """One whole number per voxel, separated by blanks or lines; the sizes are given or stand in the name of the
+    file."""
     shape = layout.shape or of_name(path.stem)[0]
     if shape is None:
         raise VoxelError(

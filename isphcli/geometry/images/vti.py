@@ -24,7 +24,7 @@ MOST_BLOCKS = 2**24  # of a compressed array
 
 
 def open_vti(path: Path, layout: Layout) -> Stored:
-    """The only array of one number a point or cell, or the one that is named."""
+    """The only array of one number per point or cell, or the named one."""
     text, start = _xml(path)
     try:
         root = ElementTree.fromstring(text)
@@ -95,7 +95,7 @@ def _harmless(path: Path, text: bytes) -> bytes:
 
 
 def _chosen(path: Path, piece: ElementTree.Element, name: str | None) -> tuple[str, ElementTree.Element, bool]:
-    """(name, element, whether it has a value a cell and not a point) of the array that is meant."""
+    """(name, element, whether it has a value per cell and not per point) of the named array, or of the only one."""
     found = [
         (str(a.get("Name")), a, group == "CellData")
         for group in ("PointData", "CellData")

@@ -31,7 +31,7 @@ class _Array:
 
 
 def open_vtk(path: Path, layout: Layout) -> Stored:
-    """The first array of one number a point or cell of STRUCTURED_POINTS, or the one that is named."""
+    """The first array of one number per point or cell of STRUCTURED_POINTS, or the named one."""
     with open(path, "rb") as file:
         if not file.readline(256).startswith(b"# vtk DataFile"):
             raise VoxelError(
