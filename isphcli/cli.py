@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from .domain.communicator import Ranks
     from .runs.relative_permeability import Relative
 
-# What each stands for: EXIT_CODES
+# Their meanings: EXIT_CODES
 OUTSIDE, BAD_INPUT, FAILED, INTERNAL, STOPPED_SHORT, INTERRUPTED = 1, 2, 3, 4, 5, 130
 NOT_READ = 141  # as the shell says it of programs that end with SIGPIPE
 EXIT_CODES = """\
@@ -304,7 +304,7 @@ def is_image(path: Path) -> bool:
 
 
 def case_of_image(path: Path, overrides: tuple[str, ...]) -> Case:
-    """A case of an image, with what was assumed on stderr; Unusable where too little is known."""
+    """A case of an image, its assumptions printed on stderr; Unusable where too little is known."""
     from .geometry.images.image import VoxelError
     from .scene.first_case import first_case
 

@@ -615,7 +615,7 @@ class Solver:
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
-    """What a run leaves behind."""
+    """The files that a run writes."""
 
     directory: Path | None = key(
         "where results go, from the working directory. Without it: out/<name of the case file>", default=None
@@ -650,7 +650,7 @@ class Output:
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """What `isph validate` compares the result with."""
+    """The values with which `isph validate` compares the result."""
 
     kind: str = key("the solution to compare with", choices=REFERENCE_KINDS)
     value: float | Vector | None = key(

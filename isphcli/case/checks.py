@@ -1,4 +1,4 @@
-"""What must hold between the keys of a case. Each check reports all it finds and never raises.
+"""Checks between the keys of a case. Each reports all problems that it finds and never raises.
 
 A value that could not be read is None and has a problem at its path: a check calls `clear` with the paths
 that it uses, and skips values that have a problem already.
@@ -27,7 +27,7 @@ HEADERLESS = {"shape": (".raw", ".bin", ".dat"), "dtype": (".raw", ".bin"), "off
               "byte_order": (".raw", ".bin")}  # fmt: skip
 OF_A_FORCE = ("poiseuille", "startup_poiseuille", "two_layer_poiseuille")  # solutions that a given force makes
 FEWEST_STEPS = 10  # steps in which the volume of a block may be restored: a step restores a tenth of its error at most
-MAX_SITES = 1e9  # of the lattice: far above what a machine holds, so the lengths must be mistaken
+MAX_SITES = 1e9  # most lattice sites, far more than fit into a memory: with more the lengths must be mistaken
 
 
 def check_case(case: Case, problems: ProblemList) -> None:
@@ -509,7 +509,7 @@ class _Checks:
         self.reference_parameters()
 
     def reference_parameters(self) -> None:
-        """Names and values of what the kind of the reference needs: a run would find them wrong at its end only."""
+        """Names and values of the parameters of a reference: a run would find mistakes in them at its end only."""
         from ..references.parameters import OF_TWO_FLUIDS, PARAMETERS, needed, words
 
         reference, path = self.case.reference, "reference.parameters"
@@ -547,7 +547,7 @@ class _Checks:
                          "give one an axis" + (", or one number and reference.axes" if name == "value" else ""))
 
     def reference_names(self) -> None:
-        """What `reference.geometry` names are names of this case: a misspelled one would be of another geometry."""
+        """Names in `reference.geometry` exist in this case: a misspelled one would be that of another geometry."""
         reference, path = self.case.reference, "reference.geometry"
         if reference is None or not self.clear("fluids", "microporous"):
             return

@@ -91,6 +91,6 @@ def forces_of(case: Case, geometry: Geometry) -> tuple[Force, ...]:
 
 
 def wrong_with_forces(case: Case, dim: int | None) -> Problems:
-    """What is wrong with the keys of the forces of a case; dim: of its scene, None before an image is read."""
+    """Problems of the keys of the forces of a case; dim: of its scene, None before an image is read."""
     for known in FORCES:
         yield from known.wrong(case, dim)

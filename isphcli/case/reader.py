@@ -26,7 +26,7 @@ V = TypeVar("V")
 _NUMBER = re.compile(r"[-+]?([0-9][0-9_]*(\.[0-9_]*)?|\.[0-9][0-9_]*)([eE][-+]?[0-9]+)?")
 _BOOLS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 _SCALARS = (bool, int, float, str, Path)  # the order in which a union of them is tried
-_MAX_INT = 2**53  # beyond it a float no longer tells neighbours apart
+_MAX_INT = 2**53  # largest integer up to which all are exact in double precision
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +86,7 @@ class Table(Mapping[str, V], Generic[V]):
 
 @dataclass(frozen=True)
 class Declared:
-    """One key of a block: its name in the file and in Python, its type and what `key` said."""
+    """One key of a block: its name in the file and in Python, its type and the arguments of `key`."""
 
     name: str
     attribute: str
@@ -380,7 +380,7 @@ def closest(name: str, known: Iterable[str]) -> str | None:
 
 
 def suggest(name: str, known: Iterable[str]) -> str:
-    """What to write instead of an unknown name."""
+    """Advice on what to write instead of an unknown name."""
     known = list(known)
     near = closest(name, known)
     return f"did you mean {near!r}?" if near else f"known are {', '.join(known)}"
@@ -410,6 +410,6 @@ def _join(path: str, name: str) -> str:
 
 
 def _summary(spec: Key) -> str:
-    """What a key is for, in short: its doc up to the first full stop or semicolon."""
+    """The purpose of a key: its doc up to the first full stop or semicolon."""
     text = "give " + re.split(r"[.;](?:\s|$)", spec.doc)[0]
     return f"{text}, in {spec.unit}" if spec.unit else text

@@ -51,7 +51,7 @@ def number_in(text: str, unit: str) -> float:
 
 @cache
 def _factor(given: str, unit: str) -> float:
-    """What a number in one unit is multiplied by to be in another."""
+    """The factor from one unit to another."""
     import pint
 
     try:

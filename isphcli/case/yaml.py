@@ -83,7 +83,7 @@ class ProblemList:
         return len(self.problems) >= MAX_PROBLEMS
 
     def add(self, where: Where, key: str, message: str, fix: str = "") -> None:
-        """A problem of a key (dotted path), with what would mend it."""
+        """Adds a problem of a key (dotted path); fix: what to do about it."""
         self.broken.add(key)
         if not self.full:
             self.problems.append(Problem(where.file, where.line, key, message, fix))
@@ -325,7 +325,7 @@ class _Builder:
         self.keys.append(None)
 
     def _name(self) -> str:
-        """What the next value is called in its parent."""
+        """The key of the next value in its parent, or its number in a list."""
         if not self.stack:
             return ""
         parent, key = self.stack[-1].value, self.keys[-1]

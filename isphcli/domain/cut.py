@@ -20,7 +20,7 @@ PASSES = 3
 
 @dataclass(frozen=True)
 class Share:
-    """What a process owns of a scene, and what its own particles see beyond that.
+    """The brick of a process, and the particles of other processes that its own ones see.
 
     lower, upper: (dim,) corners of its brick, m. ghosts: (g, dim) m, remote particles within a support of the brick,
     each once, where an image of it is near; shift: (g, dim) int8, box lengths between the particle and that image;

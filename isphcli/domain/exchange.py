@@ -1,7 +1,7 @@
 """Values of particles that other processes own: each process has a slot for every one that its own particles see.
 
 Rows of operators are the n own particles, columns the own ones and then the remote ones. One process has no remote
-particles, and `forward` hands back what it was given.
+particles, and `forward` returns the given array.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ class NeighbourExchange:
     """`Exchange` between processes that hold each other's neighbours; every call is one message to each of them.
 
     send: (m,) own particles that others see, process by process; give: (size,) how many of these each process gets;
-    want: (size,) how many this one gets of each; slot: (g,) places of what arrives, process by process, among the
-    remote particles, None where that is the order of arrival. All processes make it, and call `forward`, together.
+    want: (size,) how many this one gets of each; slot: (g,) places of the received values, process by process, among
+    the remote particles, None where both orders are the same. All processes make it, and call `forward`, together.
     """
 
     def __init__(self, comm: Any, send: np.ndarray, give: np.ndarray, want: np.ndarray,
@@ -140,7 +140,7 @@ def deliver(comm: Any, owner: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarr
 
 def _send(comm: Any, given: tuple[np.ndarray, list[tuple[int, slice]]],
           taken: tuple[np.ndarray, list[tuple[int, slice]]]) -> None:
-    """One message of rows to each process, and one from each: (array, `_parts` of it) of what goes and of what comes.
+    """One message of rows to each process, and one from each: (array, its `_parts`), sent and received.
     Messages between two processes keep their order: no tags are needed."""
     (sent, targets), (found, sources) = given, taken
     with TRAFFIC.counted(len(targets), sent.nbytes):

@@ -25,9 +25,9 @@ RANGES = 2  # ranges per thread, so that no thread waits long for one with long 
 def over_rows(kernel: Callable[..., Any], n: int, *arguments: Any, work: Callable[[], Any] | None = None) -> list[Any]:
     """Calls kernel((begin, end), *arguments) for ranges that make up the rows 0 to n; returns what the calls return.
 
-    A row must not depend on what another one writes: then results are the same for any number of threads. The kernel
-    is compiled with nogil=True; without that the threads wait for each other. work: makes the scratch arrays of one
-    call, which are its arguments behind the range; arrays made in a kernel take half a second to compile.
+    A row must not depend on values that another one writes: then results are the same for any number of threads. The
+    kernel is compiled with nogil=True; without that the threads wait for each other. work: makes the scratch arrays of
+    one call, which are its arguments behind the range; arrays made in a kernel take half a second to compile.
     """
 
     def call(rows: tuple[int, int]) -> Any:

@@ -198,7 +198,7 @@ class Shape:
 
 def _pieces(kind: int, centres: Sequence[Sequence[float] | np.ndarray] | np.ndarray,
             sizes: Sequence[Sequence[float] | np.ndarray] | np.ndarray, axis: int = 0) -> np.ndarray:
-    """Rows of `Region.pieces`; what is missing of centres and sizes is 0."""
+    """Rows of `Region.pieces`; missing entries of centres and sizes are 0."""
     centres, sizes = np.asarray(centres, float), np.asarray(sizes, float)
     rows = np.zeros((len(centres), 8))
     rows[:, 0], rows[:, 7] = kind, axis

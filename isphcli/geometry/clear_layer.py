@@ -1,4 +1,4 @@
-"""Layers of clear fluid between the two end faces of an image: how thick they must be, and what they resist.
+"""Layers of clear fluid between the two end faces of an image: their least thickness, and their resistance.
 
 The flow comes out of the pores of one end face, spreads over the cross section, and gathers at the pores of the other.
 With the velocities through both faces given, creeping flow between them has a formula for each wave of the cross
@@ -89,7 +89,7 @@ def nearness(first: np.ndarray, last: np.ndarray, edges: Sequence[float], period
     Creeping flow between planes z = -h/2 and h/2 through which the velocity is W cos(k y): w = A cosh kz + B kz sinh kz
     for equal velocities on both, A sinh kz + B kz cosh kz for opposite ones, with w' = 0 at the planes; t = k h / 2.
     The power that the flow takes is 4 mu k W^2 times sinh^2 t / (sinh t cosh t + t), or cosh^2 t / (sinh t cosh t
-    - t): 1 far apart, and 3 / (2 t^3), Hele-Shaw's flow, for what has to move sideways between near planes.
+    - t): 1 far apart, and 3 / (2 t^3), Hele-Shaw's flow, for fluid that has to move sideways between near planes.
     """
     k, even = _waves((first + last) / 2, edges, periodic)
     odd = _waves((first - last) / 2, edges, periodic)[1]

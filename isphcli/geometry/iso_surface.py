@@ -1,6 +1,6 @@
 """`IsoSurfaceGeometry`: the wall is the zero of a field on the voxel centres, interpolated by a cubic spline.
 
-The field is positive in fluid. Its sign says what is fluid everywhere, at every spacing of the particles: the body does
+The field is positive in fluid. Its sign alone decides what is fluid, at every spacing of the particles: the body does
 not depend on how it is sampled.
 """
 

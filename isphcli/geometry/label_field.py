@@ -32,8 +32,8 @@ from .modes import Modes
 # (benchmarks/random_places.py)
 RESOLVED = 6.85
 SHORTEST, LONGEST = 1.4, 8.0  # voxels. With 1.2 k of random bodies falls by 1.5 % from one particle per voxel to two
-# Share of the shortest length in the prior: what is one voxel wide beside large smooth walls stays open. 0.03 leaves
-# more of their roughness
+# Share of the shortest length in the prior, so that pores one voxel wide beside large smooth walls stay open. With 0.03
+# these walls keep more of their roughness
 FINE = 0.003
 NOISE = 0.01  # variance, over that of the field; 0.05 opens the throats by 1.6 %
 # Iterations a voxel of the correlation length, and the most. After 60 with the shortest the wall of a random body moves

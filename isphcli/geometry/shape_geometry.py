@@ -269,7 +269,7 @@ ON_FACE = 1000  # points at which the two sides of a periodic face are compared
 
 
 def _same_beyond(geometry: ShapeGeometry, axis: int) -> bool:
-    """Whether the scene is the same on both sides of a periodic face: what ends there goes on as another shape."""
+    """Whether phases are equal on both sides of a periodic face: a shape that ends there goes on as another one."""
     x = geometry.lower + np.random.default_rng(0).random((ON_FACE, geometry.dim)) * (geometry.upper - geometry.lower)
     low, high = x.copy(), x.copy()
     low[:, axis], high[:, axis] = geometry.lower[axis], geometry.upper[axis]

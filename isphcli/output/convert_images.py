@@ -194,7 +194,7 @@ def _report_of(target: Path, image: Image, shape: tuple[int, ...], sized: tuple[
 
 SLAB = 2**24  # voxels that are converted at a time; their labels take four bytes each
 LARGE = 2**26  # voxels from which on an image is converted by slabs
-BY_SLABS = (".raw", ".bin", ".npy", ".mhd", ".h5", ".hdf5")  # formats of which a part is read without what is before it
+BY_SLABS = (".raw", ".bin", ".npy", ".mhd", ".h5", ".hdf5")  # formats whose parts are read without the data before
 APPENDED = (".raw", ".npy", ".npz", ".mhd", ".mha")  # formats that are written from one end to the other
 
 

@@ -1,5 +1,5 @@
-"""What the program is started in and has to make do with: streams that are closed or cannot take every character,
-folders that cannot be written.
+"""Adapts the program to its environment: streams that are closed or cannot take every character, folders that cannot
+be written, threads and memory.
 
 Used first of all, so it imports nothing that takes long.
 """

@@ -195,7 +195,8 @@ class Folder:
                            "choose another folder with --out")
 
     def prepare(self) -> None:
-        """Remove what the manifest names, unless it is kept, and what a run that was killed left unfinished.
+        """Remove the files that the manifest names, unless they are kept, and unfinished files of a run that was
+        killed.
 
         Where the case that runs is the copy of the case in this folder, that file stays until it is replaced: a kill
         must not lose it.

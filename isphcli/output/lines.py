@@ -35,7 +35,7 @@ def closing_lines(case: Case, summary: Mapping[str, Any], directory: Path | None
 
 
 def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What was run: the image, its porosity, the axes along which fluid can flow through, the throats."""
+    """The scene of a run: the image, its porosity, the axes along which fluid can flow through, the throats."""
     throats = summary.get("throats")
     lines = [tuple(text.split(": ", 1)) for text in summary.get("inputs") or ()]
     if summary.get("porosity") is not None:
@@ -83,7 +83,7 @@ def between(low: float, high: float) -> str:
 
 
 def threshold_lines(known: Mapping[str, Any] | None) -> list[tuple[str, str]]:
-    """What the uncertainty of the threshold of a grey image does to the permeability along each axis."""
+    """The range of the permeability along each axis by the uncertainty of the threshold of a grey image."""
     if known is None:
         return []
     lower, own, upper = known["thresholds"]

@@ -271,7 +271,7 @@ class _Display:
         self.live.stop()
 
     def _lines(self) -> Any:
-        """What is drawn, a rich renderable."""
+        """The lines as a rich renderable."""
         from rich.text import Text
 
         width = max(min(self.console.width, 80) - 1, 10)

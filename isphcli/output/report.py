@@ -1,5 +1,5 @@
-"""report.html: what was asked of a run, what came out, its pictures and how to repeat it, in one file without the
-network; of several runs side by side.
+"""report.html: the question of a run, its results and pictures and how to repeat it, in one file without links to the
+network; several runs side by side.
 
 Only the files of runs are read: summary.json, case.yaml and the pictures. Nothing that takes long is imported.
 """
@@ -53,7 +53,7 @@ class ReportError(ValueError):
 
 @dataclass(frozen=True)
 class Run:
-    """What one run left.
+    """The results of one run.
 
     directory: its folder; summary: of summary.json; case: the effective case as YAML reads it; text: of case.yaml;
     pictures: (file name, bytes) in the order of PICTURES.
@@ -72,7 +72,7 @@ class Run:
 
 
 def read_run(directory: str | os.PathLike) -> Run:
-    """What a run left in a folder. Raises ReportError where it is not the folder of a run that has ended."""
+    """The results of a run in a folder. Raises ReportError where it is not the folder of a run that has ended."""
     folder = Path(directory)
     if not folder.exists():
         raise ReportError(f"{folder}: no such folder; name the folder of a run that has ended")

@@ -53,7 +53,7 @@ class Saved:
     state: flow.state.State; origins: {name of a hierarchy: (state before the step in which it was built, length of that
     step, s, iterations of its first use)}; steady: [(time, integral)] of the test for a steady state
     (`steadiness.Steady`);
-    record: what the case said, see `record_of`.
+    record: that of the case, see `record_of`.
     """
 
     state: State
@@ -236,7 +236,7 @@ def _rows(file: Any, row: int, wanted: tuple[int, int], total: Any) -> bytes:
 
 
 def _fields(state: State) -> dict[str, Any]:
-    """{name: value} of a state, without what it does not have."""
+    """{name: value} of a state, without members that are None."""
     return {f.name: getattr(state, f.name) for f in fields(state) if getattr(state, f.name) is not None}
 
 
@@ -271,7 +271,7 @@ def _head(name: str, kind: str, shape: tuple[int, ...]) -> bytes:
     return f"{name} {kind} {shape or (1,)}\n".encode()
 
 
-# --- what the case said ------------------------------------------------------------------------------------------
+# --- the record of the case --------------------------------------------------------------------------------------
 
 
 def record_of(case: Case) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a case uses, needs, costs and risks, before it is run.
+"""The check of a case before it runs: the terms it uses, memory, time and warnings.
 
 `check` looks at the lattice only: nothing is solved and no neighbours are searched.
 """
@@ -101,7 +101,7 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
 
 
 def _findings(result: CheckResult, geometry: Geometry, sites: Sites, lattice: Lattice, to_run: bool) -> None:
-    """What may go wrong with a flow that is expected; to_run: see `check`."""
+    """Adds warnings and errors, by the expected flow; to_run: see `check`."""
     case = result.case
     kinds = {(f.density, f.mu) for f in case.fluids.values()}
     if case.flow == "stokes" and sites.per_fluid[1:].any() and len(kinds) > 1:

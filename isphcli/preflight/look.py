@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 def look(case: Case, geometry: Geometry, clock: Clock, quiet: bool) -> Seen:
-    """What was seen of a scene that is about to run; what is warned of stands on stderr unless `quiet`.
+    """The findings on a scene that is about to run; warnings are printed on stderr unless `quiet`.
 
-    On Berea (128^3 voxels) that takes 4.1 s of a core: the lattice is looked at, no neighbours
+    On Berea (128^3 voxels) that takes 4.1 s of a core: the sites of the lattice are classified, no neighbours
     are searched.
     """
     with clock("check"), progress.stage("check of the scene", quiet):

@@ -2,7 +2,7 @@
 
 `compare(case, result)` takes the `Result` of a run. Values that a reference needs and no other key has are in
 `reference.parameters` (parameters.py). Flows of one fluid are compared in single_phase.py, those of two in
-two_phase.py; what the errors are is in errors.py.
+two_phase.py; errors.py defines the errors.
 """
 
 from __future__ import annotations

@@ -40,14 +40,14 @@ class OtherSampleError(NotComparedError):
 
 
 class TooShortError(NotComparedError):
-    """A run that ends, or was ended, before what is compared happens."""
+    """A run that ends, or was ended, before the time of the comparison."""
 
 
 # -- numbers of the case --------------------------------------------------------------------------------
 
 
 def parameter(case: Case, name: str, derived: Any = None) -> Any:
-    """reference.parameters.<name>, or what the case says elsewhere; one of them must be there."""
+    """reference.parameters.<name>, or `derived`, a value of other keys; CompareError where both are missing."""
     assert case.reference is not None
     value = case.reference.parameters.get(name, derived)
     if value is None:

@@ -25,7 +25,7 @@ _LAYERS = {**_PLATES, "interface": "its height over the lower plate, m; without 
 _DROP = {"drop": "name of its fluid; without it that of which there is less"}
 _TENSION = {"tension": "surface tension, N/m; without it that of the interface"}
 _RADIUS = {"radius": "of the drop at rest, m; without it by its area or volume"}
-# What `reference.parameters` of each kind may hold
+# {kind: {name of a parameter: its meaning}}
 PARAMETERS: dict[str, dict[str, str]] = {
     "slit": {**_PLATES, **_NU, **_PUSH},
     "couette": {**_PLATES, **_LID},

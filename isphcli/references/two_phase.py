@@ -332,7 +332,7 @@ def imbibition_errors(case: Case, result: Result) -> Errors:
     }
 
 
-PEAK = 0.96  # of the largest value: a cubic function goes through what is above, 0.3 on either side for the bubble
+PEAK = 0.96  # of the largest value: a cubic function is fitted to the rows above, of the bubble 0.3 on either side
 LEAST = 10  # rows above it: through fewer no function is fitted
 
 

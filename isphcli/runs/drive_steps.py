@@ -50,7 +50,7 @@ class DriveProgram:
         return window_of(self.steps)
 
     def begin(self, state: State) -> State:
-        """The state under the drive of its step: the first one, or, of a run that goes on, that which it is in."""
+        """The state under the drive of its step: the first step, or that of the restart of a run that goes on."""
         return self._driven(state)
 
     def done(self, state: State) -> bool:
@@ -64,7 +64,7 @@ class DriveProgram:
         return min(looked + self.window, began + self.steps.duration)
 
     def after(self, state: State, config: Configuration) -> State:
-        """The state with what its step of the drive has come to: looked at again, or the next one begun."""
+        """The state with its step of the drive updated: the saturation measured again, or the next step begun."""
         if state.time < self.due(state) * (1.0 - 1e-9):
             return state
         assert state.drive_step is not None

@@ -206,7 +206,7 @@ def parts_of(sizes: Sequence[int], start: Sequence[int] | None = None, each: int
     """Growing cubes of an image: `each` of every edge, the first one in the middle, the others spread evenly; one where
     there is no room for others.
 
-    sizes: voxels along x, y(, z); start: first voxel of what is looked at; shares: edges over the shortest side.
+    sizes: voxels along x, y(, z); start: first voxel of the cropped image; shares: edges over the shortest side.
     """
     start = [0] * len(sizes) if start is None else start
     edges = sorted({max(round(share * min(sizes)), min(LEAST_VOXELS, min(sizes))) for share in shares})

@@ -66,7 +66,7 @@ def draw_in_3d(directory: Path, frame: Frame, geometry: Geometry, flow: Mapping[
     """Pictures of a scene in three dimensions that is deep enough: streamlines, the shear at the walls where stress is
     given (`wall_stress`), two fluids where names are. flow: `x`, `velocity` and, of two fluids, `phase`.
 
-    Where they cannot be drawn, a sentence in warnings says why: the pictures of a plane are there.
+    Where they cannot be drawn, a sentence is added to warnings: the pictures of a plane exist in any case.
     """
     from ..output import render
 

@@ -66,7 +66,7 @@ Rows = list[dict[str, Any]]  # of the history
 
 @dataclass
 class Found:
-    """What the solves of a steady case have found so far, by axis and spacing."""
+    """The results of the solves of a steady case so far, by axis and spacing."""
 
     flows: Flows = field(default_factory=dict)
     closed: Closed = field(default_factory=dict)
@@ -77,7 +77,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Job:
-    """What all spacings of a steady case share.
+    """The objects that all spacings of a steady case share.
 
     geometries: by axis, the first one and, where there are several spacings, those that were needed since; sealed: an
     image whose sides are closed but along the axis of the flow, so that every axis has a geometry and matrices of its
@@ -421,7 +421,7 @@ def _with_throats(found: AxisResult, throats: InThroats, spacing: float, pores: 
 
 
 def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen, porosity: float) -> None:
-    """What the solves along an axis say of its paths and their width, into the warnings and the open axes of `seen`."""
+    """Adds to `seen` what the solves along an axis show: whether it is open, and a warning of narrow pores."""
     name, axis, opened = found.name, "xyz".index(found.name), len(found.shut) < len(case.spacings)
     if found.shut:
         where = f"at the spacing {', '.join(f'{h:g}' for h in found.shut)} " if opened else ""

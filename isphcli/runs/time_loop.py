@@ -38,7 +38,7 @@ class TimeLoop:
     """Runs a state to its end; callbacks write all files.
 
     snapshot(state, config), row(dict) and progress(result, limit) are called as the run goes. `last` is the last
-    step of which all is told (restart.Saved): what a run that stops goes on from.
+    step whose row and snapshot are written (restart.Saved): a run that stops can go on from it.
     measure(state, config): further entries of a row, dict.
     steady: steadiness.Steady of what `observed` says, in a run to a steady state, else None.
     fluid_cells: volume of the fluid in the box over `site_volume`, see `permeability.fluid_cells`, which the mean

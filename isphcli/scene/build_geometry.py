@@ -111,7 +111,7 @@ def _shape_geometry(case: Case, box: _Box, walls: Walls, velocities: Mapping[int
 
 
 def _shapes(case: Case, box: _Box, fluid: int, velocities: Mapping[int, np.ndarray], said: _Said) -> list[Shape]:
-    """The shapes of a case in their order. fluid: what fills the box where no shape is."""
+    """The shapes of a case in their order. fluid: index of the fluid outside of all shapes."""
     from ..geometry.bodies import Shape
 
     shapes: list[Shape] = []
@@ -185,7 +185,7 @@ def _within(body: Spheres, axis: int, sample: tuple[np.ndarray, np.ndarray], nam
 
 def between_reservoirs(lower: np.ndarray, upper: np.ndarray, axis: int,
                        length: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (dim,) of what lies between two reservoirs of a length at the ends of an axis of a box, m."""
+    """Corners (dim,) of the region between two reservoirs of a length at the ends of an axis of a box, m."""
     ends = np.eye(len(lower))[axis] * (length or 0.0)
     return lower + ends, upper - ends
 

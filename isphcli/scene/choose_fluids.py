@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..two_phase.contact_angle import ContactAngle
     from ..two_phase.two_fluids import TwoFluids
 
-FROM_WALL = 0.5  # spacings off the wall at which it is told whether a wall point is on a face
+FROM_WALL = 0.5  # spacings off the wall at which a wall point is tested for being on a face
 ON_FACE = 0.9  # of those: along the diagonal of a right angle the wall is 0.71 of the way off
 
 

@@ -29,7 +29,7 @@ def image_of(spec: Voxels) -> Image:
 
 
 def grey_image(path: Path, layout: Layout, crop: Sequence[Sequence[int]] | None) -> Image:
-    """A part of an image with the values of its file, which nobody may change; the last one is kept."""
+    """A part of an image with the values of its file, which are read-only; the last one is kept."""
     known = _identity(path)
     key = None if known is None else (known, layout, crop)
     if key is not None and _last and _last[0][0] == key:

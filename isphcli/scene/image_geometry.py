@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Understood:
-    """What the values of an image stand for.
+    """The meaning of the values of an image.
 
     labels: int8 [z, y, x] or [y, x], -1 solid, else the index of a fluid; field: None, or float32 of that shape, > 0 in
     fluid, whose zero is the wall; words: which values are solid; described: see `protocol.Geometry`; microporous: int8
@@ -94,7 +94,7 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
 def _layers_that_fit(case: Case, labels: np.ndarray, axis: int | None, edges: np.ndarray, periodic: list[bool],
                      unusual: tuple[str, ...]) -> ClearLayers | None:
     """The clear layers of an image, or None. Raises ParticleError where the image with them does not fit into the
-    memory; unusual: what is odd about the size of its voxels, edges (dim,) m, which may be why."""
+    memory; unusual: warnings on the size of its voxels, edges (dim,) m, a likely cause."""
     clear = added = 0
     if axis is not None and not periodic[axis]:
         clear = _clear_voxels(case, labels, axis, edges, periodic)
@@ -168,7 +168,7 @@ def _brick_geometry(case: Case, spec: Voxels, axis: int | None, walls: Walls) ->
     def labelled(values: np.ndarray) -> np.ndarray:
         return apply_labels(values, spec.labels, names, spec.file, dict(sorted(found.items())))
 
-    labelled(slab.values[:0])  # what does not fit the case is said here
+    labelled(slab.values[:0])  # raises VoxelError here where the labels do not fit the case
     solid = {int(v) for v in np.ravel(np.asarray(spec.labels.get("solid", ())))}
     fluid = sum(count for value, count in found.items() if value not in solid)
     def read(ranges: Sequence[tuple[int, int]]) -> np.ndarray:
@@ -219,7 +219,7 @@ def _of_slabs(read: Callable[[Sequence[tuple[int, int]]], np.ndarray], shape: np
 
 
 def _described_image(case: Case, spec: Voxels, shape: Sequence[int], image: Image) -> tuple[str, str]:
-    """What is said of an image of so many voxels along x, y(, z)."""
+    """The entry of `described` for an image of so many voxels along x, y(, z)."""
     return ("image", f"{_product(shape)} voxels along {', '.join('xyz'[: len(shape)])}"
             + (f", cropped from {_product(_along_xyz(image))}" if spec.crop else "")
             + (f", with the mirror image along {', '.join(case.geometry.mirror)}" if case.geometry.mirror else "")

@@ -118,7 +118,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
 
         with clock("geometry"):
             phi, volume = first_interface(case, geometry, particles, stepper, number)
-    elif two:  # that differ in name only: phi tells them apart
+    elif two:  # fluids that differ in name only: phi has the fluid of each particle
         phi = np.where(particles.phase == 0, spacing, -spacing)
     state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=gradient,
                   phi=phi, number=number, volume=volume)

@@ -157,7 +157,7 @@ def validate_cases(
             for ladder in ladders:
                 try:
                     _climb(ladder, folder, levels or LEVELS, budget, estimate, quiet, say)
-                finally:  # an interrupted ladder leaves what it has
+                finally:  # an interrupted ladder writes the levels that have run
                     write_results(folder, ladders)
             say("")
         return _close(plans, places, out)

@@ -59,14 +59,14 @@ class Cycle:
         return 1 + math.ceil(math.log(max(rows / self.coarsest, 1.0)) / math.log(self.ratio))
 
     def seconds(self, rows: float, neighbours: float, machine: Machine) -> float:
-        """s that the messages of a cycle take, latency alone: what goes between levels is little."""
+        """s of the messages of a cycle, latency alone: the data between levels are few."""
         return self.levels(rows) * self.exchanges * self.spread * neighbours * machine.latency
 
 
 @dataclass(frozen=True)
 class Counted:
-    """What a process sends, (of a step without its iterations, of an iteration) each, as `benchmarks/scaling.py` counts
-    it.
+    """Messages of a process, (of a step without its iterations, of an iteration) each, as counted by
+    `benchmarks/scaling.py`.
 
     exchanges: of values with every neighbour; sent: bytes of these per remote particle; collectives: sums and the like
     over all processes; set_ups: times that a hierarchy is built in a step.

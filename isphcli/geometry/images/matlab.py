@@ -157,7 +157,7 @@ class _Elements:
 
 
 def _whole(part: Callable[[Part], np.ndarray]) -> Callable[[Part], np.ndarray]:
-    """Doubles that are whole numbers, as MATLAB has labels unless told otherwise, as integers."""
+    """Doubles that are whole numbers, in which MATLAB stores labels by default, as integers."""
 
     def whole(keep: Part) -> np.ndarray:
         values = part(keep)

@@ -50,7 +50,7 @@ def open_palabos(path: Path, layout: Layout) -> Stored:
 
 
 def _cut(text: bytes) -> tuple[bytes, bytes]:
-    """The text up to its last blank, and what follows: perhaps the beginning of a number."""
+    """The text up to its last blank, and the rest, perhaps the beginning of a number."""
     at = max(text.rfind(sign) for sign in (b" ", b"\n", b"\t", b"\r")) + 1
     return text[:at], text[at:]
 

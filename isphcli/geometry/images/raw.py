@@ -36,9 +36,9 @@ SIZES = "--set 'geometry.voxels.shape=[100, 100, 50]' (convert-voxels: --shape 1
 def open_raw(path: Path, layout: Layout) -> Stored:
     """Values that follow one another in the order of `layout.axes`, x fastest in zyx.
 
-    What the layout does not say is taken from the sizes and the type in the file's name, or from an mhd or nhdr beside
-    it that names it, where they fit its size in bytes. Raises VoxelError, with likely shapes, where the layout is
-    unknown.
+    Missing entries of the layout are taken from the sizes and the type in the file's name, or from an mhd or nhdr
+    beside it that names it, where they fit its size in bytes. Raises VoxelError, with likely shapes, where the layout
+    is unknown.
     """
     size = os.path.getsize(path)
     if layout.shape is None and layout.dtype is None and (header := _header_beside(path)) is not None:
