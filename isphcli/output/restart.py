@@ -136,7 +136,7 @@ def _save_together(path: str | Path, saved: Saved, record: Mapping[str, Any]) ->
                         file.write(data)
             with archive.open("sha256.npy", "w") as file:
                 np.lib.format.write_array(file, np.frombuffer(total.digest(), dtype=np.uint8), allow_pickle=False)
-    ranks.collect(None)  # the file is complete: all may use it
+    ranks.collect(None)  # all wait until the file is complete
 
 
 def require(path: str | Path) -> None:
