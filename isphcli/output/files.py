@@ -24,7 +24,7 @@ from ..domain.communicator import current, on_first
 from . import folder
 
 SNAPSHOTS = "snapshots"
-FLUSH_EVERY = 8  # rows of a table: at most so many are lost when a run is killed
+FLUSH_EVERY = 8  # rows of a table: what a killed run may lose of it
 INTEGER_FIELDS = ("phase", "kind", "component")
 # The order of keys in summary.json; keys not named here follow in the order in which they came.
 SUMMARY_KEYS = (

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 UNITS = {"velocity": "m/s", "pressure": "Pa", "distance": "m", "divergence": "1/s"}
-REACH = 1.8  # spacings from the middle of a cell within which particles are fitted: those at its corners and the next
-AT_ONCE = 100_000  # cells that are fitted at once: bounds the memory
+REACH = 1.8  # spacings within which particles count for the middle of a cell: those of its corners, and the next ones
+AT_ONCE = 100_000  # cells that are fitted in one go: bounds the memory
 BLOCK = 1 << 20  # bytes that are compressed together
 TYPES = {"f8": "Float64", "i4": "Int32", "u1": "UInt8"}
 
