@@ -18,7 +18,7 @@ from isphcli.two_phase import surface_tension, transposed_stress, two_fluids
 
 TIMED = (
     (two_fluids, ("find_interface", "cut", "carried", "kept_volumes", "strain", "_weigh_viscous", "_weigh_pressure",
-                  "_thicken")),
+                  "_add_viscosity")),
     (transposed_stress, ("_tensors",)),
     (transposed_stress.TransposedStress, ("add",)),
     (surface_tension, ("_jump",)),

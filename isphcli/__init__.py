@@ -1,7 +1,7 @@
 """isphcli: flow through rock and other complex solids by consistent implicit incompressible SPH.
 
 In Python (docs/python.md): `isphcli.run(case)`, `isphcli.permeability(image, voxel_size=...)`,
-`isphcli.load_case(...)`. Nothing heavy is imported before one of them is called.
+`isphcli.load_case(...)`. No numerical library is imported before one of them is called.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Python's door: `run`, `load_case`, `permeability`, and what they return. The commands go through it too.
+"""The interface for Python: `run`, `load_case`, `permeability`, and their results. The commands use it too.
 
     import isphcli
     found = isphcli.permeability(image, voxel_size=2.25e-6, axis="x", refine="auto")
     found.permeability, found.permeability_error, found.warnings
     found.grid().arrays["velocity"]      # [z, y, x, 3]
 
-Nothing heavy is imported before a function is called. docs/python.md shows more.
+No numerical library is imported before a function is called. docs/python.md shows more.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run found: numbers, bars and warnings, and the flow at the end.
+    """The result of a run: numbers, error bars and warnings, and the flow at the end.
 
     case: as it was run, all defaults filled in; summary: the keys of summary.json (docs/output.md); flow: the flow at
     the end of the run, of a steady solve at its finest spacing along its first axis; directory: the folder with its
@@ -75,7 +75,7 @@ class RunResult:
 
     @property
     def permeability_range(self) -> Sequence[float] | dict[str, Sequence[float]] | None:
-        """(lowest, highest) k that the value stands for, m2, as `permeability`; None where nothing is known of it."""
+        """(lowest, highest) k within the expected errors, m2, as `permeability`; None where they are unknown."""
         return self.summary.get("permeability_range")
 
     @property
@@ -111,7 +111,7 @@ class RunResult:
 
     @property
     def history(self) -> Sequence[Mapping[str, Any]]:
-        """A dict a step, or a solve: the columns of history.csv."""
+        """A dict per step, or per solve: the columns of history.csv."""
         return self.flow.history
 
     def grid(self, cell: float | None = None) -> Grid:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from .domain.communicator import Ranks
     from .runs.relative_permeability import Relative
 
-# What each stands for: EXIT_CODES
+# Their meanings: EXIT_CODES
 OUTSIDE, BAD_INPUT, FAILED, INTERNAL, STOPPED_SHORT, INTERRUPTED = 1, 2, 3, 4, 5, 130
 NOT_READ = 141  # as the shell says it of programs that end with SIGPIPE
 EXIT_CODES = """\
@@ -53,7 +53,7 @@ class Unusable(ValueError):
 
 
 def set_threads(threads: int | None, quiet: bool = False) -> None:
-    """`environment.settle_threads`, what it has to say on stderr unless `quiet`."""
+    """Calls `environment.settle_threads`; prints its sentence on stderr unless `quiet`."""
     note = settle_threads(threads)
     if note and not quiet:
         complain(note)
@@ -66,7 +66,7 @@ def exit_code(error: BaseException) -> int:
     """Exit code of an exception."""
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED
-    names = {cls.__name__ for cls in type(error).__mro__}  # without importing what did not run
+    names = {cls.__name__ for cls in type(error).__mro__}  # by name, without importing modules that were not used
     if names & {"SolveError", "StepError", "RunError", "NotFiniteError", "CompareError", "LinAlgError", "RenderError"}:
         return FAILED
     if isinstance(error, (OSError, MemoryError)):
@@ -77,7 +77,7 @@ def exit_code(error: BaseException) -> int:
 
 
 def message(error: BaseException) -> str:
-    """What is said about an exception."""
+    """The message that is printed for an exception."""
     restart = getattr(error, "restart", None)
     left = f"\nrestart file: {restart}" if restart else ""
     worst = getattr(error, "worst", None)
@@ -123,19 +123,19 @@ def guarded(function: Callable[..., int | None]) -> Callable[..., None]:
     return command
 
 
-FAIL_TOGETHER = 5.0  # s: ranks that fail for the same reason do so within it; later one ends those that wait for it
+FAIL_TOGETHER = 5.0  # s within which ranks that fail for the same reason fail; one that fails alone ends the others
 
 
 def several() -> Ranks | None:
     """The processes that run a case together; None of one alone."""
-    module = sys.modules.get(f"{__package__}.domain.communicator")  # without importing numpy to say what is wrong
+    module = sys.modules.get(f"{__package__}.domain.communicator")  # not imported for a message: it imports numpy
     ranks = module.current() if module is not None else None
     return ranks if ranks is not None and ranks.size > 1 else None
 
 
 def fail_together(text: str, code: int) -> None:
-    """What all processes have to say of their failure, once, where all of them failed. One that failed alone says so
-    and ends the others, which would wait for it for ever."""
+    """Prints the message of a failure of all processes once. A process that failed alone prints its message and ends
+    the others, which would wait for it for ever."""
     ranks = several()
     assert ranks is not None
     said = ranks.agree_to_fail(text, FAIL_TOGETHER)
@@ -148,7 +148,8 @@ def fail_together(text: str, code: int) -> None:
 
 
 def complain(text: str) -> None:
-    """A line on stderr; nothing where that is full or no longer read, which changes no exit code."""
+    """Prints a line on stderr; an error in that, of a full disk or a closed pipe, is ignored and changes no exit
+    code."""
     with contextlib.suppress(OSError):
         click.echo(text, err=True)
 
@@ -263,7 +264,7 @@ def run(
     check_directory(directory_of(case))
     from . import api
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: with a restart file
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # SIGTERM ends a run as Ctrl-C does: with a restart file
     try:
         found = api.run(case, out=directory_of(case), quiet=quiet, restart=restart, overwrite=overwrite,
                         threads=threads)
@@ -303,7 +304,7 @@ def is_image(path: Path) -> bool:
 
 
 def case_of_image(path: Path, overrides: tuple[str, ...]) -> Case:
-    """A case of an image, with what was assumed on stderr; Unusable where too little is known."""
+    """A case of an image, its assumptions printed on stderr; Unusable where too little is known."""
     from .geometry.images.image import VoxelError
     from .scene.first_case import first_case
 
@@ -327,7 +328,7 @@ def refuse_image(path: Path, reason: str) -> None:
     from .geometry.images.read import image_shape
 
     shape = image_shape(path)
-    if shape is None:  # what is wrong with the file is said by its error
+    if shape is None:  # the error of the reader says what is wrong with the file
         return
     size, name = " x ".join(map(str, shape[::-1])), shlex.quote(str(path))
     raise Unusable(f"{reason} (an image of {size} voxels along {', '.join('xyz'[: len(shape)])}). Or keep what is "
@@ -446,7 +447,7 @@ def say_check(case: Case, ranks: int | None) -> int:
 
 
 def told(outcome: tuple[str, bool]) -> int:
-    """Print a page, and say by the exit code whether all that is on it keeps its bounds."""
+    """Print a page; returns the exit code, by whether everything on it keeps its bounds."""
     text, passed = outcome
     click.echo(text)
     return 0 if passed else OUTSIDE
@@ -620,7 +621,7 @@ def convert_voxels(source: Path, target: Path, picture: bool, force: bool, **opt
 
 
 def image_lines(known: Mapping[str, Any]) -> str:
-    """What came of `convert_images.convert` as text."""
+    """The report of `convert_images.convert` as text."""
     size, solid = known["voxel_size"], known["solid"]
     total = sum(known["labels"].values())
     axes = known["percolates"]
@@ -714,7 +715,7 @@ def share_of(text: str) -> tuple[float, float]:
 
 
 def relative_lines(found: Relative) -> list[tuple[str, str]]:
-    """What is printed of one snapshot."""
+    """The printed lines of one snapshot."""
     note = (", of both as one fluid, between walls taken from cells of a spacing; those of isph run are of the image "
             "(0.4 and 1.4 % apart in two pieces of Berea)")
     lines = [("time", f"{found.time:g} s"), (f"permeability {found.axis}", permeability(found.permeability) + note)]
@@ -726,7 +727,7 @@ def relative_lines(found: Relative) -> list[tuple[str, str]]:
 
 
 def relative_table(found: Sequence[Relative]) -> str:
-    """Comma-separated values, a line a snapshot; leads_through_<fluid> is 1 where a path of its own does, else 0."""
+    """Comma-separated values, a line per snapshot; leads_through_<fluid> is 1 where the fluid percolates, else 0."""
     a, b = found[0].names
     lines = [f"time,saturation_{a},saturation_{b},k_r_{a},k_r_{b},leads_through_{a},leads_through_{b}"]
     return "\n".join(lines + [",".join(f"{v:.6g}" for v in (f.time, *f.saturation, *f.relative, *f.leads_through))
@@ -811,7 +812,7 @@ def examples(name: str | None, folder: Path | None) -> None:
 
 
 def may_write(target: Path, force: bool) -> None:
-    """Raises Unusable where a file is there that `force` does not give up."""
+    """Raises Unusable where the file exists, unless `force` allows to replace it."""
     if target.exists() and not force:
         raise Unusable(f"{target}: is there already; name another file with --to, or replace it with --force")
 
@@ -965,7 +966,7 @@ def rev(case_file: Path, each: int, out: Path | None, overwrite: bool, threads: 
 def film(folder: Path, target: Path, rate: float, view: str, force: bool, quiet: bool) -> None:
     """Make a film of the snapshots of the run in OUT: of two fluids where each of them is, of one its speed.
 
-    A frame a snapshot: `output.every` of the case says how often one is taken.
+    One frame per snapshot: `output.every` of the case says how often one is taken.
 
     \b
     isph film out/rock_drainage
@@ -1027,7 +1028,7 @@ def keys(words: tuple[str, ...], schema: bool) -> None:
 
 
 def nearest_word(text: str, known: Iterable[Sequence[str]]) -> str | None:
-    """What the keys have that is written almost like it: a path if it has dots, else the name of a key or a word."""
+    """The known name that is spelt most like a text: a path if it has dots, else the name of a key or a word."""
     from difflib import get_close_matches
 
     paths = {cells[0].replace("[]", "").replace("<name>.", ""): cells[0] for cells in known}

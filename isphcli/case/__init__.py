@@ -1,1 +1,1 @@
-"""What is asked: the language of case files, and the one reading of what drives the flow."""
+"""The language of case files, its checks, and the one reading of what drives the flow."""

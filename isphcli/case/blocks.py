@@ -1,5 +1,5 @@
 # ruff: noqa: RUF009  (a dataclass default that is a call is what `key` is for; it makes a `field`)
-"""The case language: one frozen dataclass a block, the one place of its keys, defaults, bounds and their texts."""
+"""The case language: one frozen dataclass per block, with its keys, their defaults, bounds and documentation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DTYPES = ("uint8", "uint16", "uint32", "uint64", "int8", "int16", "int32", "int6
 LATTICES = {2: ("square", "hexagonal"), 3: ("cubic", "bcc")}  # by dimension, the default first
 FLOWS = ("navier_stokes", "stokes")
 SUPPORT, SUPPORT_MOVING_2D = 2.1, 2.3  # defaults, measured: benchmarks/support.py
-SUPPORT_TENSION_2D = 2.8  # curvature of a disk: bias -1 % with 2.3 (docs/method.md 12)
+SUPPORT_TENSION_2D = 2.8  # with 2.3 the curvature of a disk is 1 % too small (docs/method.md 12)
 WALL_DISTANCES = ("exact", "smooth", "stairs")
 KERNELS = ("wendland_c2", "wendland_c4", "quintic_spline")
 FIELDS = ("velocity", "pressure", "phase", "distance", "divergence")
@@ -449,7 +449,8 @@ class InterfaceBlock:
 
 @dataclass(frozen=True, kw_only=True)
 class Reservoirs:
-    """What is injected at one end of a scene and leaves at the other: two reservoirs, of one fluid each.
+    """Two reservoirs, of one fluid each: the fluid of the inlet is injected at one end of a scene, and fluid leaves at
+    the other end.
 
     They are the clear layers of an image, or the two ends of a box that is periodic along the axis. Fluid that leaves
     one end of the box comes in at the other as the fluid of the reservoir there.
@@ -499,7 +500,7 @@ class DriveSteps:
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """What makes the fluid move."""
+    """What drives the flow."""
 
     body_force: TimedVector | None = key(
         "acceleration of the fluid, such as gravity: [0, 0, -9.81]. An entry may be a formula of the time t in s "
@@ -536,7 +537,7 @@ class Drive:
 
     @property
     def named_axes(self) -> tuple[str, ...]:
-        """Axes along which it names a flow and leaves the force to the run; none where it gives a force."""
+        """Axes of a flow whose force the run chooses; none where the block gives a force."""
         return self.axes or tuple(self.superficial_velocity or ())
 
 
@@ -569,7 +570,7 @@ class Initial:
 
 @dataclass(frozen=True, kw_only=True)
 class Time:
-    """How long and in which steps; needs `end` or `steady`, and stops at what comes first."""
+    """Duration and steps of a run; needs `end` or `steady`, and the run stops at the first of them."""
 
     end: float | None = key("time at which the run ends", default=None, unit="s", above=0)
     steady: float | None = key(
@@ -614,7 +615,7 @@ class Solver:
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
-    """What a run leaves behind."""
+    """The files that a run writes."""
 
     directory: Path | None = key(
         "where results go, from the working directory. Without it: out/<name of the case file>", default=None
@@ -649,7 +650,7 @@ class Output:
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """What `isph validate` compares the result with."""
+    """The values with which `isph validate` compares the result."""
 
     kind: str = key("the solution to compare with", choices=REFERENCE_KINDS)
     value: float | Vector | None = key(
@@ -689,7 +690,7 @@ class Reference:
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A case: everything that was asked for."""
+    """A case: all its blocks."""
 
     title: str = key("free text", default="")
     geometry: GeometryBlock = key("where there is fluid and where there is solid")
@@ -768,8 +769,8 @@ class Case:
 
     @property
     def spacings(self) -> tuple[float, ...]:
-        """Spacings that it names, m; `refine: auto` adds others as it goes (`runs/refinement.py`), `throats` half of it
-        in parts (`runs/half_in_throats.py`)."""
+        """Spacings that the case names, m; `refine: auto` adds others during the run (`runs/refinement.py`), `throats`
+        half of the spacing in some cells (`runs/half_in_throats.py`)."""
         return (self.particles.spacing, *(() if isinstance(self.refine, str) else self.refine))
 
     @property
@@ -791,7 +792,7 @@ class Case:
         return self.particles.lattice or LATTICES[dim][0]
 
     def completed(self) -> Case:
-        """The same case with all that it can decide by itself filled in."""
+        """The same case with the defaults that depend on other keys filled in."""
         geometry, particles = self.geometry, self.particles
         geometry = replace(geometry, wall_distance=self.wall_distance)
         particles = replace(particles, support=self.support)
@@ -806,7 +807,7 @@ class Case:
 
 
 def plain(value: Any) -> Any:
-    """Dataclasses, tables and tuples as the dicts and lists that YAML knows, without what is None."""
+    """Dataclasses, tables and tuples as dicts and lists, the types of YAML, without entries that are None."""
     if is_dataclass(value):
         cls: Any = type(value)
         attributes = {k.name: getattr(value, k.attribute) for k in keys_of(cls).values()}

@@ -1,7 +1,7 @@
-"""What must hold between the keys of a case. Each check reports all it finds and never raises.
+"""Checks between the keys of a case. Each reports all problems that it finds and never raises.
 
-A value that could not be read is None and has a problem at its path: a check asks `clear` for the paths
-that it looks at, and leaves alone what already has a problem.
+A value that could not be read is None and has a problem at its path: a check calls `clear` with the paths
+that it uses, and skips values that have a problem already.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ WITHOUT_SIZE = (".npy", ".png", ".bmp", ".dat")  # images that never tell the si
 HEADERLESS = {"shape": (".raw", ".bin", ".dat"), "dtype": (".raw", ".bin"), "offset": (".raw", ".bin"),
               "byte_order": (".raw", ".bin")}  # fmt: skip
 OF_A_FORCE = ("poiseuille", "startup_poiseuille", "two_layer_poiseuille")  # solutions that a given force makes
-FEWEST_STEPS = 10  # in which blocks may return to their volume: each brings back a tenth of what they are off
-MAX_SITES = 1e9  # of the lattice: far above what a machine holds, so the lengths must be mistaken
+FEWEST_STEPS = 10  # steps in which the volume of a block may be restored: a step restores a tenth of its error at most
+MAX_SITES = 1e9  # most lattice sites, far more than fit into a memory: with more the lengths must be mistaken
 
 
 def check_case(case: Case, problems: ProblemList) -> None:
-    """Report what is wrong between the keys."""
+    """Report keys that contradict each other."""
     checks = _Checks(case, problems)
     for check in (
         checks.fluids,
@@ -87,7 +87,7 @@ class _Checks:
         self.problems.add(self.case.place_of(path), path, message, fix)
 
     def format(self) -> None:
-        """Said before hours of a run whose files could not be written."""
+        """A missing library for the output is reported now, not after hours of a run whose files it has to write."""
         if self.case.output.format == "xdmf" and find_spec("h5py") is None:
             self.bad("output.format", "xdmf needs h5py, which is not installed", "pip install h5py, or take vtk")
 
@@ -465,7 +465,7 @@ class _Checks:
                 self._spacing_fits(spacing, f"refine.{i}")
 
     def _wrong_in_throats(self) -> Iterator[str]:
-        """What a case has that particles of two spacings do not know (`operators/mixed_weights.py`)."""
+        """Features of a case that particles of two spacings do not support (`operators/mixed_weights.py`)."""
         case = self.case
         if case.particles.lattice not in (None, "cubic", "square"):
             yield f"lattice {case.particles.lattice}"
@@ -509,7 +509,7 @@ class _Checks:
         self.reference_parameters()
 
     def reference_parameters(self) -> None:
-        """Names and values of what the kind of the reference needs: a run would find them wrong at its end only."""
+        """Names and values of the parameters of a reference: a run would find mistakes in them at its end only."""
         from ..references.parameters import OF_TWO_FLUIDS, PARAMETERS, needed, words
 
         reference, path = self.case.reference, "reference.parameters"
@@ -531,7 +531,7 @@ class _Checks:
                 self.bad(place, f"{shown(str(value))} is not a choice", suggest(str(value), known))
 
     def reference_values(self) -> None:
-        """A permeability has one value or one an axis, and what it is of as many ranges and edges."""
+        """A permeability has one value or one per axis, and its sample one range and one edge of a voxel per axis."""
         reference = self.case.reference
         if reference is None or reference.kind != "permeability" or not self.clear("reference", "geometry.box"):
             return
@@ -547,7 +547,7 @@ class _Checks:
                          "give one an axis" + (", or one number and reference.axes" if name == "value" else ""))
 
     def reference_names(self) -> None:
-        """What `reference.geometry` names are names of this case: a misspelled one would be of another geometry."""
+        """Names in `reference.geometry` exist in this case: a misspelled one would be that of another geometry."""
         reference, path = self.case.reference, "reference.geometry"
         if reference is None or not self.clear("fluids", "microporous"):
             return
@@ -575,7 +575,7 @@ class _Checks:
 
 
 def _dimension_of(case: Case) -> int | None:
-    """Of the box, or of the image by its header, whose values are unread; None where there is no telling."""
+    """Dimension of the box, or of the image by its header alone; None where it is unknown."""
     scene = case.geometry
     if scene is None or scene.box is not None or scene.voxels is None or scene.voxels.file is None:
         return None if scene is None else case.dim

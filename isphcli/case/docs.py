@@ -1,4 +1,4 @@
-"""Writes what is generated from the case language: `docs/keys.md` and `docs/case.schema.json`.
+"""Writes the files generated from the case language: `docs/keys.md` and `docs/case.schema.json`.
 
 Run `python -m isphcli.case.docs` after a change of the language; a test compares the files.
 """

@@ -67,7 +67,7 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _inputs(block: Any) -> Iterator[Path]:
-    """Files that a case reads: every path in its blocks but where it writes and where it was read from."""
+    """Files that a case reads: every path in its blocks except the output directory and the case file itself."""
     if isinstance(block, Path):
         yield block
     elif isinstance(block, Table):

@@ -98,7 +98,7 @@ def _parse(expression: str) -> ast.expr:
 
 
 def _check_node(node: ast.AST, variables: tuple[str, ...], depth: int) -> None:
-    """Refuse whatever is not on the list, and say what."""
+    """Raises `ExpressionError` for a node that is not on the list, with its name."""
     if depth > MAX_DEPTH:
         raise ExpressionError(f"nested more than {MAX_DEPTH} deep")
     for child in _operands(node, variables):

@@ -1,8 +1,8 @@
-"""The list of forces that a case may have beside its drive, `FORCES`: what each is called, makes, and needs.
+"""The list of forces that a case may have beside its drive, `FORCES`: the name, constructor and checks of each.
 
-A new force is its key in case/blocks.py and one entry of `FORCES`, with the functions that the entry names. All else
-asks the list: both flows, the check of the case, the limits of steps, and `terms` of summary.json. The
-drive itself, uniform forces and what may be held or change with time, is read in case/forcing.py.
+A new force is its key in case/blocks.py and one entry of `FORCES`, with the functions that the entry names. All other
+code uses the list: both flows, the check of the case, the limits of steps, and `terms` of summary.json. The drive
+itself, that is uniform forces, held velocities and formulas of time, is read in case/forcing.py.
 """
 
 from __future__ import annotations
@@ -85,12 +85,12 @@ FORCES = (
 
 
 def forces_of(case: Case, geometry: Geometry) -> tuple[Force, ...]:
-    """The forces of a case, in the order of the list."""
+    """The forces that a case has, in the order of the list."""
     found = (known.make(case, geometry) for known in FORCES)
     return tuple(force for force in found if force is not None)
 
 
 def wrong_with_forces(case: Case, dim: int | None) -> Problems:
-    """What is wrong with the keys of the forces of a case; dim: of its scene, None before an image is read."""
+    """Problems of the keys of the forces of a case; dim: of its scene, None before an image is read."""
     for known in FORCES:
         yield from known.wrong(case, dim)

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
     from .blocks import Case, DriveSteps, ShapeBlock, Timed, Wall
 
-SAMPLES = 4000  # times of a run at which formulas are looked at for their largest values
+SAMPLES = 4000  # times of a run at which formulas are evaluated to find their largest values
 
 
 def drives(case: Case, geometry: Geometry) -> list[tuple[int | None, np.ndarray]]:
     """[(axis, acceleration (dim,) of the first fluid, m/s2)] that a case asks for, at the start. The axis is None where
-    walls move: what they drag along is not a response to the drive, and gives no permeability. A pressure drop is over
-    the whole length of the geometry, its clear layers included."""
+    walls move: the flow that they drag along is not a response to the drive, and has no permeability. A pressure drop
+    is over the whole length of the geometry, its clear layers included."""
     dim, axes = geometry.dim, steady_axes(case)
     if axes and not walls_move(case):
         return [(axis, np.eye(dim)[axis]) for axis in axes]
@@ -37,7 +37,7 @@ def drives(case: Case, geometry: Geometry) -> list[tuple[int | None, np.ndarray]
 
 
 def is_driven(case: Case) -> bool:
-    """Whether a case has a drive at all, be it of zeros."""
+    """Whether a case has a drive at all, even one of zeros."""
     return case.drive is not None
 
 
@@ -57,8 +57,8 @@ def drives_of_zero(case: Case) -> list[str]:
 
 
 def force_is_given(case: Case) -> bool:
-    """Whether a case says what constant force drives it; not where it names axes or a velocity, whose force is up to
-    the run, nor where the force changes with time."""
+    """Whether a case gives a constant driving force; false where it names axes or a velocity, for which the run finds
+    the force, and where the force changes with time."""
     return case.drive is None or not (case.drive.named_axes or case.drive.steps or _of_time(_drive_items(case)))
 
 
@@ -100,7 +100,7 @@ def pressure_gradient(case: Case, lengths: np.ndarray, time: float | np.ndarray 
 
 def acceleration(case: Case, lengths: np.ndarray, time: float | np.ndarray = 0.0) -> np.ndarray:
     """Acceleration (..., dim) of the first fluid, m/s2, that body force and pressure drops give over a box of edges
-    lengths (dim,), m; zero where the force is up to the run."""
+    lengths (dim,), m; zero where the run finds the force."""
     force = body_force(case, len(lengths), time)
     density = next(iter(case.fluids.values())).density
     for axis, drop in _pressure_drops(case, time).items():
@@ -109,8 +109,7 @@ def acceleration(case: Case, lengths: np.ndarray, time: float | np.ndarray = 0.0
 
 
 def strongest_acceleration(case: Case, lengths: np.ndarray, time: float | np.ndarray = 0.0) -> np.ndarray:
-    """Size (...) of the acceleration of the fluid that is accelerated most, m/s2: a pressure drop moves the light one
-    more."""
+    """Size (...) of the largest acceleration of a fluid, m/s2: a pressure drop accelerates a light fluid more."""
     body, gradient = body_force(case, len(lengths), time), pressure_gradient(case, lengths, time)
     gradient = gradient + _largest_step(case, lengths)
     densities = {fluid.density for fluid in case.fluids.values()}
@@ -223,8 +222,8 @@ def reservoir_axes(case: Case) -> list[int] | None:
 
 
 def flow_axis(case: Case) -> int | None:
-    """Axis of the reservoirs; else of the drive: of its only or its largest component, by what the case says without
-    lengths; None without both."""
+    """Axis of the reservoirs; else that of the only or largest component of the drive, as far as the case alone,
+    without the lengths of the box, determines it; None without both."""
     drive = case.drive
     if case.reservoirs is not None:
         return "xyz".index(case.reservoirs.axis)
@@ -260,7 +259,7 @@ def held_axis(case: Case) -> int | None:
 
 
 def in_words(case: Case) -> str:
-    """What moves the fluid."""
+    """The drive of a case in words."""
     if case.drive is None:
         return "no drive"
     if case.drive.axes:
@@ -280,8 +279,8 @@ def walls_move(case: Case) -> bool:
 
 
 def opens(case: Case, axis: int) -> bool:
-    """Whether fluid can leave the box along an axis: it repeats, or has clear layers, which lie at the ends of the axis
-    of the flow, of each one where a steady case names several."""
+    """Whether fluid can leave the box along an axis: it is periodic, or has clear layers, which lie at both ends of the
+    axis of the flow, of each one where a steady case names several."""
     return "xyz"[axis] in case.geometry.repeats or (_has_layers(case) and axis in (flow_axis(case), *steady_axes(case)))
 
 
@@ -291,7 +290,7 @@ def _has_layers(case: Case) -> bool:
 
 
 def why_closed(case: Case, *axes: int) -> str:
-    """Why nothing flows along axes without a path, and what to do."""
+    """A sentence on why nothing flows along axes without a path, and what to do."""
     walled = [axis for axis in axes if not opens(case, axis)]
     found = []
     if walled:

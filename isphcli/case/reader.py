@@ -1,7 +1,7 @@
 """Reads a tree of YAML nodes into the frozen dataclasses that declare a language.
 
-Knows nothing of flows: a block is a dataclass, its keys are the fields declared with `key(...)`, and
-everything that can be checked on one value (type, bounds, choices, spelling) is checked here.
+It does not depend on the content of the language: a block is a dataclass, its keys are the fields declared with
+`key(...)`, and all that can be checked of a single value (type, bounds, choices, spelling) is checked here.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ V = TypeVar("V")
 _NUMBER = re.compile(r"[-+]?([0-9][0-9_]*(\.[0-9_]*)?|\.[0-9][0-9_]*)([eE][-+]?[0-9]+)?")
 _BOOLS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 _SCALARS = (bool, int, float, str, Path)  # the order in which a union of them is tried
-_MAX_INT = 2**53  # beyond it a float no longer tells neighbours apart
+_MAX_INT = 2**53  # largest integer up to which all are exact in double precision
 
 
 @dataclass(frozen=True, kw_only=True)
 class Key:
-    """What is declared of a key besides its type and default."""
+    """The declaration of a key, besides its type and default."""
 
     doc: str
     unit: str = ""
@@ -86,7 +86,7 @@ class Table(Mapping[str, V], Generic[V]):
 
 @dataclass(frozen=True)
 class Declared:
-    """One key of a block: its name in the file and in Python, its type and what `key` said."""
+    """One key of a block: its name in the file and in Python, its type and the arguments of `key`."""
 
     name: str
     attribute: str
@@ -155,7 +155,7 @@ class _Bad(Exception):
 
 
 class Reader:
-    """Reads one tree; `places` says afterwards where each dotted path was written.
+    """Reads one tree; `places` then holds the file and line of each dotted path.
 
     A value with a problem becomes None, so that the rest can still be read and checked.
     """
@@ -358,7 +358,7 @@ class Reader:
         return Path(value)
 
     def _unknown(self, name: str, node: Node, path: str, known: Iterable[str], what: str) -> str | None:
-        """Report an entry of `node` that nobody knows; returns the name that was probably meant."""
+        """Report an unknown entry of `node`; returns the name that was probably meant."""
         if self.problems.full:
             return None  # looking for similar names is not free
         self.problems.add(
@@ -380,7 +380,7 @@ def closest(name: str, known: Iterable[str]) -> str | None:
 
 
 def suggest(name: str, known: Iterable[str]) -> str:
-    """What to write instead of an unknown name."""
+    """Advice on what to write instead of an unknown name."""
     known = list(known)
     near = closest(name, known)
     return f"did you mean {near!r}?" if near else f"known are {', '.join(known)}"
@@ -410,6 +410,6 @@ def _join(path: str, name: str) -> str:
 
 
 def _summary(spec: Key) -> str:
-    """What a key is for, in short: its doc up to the first full stop or semicolon."""
+    """The purpose of a key: its doc up to the first full stop or semicolon."""
     text = "give " + re.split(r"[.;](?:\s|$)", spec.doc)[0]
     return f"{text}, in {spec.unit}" if spec.unit else text

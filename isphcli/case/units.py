@@ -18,7 +18,7 @@ EXACT = 1e-12  # relative: nearer to a power of ten a factor is that power, and 
 
 
 class UnitError(ValueError):
-    """A unit that is not known, or of another dimension than the number should have."""
+    """A unit that is not known, or has another dimension than the key."""
 
 
 @cache
@@ -51,12 +51,12 @@ def number_in(text: str, unit: str) -> float:
 
 @cache
 def _factor(given: str, unit: str) -> float:
-    """What a number in one unit is multiplied by to be in another."""
+    """The factor from one unit to another."""
     import pint
 
     try:
         source = _parsed(given)
-    except Exception:  # whatever text that is no unit makes pint raise
+    except Exception:  # pint raises many kinds of errors for text that is no unit
         raise UnitError(f"the unit '{given}' is not known") from None
     target = _parsed(unit)
     if unit == "rad/s" and not re.search("radian|degree|turn|revolution", str(source)):

@@ -17,14 +17,14 @@ from typing import NamedTuple
 
 import yaml
 
-# Of a case file, at most, so that any file is refused or read in moments; far above what cases have
+# Bounds of a case file, far above those of real cases: any file is refused or read in less than seconds
 MAX_BYTES = 1_000_000
 MAX_NODES = 100_000
 MAX_DEPTH = 32
-MAX_PROBLEMS = 100  # that are listed
+MAX_PROBLEMS = 100  # problems of a case that are listed
 _TOO_DEEP = f"nested more than {MAX_DEPTH} deep"
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-# what text may not contain: a terminal obeys some, PyYAML does not write others back, none has a use
+# characters that text may not contain: some control a terminal, others PyYAML does not write back, none has a use
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff]")
 # quoted text and comments, whose brackets open nothing; openers and closers of lists and blocks
 _QUOTED = r'(?<![^\s,\[{:])(?:"(?:[^"\\]|\\.)*+"|\'(?:[^\']|\'\')*+\')'
@@ -83,13 +83,13 @@ class ProblemList:
         return len(self.problems) >= MAX_PROBLEMS
 
     def add(self, where: Where, key: str, message: str, fix: str = "") -> None:
-        """A problem of a key (dotted path), with what would mend it."""
+        """Adds a problem of a key (dotted path); fix: what to do about it."""
         self.broken.add(key)
         if not self.full:
             self.problems.append(Problem(where.file, where.line, key, message, fix))
 
     def clear_of(self, *keys: str) -> bool:
-        """True if nothing is wrong at, above or below any of the keys; False once there is no telling."""
+        """True if no problem lies at, above or below any of the keys; False once problems are no longer recorded."""
         return not self.full and not any(
             bad == key or bad.startswith(key + ".") or key.startswith(bad + ".")
             for bad in self.broken
@@ -325,7 +325,7 @@ class _Builder:
         self.keys.append(None)
 
     def _name(self) -> str:
-        """What the next value is called in its parent."""
+        """The key of the next value in its parent, or its number in a list."""
         if not self.stack:
             return ""
         parent, key = self.stack[-1].value, self.keys[-1]

@@ -1,8 +1,8 @@
-"""The processes that share a scene: who they are and what they tell each other.
+"""The processes that share a scene: their number, and sums, extremes and lists over them.
 
-`mpiexec -n 4 isph run case.yaml` starts four of them, ranks 0 to 3; without mpiexec there is one. All take the same
-way through the program, and what combines values of different particles asks `current()`. What is called on some ranks
-only must not: the others would wait for it.
+`mpiexec -n 4 isph run case.yaml` starts four of them, ranks 0 to 3; without mpiexec there is one. All execute the same
+statements, and a function that combines values of different particles uses `current()`. A function that only some ranks
+call must not use it: these ranks would wait for the others for ever.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ class RanksError(ValueError):
 
 @dataclass
 class Traffic:
-    """What this process has sent since its start, but within PETSc.
+    """What this process has sent since its start; messages of PETSc are not counted.
 
     messages: to other processes, one by one; sent: bytes of these; collectives: sums and the like over all processes;
-    waited: CPU s spent in both, most of it in waiting for others.
+    waited: CPU s spent in messages and collectives, most of it in waiting for other processes.
     """
 
     messages: int = 0
@@ -57,7 +57,7 @@ TRAFFIC = Traffic()
 
 
 class Communicator(Protocol):
-    """What processes do together. rank: this one, from 0; size: their number; here: those on this machine.
+    """Operations of all processes. rank: number of this one, from 0; size: number of all; here: number on this machine.
 
     All ranks call these in the same order.
     """
@@ -88,7 +88,7 @@ class Communicator(Protocol):
 
 
 class Alone:
-    """One process: everything is its own."""
+    """One process, which owns all particles."""
 
     rank, size, here = 0, 1, 1
 
@@ -147,7 +147,7 @@ class Ranks:
             return self.raw.gather(value)
 
     def agree_to_fail(self, text: str, patience: float) -> list[str] | None:
-        """What every rank has to say of its failure, where all of them fail within `patience` seconds; else None."""
+        """The error messages of all ranks, where all of them fail within `patience` seconds; else None."""
         from time import monotonic, sleep
 
         everyone, until = self._failing.Ibarrier(), monotonic() + patience
@@ -171,7 +171,7 @@ def current() -> Communicator:
 
 
 def join(wanted: int) -> Communicator:
-    """Makes the processes that mpiexec has started, `wanted` by what it says, the current ones, and returns them.
+    """Makes the processes that mpiexec has started the current ones, and returns them. wanted: how many it has started.
 
     Raises RanksError where mpi4py or petsc4py is missing, or where mpiexec belongs to another MPI than mpi4py: every
     process would take itself for the only one, and all would do the whole scene.
@@ -179,7 +179,7 @@ def join(wanted: int) -> Communicator:
     if wanted == 1 or current().size > 1:
         return current()
     try:
-        import dolfinx_solver  # noqa: F401 - the wheel with PETSc wants its MPI to be loaded first
+        import dolfinx_solver  # noqa: F401 - the wheel with PETSc needs its own MPI to be loaded first
     except ImportError:
         pass
     try:
@@ -206,7 +206,7 @@ def refuse_other_launcher(wanted: int, size: int) -> None:
 
 
 def on_first(function: Callable[[], Any]) -> Any:
-    """What a function returns that rank 0 alone calls, on all ranks; so are its errors raised on all."""
+    """Calls a function on rank 0 alone; all ranks return its result or raise its error."""
     ranks = current()
     if ranks.size == 1:
         return function()
@@ -223,7 +223,7 @@ def on_first(function: Callable[[], Any]) -> Any:
 
 
 def _for_others(error: Exception) -> Exception:
-    """An error as it can be sent: itself, or its text where it cannot be built from what it holds."""
+    """An error that can be sent to other ranks: a copy, or a RanksError of its text where pickle cannot copy it."""
     try:
         copy = pickle.loads(pickle.dumps(error))
         if str(copy) == str(error):

@@ -24,10 +24,10 @@ def pair_components(start: np.ndarray, column: np.ndarray, joined: np.ndarray | 
 
 @njit(cache=True)
 def _join(start, column, joined, parent):
-    """Components of pairs, those of `joined` (n_pairs,) alone where it is not empty; returns their number.
+    """Connected components of the pairs of `joined` (n_pairs,), of all pairs where it is empty; returns their number.
 
-    parent: every particle's own number, becomes its component; they are numbered in the order of their first particles.
-    scipy's needs the pairs and their transpose in double precision, 24 bytes per pair.
+    parent: (n,) the number of each particle, replaced by that of its component; components are numbered in the order of
+    their first particles. scipy's function needs the pairs and their transpose in double precision, 24 bytes per pair.
     """
     for i in range(len(start) - 1):
         a = root(parent, i)
@@ -42,20 +42,20 @@ def _join(start, column, joined, parent):
 
 @njit(cache=True)
 def numbered(parent):
-    """Number of components, whose numbers replace the parents (n,): the smallest of a component is its own parent."""
+    """Number of components; their numbers replace the parents (n,). The first particle of each is its own parent."""
     count = 0
     for i in range(len(parent)):
-        if parent[i] == i:  # the smallest of its component: those before it have their labels
+        if parent[i] == i:  # the first of its component: the particles before it have their labels
             parent[i] = count
             count += 1
-        elif parent[i] >= 0:  # of `parts_of`, in a part
+        elif parent[i] >= 0:  # < 0: a particle outside of the parts of `parts_of`
             parent[i] = parent[parent[i]]
     return count
 
 
 @njit(cache=True)
 def root(parent, i):
-    """The smallest particle that i is known to be joined with; the way to it is shortened."""
+    """The first particle that i is joined with so far; shortens the chain of parents that leads there."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -65,8 +65,8 @@ def root(parent, i):
 def parts_of(start: np.ndarray, column: np.ndarray, inside: np.ndarray, joined: np.ndarray | None = None,
              exchange: Exchange = NO_EXCHANGE) -> tuple[int, np.ndarray]:
     """Connected parts of the particles `inside` (n + remote,) bool alone: (count, part (n,) int32, -1 of the others).
-    joined, exchange: as in `pair_components`, which numbers every particle: of a few parts this sends and holds
-    little."""
+    joined, exchange: as in `pair_components`, which numbers every particle; this function sends and holds little where
+    few particles are inside."""
     parts = np.where(inside, np.arange(len(inside), dtype=np.int32), np.int32(-1))
     count = _join_inside(start, column, np.zeros(0, np.bool_) if joined is None else joined, parts)
     return (count, parts) if current().size == 1 else _join_processes(len(start) - 1, parts, exchange)
@@ -88,9 +88,9 @@ def _join_inside(start, column, joined, parent):
 
 
 def _join_processes(n: int, labels: np.ndarray, exchange: Exchange) -> tuple[int, np.ndarray]:
-    """Components over all processes from those of each, labels (n + remote,), -1 of what is in none: a remote particle
-    has a label here and one at home, and the two are one component. There are as many such links as components reach
-    over a cut, few."""
+    """Components over all processes from those of each, labels (n + remote,), -1 outside. A remote particle
+    has a label here and one on the process that owns it, and both are labels of one component. Only components that
+    cross a cut have such links, and they are few."""
     ranks = current()
     counts = ranks.collect(int(labels.max(initial=-1)) + 1)
     own = np.where(labels >= 0, np.int64(sum(counts[: ranks.rank])) + labels, -1)
@@ -100,5 +100,5 @@ def _join_processes(n: int, labels: np.ndarray, exchange: Exchange) -> tuple[int
     total = sum(counts)
     graph = sp.coo_matrix((np.ones(len(links), np.int8), (links[:, 0], links[:, 1])), shape=(total, total))
     _, joined = sp.csgraph.connected_components(graph, directed=False)
-    # a label that only remote particles bear is one of another process's components: no number is left out
+    # a label that only remote particles have is also that of a component of another process: no number is left out
     return int(joined.max(initial=-1)) + 1, np.append(joined, -1)[own[:n]].astype(np.int32)

@@ -1,7 +1,7 @@
 """Bricks of a box, one per process, with equal numbers of particles: recursive bisection by histograms.
 
-Every process knows the whole tree of cuts; nobody ever holds the positions of all particles. What a process owns beside
-its brick of them is its `Share`.
+Every process knows the whole tree of cuts; none ever holds the positions of all particles. `Share` has the brick of a
+process and the particles of other processes that its own ones see.
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ PASSES = 3
 
 @dataclass(frozen=True)
 class Share:
-    """What a process owns of a scene, and what its own particles see beyond that.
+    """The brick of a process, and the particles of other processes that its own ones see.
 
     lower, upper: (dim,) corners of its brick, m. ghosts: (g, dim) m, remote particles within a support of the brick,
-    each once, where an image of it is near; shift: (g, dim) int8, whole boxes by which that is off its place; dummies:
-    (f, dim) m, those of other processes, likewise; exchange: how values of the remote particles come, of_dummies: those
-    of the dummies; cut: the bricks of all; sites: (n,) int64 numbers of the sites of the own particles in the lattice.
+    each once, where an image of it is near; shift: (g, dim) int8, box lengths between the particle and that image;
+    dummies: (f, dim) m, dummies of other processes within a support; exchange, of_dummies: fetch values of the remote
+    particles and of these dummies; cut: the bricks of all; sites: (n,) int64 numbers of the sites of the own particles
+    in the lattice.
     """
 
     lower: np.ndarray
@@ -49,13 +50,13 @@ class Brick(NamedTuple):
 
     @property
     def several(self) -> bool:
-        """Whether it is to be cut."""
+        """Whether it belongs to several processes, and is to be cut."""
         return self.end - self.first > 1
 
 
 class TreeLevel(NamedTuple):
     """One level of the tree: of each of its bricks the axis and place of its cut, and the number of its first part in
-    the next level; whole: not cut any more."""
+    the next level; whole: bricks of one process, which are not cut."""
 
     axis: np.ndarray
     place: np.ndarray
@@ -106,7 +107,7 @@ class Cut:
 
 def even_bricks(lower: np.ndarray, upper: np.ndarray, count: int) -> np.ndarray:
     """Corners (count, 2, dim) of the bricks of so many processes in a box, corners (dim,), that fluid fills evenly:
-    what `Cut` makes of it."""
+    those of `Cut`."""
     bricks = [Brick(0, count, np.array(lower, float), np.array(upper, float))]
     while any(brick.several for brick in bricks):
         parts: list[Brick] = []

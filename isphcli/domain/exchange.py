@@ -1,7 +1,7 @@
 """Values of particles that other processes own: each process has a slot for every one that its own particles see.
 
 Rows of operators are the n own particles, columns the own ones and then the remote ones. One process has no remote
-particles, and `forward` hands back what it was given.
+particles, and `forward` returns the given array.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .communicator import TRAFFIC
 
 
 class Exchange(Protocol):
-    """How the values of remote particles come.
+    """Fetches the values of remote particles from the processes that own them.
 
     remote: their number; numbers: (n + remote,) int64 number of each particle among those of all processes, which
     count their own one after the other.
@@ -37,13 +37,12 @@ class Exchange(Protocol):
         ...
 
     def summed(self, values: np.ndarray) -> np.ndarray:
-        """What all processes together have for the own and the remote particles, where this one has values
-        (n + remote, ...)."""
+        """Sum over the processes of their values (n + remote, ...) of each particle, for own and remote particles."""
         ...
 
 
 class NoExchange:
-    """Of one process, which owns all particles."""
+    """`Exchange` of one process, which owns all particles."""
 
     remote = 0
 
@@ -66,11 +65,11 @@ NO_EXCHANGE = NoExchange()
 
 
 class NeighbourExchange:
-    """Between processes that hold each other's neighbours; every call is one message to each of them.
+    """`Exchange` between processes that hold each other's neighbours; every call is one message to each of them.
 
     send: (m,) own particles that others see, process by process; give: (size,) how many of these each process gets;
-    want: (size,) how many this one gets of each; slot: (g,) places of what arrives, process by process, among the
-    remote particles, None where that is the order of arrival. All processes make it, and call `forward`, together.
+    want: (size,) how many this one gets of each; slot: (g,) places of the received values, process by process, among
+    the remote particles, None where both orders are the same. All processes make it, and call `forward`, together.
     """
 
     def __init__(self, comm: Any, send: np.ndarray, give: np.ndarray, want: np.ndarray,
@@ -80,7 +79,7 @@ class NeighbourExchange:
 
     @staticmethod
     def of_sites(comm: Any, ids: np.ndarray, owner: np.ndarray, own_ids: np.ndarray) -> NeighbourExchange:
-        """That of particles that this process knows by their sites; it asks the owners once.
+        """The exchange of particles that this process knows by their sites; it asks the owners once.
 
         ids: (g,) int64 sites of the remote particles, each once; owner: (g,) process of each; own_ids: (n,) sites of
         the own particles.
@@ -125,9 +124,9 @@ class NeighbourExchange:
 
 
 def deliver(comm: Any, owner: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Sends each row of arrays (m, ...) to the process `owner` (m,) of it; returns the rows that have come to this
-    process, in the order of the processes that they come from and there in theirs, and behind the arrays how many come
-    from each, (size,). All processes call it together."""
+    """Sends each row of arrays (m, ...) to the process `owner` (m,) of it. Returns the rows that this process receives,
+    ordered by their senders and for each sender as it had them, and behind the arrays the number of rows from each
+    process, (size,). All processes call it together."""
     order = np.argsort(owner, kind="stable")
     give = np.bincount(owner, minlength=comm.size).astype(np.int64)
     want = np.empty_like(give)
@@ -141,7 +140,7 @@ def deliver(comm: Any, owner: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarr
 
 def _send(comm: Any, given: tuple[np.ndarray, list[tuple[int, slice]]],
           taken: tuple[np.ndarray, list[tuple[int, slice]]]) -> None:
-    """One message of rows to each process, and one from each: (array, `_parts` of it) of what goes and of what comes.
+    """One message of rows to each process, and one from each: (array, its `_parts`), sent and received.
     Messages between two processes keep their order: no tags are needed."""
     (sent, targets), (found, sources) = given, taken
     with TRAFFIC.counted(len(targets), sent.nbytes):
@@ -152,14 +151,14 @@ def _send(comm: Any, given: tuple[np.ndarray, list[tuple[int, slice]]],
 
 
 def _bytes(arrays: Sequence[np.ndarray]) -> np.ndarray:
-    """Arrays (m, ...) as (m, bytes of a row of all of them): in a message they stand one behind the other."""
+    """Arrays (m, ...) as one array of bytes (m, bytes of a row of all arrays), for a message."""
     rows = [np.ascontiguousarray(values).reshape(len(values), math.prod(values.shape[1:])).view(np.uint8)
             for values in arrays]
     return rows[0] if len(rows) == 1 else np.concatenate(rows, axis=1)
 
 
 def _of_bytes(rows: np.ndarray, like: Sequence[np.ndarray]) -> Iterator[np.ndarray]:
-    """The arrays (m, ...) in rows (m, bytes) that `_bytes` has made of others of their kinds."""
+    """The inverse of `_bytes`: arrays (m, ...) from rows (m, bytes). like: arrays of the same kinds of rows."""
     end = 0
     for values in like:
         begin, end = end, end + values.itemsize * math.prod(values.shape[1:])
@@ -168,6 +167,6 @@ def _of_bytes(rows: np.ndarray, like: Sequence[np.ndarray]) -> Iterator[np.ndarr
 
 
 def _parts(counts: np.ndarray) -> list[tuple[int, slice]]:
-    """(process, its rows) of the processes with rows, which stand one after the other."""
+    """(process, slice of its rows) of the processes with rows; counts: (size,) rows of each process, in order."""
     ends = np.cumsum(counts)
     return [(int(k), slice(int(ends[k] - counts[k]), int(ends[k]))) for k in np.flatnonzero(counts)]

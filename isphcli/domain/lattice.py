@@ -11,8 +11,8 @@ import numpy as np
 from . import reduce
 from .cut import Share
 
-MOST = 9  # power of ten of lattice sites: far above what a machine holds
-CLASSIFY_AT_ONCE = 2_000_000  # lattice sites asked of the geometry in one go: bounds the memory of large scenes
+MOST = 9  # most lattice sites, as a power of ten: far more than fit into the memory of a machine
+CLASSIFY_AT_ONCE = 2_000_000  # lattice sites that the geometry classifies per call: bounds the memory of large scenes
 
 
 class ParticleError(ValueError):
@@ -114,8 +114,8 @@ class Particles:
     """The particles of a scene: n_fluid fluid particles, then dummies.
 
     x: (n, dim) m; phase: (n_fluid,) int8 index of the fluid; site_volume: m^dim; sites: lattice sites inside the box;
-    left_out: sites in solids that no fluid sees. All of this process; share: what else it needs, None where it is the
-    only one.
+    left_out: sites in solids that no fluid sees. All are those of this process; share: the particles of other processes
+    that it needs, None of a single process.
     """
 
     x: np.ndarray
@@ -143,5 +143,5 @@ class Particles:
 
     @property
     def two_fluids(self) -> bool:
-        """Whether particles of more than one fluid are there, of all processes."""
+        """Whether the particles of all processes are of more than one fluid."""
         return bool(reduce.largest(self.phase) > reduce.smallest(self.phase))

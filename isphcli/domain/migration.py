@@ -1,6 +1,6 @@
-"""Particles that move between processes: each goes to the process whose brick it is in, and brings all that it carries.
+"""Particles that move between processes: each goes, with its values, to the process whose brick it is in.
 
-Bricks stay what the first cut made them: incompressible fluid fills each as evenly as it did at the start.
+Bricks stay as they were cut at the start: incompressible fluid keeps the number of particles in each.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .exchange import NeighbourExchange, deliver
 
 
 class Numbered(NeighbourExchange):
-    """That of particles which keep their numbers wherever they go.
+    """The exchange of particles that keep their numbers when they change the process.
 
     number: (n,) int64 of the own particles; those of all processes are 0 to below their count.
     """
@@ -27,11 +27,11 @@ class Numbered(NeighbourExchange):
 
     def from_other_side(self, told: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
                         asked: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
-        """What other processes have for pairs of theirs that are seen from here the other way round.
+        """Values of pairs (i, j) that other processes hold, for the pairs (j, i) of this process.
 
         told: own rows (m,), remote columns (m,), x_column - x_row (m, dim), m, and values (m, k) of pairs; asked: the
-        same without values, (w,). Returns (w, k), zero where the other side has no such pair: at the edge of a support
-        one may see what the other does not. Told has to hold what others ask.
+        same without values, (w,). Returns (w, k), zero where the other process has no such pair: round-off at the edge
+        of a support may leave a pair with one of the two. `told` has to hold every pair that others ask for.
         """
         number, n = self.forward(self.number), len(self.number)
         owner = self.forward(np.full(n, self._comm.rank))
@@ -56,8 +56,8 @@ class Numbered(NeighbourExchange):
 
 
 def numbers_of(sites: np.ndarray, count: int) -> np.ndarray:
-    """(n,) int64 place of each own site, (n,) int64 below `count`, among those of all processes in rising order: the
-    number that one process would give its particle."""
+    """(n,) int64 place of each own site, (n,) int64 below `count`, among the sites of all processes in rising order:
+    the number of its particle in a run of one process."""
     comm, size = current().raw, current().size  # type: ignore[attr-defined]
     block = sites * size // count
     come, want = deliver(comm, block, sites)
@@ -70,7 +70,7 @@ def numbers_of(sites: np.ndarray, count: int) -> np.ndarray:
 
 
 class Migration:
-    """Between bricks of a box.
+    """Sends particles between the bricks of a box.
 
     share: of this process, of the lattice; lower, upper: (dim,) corners of the box, m; periodic: (dim,); sight: how far
     particles see, m.
@@ -83,11 +83,11 @@ class Migration:
         self._near = self._near_bricks()
 
     def reaching(self, reach: float) -> Migration:
-        """The same, for what is seen within `reach`, m."""
+        """The same bricks, for particles that see as far as `reach`, m."""
         return Migration(self.share, self.lower, self.upper, self.periodic, reach)
 
     def _near_bricks(self) -> list[tuple[int, np.ndarray]]:
-        """(process, whole boxes in m) of every brick in sight of the own one, once moved by these."""
+        """(process, shift (dim,) by whole boxes, m) of every brick, or image of one, in sight of the own brick."""
         size, bricks, reach = self.upper - self.lower, self.share.cut.bricks, self.sight * (1.0 + 1e-9)
         most = np.where(self.periodic, np.ceil(reach / size), 0).astype(int)
         found = []
@@ -99,8 +99,8 @@ class Migration:
         return sorted(found, key=lambda entry: (entry[0], np.abs(entry[1]).sum()))
 
     def settled(self, x: np.ndarray, *carried: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Positions x (n, dim) in the box and what their particles carry, (n, ...) each, on the processes that own
-        them now; the last one their numbers, by which they are sorted."""
+        """Positions x (n, dim) in the box and further arrays (n, ...) of the particles, on the processes that own them
+        now; the last array is their numbers, by which they are sorted."""
         owner = self.share.cut.owner(x)
         goes = owner != current().rank
         if not current().max(int(goes.any())):
@@ -111,7 +111,7 @@ class Migration:
         return tuple(values[order] for values in found)
 
     def around(self, x: np.ndarray, number: np.ndarray) -> Share:
-        """What the own particles at x (n, dim) see of other processes. number: (n,) int64."""
+        """The particles of other processes that the own ones at x (n, dim) see. number: (n,) int64."""
         comm: Any = current().raw  # type: ignore[attr-defined]
         bricks, reach = self.share.cut.bricks, self.sight * (1.0 + 1e-9)
         rows: list[np.ndarray] = [np.zeros(0, np.int64)]

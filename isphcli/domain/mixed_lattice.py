@@ -1,6 +1,6 @@
 """Particles of two spacings: a lattice some of whose cells are cut in two along every axis, and their pairs.
 
-A pair of both kinds sees as far as the mean of their spacings says: the same from either side, so that weights times
+The support of a pair of both kinds is that of the mean of their spacings, for either particle, so that weights times
 volumes stay symmetric.
 """
 
@@ -19,7 +19,7 @@ MIXED = 0.75  # mean of both spacings over the larger one
 
 
 def grown(cells: np.ndarray, by: int) -> np.ndarray:
-    """The cells of a lattice, (counts) bool, and those within `by` of them along every axis, round the ends of it."""
+    """The cells of a lattice, (counts) bool, and those within `by` of them along every axis, across its ends too."""
     return np.asarray(ndimage.maximum_filter(cells, 2 * by + 1, mode="wrap"))
 
 
@@ -31,7 +31,7 @@ def cells_of(lattice: Lattice, x: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def sites_of_two(lattice: Lattice, cut: np.ndarray,
                  support: float) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """(x (k, dim) m, half (k,) bool, beside (k,) bool) of the sites, in slabs; of one site a cell.
+    """(x (k, dim) m, half (k,) bool, beside (k,) bool) of the sites, in slabs; of a lattice with one site per cell.
 
     cut: (counts) bool, cells that are cut; support: m, of the larger spacing; half: sites of half the spacing; beside:
     those that may see the other kind, all of them and some more.
@@ -53,7 +53,7 @@ def pairs_of_two(x: np.ndarray, n: int, half: np.ndarray, beside: np.ndarray, su
     first, second = [], []
 
     def find(some: np.ndarray, reach: float, mixed: bool) -> None:
-        rows = np.flatnonzero(some)  # those that get neighbours come first
+        rows = np.flatnonzero(some)  # particles that get neighbours come first
         pairs = find_pairs(np.ascontiguousarray(x[rows]), int(np.searchsorted(rows, n)), reach)
         i, j = np.repeat(rows[: len(pairs.start) - 1], pairs.count), rows[pairs.index]
         kept = (half[i] != half[j]) == mixed

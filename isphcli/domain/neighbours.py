@@ -10,8 +10,8 @@ from numba import njit
 
 from .row_threads import over_rows
 
-AT_ONCE = 1_000_000  # neighbours that are found before they are put aside: 4 MB
-# Cells are this much shorter along the last axis, where those in line are contiguous: fewer pairs tried in vain.
+AT_ONCE = 1_000_000  # neighbours found before they are copied to the result; of int32: 4 MB
+# Cells are shorter by this factor along the last axis, along which they are contiguous: fewer candidates are too far.
 # Particles are numbered along that axis first (`domain.lattice`): neighbours then come in rising numbers.
 FINE = 3
 
@@ -98,7 +98,7 @@ def find_pairs(x: np.ndarray, n: int, support: float) -> Pairs:
     narrowest = support / np.array([FINE, 1, 1])
     # clipped: the number of cells of a sparse scene in a huge box must not overflow
     cells = np.clip(np.floor((upper - lower) / narrowest), 1, 2**20).astype(np.int64)
-    # nor must it allocate the box
+    # nor must memory be allocated for all cells of such a box
     while cells.prod() > max(64, 4 * len(x)):
         cells = np.maximum(1, cells // 2)
     width = np.maximum((upper - lower) / cells, narrowest) * (1.0 + 1e-12)
@@ -133,7 +133,7 @@ def _longest(start: np.ndarray) -> int:
 
 @njit(cache=True)
 def _bin(x, lower, per_width, flat, grid):
-    """Counting sort of the rows by cell into a CellList, whose `first` are zeros and become the ends of the cells.
+    """Counting sort of the rows by cell into a CellList; its `first` come as zeros and become the ends of the cells.
     flat: (n_rows,) int64, scratch."""
     n, dim = x.shape
     order, first, cell, sorted_x, cells = grid
@@ -178,15 +178,15 @@ def _fill_run(run, point, sorted_x, order, reach2, scratch, found):
         d0, d1, d2 = xs[k] - x0, ys[k] - x1, zs[k] - x2
         inside[k - begin] = d0 * d0 + d1 * d1 + d2 * d2 < reach2
     for k in range(begin, end):
-        row[found] = order[k]  # overwritten by the next one unless it is inside: no branch to mispredict
+        row[found] = order[k]  # overwritten by the next row unless this one is inside: no branch to mispredict
         found += np.uint64(inside[k - begin])
     return np.int64(found)
 
 
 @njit(cache=True, nogil=True)
 def _fill(rows, x, grid, reach2, scratch, counts, index):
-    """Neighbours of rows of x (n_rows, dim) one after the other into index, their numbers into counts (n,), until the
-    next row might not find room; returns that row and how many there are. scratch: see `_fill_run`."""
+    """Neighbours of rows of x (n_rows, dim) one after the other into index, their numbers into counts (n,), until index
+    may be too short for the next row; returns that row and the number of neighbours. scratch: see `_fill_run`."""
     order, first, cell, cells, row = grid.order, grid.first, grid.cell, grid.cells, scratch[0]
     sorted_x = grid.x[0], grid.x[1], grid.x[2]
     runs, at, last = scratch[2], 0, x.shape[1] - 1

@@ -7,16 +7,16 @@ import numpy as np
 
 from . import reduce
 
-# Share by which diagonals of a pressure matrix are raised before a hierarchy is built on it. Pressure is known up to a
-# constant in each component: in a pocket smaller than an aggregate, and on a coarsest level, a coarse matrix holds
-# nothing but that constant, and the hierarchy would divide by round-off.
+# Share by which diagonals of a pressure matrix are raised before a hierarchy is built on it. Pressure is determined up
+# to a constant in each component: in a pocket smaller than an aggregate, and on the coarsest level, that constant is
+# the only unknown of a coarse matrix, and the hierarchy would divide by round-off.
 GROUND = 1e-6
 
 
 class ComponentMeans:
-    """The projection P of eq. 26 for one constant vector a connected component.
+    """The projection P of eq. 26 for one constant vector per connected component.
 
-    labels: (n,) component of each particle, of those of all processes; count: of these, where it is known.
+    labels: (n,) component of each particle, numbered over all processes; count: of the components, where it is known.
     """
 
     def __init__(self, labels: np.ndarray, count: int = 0):
@@ -27,5 +27,5 @@ class ComponentMeans:
         """v without its mean over each component, (n,)."""
         if len(self.count) == 1:
             return v - reduce.total(v) / self.count[0]  # eq. 26
-        # eq. 26, with one constant vector a component
+        # eq. 26, with one constant vector per component
         return v - (reduce.total_by(self.labels, v, len(self.count)) / self.count)[self.labels]

@@ -5,7 +5,7 @@ of all processes (`communicator.current`). Elsewhere in the physics rooms arrays
 only; tests/domain/test_reduce.py holds that, with the exceptions. Compiled loops over neighbours are no reductions:
 they need the particle and its halo.
 
-A process may have no particle at all: what has no value of its own then counts for nothing.
+A process may have no particles; it then adds nothing to the result.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ def largest_of_each(*values: np.ndarray) -> list[float]:
 
 
 def _joined(values: Sequence[Any]) -> np.ndarray:
-    """Numbers and vectors in one vector."""
+    """Numbers and vectors as one vector."""
     return np.concatenate([np.atleast_1d(np.asarray(part, float)) for part in values])
 
 
 def _each(joined: np.ndarray, like: Sequence[Any]) -> list[Any]:
-    """The parts of a vector that `_joined` has made of what is like them."""
+    """The inverse of `_joined`: numbers and vectors of the shapes of `like`."""
     ends = np.cumsum([np.size(part) for part in like])
     return [joined[end - np.size(part) : end] if np.ndim(part) else joined[end - 1] for end, part in zip(ends, like)]
 
@@ -129,8 +129,7 @@ def largest_by(label: np.ndarray, values: np.ndarray, labels: int) -> np.ndarray
 
 
 def together(*values: np.ndarray) -> list[np.ndarray]:
-    """Rows (m, ...) of arrays that each process has, of all of them, on each: for what is few, such as points of a drop
-    near a wall."""
+    """The rows (m, ...) of arrays of all processes, on each: few rows, such as points of a drop near a wall."""
     return [np.concatenate(parts) for parts in zip(*current().collect(values))]
 
 
@@ -138,7 +137,7 @@ def quantiles(values: np.ndarray, shares: Sequence[float]) -> np.ndarray:
     """Quantiles (m,) of values (n,) at shares (m,) between 0 and 1, interpolated between the values next to them.
 
     Between processes the two values are found by halving the interval of all numbers, which are ordered as their bits
-    are: after 64 counts they are exact, and nobody has to hold the values of the others. NaN without particles.
+    are: after 64 counts they are exact, and no process holds the values of the others. NaN without particles.
     """
     if current().size == 1:
         return np.quantile(values, shares)
@@ -149,7 +148,7 @@ def quantiles(values: np.ndarray, shares: Sequence[float]) -> np.ndarray:
     lower = np.floor(place).astype(np.int64)
     ranks = np.concatenate([lower, np.minimum(lower + 1, have - 1)])
     bits = np.sort(values.astype(np.float64)).view(np.int64)
-    ordered = np.where(bits < 0, np.iinfo(np.int64).min - bits - 1, bits)  # negative numbers are the other way round
+    ordered = np.where(bits < 0, np.iinfo(np.int64).min - bits - 1, bits)  # bits of negative ones descend
     low, high = np.full(len(ranks), np.iinfo(np.int64).min), np.full(len(ranks), np.iinfo(np.int64).max)
     while np.any(low < high):
         middle = (low >> 1) + (high >> 1) + (low & high & 1)

@@ -17,17 +17,17 @@ from numba import get_num_threads
 
 # LLVM vectorises a sum only if it may reorder it. NaN and infinity keep their meaning (no nnan, no ninf).
 REDUCE = {"reassoc", "contract", "nsz"}
-APART = 64  # entries between scratch arrays: more than a loop takes at once
+APART = 64  # entries between scratch arrays: more than a vectorised loop takes at once
 FEWEST = 4096  # rows of a range: to hand it to a thread costs about 50 us, a row 0.03 us and more
-RANGES = 2  # for each thread, so that none waits long for one with long rows
+RANGES = 2  # ranges per thread, so that no thread waits long for one with long rows
 
 
 def over_rows(kernel: Callable[..., Any], n: int, *arguments: Any, work: Callable[[], Any] | None = None) -> list[Any]:
     """Calls kernel((begin, end), *arguments) for ranges that make up the rows 0 to n; returns what the calls return.
 
-    A row must not depend on what another one writes: then results are the same for any number of threads. The kernel
-    is compiled with nogil=True; without that the threads wait for each other. work: makes the scratch arrays of one
-    call, which are handed to it behind the range; made in the kernel, they cost half a second to compile.
+    A row must not depend on values that another one writes: then results are the same for any number of threads. The
+    kernel is compiled with nogil=True; without that the threads wait for each other. work: makes the scratch arrays of
+    one call, which are its arguments behind the range; arrays made in a kernel take half a second to compile.
     """
 
     def call(rows: tuple[int, int]) -> Any:
@@ -39,9 +39,9 @@ def over_rows(kernel: Callable[..., Any], n: int, *arguments: Any, work: Callabl
 
 
 def in_one_piece(*shapes: tuple[int, ...]) -> list[np.ndarray]:
-    """Scratch arrays of these shapes, one behind the other in memory. Loops over several arrays look at where they lie
-    before they take several entries at once: of arrays that are made one by one the last digits of sums in any order
-    would depend on where the memory was free."""
+    """Scratch arrays of these shapes, one behind the other in memory. A vectorised loop over several arrays checks
+    whether they overlap before it takes several entries at once, and so chooses the order of its sums: the last digits
+    of these would depend on the addresses of arrays that are allocated one by one."""
     sizes = [-(-math.prod(shape) // APART) * APART + APART for shape in shapes]
     piece, starts = np.empty(sum(sizes)), np.cumsum([0, *sizes])
     return [piece[start : start + math.prod(shape)].reshape(shape) for start, shape in zip(starts, shapes)]

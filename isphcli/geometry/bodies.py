@@ -63,7 +63,7 @@ Disk = Sphere
 class Spheres:
     """Many balls, overlapping or not: centres (m, dim), radii a number or (m,).
 
-    columns: how the columns of their file were understood, where that took more than m and the usual order.
+    columns: how the columns of the file were understood, where they are not in m or not in the usual order.
     """
 
     centres: np.ndarray
@@ -198,7 +198,7 @@ class Shape:
 
 def _pieces(kind: int, centres: Sequence[Sequence[float] | np.ndarray] | np.ndarray,
             sizes: Sequence[Sequence[float] | np.ndarray] | np.ndarray, axis: int = 0) -> np.ndarray:
-    """Rows of `Region.pieces`; what is missing of centres and sizes is 0."""
+    """Rows of `Region.pieces`; missing entries of centres and sizes are 0."""
     centres, sizes = np.asarray(centres, float), np.asarray(sizes, float)
     rows = np.zeros((len(centres), 8))
     rows[:, 0], rows[:, 7] = kind, axis
@@ -207,7 +207,7 @@ def _pieces(kind: int, centres: Sequence[Sequence[float] | np.ndarray] | np.ndar
     return rows
 
 
-TOUCH = 0.01  # of the smaller radius: overlaps up to it are how packings touch
+TOUCH = 0.01  # of the smaller radius: balls of a packing that overlap by less are taken to touch
 
 
 def count_overlaps(centres: np.ndarray, radii: np.ndarray, period: np.ndarray) -> tuple[int, int, float]:
@@ -286,7 +286,7 @@ VECTORS = ("centre", "lower", "upper", "point", "normal")  # fields of bodies th
 
 
 def check_body(body: Region, dim: int, name: str) -> None:
-    """Sizes and positivity of a body, with a message that says what to do."""
+    """Raises ShapeError, with what to do, where an entry of a body has the wrong length or a size is not positive."""
     for key, value in vars(body).items():
         if key in VECTORS and (np.shape(value) != (dim,) or not np.isfinite(np.asarray(value, float)).all()):
             raise ShapeError(f"{name}: {key} {value!r} must be {dim} finite numbers")

@@ -1,8 +1,8 @@
-"""Layers of clear fluid between the two end faces of an image: how thick they must be, and what they resist.
+"""Layers of clear fluid between the two end faces of an image: their least thickness, and their resistance.
 
 The flow comes out of the pores of one end face, spreads over the cross section, and gathers at the pores of the other.
-With the velocities through both faces given, creeping flow between them is known, one wave of the cross section at a
-time: what it costs, and what it would cost if the faces were far apart.
+With the velocities through both faces given, creeping flow between them has a formula for each wave of the cross
+section: its pressure drop, and the drop if the faces were far apart.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from .connectivity import percolating
 from .labels import unlike_next
 from .modes import frequencies, sum_of_squares
 
-SHARE = 0.01  # of the pressure drop over the sample that the nearness of its two faces may be worth, by estimate
-FAR = 300.0  # waves times distance: hyperbolic functions of twice as much are still numbers
+SHARE = 0.01  # of the pressure drop over the sample: how much the nearness of its two faces may change, by estimate
+FAR = 300.0  # largest wave number times distance: hyperbolic functions of twice as much do not overflow
 KOZENY = 5.0  # k = porosity^3 / (KOZENY surface^2), surface in a volume of the whole (Carman 1937, packed beds)
 
 
@@ -26,8 +26,8 @@ def clear_voxels(fluid: np.ndarray, axis: int, edges: np.ndarray, periodic: Sequ
     """Voxels of clear fluid that an image needs at either end of an axis: beyond them k changes by SHARE at most.
 
     fluid: bool [z, y, x] or [y, x]; edges: of a voxel (dim,), m, and periodic: (dim,), along x, y(, z).
-    The pores that lead through let through a velocity that grows with the square of the distance to their walls; the
-    drop is that of Kozeny and Carman for what leads through, its layers in series. 0 where nothing does.
+    The velocity through the percolating pores is taken to grow with the square of the distance to their walls, and the
+    pressure drop to be that of Kozeny and Carman for these pores, layer by layer in series. 0 where none percolate.
     """
     dim = fluid.ndim
     around = [bool(p) and a != axis for a, p in enumerate(periodic)]
@@ -79,8 +79,8 @@ def _through_a_face(fluid: np.ndarray, edges: Sequence[float], periodic: Sequenc
 
 def nearness(first: np.ndarray, last: np.ndarray, edges: Sequence[float], periodic: Sequence[bool],
              thickness: float) -> float:
-    """How far the pressure drop between two faces is from that between faces far apart, over mu U, 1/m; what is spared
-    and what is lost by their nearness are both counted.
+    """Difference between the pressure drop between two near faces and that between faces far apart, over mu U, 1/m.
+    What nearness saves and what it costs are added, not balanced.
 
     first, last: velocities through the two faces (any shape of one or two axes), over their mean U; edges: of their
     cells, m, and periodic: per axis of the arrays; sides that are not periodic let the fluid slip. thickness: m,
@@ -88,14 +88,14 @@ def nearness(first: np.ndarray, last: np.ndarray, edges: Sequence[float], period
 
     Creeping flow between planes z = -h/2 and h/2 through which the velocity is W cos(k y): w = A cosh kz + B kz sinh kz
     for equal velocities on both, A sinh kz + B kz cosh kz for opposite ones, with w' = 0 at the planes; t = k h / 2.
-    The power that the planes bring in is 4 mu k W^2 times sinh^2 t / (sinh t cosh t + t), or cosh^2 t / (sinh t cosh t
-    - t): 1 far apart, and 3 / (2 t^3), Hele-Shaw's flow, for what has to move sideways between near planes.
+    The power that the flow takes is 4 mu k W^2 times sinh^2 t / (sinh t cosh t + t), or cosh^2 t / (sinh t cosh t
+    - t): 1 far apart, and 3 / (2 t^3), Hele-Shaw's flow, for fluid that has to move sideways between near planes.
     """
     k, even = _waves((first + last) / 2, edges, periodic)
     odd = _waves((first - last) / 2, edges, periodic)[1]
     t = np.minimum(k * thickness / 2, FAR)
     sinh, cosh = np.sinh(t), np.cosh(t)
-    straight = 1.0 - sinh**2 / (sinh * cosh + t)  # near faces spare the flow that goes on straight its spreading
+    straight = 1.0 - sinh**2 / (sinh * cosh + t)  # flow straight from pore to pore between near faces does not spread
     return float(np.sum(4.0 * k * (straight * even + (cosh**2 / _sinh_cosh_less_t(t) - 1.0) * odd)))
 
 

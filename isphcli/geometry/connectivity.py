@@ -86,8 +86,8 @@ def connectivity_of(fluid: np.ndarray, periodic: tuple[bool, ...], cell_volume: 
 
 
 class SlabConnectivity:
-    """`connectivity_of` of a mask [z, y, x] that is not periodic and comes slab by slab along z: what is kept of a slab
-    are the sizes of its parts and its last layer."""
+    """`connectivity_of` of a mask [z, y, x] that is not periodic and is given slab by slab along z: of a slab only the
+    sizes of its parts and its last layer are kept."""
 
     def __init__(self) -> None:
         self.count = self.cells = 0  # parts and cells so far

@@ -29,9 +29,9 @@ def face_distance(
 
 @dataclass(frozen=True)
 class Walls:
-    """How walls move and slip that no shape speaks for.
+    """Velocities and slip lengths of walls for which no shape gives them.
 
-    slip_length: m, of all that do not state their own; face_velocity {(axis, side): (dim,), m/s} and face_slip
+    slip_length: m, of all walls without one of their own; face_velocity {(axis, side): (dim,), m/s} and face_slip
     {(axis, side): m} of faces of the box, side 0 lower, 1 upper.
     """
 

@@ -1,8 +1,8 @@
 """The faces of a fluid shape that lie along a wall: they are no interface, and the shape goes on behind them.
 
 A slug that ends where a plate begins has faces along the plates. The signed distance to its surface is small beside
-them, and a run would carry an interface along the walls: between plates ten spacings apart such a slug swam along them
-at Ca 3e-3, and the volume of its fluid was 3 % short.
+them, and a run would carry an interface along the walls: between plates ten spacings apart such a slug moved along
+them at Ca 3e-3, and the volume of its fluid was 3 % too small.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ import numpy as np
 from .bodies import Box, Cylinder, HalfSpace, Region, Sphere, nearest_image
 from .faces import block_distance
 
-SAMPLES = 32  # points at least along each direction of a face that say what is on its sides
-MOST = {2: 4096, 3: 512}  # such points: of 512 x 512 a face takes a second
-BESIDE = 1e-6  # of the largest side of the box: how far from a face they are
+SAMPLES = 32  # sample points, at least, along each direction of a face: they decide what lies on its sides
+MOST = {2: 4096, 3: 512}  # most sample points along a direction, by dimension: 512 x 512 take a second per face
+BESIDE = 1e-6  # of the largest side of the box: distance of the sample points from their face
 Phases = Callable[[np.ndarray], np.ndarray]
 Crossing = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 class FluidFaces:
-    """Of a body of fluid. box: (lower, upper) corners (dim,), m; period: (dim,) m, infinite along axes that are not
-    periodic; phase: fluid (n,) of points, -1 of solids; spacing: m, openings in a face that are narrower than half
-    of it may be missed. kept: of each face, whether there is fluid on both its sides anywhere."""
+    """The faces of a body of fluid. box: (lower, upper) corners (dim,), m; period: (dim,) m, infinite along axes that
+    are not periodic; phase: fluid (n,) of points, -1 of solids; spacing: m, openings in a face that are narrower than
+    half of it may be missed. kept: of each face, whether there is fluid on both its sides anywhere."""
 
     def __init__(self, body: Region, box: tuple[np.ndarray, np.ndarray], period: np.ndarray, phase: Phases,
                  spacing: float):
@@ -41,11 +41,12 @@ class FluidFaces:
 
     @property
     def whole(self) -> bool:
-        """Whether none lies along a wall."""
+        """Whether no face lies along a wall."""
         return all(self.kept)
 
     def signed_distance(self, x: np.ndarray) -> np.ndarray:
-        """(n,) distance of x (n, dim) to the surface, m, < 0 inside, as if the others were infinitely far off."""
+        """(n,) distance of x (n, dim) to the surface, m, < 0 inside, as if the faces along walls were infinitely far
+        off."""
         body = self.body
         if self.whole:
             return body.signed_distance(x, self.period)
@@ -63,13 +64,13 @@ class FluidFaces:
         return block_distance(q)
 
     def in_sight(self, x: np.ndarray, crossing: Crossing) -> np.ndarray:
-        """`signed_distance` (n,) of fluid points x (n, dim), m; infinite in the pores behind the walls that faces lie
-        along: those see nothing of the body. crossing: as `Geometry.crossing`."""
+        """`signed_distance` (n,) of fluid points x (n, dim), m; infinite where the walls along which faces lie
+        hide the body from a point. crossing: as `Geometry.crossing`."""
         d, body = self.signed_distance(x), self.body
         if self.whole:
             return d
         true = body.signed_distance(x, self.period)
-        beyond = np.flatnonzero((true > 0.0) & (d < true))  # of a face that is none, or beside it
+        beyond = np.flatnonzero((true > 0.0) & (d < true))  # leaving out faces along walls changes these
         away, steps = x[beyond], self.off * np.eye(x.shape[1])
         rise = [body.signed_distance(away + step, self.period) - body.signed_distance(away - step, self.period)
                 for step in steps]
@@ -90,7 +91,7 @@ def _between(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, period: np.nda
 
 def _faces(body: Region, lower: np.ndarray, upper: np.ndarray,
            period: np.ndarray, samples: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """(points (m, dim), normals (m, dim)) on each face of a body, within the box; none of bodies that are not told."""
+    """(points (m, dim), normals (m, dim)) on each face of a body, within the box; none of other kinds of bodies."""
     if isinstance(body, Box):
         return _faces_of_block(body, lower, upper, period, samples)
     if isinstance(body, Cylinder):
@@ -168,6 +169,6 @@ def _directions(dim: int, samples: int) -> np.ndarray:
 
 def _inside(points: np.ndarray, normals: np.ndarray, lower: np.ndarray, upper: np.ndarray,
             period: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Those of the points that are in the box, or by a period."""
+    """The points and normals whose points, wrapped along periodic axes, lie in the box."""
     there = (np.isfinite(period) | ((points >= lower) & (points <= upper))).all(axis=1)
     return points[there], normals[there]

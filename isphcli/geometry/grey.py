@@ -1,4 +1,4 @@
-"""Grey images: where the threshold lies, how much the scanner blurred, and the field whose zero is the wall."""
+"""Grey images: the threshold, the blur of the scanner, and the field whose zero is the wall."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .modes import Modes
 from .spline import slopes, spline_coefficients
 
 BINS = 1024  # of the histogram of Otsu's threshold: its step is a thousandth of the range of grey values
-VOXEL = 1.0 / 12.0  # square voxels: variance of the place in a voxel, which a scan is averaged over
-# voxel^4: how much of the square of the Laplacian is worth that of the misfit. Of scans with blurs of 0 to 0.8 voxel
+VOXEL = 1.0 / 12.0  # square voxels: variance of a uniform distribution over a voxel, over which a scan is averaged
+# voxel^4: weight of the squared Laplacian against the squared misfit. For scans with blurs of 0 to 0.8 voxel
 # and noise of 0 to 10 % of the contrast k errs by -6 to 3 %, with 3e-3 by 1 to 4 %, with 3e-4 by -34 to 2 %, because
 # noise closes the pores (benchmarks/scanner.py auto, docs/design_notes.md)
 ROUGHNESS = 1e-3
-UNBLURRED = 0.17  # square voxels: 1/12 of the voxel, the rest of the spline; what an image without blur shows
+UNBLURRED = 0.17  # square voxels: variance of an image without blur, 1/12 by the voxel, the rest by the spline
 TWO_VALUED = 0.75  # least share of the variance between the classes where an image counts as one of two grey values
 
 
@@ -32,7 +32,7 @@ def otsu_threshold(values: np.ndarray) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         between = (moment[-1] * weight / weight[-1] - moment) ** 2 / (weight * (weight[-1] - weight))
     between[~np.isfinite(between)] = 0.0
-    best = np.flatnonzero(between >= between.max() * (1.0 - 1e-12))  # an empty valley is flat: its middle
+    best = np.flatnonzero(between >= between.max() * (1.0 - 1e-12))  # flat over an empty range: its middle
     return float(0.5 * (centres[best[0]] + centres[min(best[-1] + 1, len(centres) - 1)]))
 
 
@@ -93,7 +93,7 @@ def labels_of_grey(values: np.ndarray, threshold: float, solid: str, fluids: Map
 
 
 def estimate_blur(field: np.ndarray, around: np.ndarray) -> float:
-    """Standard deviation, voxels, of the Gaussian that made an image of two values what it is; see `field_of_grey`.
+    """Standard deviation, voxels, of the Gaussian that has blurred an image of two values; see `field_of_grey`.
 
     A step between -1 and 1 that is averaged over a voxel, with a Gaussian of width s and by the spline has the slope
     sqrt(2 / (pi (s^2 + UNBLURRED))) on its middle; the median of the slopes of the spline where it is zero between

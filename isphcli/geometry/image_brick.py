@@ -1,7 +1,8 @@
 """`ImageBrick`: the geometry of an image of which a process holds a part, its walls the faces of voxels.
 
 The wall distance of a voxel centre is that of the whole image wherever it is less than the margin of voxels round the
-brick: what is nearer lies in the part. Farther off it is too small, and nobody asks whether it is 8 voxels or 80.
+brick: all walls nearer than that lie in the part. Elsewhere the distance is too small, but beyond the margin, and there
+no operator needs its value.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ from .labels import ClearLayers
 from .voxel_crossings import put_first_faces
 from .voxel_geometry import VoxelGeometry
 
-# voxels round what is asked for. Bricks of 64^3 voxels of Berea sandstone have the distances of the whole image bit for
-# bit up to 7 voxels with a margin of 7; 3 are enough for those up to a support of 2.5 spacings of a voxel
+# voxels read round a brick. In bricks of 64^3 voxels of Berea sandstone distances up to 7 voxels are those of the whole
+# image bit for bit with a margin of 7; 3 are enough for distances up to a support of 2.5 spacings of a voxel
 MARGIN = 7
-CLEAR = -9  # in place of the index of a voxel in the file, in clear layers: none is next to it
+CLEAR = -9  # stands for the index of a voxel in clear layers; no index of the file is next to it
 
 Read = Callable[[Sequence[tuple[int, int]]], np.ndarray]  # labels int8 [z, y, x] or [y, x] of ranges along x, y(, z)
 
@@ -30,7 +31,7 @@ Read = Callable[[Sequence[tuple[int, int]]], np.ndarray]  # labels int8 [z, y, x
 class LabelsInFile:
     """The labels of an image in its file. shape: voxels along x, y(, z); fluid: how many are fluid; read: reads a part
     as int8, -1 solid, else the index of a fluid. walls: share of the neighbours along the axes, the last and the first
-    voxel too, of which one is solid; straight: all slices across one of the axes are the same."""
+    voxel too, of which just one is solid; straight: all slices across one of the axes are the same."""
 
     shape: tuple[int, ...]
     fluid: int
@@ -59,7 +60,7 @@ class LabelsInFile:
 
 
 class ImageBrick(VoxelGeometry):
-    """Geometry (see `protocol.Geometry`) of an image in a file, which answers where `within` has been asked for.
+    """Geometry (see `protocol.Geometry`) of an image in a file; it has values only where `within` has been called for.
 
     voxel_size, periodic, layers, walls: see `VoxelGeometry`.
     """
@@ -97,7 +98,7 @@ class ImageBrick(VoxelGeometry):
         first, end = np.where(every, 0, first), np.where(every, whole, end)
         labels = self.image.part(first, end, self._layers)
         found._grid = labels if self.dim == 3 else labels[None]
-        # a side that is cut lies farther from what is asked for than any distance that is
+        # a cut side of the part is farther from the points than any distance that is asked for
         found._around = np.array([*(around & every), True][:3])
         found._first, found._turn = first, np.where(around & ~every, whole, 0)
         found._solid = 0 if (labels >= 0).all() else 2 if (labels < 0).all() else 1

@@ -1,4 +1,4 @@
-"""Steps from a scan to labels: thresholds, the border cut off, only the pores that lead through."""
+"""Steps from a scan to labels: thresholds, cutting off a solid border, keeping only the percolating pores."""
 
 from __future__ import annotations
 

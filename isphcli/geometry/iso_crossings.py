@@ -11,8 +11,8 @@ from numba import njit
 from .spline import value_and_slope
 from .voxel_lookup import LEAST_T
 
-REACH = 0.75  # voxels: longest part of a segment between two values. Twice as many values leave k of blobs as it is
-CLOSE_T = 1e-7  # of a part of a segment: error at which the search for a zero ends
+REACH = 0.75  # voxels: longest part of a segment between two values. Half of it leaves k of blobs unchanged
+CLOSE_T = 1e-7  # of the length of such a part: error at which the search for a zero ends
 
 
 @njit(cache=True, nogil=True)
@@ -94,7 +94,7 @@ def _place_of_least(fa, da, fb, db):
 
 @njit(cache=True)
 def _zero_between(c, around, sign, u, v, first, last):
-    """Zero between (place, value) of two places, the first value positive and the last not: Newton kept between."""
+    """Zero between two (place, value), the first value positive and the last not: Newton's method kept between them."""
     (a, fa), (b, fb) = first, last
     h = b - a
     t = a + h * fa / (fa - fb)

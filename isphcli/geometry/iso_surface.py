@@ -1,6 +1,6 @@
 """`IsoSurfaceGeometry`: the wall is the zero of a field on the voxel centres, interpolated by a cubic spline.
 
-The field is positive in fluid. Its sign says what is fluid everywhere, at every spacing of the particles: the body does
+The field is positive in fluid. Its sign alone decides what is fluid, at every spacing of the particles: the body does
 not depend on how it is sampled.
 """
 
@@ -27,8 +27,8 @@ from .voxel_geometry import VoxelGeometry
 from .voxel_lookup import FAR, label_at, voxel_of
 from .wall_distance import interpolate, join_faces, signed_centre_distance
 
-NEAR = 2.5  # smallest voxel sides: up to here the zero is looked for along the slope of the field
-LEAST = 0.05  # smallest voxel sides: distance where neither the slope nor the voxel centres give one
+NEAR = 2.5  # smallest voxel sides: up to this distance the zero is looked for along the slope of the field
+LEAST = 0.05  # smallest voxel sides: the distance where neither the slope nor the voxel centres give one
 BEYOND = 1.0  # smallest voxel sides: the distance between voxel centres, less half a voxel, errs by less
 
 
@@ -37,7 +37,7 @@ class ImageField:
     """A field on the voxel centres whose zero is the wall.
 
     values: [z, y, x] or [y, x], > 0 in fluid; gaussian: width in voxels of the Gaussian that they are averaged with, 0:
-    none; blur: of the one that is taken out of them, with the average over a voxel, None: nothing.
+    none; blur: width in voxels of the scanner's Gaussian, removed with the average over a voxel, None: nothing.
     """
 
     values: np.ndarray
@@ -89,7 +89,7 @@ class IsoSurfaceGeometry(VoxelGeometry):
         return spline_coefficients(self.field, self._around)
 
     def ways(self) -> SurfaceWays:
-        """How the pores of the sample are connected by this surface, beside how its labels are."""
+        """How the pores of the sample are connected by this surface, and how by its labels."""
         sample = sample_voxels(self)
         assert self.labels is not None
         whole = [part == slice(0, n) for part, n in zip(sample, self.labels.shape)][::-1]  # x, y(, z)
@@ -104,7 +104,7 @@ class IsoSurfaceGeometry(VoxelGeometry):
 
     @cached_property
     def _distance_of_centres(self) -> np.ndarray:
-        """Signed distance of the voxel centres: how far value over slope is believed."""
+        """Signed distance of the voxel centres: the zero is looked for a little farther than it."""
         solid = self.field <= 0
         if solid.all() or not solid.any():
             return np.full(solid.shape, -FAR if solid.any() else FAR, dtype=np.float32)
@@ -155,8 +155,8 @@ def _put_phases(rows, c, fluid, around, u, phase):
 
 @njit(cache=True, nogil=True)
 def _put_distances(rows, c, edt, around, voxel, u, d):
-    """Distances of points u (n, 3), units of `voxel`, into d (n,): along the slope to the zero; far off, as between
-    voxels."""
+    """Distances of points u (n, 3), units of `voxel`, into d (n,): along the slope to the zero; far off, interpolated
+    between voxel centres."""
     end = np.empty(3)
     for k in range(rows[0], rows[1]):
         d[k] = join_faces(_distance(c, edt, around, voxel, u[k], end), c.shape, around, voxel, u[k, 0], u[k, 1],
@@ -169,7 +169,7 @@ def _distance(c, edt, around, voxel, u, end):
     far = interpolate(edt, around, u[0], u[1], u[2])
     value, sx, sy, sz = value_and_slope(c, around, u[0], u[1], u[2])
     sign = 1.0 if value > 0.0 else -1.0
-    far = max(sign * far, LEAST)  # its sign is that of the nearest centres
+    far = max(sign * far, LEAST)  # LEAST where the nearest centres have the other sign
     slope = np.sqrt((sx / voxel[0]) ** 2 + (sy / voxel[1]) ** 2 + (sz / voxel[2]) ** 2)
     if far > NEAR or slope == 0.0:
         return sign * far

@@ -1,10 +1,10 @@
 """The smooth body that the labels of an image are samples of: the most probable field with their signs.
 
 Prior: a Gaussian random field of unit variance with the covariance exp(-r^2 / (2 l^2)) between centres r voxels apart,
-FINE of it as short as can be told; l follows from the area of the walls (`correlation_length`). A label says the sign
+the share FINE of it with l = SHORTEST; l follows from the area of the walls (`correlation_length`). A label is the sign
 of the field at its centre, up to noise of the variance NOISE (probit regression; Rasmussen and Williams 2006, ch. 3).
 The maximum of the posterior is found by expectation and maximisation: the field is lifted to its expected value on the
-side that its label says, then filtered by C / (C + NOISE), C the spectrum of the covariance; with Nesterov's momentum.
+side of its label, then filtered by C / (C + NOISE), C the spectrum of the covariance; with Nesterov's momentum.
 Slits of 2, 3 and 5 voxels in 14 are 2.14, 3.09 and 5.05 wide; sharp corners become round.
 
 benchmarks/walls_from_labels.py compares it with Gaussian averages of the labels, on bodies whose truth is known: an
@@ -24,22 +24,23 @@ from ..domain.row_threads import over_rows
 from .labels import unlike_next
 from .modes import Modes
 
-# Correlation length, voxels, of a random field with walls of the same area, from which on it is that of the prior; of
-# shorter ones the prior has the share length / RESOLVED. The most probable field lacks the roughness that labels do not
-# tell, and so opens throats, the more the shorter: k of random bodies of 2 to 3 voxels is 3 to 7 % too much with their
-# own length. With a share of 0.45 for all, staircases stay on large smooth bodies: k of ellipses and annuli at random
-# places is 3.4 and 3.3 % off (rms), with this rule 2.8 and 3.1 %; others are alike (benchmarks/random_places.py)
+# Correlation length, voxels, of a random field with walls of the same area: longer ones are that of the prior; of
+# shorter ones the prior has the share length / RESOLVED. The most probable field lacks roughness finer than labels
+# resolve, and so opens throats, the more the shorter it is: k of random bodies of 2 to 3 voxels is 3 to 7 % too much
+# with their own length. With a share of 0.45 for all, staircases stay on large smooth bodies: k of ellipses and annuli
+# at random places is 3.4 and 3.3 % off (rms), with this rule 2.8 and 3.1 %; others are alike
+# (benchmarks/random_places.py)
 RESOLVED = 6.85
 SHORTEST, LONGEST = 1.4, 8.0  # voxels. With 1.2 k of random bodies falls by 1.5 % from one particle per voxel to two
-# Share of the shortest length in the prior: what is one voxel wide beside large smooth walls stays open. 0.03 leaves
-# more of their roughness
+# Share of the shortest length in the prior, so that pores one voxel wide beside large smooth walls stay open. With 0.03
+# these walls keep more of their roughness
 FINE = 0.003
 NOISE = 0.01  # variance, over that of the field; 0.05 opens the throats by 1.6 %
 # Iterations a voxel of the correlation length, and the most. After 60 with the shortest the wall of a random body moves
 # by 0.01 voxels rms, 0.0002 in the mean; with 5 voxels k of an ellipse moves by 1.7 % from 60 to 120
 ITERATIONS, MOST = 43, 120
-START = 0.4  # of the filtered labels: nearer to the field that is found; with 1 twice as many iterations are needed
-LEAST = 0.05  # standard deviations of the field: of its values on centres, so that every label keeps its side
+START = 0.4  # factor of the filtered labels for the first field; with 1 twice as many iterations are needed
+LEAST = 0.05  # standard deviations of the field: least value at a centre, so that every label keeps its sign
 CERTAIN = 6.0  # standard deviations of the noise beyond which a label changes nothing (1e-8)
 
 

@@ -1,4 +1,4 @@
-"""Labels of an image: cropping, which values are solid and which fluid, faces that do not fit each other."""
+"""Labels of an image: cropping, solid and fluid values, opposite faces that do not fit."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from .images.image import VoxelError
 
-FEW = 16  # values: an image of no more holds labels, one of more grey values
+FEW = 16  # values: an image of at most so many different ones holds labels, any other grey values
 
 def crop(
     values: np.ndarray, ranges: Sequence[Sequence[int]] | None, path: str | Path = "image"
@@ -136,8 +136,8 @@ def faces_that_differ(solid: np.ndarray, periodic: Sequence[bool]) -> tuple[str,
 
 
 class LabelGuess(NamedTuple):
-    """What the values of an image are taken for where nobody has said it: solid, pores: values; shares: {value: voxels}
-    of all of them, ascending."""
+    """Guess of what the values of an image are, where the user has not said: solid, pores: values; shares: {value:
+    voxels} of all of them, ascending."""
 
     solid: int
     pores: list[int]

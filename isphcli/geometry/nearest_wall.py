@@ -1,4 +1,4 @@
-"""The nearest point of a wall among the surfaces of shapes, where the min and max of their distances is only a bound.
+"""The nearest point of a wall among the surfaces of shapes, where min and max of their distances are only bounds.
 
 A wall is where there is solid beside fluid. Candidates are the surfaces near by, the lines where two of them meet and
 the points of three; those beside which there is both fluid and solid count. `grid` of the kernels is a
@@ -18,7 +18,7 @@ from .bodies import BALL, BLOCK, CYLINDER, HALF_SPACE
 
 PLANE, ROUND = range(2)  # surfaces of pieces, see `_surfaces_near`
 MOST_SURFACES = 48  # nearest ones on which a wall is looked for
-PROBE = 1e-9  # of the largest side of the box: how far from a point its surroundings are looked at
+PROBE = 1e-9  # of the largest side of the box: distance from a point at which its surroundings are sampled
 
 
 class Near(NamedTuple):
@@ -110,7 +110,7 @@ def in_3d(x: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.pad(x, ((0, 0), (0, 3 - x.shape[1]))))
 
 
-# Unit vectors in which the surroundings of a point are looked at; the 16 of the plane are turned off its axes
+# Unit vectors along which the surroundings of a point are sampled; the 16 of the plane are turned off its axes
 ROUND_ABOUT = _directions()
 ROUND_ABOUT_2D = np.array([[np.cos(a), np.sin(a), 0.0] for a in (np.arange(16) + 0.3) * np.pi / 8])
 
@@ -146,7 +146,7 @@ def _value(surface, s, p, slope):
         slope[a] = (p[a] - surface[s, 1 + a]) * surface[s, 5 + a]
         r += slope[a] * slope[a]
     r = np.sqrt(r)
-    if r == 0.0:  # in the middle all directions are alike
+    if r == 0.0:  # at the centre all directions are alike
         slope[0 if surface[s, 5] > 0 else 1] = 1.0
     else:
         slope /= r
@@ -262,7 +262,7 @@ def _foot(x, p, m, near, grid):
     surface, chosen, j, g, b = near.surface, near.chosen, near.slopes, near.gram, near.side
     scale = grid.probe / PROBE
     for turn in range(60):
-        # steps towards x along tight curves are too long and swing about the nearest point; at last only back to them
+        # full steps along tight curves swing about the point nearest to x; the last ones only return to the surfaces
         share = 1.0 if turn < 15 else 0.4 if turn < 30 else 0.15 if turn < 50 else 0.0
         off = 0.0
         for i in range(m):
@@ -270,7 +270,7 @@ def _foot(x, p, m, near, grid):
             off = max(off, abs(b[i]))
             for a in range(3):
                 b[i] -= share * j[i, a] * (x[a] - p[a])
-        if m == grid.dim and turn == 12 and off > 1e-3 * scale:  # they do not meet
+        if m == grid.dim and turn == 12 and off > 1e-3 * scale:  # the surfaces do not meet
             return False
         for i in range(m):
             for k in range(m):
@@ -298,7 +298,7 @@ def _foot(x, p, m, near, grid):
 def _meets(p, m, wanted, near, grid):
     """Whether there is solid (wanted True) or fluid (False) beside point p, on m surfaces of gradients near.slopes.
 
-    Looked at are all sides that the surfaces make and directions all round.
+    Sampled are all sides of the surfaces and directions all round.
     """
     j, g, b, dim, step = near.slopes, near.gram, near.side, grid.dim, grid.probe
     ways = ROUND_ABOUT_2D if dim == 2 else ROUND_ABOUT
@@ -341,7 +341,7 @@ def put_walls(rows, x, d, wall, grid):
         at[:], p[:] = x[k], 0.0
         least = abs(d[k])
         wanted = d[k] > 0.0  # in fluid solid is looked for, in a solid fluid
-        if least <= 2.0 * step:  # on a surface: a wall, or inside one kind
+        if least <= 2.0 * step:  # on a surface, which is a wall or lies inside fluid or inside solid
             here, other = False, False
             for w in range(len(ways)):
                 is_solid = _is_solid(
@@ -354,7 +354,7 @@ def put_walls(rows, x, d, wall, grid):
         elif _met_at_once(Query(at, least, wanted), wall[k] - 1 - 2 * dim, p, grid):
             continue
         query = Query(at, least, wanted)
-        reach, best, owner = least * (1.0 + 1e-9) + 4.0 * step, np.inf, np.int64(-1)  # nor may this be a literal
+        reach, best, owner = least * (1.0 + 1e-9) + 4.0 * step, np.inf, np.int64(-1)  # typed, as above
         while True:
             order = np.argsort(near.distance[: _surfaces_near(at, reach, grid, near)])
             for count in range(1, dim + 1):
@@ -371,7 +371,7 @@ def put_walls(rows, x, d, wall, grid):
 @njit(cache=True)
 def _twin(near, count, p):
     """Mirror image of a point that `count` (the dimension) surfaces share, in the plane that holds the centres of the
-    round ones and the normals of the planes; False where there is none. They meet there too."""
+    round ones and the normals of the planes, where they meet too; False where there is none."""
     surface, chosen, j, twin = near.surface, near.chosen, near.gram, near.twin
     centre, m = -1, 0
     for i in range(count):
@@ -423,7 +423,8 @@ def _nearest_foot(query, order, count, known, p, near, grid):
                     curved |= surface[chosen[i], 0] == ROUND
                     for a in range(dim):
                         tube |= surface[chosen[i], 0] == ROUND and surface[chosen[i], 5 + a] == 0.0
-                # round surfaces also meet on their far sides; on the line between two centres both face the same way
+                # round surfaces also meet on their far sides; on the line between two centres their gradients are
+                # parallel
                 found = False
                 for side in range(count + 4 if curved and count > 1 else 1):
                     middle = chosen[min(max(side - 1, 0), count - 1)]
@@ -496,7 +497,7 @@ def _met_at_once(query, k, p, grid):
                 if not (middle or (tube and a == piece[c, 7])):
                     p[a] = piece[c, 1 + a] + (x[a] - piece[c, 1 + a]) * (piece[c, 4] + step) / r
         for turn in range(4 if middle else 1):
-            if middle:  # all directions are alike: there and back along two axes, none of them that of a tube
+            if middle:  # all directions are alike: both ways along two axes, not along that of a tube
                 p[:] = x
                 a = turn // 2 + (1 if tube and piece[c, 7] <= turn // 2 else 0)
                 p[a] += (1 - 2 * (turn % 2)) * (piece[c, 4] + step)

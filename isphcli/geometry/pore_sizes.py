@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import ndimage
 
-MOST_CELLS = 300_000  # cells of what is looked at, which bounds the time: of more, every second one and so on
-STEPS = 24  # diameters that are told apart
+MOST_CELLS = 300_000  # most cells of the mask, to bound the time: of a larger one every second cell or fewer
+STEPS = 24  # number of diameters of the balls
 # Particles across a pore from which on a steady flow in it is resolved; at 4: +7.6 % of k (`isph run
 # cases/square_duct.yaml --set particles.spacing=2e-5`, 2026-11-29; docs/method.md 8)
 ENOUGH_ACROSS = 4
@@ -32,7 +32,7 @@ def pore_sizes(fluid: np.ndarray, cell: Sequence[float] | np.ndarray,
     fluid, edges = fluid[(slice(None, None, step),) * fluid.ndim], edges * step
     if fluid.all() or not fluid.any():
         return None
-    # a pore goes on behind a periodic face, and behind others with what is at the face
+    # pores go on behind a periodic face; behind other faces the cells at the face are repeated
     wide = [min(n, max(2, n // 3)) for n in fluid.shape]
     for axis, (width, again) in enumerate(zip(wide, periodic[::-1])):
         pad = [(width, width) if a == axis else (0, 0) for a in range(fluid.ndim)]
@@ -42,7 +42,7 @@ def pore_sizes(fluid: np.ndarray, cell: Sequence[float] | np.ndarray,
     half = 0.5 * float(edges.min())
     depth = ndimage.distance_transform_edt(fluid, sampling=sampling) - half
     top, fluid = float(depth[middle].max()), fluid[middle]
-    # no ball has its centre farther outside than the largest one reaches
+    # the centre of a ball that reaches inside is no farther outside than the largest radius
     beside = [min(w, int(np.ceil(top / edge)) + 1) for w, edge in zip(wide, sampling)]
     depth = depth[tuple(slice(w - b, b - w or None) for w, b in zip(wide, beside))]
     middle = tuple(slice(b, -b) for b in beside)

@@ -1,4 +1,4 @@
-"""What every geometry answers; `ShapeGeometry` and `VoxelGeometry` implement it."""
+"""The members of every geometry; `ShapeGeometry` and `VoxelGeometry` implement them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Geometry(Protocol):
     slip_length: np.ndarray  # (n_walls,) Navier slip length, m
     has_solid: bool  # False: no solid anywhere
     level_walls: bool  # every wall lies along the axes: the faces of voxels
-    warnings: tuple[str, ...]  # what is odd about the input, sentences; () where nothing is
+    warnings: tuple[str, ...]  # sentences on what is unusual about the input
     described: tuple[tuple[str, str], ...]  # what was read and how it was understood: (name, text); () without a file
 
     @property
@@ -40,8 +40,8 @@ class Geometry(Protocol):
         ...
 
     def within(self, lower: np.ndarray, upper: np.ndarray, reach: float) -> Geometry:
-        """The same, to be asked for points within `reach`, m, of a brick of corners (dim,) and for their periodic
-        images only: of an image that is not in memory, that part."""
+        """The same geometry, for points within `reach`, m, of a brick of corners (dim,) and their periodic images only:
+        of an image that is not in memory it reads that part."""
         ...
 
     def phase(self, x: np.ndarray) -> np.ndarray:
@@ -55,7 +55,7 @@ class Geometry(Protocol):
     def distance(self, x: np.ndarray, depth: float = np.inf) -> np.ndarray:
         """(n,) signed distance to the wall, > 0 in fluid; +inf where there is no wall at all.
 
-        depth: m; in solids that lie deeper any distance beyond it may be returned, which is quicker."""
+        depth: m; for points deeper in solids any distance beyond it may be returned, which is quicker."""
         ...
 
     def wall(self, x: np.ndarray) -> np.ndarray:
@@ -72,7 +72,8 @@ class Geometry(Protocol):
         ...
 
     def interface_distance(self, x: np.ndarray, spacing: float) -> np.ndarray | None:
-        """(n,) signed distance to where fluids 0 and 1 meet, m, > 0 in fluid 0; None where labels alone say it.
+        """(n,) signed distance to where fluids 0 and 1 meet, m, > 0 in fluid 0; None where only labels tell the fluids
+        apart.
 
         spacing: of the particles, m: what is narrower may be missed."""
         ...

@@ -12,7 +12,7 @@ from numba import njit
 
 from .bodies import BALL, BLOCK, CYLINDER, HALF_SPACE, ROUND_OFF
 
-CELLS_A_PIECE = 8  # cells of the grid of pieces: beads then meet about three cells each way
+CELLS_A_PIECE = 8  # cells of the grid per piece: a bead then lies in about three cells along each axis
 
 
 def extent_of(piece: np.ndarray) -> np.ndarray:
@@ -92,7 +92,7 @@ class Line(NamedTuple):
     """A segment x + t dx, 0 <= t <= 1, and how it walks through the cells of a grid, for kernels.
 
     x, dx (3,): m; walk (3, 3): cell, step and steps left of each axis; face (3,): t of the next cell face of each axis;
-    local (3,): x seen from the cell, without the turns round the box.
+    local (3,): x relative to the cell, without whole box lengths.
     """
 
     x: np.ndarray
@@ -158,7 +158,7 @@ def _chords(line, end, least, grid, chords, owner):
         for q in range(start[cell], start[cell + 1]):
             p = entry[q]
             t_in, t_out = _chord(piece, p, local, dx)
-            if piece[p, 0] == HALF_SPACE:  # the only one without images: cut where points are wrapped
+            if piece[p, 0] == HALF_SPACE:  # a half-space has no images: it is cut where points are wrapped
                 t_in, t_out = max(t_in, entered), min(t_out, left)
             if t_in >= t_out or t_in >= end or t_out <= 0.0:
                 continue

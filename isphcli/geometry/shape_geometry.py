@@ -126,8 +126,8 @@ class ShapeGeometry:
     def interface_distance(self, x: np.ndarray, spacing: float) -> np.ndarray:
         """(n,) signed distance to where fluids 0 and 1 meet, m, > 0 in fluid 0; solids lie on it and end nothing.
 
-        Exact but beyond the edges of shapes, where it is that to the nearest surface. Faces of shapes along walls are
-        no interface (`FluidFaces`). spacing: of the particles, m.
+        Exact except beyond the edges of shapes, where it is the distance to the nearest surface. Faces of shapes along
+        walls are no interface (`FluidFaces`). spacing: of the particles, m.
         """
         x, whole = self._wrapped(x), True
         phi = np.full(len(x), np.inf if self.fluid == 0 else -np.inf)
@@ -136,7 +136,7 @@ class ShapeGeometry:
                 faces = FluidFaces(shape.body, (self.lower, self.upper), self.period, self.phase, spacing)
                 d = -faces.signed_distance(x) if shape.outside else faces.in_sight(x, self.crossing)
                 phi, whole = np.maximum(phi, -d) if shape.phase == 0 else np.minimum(phi, d), whole and faces.whole
-        # what lies in no shape that is seen from there is of the fluid that the labels say
+        # walls may hide a shape from a point: the sign is then that of its label
         return phi if whole else np.copysign(phi, np.where(self.phase(x) == 0, 1.0, -1.0))
 
     def distance(self, x: np.ndarray, depth: float = np.inf) -> np.ndarray:
@@ -242,7 +242,7 @@ class PieceGrid(NamedTuple):
 
     @classmethod
     def of(cls, geometry: ShapeGeometry) -> PieceGrid:
-        """The grid of the shapes of a geometry: some CELLS_A_PIECE cells a piece, 500 along an axis at most."""
+        """The grid of the shapes of a geometry: some CELLS_A_PIECE cells per piece, 500 along an axis at most."""
         lower, upper = np.zeros((2, 3))
         upper[:] = 2 * geometry.round_off  # the layer of a 2D scene
         lower[: geometry.dim], upper[: geometry.dim] = geometry.lower, geometry.upper
@@ -269,7 +269,7 @@ ON_FACE = 1000  # points at which the two sides of a periodic face are compared
 
 
 def _same_beyond(geometry: ShapeGeometry, axis: int) -> bool:
-    """Whether the scene is the same on both sides of a periodic face: what ends there goes on as another shape."""
+    """Whether phases are equal on both sides of a periodic face: a shape that ends there goes on as another one."""
     x = geometry.lower + np.random.default_rng(0).random((ON_FACE, geometry.dim)) * (geometry.upper - geometry.lower)
     low, high = x.copy(), x.copy()
     low[:, axis], high[:, axis] = geometry.lower[axis], geometry.upper[axis]

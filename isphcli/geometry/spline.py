@@ -1,4 +1,4 @@
-"""A field on voxel centres between them: its cubic B-spline, with value and slope at any point (Unser 1999).
+"""The cubic B-spline through a field on voxel centres, with value and slope at any point (Unser 1999).
 
 Voxel coordinates: see `voxel_geometry`. A spline of third order is twice continuously differentiable, so that its
 zero is a smooth surface; trilinear interpolation has facets of the size of a voxel.

@@ -1,4 +1,4 @@
-"""Where the surface of an image opens or closes ways that its labels, joined by the faces of voxels, have not."""
+"""Where the smooth surface of an image opens or closes passages, against its labels joined by the faces of voxels."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def _joined(c, around, fluid, first, wraps):
                     if crossed == 0:
                         a, b = root(parent, here), root(parent, other)
                         parent[max(a, b)] = min(a, b)
-                    elif crossed == 1:  # of edges across two faces there are few
+                    elif crossed == 1:  # edges across two periodic faces are few, and are left out
                         links[count, 0], links[count, 1] = (here, other) if up else (other, here)
                         links[count, 2] = axis
                         count += 1
@@ -139,7 +139,7 @@ def _joined(c, around, fluid, first, wraps):
 
 @njit(cache=True)
 def _beside(fluid, z, y, x, there, way):
-    """Whether one of the two voxels beside a common edge is fluid: the way leads through it already."""
+    """Whether one of the two voxels beside a common edge is fluid: it joins the two over faces already."""
     if way[0] == 0:
         return fluid[z, there[1], x] or fluid[z, y, there[2]]
     if way[1] == 0:

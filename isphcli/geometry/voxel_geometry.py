@@ -60,7 +60,7 @@ class VoxelGeometry:
 
     def _set_box(self, shape: tuple[int, ...], voxel_size: float | Sequence[float] | np.ndarray,
                  periodic: Sequence[bool], layers: ClearLayers | None, walls: Walls) -> None:
-        """What follows from the shape [z, y, x] or [y, x] of the image alone."""
+        """Sets the members that follow from the shape [z, y, x] or [y, x] of the image alone."""
         self.dim = len(shape)
         size = np.asarray(voxel_size, dtype=float).ravel()
         self.voxel_size = np.full(self.dim, size[0]) if size.size == 1 else size[: self.dim].copy()
@@ -111,8 +111,8 @@ class VoxelGeometry:
         return label
 
     def fill_with(self, microporous: np.ndarray, layers: ClearLayers | None) -> None:
-        """Tells which microporous rock voxels are filled with: int8 as `labels` without layers, -1 for none. Solids
-        take what the nearest voxel of fluid has: a smooth wall may leave fluid in them."""
+        """Sets the microporous rock of each voxel: int8 as `labels` without layers, -1 for none. Solid voxels take that
+        of the nearest voxel of fluid, because a smooth wall may leave fluid in them."""
         filled = with_clear_layers(microporous, layers, -1).reshape(self._grid.shape).astype(np.int8)
         if self._solid == 1:
             nearest = ndimage.distance_transform_edt(self._grid < 0, self._voxel[::-1], False, True)

@@ -136,7 +136,7 @@ def _stairs(grid, around, voxel, ux, uy, uz, far):
     ix, iy, iz = voxel_of(ux), voxel_of(uy), voxel_of(uz)
     fluid = label_at(grid, around, ix, iy, iz) >= 0
     least = np.inf
-    # the own layer of each axis first: what lies farther than what is known need not be looked up
+    # the layer of the point first along each axis: layers farther off than a wall already found are not looked up
     for kz in range(3):
         dz = kz if kz < 2 else -1
         if grid.shape[0] == 1 and around[2] and dz != 0:

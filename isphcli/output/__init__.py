@@ -1,1 +1,1 @@
-"""Files, pictures and what one sees while a run goes."""
+"""Files and pictures of a run, and the display of its progress."""

@@ -1,4 +1,4 @@
-"""The stopwatch: wall and CPU seconds of named sections."""
+"""Wall and CPU seconds of named sections."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from collections.abc import Iterator
 class Clock:
     """Wall and CPU seconds of named sections: `with clock("neighbours"): ...`
 
-    CPU seconds are those of the process, all threads together. While an inner section runs its outer one
-    stands still, so that the sections add up to the total and nothing is counted twice.
+    CPU seconds are those of the process, all threads together. While an inner section runs the outer one is not
+    counted, so that the sections add up to the total.
     """
 
     def __init__(self) -> None:
@@ -31,7 +31,7 @@ class Clock:
             self._names.pop()
 
     def add(self, name: str, wall: float, cpu: float, taken_from: str | None = None) -> None:
-        """Count seconds measured elsewhere (of a compiler, say), at the cost of section `taken_from`."""
+        """Count seconds measured elsewhere (of a compiler, say), and subtract them from section `taken_from`."""
         for section, sign in ((name, 1), (taken_from, -1)):
             if section is not None:
                 w, c = self._spent.get(section, (0.0, 0.0))

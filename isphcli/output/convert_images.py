@@ -37,7 +37,7 @@ def write_image(path: str | Path, values: np.ndarray, spacing: Sequence[float] |
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """What goes wrong while a file is written becomes a VoxelError."""
+    """Turns errors of the system and of libraries while a file is written into a VoxelError."""
     try:
         yield
     except OSError as error:
@@ -194,15 +194,15 @@ def _report_of(target: Path, image: Image, shape: tuple[int, ...], sized: tuple[
 
 SLAB = 2**24  # voxels that are converted at a time; their labels take four bytes each
 LARGE = 2**26  # voxels from which on an image is converted by slabs
-BY_SLABS = (".raw", ".bin", ".npy", ".mhd", ".h5", ".hdf5")  # formats of which a part is read without what is before it
+BY_SLABS = (".raw", ".bin", ".npy", ".mhd", ".h5", ".hdf5")  # formats whose parts are read without the data before
 APPENDED = (".raw", ".npy", ".npz", ".mhd", ".mha")  # formats that are written from one end to the other
 
 
 def slab_shape(source: str | Path, target: Path, how: Conversion) -> tuple[int, ...] | None:
-    """Shape [z, y, x] of what is converted slab by slab along z, never whole in memory; None where it is not.
+    """Shape [z, y, x] of an image that is converted slab by slab along z, never whole in memory; None where it is not.
 
-    Where it is large, its file can be read and the target written in parts, and no step needs all of it: a threshold by
-    Otsu, trim, mirror, connected, and labels beside a threshold do.
+    Slabs are used where the image is large, its file can be read and the target written in parts, and no step needs the
+    whole image, as a threshold by Otsu, trim, mirror, connected, and labels beside a threshold do.
     """
     source = Path(source)
     if source.suffix.lower() not in BY_SLABS or target.suffix.lower() not in APPENDED or source.is_dir():
@@ -221,8 +221,8 @@ def slab_shape(source: str | Path, target: Path, how: Conversion) -> tuple[int, 
 
 
 def _slabs(source: Path, how: Conversion, shape: tuple[int, ...]) -> Iterator[Image]:
-    """The image of a source in slabs along z of whole blocks of `downsample`, those of the end that are incomplete
-    last."""
+    """The image of a source in slabs along z of whole blocks of `downsample`; layers of an incomplete block are the
+    last slab."""
     block = max(int(how.downsample), 1)
     thick = max(SLAB // (shape[1] * shape[2]) // block, 1) * block
     ranges = [list(r) for r in how.crop_to] if how.crop_to is not None else [[0, n] for n in shape[::-1]]
@@ -273,8 +273,8 @@ def _convert_by_slabs(source: Path, target: Path, how: Conversion, picture: bool
 
 
 class _Written:
-    """What is known of an image of shape [z, y, x] that is written slab by slab: its connected parts, {value: voxels},
-    and the three slices of its picture, across z, y and x."""
+    """Collects, of an image of shape [z, y, x] that is written slab by slab, its connected parts, {value: voxels}, and
+    the three slices of its picture, across z, y and x."""
 
     def __init__(self, shape: tuple[int, ...], dtype: np.dtype, solids: list[int]):
         self.shape, self.dtype, self.solids = shape, dtype, solids
@@ -296,8 +296,8 @@ class _Written:
 
 def _changed_slabs(source: Path, how: Conversion, shape: tuple[int, ...], table: Mapping[int, int] | None,
                    written: _Written, facts: dict[str, Any]) -> Iterator[np.ndarray]:
-    """The slabs as they are written, which `written` is told of; table: new value of each, None with a threshold, of
-    which `facts` are told at the end."""
+    """The slabs as they are written, which are added to `written`; table: new value of each, None with a threshold,
+    which is added to `facts` at the end."""
     block, low, high = int(how.downsample), np.inf, -np.inf
     limits = how.threshold if isinstance(how.threshold, (str, Sequence)) else (how.threshold or 0.0,)
     for image in _slabs(source, how, shape):
@@ -386,7 +386,7 @@ def _solids(how: Conversion) -> list[int]:
 
 
 def _changed(values: np.ndarray, how: Conversion, source: str | Path) -> tuple[np.ndarray, dict[str, Any]]:
-    """The labels before they are made coarser, and what is to be said of the steps."""
+    """The labels before they are made coarser, and {name: value} of the steps for the report."""
     facts: dict[str, Any] = {}
     solids = _solids(how)
     if how.threshold is not None:
@@ -497,7 +497,8 @@ def _refuse_existing(files: Sequence[Path], force: bool) -> None:
 
 
 def _refuse_input(source: str | Path, data_file: str | None, files: Sequence[Path]) -> None:
-    """No image is replaced by what is made of it, under whatever name; data_file: of an mhd, beside it."""
+    """Raises VoxelError where a file to be written is the source itself, under any name; data_file: of an mhd, beside
+    it."""
     source = Path(source)
     read = [source] if data_file in (None, "LOCAL") else [source, source.parent / str(data_file)]
     for path in files:

@@ -1,7 +1,7 @@
-"""What the program is started in and has to make do with: streams that are closed or cannot take every character,
-folders that cannot be written.
+"""Adapts the program to its environment: streams that are closed or cannot take every character, folders that cannot
+be written, threads and memory.
 
-Used before anything else, so it imports nothing heavy.
+Used first of all, so it imports nothing that takes long.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-# what is written instead of a character that an output does not have; all others as escapes, \u5ca9
+# replacements of characters that the encoding of an output does not have; all others become escapes, \u5ca9
 _PLAIN = {"≥": ">=", "≤": "<=", "→": "->", "←": "<-", "…": "...", "²": "2", "³": "3", "µ": "u", "μ": "u"}
 _ERRORS = "isph-plain"
 # How many processes a launcher says that it started: Open MPI, then those that speak PMI (MPICH, Intel), then srun
@@ -30,8 +30,8 @@ def launched() -> int:
 
 
 def settle_threads(threads: int | None) -> str | None:
-    """Threads of the numba kernels, one of BLAS unless the environment says otherwise, and a folder for kernels; what
-    is to be said of that folder, or None.
+    """Sets the threads of the numba kernels, one of BLAS unless the environment sets them, and a folder for compiled
+    kernels; returns a sentence on that folder, or None.
 
     BLAS threads spin while they wait and were measured to triple the time of a solve. To be called before numpy is
     imported; `one_blas_thread` is for a BLAS that is there already. A number given where numba runs already changes
@@ -39,7 +39,7 @@ def settle_threads(threads: int | None) -> str | None:
     """
     for name in BLAS_THREADS:
         os.environ.setdefault(name, "1")
-    # threads that spin between kernels take the cores from everything else on the machine
+    # threads that spin between kernels take the cores from all other programs
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     note = find_kernel_cache() if "numba" not in sys.modules else None
     if threads is None and launched() > 1 and "NUMBA_NUM_THREADS" not in os.environ:
@@ -56,9 +56,9 @@ def settle_threads(threads: int | None) -> str | None:
 
 
 def keep_freed_memory() -> None:
-    """Lets the C library (glibc) hand the arrays of a step on to the next one, in place of giving them back to the
-    system, which clears every page again: 0.15 to 0.2 of the CPU time of a step of 110,000 particles, for a peak 5 %
-    higher (benchmarks/step_cost.py, 2026-11-29)."""
+    """Lets the C library (glibc) reuse the memory of the arrays of a step for the next one, instead of returning it to
+    the system, which clears every page again: this saves 0.15 to 0.2 of the CPU time of a step of 110,000 particles,
+    for a peak 5 % higher (benchmarks/step_cost.py, 2026-11-29)."""
     import ctypes
 
     with contextlib.suppress(OSError, AttributeError, TypeError):  # other systems, other C libraries
@@ -69,8 +69,8 @@ def keep_freed_memory() -> None:
 
 
 def give_back_freed_memory() -> None:
-    """Lets the C library (glibc) give the pages of arrays that are gone back to the system: it keeps those below 32 MB
-    for later ones, and what is built next is not of the same sizes."""
+    """Lets the C library (glibc) return the memory of freed arrays to the system: it keeps that of arrays below 32 MB
+    for later ones, and the arrays that follow have other sizes."""
     import ctypes
 
     with contextlib.suppress(OSError, AttributeError, TypeError):
@@ -116,13 +116,14 @@ def _plain(error: UnicodeError) -> tuple[str | bytes, int]:
 
 
 def stop_printing() -> None:
-    """After nobody reads stdout any more: what is still in its buffer goes nowhere, without a complaint."""
+    """Discards the rest of the buffer of stdout, without an error message, after its reader has closed the pipe."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def find_kernel_cache(package: Path = Path(__file__).parents[1]) -> str | None:
-    """Sees to it that numba has a folder for what it compiles; a sentence where none of the usual ones will do.
+    """Makes sure that numba has a folder for compiled kernels; returns a sentence where none of the usual ones can be
+    written.
 
     numba takes NUMBA_CACHE_DIR, the folder of the package or the cache of the user, whichever can be written first,
     and refuses all work where none can. Then a folder in the temporary one is used, for pictures' fonts too. To be
@@ -142,7 +143,7 @@ def find_kernel_cache(package: Path = Path(__file__).parents[1]) -> str | None:
 
 
 def _user_cache() -> Path:
-    """Where programs keep what they can make anew."""
+    """The folder in which programs of this user keep caches."""
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA") or "~/AppData/Local").expanduser()
     if sys.platform == "darwin":
@@ -161,7 +162,7 @@ def _is_writable(folder: Path) -> bool:
 
 
 def _private_folder() -> Path:
-    """A folder that nobody else can write to, the same one every time if possible: what is read from it is run."""
+    """A folder that no other user can write to, the same one every time if possible: the kernels in it are executed."""
     user = os.getuid() if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
     folder = Path(tempfile.gettempdir(), f"isph-{user}")
     with contextlib.suppress(OSError):

@@ -1,7 +1,7 @@
 """Files that a run leaves: snapshots and their time series, the history, the summary.
 
-Plain arrays and dictionaries in, files out. Two rules hold for every writer here: a file appears whole
-or not at all (it is written beside itself and renamed), and NaN or infinity never reaches a file.
+Writers take plain arrays and dictionaries. Two rules hold for all of them: a file appears whole or not at all (a
+temporary file is written and renamed), and NaN or infinity never reaches a file.
 `docs/output.md` describes every file, column and key.
 """
 
@@ -125,11 +125,11 @@ def _write_pieces(directory: Path, name: str, x: np.ndarray, fields: Mapping[str
 
     def begin() -> None:
         (directory / SNAPSHOTS).mkdir(exist_ok=True)
-        for piece in have:  # in the manifest before it is there
+        for piece in have:  # the manifest names a piece before it is written
             folder.name(directory / piece)
 
     on_first(begin)
-    if len(x):  # rank 0 has named it: others hold no folder
+    if len(x):  # rank 0 has entered the piece in the manifest: the others hold no folder
         write_vtu(directory / pieces[ranks.rank], x, fields)
     ranks.collect(None)  # all pieces are there
 
@@ -288,7 +288,7 @@ class History:
         if value is None:
             return ""
         plain = isinstance(value, int | str) or (isinstance(value, float) and math.isfinite(value))
-        if not plain:  # the check of arrays takes ten times as long
+        if not plain:  # plain numbers need no check as arrays, which takes ten times as long
             value = require_finite(f"{self.path.name}: {key} in row {self.rows + 1}", value).item()
         return f"{value:.10g}" if isinstance(value, float) else str(value)
 
@@ -356,7 +356,7 @@ def write_summary(path: str | os.PathLike, summary: Mapping[str, Any]) -> None:
 
 
 def _plain(name: str, value: Any) -> Any:
-    """`value` as JSON knows it; `name` is the path of keys that leads to it."""
+    """`value` in types of JSON; `name` is the path of keys that leads to it."""
     if isinstance(value, Mapping):
         return {str(key): _plain(f"{name}.{key}", item) for key, item in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):

@@ -1,9 +1,9 @@
 """The folder that a command writes into: a lock while it is under way, and a manifest of the files that it has written.
 
 No command deletes or overwrites a file that it did not write. What it wrote is known from `manifest.json` in the
-folder, never from how a file is called: a file is named there before it is written, so that a kill between the two
-leaves a name without a file, never a file without a name. All writers call `name` (`files.replacing` and
-`files.History`); outside of a folder that is held it does nothing.
+folder, never from the name of a file: the manifest lists a file before it is written, so that a kill between the two
+leaves an entry without a file, never a file without an entry. All writers call `name` (`files.replacing` and
+`files.History`), which does nothing outside of a folder that is held.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from .. import __version__
 
 MANIFEST, LOCK = "manifest.json", "isph.lock"
 TEMPORARY = ".isph-"  # how the names of unfinished files begin
-LOCKED_BYTE = 1 << 30  # Windows: beyond what the file holds, so that others can read who holds it
+LOCKED_BYTE = 1 << 30  # Windows: beyond the end of the file, so that other processes can read its content, the holder
 
 
 class FolderError(ValueError):
-    """A folder that a command may not write into: what is in the way, and what to do."""
+    """A folder that a command may not write into: the reason, and what to do."""
 
 
 @contextlib.contextmanager
@@ -76,7 +76,7 @@ class Folder:
         # relative to the folder, in the order in which they were first written
         self.files: dict[str, None] = {}
         self.folders: dict[str, None] = {}  # that runs within this command fill; each has a manifest of its own
-        self._named: list[str] = []  # in the manifest that was found, also files that are not there
+        self._named: list[str] = []  # entries of the manifest that was found, also of files that are gone
         self._prepared = False
         self._made: list[Path] = []
         self._handle: int | None = None
@@ -113,8 +113,8 @@ class Folder:
         self._made = []
 
     def _take_lock(self) -> None:
-        """The lock is that of the system on an open file: it ends with the process, however that ends. What is in the
-        file only says who holds it."""
+        """Takes a lock of the system on an open file, which ends with the process, however that ends. The content of
+        the file only tells who holds it."""
         path = self.path / LOCK
         while self._handle is None:
             self._make()
@@ -144,7 +144,7 @@ class Folder:
         found = self._read()
         self._named = list(found.get("files", ()))
         there = [name for name in self._named if os.path.lexists(self.path / name)]
-        self.files = dict.fromkeys(there)  # what another puts in the place of one that is gone is not ours
+        self.files = dict.fromkeys(there)  # a file that someone puts in the place of one that is gone is not ours
         self.folders = dict.fromkeys(found.get("folders", ()))
         if there and not (self.keep or self.overwrite):
             of = found.get("case")
@@ -195,9 +195,11 @@ class Folder:
                            "choose another folder with --out")
 
     def prepare(self) -> None:
-        """Remove what the manifest names, unless it is kept, and what a run that was killed left unfinished.
+        """Remove the files that the manifest names, unless they are kept, and unfinished files of a run that was
+        killed.
 
-        A copy of a case that is itself the case now stays until it is replaced: a kill must not take it away.
+        Where the case that runs is the copy of the case in this folder, that file stays until it is replaced: a kill
+        must not lose it.
         """
         if self._prepared:
             return
@@ -227,7 +229,7 @@ class Folder:
         self._write()
 
     def owns(self, path: Path) -> bool:
-        """Whether the results in a folder below are of this command; where there are none yet they are from now on."""
+        """Whether the results in a subfolder belong to this command; a subfolder without results becomes its own."""
         name = self._relative(path)
         if name in self.folders:
             return True
@@ -293,7 +295,7 @@ def _finished(temporary: Path) -> Path:
 
 
 def _holder(path: Path) -> dict[str, Any] | None:
-    """What a lock says of its holder; {} where it says nothing yet; None for a file that is no lock."""
+    """The holder that a lock names; {} where it names none yet; None for a file that is no lock."""
     try:
         if not stat.S_ISREG(os.lstat(path).st_mode):
             return None
@@ -306,7 +308,8 @@ def _holder(path: Path) -> dict[str, Any] | None:
 
 
 def _lock(handle: int) -> bool:
-    """Lock an open file; False where another holds it. A file system without locks gives none and refuses nothing."""
+    """Lock an open file; False where another process holds it. On a file system without locks nothing is locked or
+    refused."""
     try:
         import fcntl
     except ImportError:
@@ -329,7 +332,8 @@ def _lock(handle: int) -> bool:
 
 
 def _release(handle: int, path: Path) -> None:
-    """Remove a lock that is held. Removed first: a file that another has opened meanwhile is then none that counts."""
+    """Remove the file of a lock that is held, then release it: a process that has opened the file meanwhile finds that
+    it is gone, and opens a new one."""
     with contextlib.suppress(OSError):
         os.unlink(path)
     os.close(handle)

@@ -90,7 +90,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class GridLayout:
-    """What is known of a grid before its values. fields: {name: (type, components)}, () of a scalar."""
+    """A grid without its values. fields: {name: (type, components)}, () of a scalar."""
 
     cells: GridCells
     fields: dict[str, tuple[np.dtype, tuple[int, ...]]]
@@ -98,9 +98,9 @@ class GridLayout:
 
 @dataclass(frozen=True)
 class GridParts:
-    """A grid that comes in parts: layers of its cells along the last axis, one part after the other, so that nobody
+    """A grid in parts: layers of its cells along the last axis, one part after the other, so that no process
     holds the whole. values: of each part the arrays of all fields, [z, y, x, ...] or [y, x, ...]. Of several processes
-    all go through them together; the arrays of the others than rank 0 are empty."""
+    all iterate over them together; only rank 0 has arrays that are not empty."""
 
     layout: GridLayout
     values: Iterator[dict[str, np.ndarray]]
@@ -179,7 +179,7 @@ class _Values:
             asked = np.nonzero(seen & ~there[:, None])
             start = geometry.lower + middle[asked[0]]
             seen[asked] = geometry.crossing(start, start + step[asked]) >= 1.0
-        near = np.argmax(seen, axis=1)  # they come by their distance
+        near = np.argmax(seen, axis=1)  # particles are sorted by their distance
         every, some = np.arange(len(rows)), seen.any(axis=1)
         nearest = which[every, near]
         fitted = _Fit(np.nonzero(some & ~there)[0], which, step / spacing, seen)
@@ -192,7 +192,7 @@ class _Values:
 
 
 class _Fit:
-    """Linear functions through what the particles around some cells have, in the middles of these cells.
+    """Linear functions fitted to the values of particles around some cells, in the middles of these cells.
 
     cells: (k,) rows of which; which: (m, q) particles; step: (m, q, dim) from the middles, in spacings; seen: (m, q).
     """
@@ -204,7 +204,7 @@ class _Fit:
         terms = np.concatenate([np.ones((*step.shape[:2], 1)), step], axis=2)
         normal = np.einsum("mq,mqa,mqb->mab", weight, terms, terms)
         size = terms.shape[2]
-        # particles on a plane or a line leave slopes open, which are then taken as none
+        # particles on a plane or a line do not determine all slopes: the others are then zero
         normal[:, range(1, size), range(1, size)] += 1e-9 * normal[:, :1, 0]
         first = np.zeros((len(cells), size, 1))
         first[:, 0] = 1.0
@@ -237,7 +237,7 @@ def _gathered(values: _Values, share: Share) -> Iterator[dict[str, np.ndarray]]:
     ranks, cells = current(), values.layout.cells
     layer = int(np.prod(cells.counts[:-1]))
     deep = max(AT_ONCE // layer, 1)
-    # the cells of the own brick are those of a box, of which one more on each side is looked at
+    # the cells of the own brick lie in a box of cells, taken one cell larger on each side
     first = np.clip(np.floor((share.lower - cells.lower) / cells.edges - 0.5).astype(int), 0, cells.counts)
     end = np.clip(np.ceil((share.upper - cells.lower) / cells.edges + 0.5).astype(int), 0, cells.counts)
     for low in range(0, int(cells.counts[-1]), deep):
@@ -282,7 +282,7 @@ def write_vti(path: str | os.PathLike, grid: Grid | GridParts, time: float | Non
 
 
 def _vti_head(layout: GridLayout, sizes: Mapping[str, int], time: float | None) -> str:
-    """What stands before the values. sizes: bytes of each field in the file."""
+    """The XML before the values. sizes: bytes of each field in the file."""
     cells, dim = layout.cells, len(layout.cells.counts)
     counts = (*cells.counts.tolist(), 1)[:3]
     origin = [*(cells.lower + 0.5 * cells.edges), 0.0][:3]
@@ -320,8 +320,8 @@ def _columns(values: np.ndarray, dim: int) -> np.ndarray:
 
 
 class _Compressed:
-    """Bytes as VTK has them, in compressed blocks behind a header of their sizes, base64. spool: an open file for the
-    blocks, whose sizes are known at the end only."""
+    """Bytes in the encoding of VTK: compressed blocks behind a header of their sizes, base64. spool: an open file for
+    the blocks, whose sizes are known at the end only."""
 
     def __init__(self, spool: IO[bytes]):
         self.spool, self.sizes, self.rest, self.length = spool, list[int](), b"", 0
@@ -339,7 +339,7 @@ class _Compressed:
         self.sizes.append(self.spool.write(zlib.compress(data)))
 
     def end(self) -> int:
-        """Nothing comes any more; returns the length of what `write_to` writes."""
+        """Compresses the last block; returns the number of bytes that `write_to` writes."""
         if self.rest:
             self._block(self.rest)
         return sum(4 * -(-length // 3) for length in (8 * (3 + len(self.sizes)), sum(self.sizes)))

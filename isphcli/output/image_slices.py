@@ -70,7 +70,7 @@ def plot_cuts(
 
 
 def _unit(lengths: np.ndarray) -> tuple[float, str]:
-    """Factor and name of the unit in which lengths in m are neither long nor short numbers."""
+    """Factor and name of the unit in which lengths in m are numbers of a few digits."""
     longest = float(np.max(lengths))
     for factor, name in ((1e9, "nm"), (1e6, "um"), (1e3, "mm")):
         if longest * factor < 1e4:

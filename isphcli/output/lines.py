@@ -1,4 +1,4 @@
-"""What is said of a run on the terminal, in Python and in reports: names and values, from the summary."""
+"""Names and values of a run for the terminal, Python and reports, from the summary."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from ..case.blocks import Case
 
 MILLIDARCY = 9.869233e-16  # m2
-DIGITS = 3  # of a result whose error is not known: 1 % is the best that a lattice of particles has beside walls
+DIGITS = 3  # significant digits of a result whose error is unknown: beside walls it is hardly less than 1 %
 
 
 def closing_lines(case: Case, summary: Mapping[str, Any], directory: Path | None) -> str:
-    """What is said at the end of a run; directory: of its files, if they were kept."""
+    """The lines that are printed at the end of a run; directory: of its files, if they were kept."""
     lines = [*scene_lines(summary), *permeability_lines(summary)]
     if summary.get("permeability") is None:
         part = case.geometry.voxels or case.geometry.clear_layer or case.reservoirs
@@ -35,7 +35,7 @@ def closing_lines(case: Case, summary: Mapping[str, Any], directory: Path | None
 
 
 def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What was run: the image, its porosity, the axes along which fluid can flow through, the throats."""
+    """The scene of a run: the image, its porosity, the axes along which fluid can flow through, the throats."""
     throats = summary.get("throats")
     lines = [tuple(text.split(": ", 1)) for text in summary.get("inputs") or ()]
     if summary.get("porosity") is not None:
@@ -51,7 +51,7 @@ def scene_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def permeability_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Permeability, m2 and mD: one number, one per axis, or the tensor; digits as far as the error bar says."""
+    """Permeability, m2 and mD: one number, one per axis, or the tensor; as many digits as the error bar allows."""
     bars = dict(per_axis(summary.get("permeability_error")))
     given = summary.get("permeability_range")
     ranges: dict[str, Any] = {"": given} if given else {}
@@ -83,7 +83,7 @@ def between(low: float, high: float) -> str:
 
 
 def threshold_lines(known: Mapping[str, Any] | None) -> list[tuple[str, str]]:
-    """What the uncertainty of the threshold of a grey image does to the permeability along each axis."""
+    """The range of the permeability along each axis by the uncertainty of the threshold of a grey image."""
     if known is None:
         return []
     lower, own, upper = known["thresholds"]
@@ -108,7 +108,7 @@ def velocity_lines(summary: Mapping[str, Any], is_part: bool = False) -> list[tu
     for key, name in (("mean_velocity", "mean pore velocity"), ("superficial_velocity", "superficial velocity")):
         values = [v for _, v in per_axis(None if summary.get(key) is None else list(summary[key]))]
         if values:
-            least = 10.0**-DIGITS * max(abs(v) for v in values)  # what is less is what is left by the others
+            least = 10.0**-DIGITS * max(abs(v) for v in values)  # smaller components are errors of the largest
             shown = (f"{a} {v if abs(v) >= least else 0:.{DIGITS}g}" for a, v in zip("xyz", values))
             lines.append((name, ", ".join(shown) + " m/s" + " in the sample" * is_part))
     return lines
@@ -203,7 +203,7 @@ def shown_error(name: str, error: Any, tolerance: float | None) -> str:
     """A relative error in per cent, and the bound on it, and whether it is outside."""
     if not isinstance(error, (int, float)):
         return str(error)
-    if name.endswith("capillary_number"):  # how far a fluid is off rest is no part of anything
+    if name.endswith("capillary_number"):  # a capillary number at rest is no relative error
         return f"{error:.2g}"
     outside = ", not met" if tolerance and abs(error) > tolerance else ""
     return f"{100 * error:+.3g} %" + (f" (bound {100 * tolerance:.3g} %{outside})" if tolerance else "")

@@ -1,5 +1,5 @@
-"""Panels on a run beside the pictures of its flow: profiles along the axis, sizes of pores and speeds, and, apart from
-them, what is numerical: k against spacing, convergence of the solver, spread of the flux.
+"""Panels on a run beside the pictures of its flow: profiles along the axis, sizes of pores and speeds, and, separately,
+numerical quantities: k against spacing, convergence of the solver, spread of the flux.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MOST_SPEEDS = 0.999  # share of the fluid up to which speeds are drawn
 
 @dataclass(frozen=True)
 class Numerics:
-    """What a steady case tells of its numbers.
+    """The numerical quantities of a steady case.
 
     residuals: {label: [(iteration, relative residual)]} of each solve; tolerance: asked of them; by_spacing: {axis:
     {spacing, m: k, m2}}; value, bar: {axis: m2} of the result; profile: rows of `flow_measures.profile_rows`; mass:
@@ -44,8 +44,8 @@ def plot_flow_profile(path: str | os.PathLike, rows: Sequence[Mapping[str, Any]]
                       title: str = "") -> None:
     """Draw pressure and superficial velocity of the layers across the axis of a flow.
 
-    rows: of profiles.csv, with one of x, y, z, `pressure` and `superficial_velocity`; mass: spread of the latter, which
-    incompressible flow has none of.
+    rows: of profiles.csv, with one of x, y, z, `pressure` and `superficial_velocity`; mass: spread of the latter, zero
+    for incompressible flow.
     """
     if not rows:
         raise ValueError(f"{path}: there is no profile")

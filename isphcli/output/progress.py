@@ -1,4 +1,4 @@
-"""What one sees while a run goes: a live display on a terminal, a line now and then elsewhere.
+"""The display of the progress of a run: lines that are redrawn on a terminal, a line every few seconds elsewhere.
 
 Everything goes to stderr, so that stdout stays free for results. rich is imported only for a terminal.
 """
@@ -12,17 +12,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any, TextIO
 
 INTERVAL = 5.0  # s between two plain lines
-FEWEST = 12  # steps before the time left is told
-AGREE = 1.5  # the pace of the last half of the steps over that of the last quarter, between which a pace is known
+FEWEST = 12  # steps before the time left is shown
+AGREE = 1.5  # largest ratio of the paces of the last half and quarter of the steps for which the time left is shown
 MOST = 1000  # steps whose times are kept
 COMPILING = "compiling, once per machine"
 _active: list[Progress | stage] = []  # open displays, the outermost first: there is one terminal
-_told: list[tuple[TextIO, float, float]] = []  # what was told of the compiler without a terminal; since, last
+_told: list[tuple[TextIO, float, float]] = []  # lines on the compiler: stream, time of first and last
 
 
 def compiling(going_on: bool) -> None:
-    """The compiler has begun with a kernel, or is done: the displays say so, as it takes most of the time of a first
-    run. Elsewhere than on a terminal a line says so at once, and another every INTERVAL in which it begins one more."""
+    """To be called when the compiler begins with a kernel, or is done: displays show it, as it takes most of the time
+    of a first run. Without a terminal a line is written at once, and then at most one per INTERVAL, for further
+    kernels."""
     for shown in _active:
         if shown._display is not None:
             shown._display.compiling = going_on
@@ -117,7 +118,7 @@ class Progress:
             print(text, file=self.stream, flush=True)
 
     def _substage(self, text: str) -> None:
-        """What a stage inside this display is doing."""
+        """Shows the text of a stage inside this display."""
         if self._display is not None:
             self._display.substage(text)
 
@@ -129,7 +130,7 @@ class Progress:
     def _left(self, done: float | None) -> str:
         """Time left at the pace of the last half of the steps: the first ones compile, and steps grow from rest.
 
-        Nothing before that pace is known: FEWEST steps, of which the last quarter went as fast within AGREE."""
+        '' until that pace is known: after FEWEST steps, if the pace of their last quarter agrees within AGREE."""
         if done is None:
             return ""
         now, paced = _now(), self._paced
@@ -189,7 +190,7 @@ class stage:
             print(line, file=self.stream, flush=True)
 
     def update(self, detail: str) -> None:
-        """How far it is."""
+        """Shows how far the work is."""
         self._detail = detail
         if self._outer is not None:
             self._outer._substage(f"{self.text}: {detail}")
@@ -244,7 +245,7 @@ def _now() -> float:
 class _Display:
     """Lines on a terminal that are drawn again and again until `close`; what does not fit into a line is left out.
 
-    Also at narrow widths each line stays one, so that it can be drawn over.
+    At narrow widths too a line is never broken, so that it can be redrawn in place.
     """
 
     def __init__(self, stream: TextIO, title: str, transient: bool):
@@ -270,7 +271,7 @@ class _Display:
         self.live.stop()
 
     def _lines(self) -> Any:
-        """What is drawn, a rich renderable."""
+        """The lines as a rich renderable."""
         from rich.text import Text
 
         width = max(min(self.console.width, 80) - 1, 10)
@@ -302,7 +303,7 @@ class _Display:
 
 
 class _Bar(_Display):
-    """Three lines: the title, how far, and what the last step did."""
+    """Three lines: the title, the progress, and the last step."""
 
     def __init__(self, stream: TextIO, title: str):
         self.done: float | None = None
@@ -330,7 +331,7 @@ class _Bar(_Display):
 
 
 class _Spinner(_Display):
-    """One line, replaced by what came of it."""
+    """One line, replaced by the outcome at the end."""
 
     def __init__(self, stream: TextIO, text: str):
         self.detail = ""
@@ -352,7 +353,7 @@ class _Spinner(_Display):
 
 
 class _Forgiving:
-    """A stream for what is said on the way: once it is full, or nobody reads it any more, the run goes on silently."""
+    """A stream for the display: once it is full, or its reader has closed it, the run goes on without one."""
 
     def __init__(self, stream: TextIO):
         self.stream = stream

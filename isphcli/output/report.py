@@ -1,7 +1,7 @@
-"""report.html: what was asked of a run, what came out, its pictures and how to repeat it, in one file without the
-network; of several runs side by side.
+"""report.html: the question of a run, its results and pictures and how to repeat it, in one file without links to the
+network; several runs side by side.
 
-Only what runs leave is read: summary.json, case.yaml and the pictures. Nothing heavy is imported.
+Only the files of runs are read: summary.json, case.yaml and the pictures. Nothing that takes long is imported.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ figure { margin: 1rem 0; } img { max-width: 100%; } pre { background: #f5f4f1; p
 
 
 class ReportError(ValueError):
-    """A folder that no report can be made of."""
+    """A folder without the files that a report needs."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """What one run left.
+    """The results of one run.
 
     directory: its folder; summary: of summary.json; case: the effective case as YAML reads it; text: of case.yaml;
     pictures: (file name, bytes) in the order of PICTURES.
@@ -72,7 +72,7 @@ class Run:
 
 
 def read_run(directory: str | os.PathLike) -> Run:
-    """What a run left in a folder. Raises ReportError where it is not the folder of a run that has ended."""
+    """The results of a run in a folder. Raises ReportError where it is not the folder of a run that has ended."""
     folder = Path(directory)
     if not folder.exists():
         raise ReportError(f"{folder}: no such folder; name the folder of a run that has ended")
@@ -109,7 +109,7 @@ def report_page(runs: Sequence[Run]) -> str:
 
 
 def question(run: Run) -> str:
-    """What a case asks, a sentence."""
+    """The question that a case asks, a sentence."""
     drive = run.case.get("drive") or {}
     names = list(run.case.get("fluids") or {})
     if run.case.get("flow") == "stokes":
@@ -121,7 +121,7 @@ def question(run: Run) -> str:
 
 
 def answer_lines(run: Run) -> list[tuple[str, str]]:
-    """What came out: permeability with its bar and range, or velocities; what is measured of two fluids; errors."""
+    """The results: permeability with its bar and range, or velocities; measures of two fluids; errors."""
     summary = run.summary
     lines = permeability_lines(summary)
     if summary.get("permeability") is None:
@@ -136,7 +136,7 @@ def answer_lines(run: Run) -> list[tuple[str, str]]:
 
 
 def cost_lines(run: Run) -> list[tuple[str, str]]:
-    """What it took, and with what it was done."""
+    """The costs of a run, and the machine and versions of its libraries."""
     summary = run.summary
     counts, memory = summary.get("particles") or {}, summary.get("peak_memory_bytes")
     lines = [("particles", f"{counts['fluid']:,} in the fluid")] if "fluid" in counts else []
@@ -176,8 +176,8 @@ def _of_one(run: Run) -> str:
 
 
 def _side_by_side(runs: Sequence[Run]) -> str:
-    """A column a run: what differs between the cases, the answers, then scene and cost; what is alike in all runs last,
-    once."""
+    """A column per run: differences between the cases, results, then scene and costs; values that are the same in all
+    runs come last, once."""
     cells: list[dict[str, str]] = [dict([("status", str(run.summary.get("status"))), *answer_lines(run),
                                          ("warnings", "\n".join(_warnings(run)) or "none"), *scene_lines(run.summary),
                                          *cost_lines(run)]) for run in runs]

@@ -4,8 +4,8 @@ A run keeps its multigrid hierarchies over many steps. A file does not hold them
 state; it holds where they came from: the state and the step in which each was built. A restart takes these steps again,
 and the hierarchies come out with the same bits.
 
-It holds too what the case said, the record of it: what places particles and walls (the scene), which a restart cannot
-change, and all else that the flow depends on (the values), which it can; what it changes is written down.
+It also holds the record of the case: the keys that place particles and walls (the scene), which a restart cannot
+change, and all others that the flow depends on (the values), which it can; its changes are added to the record.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from ..flow.state import State
 
 NAME = "restart.npz"
-VERSION = 5  # of the file: one more whenever what it holds means something else
+VERSION = 5  # of the format: one more whenever the content of the file changes its meaning
 SPREAD = ("x", "u", "u_old", "p", "phi", "volume")  # arrays of a state with a row per particle
-AT_ONCE = 1 << 24  # bytes of a file read in one go where it need not be held
+AT_ONCE = 1 << 24  # bytes of a file read at once where they need not be kept
 # Keys of the scene; all others are values, but for those that change no flow (IDLE). A wall may move or slip otherwise.
 SCENE = re.compile(r"geometry\b|initial\b|reservoirs\b|fluids$|particles\.(spacing|lattice|offset|jitter|seed)\b")
 AT_WALLS = re.compile(r"geometry\.(walls|slip_length|shapes\[\d+\]\.(velocity|angular_velocity|slip_length))\b")
@@ -53,7 +53,7 @@ class Saved:
     state: flow.state.State; origins: {name of a hierarchy: (state before the step in which it was built, length of that
     step, s, iterations of its first use)}; steady: [(time, integral)] of the test for a steady state
     (`steadiness.Steady`);
-    record: what the case said, see `record_of`.
+    record: that of the case, see `record_of`.
     """
 
     state: State
@@ -89,7 +89,7 @@ def save(path: str | Path, saved: Saved, record: Mapping[str, Any] | None = None
 
 
 def _apart(saved: Saved, origins: dict[str, list[Any]], record: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """What a file holds beside states."""
+    """The arrays of a file beside those of states."""
     meta = {"version": VERSION, "origins": origins, "record": record}
     return {"steady": np.array(saved.steady, dtype=float).reshape(-1, 2),
             "meta": np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8)}
@@ -97,7 +97,7 @@ def _apart(saved: Saved, origins: dict[str, list[Any]], record: Mapping[str, Any
 
 def _save_together(path: str | Path, saved: Saved, record: Mapping[str, Any]) -> None:
     """The same file from several processes, in the order of one: particles go to slabs of their numbers, and rank 0
-    writes one slab after the other. Hierarchies are not told of."""
+    writes one slab after the other. Hierarchies are left out."""
     ranks, values = current(), _fields(saved.state)
     number = values.pop("number")
     count = reduce.number(number)
@@ -136,7 +136,7 @@ def _save_together(path: str | Path, saved: Saved, record: Mapping[str, Any]) ->
                         file.write(data)
             with archive.open("sha256.npy", "w") as file:
                 np.lib.format.write_array(file, np.frombuffer(total.digest(), dtype=np.uint8), allow_pickle=False)
-    ranks.collect(None)  # it is there
+    ranks.collect(None)  # all wait until the file is complete
 
 
 def require(path: str | Path) -> None:
@@ -203,7 +203,7 @@ def _read_slabs(path: Path) -> tuple[dict[str, np.ndarray], bool]:
                     wanted = _slab(shape[0])
                 try:
                     data = _rows(file, row, wanted, total if ranks.rank == 0 and name != "sha256" else None)
-                except zipfile.BadZipFile:  # the first process alone reads all of an array, and tells the others below
+                except zipfile.BadZipFile:  # only rank 0 reads a whole array; it sends its error below
                     if ranks.rank > 0:
                         raise
                     damaged = True
@@ -236,7 +236,7 @@ def _rows(file: Any, row: int, wanted: tuple[int, int], total: Any) -> bytes:
 
 
 def _fields(state: State) -> dict[str, Any]:
-    """{name: value} of a state, without what it does not have."""
+    """{name: value} of a state, without members that are None."""
     return {f.name: getattr(state, f.name) for f in fields(state) if getattr(state, f.name) is not None}
 
 
@@ -271,11 +271,11 @@ def _head(name: str, kind: str, shape: tuple[int, ...]) -> bytes:
     return f"{name} {kind} {shape or (1,)}\n".encode()
 
 
-# --- what the case said ------------------------------------------------------------------------------------------
+# --- the record of the case --------------------------------------------------------------------------------------
 
 
 def record_of(case: Case) -> dict[str, Any]:
-    """The record of a case, of what JSON knows: {"scene": {key: value}, "values": {key: value}, "changes": []}.
+    """The record of a case, in types of JSON: {"scene": {key: value}, "values": {key: value}, "changes": []}.
 
     Keys are those of the case file. A file that the scene is read from stands there as the SHA-256 of its bytes, an
     image as that of its voxels, whatever file holds them.
@@ -332,7 +332,7 @@ def _check_scene(path: Path, before: Mapping[str, Any], now: Mapping[str, Any]) 
 
 
 def resume(path: Path, saved: Saved, record: dict[str, Any], time: Time) -> dict[str, Any]:
-    """The record of a run that goes on from a restart file: what it changes now stands behind what was changed before.
+    """The record of a run that goes on from a restart file, with its changes behind those of earlier restarts.
 
     record: of the case as it is now; time: its block. Raises RestartError where the case ends before what was reached.
     """

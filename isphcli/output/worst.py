@@ -15,8 +15,9 @@ NAME = "worst.vtu"
 def write_worst(path: Path, x: np.ndarray, violation: np.ndarray | None, **fields: np.ndarray) -> Path | None:
     """Writes the WORST particles of a step or solve that failed as a VTU; returns its path.
 
-    x: (n, dim) m; violation: (n,) how bad each is, or None where nothing is known: then nothing is written, and None is
-    returned; fields: further (n,) or (n, dim) values. Raises NotFiniteError where a field is not finite.
+    x: (n, dim) m; violation: (n,) size by which the worst are chosen, or None where it is unknown: then nothing is
+    written, and None is returned; fields: further (n,) or (n, dim) values. Raises NotFiniteError where a field is not
+    finite.
     """
     if violation is None:
         return None

@@ -1,4 +1,4 @@
-"""Snapshots as HDF5 with an XDMF file that says what is in them: `output.format: xdmf`.
+"""Snapshots as HDF5 with an XDMF file that describes them: `output.format: xdmf`.
 
 Each snapshot is a file of its own, whole or not there, as those of VTK are; `<name>.xdmf` lists them with their times.
 """
@@ -34,7 +34,7 @@ class XdmfSeries(Series):
         """See `files.Series`."""
         self.directory, self.name = Path(directory), name
         self.entries: list[tuple[float, str]] = []
-        self.parts: dict[str, str] = {}  # what the list says of each file
+        self.parts: dict[str, str] = {}  # entry of each file in the list
         (self.directory / SNAPSHOTS).mkdir(parents=True, exist_ok=True)
         if resume_time is not None and on_first(self.path.exists):
             for time, file, text in on_first(lambda: listed(self.path)):
@@ -124,7 +124,7 @@ def read_h5(path: str | os.PathLike) -> tuple[np.ndarray, dict[str, np.ndarray]]
 
 
 def listed(path: Path) -> list[tuple[float, str, str]]:
-    """(time, file, what the list says of it) of each snapshot."""
+    """(time, file, its entry) of each snapshot in the list."""
     found = []
     for grid in ElementTree.parse(path).iter("Grid"):
         when = grid.find("Time")

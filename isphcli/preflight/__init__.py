@@ -1,1 +1,1 @@
-"""What a case uses, needs, costs and risks, before it is run."""
+"""The check of a case before it runs: the terms it uses, memory, time and warnings."""

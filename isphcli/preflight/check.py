@@ -1,4 +1,4 @@
-"""What a case uses, needs, costs and risks, before it is run.
+"""The check of a case before it runs: the terms it uses, memory, time and warnings.
 
 `check` looks at the lattice only: nothing is solved and no neighbours are searched.
 """
@@ -37,9 +37,9 @@ from .findings import (
 from .menisci import menisci_findings
 from .throats import Sites, throats
 
-# Of a lattice that is looked at site by site: 0.6 us each on an idle core, 2 us on a busy one (Berea, 2026-11-29)
+# Most lattice sites that are classified one by one: 0.6 us each on an idle core, 2 us on a busy one (Berea, 2026-11-29)
 MOST_SITES = 30_000_000
-BYTES_SITE = 30  # of a lattice site in a check: phase, distance, labels of the connected parts
+BYTES_SITE = 30  # bytes per lattice site in a check: phase, distance, labels of the connected parts
 
 
 def check_case_file(path: str | Path, overrides: Sequence[str] = (), ranks: int | None = None) -> CheckResult:
@@ -52,9 +52,9 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
           ranks: int | None = None) -> CheckResult:
     """Check a case; `geometry` where it is at hand already.
 
-    to_run: it is about to be run. However many sites there are, to look at them is then little beside the solve; and
-    what the run itself finds out and tells is left to it: which axes are closed, which fluids are absent. ranks: how
-    many processes are to run it, on a machine that need not be this one.
+    to_run: the case is about to be run. Classifying any number of sites then takes little time beside the solve, and
+    findings that the run itself reports are left to it: axes that are closed, fluids that are absent. ranks: how many
+    processes are to run it, on a machine that need not be this one.
     """
     if geometry is None:
         try:
@@ -101,7 +101,7 @@ def check(case: Case, geometry: Geometry | None = None, to_run: bool = False,
 
 
 def _findings(result: CheckResult, geometry: Geometry, sites: Sites, lattice: Lattice, to_run: bool) -> None:
-    """What may go wrong with a flow that is expected; to_run: see `check`."""
+    """Adds warnings and errors, by the expected flow; to_run: see `check`."""
     case = result.case
     kinds = {(f.density, f.mu) for f in case.fluids.values()}
     if case.flow == "stokes" and sites.per_fluid[1:].any() and len(kinds) > 1:
@@ -112,13 +112,13 @@ def _findings(result: CheckResult, geometry: Geometry, sites: Sites, lattice: La
     if not to_run:
         other = [f"the reference is not compared: {text}" for text in [other_sample(case, geometry)] if text]
         result.warnings += [*other, *absent_fluids(case, sites)]
-    elif case.flow != "stokes":  # the run finds out, by its particles
+    elif case.flow != "stokes":  # the run reports it, by its particles
         result.warnings += result.errors
 
 
 def _flow_is_expected(result: CheckResult, geometry: Geometry, sites: Sites, driven: Sequence[int]) -> bool:
     """Finds the flow to expect; False where its velocity leaves the range of numbers, which is an error."""
-    with np.errstate(all="ignore"):  # what is not finite is told
+    with np.errstate(all="ignore"):  # a flow that is not finite is reported
         flow = flow_estimate(result.case, geometry, sites, result.throats, driven)
     if flow is not None and not math.isfinite(flow.motion.largest + flow.motion.acceleration):
         result.errors.append("the velocity to expect leaves the range of numbers; check units of drive, viscosity and "
@@ -138,7 +138,7 @@ def _costs(result: CheckResult, geometry: Geometry, sites: Sites, ranks: int | N
 
 
 def _from_samples(result: CheckResult, geometry: Geometry, lattice: Lattice, ranks: int | None) -> None:
-    """What random points tell of a lattice that has too many sites to look at each."""
+    """Estimates by random points for a lattice with too many sites to classify all."""
     case = result.case
     size = geometry.upper - geometry.lower
     points = geometry.lower + np.random.default_rng(0).random((memory.SAMPLE, geometry.dim)) * size

@@ -1,4 +1,4 @@
-"""What is known of a case before it is run, and how it is printed."""
+"""The result of a check of a case before it is run, and its text."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Motion:
 
     @property
     def largest(self) -> float:
-        """Of all times, m/s: of the start or of the end."""
+        """The largest speed over time, m/s: at the start or at the end."""
         return max(self.start, self.driven) + self.always
 
 
@@ -80,9 +80,9 @@ class Flow:
 
 @dataclass(frozen=True)
 class Steps:
-    """Time-step limits by name in the fastest flow, s; the steps of the whole run, None where there is no telling;
-    those at the start that are shorter than the limits; whether the run may end earlier; the limit of most of them,
-    "end" where something was due."""
+    """Time-step limits by name in the fastest flow, s; the steps of the whole run, None where they are unknown; those
+    at the start that are shorter than the limits; whether the run may end earlier; the limit that bounds most steps,
+    "end" where a snapshot or the end was due."""
 
     limits: dict[str, float]
     count: float | None
@@ -98,7 +98,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class ShareOfRank:
-    """Of the largest of `count` processes: its fluid particles, the remote ones that these see, bytes by part, and
+    """The largest of `count` processes: its fluid particles, the remote ones that these see, bytes by part, and
     seconds."""
 
     count: int
@@ -110,8 +110,8 @@ class ShareOfRank:
 
 @dataclass(frozen=True)
 class SecondSolve:
-    """Of `refine: throats`: particles to expect, and with half the spacing everywhere; bytes and seconds of the ones
-    to expect."""
+    """The second solve of `refine: throats`: expected particles, and those with half the spacing everywhere; bytes and
+    seconds of the expected ones."""
 
     particles: float
     most: float
@@ -121,7 +121,7 @@ class SecondSolve:
 
 @dataclass
 class CheckResult:
-    """What is known of a case without running it; lengths in m, axes in the order x, y(, z)."""
+    """The result of a check of a case; lengths in m, axes in the order x, y(, z)."""
 
     case: Case
     dim: int

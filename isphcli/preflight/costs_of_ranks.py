@@ -1,4 +1,4 @@
-"""What a case costs each of several processes, before anything is started on a cluster."""
+"""Estimates of the memory and time of a case on several processes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 BYTES_PROGRAM = 2.5e8  # Python, its libraries, MPI and PETSc: 245 MB, 2026-11-29
-FEWEST = 20_000  # fluid particles of a process, below which most of what it sees belongs to others
+FEWEST = 20_000  # fluid particles of a process: with fewer most particles that it sees belong to others
 # Wall time of one process, over their number, times the own and remote particles over the own ones, that N processes
 # take: 32.1 s of 50.3 s on two quiet cores, Berea 128^3 at 7469db6 (docs/clusters.md), 11 % remote
 WAITS = 1.15
@@ -24,8 +24,8 @@ MARGIN = 7  # voxels of an image beside its brick that a process holds (geometry
 
 
 def of_ranks(result: CheckResult, geometry: Geometry, count: int, share: float = 1.0) -> None:
-    """Adds to a CheckResult what each of `count` processes holds and takes, at most, and what stands against them; of
-    more processes than particles only that. share: see `memory.neighbours_held`."""
+    """Adds to a CheckResult the largest memory and time of `count` processes, and errors that forbid so many; where
+    they are more than the particles only that error. share: see `memory.neighbours_held`."""
     case, dim = result.case, result.dim
     if count > 1 and case.refine == "throats":
         result.errors.append("refine: throats is for one process; take auto or a list of spacings")

@@ -1,6 +1,6 @@
 """Estimates of the flow, of time steps and of costs, meant to be right within a factor of two.
 
-The numbers behind them stand below with the date on which they were measured.
+The numbers behind them are below, with the date on which they were measured.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 
-# Speed of the fastest particle over the mean in the pores, of a flow that is held: on the axis of a pipe; and in Berea
-# sandstone, by the steps that cases/berea_drainage.yaml tells. Menisci alone, driven slowly, leave steps of 1.3 us
-# there: they are slower than this part of sqrt(sigma / rho w)
+# FASTEST, FASTEST_IN_ROCK: speed of the fastest particle over the mean in the pores, where a velocity is held: on the
+# axis of a pipe; in Berea sandstone, by the steps of cases/berea_drainage.yaml. MENISCI: upper bound of the speed of
+# menisci over sqrt(sigma / rho w): driven slowly, the same case takes steps of 1.3 us
 FASTEST, FASTEST_IN_ROCK, MENISCI = 2.0, 6.0, 0.3
-SAID = 0.05  # of the velocity to expect: what makes less of it is not named
+SAID = 0.05  # of the expected velocity: a cause of a smaller share is not named
 # CPU seconds of one core without compilation, pictures and reference, from docs/validation.md (1836b9f, 2026-11-30) and
 # docs/performance.md; benchmarks/estimates.py compares them with runs. A step: a part for any scene, and microseconds a
 # particle at support 2.1 (square or cubic lattice), of which a denser one or a wider support has more neighbours; by
@@ -41,15 +41,15 @@ MICROSECONDS_MOVING = {(2, False): 2.7, (2, True): 5.5, (3, False): 4.3, (3, Tru
 MICROSECONDS_TWO = {(2, False): 3.2, (2, True): 5.1, (3, False): 12.6, (3, True): 30.0}
 # Of steady flow a particle: once, and an iteration for each axis (0.68 on an array of spheres, 0.70 in Berea sandstone,
 # 0.98 in a pack of beads by benchmarks/stokes.py on a busy machine); in 2D an axis. Iterations are 16 to 22 in wide
-# pores, 40 in Berea sandstone, 28 with two particles a voxel, 58 in a pack of beads: see `_iterations`
+# pores, 40 in Berea sandstone, 28 with two particles per voxel, 58 in a pack of beads: see `_iterations`
 MICROSECONDS_ONCE, MICROSECONDS_ITERATION, MICROSECONDS_STEADY_2D = 12.0, 0.85, 27.0
 ITERATIONS, ITERATIONS_OF_THROATS, HALF = 9.0, 50.0, 2.5  # HALF: particles
 # Particles of `refine: throats` over those of half the spacing everywhere: 0.32 in a corner of Berea of 32^3 voxels;
-# arrays of spheres and packs of beads up to 20 spacings a box 0.9 to 1
+# arrays of spheres and packs of beads in boxes of up to 20 spacings 0.9 to 1
 IN_ROCK, AMONG_SHAPES = 1 / 3, 1.0
 
 
-# Of the process of a run, by whether there are pictures in 3D: peaks of runs of up to 11,000 particles were 276 to 380
+# Bytes for drawing, by whether there are pictures in 3D: peaks of runs of up to 11,000 particles were 276 to 380
 # MB without those and 551 MB with them (couette, slit, cylinder_array, taylor_green_2d; sphere_array; 2026-11-30), 228
 # to 232 MB without any
 BYTES_PICTURES = {False: 1.0e8, True: 3.0e8}
@@ -87,8 +87,8 @@ def flow_estimate(
 
 
 def _of_tension(case: Case, sites: Sites, width: float) -> Iterator[tuple[Motion, str]]:
-    """Of menisci in the pores, which go on, and of bodies of the fluid that is less of the two, which come to rest: the
-    second mode of a drop of radius R decays at 5 nu / R^2 (Lamb, Hydrodynamics, section 355)."""
+    """Motions by tension: of menisci in the pores, which last, and of bodies of the minority fluid, which come to rest:
+    the second mode of a drop of radius R decays at 5 nu / R^2 (Lamb, Hydrodynamics, section 355)."""
     assert case.interface is not None
     tension, fluids = case.interface.tension, list(case.fluids.values())
     speed = MENISCI * math.sqrt(tension / (max(f.density for f in fluids) * width))
@@ -101,15 +101,15 @@ def _of_tension(case: Case, sites: Sites, width: float) -> Iterator[tuple[Motion
 
 
 def _together(motions: Sequence[Motion]) -> Motion:
-    """The motion of all that moves a fluid: what starts fastest, what is driven most, and all that goes on."""
+    """Several motions as one: the fastest start, the fastest driven motion, and the sum of those that last."""
     starts, driven = (max(motions, key=lambda motion, name=name: getattr(motion, name)) for name in ("start", "driven"))  # type: ignore[misc]
     return Motion(starts.start, starts.decay, driven.driven, driven.rise, sum(motion.always for motion in motions),
                   max(motion.acceleration for motion in motions))
 
 
 def _from_the_start(case: Case, sites: Sites) -> Motion:
-    """Of the velocity that a case starts with: its largest, and the time in which viscosity lets the root mean square
-    speed fall by a factor e, |u|^2 / (nu |grad u|^2) in the mean over the fluid."""
+    """The motion by the initial velocity of a case: its largest speed, and the time in which viscosity lowers the root
+    mean square speed by a factor e, |u|^2 / (nu |grad u|^2) in the mean over the fluid."""
     from ..scene.prepare import initial_velocity
 
     x = sites.points(LINE_POINTS)
@@ -123,14 +123,14 @@ def _from_the_start(case: Case, sites: Sites) -> Motion:
 
 def _driven(case: Case, geometry: Geometry, sites: Sites, width: float,
             driven: Sequence[int]) -> Iterator[tuple[Motion, str]]:
-    """What forces make of a fluid at rest: it gains g t until walls or its own length hold it."""
+    """Motions by forces from rest: the velocity is g t until walls or the length of the fluid limit it."""
     length, nu = geometry.upper - geometry.lower, min(f.nu for f in case.fluids.values())
     force = forcing.largest_acceleration(case, length)
     g, fall = float(np.linalg.norm(force)), float(np.max(length))
-    if driven and not any(forcing.opens(case, axis) for axis in driven):  # only what is lighter or heavier moves
+    if driven and not any(forcing.opens(case, axis) for axis in driven):  # only differences of density drive a flow
         densities = [case.fluids[name].density for name in fluids_there(case, sites)]
         g *= (max(densities) - min(densities)) / (max(densities) + min(densities))
-        # a fluid that floods the rock has no sites before it does
+        # a fluid that floods the rock has no sites yet
         fall = 0.5 * sites.smaller_body() * case.particles.spacing or fall
     beside = forces_of(case, geometry)
     more = largest_of(beside)
@@ -197,7 +197,7 @@ def costs(result: CheckResult, geometry: Geometry, share: float = 1.0) -> None:
 
 
 def _second_solve(result: CheckResult, geometry: Geometry, fluid: float) -> SecondSolve:
-    """That of `refine: throats`, whose matrices each axis makes anew."""
+    """The second solve of `refine: throats`, which builds new matrices for each axis."""
     most = fluid * 2**result.dim
     particles = most * (AMONG_SHAPES if geometry.voxel_size is None else IN_ROCK)
     axes = max(len(forcing.steady_axes(result.case)), 1)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 # Steps that are taken one by one, 2 us each (5 ms with a drive that changes with time); those after them
-# take the length of the last. The record of a run to a steady state takes 60 us a step
+# take the length of the last. The record of a run to a steady state takes 60 us per step
 MOST, MOST_FOLLOWED, MOST_TO_STEADY = 20_000, 400, 5_000
 
 

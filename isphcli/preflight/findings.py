@@ -1,4 +1,4 @@
-"""What may go wrong in a run, in sentences."""
+"""Sentences on what may go wrong in a run."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 
-# Reynolds number of a check above which something is mistaken: flow in pores does not come near it, and estimates of
-# free fall and of bubbles are too large, up to 1.4e4 in `cases/`
+# Reynolds number of a check above which a value of the case must be wrong: flow in pores stays far below it, and
+# estimates of free fall and of bubbles, which are too large, reach 1.4e4 in `cases/`
 TURBULENT = 1e5
 
 
@@ -194,8 +194,8 @@ def step_findings(result: CheckResult) -> Iterator[str]:
 
 
 def reservoir_findings(case: Case) -> Iterator[str]:
-    """One fluid at both ends: nothing displaces anything. Reservoirs that are all seam. An end before that of the steps
-    of the drive."""
+    """The same fluid at both ends, so that none displaces another. Reservoirs shorter than the seam between them. An
+    end of the run before that of the steps of the drive."""
     ends, steps = case.reservoirs, forcing.drive_steps(case)
     if steps is not None and case.time is not None and case.time.end is not None:
         count = len(steps.pressure_drop or steps.superficial_velocity or ())

@@ -1,4 +1,4 @@
-"""The check of a case that is about to run: what it warns of is said before anything is solved."""
+"""The check of a case that is about to run: its warnings are printed before anything is solved."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 def look(case: Case, geometry: Geometry, clock: Clock, quiet: bool) -> Seen:
-    """What was seen of a scene that is about to run; what is warned of stands on stderr unless `quiet`.
+    """The findings on a scene that is about to run; warnings are printed on stderr unless `quiet`.
 
-    On Berea (128^3 voxels) that takes 4.1 s of a core: the lattice is looked at, no neighbours
+    On Berea (128^3 voxels) that takes 4.1 s of a core: the sites of the lattice are classified, no neighbours
     are searched.
     """
     with clock("check"), progress.stage("check of the scene", quiet):

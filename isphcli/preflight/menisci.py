@@ -1,4 +1,4 @@
-"""Whether a flow is faster than menisci at rest are in pores of its width."""
+"""Whether a flow is faster than the spurious currents of menisci at rest in pores of its width."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SHARE = 0.1  # of the mean velocity in the pores that speeds at rest may have fo
 
 
 def menisci_findings(result: CheckResult) -> Iterator[str]:
-    """A held flux that moves the fluids by less than ten times what their menisci are off rest by."""
+    """A held flux whose velocity is less than ten times that of the spurious currents of menisci."""
     case, widths, held = result.case, result.throats, forcing.held_flux(result.case)
     if widths is None or held is None or case.interface is None or not case.interface.tension > 0.0:
         return

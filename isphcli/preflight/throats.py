@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 
 LINE_POINTS = 20_000  # points of the centre lines whose width is found exactly
-# Sites that a centre line is told by: a nook of a wall a site wide and deep has neighbours that are 0.2 spacings
-# farther off the walls than it, and sites two away that are 1.1
+# Sites round a point by which a centre line is detected: beside a nook of a wall, a site wide and deep, the next sites
+# are 0.2 spacings farther off the walls than it, and those two away 1.1
 NOOK = 2
-STEP = 0.2  # spacings: sites whose widths are less above that of the way through are looked at between sites too
-WITHIN = 0.02  # spacings: how well the way through is found
+STEP = 0.2  # spacings: sites whose width exceeds that of the path through by less are refined between sites too
+WITHIN = 0.02  # spacings: tolerance of the width of the path through
 TINY = 1e-6
 ON_WALL = 1e-9  # of the support: a site this close to a wall is solid, as for `Geometry.phase`
 
@@ -72,8 +72,7 @@ class Sites:
         return max(found, key=lambda c: (sum(c.percolates), c.largest_share))
 
     def smaller_body(self) -> float:
-        """Largest distance, in cells, of a site of the fluid that is less of the two from where that fluid ends; 0 of
-        one fluid."""
+        """Largest distance, in cells, of a site of the minority fluid from the end of that fluid; 0 of one fluid."""
         there = np.flatnonzero(self.per_fluid)
         if len(there) < 2:
             return 0.0
@@ -122,11 +121,11 @@ def _cells_between(lattice: Lattice, lower: np.ndarray, upper: np.ndarray) -> tu
 def throats(sites: Sites, geometry: Geometry, spacing: float, axes: Sequence[int]) -> Throats | None:
     """Widths of the pores in spacings; `axes`: those for which the critical width is wanted.
 
-    A centre line is where no site up to NOOK sites away is farther from the walls by more than half of the way there:
-    beside it the distance grows by all of it. Neighbours alone do not tell: in a nook of a wall, as between the steps
-    of stairs, the distance grows by little over the first spacing. The width is twice the largest distance there,
-    looked up half a spacing around each point too, because the centre may lie between sites. Each point stands for as
-    much fluid as it is wide: rough walls have many nooks, and little fluid in them. Ends without walls are no pores.
+    A site is on a centre line if no site up to NOOK sites away is farther from the walls by more than half of the way
+    there: off a centre line the distance grows by all of that way. The next sites alone are not enough: in a nook of a
+    wall, as between the steps of stairs, the distance grows by little over the first spacing. The width is twice the
+    largest distance there and half a spacing around, because the centre may lie between sites. Each point has the
+    weight of its width: rough walls have many nooks, and little fluid in them. Ends without walls are no pores.
     """
     distance = sites.distance[..., 0]
     fluid = sites.phase[..., 0] >= 0
@@ -228,8 +227,8 @@ def _critical(sites: Sites, geometry: Geometry, axis: int, spacing: float) -> fl
     """Diameter of the largest ball that passes along the axis, in spacings.
 
     By the sites alone it comes out up to a spacing too small, because the middle of a throat lies between them. The
-    sites that the found width hangs on are those just above it: they are looked at between sites too (`_passages`),
-    until the way hangs on none that has not been.
+    sites that determine it have widths just above it: they are refined between sites too (`_passages`), until the path
+    depends on none that has not been refined.
     """
     phase, distance = sites.phase[sites.sample][..., 0], sites.distance[sites.sample][..., 0]
     widths = np.where(phase >= 0, 2 * distance / spacing, 0.0)

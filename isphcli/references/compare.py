@@ -1,8 +1,8 @@
 """Errors of a result against the reference that its case names.
 
-`compare(case, result)` takes the `Result` of a run. What a reference needs and the case itself does not say stands in
+`compare(case, result)` takes the `Result` of a run. Values that a reference needs and no other key has are in
 `reference.parameters` (parameters.py). Flows of one fluid are compared in single_phase.py, those of two in
-two_phase.py; what the errors are is in errors.py.
+two_phase.py; errors.py defines the errors.
 """
 
 from __future__ import annotations

@@ -48,9 +48,10 @@ def duct_permeability(edges: Sequence[float], slip: Sequence[tuple[float, float]
 
 
 def _duct_modes(edge: float, lower: float, upper: float, terms: int = 400) -> tuple[Array, Array]:
-    """Squares (terms,) of the wave numbers between two walls with slip lengths, and what each has of a constant."""
+    """Squares (terms,) of the wave numbers between two walls with slip lengths, and the share of each mode in a
+    constant."""
     n = np.arange(1.0, terms + 1)
-    k = (n - 1) * math.pi / edge  # left of the roots: what is to be zero is concave, so Newton's steps stay there
+    k = (n - 1) * math.pi / edge  # left of the roots of a concave function, so that Newton's steps stay there
     for _ in range(60):
         miss = k * edge + np.arctan(lower * k) + np.arctan(upper * k) - n * math.pi
         k = k - miss / (edge + lower / (1 + (lower * k) ** 2) + upper / (1 + (upper * k) ** 2))
@@ -90,8 +91,8 @@ def oscillating_pipe(
 ) -> Array:
     """Axial velocity (n,) of the flow that acceleration * cos(omega t) drives in a pipe: periodic, or from rest.
 
-    Womersley (1955), J. Physiol. 127, 553, eq. 8; from rest the modes J0(lambda r / radius), which decay, are taken off
-    with what the periodic flow has of each at t = 0.
+    Womersley (1955), J. Physiol. 127, 553, eq. 8; from rest the modes J0(lambda r / radius), which decay, are
+    subtracted with their amplitudes in the periodic flow at t = 0.
     """
     from scipy.special import jv, jve
 
@@ -123,7 +124,7 @@ def oscillating_pipe_mean(
 
 
 def _pipe_modes(radius: float, nu: float, acceleration: float, omega: float, terms: int = 200) -> tuple[Array, Array]:
-    """Zeros of J0, and what acceleration * cos(omega t) makes at t = 0 of the mode of each."""
+    """Zeros of J0, and the amplitude of the mode of each in the periodic flow at t = 0."""
     from scipy.special import jn_zeros, jv
 
     root = jn_zeros(0, terms)

@@ -1,4 +1,4 @@
-"""What comparisons of all kinds share: numbers of the case, and errors of velocities, pressures and permeabilities.
+"""Functions for comparisons of all kinds: numbers of the case, and errors of velocities, pressures, permeabilities.
 
 All errors are relative and plain floats; those of permeabilities carry a sign. `velocity_relative_l2` is
 |u - u_ref| / |u_ref| over the particles, `velocity_max` the largest deviation over the largest |u_ref|.
@@ -32,7 +32,7 @@ class CompareError(ValueError):
 
 
 class NotComparedError(CompareError):
-    """There is nothing to compare, and nothing is wrong."""
+    """A comparison that cannot be made, although neither case nor run is wrong."""
 
 
 class OtherSampleError(NotComparedError):
@@ -40,14 +40,14 @@ class OtherSampleError(NotComparedError):
 
 
 class TooShortError(NotComparedError):
-    """A run that ends, or was ended, before what is compared happens."""
+    """A run that ends, or was ended, before the time of the comparison."""
 
 
 # -- numbers of the case --------------------------------------------------------------------------------
 
 
 def parameter(case: Case, name: str, derived: Any = None) -> Any:
-    """reference.parameters.<name>, or what the case says elsewhere; one of them must be there."""
+    """reference.parameters.<name>, or `derived`, a value of other keys; CompareError where both are missing."""
     assert case.reference is not None
     value = case.reference.parameters.get(name, derived)
     if value is None:
@@ -69,7 +69,7 @@ def first_fluid(case: Case) -> Any:
 
 
 def given_force(case: Case, lengths: Array) -> Array | None:
-    """Acceleration (dim,) of the drive; None where it names axes or a velocity, whose force is up to the run."""
+    """Acceleration (dim,) of the drive; None where it names axes or a velocity, for which the run finds the force."""
     return forcing.acceleration(case, lengths) if forcing.force_is_given(case) else None
 
 
@@ -215,7 +215,7 @@ def column(result: Result, name: str) -> Array:
 
 
 def at_end(result: Result, name: str) -> float:
-    """What was measured of two fluids at the end, which is what a run prints. Raises CompareError."""
+    """A measure of two fluids at the end of the run, as it prints it. Raises CompareError."""
     value = result.two_fluids.get(name)
     if value is None:
         raise CompareError(f"the run has no {name} at its end; the reference needs it")

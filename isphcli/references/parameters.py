@@ -1,5 +1,5 @@
-"""What `reference.parameters` of each kind of reference may hold. Nothing is imported: the check of a case asks, before
-anything runs."""
+"""The keys of `reference.parameters` for each kind of reference. This file imports nothing, because the check of a case
+uses it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LAYERS = {**_PLATES, "interface": "its height over the lower plate, m; without 
 _DROP = {"drop": "name of its fluid; without it that of which there is less"}
 _TENSION = {"tension": "surface tension, N/m; without it that of the interface"}
 _RADIUS = {"radius": "of the drop at rest, m; without it by its area or volume"}
-# What `reference.parameters` of each kind may hold
+# {kind: {name of a parameter: its meaning}}
 PARAMETERS: dict[str, dict[str, str]] = {
     "slit": {**_PLATES, **_NU, **_PUSH},
     "couette": {**_PLATES, **_LID},
@@ -92,12 +92,12 @@ OF_TWO_FLUIDS = ("two_layer_couette", "two_layer_poiseuille", "two_layer_hydrost
 
 
 def needed(kind: str) -> list[str]:
-    """Names of the parameters that a kind cannot do without."""
+    """Names of the parameters that a kind requires."""
     return [name for name, text in PARAMETERS[kind].items() if text.endswith(", needed")]
 
 
 def words(kind: str, name: str, fluids: tuple[str, ...], faces: tuple[str, ...]) -> tuple[str, ...] | None:
-    """What a parameter that is a word may be, of the fluids and the faces of a case; None of one that is a number."""
+    """The words that a parameter may be, of the fluids and the faces of a case; None for one that is a number."""
     if name == "start" and kind.startswith("oscillating_"):
         return "rest", "periodic"
     return {"drop": fluids, "wall": faces}.get(name)

@@ -82,7 +82,7 @@ def oscillating_slit(
     """Velocity (n,) of the flow that acceleration * cos(omega t) drives in a slit: the periodic one, or from rest.
 
     Womersley's flow between plates: Landau and Lifshitz, Fluid Mechanics, section 24, problem 6. From rest the modes of
-    the decaying channel are taken off with what the periodic flow has of each at t = 0.
+    the decaying channel are subtracted with their amplitudes in the periodic flow at t = 0.
     """
     k = np.sqrt(1j * omega / nu)
     middle = np.asarray(y) - height / 2
@@ -108,7 +108,7 @@ def oscillating_slit_mean(
 
 
 def _odd_modes(height: float, nu: float, acceleration: float, omega: float, terms: int = 400) -> tuple[Array, Array]:
-    """Wave numbers k of the modes sin(k y) of a slit, and what acceleration * cos(omega t) makes of each at t = 0."""
+    """Wave numbers k of the modes sin(k y) of a slit, and the amplitude of each in the periodic flow at t = 0."""
     n = 2 * np.arange(terms) + 1
     k = n * math.pi / height
     return k, (4 / (n * math.pi) * acceleration / (1j * omega + nu * k**2)).real
@@ -152,7 +152,7 @@ def two_layer_poiseuille(
 ) -> Array:
     """Steady velocity (n,) of two layers, mu[0] under `interface`, between walls at rest.
 
-    gradient: driving force per volume, one number or one a layer (a body force on unlike densities).
+    gradient: driving force per volume, one number or one per layer (a body force on different densities).
     mu u' = c - G y in the lower layer, with u and the stress continuous at the interface (Bird, Stewart and
     Lightfoot, Transport Phenomena, section 2.5, there with one gradient and layers of equal height).
     """
@@ -192,12 +192,12 @@ def slit_imbibition(t: Array, slit: SlitBetweenReservoirs, driving: float, densi
     """Way of the interface into a slit and its velocity, each (n,), at times t from rest; start: way at t = 0.
 
     driving: capillary pressure, 2 sigma cos(angle) / width; density, mu: (fluid that fills, fluid that leaves).
-    Bosanquet (1923), Phil. Mag. 45, 525: what enters brings no momentum,
+    Bosanquet (1923), Phil. Mag. 45, 525: the fluid that enters brings no momentum,
 
         (rho_1 l + rho_2 (L - l) + m) U' + rho_1 U^2 = driving - friction,    l' = U,
 
-    for two fluids and with the inertia m of what is outside. His friction is that of a steady flow. Here it is that of
-    the velocity profiles u_j(y, t) of both fluids, which have the mean U: rho_j u_j' = G_j + mu_j u_j''; while the
+    for two fluids and with the inertia m of the fluid outside. His friction is that of a steady flow. Here it is that
+    of the velocity profiles u_j(y, t) of both fluids, which have the mean U: rho_j u_j' = G_j + mu_j u_j''; while the
     profiles form it is larger.
     """
     from scipy.integrate import solve_ivp

@@ -1,4 +1,4 @@
-"""What a run found, as its reference is compared with it."""
+"""The result of a run, for the comparison with its reference."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Whether a reference is of what a case runs: of the geometry that it names; a permeability of the same part of an
-image, the same voxels and axes."""
+"""Whether a reference belongs to the sample of a case: the geometry that it names, and for a permeability the part of
+the image, its voxels and axes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Ranges = tuple[tuple[int, int], ...]
 
 
 def other_geometry(case: Case) -> str | None:
-    """What of its geometry is otherwise in `reference.geometry`, a sentence; None where nothing is."""
+    """A sentence on the values of the case that differ from `reference.geometry`; None where none do."""
     assert case.reference is not None
     for name, of, run in _named(plain(case.reference.geometry), plain(case.geometry), "geometry"):
         if not _same(of, run):
@@ -69,7 +69,7 @@ def _named(part: dict[str, Any], block: dict[str, Any], path: str) -> Iterator[t
 
 
 def _same(one: Any, other: Any) -> bool:
-    """Whether two values of a key are the same, numbers to round-off of what a user types, words in any order."""
+    """Whether two values of a key are the same, numbers up to rounding of typed digits, words in any order."""
     if isinstance(one, list) and isinstance(other, list):
         if all(isinstance(entry, str) for entry in one + other):
             return sorted(one) == sorted(other)

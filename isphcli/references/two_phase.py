@@ -110,14 +110,14 @@ def _tension(case: Case) -> float:
 
 
 def _size(case: Case, result: Result, drop: int) -> tuple[float, Errors]:
-    """Area or volume of the drop, and how far it went in the run from what it was."""
+    """Area or volume of the drop, and its relative change in the run."""
     name = f"volume_{case.fluid_names[drop]}"
     volume = at_end(result, name)
     return volume, {"volume_relative": float(volume / column(result, name)[0] - 1)}
 
 
 def _spurious(result: Result) -> Errors:
-    """The spurious capillary number that the run prints; nothing of a run that more than tension moves."""
+    """The spurious capillary number that the run prints; {} for a run that is driven by more than tension."""
     known = result.two_fluids.get("spurious_capillary_number")
     return {} if known is None else {"spurious_capillary_number": float(known)}
 
@@ -200,7 +200,7 @@ def amplitude(case: Case, x: Array, volume: Array, first: Array) -> float:
     if case.reference.kind == "capillary_wave":
         k = 2 * math.pi / number(case, "wavelength", float(upper[0] - lower[0]))
         upside_down = reduce.mean(x[:, 1], volume * first) > reduce.mean(x[:, 1], volume * (1.0 - first))
-        # the upper fluid says the same with the other sign; what both have is no wave
+        # the upper fluid has the same wave with the other sign; what both share is no wave
         sign = (1.0 - 2.0 * first) if upside_down else (2.0 * first - 1.0)
         return float(reduce.mean(sign * np.cos(k * (x[:, 0] - lower[0])), volume) * (upper[1] - lower[1]))
     name = parameter(case, "drop", case.fluid_names[0 if reduce.mean(first, volume) < 0.5 else 1])
@@ -332,7 +332,7 @@ def imbibition_errors(case: Case, result: Result) -> Errors:
     }
 
 
-PEAK = 0.96  # of the largest value: a cubic function goes through what is above, 0.3 on either side for the bubble
+PEAK = 0.96  # of the largest value: a cubic function is fitted to the rows above, of the bubble 0.3 on either side
 LEAST = 10  # rows above it: through fewer no function is fitted
 
 

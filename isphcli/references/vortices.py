@@ -55,7 +55,7 @@ def taylor_green_3d(
 def navier_stokes_spectral(
     velocity: Array, times: Sequence[float], nu: float, step: float = 0.025
 ) -> list[Array]:
-    """TimeLoop an incompressible flow in the periodic box (2 pi)^3; returns its Fourier coefficients at `times`.
+    """Solves an incompressible flow in the periodic box (2 pi)^3; returns its Fourier coefficients at `times`.
 
     velocity: (3, n, n, n) at t = 0, divergence-free. Rotational form u x curl u, 2/3 dealiasing, viscous
     terms exact by an integrating factor, Runge-Kutta of order 4 (Canuto et al., Spectral Methods in Fluid

@@ -1,8 +1,8 @@
-"""A drive between reservoirs in steps of pressure or flux: which step it is, and when one is done.
+"""A drive between reservoirs in steps of pressure or flux: the step of a state, and the end of each step.
 
-`State.drive_step` (4,) says all that is known of it, so that a restart goes on within a step: its number; when it
-began, s; when the saturation was last looked at, s (the begin, before the first time); the saturation then (UNSEEN
-before).
+`State.drive_step` (4,) holds all of it, so that a restart goes on within a step: the number of the step; its begin, s;
+the time at which the saturation was last measured, s (first the begin); the saturation then (UNSEEN before the first
+time).
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from ..flow.step import Stepper
 
 UNSEEN = -1.0  # stands for a saturation where none has been measured yet
-WINDOWS = 10  # in the duration of a step, where the case does not say
+WINDOWS = 10  # windows in the duration of a step, where the case gives no window
 
 
 @dataclass
 class DriveProgram:
-    """The steps of a drive as a run takes them.
+    """The steps of a drive in a run.
 
     steps: of the case; axis: of the reservoirs; stepper: whose held velocity is that of the step; areal: density of the
     first fluid times the length of the box, kg/m2: a pressure drop over it is `State.pressure_gradient`;
@@ -50,7 +50,7 @@ class DriveProgram:
         return window_of(self.steps)
 
     def begin(self, state: State) -> State:
-        """The state under the drive of its step: the first one, or, of a run that goes on, that which it is in."""
+        """The state under the drive of its step: the first step, or that of the restart of a run that goes on."""
         return self._driven(state)
 
     def done(self, state: State) -> bool:
@@ -64,7 +64,7 @@ class DriveProgram:
         return min(looked + self.window, began + self.steps.duration)
 
     def after(self, state: State, config: Configuration) -> State:
-        """The state with what its step of the drive has come to: looked at again, or the next one begun."""
+        """The state with its step of the drive updated: the saturation measured again, or the next step begun."""
         if state.time < self.due(state) * (1.0 - 1e-9):
             return state
         assert state.drive_step is not None

@@ -1,10 +1,10 @@
-"""What a permeability at one spacing is worth, and what an image leaves open of it: by bodies whose k is known.
+"""The error to expect of a permeability, by its spacing and by its image: from bodies whose k is known.
 
 `isphcli/data/calibration.csv` holds what `benchmarks/calibration.py` found on the bodies of
 `isphcli/validation/known_bodies.py`: the relative error that 90 % of them, of shapes 90 % of each family, keep within
-is FACTOR / width^POWER. For what the spacing does the width is that which the flow sees of the pores or the mean chord
-of grains, whichever is smaller, in particles; for what the image does the mean chord of pores or of grains, whichever
-is smaller, in voxels.
+is FACTOR / width^POWER. For the error by the spacing the width is `pore_width` or the mean chord of grains, whichever
+is smaller, in particles; for the error by the image the mean chord of pores or of grains, whichever is smaller, in
+voxels.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..geometry.protocol import Geometry
 
-THINNEST = 3.0  # particles across pores, or across the median throat, below which there is a warning
+THINNEST = 3.0  # particles across pores, or across the median throat: a run with fewer has a warning
 # Lines along each axis that chords of grains are measured on, which bounds time and memory: 3 * 1024 sites for each
 # along an edge. Grains of cases/berea.yaml have chords of 87.2 um by them, by all lines 86.9 (2026-11-30)
 LINES = 1024
@@ -53,7 +53,7 @@ class Calibration:
 class Expected:
     """Relative errors of a permeability, which 90 % of the known bodies keep within.
 
-    spacing: of its discretisation; image: of what the image leaves open, 0 of shapes; sentence: where they are from.
+    spacing: by the discretisation; image: by the image, 0 of shapes; sentence: on the bodies behind them.
     """
 
     spacing: float
@@ -61,7 +61,7 @@ class Expected:
     sentence: str
 
     def bounds(self, k: float) -> tuple[float, float]:
-        """Smallest and largest permeability that a value k stands for, m2."""
+        """Smallest and largest permeability within the errors of a value k, m2."""
         both = 1.0 + math.hypot(self.spacing, self.image)
         return k / both, k * both
 
@@ -86,7 +86,7 @@ def wall_of(case: Case) -> str:
 
 @dataclass(frozen=True)
 class Scan:
-    """What an image is, as far as its errors go. chord: see `mean_chord`; straight: see `is_straight`."""
+    """The properties of an image that its errors depend on. chord: see `mean_chord`; straight: see `is_straight`."""
 
     chord: float
     straight: bool
@@ -94,7 +94,7 @@ class Scan:
 
 def scan_of(geometry: Geometry) -> Scan | None:
     """Of the sample of an image, without its clear layers; None of shapes, and where all is fluid or solid."""
-    if isinstance(geometry, ImageBrick):  # of the whole, which no process has
+    if isinstance(geometry, ImageBrick):  # numbers of the whole image, which no process holds
         porosity = geometry.image.fluid / math.prod(geometry.image.shape)
         chord = _chord(porosity, geometry.image.walls)
         return Scan(chord, geometry.image.straight) if chord < np.inf else None
@@ -122,8 +122,8 @@ def _chord(porosity: float, ends: float) -> float:
 def is_straight(pores: np.ndarray) -> bool:
     """Whether all slices across one of the axes are the same; a 2D image is one slice.
 
-    One cross section then decides how walls lie to the voxels, and an image says less of k: in other pores walls lie in
-    all ways, and their errors cancel in part.
+    All walls then cut the voxels in the way of one cross section, and k has a larger error by the image: in other pores
+    walls cut voxels in many ways, and their errors cancel in part.
     """
     return pores.ndim == 2 or any(bool(np.all(pores == np.take(pores, [0], axis))) for axis in range(3))
 
@@ -131,7 +131,7 @@ def is_straight(pores: np.ndarray) -> bool:
 def pore_width(k: float, porosity: float) -> float:
     """Width of the slits, m, that have the same permeability (m2) and porosity: k = porosity width^2 / 12.
 
-    It is the width that the flow itself sees: of a slit its own, of a pipe 1.22 radii.
+    Of a slit it is the width itself, of a pipe 1.22 radii.
     """
     return math.sqrt(12.0 * k / porosity)
 
@@ -143,7 +143,7 @@ def too_narrow(along: str, width: float, spacing: float) -> str | None:
     wide = width / spacing
     if wide >= THINNEST * (1 - 1e-6):
         return None
-    finer = math.ceil(ENOUGH_ACROSS / wide * (1 - 1e-6))  # a whole part of the spacing: it divides what that does
+    finer = math.ceil(ENOUGH_ACROSS / wide * (1 - 1e-6))  # a divisor of the spacing, and so of the box or voxel
     return (f"{along} {wide:.3g} particles wide: its flow is not resolved; take particles.spacing "
             f"{spacing / finer:.4g} for {ENOUGH_ACROSS} or more")
 
@@ -151,11 +151,11 @@ def too_narrow(along: str, width: float, spacing: float) -> str | None:
 def grain_chord(geometry: Geometry, spacing: float) -> float:
     """Mean length, m, of lines along the axes within solid that has fluid before and behind; inf where there is none.
 
-    Flow bends round grains of few spacings within a layer as thin as they are, however wide the pores between them are.
-    What fills the box up to a face that does not repeat is no grain. Of shapes it is measured at the sites of a lattice
-    of the spacing, m, of an image at its voxels.
+    The velocity changes round grains of few spacings within a layer as thin as they are, however wide the pores are.
+    Solid that reaches a face which is not periodic is no grain. Chords are measured at the sites of a lattice of the
+    spacing, m, of an image at its voxels.
     """
-    if isinstance(geometry, ImageBrick):  # of the whole, which no process has
+    if isinstance(geometry, ImageBrick):  # numbers of the whole image, which no process holds
         solid = 1.0 - geometry.image.fluid / math.prod(geometry.image.shape)
         voxels = 2.0 * solid / geometry.image.walls if geometry.image.walls > 0.0 else math.inf
         return voxels * float(np.mean(geometry.voxel_size))

@@ -29,7 +29,7 @@ FORMATS = (".gif", ".mp4")
 
 
 class FilmError(ValueError):
-    """A folder that no film can be made of, or a file that none can be written to."""
+    """A folder without snapshots for a film, or a file that the film cannot be written to."""
 
 
 def make_film(directory: Path, target: Path, rate: float = 10.0, view: str = "plane",
@@ -130,7 +130,7 @@ def _write_gif(path: Path, frames: Sequence[Image], rate: float) -> None:
 def _mp4_writer() -> Callable[[Path, Sequence[Image], float], None]:
     try:
         import imageio.v2 as imageio
-        import imageio_ffmpeg  # noqa: F401  # what imageio writes mp4 with
+        import imageio_ffmpeg  # noqa: F401  # imageio writes mp4 with it
     except ImportError:
         raise FilmError("an mp4 needs imageio and ffmpeg: pip install 'imageio[ffmpeg]', or write a .gif") from None
 

@@ -1,4 +1,4 @@
-"""What is measured of a flow beside its permeability: tortuosity, speeds, wall shear, effective diffusivity."""
+"""Measures of a flow beside its permeability: tortuosity, speeds, wall shear, effective diffusivity."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ..geometry.wall_normals import wall_normals
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
-SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)  # of the fluid, slowest first, whose speeds are told
+SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)  # shares of the fluid, slowest first: the quantiles of the speed in the summary
 # Wall distances over the spacing of the particles whose shear is that of the wall: one layer, so that all parts of a
 # wall count alike, and none so near that the error of its speed is divided by a small distance
 LAYER = (0.3, 1.3)
 
 
 def tortuosity(velocity: np.ndarray, axis: int) -> float | None:
-    """Mean length of the ways of the fluid over that of the sample: mean speed over mean velocity along the axis
+    """Mean length of the paths of the fluid over that of the sample: mean speed over mean velocity along the axis
     (Koponen, Kataja and Timonen 1996, Phys. Rev. E 54, 406; Duda, Koza and Matyka 2011, Phys. Rev. E 84, 036319).
 
     velocity: (n, dim) m/s, of equal volumes. None where nothing flows along the axis.
@@ -74,8 +74,8 @@ def wall_shear(stress: np.ndarray | None) -> dict[str, float] | None:
 
 def profile_rows(geometry: Geometry, x: np.ndarray, flow: tuple[np.ndarray, np.ndarray], axis: int, drop: float,
                  scale: tuple[float, float]) -> list[dict[str, float | None]]:
-    """A dict a layer across an axis, from the lower end of the box on: its middle along the axis, m, mean pressure, Pa,
-    None without fluid, and superficial velocity, m/s.
+    """A dict per layer across an axis, from the lower end of the box on: its middle along the axis, m, mean pressure,
+    Pa, None without fluid, and superficial velocity, m/s.
 
     x: (m, dim) m, of cells; flow: velocity (m, dim) m/s, mean over them, and pressure (n,) Pa of the first n; drop:
     over the box, Pa, that drives the flow: it falls along the axis beside the pressure of the particles; scale:
@@ -100,7 +100,7 @@ def effective_diffusivity(geometry: Geometry, x: np.ndarray, flux: np.ndarray, c
     """Diffusivity of the sample over that of the fluid along an axis; the formation factor is its inverse.
 
     x: (n, dim) m; flux: (n, dim) of a unit gradient over the whole box (`flow.diffusion`); cells: volume of the fluid
-    in the sample over site_volume, m^dim. Clear layers are resistances in series, whose own is taken off.
+    in the sample over site_volume, m^dim. Clear layers are resistances in series, which are subtracted.
     """
     lower, upper = sample_box(geometry)
     inside = inside_sample(geometry, x)

@@ -1,4 +1,4 @@
-"""What the uncertainty of the threshold of a grey image does to its permeability."""
+"""The range of a permeability by the uncertainty of the threshold of a grey image."""
 
 from __future__ import annotations
 

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 Said = Callable[[str], None]
-SHARES = (0.25, 0.375, 0.5, 0.75, 1.0)  # of the shortest side of an image: edges of the parts that are looked at
+SHARES = (0.25, 0.375, 0.5, 0.75, 1.0)  # edges of the parts of an image that are solved, over its shortest side
 GOLDEN = 1.2207440846057596  # x^4 = x + 1: multiples of its powers spread places evenly in three dimensions
-LEAST_VOXELS = 8  # edge of a part: of a smaller one the walls at its sides are most of it
+LEAST_VOXELS = 8  # smallest edge of a part: in smaller ones walls at the sides dominate
 
 
 class LadderError(ValueError):
@@ -77,8 +77,8 @@ def forchheimer(case: Case, factors: Sequence[float], out: Path, quiet: bool = T
                 say: Said | None = None) -> Forchheimer:
     """Runs a case with its force times each factor to a steady state and fits the law of Forchheimer.
 
-    Leaves the runs in folders of `out`, forchheimer.csv and forchheimer.png. Raises LadderError for a case without one
-    given force, of other than one fluid between walls, or that does not run to a steady state; what runs raise.
+    Leaves the runs in folders of `out`, forchheimer.csv and forchheimer.png. Raises LadderError for a case without a
+    given force, of other than one fluid between walls, or that does not run to a steady state, and the errors of runs.
     """
     if case.flow != "navier_stokes" or case.time is None or case.time.steady is None:
         raise LadderError("a ladder of forces needs flow: navier_stokes and time.steady: inertia is what it measures")
@@ -131,7 +131,7 @@ def fit_forchheimer(rows: Sequence[Mapping[str, float]], nu: float) -> Forchheim
 
 @dataclass(frozen=True)
 class Klinkenberg:
-    """k(s) = k (1 + c s + ...) over the slip length s of the walls, which for a gas is inverse to its pressure: with
+    """k(s) = k (1 + c s + ...) over the slip length s of the walls, which of a gas is inverse to its pressure: with
     s = S / p the law of Klinkenberg (1941) k(p) = k (1 + b / p) has b = c S.
 
     coefficients: of the powers of s, from m2 on; rows: `slip_length` and `permeability` of every run.
@@ -156,8 +156,8 @@ def klinkenberg(case: Case, slip_lengths: Sequence[float], out: Path, quiet: boo
     """Runs a steady case with walls of several slip lengths, m, and extrapolates its permeability to none.
 
     Of three lengths and more the fit is quadratic: c is the slope at zero. Leaves the runs in folders of `out`,
-    klinkenberg.csv and klinkenberg.png. Raises LadderError for a case that is not steady or asks for several axes; what
-    runs raise.
+    klinkenberg.csv and klinkenberg.png. Raises LadderError for a case that is not steady or asks for several axes, and
+    the errors of runs.
     """
     if case.flow != "stokes":
         raise LadderError("a ladder of slip lengths needs flow: stokes")
@@ -206,7 +206,7 @@ def parts_of(sizes: Sequence[int], start: Sequence[int] | None = None, each: int
     """Growing cubes of an image: `each` of every edge, the first one in the middle, the others spread evenly; one where
     there is no room for others.
 
-    sizes: voxels along x, y(, z); start: first voxel of what is looked at; shares: edges over the shortest side.
+    sizes: voxels along x, y(, z); start: first voxel of the cropped image; shares: edges over the shortest side.
     """
     start = [0] * len(sizes) if start is None else start
     edges = sorted({max(round(share * min(sizes)), min(LEAST_VOXELS, min(sizes))) for share in shares})
@@ -225,8 +225,8 @@ def representative_volume(case: Case, out: Path, each: int = 3, quiet: bool = Tr
                           say: Said | None = None) -> list[dict[str, Any]]:
     """Porosity and permeability of growing cubes of the image of a steady case: a dict of each.
 
-    Leaves rev.csv and rev.png in `out`. A cube that nothing leads through has the permeability 0. Raises LadderError
-    for a case without an image, that is not steady, or that asks for several axes; what runs raise.
+    Leaves rev.csv and rev.png in `out`. A cube without a percolating path has the permeability 0. Raises LadderError
+    for a case without an image, that is not steady, or that asks for several axes, and the errors of runs.
     """
     from ..geometry.images.read import image_shape
     from ..scene.image_file import layout_of
@@ -288,7 +288,7 @@ def porosity_of(geometry: Geometry) -> float:
 
 
 def _put(case: Case, directory: Path) -> Case:
-    """A case that writes into a folder."""
+    """The case with another output directory."""
     return replace(case, output=replace(case.output, directory=directory))
 
 

@@ -72,10 +72,10 @@ class MovingRun:
     """A run of moving particles: its scene, its loop, and where its files go.
 
     measures: of two fluids, else None; cells: `permeability.fluid_cells` of the sample; seen: what was said of the
-    scene before; record: of the case, with what restarts have changed (output.restart); since, last_step: time and step
-    that a run goes on from whose files are in the same directory, else None; history: a dict a step; between: of two
-    reservoirs, profiles: along the axis of the flow, or None; profiled: step of the last one that was written; tables:
-    files of those and of the steps of the drive.
+    scene before; record: of the case, with the changes by restarts (output.restart); since, last_step: time and step
+    from which a run goes on in the same directory, else None; history: a dict per step; between: measures between
+    reservoirs, profiles: along the axis of the flow, or None; profiled: step of the last profile written; tables: files
+    of these measures, profiles and of the steps of the drive.
     """
 
     case: Case
@@ -102,18 +102,18 @@ class MovingRun:
 
     @property
     def restart_file(self) -> Path:
-        """What a run that stops goes on from."""
+        """The file from which a run that has stopped can go on."""
         return self.directory / restart.NAME
 
     @property
     def pressure_unit(self) -> float:
-        """What the pressures of a state are multiplied with, kg/m3."""
+        """The density, kg/m3, by which pressures of a state are multiplied to be in Pa."""
         return self.stepper.fluids.reference
 
     def particles_at(self, state: State) -> Particles:
-        """The particles with the fluids that they are of in a state."""
+        """The particles with their fluids in a state."""
         particles = self.particles
-        if state.number is not None:  # they are not those that the process began with
+        if state.number is not None:  # particles have changed the process since the start
             dummies = particles.x[particles.n_fluid:]
             particles = replace(particles, x=np.concatenate([state.x, dummies]), phase=np.zeros(len(state.x), np.int8))
         return particles if state.phi is None else replace(particles, phase=phase_of(state.phi))
@@ -137,7 +137,7 @@ class MovingRun:
                        (state.x, state.u, state.p * self.pressure_unit), self.case.particles.spacing)
 
     def save(self, file: History) -> None:
-        """Writes the restart file of the last step of which all is told."""
+        """Writes the restart file of the last step whose row and snapshot are written."""
         if self.loop.last is not None:
             for table in self.tables.values():
                 table.sync()
@@ -203,7 +203,7 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
         state = saved.state
         loop.resume(saved)
         run.record = _gone_on(case, Path(resume) / restart.NAME, saved, run.record, quiet)
-        if Path(resume).resolve() == case.output.directory.resolve():  # elsewhere its files begin anew
+        if Path(resume).resolve() == case.output.directory.resolve():  # in another directory all files begin anew
             run.since, run.last_step = state.time, state.step
     with progress.stage("neighbours and operators", quiet):
         state, _ = stepper.settled(state)
@@ -240,7 +240,7 @@ def _refuse_what_is_closed(case: Case, stepper: Stepper, config: Configuration) 
 
 
 def _each_step(*measures: Measures | ReservoirMeasures | None) -> Callable[[State, Configuration], dict[str, Any]]:
-    """What the measures that there are add to a row of the history."""
+    """A function that returns the entries of all given measures for a row of the history."""
     there = [measure for measure in measures if measure is not None]
     return lambda state, config: {name: value for measure in there for name, value in measure(state, config).items()}
 
@@ -281,7 +281,7 @@ def _time_loop(run: MovingRun, state: State, ready: Handover) -> tuple[State, Co
     """The time loop with its files; (state, config) at the end."""
     case, loop = run.case, run.loop
     assert case.time is not None
-    # nobody knows when a flow will be steady: `end` and `max_steps` only bound how long it may take
+    # when a flow will be steady is unknown: `end` and `max_steps` only bound the run
     end = longest_time(case) if case.time.steady is None else None
     steady = case.time.steady
     steps = case.time.max_steps if steady is None else None
@@ -339,7 +339,7 @@ def _leave_worst(run: MovingRun, stop: BaseException) -> None:
 
 
 def _gone_on(case: Case, path: Path, saved: restart.Saved, record: dict[str, Any], quiet: bool) -> dict[str, Any]:
-    """The record of a case that goes on from a restart file; what it changes is said. Raises RestartError."""
+    """The record of a case that goes on from a restart file; prints the values that it changes. Raises RestartError."""
     assert case.time is not None
     state, before = saved.state, len(saved.record["changes"])
     record = restart.resume(path, saved, record, case.time)
@@ -355,7 +355,7 @@ def _gone_on(case: Case, path: Path, saved: restart.Saved, record: dict[str, Any
 
 
 def _drive_at_the_end(run: MovingRun, state: State) -> tuple[int | None, np.ndarray]:
-    """(axis or None, acceleration (dim,), m/s2) of what drives a flow; of a velocity that is held, its steady value."""
+    """(axis or None, acceleration (dim,), m/s2) of the drive at the end; where a velocity is held, the steady value."""
     stepper = run.stepper
     force = stepper.fluids_at(state.time).force
     axis = int(np.argmax(np.abs(force)))
@@ -417,7 +417,7 @@ def _finish(run: MovingRun, state: State, config: Configuration) -> tuple[Summar
         "steps": state.step,
         "time": state.time,
         **flow,
-        "mass_error": None,  # of steady solves; of particles that move, profiles.csv has what each slice carries
+        "mass_error": None,  # of steady solves only; for moving particles profiles.csv has the flux of each slice
         "max_divergence": max((r["divergence"] for r in history), default=0.0),
         "iterations": {
             name: mean_max([r[f"iterations_{name}"] for r in history]) for name in ("velocity", "pressure")
@@ -444,7 +444,7 @@ def _finish_ranks(run: MovingRun, summary: Summary, result: Result, config: Conf
 
 
 def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state: State, config: Configuration) -> None:
-    """Adds to the summary what is measured of two fluids."""
+    """Adds the measures of two fluids to the summary."""
     from ..two_phase.measures import broke_up, misses_its_angle
     from ..two_phase.measures import summary as summary_of_two
 
@@ -463,8 +463,8 @@ def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state:
 
 
 def _pictures(run: MovingRun, state: State, permeability: float | None) -> None:
-    """A slice of the flow, the fluids where there are two, both in 3D, speeds and pores, the histories, profiles, the
-    curve of a drive in steps; apart from them what is numerical."""
+    """Draws a slice of the flow, two fluids, both in 3D, speeds and pores, histories, profiles, the curve of a drive in
+    steps, and separately the numerical quantities."""
     from ..output.plots import (
         Frame,
         plot_curve,

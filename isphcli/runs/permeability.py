@@ -66,7 +66,7 @@ def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndar
     """Permeability (dim,) of the sample, m2 (eq. 28): entry `axis` along the drive, the others across it.
 
     superficial: (dim,) m/s; axis: of the drive; force: (dim,) m/s2; viscosity: kinematic, m2/s. The force acts on the
-    whole length of the box; on the sample, what the clear layers need as a duct is off:
+    whole length of the box; from it the part that drives the clear layers, as a duct, is subtracted:
     k = nu U L_sample / (g L_box - nu U L_clear / k_duct).
     """
     lower, upper = sample_box(geometry)
@@ -82,25 +82,25 @@ def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndar
     return permeability
 
 
-# Bar beside smooth walls: BAR times the root of the square of what differences of spacings tell, errors of the order
-# ORDER, and of the square of USUAL times the error that nine in ten bodies with pores as wide keep within. ORDER is the
-# power of that error in calibration.csv, the nearest half to which a fit comes (2.0). Without the second part two
-# spacings that agree by chance make a bar of nothing. 93, 92 and 92 % of all bodies hold (two, two finer, three
-# spacings), with one family left out at a time and the smallest BAR that holds 90 % of all others 93, 84 and 92 %
-# (`benchmarks/calibration.py bars`)
+# Bar beside smooth walls: BAR times the root of the sum of two squares: of the error by the differences between
+# spacings, for errors of the order ORDER, and of USUAL times the error that nine in ten bodies with pores as wide keep
+# within. ORDER is the power of that error in calibration.csv, rounded to halves (2.0). Without the second part two
+# spacings that agree by chance have a bar of nearly zero. 93, 92 and 92 % of all bodies lie within their bars (two, two
+# finer, three spacings); with one family left out at a time, and the smallest BAR for 90 % of all others, 93, 84 and
+# 92 % (`benchmarks/calibration.py bars`)
 ORDER, BAR, USUAL = 2.0, 0.73, 1 / 8
 # Order of k beside the edges of cubes: twice the exponent of the velocity there, because the error of k is that of the
 # dissipation. Across an edge of 90 degrees of solid it is 0.5445 (Dean and Montagnon 1949), along it 2/3 (Laplace)
 EDGE = (1.089, 4 / 3)
-# Bar beside edges over the way from the limit with one order to that with the other. 97, 95 and 100 % of the bodies of
-# cubes hold (two, two finer, three spacings; `benchmarks/calibration.py bars`), with 1 100, 95, 100 %
+# Bar beside edges over the difference between the limits by the two orders. 97, 95 and 100 % of the bodies of cubes lie
+# within it (two, two finer, three spacings; `benchmarks/calibration.py bars`), with a factor of 1 100, 95, 100 %
 EDGE_BAR = 0.75
 # Part of the dissipation in the cells that `refine: throats` cuts
 SHARE = 0.9
 
 
 def clear_permeability(geometry: Geometry, axis: int) -> float:
-    """Permeability along an axis of the box of a geometry without what is in it, m2: that of its clear layers."""
+    """Permeability along an axis of the empty box of a geometry, m2: that of its clear layers."""
     others = [a for a in range(geometry.dim) if a != axis]
     slip = [None if geometry.periodic[a] else (float(geometry.slip_length[1 + 2 * a]),
                                                float(geometry.slip_length[2 + 2 * a])) for a in others]
@@ -113,14 +113,13 @@ def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] 
     """The value at the limit of fine spacings from values (m,) at spacings (m,), m > 1: (value, error bar, order or
     None, sentence).
 
-    given: (order, safety) of errors that are known: the bar is safety times what the differences tell by that
-    order; without it the order is ORDER; usual: relative error at the finest spacing that is usual
-    (`expected_error.usual_error`), part of the bar where no order is given. known: lowest and highest order of the
-    error, where all of it is of a known origin (`EDGE`): the value is then the limit by Richardson. Without it the
-    value is that of the finest spacing and the bar an estimate of its error, which 93 (two spacings) and 92 % (two
-    finer ones) of the bodies of `validation.known_bodies` keep within. Beside smooth walls the error changes with
-    the way in which the walls lie on each lattice, up and down: an extrapolation would carry that on, and an order
-    that is observed means little.
+    given: (order, safety) of the error, where it is known: the bar is safety times the error by the differences and
+    that order; without it the order is ORDER; usual: `expected_error.usual_error` at the finest spacing, relative, a
+    part of the bar where no order is given. known: lowest and highest order of the error, where all of it is of a known
+    origin (`EDGE`): the value is then the limit by Richardson. Without it the value is that of the finest spacing and
+    the bar an estimate of its error, which 93 (two spacings) and 92 % (two finer ones) of the bodies of
+    `validation.known_bodies` keep within. Beside smooth walls the error changes with the way in which the walls lie on
+    each lattice, up and down: an extrapolation would amplify that, and an order that is observed means little.
     """
     order = np.argsort(spacings)
     h, k = np.asarray(spacings, float)[order], np.asarray(values, float)[order]

@@ -1,4 +1,4 @@
-"""Runs on several processes: what rank 0 has to know of the others."""
+"""Runs on several processes: values and tables that rank 0 collects, and interrupts."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ BY_PERMEABILITY = ("permeability", "sphere_array", "cylinder_array")  # referenc
 
 
 def entry(fluid: int, exchange: Exchange, clock: Clock) -> dict[str, Any]:
-    """Entry `ranks` of the summary: (least, most) of what the processes have. fluid: particles of this one; clock: its
-    seconds, of which those of the compiler are left out."""
+    """Entry `ranks` of the summary: (least, most) over the processes. fluid: particles of this one; clock: its seconds,
+    without those of the compiler."""
     ranks, spent, sent = current(), clock.cpu(), TRAFFIC
     own = {"fluid": fluid, "remote": exchange.remote, "messages": sent.messages, "sent_bytes": sent.sent,
            "collectives": sent.collectives, "cpu_seconds": spent["total"] - spent.get("compile", 0.0),
@@ -70,15 +70,15 @@ class NoTable(History):
 
 
 def table(path: Path, resume_step: int | None) -> History:
-    """A table that rank 0 writes: its `History`, on the other ranks one that writes nothing."""
+    """A table that rank 0 writes: a `History`; on the other ranks a `NoTable`."""
     return History(path, resume_step) if current().rank == 0 else NoTable()
 
 
 @contextmanager
 def interrupts() -> Iterator[Callable[[], None]]:
-    """A function that all processes call between two steps: it raises KeyboardInterrupt on all of them where one was
-    told to stop (Ctrl-C, SIGTERM) since. The second time such a signal ends its process at once. Of one process, or
-    outside of the main thread, signals are what they were."""
+    """Yields a function that all processes call between two steps: it raises KeyboardInterrupt on all of them where one
+    has received Ctrl-C or SIGTERM. A second such signal ends its process at once. With one process, or outside of the
+    main thread, signals are handled as before."""
     if current().size == 1 or threading.current_thread() is not threading.main_thread():
         yield lambda: None
         return

@@ -25,7 +25,7 @@ GROWTH = 1.1
 
 @dataclass(frozen=True)
 class Solved:
-    """What a spacing took: m, fluid particles, wall seconds without compilation."""
+    """A spacing that was solved: m, its fluid particles, wall seconds without compilation."""
 
     spacing: float
     particles: int
@@ -35,7 +35,8 @@ class Solved:
 def candidates(case: Case, geometry: Geometry) -> tuple[list[float], list[float]]:
     """(finer, coarser) spacings beside that of the case, m, the nearest first.
 
-    In an image whole numbers of particles fit a voxel, so that particles lie to the walls alike in all voxels.
+    In an image whole numbers of particles fit a voxel, so that they have the same places relative to walls in all
+    voxels.
     """
     base, voxel = case.particles.spacing, geometry.voxel_size
     fit = None if voxel is None else float(np.min(voxel)) / base
@@ -49,9 +50,8 @@ def candidates(case: Case, geometry: Geometry) -> tuple[list[float], list[float]
 def further_spacings(case: Case, geometry: Geometry, solved: list[Solved]) -> Iterator[float]:
     """Spacings to be solved next, as long as they are fewer than `LEVELS`; `solved` grows as the caller goes on.
 
-    A finer one is taken where the memory that is free holds it and where it is expected to end within
-    `case.refine_budget`, by the particles and seconds of the finest that was solved; what is missing then is made up by
-    coarser ones.
+    A finer one is taken where it fits into the free memory and where it is expected to end within `case.refine_budget`,
+    by the particles and seconds of the finest that was solved; otherwise coarser ones follow until there are `LEVELS`.
     """
     finer, coarser = candidates(case, geometry)
     for spacing in (*finer, *coarser):

@@ -1,11 +1,11 @@
 """Relative permeability of both fluids of a snapshot: a steady solve of each, with the other one as solid, over one of
 both as a single fluid.
 
-The other fluid is a solid that does not slip: at small capillary numbers tension holds the interface where it is, and
-what one fluid moves of the other beyond it is small where that is trapped, or many times more viscous. Where the other
-one is far less viscous and flows along (a film of water under gas), k_r comes out too small: between plates S^3
-in place of S^2 (3 - S) / 2. With the viscosities of both the interface would move during the solve, and k_r would be
-that of a flow, not of a distribution of the fluids.
+The other fluid is a solid without slip: at small capillary numbers tension holds the interface in place, and the flow
+that one fluid drags along in the other is small where the other is trapped, or many times more viscous. Where the other
+fluid is far less viscous and flows too (gas over a film of water), k_r comes out too small: between plates S^3 in place
+of S^2 (3 - S) / 2. With the viscosities of both fluids the interface would move during the solve, and k_r would belong
+to a flow and not to a distribution of the fluids.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..output.clock import Clock
 
-LEAST = 0.1  # spacings: a particle is at least this far from the interface, of which its fluid says the side
-FEW = 0.5  # of its saturation that a fluid holds of an end face below which its k_r is that of the face
+LEAST = 0.1  # spacings: least distance of a particle from the interface; its sign is that of the fluid of the particle
+FEW = 0.5  # share of an end face that a fluid holds, over its saturation: below it the face limits its k_r
 REACH = 4.0  # spacings up to which the distance to the interface is known; the spline of the wall reads no farther
 
 
 class SnapshotError(ValueError):
-    """A folder without what relative permeabilities are made of."""
+    """A folder without snapshots of two fluids, or for which relative permeabilities cannot be found."""
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,14 @@ class Relative:
 
     @property
     def warnings(self) -> list[str]:
-        """Sentences on fluids that lead through and hold less of the pores of an end face than of the sample: all that
-        flows passes the face, so that k_r is ruled by it and not by the saturation beside it."""
+        """Sentences on fluids that percolate and hold less of the pores of an end face than of the sample: all flow
+        passes the face, so that k_r is limited by it and does not belong to the saturation."""
         return [f"the flow of {name} is ruled by an end of the sample: {few}"
                 for k, name in enumerate(self.names) if self.leads_through[k] and (few := self._few_at_an_end(k))]
 
     def _few_at_an_end(self, k: int) -> str:
-        """Where fluid k, 0 or 1, holds much less than its saturation, and what to do; nothing where it does not."""
+        """The end faces of which fluid k, 0 or 1, holds much less than its saturation, and what to do; '' without
+        such."""
         for end, share, part in zip(("first", "last"), self.at_ends, ("0.25:1", "0:0.75")):
             held = share if k == 0 else 1.0 - share
             if held < FEW * self.saturation[k]:
@@ -130,8 +131,8 @@ def _read(directory: Path) -> tuple[Case, list[tuple[float, str]]]:
 
 
 class Sample:
-    """What lies between the reservoirs of a run, or the clear layers of its image, or a part of it along the axis, as
-    cells of a spacing each.
+    """The region between the reservoirs of a run or the clear layers of its image, or a part of it along the axis, as
+    cells with edges of a spacing.
 
     wall: (n,) distance of the middles of the cells from walls, m; x: (n, dim) m; lower, upper: (dim,) m.
     """
@@ -166,8 +167,8 @@ class Sample:
     def shares(self, to_first: np.ndarray, to_second: np.ndarray) -> tuple[float, float, float]:
         """Shares of the pores that fluid 0 has, of the sample and of its first and last layer of cells along the axis.
 
-        By cells, as the run measures its saturations: particles do not all stand for the same volume. A cell that a
-        wall or the interface cuts counts with its part. to_first, to_second: see `nearest`.
+        By cells, as the run measures its saturations: the volumes of particles differ. A cell that a wall or the
+        interface cuts counts in part. to_first, to_second: see `nearest`.
         """
         open_part = np.clip(0.5 + self.wall / self.spacing, 0.0, 1.0)
         # a cell whose middle is solid has no particle of its own: the nearest may be across the wall or the end face
@@ -187,8 +188,8 @@ class Sample:
         return np.where(to_mine <= to_other, side, -side)
 
     def permeability(self, distance: np.ndarray) -> tuple[float, bool]:
-        """Of what is off the walls and off another fluid, m2, and whether a path leads through it; distance: (n,) m
-        from that."""
+        """Permeability, m2, of the pores, or of the part of them outside of another fluid, and whether a path
+        percolates; distance: (n,) m from that fluid."""
         from ..geometry.faces import Walls
         from ..geometry.iso_surface import ImageField, IsoSurfaceGeometry
         from ..geometry.labels import ClearLayers

@@ -1,4 +1,4 @@
-"""What a run leaves: entries of the summary, snapshots, pictures of moving particles, the effective case."""
+"""Results of a run: entries of the summary, snapshots, pictures of moving particles, the effective case."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 PROFILES, CURVE = "profiles.csv", "curve.csv"
 
 
-# Patterns of what is drawn of a run at its end
+# Patterns of the pictures that a run draws at its end
 PICTURES = ("*.png", "report.html")
 
 
@@ -66,7 +66,7 @@ def draw_in_3d(directory: Path, frame: Frame, geometry: Geometry, flow: Mapping[
     """Pictures of a scene in three dimensions that is deep enough: streamlines, the shear at the walls where stress is
     given (`wall_stress`), two fluids where names are. flow: `x`, `velocity` and, of two fluids, `phase`.
 
-    Where they cannot be drawn, a sentence in warnings says why: the pictures of a plane are there.
+    Where they cannot be drawn, a sentence is added to warnings: the pictures of a plane exist in any case.
     """
     from ..output import render
 
@@ -106,7 +106,7 @@ def draw_distributions(directory: Path, case: Case, geometry: Geometry, x: np.nd
 
 
 def write_case(directory: Path, case: Case, changes: Sequence[Mapping[str, Any]]) -> None:
-    """case.yaml: the effective case, behind the values that restarts have changed."""
+    """Writes case.yaml: the values that restarts have changed, then the effective case."""
     lines = restart.sentences({"changes": changes})
     head = ["# Changed by restarts, from the step on that is named (docs/output.md):", *(f"# {line}" for line in lines)]
     text = "".join(f"{line}\n" for line in head) if lines else ""
@@ -115,7 +115,7 @@ def write_case(directory: Path, case: Case, changes: Sequence[Mapping[str, Any]]
 
 @dataclass
 class Seen:
-    """What a careful colleague said of a scene before it was run (preflight.look); nothing where nobody looked.
+    """Findings of the check of a scene before it runs (preflight.look); empty without a check.
 
     warnings: sentences; open_axes: axes along which fluid can flow through the sample, of a scene with walls;
     throats: {what: width in particles} or None.
@@ -149,7 +149,7 @@ def scene_entries(case: Case, geometry: Geometry, particles: Particles, cells: f
 
 
 def stopped_short(case: Case, loop: TimeLoop, state: State, directory: Path) -> str | None:
-    """A sentence on a run that ended before it had what was asked for; None where it had."""
+    """A sentence on a run that ended before its end or steady state; None where it reached that."""
     if loop.outcome in COMPLETE:
         return None
     time = case.time
@@ -167,9 +167,9 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
     """(summary, result): errors against the reference, the effective case, summary.json, and pictures where a case has
     them.
 
-    summary.json is there before `draw` is called: drawing in 3D takes half a minute, and who stops it has the numbers.
-    It is written again with what drawing took and warned of. It is left too where there is nothing to compare:
-    CompareError comes after it.
+    summary.json is written before `draw` is called: drawing in 3D takes half a minute, and a user who stops it has the
+    numbers. It is written again with the time and warnings of drawing. It is left too where the comparison fails:
+    CompareError is raised after it is written.
     """
     errors = incomparable = None
     if case.reference is not None:
@@ -189,7 +189,7 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
         summary["speed"] = speed_distribution(result.cell_velocity[inside])
     effective = replace(case, output=replace(case.output, directory=directory))
     write_case(directory, effective, summary.get("restarts", ()))
-    for name in PICTURES:  # those of the run before a restart are old: where drawing is stopped there are none
+    for name in PICTURES:  # pictures from before a restart are removed: where drawing is stopped none are left
         for path in directory.glob(name):
             folder.remove(path)
     whole = _write_summary(directory, case, summary, result, errors, clock)
@@ -299,7 +299,8 @@ def counts_of(particles: Particles, halo: int) -> dict[str, int]:
 
 
 def used_physics(case: Case, geometry: Geometry, driven: bool) -> list[str]:
-    """Entry `terms` of the summary: what of the method a scene of this case uses; driven: whether a force acts."""
+    """Entry `terms` of the summary: the terms of the method that a scene of this case uses; driven: whether a force
+    acts."""
     used = ["viscosity", "pressure"]
     if held_axis(case) is not None:
         used.append("held velocity")
@@ -326,7 +327,7 @@ def used_physics(case: Case, geometry: Geometry, driven: bool) -> list[str]:
 
 
 def used_physics_of_two(case: Case, fluids: Fluids) -> list[str]:
-    """Of a scene in which both fluids of a case are. fluids: TwoFluids, or OneFluid where only their names differ."""
+    """`used_physics` of two fluids. fluids: TwoFluids, or OneFluid where only the names of the fluids differ."""
     from ..two_phase.two_fluids import TwoFluids
 
     used = ["two fluids", *["reservoirs"] * (case.reservoirs is not None)]
@@ -348,7 +349,7 @@ def used_physics_of_two(case: Case, fluids: Fluids) -> list[str]:
 
 
 def added_viscosity(fluids: Fluids) -> str | None:
-    """A sentence on what an interface that hardly damps gets; None where nothing is added."""
+    """A sentence on the viscosity that is added to an interface with little damping; None where none is added."""
     added = fluids.added_viscosity
     return (f"{added:.2g} Pa s are added to the viscosity at the interface, whose roughness its own would not hold at "
             "this spacing (docs/method.md 12)") if added else None

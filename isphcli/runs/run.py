@@ -1,4 +1,4 @@
-"""A case from its file to its results: the folder that it writes into, and which flow runs."""
+"""Runs a case: prepares the folder of its results and calls the steady or the moving flow."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def run_case(case: Case, quiet: bool = False, resume: str | Path | None = None, overwrite: bool = False,
              look: Look | None = None) -> dict[str, Any]:
-    """`solve_case`, of which it returns the summary alone."""
+    """As `solve_case`; returns the summary alone."""
     return solve_case(case, quiet, resume, overwrite, look)[0]
 
 
@@ -34,8 +34,8 @@ def solve_case(case: Case, quiet: bool = False, resume: str | Path | None = None
     overwrite: replace results that the directory holds, those files that its manifest names.
     Where mpiexec started several processes (`domain.communicator.join`) all of them call it; the files are written by
     rank 0 but for the snapshots, and the flow that is returned is that of the particles of each.
-    look: preflight.look.look, which says before anything is solved what the check of the case warns of (in the summary
-    as `warnings`); without it nobody looks.
+    look: preflight.look.look, which prints the warnings of the check of the case before anything is solved (in the
+    summary as `warnings`); None: no check.
 
     Raises ValueError (CaseError, VoxelError, ShapeError, ParticleError, NoFlowError, FolderError, RestartError) for a
     case that cannot run, before anything is written; SolveError, StepError or RunError for one that had to stop.
@@ -61,7 +61,7 @@ def solve_case(case: Case, quiet: bool = False, resume: str | Path | None = None
 def _run(case: Case, quiet: bool, resume: str | Path | None, look: Look | None) -> tuple[dict[str, Any], Result]:
     clock = Clock()
     if case.flow == "stokes":
-        with clock("compile"), _compile_listener(clock):  # imports of what the flow needs, and nothing else
+        with clock("compile"), _compile_listener(clock):  # imports only what the flow needs
             from .steady_case import run_steady
         with _compile_listener(clock):
             return run_steady(case, clock, quiet, look)

@@ -1,17 +1,17 @@
 """When a flow has reached its steady value: the test of `time.steady`.
 
-One number a step tells of the flow (`time_loop.TimeLoop` chooses it). It comes near its steady value as
-exp(-t / T), and moving particles add a noise to it that stays. Both are judged by means over windows of time that grow
+The test has one number per step (`time_loop.TimeLoop` chooses it). That number approaches its steady value as exp(-t /
+T), and moving particles add a noise to it that does not decay. Both are judged by means over windows of time that grow
 with the run, so that neither the small steps of the start nor slow modes of the flow look steady: the last three
 quarters of the time since the start are cut into three windows of equal length. The error of the mean of the last one
 is the sum of
 
 - its noise: from the scatter of the means of equal parts of a window about a straight line (the method of batch means:
   noise that is correlated over less than a part is taken in full), at a confidence of 95 %;
-- what is left to go: with d1 and d2 the steps from window to window, an exponential has d2^2 / (d1 - d2) to go from the
-  last; the same from the last halves of windows, which sees a slow mode that begins where a fast one ends. It is not
-  less than d2, so that a turning point does not pass for an end, and is unknown while d2 is not less than d1, unless
-  the windows cannot be told from each other through the noise.
+- the change still to come: with d1 and d2 the steps from window to window, an exponential has d2^2 / (d1 - d2) left
+  after the last; the same from the last halves of windows, which detects a slow mode that begins where a fast one ends.
+  It is at least d2, so that a turning point does not pass for an end, and is unknown while d2 is not less than d1,
+  unless the differences between windows are within the noise.
 """
 
 from bisect import bisect_left
@@ -82,8 +82,8 @@ class Steady:
 
 
 def _left(means: np.ndarray, noise: float) -> float:
-    """How far the last of three means, (3,), each with such a noise, may be from what they approach; inf where they do
-    not tell."""
+    """Bound on the difference between the last of three means, (3,), each with that noise, and their limit; inf where
+    it is unknown."""
     first, middle, last = means
     before, now = middle - first, last - middle
     if before * now <= 0.0 or abs(last - first) <= np.sqrt(2.0) * noise:

@@ -66,18 +66,18 @@ Rows = list[dict[str, Any]]  # of the history
 
 @dataclass
 class Found:
-    """What the solves of a steady case have found so far, by axis and spacing."""
+    """The results of the solves of a steady case so far, by axis and spacing."""
 
     flows: Flows = field(default_factory=dict)
     closed: Closed = field(default_factory=dict)
     history: Rows = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
-    stopped: KeyboardInterrupt | None = None  # what ended the solves when at least one spacing was done
+    stopped: KeyboardInterrupt | None = None  # the interrupt that ended the solves after at least one spacing
 
 
 @dataclass(frozen=True)
 class Job:
-    """What all spacings of a steady case share.
+    """The objects that all spacings of a steady case share.
 
     geometries: by axis, the first one and, where there are several spacings, those that were needed since; sealed: an
     image whose sides are closed but along the axis of the flow, so that every axis has a geometry and matrices of its
@@ -97,7 +97,7 @@ class Job:
         return [axis for axis, _ in self.axes if axis is not None]
 
     def needs(self, axis: int | None) -> list[int]:
-        """Axes of which a path must lead along one, of the matrices that serve an axis."""
+        """Axes along at least one of which fluid must percolate for the matrices of an axis."""
         return self.driven if not self.sealed else [] if axis is None else [axis]
 
 
@@ -262,7 +262,7 @@ def _build(job: Job, axis: int | None, spacing: float) -> steady.SteadyScene | N
     """The matrices of one axis, or of all where the image is not sealed; None where no path leads through."""
     with job.clock("geometry"), progress.stage(f"geometry at spacing {spacing:g}", job.quiet):
         geometry = job.geometries.get(axis) or build_geometry(job.case, axis)
-        if job.case.refine:  # a spacing that follows needs it again
+        if job.case.refine:  # the next spacing needs it again
             job.geometries[axis] = geometry
     try:
         with progress.stage("particles, operators and hierarchies", job.quiet):
@@ -291,7 +291,7 @@ def _solve_one_axis(job: Job, scene: steady.SteadyScene, axis: int | None, force
                     error.worst = _worst_of(job.case, scene, error)
                 raise
             left_out = error
-    if left_out is not None:  # raised here: the display says that the run was stopped only where it was
+    if left_out is not None:  # raised outside of the display, which would show that the run was stopped
         raise left_out
     if axis is not None and _along(flow, axis) <= 0.0:
         found.closed[axis, spacing] = f"the flow along {'xyz'[axis]} is zero; check the drive and what is solid"
@@ -306,7 +306,7 @@ def _solve_one_axis(job: Job, scene: steady.SteadyScene, axis: int | None, force
 
 
 def _tell_history(found: Found, spacing: float, axis: int | None, flow: steady.StokesResult | InThroats) -> None:
-    """The row of a solve."""
+    """Adds the row of a solve to the history."""
     found.history.append({"step": len(found.history) + 1, "spacing": spacing,
                           "axis": "xyz"[axis] if axis is not None else "",
                           "iterations_stokes": flow.convergence.iterations,
@@ -362,8 +362,8 @@ class AxisResult:
 
     permeability: m2, 0 without a path; by_spacing: the same of each spacing, keys as they are written; shut: spacings
     without a path; bar: its error by the spacings, m2, and sentence: how that was found, None of one spacing; image:
-    its error by the image, m2, None without one; bounds: what a permeability is worth, m2, and source: by which bodies,
-    None where it is 0.
+    its error by the image, m2, None without one; bounds: range of the permeability, m2, and source: the bodies behind
+    it, None where k is 0.
     """
 
     name: str
@@ -421,21 +421,21 @@ def _with_throats(found: AxisResult, throats: InThroats, spacing: float, pores: 
 
 
 def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen, porosity: float) -> None:
-    """What the solves along an axis say of its paths and their width, into the warnings and the open axes of `seen`."""
+    """Adds to `seen` what the solves along an axis show: whether it is open, and a warning of narrow pores."""
     name, axis, opened = found.name, "xyz".index(found.name), len(found.shut) < len(case.spacings)
     if found.shut:
         where = f"at the spacing {', '.join(f'{h:g}' for h in found.shut)} " if opened else ""
         seen.warnings.append(where + (closed[axis, found.shut[0]] or why_closed(case, axis)))
-    if name not in seen.open_axes and opened:  # by particles that see each other, not by faces of sites
+    if name not in seen.open_axes and opened:  # open by pairs of particles, although closed by faces of lattice sites
         seen.open_axes = [a for a in "xyz" if a == name or a in seen.open_axes]
     elif not opened:
         seen.open_axes = [a for a in seen.open_axes if a != name]
-    told = seen.throats is not None and seen.throats["median"] < THINNEST  # by the check, of the same pores
-    resists = case.microporous or case.geometry.depth  # what is beside the walls makes no pore narrower
+    told = seen.throats is not None and seen.throats["median"] < THINNEST  # the check has warned of the same pores
+    resists = case.microporous or case.geometry.depth  # drag besides that of walls: k gives no width
     if found.permeability > 0.0 and not told and not resists:
         finest = min(h for h in case.spacings if h not in found.shut)
         if case.refine == "throats" and found.bar is not None:
-            finest *= 0.5  # where the flow is narrowest
+            finest *= 0.5  # in throats particles have half the spacing
         narrow = too_narrow(f"the flow along {name} sees pores (sqrt(12 k / porosity))",
                             pore_width(found.permeability, porosity), finest)
         seen.warnings += [narrow] if narrow else []
@@ -459,7 +459,7 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
     ranges = {along.name: along.bounds for along in results if along.bounds is not None}
     tensor, dim = None, main.geometry.dim
     finest = [flow for (_, spacing), flow in flows.items() if spacing == main.spacing]
-    # of sealed sides every axis is an experiment of its own: flow across it has nowhere to go
+    # with sealed sides each axis is a separate flow without a velocity across it, and there is no tensor
     if len(permeability) == dim and not bars and all(_periodic_of(case, dim)):
         columns = [flows.get((axis, case.particles.spacing)) for axis in range(dim)]
         tensor = np.array([np.zeros(dim) if flow is None else flow.permeability for flow in columns]).T
@@ -543,7 +543,7 @@ def _along(flow: steady.StokesResult, axis: int) -> float:
 
 
 def refuse_second_fluid(case: Case, particles: Particles) -> None:
-    """A steady solve knows the first fluid only."""
+    """Raises CaseError where particles are of a second fluid that differs: a steady solve has one fluid."""
     first, *others = case.fluids.items()
     for k, (name, fluid) in enumerate(others, 1):
         if (fluid.density, fluid.mu) != (first[1].density, first[1].mu) and reduce.any_true(particles.phase == k):
@@ -578,8 +578,8 @@ def _profile(flow: steady.StokesResult) -> list[dict[str, float | None]]:
 
 def _pictures(case: Case, directory: Path, flow: steady.StokesResult, flows: Flows, summary: dict[str, Any],
               rows: list[dict[str, float | None]]) -> None:
-    """A slice and, of three dimensions, rock with streamlines and the shear at its walls; profiles; pores and speeds;
-    apart from them what is numerical."""
+    """Draws a slice and, in three dimensions, rock with streamlines and the shear at its walls; profiles; pores and
+    speeds; and separately the numerical quantities."""
     from ..output.panels import plot_flow_profile
     from ..output.plots import Frame, plot_slice
 

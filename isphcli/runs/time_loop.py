@@ -35,10 +35,10 @@ def _free_direction(case: Case, stepper: Stepper) -> np.ndarray | None:
 
 
 class TimeLoop:
-    """Runs a state to its end; everything written on the way goes through the callbacks.
+    """Runs a state to its end; callbacks write all files.
 
     snapshot(state, config), row(dict) and progress(result, limit) are called as the run goes. `last` is the last
-    step of which all is told (restart.Saved): what a run that stops goes on from.
+    step whose row and snapshot are written (restart.Saved): a run that stops can go on from it.
     measure(state, config): further entries of a row, dict.
     steady: steadiness.Steady of what `observed` says, in a run to a steady state, else None.
     fluid_cells: volume of the fluid in the box over `site_volume`, see `permeability.fluid_cells`, which the mean
@@ -107,7 +107,7 @@ class TimeLoop:
             self.last = self._saved(state)
             progress(found, limit)
             ready = Handover(config)
-            del found, config  # the next step has it alone
+            del found, config  # frees them: only the next step may hold the configuration
         if time.steady is not None:
             self.outcome = "steady" if self._steady_by_now() else "not steady at the end"
         elif state.step >= time.max_steps and state.time < end * (1.0 - 1e-12) and not self._over(state):
@@ -148,7 +148,7 @@ class TimeLoop:
 
     @property
     def standing(self) -> str | None:
-        """Words on how far from steady a flow is that was to become so; None of others."""
+        """Words on how far from steady a run to a steady state is; None of other runs."""
         if self.steady is None or self.outcome != "not steady at the end":
             return None
         distance, asked = self.steady.distance, f"time.steady asks for {self.time.steady:g}"

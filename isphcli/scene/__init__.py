@@ -1,1 +1,1 @@
-"""From the words of a case to the objects of a scene: the only room that knows both."""
+"""From the keys of a case to the objects of a scene: the only room that imports both."""

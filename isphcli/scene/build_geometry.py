@@ -80,7 +80,7 @@ def _box_of(case: Case, along: int | None) -> _Box:
 
 @dataclass(frozen=True)
 class _Said:
-    """What is said of a geometry: see `protocol.Geometry`."""
+    """Sentences on a geometry: `described` and `warnings` of `protocol.Geometry`."""
 
     described: list[tuple[str, str]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -111,7 +111,7 @@ def _shape_geometry(case: Case, box: _Box, walls: Walls, velocities: Mapping[int
 
 
 def _shapes(case: Case, box: _Box, fluid: int, velocities: Mapping[int, np.ndarray], said: _Said) -> list[Shape]:
-    """The shapes of a case in their order. fluid: what fills the box where no shape is."""
+    """The shapes of a case in their order. fluid: index of the fluid outside of all shapes."""
     from ..geometry.bodies import Shape
 
     shapes: list[Shape] = []
@@ -165,7 +165,8 @@ def _within(body: Spheres, axis: int, sample: tuple[np.ndarray, np.ndarray], nam
             described: list[tuple[str, str]]) -> Spheres:
     """The balls of a pack with clear layers: those whose centre lies between its two ends, whole.
 
-    As much of them sticks out at the ends as is missing of those beyond, so that the pack is as dense as it is inside.
+    Their parts beyond the ends have on average the volume that spheres centred beyond would have within, so that the
+    porosity is that inside.
     Raises ShapeError where none lies there.
     """
     from ..geometry.bodies import ShapeError, Spheres
@@ -184,13 +185,13 @@ def _within(body: Spheres, axis: int, sample: tuple[np.ndarray, np.ndarray], nam
 
 def between_reservoirs(lower: np.ndarray, upper: np.ndarray, axis: int,
                        length: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (dim,) of what lies between two reservoirs of a length at the ends of an axis of a box, m."""
+    """Corners (dim,) of the region between two reservoirs of a length at the ends of an axis of a box, m."""
     ends = np.eye(len(lower))[axis] * (length or 0.0)
     return lower + ends, upper - ends
 
 
 def _describe_spheres(file: Path, body: Spheres, box: _Box, said: _Said) -> None:
-    """Put what a file of spheres holds and what is odd about it on the two lists."""
+    """Add sentences on the spheres of a file to the descriptions and to the warnings of a geometry."""
     from .spheres import sphere_findings
 
     radii = np.ravel(body.radii)

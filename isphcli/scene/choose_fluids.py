@@ -1,4 +1,4 @@
-"""The fluids of a case as the equations see them: one, or two with what their interface needs."""
+"""The fluids of a case as objects of the method: one, or two with tension, contact angle and slip at the line."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from ..two_phase.contact_angle import ContactAngle
     from ..two_phase.two_fluids import TwoFluids
 
-FROM_WALL = 0.5  # spacings off the wall at which it is told whether a wall point is on a face
+FROM_WALL = 0.5  # spacings off the wall at which a wall point is tested for being on a face
 ON_FACE = 0.9  # of those: along the diagonal of a right angle the wall is 0.71 of the way off
 
 
 def choose_fluids(case: Case, geometry: Geometry, particles: Particles, force: np.ndarray) -> OneFluid | TwoFluids:
-    """OneFluid or TwoFluids: the one place that chooses what an interface needs."""
+    """OneFluid or TwoFluids of a case; only this function chooses tension, contact angle and slip at the line."""
     present = [case.fluids[name] for k, name in enumerate(case.fluid_names) if reduce.any_true(particles.phase == k)]
     differ = len({(f.density, f.mu) for f in present}) > 1
     axis = gradient_axis(case)

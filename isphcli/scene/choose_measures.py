@@ -1,4 +1,4 @@
-"""What is measured of the fluids of a case as it runs."""
+"""The objects that measure the fluids of a case during its run."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def choose_profiles(case: Case, geometry: Geometry, fluids: Fluids) -> Profiles 
 
 def choose_reservoir_measures(case: Case, geometry: Geometry, particles: Particles,
                               fluids: Fluids) -> ReservoirMeasures | None:
-    """What is measured between the reservoirs of a case, or None."""
+    """The measures between the reservoirs of a case, or None."""
     if case.reservoirs is None:
         return None
     from ..two_phase.reservoir_measures import ReservoirMeasures

@@ -1,4 +1,4 @@
-"""What bounds the steps of a case, for the run and for the check before it."""
+"""The limits of the time steps of a case, for the run and for the check before it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A case from an image alone: the permeability of a scan before anything is written down about it."""
+"""A case from an image alone: the permeability of a scan without a case file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ drive: {{axes: [x]}}
 
 @dataclass(frozen=True)
 class FirstCase:
-    """case: as it was read; text: of a case file that says the same; assumed: sentences on what nobody has said."""
+    """case: as it was read; text: of the equivalent case file; assumed: sentences on what the user has not given."""
 
     case: Case
     text: str
@@ -46,7 +46,7 @@ def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
     """Steady flow of water along x through an image, one particle per voxel; overrides: key=value, as of --set.
 
     Of two values the higher one is solid; grey values are parted by Otsu's threshold, the bright ones solid. Raises
-    VoxelError where the size of a voxel is not known or there are several labels, CaseError for what overrides say.
+    VoxelError where the size of a voxel is not known or there are several labels, CaseError for wrong overrides.
     """
     case_file = path.with_suffix(".yaml")
     asked = read_case(case_text(path).encode(), case_file, overrides)
@@ -87,7 +87,7 @@ def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
 
 
 def _understood(path: Path, image: Image) -> tuple[str, str]:
-    """What the values of an image are taken for: (entry of the case, sentence)."""
+    """How the values of an image are understood: (entry of the case, sentence)."""
     guess = guess_labels(image.values)
     if guess is None:
         return ("grey: {threshold: otsu, solid: above}", "grey values, of which the bright ones are solid (Otsu's "

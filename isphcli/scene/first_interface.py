@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from ..flow.step import Stepper
     from ..geometry.protocol import Geometry
 
-# From labels the first distance is that to the nearest particle of the other fluid, less half a spacing; so many passes
-# take its steps out, a fifth of what is left each.
+# From labels the first distance is that to the nearest particle of the other fluid, less half a spacing. Passes that
+# smooth its steps: each removes a fifth of what is left.
 PASSES = 40
 PASS = 0.2
 

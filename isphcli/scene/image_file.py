@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from ..case.blocks import Voxels
 
 SEVERAL = (".mhd", ".nhdr", ".raw", ".bin")  # whose data or header may be in another file, which can change by itself
-_last: list[tuple[Any, Image]] = []  # the image that was read last: a byte or two a voxel, of 40 that its walls take
+_last: list[tuple[Any, Image]] = []  # the image that was read last: a byte or two per voxel, where its walls take 40
 
 
 def layout_of(spec: Voxels) -> Layout:
-    """What a case says of its file beside the path."""
+    """The keys of a case on the layout of its image file."""
     return Layout(spec.array, spec.axes, spec.shape, spec.dtype, spec.offset, spec.byte_order)
 
 
@@ -29,12 +29,12 @@ def image_of(spec: Voxels) -> Image:
 
 
 def grey_image(path: Path, layout: Layout, crop: Sequence[Sequence[int]] | None) -> Image:
-    """A part of an image with the values of its file, which nobody may change; the last one is kept."""
+    """A part of an image with the values of its file, which are read-only; the last one is kept."""
     known = _identity(path)
     key = None if known is None else (known, layout, crop)
     if key is not None and _last and _last[0][0] == key:
         return _last[0][1]
-    _last.clear()  # before the next one is in memory too
+    _last.clear()  # frees the last image before the next one is read
     image = read_image(path, grey=True, layout=layout, crop=crop)
     image.values.flags.writeable = False
     if key is not None:
@@ -43,7 +43,7 @@ def grey_image(path: Path, layout: Layout, crop: Sequence[Sequence[int]] | None)
 
 
 def _identity(path: Path) -> tuple[Any, ...] | None:
-    """What changes with a file; None where that is not seen in one file."""
+    """A value that changes whenever the file does; None where its data may lie in another file."""
     if not path.is_file() or path.suffix.lower() in SEVERAL:
         return None
     found = path.stat()

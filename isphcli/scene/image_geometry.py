@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Understood:
-    """What the values of an image stand for.
+    """The meaning of the values of an image.
 
     labels: int8 [z, y, x] or [y, x], -1 solid, else the index of a fluid; field: None, or float32 of that shape, > 0 in
     fluid, whose zero is the wall; words: which values are solid; described: see `protocol.Geometry`; microporous: int8
@@ -94,7 +94,7 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
 def _layers_that_fit(case: Case, labels: np.ndarray, axis: int | None, edges: np.ndarray, periodic: list[bool],
                      unusual: tuple[str, ...]) -> ClearLayers | None:
     """The clear layers of an image, or None. Raises ParticleError where the image with them does not fit into the
-    memory; unusual: what is odd about the size of its voxels, edges (dim,) m, which may be why."""
+    memory; unusual: warnings on the size of its voxels, edges (dim,) m, a likely cause."""
     clear = added = 0
     if axis is not None and not periodic[axis]:
         clear = _clear_voxels(case, labels, axis, edges, periodic)
@@ -168,7 +168,7 @@ def _brick_geometry(case: Case, spec: Voxels, axis: int | None, walls: Walls) ->
     def labelled(values: np.ndarray) -> np.ndarray:
         return apply_labels(values, spec.labels, names, spec.file, dict(sorted(found.items())))
 
-    labelled(slab.values[:0])  # what does not fit the case is said here
+    labelled(slab.values[:0])  # raises VoxelError here where the labels do not fit the case
     solid = {int(v) for v in np.ravel(np.asarray(spec.labels.get("solid", ())))}
     fluid = sum(count for value, count in found.items() if value not in solid)
     def read(ranges: Sequence[tuple[int, int]]) -> np.ndarray:
@@ -180,7 +180,7 @@ def _brick_geometry(case: Case, spec: Voxels, axis: int | None, walls: Walls) ->
     size, whence, odd = voxel_size_of(slab, spec.voxel_size, spec.file)
     clear, edges = 0, np.broadcast_to(size, dim)
     if axis is not None and not periodic[axis]:
-        # how thick they must be follows from what leads through the whole image: rank 0 reads it, and forgets it
+        # the thickness depends on the percolating pores of the whole image: rank 0 reads it, and frees it
         clear = on_first(lambda: _clear_voxels(
             case, in_file.part(np.zeros(dim, int), shape if spec.clear_layer is None else np.ones(dim, int), None),
             axis, edges, periodic))
@@ -219,7 +219,7 @@ def _of_slabs(read: Callable[[Sequence[tuple[int, int]]], np.ndarray], shape: np
 
 
 def _described_image(case: Case, spec: Voxels, shape: Sequence[int], image: Image) -> tuple[str, str]:
-    """What is said of an image of so many voxels along x, y(, z)."""
+    """The entry of `described` for an image of so many voxels along x, y(, z)."""
     return ("image", f"{_product(shape)} voxels along {', '.join('xyz'[: len(shape)])}"
             + (f", cropped from {_product(_along_xyz(image))}" if spec.crop else "")
             + (f", with the mirror image along {', '.join(case.geometry.mirror)}" if case.geometry.mirror else "")
@@ -314,7 +314,7 @@ def threshold_of(spec: Voxels) -> float:
 
 SI_DENSITY = (300.0, 20_000.0)  # kg/m3 of liquids: a case that has one counts in SI units and not in its own
 SI_VISCOSITY = (5e-6, 5e-5)  # Pa s of gases
-MOST_POROUS = 0.6  # above it hardly any rock
+MOST_POROUS = 0.6  # above it hardly any rock is found
 
 
 def image_voxel_size(spec: Voxels) -> np.ndarray:
@@ -325,7 +325,8 @@ def image_voxel_size(spec: Voxels) -> np.ndarray:
 
 
 def _unusual_size(case: Case, size: np.ndarray) -> tuple[str, ...]:
-    """A voxel of millimetres and more in a case whose fluids are in SI units is mistaken, mostly micrometres."""
+    """Warnings of a voxel of millimetres or more in a case whose fluids are in SI units: most are meant in
+    micrometres."""
     si = any(
         SI_DENSITY[0] <= f.density <= SI_DENSITY[1] or SI_VISCOSITY[0] <= f.mu <= SI_VISCOSITY[1]
         for f in case.fluids.values()
@@ -340,8 +341,8 @@ def _unusual_size(case: Case, size: np.ndarray) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Porosity:
-    """Of the voxels of an image: the share of those of pores, the shares of microporous rocks by name, and words that
-    say which values are solid."""
+    """The share of the voxels of an image that are pores, the shares of microporous rocks by name, and which values are
+    solid, in words."""
 
     pores: float
     rocks: dict[str, float]

@@ -1,4 +1,4 @@
-"""What a scene needs of memory, what the machine has left, and a refusal before anything large is allocated."""
+"""The memory that a scene needs and that the machine has left; a scene too large is refused before it is allocated."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 PAIRS = {2: 2.72, 3: 3.46}  # neighbours over support^dim at one site a spacing^dim: 32 in 3D at 2.1
-# Bytes of a pair by flow and walls. stokes: 10 of its row; navier_stokes, from the peaks of two steps on 2026-11-30,
+# Bytes per pair by flow and walls. stokes: 10 of its row; navier_stokes, from the peaks of two steps on 2026-11-30,
 # less BYTES_PROGRAM: 3.0 kB per particle of cases/taylor_green_3d.yaml (spacing 0.02) and 6.2 of
 # cases/sphere_array.yaml (flow: navier_stokes, spacing 1.5625e-5)
 BYTES_PAIR = {
@@ -24,34 +24,34 @@ BYTES_PAIR = {
     ("navier_stokes", True): 158,
     ("navier_stokes", False): 52,
 }
-# Of moving particles a neighbour of any kind, behind a wall or a dummy: its row and its column
+# Bytes per neighbour of moving particles, also behind a wall or a dummy: its row and its column
 BYTES_NEIGHBOUR = 8
-# Of a pair, in matrices and hierarchies. stokes: with the rest 1.7 kB per particle seen all round; the peaks were 1.68
+# Bytes per pair in matrices and hierarchies. stokes: with the rest 1.7 kB per particle off walls; the peaks were 1.68
 # (sphere array of 64 spacings), 1.92 (Berea 128^3, 46 iterations) and 2.28 kB (bead pack, 56): benchmarks/memory.py,
 # 2026-11-29
 BYTES_MATRIX = {"stokes": 14, "navier_stokes": 18}
-# The same where PETSc solves: hypre stores the matrix that PyAMG's cycle computes from the pairs. An eighth of table 1
-# of the paper and Berea 64^3 on two processes held 0.70 and 0.39 GB each (benchmarks/memory.py, 2026-11-30)
+# Bytes per pair where PETSc solves: hypre stores the matrix that PyAMG's cycle computes from pairs. An eighth of table
+# 1 of the paper and Berea 64^3 on two processes held 0.70 and 0.39 GB each (benchmarks/memory.py, 2026-11-30)
 BYTES_PETSC = 26
-# Of a pair, what a second fluid adds to moving particles, by walls: weighted operators, the transposed stress, normals.
+# Bytes per pair that a second fluid adds to moving particles, by walls: weighted operators, transposed stress, normals.
 # A drop in a cube of 125,000 particles takes 6.2 kB per particle, beside walls 8.6 (two steps, 2026-11-30): 100 and 70;
 # more where all fluid is beside walls
 BYTES_SECOND_FLUID = {False: 110, True: 150}
-BYTES_ROW = {"stokes": 350, "navier_stokes": 0}  # of a particle, beside its pairs
+BYTES_ROW = {"stokes": 350, "navier_stokes": 0}  # bytes per particle, beside its pairs
 # Krylov vectors of a steady solve: 18 to 30 in wide pores, 46 to 56 in rock and packs of beads; those of a long restart
 # are allocated but never touched
 VECTORS = 40
-# Of a particle of the second solve of `refine: throats`, most of them in its pairs: in a 64^3 corner of Berea 4.9 kB
-# beside what the first solve takes (docs/design_notes.md)
+# Bytes per particle of the second solve of `refine: throats`, most of them of its pairs: in a 64^3 corner of Berea 4.9
+# kB beside what the first solve takes (docs/design_notes.md)
 BYTES_TWO_SPACINGS = 6_000
-BYTES_PARTICLE = 200  # positions, fields and work arrays of a particle of any kind
-# Of an image while its geometry is built, from the peaks of random bodies of 64^3 to 192^3 voxels at 47588b5: labels 39
-# to 44 (of which 32 to 35 stay), grey values 36 to 48 (sharpened too), `wall_distance: stairs` 19 to 23
+BYTES_PARTICLE = 200  # bytes per particle of any kind: positions, fields and work arrays
+# Bytes per voxel while a geometry is built, from the peaks of random bodies of 64^3 to 192^3 voxels at 47588b5: labels
+# 39 to 44 (of which 32 to 35 stay), grey values 36 to 48 (sharpened too), `wall_distance: stairs` 19 to 23
 BYTES_VOXEL = 40
-# Python and its libraries: peaks of runs of 64 and 1024 particles without pictures (cases/couette.yaml and
+# Bytes of Python and its libraries: peaks of runs of 64 and 1024 particles without pictures (cases/couette.yaml and
 # taylor_green_2d.yaml, 2026-11-30)
 BYTES_PROGRAM = 2.3e8
-SAMPLE = 10_000  # points at which the fluid of a lattice is counted before it is placed, and that round particles
+SAMPLE = 10_000  # random points at which the fluid of a lattice, and round particles, is counted before it is placed
 CROP = "take a part with geometry.voxels.crop, or a coarser image (isph convert-voxels --downsample)"
 
 
@@ -74,8 +74,8 @@ def neighbours(case: Case, dim: int) -> float:
 
 def neighbours_held(case: Case, geometry: Geometry, x: np.ndarray, spacing: float) -> float:
     """Of the neighbours that fluid particles x (n, dim) of a spacing, m, would have in a box full of fluid, the share
-    whose weights are held: those that are fluid; of moving particles those of them that no wall hides. (What steady
-    flow takes was measured by the first.)"""
+    whose weights are held: those that are fluid; of moving particles those of them that no wall hides. (The bytes of
+    steady flow were measured per fluid neighbour.)"""
     if not geometry.has_solid or not len(x):
         return 1.0
     reach, rng = case.support * spacing, np.random.default_rng(0)
@@ -93,7 +93,7 @@ def estimate(case: Case, dim: int, walls: bool, fluid: float, dummies: float, tw
     """Bytes by part at the peak of a run with so many fluid particles and dummies, without its image.
 
     two: particles of two fluids that differ or have an interface; share: see `neighbours_held`. Of all other neighbours
-    moving particles know who they are: BYTES_NEIGHBOUR.
+    moving particles store row and column only: BYTES_NEIGHBOUR.
     """
     steady = case.flow == "stokes"
     pairs = fluid * neighbours(case, dim) * share
@@ -133,7 +133,7 @@ def refuse_lattice(case: Case, geometry: Geometry, spacing: float) -> None:
 
 
 def _of_this_machine(need: float) -> float:
-    """What the processes on this machine need of the bytes that all processes of a scene do."""
+    """Bytes that the processes on this machine need, of those that all processes of a scene need."""
     return need * current().here / current().size
 
 
@@ -148,7 +148,7 @@ def refuse_image(case: Case, parts: bool = False) -> None:
     spec = case.geometry.voxels
     assert spec is not None
     shape = image_shape(spec.file, layout=layout_of(spec))
-    if shape is None:  # what is wrong with the file is said by those who read it
+    if shape is None:  # the reader of the file reports what is wrong with it
         return
     voxels = math.prod(shape)
     if spec.crop is not None:

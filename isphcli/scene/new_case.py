@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-PER_RADIUS = 4.0  # spacings a radius of the spheres: eight particles across each of them
-NEAR = 1.15  # factor by which a spacing that divides the box may differ from that: 1.5 times the particles at most
+PER_RADIUS = 4.0  # spacings per radius of the spheres: eight particles across each of them
+NEAR = 1.15  # largest factor between that spacing and one that divides the box: at most 1.5 times as many particles
 WHOLE = 1e-4  # relative stretch of a lattice that counts as none; a list of spheres has few digits
 GUESSED_SIZE = 5.0e-6  # m, where the image has none and none was given
 

@@ -29,15 +29,15 @@ def lattice_at(case: Case, geometry: Geometry, spacing: float) -> Lattice:
 
 
 def sight_of(case: Case, spacing: float, dim: int) -> float:
-    """How far particles of a case at a spacing see, m: its support, and the fit of an interface with tension may see
-    farther."""
+    """How far particles of a case at a spacing see, m: its support, or the reach of the fit of an interface with
+    tension where that is longer."""
     support = case.support * spacing
     return support if case.interface is None else max(support, sight_of_fit(case, spacing, dim))
 
 
 def sight_of_fit(case: Case, spacing: float, dim: int) -> float:
-    """Sight.reach of a case at a spacing, m: what is fitted asks for a number of neighbours, and a body-centred lattice
-    has twice as many in a spacing cubed."""
+    """Sight.reach of a case at a spacing, m: the fit needs a number of neighbours, and a body-centred lattice has twice
+    as many per spacing cubed."""
     from ..two_phase.sight import SIGHT
 
     return float(SIGHT * spacing / density(case, dim) ** (1.0 / dim))
@@ -98,7 +98,7 @@ def flooded(particles: Particles, geometry: Geometry, fluid: int, face: str, sat
 
 
 def what_is_solid(geometry: Geometry) -> str:
-    """Key that says what is solid in a scene."""
+    """The key of a case that decides what is solid in its scene."""
     return "geometry.voxels.labels" if geometry.labels is not None else "geometry.shapes and geometry.fluid"
 
 
@@ -141,9 +141,9 @@ def _moved(geometry: Geometry, x: np.ndarray, phase: np.ndarray, shift: np.ndarr
 
 
 def jittered(case: Case, geometry: Geometry, particles: Particles, number: np.ndarray, spacing: float) -> Particles:
-    """The particles of one of several processes, moved as one process would move them: it draws for the first
-    particle, the second and so on. number: (n,) int64; geometry: of this process; spacing: m. They stay with their
-    process, wherever they are now."""
+    """The particles of one of several processes, with the random displacements of a run of one process, which draws for
+    the first particle, the second and so on. number: (n,) int64; geometry: of this process; spacing: m. Particles that
+    leave the brick stay with the process."""
     n, dim, asked = particles.n_fluid, geometry.dim, case.particles
     shift = np.empty((n, dim))
     edges = np.append(np.flatnonzero(np.diff(number, prepend=-2) != 1), n)
@@ -155,7 +155,8 @@ def jittered(case: Case, geometry: Geometry, particles: Particles, number: np.nd
 
 
 def jittered_at_rest(case: Case, geometry: Geometry, particles: Particles, spacing: float) -> Particles:
-    """As `jittered`, each on the process of the brick that it is in then, and what that one sees. spacing: m."""
+    """As `jittered`, each particle on the process of the brick that it is in then, with the `Share` of that process.
+    spacing: m."""
     from ..domain.migration import Migration, numbers_of
 
     share, n = particles.share, particles.n_fluid
@@ -173,12 +174,12 @@ def _all_solid(geometry: Geometry) -> ParticleError:
 
 
 def place_share(geometry: Geometry, lattice: Lattice, support: float, sight: float = 0.0) -> Particles:
-    """What this process owns of the particles of a lattice, and what those see (`Share`); all processes together.
+    """The particles of a lattice that this process owns, and those that they see (`Share`); all processes call it.
 
     support: m; sight: how far particles see, m, where that is farther.
-    Each classifies a slab of the lattice for the cut, then the sites of its own brick and what is in sight round it:
-    nothing is sent but histograms. A site is known by its number, and what is asked of the geometry is asked at its
-    place in the box, with the same bits on every process that sees it. Raises ParticleError where there is no fluid.
+    Each classifies a slab of the lattice for the cut, then the sites of its own brick and those in sight of it: only
+    histograms are sent. A site is identified by its number, and the geometry is evaluated at its place in the box, with
+    the same bits on every process that sees it. Raises ParticleError where there is no fluid.
     """
     ranks, box = current(), (geometry.lower, geometry.upper, geometry.periodic)
     counts, dim = lattice.counts, geometry.dim

@@ -52,8 +52,8 @@ def held_velocity(case: Case, particles: Particles, reference: float, geometry: 
 
 def clear_of_the_sample(particles: Particles, geometry: Geometry,
                         axis: int) -> tuple[tuple[float, float], float, float]:
-    """Ends of the sample along an axis, m, what of the cross section beyond them is fluid, and the porosity of the
-    sample; with nothing beyond it the ends are inf and -inf, and both numbers are of the box."""
+    """Ends of the sample along an axis, m, the share of the cross section beyond them that is fluid, and the porosity
+    of the sample; with nothing beyond it the ends are inf and -inf, and both shares are of the box."""
     size = geometry.upper - geometry.lower
     length, (lower, upper) = size[axis], (float(corner[axis]) for corner in sample_box(geometry))
     here, fluid = reduce.count(outside_sample(particles.x[: particles.n_fluid, axis], lower, upper)), reduce.number(
@@ -118,7 +118,7 @@ def prepare(case: Case, geometry: Geometry, clock: Clock) -> tuple[State, Steppe
 
         with clock("geometry"):
             phi, volume = first_interface(case, geometry, particles, stepper, number)
-    elif two:  # that differ in name only: phi tells them apart
+    elif two:  # fluids that differ in name only: phi has the fluid of each particle
         phi = np.where(particles.phase == 0, spacing, -spacing)
     state = State(x, u, u.copy(), np.zeros(n), pressure_gradient=gradient,
                   phi=phi, number=number, volume=volume)
@@ -152,7 +152,8 @@ def initial_velocity(case: Case, x: np.ndarray) -> np.ndarray:
 
 
 def seam(case: Case, particles: Particles, geometry: Geometry) -> Seam | None:
-    """The Seam between the two reservoirs of a case, or None: without them, and of one fluid, which goes round."""
+    """The Seam between the two reservoirs of a case; None without reservoirs, and where all particles are of one
+    fluid."""
     if case.reservoirs is None or not particles.two_fluids:
         return None
     from ..flow.seam import Seam
@@ -160,7 +161,7 @@ def seam(case: Case, particles: Particles, geometry: Geometry) -> Seam | None:
     axis = "xyz".index(case.reservoirs.axis)
     fluids = (case.fluid_names.index(case.reservoirs.inlet), case.fluid_names.index(case.reservoirs.outlet))
     length = float(geometry.sample_lower[axis] - geometry.lower[axis])
-    depth = min(case.support * case.particles.spacing, 0.5 * length)  # no kernel at the seam sees another interface
+    depth = min(case.support * case.particles.spacing, 0.5 * length)  # no support at the seam reaches another one
     sample, fraction, _ = clear_of_the_sample(particles, geometry, axis)
     area = fraction * float(np.prod(np.delete(geometry.upper - geometry.lower, axis)))
     return Seam(axis, float(geometry.lower[axis]), float(geometry.upper[axis]), depth, fluids, sample, area)

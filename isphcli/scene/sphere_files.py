@@ -201,7 +201,7 @@ def _table(path: Path, lines: list[str], dim: int) -> _Table:
 
 
 def _separator(line: str) -> str | None:
-    """What parts the columns of a line: ; or a tab before a comma, a comma before blanks (None)."""
+    """The separator of the columns of a line: ; or a tab rather than a comma, a comma rather than blanks (None)."""
     for sign in ";\t":
         if sign in line:
             return sign

@@ -1,4 +1,4 @@
-"""Many spheres: placed at random, and what is odd about those of a file."""
+"""Many spheres: placing them at random, and warnings on those of a file."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def random_spheres(
     )
 
 
-LARGE = 10.0  # radii over the smallest period: then one ball has 8000 images and lengths are in another unit
+LARGE = 10.0  # radius over the smallest period: a ball has 8000 images then, so lengths must be in another unit
 
 
 def sphere_findings(

@@ -182,23 +182,23 @@ class TwoFluids:
                         None if ops.walls is None else ops.walls.distance)
             interface = replace(interface, cut=found._replace(sample=self.grid.sample))
         reference = self.density[0]
-        heavy, thick = self.density[1] != reference, self.mu[1] != self.mu[0]
+        densities_differ, viscosities_differ = self.density[1] != reference, self.mu[1] != self.mu[0]
         distance = ops.exchange.forward(phi)
         phase = phase_of(distance)
         rho, mu = self.density[phase] / reference, self.mu[phase] / reference
         weighted, transposed_stress, smooth = ops, None, None
         viscous = ViscousWeights(self.mu[0] / reference, ops.lap, ops.walls)
-        if heavy or thick:
-            weighted, viscous = self._weigh(ops, interface.unlike, rho, mu, heavy)
+        if densities_differ or viscosities_differ:
+            weighted, viscous = self._weigh(ops, interface.unlike, rho, mu, densities_differ)
         rho, mu = rho[: ops.n], mu[: ops.n]
-        if thick or self.added_viscosity > 0.0:
+        if viscosities_differ or self.added_viscosity > 0.0:
             near = interface.unlike.near
         if self.added_viscosity > 0.0:
             share = self.added_viscosity / reference / (viscous.factor * rho)
-            thickened = viscous.weight.copy()
-            over_rows(_thicken, ops.n, ops.start, ops.column, ops.lap, ops.exchange.forward(near), share, thickened)
-            viscous = replace(viscous, weight=thickened)
-        if thick:
+            weight = viscous.weight.copy()
+            over_rows(_add_viscosity, ops.n, ops.start, ops.column, ops.lap, ops.exchange.forward(near), share, weight)
+            viscous = replace(viscous, weight=weight)
+        if viscosities_differ:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near_wall
             transposed_stress = TransposedStress.build(ops, viscous.weight, np.flatnonzero(free))
@@ -214,20 +214,20 @@ class TwoFluids:
             else:
                 jump_acceleration = tension_force
         rules = self.rules
-        terms = Terms(weighted, viscous, force, jump_acceleration, laplacian_of_jump, rho if heavy else 1.0,
+        terms = Terms(weighted, viscous, force, jump_acceleration, laplacian_of_jump, rho if densities_differ else 1.0,
                       rules.rotational_viscosity / reference, transposed_stress, smooth, along, interface)
         return with_forces(terms, self.forces, neighbours.x[: ops.n], mu / rho)
 
     @staticmethod
     def _weigh(ops: Operators, unlike: UnlikePairs, rho: np.ndarray, mu: np.ndarray,
-               heavy: bool) -> tuple[Operators, ViscousWeights]:
+               densities_differ: bool) -> tuple[Operators, ViscousWeights]:
         """The operators with the density in the weights of the pressure, and the weights of the viscous term."""
         walls, viscous_walls = ops.walls, None
         symmetric = ops.lap_p if walls is None else walls.symmetric_laplacian
         lap = np.empty(len(ops.lap))
         over_rows(_weigh_viscous, ops.n, (ops.start, ops.column), unlike, (rho, mu), ops.lap, lap)
         lap_p, grad_p = ops.lap_p, ops.grad_p
-        if heavy:
+        if densities_differ:
             weights = lap_p, grad_p, symmetric
             lap_p, grad_p, symmetric = (np.empty_like(weight) for weight in weights)
             over_rows(_weigh_pressure, ops.n, (ops.start, ops.column), unlike, rho, weights,
@@ -334,7 +334,7 @@ def _sweep(rows, pairs, right, p):
 
 
 @njit(cache=True, nogil=True)
-def _thicken(rows, start, column, lap, near, share, out):
+def _add_viscosity(rows, start, column, lap, near, share, out):
     """Adds share (n,) of `lap` (n_pairs,) between the particles of `near` (n,) to out (n_pairs,)."""
     for i in range(rows[0], rows[1]):
         if near[i]:

@@ -21,7 +21,7 @@ from ..references.published import DATA
 
 Level = Callable[[np.ndarray], np.ndarray]
 GREY_LEVEL = 32767.5  # grey value of the wall in all grey images; above it is solid
-PARTS = 6  # points along an edge of a voxel that its share of solid is counted from: steps of 1/216
+PARTS = 6  # points along an edge of a voxel by which its share of solid is counted: steps of 1/216
 FINER = 4  # grid points per voxel edge between which a random field is a cubic spline: off by less than 1e-4 of it
 
 
@@ -83,7 +83,7 @@ def computed() -> dict[str, dict[str, str]]:
 
 @dataclass(frozen=True)
 class LevelGeometry:
-    """The exact surface of a body as a `Geometry`: what has no shapes of its own runs on it.
+    """The exact surface of a body as a `Geometry`, for bodies that no shapes of the case language describe.
 
     The distance is the level over its slope, right to second order beside the wall.
     """
@@ -226,8 +226,8 @@ def _outside_spheres(x: np.ndarray, size: Sequence[int], centres: np.ndarray, ra
 def _spline_of(source: tuple) -> tuple[np.ndarray, float]:
     """(spline coefficients on a grid FINER times finer than the voxels, level of the wall) of a random field.
 
-    source: ("file", name) of a grey image, or (seed, voxels an edge, correlation length in voxels, porosity). The field
-    is a Fourier series without modes beyond half the voxels an edge, so the finer grid has its exact values.
+    source: ("file", name) of a grey image, or (seed, voxels per edge, correlation length in voxels, porosity). The
+    field is a Fourier series without modes beyond half the voxels per edge, so the finer grid has its exact values.
     """
     from scipy.ndimage import spline_filter
 
@@ -361,7 +361,7 @@ def _blob_body(name: str, n: int, source: tuple) -> Body:
 @cache
 def bodies() -> tuple[Body, ...]:
     """All known bodies."""
-    off = (0.27, 0.11, 0.4)  # of centres from the middle of the box: nothing is to be symmetric to the voxels
+    off = (0.27, 0.11, 0.4)  # of centres from the middle of the box, so that no body is symmetric to the voxels
 
     def centre(n: float) -> tuple[float, float, float]:
         return n / 2 + off[0], n / 2 + off[1], n / 2 + off[2]

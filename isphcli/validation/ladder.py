@@ -33,9 +33,9 @@ REPORTS = ("validation.*", "work_precision.png")
 LEVELS = 3  # of a ladder where none are asked for: of three the order can be observed
 BUDGET = 60.0  # s, of a ladder where none is asked for; the case's own spacing is then run in any case
 GROWTH = 1.1  # exponent of the particles in the time of a step, to predict that of the next level
-WARM = 2.0  # s: a level that is shorter is run twice, so that loading the kernels is not counted
+WARM = 2.0  # s: a shorter level is run twice, so that the loading of kernels is not counted
 NOT_COMPARED = "not compared"
-KEPT = ("particles.spacing", "refine", "output", "reference")  # keys that the ladder itself is about
+KEPT = ("particles.spacing", "refine", "output", "reference")  # keys that the ladder itself sets or reads
 HEADS = ("level", "spacing", "particles", "steps", "error", "order", "cpu s", "compile s", "wall s", "MB")
 WIDTHS = (5, 10, 10, 6, 11, 6, 9, 9, 9, 7)
 Vary = Sequence[tuple[str, Sequence[str]]]
@@ -114,7 +114,7 @@ class Ladder:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a ladder says about the bound of its reference."""
+    """Whether a ladder keeps the bound of its reference, and why."""
 
     passed: bool
     word: str
@@ -138,7 +138,7 @@ def validate_cases(
 ) -> tuple[str, bool]:
     """Run the ladders of cases that name a reference: (closing page, whether all are within their bounds).
 
-    levels: spacings of a ladder; budget: s of a ladder; out: directory, a folder a case in it; vary: keys
+    levels: spacings of a ladder; budget: s of a ladder; out: directory, with a folder per case; vary: keys
     with the values that are overlaid, every combination a ladder; overrides: of `--set`, under those of vary;
     estimates: s of the own spacing of a case file, to decide on its first level; say: prints a line as it
     goes. Raises CaseError for a setting that cannot be, before anything is run.
@@ -157,7 +157,7 @@ def validate_cases(
             for ladder in ladders:
                 try:
                     _climb(ladder, folder, levels or LEVELS, budget, estimate, quiet, say)
-                finally:  # an interrupted ladder leaves what it has
+                finally:  # an interrupted ladder writes the levels that have run
                     write_results(folder, ladders)
             say("")
         return _close(plans, places, out)
@@ -196,7 +196,7 @@ def _ladders(case: Case, vary: Vary, overrides: Sequence[str]) -> list[Ladder]:
 
 
 def _folders(cases: Iterable[Case], out: Path) -> list[Path]:
-    """A folder a case, named after its file; a number tells files of one name apart."""
+    """A folder per case, named after its file; a number tells files of one name apart."""
     found: list[Path] = []
     for case in cases:
         stem = case.path.stem if case.path else "case"
@@ -250,7 +250,7 @@ def _climb(
     quiet: bool,
     say: Say,
 ) -> None:
-    """Run the levels of a ladder until the budget would not do, a row per level."""
+    """Run the levels of a ladder as far as the budget allows, a row per level."""
     case = ladder.case
     if ladder.name:
         say(f"-- {ladder.name}")
@@ -304,7 +304,7 @@ def _over(
 def predicted_seconds(ladder: Ladder, spacing: float, estimate: float | None = None) -> float | None:
     """Wall seconds of the next level, from the last one; of the first one from an estimate of the own level.
 
-    As particles^1.1 and steps; None where nothing tells.
+    Proportional to particles^1.1 and to steps; None where neither is known.
     """
     case, done = ladder.case, ladder.done
     dim = done[-1].dimension if done else case.dim or 3
@@ -358,7 +358,7 @@ def _run(case: Case, number: int, spacing: float, directory: Path, quiet: bool) 
     try:
         asked = replace(case, particles=particles, refine=(), output=files)
         summary = run_case(asked, quiet=quiet, overwrite=ours(directory), look=look)
-    except FolderError:  # the whole command is told, as it would be of its own files
+    except FolderError:  # ends the whole command, as one of its own files would
         raise
     except (ValueError, RuntimeError, ArithmeticError, MemoryError) as error:  # a full disk ends the command
         level.status = f"{type(error).__name__}: {error}"
@@ -368,7 +368,7 @@ def _run(case: Case, number: int, spacing: float, directory: Path, quiet: bool) 
 
 
 def _filled(level: Level, summary: Mapping[str, Any]) -> Level:
-    """The level with what a summary says."""
+    """The level with the values of a summary."""
     cpu, wall = summary["cpu_seconds"], summary["wall_seconds"]
     level.status = summary["status"]
     level.warnings = list(summary.get("warnings") or ())
@@ -466,7 +466,7 @@ def _or_dash(value: float | None) -> str:
 
 
 def closing_page(ladders: Sequence[Ladder]) -> str:
-    """A block a ladder: best error, order, bound and verdict with its reasons."""
+    """A block per ladder: best error, order, bound and verdict with its reasons."""
     lines = []
     for ladder in ladders:
         result, best = verdict(ladder), ladder.best
@@ -640,7 +640,7 @@ def _peer_table(peers: Iterable[tuple[Peer, str]]) -> list[str]:
 
 
 def draw(path: Path, ladders: Sequence[Ladder], peers: Sequence[Peer] = ()) -> None:
-    """Log |error| over log CPU seconds, a line a setting with its slope over the last three levels."""
+    """Log |error| over log CPU seconds, a line per setting with its slope over the last three levels."""
     from ..output import plots
 
     figure, ((axes,),) = plots.new_figure(7.2, 4.8)
@@ -663,7 +663,7 @@ def draw(path: Path, ladders: Sequence[Ladder], peers: Sequence[Peer] = ()) -> N
 
 
 def _draw_peers(axes: Any, peers: Sequence[Peer]) -> None:
-    """A dotted line a code; those whose seconds were not measured in that run say so."""
+    """A dotted line per code; labels say which seconds were not measured in that run."""
     for k, code in enumerate(dict.fromkeys(peer.code for peer in peers)):
         mine = [peer for peer in peers if peer.code == code]
         points = [(peer.cpu_seconds, abs(peer.error)) for peer in mine]

@@ -1,4 +1,4 @@
-"""What reports of `isph validate` share: date, command and machine; lists and tables of Markdown."""
+"""Parts of all reports of `isph validate`: date, command and machine; lists and tables of Markdown."""
 
 from __future__ import annotations
 

@@ -34,18 +34,18 @@ DIAMETER, LENGTH, RADIUS = 8.8e-3, 14.38e-3, 4.4e-3  # of the column, m
 POROSITY = 0.487  # of the column with its layer that is free of beads
 PORES = POROSITY * math.pi * RADIUS**2 * LENGTH  # m3
 CORE = 5.0e-3  # m: profiles are taken within this distance of the middle of the column, beads all round
-CREEPING = 6.0e-4  # CPU s a particle of a steady solve of the bead pack, to choose its size
-STEP = 6.0e-5  # CPU s a particle and step of moving particles between beads
+CREEPING = 6.0e-4  # CPU s per particle of a steady solve of the bead pack, to choose its size
+STEP = 6.0e-5  # CPU s per particle and step of moving particles between beads
 MOST = 400_000  # particles: 2 GB
-# s: the start of the flow has decayed, under any force. The kinetic energy does not say so: particles that move through
-# pores of their own size keep it changing by a per cent, and a run that ends when it changes less ends too soon.
+# s: end of the runs, when the start of the flow has decayed under any force. The kinetic energy does not show it:
+# particles that move through pores of their own size keep it changing by a per cent.
 STARTED = 0.12
-# Part of the pack of figure 7, m: a periodic cube in the middle of the column, 5 beads wide, at 6 spacings a bead. The
-# drag of a particle changes as it moves between walls that are near. Where it moves on before its velocity has
-# followed, as it does the more the stronger the force, the mean flux falls: with 2.6, 4, 5 and 6 spacings a bead
+# Part of the pack of figure 7, m: a periodic cube in the middle of the column, 5 beads wide, at 6 spacings per bead.
+# The drag of a particle changes as it moves between walls that are near. Where it moves on before its velocity has
+# followed, as it does the more the stronger the force, the mean flux falls: with 2.6, 4, 5 and 6 spacings per bead
 # these beads were 5.5, 3.5, 1.7 and 1.0 % off the line (velocities of the second half of a run, 2026-11-29)
 PART, IN_PART = 2.5e-3, 5e-4 / 6
-LEAST_IN_BEADS = 2.0e-4  # m, 2.5 spacings a bead: moving particles between beads that touch need as many
+LEAST_IN_BEADS = 2.0e-4  # m, 2.5 spacings per bead: moving particles between beads that touch need as many
 LEAST = 20_000  # particles of the smallest size of figures that compare sizes
 NU = 1.0e-6  # m2/s, of water
 
@@ -56,7 +56,7 @@ class NotRun(Exception):
 
 @dataclass
 class Finding:
-    """What was measured: rows of a table under their heads, sentences, pictures and whether the claim holds."""
+    """The result of a figure: rows of a table under their heads, sentences, pictures and whether the claim holds."""
 
     heads: Sequence[str] = ()
     rows: Sequence[Sequence[Any]] = ()
@@ -585,7 +585,7 @@ def reproduce(
 ) -> tuple[str, bool]:  # fmt: skip
     """Run the figures of the paper: (closing lines, whether every claim that was run holds).
 
-    Leaves report.md, report.json and a folder a figure in `out`. budget: CPU s in all; each figure chooses its size
+    Leaves report.md, report.json and a folder per figure in `out`. budget: CPU s in all; each figure chooses its size
     by its share, and one that comes when the budget is spent is not run.
     """
     out = Path("out", "paper") if out is None else out
@@ -620,7 +620,7 @@ def _reproduce(out: Path, budget: float, say: Callable[[str], None], figures: Se
 
 
 def verdict(finding: Finding | None) -> str:
-    """One word or two."""
+    """The verdict on a finding in one or two words."""
     if finding is None:
         return "not run"
     return {True: "holds", False: "DOES NOT HOLD", None: "shown"}[finding.passed]

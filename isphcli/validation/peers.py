@@ -55,7 +55,7 @@ def _peer(row: dict[str, str]) -> Peer:
 
 
 def parameters_of(case: Case) -> dict[str, float]:
-    """What a peer must share with a case: Reynolds number U L / nu, time U t / L, jitter; solid fraction."""
+    """Parameters that a peer must share with a case: Reynolds number U L / nu, time U t / L, jitter; solid fraction."""
     reference = case.reference
     if reference is None:
         return {}

@@ -1,11 +1,11 @@
-"""A step on as many processes as the paper had: what each holds, sends and takes.
+"""A model of a step on as many processes as the paper had: particles, messages and seconds of each.
 
-Nobody ran this program on more than the cores of a desk machine. What is here is a model: the particles of a process,
-those that it sees of others and the messages between them follow from the bricks of the cut (`domain/cut.py`); how many
-values go with a step was counted in runs of 1 to 8 processes (`benchmarks/scaling.py`), and how long a particle takes
-was measured in one; latency, bandwidth, the messages of the multigrid cycle and the collective sums are assumed
-(`Machine`, `Cycle`). tests/validation/test_scaling.py compares the arithmetic with bricks of real cuts,
-tests/test_moving_ranks.py with what runs of several processes count.
+This program has only run on the cores of a desk machine. In the model the particles of a process, the remote ones that
+it sees and the messages between processes follow from the bricks of the cut (`domain/cut.py`); the number of values
+sent in a step was counted in runs of 1 to 8 processes (`benchmarks/scaling.py`), and the time of a particle was
+measured in one; latency, bandwidth, the messages of the multigrid cycle and the collective sums are assumed (`Machine`,
+`Cycle`). tests/validation/test_scaling.py compares the arithmetic with bricks of real cuts, tests/test_moving_ranks.py
+with what runs of several processes count.
 """
 
 from __future__ import annotations
@@ -23,8 +23,7 @@ SAMPLE = 64  # bricks of which the busiest is looked for, where there are more: 
 
 @dataclass(frozen=True)
 class Machine:
-    """What messages cost, of a machine like the paper's; the cores are as fast as those that the seconds were measured
-    on.
+    """The cost of messages on a machine like that of the paper, with cores as fast as those of the measurements.
 
     latency: s, of a message, all of it paid one after the other; bandwidth: bytes/s of one process. A Cray XE6 with
     Gemini routers has 0.7 to 1.4 us and more than 6 GB/s a node were measured (A. J. van der Steen, Overview of recent
@@ -60,16 +59,16 @@ class Cycle:
         return 1 + math.ceil(math.log(max(rows / self.coarsest, 1.0)) / math.log(self.ratio))
 
     def seconds(self, rows: float, neighbours: float, machine: Machine) -> float:
-        """s that the messages of a cycle take, latency alone: what goes between levels is little."""
+        """s of the messages of a cycle, latency alone: the data between levels are few."""
         return self.levels(rows) * self.exchanges * self.spread * neighbours * machine.latency
 
 
 @dataclass(frozen=True)
 class Counted:
-    """What a process sends, (of a step without its iterations, of an iteration) each, as `benchmarks/scaling.py` counts
-    it.
+    """Messages of a process, (of a step without its iterations, of an iteration) each, as counted by
+    `benchmarks/scaling.py`.
 
-    exchanges: of values with every neighbour; sent: bytes of these a remote particle; collectives: sums and the like
+    exchanges: of values with every neighbour; sent: bytes of these per remote particle; collectives: sums and the like
     over all processes; set_ups: times that a hierarchy is built in a step.
     """
 
@@ -80,7 +79,7 @@ class Counted:
 
 
 # `benchmarks/scaling.py FOLDER weak 1 2` at commit 38b910c, 2026-11-30 (docs/clusters.md): past spheres in a step of
-# 14.3 iterations 57.3 messages to the one neighbour, 1068 bytes a remote particle and 114 collectives, with each more
+# 14.3 iterations 57.3 messages to the one neighbour, 1068 bytes per remote particle and 114 collectives, with each more
 # iteration 3.1, 49 and 4.9; of drops 49.3, 847 and 153 with 8.3 iterations, then 2.0, 30 and 4.2. Hierarchies: assumed,
 # one in ten steps; runs that are under way build fewer, the first steps more.
 ONE_FLUID = Counted((12.3, 3.14), (364.0, 49.1), (43.3, 4.93), 0.1)
@@ -89,8 +88,8 @@ TWO_FLUIDS = Counted((33.0, 1.96), (595.0, 30.2), (118.2, 4.18), 0.1)
 
 @dataclass(frozen=True)
 class Work:
-    """What a step was measured to take of one process, CPU s a particle, assembling and solving; iterations: of all
-    its solves; counted: what several processes send."""
+    """Measured cost of a step on one process, CPU s per particle, of assembling and solving; iterations: of all its
+    solves; counted: messages of several processes."""
 
     assembling: float
     solving: float
@@ -100,7 +99,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Busiest:
-    """The most of any process: processes that it exchanges with, and remote particles over own ones."""
+    """Largest values of any process: processes that it exchanges with, and remote particles over own ones."""
 
     neighbours: int
     remote: float
@@ -118,7 +117,7 @@ class Step:
 
     @property
     def total(self) -> float:
-        """s, all together: nothing overlaps."""
+        """s of all parts: computing and messages do not overlap in the model."""
         return self.assembling + self.solving + self.messages + self.sums + self.cycles
 
 

@@ -138,8 +138,8 @@ def stepped(text: str, *sets: str, change: Callable[[State], State] | None = Non
             adjust: Callable[[Stepper], None] | None = None) -> Stepped:
     """A run of moving particles in memory.
 
-    sets: key=value overrides. change: function of the first state, adjust: what is changed of the stepper, for what a
-    case cannot say.
+    sets: key=value overrides. change: function of the first state, adjust: what is changed of the stepper, for settings
+    that no key has.
     """
     case = read_case(text.encode(), "stress.yaml", sets)
     geometry = build_geometry(case)
@@ -537,7 +537,7 @@ def layers_in_shear(large: bool) -> float:
 @scene("density ratio 1e3 under gravity", "two layers, the heavy one below, after 500 steps (40 in the tests)",
        "rest: speed over sqrt(g H)", 1e-8)
 def layers_at_rest(large: bool) -> float:
-    # what the first step leaves of the pressure is 3e-8 at 32 spacings, and decays: 5e-12 after 500 steps
+    # the error of the pressure is 3e-8 after the first step at 32 spacings, and decays: 5e-12 after 500 steps
     run = stepped(LAYERS, "fluids.lower.density=1000", "drive={body_force: [0, -1]}", "time.step=0.02", "time.end=100",
                   *(("particles.spacing=0.03125", "time.max_steps=500") if large else
                     ("particles.spacing=0.0833333333333", "time.max_steps=40")))
@@ -751,7 +751,7 @@ def rotation_of_two(large: bool) -> float:
 
 
 def without_cells(stepper: Stepper) -> None:
-    """Volumes are measured on cells that stay where they are, and not given back without them."""
+    """Makes a stepper without the fixed cells on which volumes are measured, so that volumes are not restored."""
     assert isinstance(stepper.fluids, TwoFluids)
     stepper.fluids = stepper.fluids.measured_on(None)
 
@@ -767,7 +767,7 @@ def translation_of_two(large: bool) -> float:
     return apart(carried(large, lambda x: (x + 0.04 / 3) % 1.0, adjust=along).state.u, carried(large).state.u)
 
 
-# The place of the cells of its volume does so much to the velocity of a drop at most: 5.5e-3 in the large setting
+# Most change of the velocity of a drop by the place of the cells of its volume, relative: 5.5e-3 in the large setting
 CELLS = 0.02
 
 
@@ -834,7 +834,7 @@ def energy(large: bool) -> float:
     return abs(float(lost / (-8 * np.pi**2 * 0.01 * 0.2)) - 1)
 
 
-# Pairs do not push each other alike, because gradients are exact for linear functions whatever the arrangement:
+# Forces within a pair are not opposite, because gradients are exact for linear functions in any arrangement:
 # momentum is kept to the error of the gradients. On a lattice the gain is 5e-10 in 40 steps; from disorder it was
 # 0.8 %, 1.6 % at one density and 3.5 % without shifting, and it does not add up (0.2 % in 120 steps)
 @scene("momentum budget", "a square drop that becomes round", "gain of momentum over tension, length of the interface "

@@ -1,1 +1,1 @@
-"""Readers and writers of images, one file a format."""
+"""Readers of images, one file per format."""

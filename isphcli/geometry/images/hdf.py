@@ -13,8 +13,8 @@ INSTALL = "the package h5py reads HDF5 files: pip install h5py"
 
 
 def open_hdf5(path: Path, layout: Layout, matlab: bool = False) -> Stored:
-    """The only dataset of 2 or 3 dimensions that holds numbers, or the one that is named; `matlab`: its axes in the
-    order that MATLAB counts them.
+    """The only dataset of 2 or 3 dimensions that holds numbers, or the named one; `matlab`: its axes are in the order
+    of MATLAB.
 
     Edges of a voxel: the attribute voxel_size (x, y, z, m) or element_size_um (z, y, x, micrometres) of it or the file.
     """

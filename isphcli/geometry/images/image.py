@@ -1,7 +1,7 @@
 """An image in memory, and the checks that the readers of all formats share.
 
-Arrays are indexed [z, y, x] or [y, x]. Nothing in a file is believed before it is checked: sizes are compared
-with the header before memory is taken, and pickled objects are never loaded.
+Arrays are indexed [z, y, x] or [y, x]. Files are checked before they are used: the size by the header is compared with
+that of the file before memory is allocated, and pickled objects are never loaded.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 MAX_HEADER = 65536  # bytes of a header in text
 MAX_DEFLATE = 1032  # greatest compression of deflate
-SPACING = "voxel_size"  # what holds the edges x, y, z of a voxel, m, in an npz or HDF5 file of ours
+SPACING = "voxel_size"  # name of the entry with the edges x, y, z of a voxel, m, in an npz or HDF5 file written by isph
 
 Part = tuple[slice, ...]  # [start, stop) along each axis of an array, without steps
 
@@ -29,11 +29,11 @@ class VoxelError(ValueError):
 
 @dataclass(frozen=True)
 class Layout:
-    """What a file may not say of itself.
+    """The layout of an image, as far as its file does not tell it.
 
     array: name of one of several arrays. axes: directions of the axes of the array, the slowest first, such as zyx;
     None: as the format has them. Of files without a header: shape along x, y(, z), dtype in numpy's words, offset of
-    the first voxel in bytes, byte_order little or big; None where it is to be found out.
+    the first voxel in bytes, byte_order little or big; None where they are to be found out.
     """
 
     array: str | None = None
@@ -49,9 +49,9 @@ class Stored:
     """An image in its file, of which no more than the header is read.
 
     shape, dtype: of the array in the file. part: reads a part of it. spacing: edges of a voxel along the axes of the
-    array, the last one (x of zyx) first, or None; in m, or where `spacing_key` names the entry of the file that holds
-    them without a unit, in whatever that is. along_xyz: they are along x, y, z whatever the axes. info: format and
-    header; warnings: sentences.
+    array, the last one (x of zyx) first, or None; in m, or in an unknown unit where `spacing_key` names the entry of
+    the file that holds them. along_xyz: whether they are along x, y, z whatever the axes. info: format and header;
+    warnings: sentences.
     """
 
     shape: tuple[int, ...]
@@ -81,11 +81,12 @@ class Image:
     warnings: tuple[str, ...] = ()
 
 
-UNITS = {"millimetres": 1e-3, "micrometres": 1e-6, "nanometres": 1e-9}  # that imaging tools write without saying so
+UNITS = {"millimetres": 1e-3, "micrometres": 1e-6, "nanometres": 1e-9}  # m, used by imaging programs without a name
 
 
 def voxel_edges(voxel_size: float | Sequence[float] | np.ndarray, dim: int, path: str | Path) -> tuple[float, ...]:
-    """Edges of a voxel, m, one per axis, of one number or of one per axis; VoxelError where they are no lengths."""
+    """Edges of a voxel, m, one per axis, of one number or of one per axis; VoxelError where they are not positive
+    lengths."""
     sizes = np.ravel(np.asarray(voxel_size, dtype=float))
     if sizes.size not in (1, dim) or not np.isfinite(sizes).all() or not (sizes > 0).all():
         raise VoxelError(f"{path}: voxel size {voxel_size} must be positive: one number or {dim}")
@@ -179,14 +180,14 @@ def in_smallest_type(values: np.ndarray) -> np.ndarray:
 
 
 def machine_memory() -> int:
-    """Bytes of memory of this machine, whoever uses them now."""
+    """Bytes of memory of this machine, used or free."""
     import psutil
 
     return int(psutil.virtual_memory().total)
 
 
 def check_size(path: Path, needed: int, there: int) -> None:
-    """The header's bytes against the bytes of the file."""
+    """Raises VoxelError where a file does not have as many bytes as its header says."""
     if needed > there:
         raise VoxelError(
             f"{path}: is truncated: {there} bytes of {needed}; copy it again or correct the header"
@@ -196,7 +197,7 @@ def check_size(path: Path, needed: int, there: int) -> None:
 
 
 def check_memory(path: Path, needed: int) -> None:
-    """The bytes of what is to be read against half of the memory of the machine."""
+    """Raises VoxelError where an array of `needed` bytes takes more than half of the memory of the machine."""
     if needed > machine_memory() // 2:
         raise VoxelError(
             f"{path}: the header asks for {needed} bytes, more than half of the memory; crop the image"
@@ -216,20 +217,20 @@ def number_of_voxels(path: Path, shape: Sequence[int]) -> int:
 
 
 class Readable(Protocol):
-    """What parts are read from: any object with `read`."""
+    """A stream from which parts of an array are read."""
 
     def read(self, n: int, /) -> bytes:
         """The next n bytes at most."""
         ...
 
 
-PIECE = 2**22  # bytes that are read at a time where they are only passed over
+PIECE = 2**22  # bytes read at a time where they are only skipped
 
 
 def stored_part(path: Path, open_data: Callable[[], AbstractContextManager[Readable]], dtype: np.dtype,
                 shape: tuple[int, ...], fortran: bool = False) -> Callable[[Part], np.ndarray]:
-    """What reads a part of values that follow one another in a stream, `shape` in C order (`fortran`: the first axis
-    runs fastest), and holds no more of the rest than one layer of the slowest axis.
+    """A function that reads a part of the values in a stream, `shape` in C order (`fortran`: the first axis runs
+    fastest), and holds at most one layer of the slowest axis beside that part.
 
     open_data: opens the stream at the first value. The part raises VoxelError where the stream ends before it.
     """
@@ -255,7 +256,7 @@ def stored_part(path: Path, open_data: Callable[[], AbstractContextManager[Reada
 
 
 def _pass_over(stream: Readable, count: int) -> None:
-    seek = getattr(stream, "seek", None)  # what is decompressed as it is read has none
+    seek = getattr(stream, "seek", None)  # a stream that is decompressed as it is read has none
     if seek is not None and count > PIECE:
         seek(count, os.SEEK_CUR)
         return
@@ -271,7 +272,7 @@ def _read_all(stream: Readable, count: int) -> bytes:
 
 
 class Inflated:
-    """Decompresses zlib data of a known size as they are read, never more than asked for."""
+    """A stream that decompresses zlib data of a known size, as many bytes at a time as are read."""
 
     def __init__(self, path: Path, file: BinaryIO):
         self.path, self.file, self.inflater = path, file, zlib.decompressobj()

@@ -52,7 +52,7 @@ class _Array:
 
 
 def open_matlab(path: Path, layout: Layout) -> Stored:
-    """The only array with more than one number, or the one that is named; its axes as MATLAB counts them."""
+    """The only array with more than one number, or the named one; its axes in the order of MATLAB."""
     with open(path, "rb") as file:
         head = file.read(520)
     if b"MATLAB 7.3" in head[:128] or b"\x89HDF\r\n\x1a\n" in head:
@@ -133,7 +133,7 @@ class _Elements:
         self.path, self.stream, self.order, self.at = path, stream, order, 0
 
     def read(self, count: int) -> bytes:
-        """So many bytes."""
+        """The next `count` bytes."""
         found = self.stream.read(count)
         if len(found) < count:
             raise VoxelError(f"{self.path}: is truncated; copy it again")
@@ -157,7 +157,7 @@ class _Elements:
 
 
 def _whole(part: Callable[[Part], np.ndarray]) -> Callable[[Part], np.ndarray]:
-    """Doubles that are whole numbers, as MATLAB has labels unless told otherwise, as integers."""
+    """Doubles that are whole numbers, in which MATLAB stores labels by default, as integers."""
 
     def whole(keep: Part) -> np.ndarray:
         values = part(keep)

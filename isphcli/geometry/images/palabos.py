@@ -15,7 +15,8 @@ ALLOWED = b"0123456789 \t\r\n"
 
 
 def open_palabos(path: Path, layout: Layout) -> Stored:
-    """One whole number a voxel, parted by blanks or lines; the sizes are given or stand in the name of the file."""
+    """One whole number per voxel, separated by blanks or lines; the sizes are given or stand in the name of the
+    file."""
     shape = layout.shape or of_name(path.stem)[0]
     if shape is None:
         raise VoxelError(
@@ -49,7 +50,7 @@ def open_palabos(path: Path, layout: Layout) -> Stored:
 
 
 def _cut(text: bytes) -> tuple[bytes, bytes]:
-    """The text up to its last blank, and what follows: perhaps the beginning of a number."""
+    """The text up to its last blank, and the rest, perhaps the beginning of a number."""
     at = max(text.rfind(sign) for sign in (b" ", b"\n", b"\t", b"\r")) + 1
     return text[:at], text[at:]
 

@@ -1,4 +1,4 @@
-"""Reads files without a header: their layout is given, or told by their name or by a header beside them."""
+"""Reads files without a header: their layout is given, or found in their name or in a header file beside them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .nrrd import open_nrrd
 
 DTYPES = ("uint8", "uint16", "uint32", "uint64", "int8", "int16", "int32", "int64", "float32", "float64")
 HEADERS = {".mhd": open_metaimage, ".nhdr": open_nrrd}
-BY_SIZE = {1: "uint8", 2: "uint16"}  # the only usual ones of their size
+BY_SIZE = {1: "uint8", 2: "uint16"}  # the usual type of images with so many bytes per voxel
 _SIZES = re.compile(r"(?<!\d)(\d{1,5})[xX_×](\d{1,5})(?:[xX_×](\d{1,5}))?(?!\d)")
 _WORDS = {
     "uint8": "uint8", "u8": "uint8", "uchar": "uint8", "8bit": "uint8", "8bits": "uint8", "byte": "uint8",
@@ -29,15 +29,16 @@ _WORDS = {
 }  # fmt: skip
 
 
-# what a user types of an image without a header; of `isph convert-voxels` --shape
+# the options that give the shape of an image without a header, for messages
 SIZES = "--set 'geometry.voxels.shape=[100, 100, 50]' (convert-voxels: --shape 100,100,50)"
 
 
 def open_raw(path: Path, layout: Layout) -> Stored:
     """Values that follow one another in the order of `layout.axes`, x fastest in zyx.
 
-    What the layout does not say is taken from the sizes and the type in the file's name, or from an mhd or nhdr beside
-    it that names it, where they fit its size in bytes. Raises VoxelError with what it might be where nothing tells.
+    Missing entries of the layout are taken from the sizes and the type in the file's name, or from an mhd or nhdr
+    beside it that names it, where they fit its size in bytes. Raises VoxelError, with likely shapes, where the layout
+    is unknown.
     """
     size = os.path.getsize(path)
     if layout.shape is None and layout.dtype is None and (header := _header_beside(path)) is not None:
@@ -107,7 +108,7 @@ def _header_beside(path: Path) -> Stored | None:
 
 
 def _cube(size: int, dtype: str | None) -> str:
-    """What the number of bytes lets expect of an image with equal sides."""
+    """A guess, in words, of the edge and type of a cubic image of so many bytes."""
     for kind in (dtype,) if dtype else ("uint8", "uint16", "float32"):
         side = round((size / np.dtype(kind).itemsize) ** (1 / 3))
         if side > 1 and side**3 * np.dtype(kind).itemsize == size:

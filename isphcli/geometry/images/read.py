@@ -1,4 +1,4 @@
-"""Reads an image of any format that is known, by the suffix of its file; only the part that is asked for."""
+"""Reads an image, or a part of it, of any known format by the suffix of its file."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Format:
-    """open: reads the header. axes: directions of the axes of its arrays, unless said otherwise; convention: whether
-    no more than a convention tells them, as of a plain array."""
+    """open: reads the header. axes: directions of the axes of its arrays, unless the layout gives others; convention:
+    whether they are only a convention, as of a plain array."""
 
     name: str
     open: Callable[[Path, Layout], Stored]
@@ -175,7 +175,7 @@ def image_shape(path: str | Path, array: str | None = None, layout: Layout | Non
 
 
 def _kept(path: Path, sizes: tuple[int, ...], ranges: Sequence[Sequence[int]] | None) -> tuple[slice, ...]:
-    """What is kept along x, y(, z) of an image of those sizes."""
+    """The ranges along x, y(, z) that are kept of an image of `sizes`; raises VoxelError where they do not fit."""
     if ranges is None:
         return tuple(slice(0, n) for n in sizes)
     if len(ranges) != len(sizes):
@@ -191,7 +191,7 @@ def _first_of(part: Callable[[Part], np.ndarray]) -> Callable[[Part], np.ndarray
 
 
 def _clean(path: Path, name: str, function: Callable[[], T]) -> T:
-    """What a function returns; whatever broken bytes make libraries raise becomes a VoxelError."""
+    """The result of a function; any error that a library raises for damaged bytes becomes a VoxelError."""
     try:
         return function()
     except (VoxelError, MemoryError):

@@ -50,7 +50,7 @@ def _slice(file: Path) -> Stored:
         return OPENERS[file.suffix.lower()](file, Layout())
     except VoxelError:
         raise
-    except Exception as error:  # whatever broken bytes make the libraries raise
+    except Exception as error:  # any error that the libraries raise for damaged bytes
         raise VoxelError(f"{file}: is no whole picture ({error}); copy it again") from None
 
 

@@ -81,7 +81,8 @@ def open_tiff(path: Path, layout: Layout) -> Stored:
 
 
 def _check_chain(path: Path, file: TiffFile) -> None:
-    """Each page says where the next one is, the last one 0; tifffile ends quietly at one that is cut off."""
+    """Raises VoxelError where the chain of pages is broken: each has the offset of the next, the last one 0, and
+    tifffile stops without an error at a page that is cut off."""
     form, last = file.tiff, file.pages[len(file.pages) - 1]
     assert last is not None
     file.filehandle.seek(last.offset)

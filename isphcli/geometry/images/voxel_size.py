@@ -1,4 +1,4 @@
-"""The size of a voxel: what the case gives against what the file says."""
+"""The size of a voxel, from the case or from the file, with warnings where they differ."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from .image import UNITS, Image, VoxelError
 
 COARSE = 1e-3  # m: images of rock have finer voxels
-SAME_SIZE = 1e-3  # relative difference up to which two voxel sizes are one, written with different digits
+SAME_SIZE = 1e-3  # relative difference up to which two voxel sizes are the same, rounded differently
 
 
 def voxel_size_of(

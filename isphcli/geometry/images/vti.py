@@ -24,7 +24,7 @@ MOST_BLOCKS = 2**24  # of a compressed array
 
 
 def open_vti(path: Path, layout: Layout) -> Stored:
-    """The only array of one number a point or cell, or the one that is named."""
+    """The only array of one number per point or cell, or the named one."""
     text, start = _xml(path)
     try:
         root = ElementTree.fromstring(text)
@@ -71,7 +71,7 @@ def open_vti(path: Path, layout: Layout) -> Stored:
 
 
 def _xml(path: Path) -> tuple[bytes, int | None]:
-    """The XML without appended data, and where those begin in the file, behind their underscore."""
+    """The XML without appended data, and the offset of these data in the file, behind the underscore."""
     found = b""
     with open(path, "rb") as file:
         while len(found) < MOST_XML and (more := file.read(PIECE)):
@@ -95,7 +95,7 @@ def _harmless(path: Path, text: bytes) -> bytes:
 
 
 def _chosen(path: Path, piece: ElementTree.Element, name: str | None) -> tuple[str, ElementTree.Element, bool]:
-    """(name, element, whether it has a value a cell and not a point) of the array that is meant."""
+    """(name, element, whether it has a value per cell and not per point) of the named array, or of the only one."""
     found = [
         (str(a.get("Name")), a, group == "CellData")
         for group in ("PointData", "CellData")
@@ -116,7 +116,7 @@ def _chosen(path: Path, piece: ElementTree.Element, name: str | None) -> tuple[s
 
 
 class _Source:
-    """What reads an array in each of the ways in which it may be stored."""
+    """Readers of an array in each encoding: text, base64 and raw bytes."""
 
     def __init__(
         self, path: Path, dtype: np.dtype, shape: tuple[int, ...], needed: int, length: np.dtype, packed: bool
@@ -131,14 +131,14 @@ class _Source:
         )
 
     def of_text(self, text: str) -> Callable[[Part], np.ndarray]:
-        """Numbers parted by blanks."""
+        """Reader of numbers as text, separated by blanks."""
         words = text.split()
         if len(words) * self.dtype.itemsize != self.needed:
             raise VoxelError(f"{self.path}: holds {len(words)} numbers for {self.shape[::-1]} voxels; save it again")
         return lambda keep: np.array(words).astype(float).astype(self.dtype).reshape(self.shape)[keep]
 
     def of_base64(self, text: bytes) -> Callable[[Part], np.ndarray]:
-        """Length and data may be encoded each for itself, or together."""
+        """Reader of base64, in which length and data are encoded separately or together."""
 
         def part(keep: Part) -> np.ndarray:
             size = self.length.itemsize
@@ -158,7 +158,7 @@ class _Source:
         return part
 
     def of_raw(self, start: int) -> Callable[[Part], np.ndarray]:
-        """Bytes from a place in the file on, their length in front of them."""
+        """Reader of bytes from an offset in the file on, which begin with their length."""
         size, there = self.length.itemsize, os.path.getsize(self.path)
         if not self.packed:
             if start + size + self.needed > there:

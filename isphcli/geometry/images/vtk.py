@@ -31,7 +31,7 @@ class _Array:
 
 
 def open_vtk(path: Path, layout: Layout) -> Stored:
-    """The first array of one number a point or cell of STRUCTURED_POINTS, or the one that is named."""
+    """The first array of one number per point or cell of STRUCTURED_POINTS, or the named one."""
     with open(path, "rb") as file:
         if not file.readline(256).startswith(b"# vtk DataFile"):
             raise VoxelError(
@@ -100,7 +100,7 @@ def _header(path: Path, file: BinaryIO) -> dict[str, list[str]]:
 
 
 def _arrays(path: Path, file: BinaryIO, header: dict[str, list[str]], text: bool) -> Iterator[_Array]:
-    """The arrays of a file, whose numbers are passed over."""
+    """The arrays of a file; their numbers are skipped."""
     count = 0
     for _ in range(MOST_LINES):
         line = file.readline(512)
