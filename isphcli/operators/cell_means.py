@@ -33,17 +33,19 @@ FLAT = 1e-4
 
 class CellMeans(NamedTuple):
     """Means over cells: fluid (n, dim), of those of the fluid particles; solid (m, dim), of those whose middles lie in
-    a solid, x (m, dim) m their places within the box, rows (m,) their numbers among all particles."""
+    a solid, x (m, dim) m their places within the box, rows (m,) their numbers among all particles; cut: whether cells
+    may hold solid beside fluid."""
 
     fluid: np.ndarray
     solid: np.ndarray
     x: np.ndarray
     rows: np.ndarray
+    cut: bool
 
     @staticmethod
     def whole(fluid: np.ndarray) -> CellMeans:
         """Those of cells that walls do not cut."""
-        return CellMeans(fluid, fluid[:0], fluid[:0], np.zeros(0, int))
+        return CellMeans(fluid, fluid[:0], fluid[:0], np.zeros(0, int), False)
 
     def everywhere(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places and means of all cells, those of the fluid particles, at x (n, dim), first."""
@@ -111,7 +113,7 @@ def means_over_cells(geometry: Geometry, x: np.ndarray, lattice: Lattice, suppor
     inside = cut < n
     fluid[cut[inside]] = flow[0][cut[inside]] + found[inside]
     at = np.clip(places[~inside], geometry.lower, geometry.upper)
-    return CellMeans(fluid, found[~inside], at, cut[~inside])
+    return CellMeans(fluid, found[~inside], at, cut[~inside], True)
 
 
 def _faces_of_voxels(lower: np.ndarray, voxel: np.ndarray, lattice: Lattice, flow: tuple[np.ndarray, np.ndarray],
