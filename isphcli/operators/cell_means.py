@@ -33,17 +33,19 @@ FLAT = 1e-4
 
 class CellMeans(NamedTuple):
     """Means over cells: fluid (n, dim), of those of the fluid particles; solid (m, dim), of those whose middles lie in
-    a solid, x (m, dim) m their places within the box, rows (m,) their numbers among all particles."""
+    a solid, x (m, dim) m their places within the box, rows (m,) their numbers among all particles; cut: whether cells
+    may hold solid beside fluid."""
 
     fluid: np.ndarray
     solid: np.ndarray
     x: np.ndarray
     rows: np.ndarray
+    cut: bool
 
     @staticmethod
     def whole(fluid: np.ndarray) -> CellMeans:
         """Those of cells that walls do not cut."""
-        return CellMeans(fluid, fluid[:0], fluid[:0], np.zeros(0, int))
+        return CellMeans(fluid, fluid[:0], fluid[:0], np.zeros(0, int), False)
 
     def everywhere(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places and means of all cells, those of the fluid particles, at x (n, dim), first."""
@@ -87,7 +89,7 @@ def means_over_cells(geometry: Geometry, x: np.ndarray, lattice: Lattice, suppor
     """
     edge = np.ones(len(x)) if edge is None else edge
     if geometry.level_walls and geometry.voxel_size is not None:
-        return _faces_of_voxels(geometry.voxel_size, lattice, flow, edge)
+        return _faces_of_voxels(geometry.lower, geometry.voxel_size, lattice, flow, edge)
     n, ways = len(flow[0]), directions(lattice)
     if np.any(geometry.wall_speed):
         return CellMeans.whole(flow[0])
@@ -111,20 +113,23 @@ def means_over_cells(geometry: Geometry, x: np.ndarray, lattice: Lattice, suppor
     inside = cut < n
     fluid[cut[inside]] = flow[0][cut[inside]] + found[inside]
     at = np.clip(places[~inside], geometry.lower, geometry.upper)
-    return CellMeans(fluid, found[~inside], at, cut[~inside])
+    return CellMeans(fluid, found[~inside], at, cut[~inside], True)
 
 
-def _faces_of_voxels(voxel: np.ndarray, lattice: Lattice, flow: tuple[np.ndarray, np.ndarray],
+def _faces_of_voxels(lower: np.ndarray, voxel: np.ndarray, lattice: Lattice, flow: tuple[np.ndarray, np.ndarray],
                      edge: np.ndarray) -> CellMeans:
-    """Of walls that are faces of voxels of edges (dim,), m: cells end there where whole ones fill a voxel, and each is
-    full. Where they do not, the edges of voxels cut cells in ways that one plane is not, and nothing is added."""
+    """Of walls that are faces of voxels of edges (dim,), m, from a corner of the box (dim,) on: sums over the planes of
+    a lattice are by midpoints where whole steps between planes fill a voxel from face to face. Where they do not, the
+    edges of voxels cut cells in ways that one plane is not, and nothing is added."""
     velocity, laplacian = flow
     out = velocity.copy()
     for size in np.unique(edge):
-        across = voxel / (lattice.cell * size)
-        if np.allclose(across, np.maximum(np.round(across), 1.0), rtol=1e-6):
+        step = lattice.cell * (size / len(lattice.basis))  # two sites of a cell are in planes of their own
+        steps = voxel / step, (lattice.corner - lower) / step
+        if all(np.allclose(n, np.maximum(np.round(n), least), rtol=1e-6, atol=1e-6)
+               for n, least in zip(steps, (1.0, -np.inf))):
             rows = edge[: len(out)] == size
-            out[rows] += laplacian[rows] * (float((size * lattice.cell).mean()) ** 2 / 24.0)
+            out[rows] += laplacian[rows] * (float(step.mean()) ** 2 / 24.0)
     return CellMeans.whole(out)
 
 

@@ -32,14 +32,19 @@ def tortuosity(velocity: np.ndarray, axis: int) -> float | None:
     return speed / along if along > 1e-12 * speed else None
 
 
-def speed_distribution(velocity: np.ndarray) -> dict[str, float] | None:
+def speed_distribution(velocity: np.ndarray, cells: tuple[np.ndarray, float] | None = None) -> dict[str, float] | None:
     """`mean` of the speed, m/s, and its quantiles `q05` to `q95`: the speed that this share of the fluid stays below.
-    velocity: (n, dim) m/s, of equal volumes. None without fluid."""
+    velocity: (n, dim) m/s, of equal volumes; cells: means (m, dim) m/s over all cells, and the volume of the fluid over
+    that of a cell, by which the mean is an integral. None without fluid."""
     if not reduce.number(velocity):
         return None
     speed = np.linalg.norm(velocity, axis=1)
     quantiles = reduce.quantiles(speed, SHARES)
-    return {"mean": float(reduce.mean(speed)), **{f"q{100 * s:02.0f}": float(q) for s, q in zip(SHARES, quantiles)}}
+    if cells is None:
+        mean = float(reduce.mean(speed))
+    else:
+        mean = float(reduce.total(np.linalg.norm(cells[0], axis=1))) / cells[1]
+    return {"mean": mean, **{f"q{100 * s:02.0f}": float(q) for s, q in zip(SHARES, quantiles)}}
 
 
 def wall_stress(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, laplacian: np.ndarray,

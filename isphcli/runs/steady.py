@@ -87,8 +87,9 @@ class StokesResult:
 
     @property
     def cell_velocity(self) -> np.ndarray:
-        """(n, dim) m/s, means over the cells of the particles."""
-        return self.means.fluid
+        """(n, dim) m/s, of equal volumes of fluid: means over the cells of the particles. Where walls cut cells, of
+        which they are less the more of a cell is solid, velocities of the particles."""
+        return self.velocity if self.means.cut else self.means.fluid
 
     @property
     def shear(self) -> dict[str, float] | None:

@@ -508,8 +508,8 @@ def _measures(case: Case, flows: Flows) -> dict[str, Any]:
     driven = {axis: flow for (axis, h), flow in sorted(flows.items(), key=str) if axis is not None and h == finest}
     ways, factors, bars = {}, {}, {}
     for axis, flow in driven.items():
-        inside = inside_sample(flow.geometry, flow.particles.x[: flow.particles.n_fluid])
-        ways["xyz"[axis]] = tortuosity(flow.cell_velocity[inside], axis)
+        cells, velocity = flow.means.everywhere(flow.particles.x[: flow.particles.n_fluid])
+        ways["xyz"[axis]] = tortuosity(velocity[inside_sample(flow.geometry, cells)], axis)
         if flow.diffusivity:
             factors["xyz"[axis]] = 1.0 / flow.diffusivity
             known = {h: other.diffusivity for (a, h), other in flows.items() if a == axis and other.diffusivity}
@@ -517,7 +517,8 @@ def _measures(case: Case, flows: Flows) -> dict[str, Any]:
                 bars["xyz"[axis]] = extrapolate(list(known), [1.0 / d for d in known.values()],
                                                  given=(DIFFUSION, DIFFUSION_BAR))[1]
     main = _main(flows)
-    inside = inside_sample(main.geometry, main.particles.x[: main.particles.n_fluid])
+    x = main.particles.x[: main.particles.n_fluid]
+    cells, velocity = main.means.everywhere(x)
     single = len(driven) == 1
     diffusivities = {axis: 1.0 / factor for axis, factor in factors.items()}
     return {
@@ -526,7 +527,8 @@ def _measures(case: Case, flows: Flows) -> dict[str, Any]:
         "formation_factor_error": _alone(bars, single) or None,
         "effective_diffusivity": _alone(diffusivities, single) or None,
         "effective_diffusivity_error": _alone({a: bar / factors[a] ** 2 for a, bar in bars.items()}, single) or None,
-        "speed": speed_distribution(main.cell_velocity[inside]),
+        "speed": speed_distribution(main.cell_velocity[inside_sample(main.geometry, x)],
+                                    (velocity[inside_sample(main.geometry, cells)], main.cells)),
         "wall_shear": main.shear,
     }
 

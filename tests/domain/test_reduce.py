@@ -95,7 +95,7 @@ ALLOWED = {
     ("flow.volume_control", "np.prod(self.nodes)"): AXES,
     ("flow.volume_control", "np.prod(np.where(corner, beyond, 1.0 - beyond), axis=1)"): OWN,
     ("operators.cell_means", "(corners ** 2).sum(axis=1)"): BASIS,
-    ("operators.cell_means", "(size * lattice.cell).mean()"): AXES,
+    ("operators.cell_means", "step.mean()"): AXES,
     ("operators.cell_means", "(ways ** 2).sum()"): BASIS,
     ("operators.cell_means", "np.any(geometry.slip_length > 0.0)"): WALLS,
     ("operators.cell_means", "np.any(geometry.wall_speed)"): WALLS,

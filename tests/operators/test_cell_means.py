@@ -7,6 +7,7 @@ from isphcli.domain.lattice import make_lattice
 from isphcli.geometry.bodies import Box, Shape, Sphere
 from isphcli.geometry.faces import Walls
 from isphcli.geometry.shape_geometry import ShapeGeometry
+from isphcli.geometry.voxel_geometry import VoxelGeometry
 from isphcli.operators.cell_means import directions, means_over_cells
 from isphcli.scene.place import place
 from isphcli.validation.known_bodies import LevelGeometry, body
@@ -76,3 +77,14 @@ def test_walls_that_slip(slip):
         Shape(Box([-1.0, 1.3], [5.0, 1.3 + width]), outside=True)])
     found, _ = flux(geometry, "square", lambda x, s: (s * (width - s) / 2 + width * slip / 2, np.full(len(s), -1.0)))
     assert found == pytest.approx(4.0 * (width**3 / 12 + width**2 * slip / 2), rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", CUBES)
+@pytest.mark.parametrize("spacing", [1.0, 0.5])
+def test_walls_on_faces_of_voxels(kind, spacing):
+    """u = (y - 2) (6 - y) / 2 in a slit of an image: planes of a body-centred lattice are half a spacing apart."""
+    labels = np.full((2, 7, 2), -1)
+    labels[:, 2:6] = 0
+    slit = VoxelGeometry(labels, 1.0, (True, True, True))
+    found, _ = flux(slit, kind, lambda x, s: ((x[:, 1] - 2) * (6 - x[:, 1]) / 2, np.full(len(s), -1.0)), spacing)
+    assert found == pytest.approx(2.0 * 2.0 * 4.0**3 / 12, rel=1e-9)
