@@ -45,7 +45,7 @@ def particles(geometry):
 
 @pytest.fixture(scope="module")
 def drawn(geometry, particles):
-    pytest.importorskip("pyvista")
+    pytest.importorskip("vtkmodules")
     beside = np.abs(geometry.distance(particles["x"])) < 0.08
     shear = particles["x"][beside], np.abs(particles["x"][beside][:, 0] - 0.5)
     scene = render.scene_of(geometry, particles, 1 / N, 0, shear)
@@ -113,7 +113,7 @@ def test_particles_on_a_lattice_need_no_search(geometry, particles, cell):
 
 @pytest.mark.slow
 def test_framed_pictures_are_whole_files(tmp_path, geometry, particles):
-    pytest.importorskip("pyvista")
+    pytest.importorskip("vtkmodules")
     from matplotlib.image import imread
 
     frame = Frame(3, 1 / N, "spheres", geometry.lower, geometry.upper, geometry.periodic, flow_axis=0)
@@ -124,9 +124,9 @@ def test_framed_pictures_are_whole_files(tmp_path, geometry, particles):
 
 
 @pytest.mark.slow
-def test_without_pyvista_a_sentence_says_so(tmp_path, geometry, particles, monkeypatch):
+def test_without_vtk_a_sentence_says_so(tmp_path, geometry, particles, monkeypatch):
     """A Python that cannot import it: what is raised is its last line, and no file is left."""
-    (tmp_path / "pyvista.py").write_text("raise ImportError('no such library here')\n")
+    (tmp_path / "vtkmodules.py").write_text("raise ImportError('no such library here')\n")
     monkeypatch.setattr(sys, "executable", str(_python(tmp_path)))
     scene = render.scene_of(geometry, {"x": particles["x"], "velocity": particles["velocity"]}, 1 / N, 0)
     with pytest.raises(render.RenderError, match="no such library here"):
