@@ -7,18 +7,15 @@ temporary file is written and renamed), and NaN or infinity never reaches a file
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import csv
 import io
 import json
 import math
 import os
-import struct
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any, TextIO
+from typing import Any, TextIO
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -28,9 +25,6 @@ from . import folder
 
 SNAPSHOTS = "snapshots"
 FLUSH_EVERY = 8  # rows of a table: what a killed run may lose of it
-BLOCK = 1 << 20  # bytes that are compressed together
-LEVEL = 1  # of zlib: half of the seconds of level 6 for files of the same size, as digits of velocities are noise
-TYPES = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "i1": "Int8", "u1": "UInt8"}  # names in VTK
 INTEGER_FIELDS = ("phase", "kind", "component")
 # The order of keys in summary.json; keys not named here follow in the order in which they came.
 SUMMARY_KEYS = (
@@ -89,33 +83,12 @@ def write_vtu(path: str | os.PathLike, x: np.ndarray, fields: Mapping[str, np.nd
     says that there is no wall, and is left out. Raises NotFiniteError for NaN or infinity, ValueError for a
     wrong length or no particles at all.
     """
+    import meshio
+
     x, data = field_arrays(Path(path), x, fields)
-    number = np.arange(len(x))
-    cells = {"connectivity": number, "offsets": number + 1, "types": np.ones(len(x), np.uint8)}  # 1: a vertex
-    parts = (("Points", {"Points": x}), ("Cells", cells), ("PointData", data))
-    with replacing(path) as temporary, open(temporary, "wb") as out:
-        out.write(b'<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
-                  b'header_type="UInt64" compressor="vtkZLibDataCompressor">\n  <UnstructuredGrid>\n'
-                  b'    <Piece NumberOfPoints="%d" NumberOfCells="%d">\n' % (len(x), len(x)))
-        for part, arrays in parts:
-            out.write(f"      <{part}>\n".encode())
-            for name, values in arrays.items():
-                several = ' NumberOfComponents="3"' if values.ndim == 2 else ""
-                out.write(f'        <DataArray type="{TYPES[values.dtype.str[1:]]}" Name={quoteattr(name)}{several} '
-                          'format="binary">'.encode())
-                _write_compressed(out, values)
-                out.write(b"</DataArray>\n")
-            out.write(f"      </{part}>\n".encode())
-        out.write(b"    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n")
-
-
-def _write_compressed(out: IO[bytes], values: np.ndarray) -> None:
-    """Values as VTK has them: compressed blocks behind a header of their sizes, base64."""
-    data = memoryview(np.ascontiguousarray(values, values.dtype.newbyteorder("<"))).cast("B")
-    blocks = [zlib.compress(data[first : first + BLOCK], LEVEL) for first in range(0, len(data), BLOCK)]
-    out.write(base64.b64encode(struct.pack(f"<{3 + len(blocks)}Q", len(blocks), BLOCK, len(data) % BLOCK,
-                                           *map(len, blocks))))
-    out.write(base64.b64encode(b"".join(blocks)))
+    mesh = meshio.Mesh(x, [("vertex", np.arange(len(x)).reshape(-1, 1))], point_data=data)
+    with replacing(path) as temporary:
+        meshio.vtu.write(temporary, mesh, binary=True, compression="zlib")
 
 
 def field_arrays(path: Path, x: np.ndarray,
@@ -161,7 +134,8 @@ def _write_pieces(directory: Path, name: str, x: np.ndarray, fields: Mapping[str
     ranks.collect(None)  # all pieces are there
 
     def end() -> None:
-        arrays = "".join(f'      <PDataArray type="{"Int32" if key in INTEGER_FIELDS else TYPES[shape[:2]]}" '
+        kinds = {"f8": "Float64", "f4": "Float32", "i8": "Int64", "i4": "Int32", "i1": "Int8", "u1": "UInt8"}
+        arrays = "".join(f'      <PDataArray type="{"Int32" if key in INTEGER_FIELDS else kinds[shape[:2]]}" '
                          f'Name={quoteattr(key)} NumberOfComponents="{3 if shape[2:] == "2" else 1}"/>\n'
                          for key, shape in next(shape for shape in shapes if shape).items())
         sources = "".join(f'    <Piece Source={quoteattr(Path(piece).name)}/>\n' for piece in have)

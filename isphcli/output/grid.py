@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..domain.communicator import current
-from .files import BLOCK, LEVEL, TYPES, replacing, require_finite
+from .files import replacing, require_finite
 
 if TYPE_CHECKING:
     from ..domain.cut import Share
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 UNITS = {"velocity": "m/s", "pressure": "Pa", "distance": "m", "divergence": "1/s"}
 REACH = 1.8  # spacings within which particles count for the middle of a cell: those of its corners, and the next ones
 AT_ONCE = 100_000  # cells that are fitted in one go: bounds the memory
+BLOCK = 1 << 20  # bytes that are compressed together
+TYPES = {"f8": "Float64", "i4": "Int32", "u1": "UInt8"}
 
 
 @dataclass(frozen=True)
@@ -334,7 +336,7 @@ class _Compressed:
         self.rest = data[whole:]
 
     def _block(self, data: bytes) -> None:
-        self.sizes.append(self.spool.write(zlib.compress(data, LEVEL)))
+        self.sizes.append(self.spool.write(zlib.compress(data)))
 
     def end(self) -> int:
         """Compresses the last block; returns the number of bytes that `write_to` writes."""
