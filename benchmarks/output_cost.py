@@ -2,9 +2,9 @@
 
 Usage: PYTHONPATH=. NUMBA_NUM_THREADS=1 python benchmarks/output_cost.py RUN DIR [repeats]
 
-RUN: folder of a run of `flow: stokes` with one spacing and its snapshot; DIR: where the files are written. The process that
-draws in 3D is counted. Shear at the walls leaves out the curvature of the velocity, which no snapshot holds. Kernels are
-compiled and libraries loaded before the clock starts, but for those of the process that draws.
+RUN: folder of a run of `flow: stokes` with one spacing and its snapshot; DIR: where the files are written. The process
+that draws in 3D is counted. Shear at the walls leaves out the curvature of the velocity, which no snapshot holds.
+Kernels are compiled and libraries loaded before the clock starts, but for those of the process that draws.
 """
 
 from __future__ import annotations

@@ -81,7 +81,9 @@ def scene_of(geometry: Geometry, particles: Mapping[str, np.ndarray], spacing: f
     fields = {"velocity": particles["velocity"]}
     if "phase" in particles:  # as a number: between the particles of both it goes over from one to the other
         fields["second"] = (particles["phase"] == 1).astype(float)
-    grid = _from_lattice(geometry, particles, spacing, cell) or make_grid(geometry, particles["x"], fields, spacing, cell)
+    grid = _from_lattice(geometry, particles, spacing, cell)
+    if grid is None:
+        grid = make_grid(geometry, particles["x"], fields, spacing, cell)
     solid = grid.arrays["solid"].astype(bool)
     phase = grid.arrays.get("second")
     if phase is not None:
@@ -92,12 +94,13 @@ def scene_of(geometry: Geometry, particles: Mapping[str, np.ndarray], spacing: f
                    grid.arrays["velocity"], axis, phase, shear, 1 if body is None else body)
 
 
-def _from_lattice(geometry: Geometry, particles: Mapping[str, np.ndarray], spacing: float, cell: float) -> Grid | None:
-    """As `make_grid` for particles of one fluid on a lattice, without a search: linear between the sites, of which those
-    without a particle do not count. None of others, and of a grid that is finer than the lattice. Arguments as those
-    of `scene_of`; cell: edge of the cells, m.
+def _from_lattice(geometry: Geometry, particles: Mapping[str, np.ndarray], spacing: float,
+                  cell: float) -> Grid | None:
+    """As `make_grid` for particles of one fluid on a lattice, without a search: linear between the sites, those in
+    solids at rest. None of others, and of a grid that is finer than the lattice. Arguments as those of `scene_of`;
+    cell: edge of the cells, m.
 
-    The sites around a point are those of one cube of the lattice, which walls of a spacing or more do not cross.
+    Without the sites in solids streamlines would turn back beside walls, where the fluid is at rest.
     """
     from .grid import Grid, GridCells
 
@@ -107,19 +110,19 @@ def _from_lattice(geometry: Geometry, particles: Mapping[str, np.ndarray], spaci
     if ("phase" in particles or np.any(cells.counts > sites.counts) or np.abs(place - index).max(initial=0.0) > 1e-6
             or np.any(index < 0) or np.any(index >= sites.counts)):
         return None
-    known = np.zeros((*sites.shape, 4), np.float32)  # velocity, and 1 where there is a particle
-    known[tuple(index.T[::-1])] = np.column_stack([particles["velocity"], np.ones(len(index))])
+    velocity = np.zeros((*sites.shape, 3), np.float32)
+    velocity[tuple(index.T[::-1])] = particles["velocity"]
     for axis, (n, m) in enumerate(zip(sites.shape, cells.shape)):
         if n != m:
             at = (np.arange(m) + 0.5) * n / m - 0.5
             low = np.clip(at.astype(int), 0, max(n - 2, 0))
             share = (at - low).astype(np.float32).reshape([-1 if a == axis else 1 for a in range(4)])
-            known = (1.0 - share) * known.take(low, axis) + share * known.take(np.minimum(low + 1, n - 1), axis)
+            velocity = ((1.0 - share) * velocity.take(low, axis)
+                        + share * velocity.take(np.minimum(low + 1, n - 1), axis))
     solid = np.ones(cells.shape, np.uint8)
     for layer, flags in enumerate(solid):  # one at a time: bounds the memory
         number = layer * flags.size + np.arange(flags.size)
         flags[:] = (geometry.phase(geometry.lower + cells.middles(number)) < 0).reshape(flags.shape)
-    velocity = known[..., :3] / np.maximum(known[..., 3:], np.float32(1e-6))
     velocity[solid == 1] = 0.0
     return Grid(cells.lower, cells.edges, {"velocity": velocity, "solid": solid})
 
