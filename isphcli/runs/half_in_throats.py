@@ -107,7 +107,7 @@ def limit_of_throats(coarse: float, fine: float, spacing: float, pores: tuple[fl
     outside = (1.0 - SHARE) / SHARE * (coarse - fine)
     if edges is None:
         sentence = ("the value is that of this second solve, and its bar is made of the difference of both values, by "
-                    f"errors of order {ORDER:g}, of {USUAL:g} of the error that is usual in pores as wide")
+                    f"errors of order {ORDER:g}, of {USUAL:g} of the error that is usual in pores and grains as wide")
     else:
         sentence = (f"the value is the limit of both solves, by the known order {edges[1]:.2f} of edges, and its bar "
                     f"is made of {EDGE_BAR:g} of the way to the limit by order {edges[0]:.2f}")

@@ -130,7 +130,7 @@ def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] 
     bar = BAR * math.hypot(told, USUAL * usual * k[0]) if given is None else safety * told
     return float(k[0]), bar, None, (f"the value at the finest of {len(h)} spacings; the bar takes errors of order "
                                     f"{power:g} from their differences"
-                                    + (", and a part of what is usual in pores as wide" if usual else ""))
+                                    + (", and a part of what is usual in pores and grains as wide" if usual else ""))
 
 
 def _with_known_order(h: np.ndarray, k: np.ndarray,
