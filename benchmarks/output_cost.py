@@ -4,7 +4,7 @@ Usage: PYTHONPATH=. NUMBA_NUM_THREADS=1 python benchmarks/output_cost.py RUN DIR
 
 RUN: folder of a run of `flow: stokes` with one spacing and its snapshot; DIR: where the files are written. The process
 that draws in 3D is counted. Shear at the walls leaves out the curvature of the velocity, which no snapshot holds.
-Kernels are compiled and libraries loaded before the clock starts, but for those of the process that draws.
+Libraries are loaded before the clock starts, but for those of the process that draws.
 """
 
 from __future__ import annotations
@@ -42,6 +42,19 @@ def timed(rows: dict[str, list[float]], name: str, call: Callable[[], Any]) -> A
     return found
 
 
+def draw_in_3d(rows: dict[str, list[float]], scene: render.Scene3D, frame: Frame, out: Path) -> None:
+    """The pictures in 3D and their frames, with the scale of the speed for both."""
+    key = render._key_of(render.FLOW, {"top": float(np.linalg.norm(scene.velocity, axis=-1).max())}, (), frame, 0)
+    names = [render.FLOW, *[render.SHEAR] * (scene.shear is not None)]
+    images = timed(rows, "process in 3D", lambda: render.draw_images(scene, names))
+
+    def draw() -> None:
+        for name, image in images.items():
+            frame_picture(out / f"{name}.png", image, frame, key)
+
+    timed(rows, "frames in 3D", draw)
+
+
 def main(run: Path, out: Path, repeats: int) -> None:
     """Every part, some times over; prints the smallest of each."""
     case = read_case((run / "case.yaml").read_bytes(), str(run / "case.yaml"))
@@ -57,14 +70,10 @@ def main(run: Path, out: Path, repeats: int) -> None:
     for _ in range(repeats):
         timed(rows, "snapshot", lambda: write_vtu(out / "particles.vtu", x, fields))
         timed(rows, "slice", lambda: plot_slice(out / "slice.png", x, velocity, frame))
-        flow = {"x": x, "velocity": velocity}
-        scene = timed(rows, "grid in 3D", lambda: render.scene_of(geometry, flow, spacing, axis, stress))
-        names = [render.FLOW, *[render.SHEAR] * (stress is not None)]
-        images = timed(rows, "process in 3D", lambda: render.draw_images(scene, names))
-        for name, image in images.items():
-            key = render._key_of(name, {"top": float(np.linalg.norm(velocity, axis=1).max())}, (), frame, 0)
-            timed(rows, f"frame of {name}", lambda: frame_picture(out / f"{name}.png", image, frame, key))
         timed(rows, "distributions", lambda: draw_distributions(out, case, geometry, x, velocity, spacing))
+        scene = timed(rows, "grid in 3D", lambda: render.scene_of(geometry, {"x": x, "velocity": velocity}, spacing,
+                                                                  axis, stress))
+        draw_in_3d(rows, scene, frame, out)
     least = {name: min(seconds) for name, seconds in rows.items()}
     for name, seconds in {**least, "sum": sum(least.values())}.items():
         print(f"{name:24s}{seconds:7.2f}")

@@ -43,8 +43,7 @@ it; the worst misses come first. Where none does, the reason stands there, and t
 {bodies}
 
 Not measured with stairs: bodies without an edge (slits and ducts along the voxels) and those whose cubes take long to
-solve finely (separate 12, 20, touching 9, 14, 20). By two spacings 40 of 45 exact surfaces keep within the bar, one
-less than nine in ten.
+solve finely (separate 12, 20, touching 9, 14, 20).
 
 Labels that are more than 3 % off at the finest spacing, `PYTHONPATH=. python benchmarks/calibration.py volumes
 isphcli/data/known_bodies_measured.csv`: k, and what the labels and the smooth body that is solved make of the volume of

@@ -296,10 +296,10 @@ def is_image(path: Path) -> bool:
     """Whether there is an image, or a folder of slices, and no case."""
     if not path.exists() or (path.is_file() and path.suffix.lower() in CASES):
         return False
-    from .geometry.images.read import FORMATS, image_shape
+    from .geometry.images.read import FORMATS
 
     if path.is_dir():  # a folder of results holds pictures too
-        return not (path / "case.yaml").exists() and image_shape(path) is not None
+        return not (path / "case.yaml").exists()
     return path.suffix.lower() in FORMATS
 
 

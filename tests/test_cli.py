@@ -223,6 +223,15 @@ def test_an_image_in_place_of_a_case_is_told_what_to_type(folder, name, command)
     assert isph("validate", "--check-only", "scan.yaml", "--set", "drive.axes=[z]").exit_code == 0
 
 
+@pytest.mark.parametrize("name, words", [("slices", "without slices"), ("out", "name the case.yaml in it")])
+def test_a_folder_that_holds_no_image_says_what_is_missing(folder, name, words):
+    (folder / name).mkdir()
+    if name == "out":
+        (folder / name / "case.yaml").write_text(CASE)
+    done = isph("run", name)
+    assert done.exit_code == BAD_INPUT and words in done.stderr and "Is a directory" not in done.stderr
+
+
 def test_errors_of_the_run_are_shown_and_the_bound_stands_beside_the_main_one(monkeypatch, folder):
     (folder / "case.yaml").write_text(CASE + "reference: {kind: slit, tolerance: 0.01}\n")
     fake_run(
@@ -333,6 +342,7 @@ BAD = {
     "missing image": (IMAGE, None, [], "rock.npy"),
     "wrong shape": (IMAGE, np.zeros((2, 2, 2, 2), np.uint8), [], "4 dimensions"),
     "NaN": (IMAGE, np.full((4, 4, 4), np.nan), [], "holds NaN"),
+    "infinite": (IMAGE, np.full((4, 4, 4), np.inf), [], "holds infinite values"),
     "grey values": (IMAGE, np.full((4, 4, 4), 0.5), [], "threshold"),
     "empty image": (IMAGE, np.zeros((0, 4, 4), np.uint8), [], "empty"),
     "value without a label": (IMAGE, rock() + 1, [], "label"),

@@ -28,6 +28,8 @@ def load_case(path: str | Path, overrides: Sequence[str] = ()) -> Case:
             data = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
+        if Path(path).is_dir():
+            reason = "is a folder; name the case.yaml in it, or give --restart to go on with a run of moving particles"
         raise CaseError((Problem(str(path), None, "", f"cannot be read: {reason}"),)) from None
     return read_case(data, path, overrides)
 

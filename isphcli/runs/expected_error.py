@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import csv
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -31,6 +31,10 @@ THINNEST = 3.0  # particles across pores, or across the median throat: a run wit
 # Lines along each axis that chords of grains are measured on, which bounds time and memory: 3 * 1024 sites for each
 # along an edge. Grains of cases/berea.yaml have chords of 87.2 um by them, by all lines 86.9 (2026-11-30)
 LINES = 1024
+# The part of b dx that a slip length b takes off the mean velocity in the pores, over g / nu. Slits of 4.3, 8.3 and
+# 16.3 spacings with b of 0.03 to 2 times their width: 0.305 to 0.325; pipes of 5 and 10, b of 0.1 to 2 radii: 0.10 to
+# 0.13, because half of the second derivatives lie along their walls (`benchmarks/slip_walls.py`)
+SLIP = 0.33
 WALLS = {"exact": "shapes", "grey": "grey images", "labels": "segmented images", "stairs": "images with stairs"}
 
 
@@ -64,6 +68,12 @@ class Expected:
         """Smallest and largest permeability within the errors of a value k, m2."""
         both = 1.0 + math.hypot(self.spacing, self.image)
         return k / both, k * both
+
+    def with_slip(self, share: float) -> Expected:
+        """With the relative error that slip walls add to that of the spacing; see `slip_error`."""
+        if share == 0.0:
+            return self
+        return replace(self, spacing=self.spacing + share, sentence=f"{self.sentence}, slip walls {100 * share:.2g} %")
 
 
 @cache
@@ -203,6 +213,23 @@ def usual_error(k: float, porosity: float, spacing: float, grain: float = math.i
     """Relative error of a permeability k, m2, at a spacing, m, beside smooth walls, which 90 % of the known bodies with
     pores and grains as wide keep within. grain: see `grain_chord`."""
     return calibrations()["exact", "spacing"].within(min(pore_width(k, porosity), grain) / spacing)
+
+
+def slip_of(geometry: Geometry) -> float:
+    """The largest slip length, m, of the walls, without those that exceed the box: these are planes of symmetry."""
+    slip = geometry.slip_length
+    return float(np.max(slip[slip <= np.max(geometry.upper - geometry.lower)], initial=0.0))
+
+
+def slip_error(k: float, porosity: float, spacing: float, slip: float) -> float:
+    """Relative error that walls of a slip length, m, leave in a permeability k, m2, at a spacing, m.
+
+    The velocity at such a wall is taken from that of a particle beside it as if it were linear between them. What the
+    second derivative, of the size g / nu, adds is missing: the particles within a spacing of the wall feel a force
+    more, SLIP g. A flow with the slip length b takes it up by a velocity that is SLIP b dx g / nu smaller everywhere.
+    With k = nu U / g the flux misses porosity SLIP b dx of k.
+    """
+    return SLIP * porosity * slip * spacing / k
 
 
 def expected(wall: str, k: float, porosity: float, spacing: float, grain: float = math.inf, scan: Scan | None = None,

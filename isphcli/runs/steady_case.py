@@ -24,7 +24,18 @@ from ..scene.build_geometry import build_geometry
 from ..scene.place import lattice_at
 from ..solvers.krylov import SolveError
 from . import ranks, steady
-from .expected_error import THINNEST, expected, grain_chord, pore_width, scan_of, too_narrow, usual_error, wall_of
+from .expected_error import (
+    THINNEST,
+    expected,
+    grain_chord,
+    pore_width,
+    scan_of,
+    slip_error,
+    slip_of,
+    too_narrow,
+    usual_error,
+    wall_of,
+)
 from .flow_measures import profile_rows, speed_distribution, tortuosity
 from .permeability import EDGE, SHARE, extrapolate
 from .refinement import Solved, further_spacings
@@ -382,6 +393,7 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
     """AxisResult of the flows along an axis; of spacings, those count at which there is a path. grain: m, see
     `grain_chord`."""
     name, spacings, wall, scan = "xyz"[axis], case.spacings, wall_of(case), scan_of(geometry)
+    slip = slip_of(geometry)
     known = {h: _along(flows[axis, h], axis) if (axis, h) in flows else 0.0 for h in spacings}
     open_at = [h for h in spacings if (axis, h) in flows]
     by_spacing = {f"{h:g}": float(k) for h, k in sorted(known.items())}
@@ -396,10 +408,15 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
         k = float(known[finest])
         usual = usual_error(k, porosity, finest, grain) if edges is None and k > 0.0 else 0.0
         limit, bar, _, sentence = extrapolate(open_at, [known[h] for h in open_at], edges, usual=usual)
+        if slip > 0.0 and k > 0.0:
+            bar += slip_error(k, porosity, finest, slip) * k
+            sentence += ", and what slip walls leave"
         found = replace(found, permeability=float(limit), bar=bar, sentence=f"{name}: {sentence}")
     if found.permeability > 0.0:
         k = found.permeability
         error = expected(wall, k, porosity, open_at[0], grain, scan, found.bar)
+        if found.bar is None:
+            error = error.with_slip(slip_error(k, porosity, open_at[0], slip))
         found = replace(found, bounds=error.bounds(k), source=f"{name}: {error.sentence}",
                         image=error.image * k if scan is not None else None)
     return found

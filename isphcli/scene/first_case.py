@@ -94,8 +94,9 @@ def _understood(path: Path, image: Image) -> tuple[str, str]:
                 "threshold); the other way round: --set geometry.voxels.grey.solid=below")
     solid, pores, shares = guess
     if len(shares) != 2 or min(shares) < 0:
+        named = f"{{solid: {solid}, water: {pores}}}" if pores and min(shares) >= 0 else "{solid: 1, water: 0}"
         raise VoxelError(f"{path}: holds {counts_text(shares)}; say which are solid, such as --set "
-                         "'geometry.voxels.labels={solid: 1, water: 0}'")
+                         f"'geometry.voxels.labels={named}'")
     pore = pores[0]
     return (f"labels: {{solid: {solid}, water: {pore}}}",
             f"voxels of value {solid} are solid ({100 * shares[solid] / image.values.size:.3g} %), those of {pore} "

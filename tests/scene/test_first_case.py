@@ -1,5 +1,7 @@
 """A case from an image alone: what is taken for solid, and what has to be said."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -76,6 +78,16 @@ def test_the_axes_of_an_array_are_said(tmp_path):
 def test_what_an_image_does_not_tell(tmp_path, values, sets, error, message):
     with pytest.raises(error, match=message):
         first_case(saved(tmp_path, values), sets)
+
+
+def test_labels_that_are_proposed_are_those_of_the_image(tmp_path):
+    """Of several values the most frequent one as solid: what is proposed works as it stands."""
+    path = saved(tmp_path, np.where(DUCT == 0, 5, 2) + (np.arange(8) > 5))
+    with pytest.raises(VoxelError) as refused:
+        first_case(path, SIZE)
+    option = re.search(r"--set '(.*)'", str(refused.value)).group(1)
+    labels = first_case(path, (*SIZE, option)).case.geometry.voxels.labels
+    assert dict(labels) == {"solid": (2,), "water": (3, 5, 6)}
 
 
 def test_a_size_without_a_unit_is_not_taken_for_metres(tmp_path):

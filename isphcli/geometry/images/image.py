@@ -97,8 +97,9 @@ def as_labels(path: Path, values: np.ndarray, grey: bool) -> np.ndarray:
     """Values as the smallest unsigned integers, or an error that says why they are no labels."""
     if values.dtype.kind not in "buif":
         raise VoxelError(f"{path}: holds data of type {values.dtype}; save integers, such as uint8")
-    if values.dtype.kind == "f" and np.isnan(values).any():
-        raise VoxelError(f"{path}: holds NaN; replace them before the conversion")
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        what = "NaN" if np.isnan(values).any() else "infinite values"
+        raise VoxelError(f"{path}: holds {what}; replace them before the conversion")
     if grey:
         return values
     if values.dtype.kind == "f":

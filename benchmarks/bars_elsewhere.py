@@ -1,0 +1,112 @@
+"""Error bars of bodies that no bar was calibrated on: arrays of disks and spheres and pairs of pipes at random.
+
+usage: PYTHONPATH=. python benchmarks/bars_elsewhere.py [SCENES [SEED]]      (30 of each family, seed 1, without them)
+
+Solid fraction, size, place on the lattice and number of spacings a cell are random, pores 2 to 15 particles wide at
+the coarsest spacing. The truth is a series (`isphcli.references.arrays`) or a formula. Each scene is solved at three
+spacings, h, h / 1.5 and h / 2, those of `refine: auto`. Printed by family, for the bar of all three and of pairs of
+them: the share of scenes that the bar holds in per cent, and the factor on it by which nine in ten would hold; before
+them the same of the range of the coarsest spacing alone. To choose BAR and USUAL of `runs/permeability.py` the last
+lines have the largest such factor over families for other values of USUAL, and the median of the bars widened by it.
+"""
+
+import math
+import sys
+
+import numpy as np
+
+import isphcli
+from isphcli.references.arrays import cylinder_array_permeability, sphere_array_permeability
+from isphcli.runs import permeability
+from isphcli.runs.expected_error import usual_error
+
+SUBSETS = {"three": (0, 1, 2), "h, h/2": (0, 2), "h/1.5, h/2": (1, 2)}
+LATTICES = {"disks": None, "disks, hexagonal": "hexagonal", "spheres": None, "spheres, bcc": "bcc", "pipes": None}
+
+
+def disks(random):
+    """(geometry, spacing, axis, true k, mean chord of grains) of a square array in a cell of edge 1."""
+    fraction, n = random.uniform(0.08, 0.5), int(random.integers(8, 26))
+    radius = math.sqrt(fraction / math.pi)
+    shape = {"sphere": {"centre": random.random(2).tolist(), "radius": radius}, "is": "solid"}
+    return ({"box": [1.0, 1.0], "periodic": ["x", "y"], "shapes": [shape]}, 1.0 / n, "x",
+            cylinder_array_permeability(fraction), math.pi * radius / 2)
+
+
+def spheres(random, finest=13):
+    """As `disks`, of a simple cubic array."""
+    fraction, n = random.uniform(0.1, 0.5), int(random.integers(6, finest))
+    radius = (3 * fraction / (4 * math.pi)) ** (1 / 3)
+    shape = {"sphere": {"centre": random.random(3).tolist(), "radius": radius}, "is": "solid"}
+    return ({"box": [1.0] * 3, "periodic": ["x", "y", "z"], "shapes": [shape]}, 1.0 / n, "x",
+            sphere_array_permeability(fraction), 4 * radius / 3)
+
+
+def pipes(random):
+    """As `disks`, of two pipes of unlike radii along z."""
+    radii = random.uniform(1.3, 3.2, 2)
+    shapes = [{"box": {"lower": [-20.0] * 3, "upper": [20.0] * 3}, "is": "solid"}]
+    for middle, radius in zip((4.0, 12.0), radii):
+        centre = [middle + random.uniform(-0.5, 0.5), 4.0 + random.uniform(-0.5, 0.5), 0.0]
+        shapes.append({"cylinder": {"centre": centre, "axis": "z", "radius": float(radius)}, "is": "water"})
+    return ({"box": [16.0, 8.0, 4.0], "periodic": ["x", "y", "z"], "fluid": "water", "shapes": shapes}, 1.0, "z",
+            float(np.sum(math.pi * radii**4 / 8) / 128), math.inf)
+
+
+def scene_of(family, random):
+    if family.startswith("disks"):
+        return disks(random)
+    return pipes(random) if family == "pipes" else spheres(random, 11 if "bcc" in family else 13)
+
+
+def solved(family, random):
+    """(spacings, values over the truth, usual errors) of a random scene, (3,) each, coarsest first."""
+    geometry, h, axis, truth, grain = scene_of(family, random)
+    spacings = [h, h / 1.5, h / 2]
+    case = {"geometry": geometry, "particles": {"spacing": h}, "fluids": {"water": {"density": 1, "viscosity": 1}},
+            "flow": "stokes", "drive": {"axes": [axis]}, "refine": spacings[1:],
+            "output": {"plots": False, "snapshots": False}}
+    if LATTICES[family]:
+        case["particles"]["lattice"] = LATTICES[family]
+    found = isphcli.run(case, quiet=True, threads=1)
+    by = found.summary["permeability_by_spacing"][axis]
+    values = np.array([by[key] for key in sorted(by, key=float, reverse=True)])
+    usual = [usual_error(k, found.porosity, spacing, grain) for k, spacing in zip(values, spacings)]
+    return np.array(spacings), values / truth, np.array(usual)
+
+
+def needed(scene, levels):
+    """The error of a scene over its bar."""
+    spacings, values, usual = scene
+    value, bar, *_ = permeability.extrapolate(spacings[list(levels)], values[list(levels)], usual=usual[2])
+    return abs(value - 1.0) / bar
+
+
+def factors(found, levels):
+    return {family: np.quantile([needed(scene, levels) for scene in scenes], 0.9) for family, scenes in found.items()}
+
+
+def main(scenes="30", seed="1"):
+    random, found = np.random.default_rng(int(seed)), {}
+    for family in LATTICES:
+        found[family] = [solved(family, random) for _ in range(int(scenes))]
+    print("| family | scenes | held by the range of h, %; factor | "
+          + " | ".join(f"held by {name}, %; factor" for name in SUBSETS) + " |")
+    print("|" + "---|" * (len(SUBSETS) + 3))
+    for family, each in found.items():
+        cells = [[abs(values[0] - 1) / usual[0] for _, values, usual in each],
+                 *([needed(scene, levels) for scene in each] for levels in SUBSETS.values())]
+        print(f"| {family} | {len(each)} | "
+              + " | ".join(f"{100 * np.mean(np.array(r) <= 1):.0f}; {np.quantile(r, 0.9):.2f}" for r in cells) + " |")
+    now = permeability.USUAL
+    for permeability.USUAL in (1 / 16, 1 / 8, 1 / 4, 1 / 2):
+        tops = [max(factors(found, levels).values()) for levels in SUBSETS.values()]
+        wide = [np.median([permeability.extrapolate(s[0][list(levels)], s[1][list(levels)], usual=s[2][2])[1]
+                           for each in found.values() for s in each]) for levels in SUBSETS.values()]
+        print(f"USUAL {permeability.USUAL:g}{' (now)' * (permeability.USUAL == now)}: "
+              + ", ".join(f"{name} x {top:.2f}, median bar so {100 * top * bar:.3f} %"
+                          for name, top, bar in zip(SUBSETS, tops, wide)))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
