@@ -1,6 +1,6 @@
 """Error bars of bodies that no bar was calibrated on: arrays of disks and spheres and pairs of pipes at random.
 
-usage: PYTHONPATH=. python benchmarks/bars_elsewhere.py [SCENES [SEED]]      (30 of each family, seed 1, without them)
+usage: PYTHONPATH=. python benchmarks/bars_elsewhere.py [SCENES [SEED [FILE.csv]]]      (30 of each family, seed 1)
 
 Solid fraction, size, place on the lattice and number of spacings a cell are random, pores 2 to 15 particles wide at
 the coarsest spacing. The truth is a series (`isphcli.references.arrays`) or a formula. Each scene is solved at three
@@ -10,6 +10,7 @@ them the same of the range of the coarsest spacing alone. To choose BAR and USUA
 lines have the largest such factor over families for other values of USUAL, and the median of the bars widened by it.
 """
 
+import csv
 import math
 import sys
 
@@ -18,7 +19,7 @@ import numpy as np
 import isphcli
 from isphcli.references.arrays import cylinder_array_permeability, sphere_array_permeability
 from isphcli.runs import permeability
-from isphcli.runs.expected_error import usual_error
+from isphcli.runs.expected_error import pore_width, usual_error
 
 SUBSETS = {"three": (0, 1, 2), "h, h/2": (0, 2), "h/1.5, h/2": (1, 2)}
 LATTICES = {"disks": None, "disks, hexagonal": "hexagonal", "spheres": None, "spheres, bcc": "bcc", "pipes": None}
@@ -60,7 +61,8 @@ def scene_of(family, random):
 
 
 def solved(family, random):
-    """(spacings, values over the truth, usual errors) of a random scene, (3,) each, coarsest first."""
+    """(spacings, values over the truth, usual errors, widths in particles) of a random scene, (3,) each, coarsest
+    first."""
     geometry, h, axis, truth, grain = scene_of(family, random)
     spacings = [h, h / 1.5, h / 2]
     case = {"geometry": geometry, "particles": {"spacing": h}, "fluids": {"water": {"density": 1, "viscosity": 1}},
@@ -72,12 +74,13 @@ def solved(family, random):
     by = found.summary["permeability_by_spacing"][axis]
     values = np.array([by[key] for key in sorted(by, key=float, reverse=True)])
     usual = [usual_error(k, found.porosity, spacing, grain) for k, spacing in zip(values, spacings)]
-    return np.array(spacings), values / truth, np.array(usual)
+    width = min(pore_width(truth, found.porosity), grain)
+    return np.array(spacings), values / truth, np.array(usual), width / np.array(spacings)
 
 
 def needed(scene, levels):
     """The error of a scene over its bar."""
-    spacings, values, usual = scene
+    spacings, values, usual, _ = scene
     value, bar, *_ = permeability.extrapolate(spacings[list(levels)], values[list(levels)], usual=usual[2])
     return abs(value - 1.0) / bar
 
@@ -86,15 +89,22 @@ def factors(found, levels):
     return {family: np.quantile([needed(scene, levels) for scene in scenes], 0.9) for family, scenes in found.items()}
 
 
-def main(scenes="30", seed="1"):
+def main(scenes="30", seed="1", path=None):
     random, found = np.random.default_rng(int(seed)), {}
     for family in LATTICES:
         found[family] = [solved(family, random) for _ in range(int(scenes))]
+    if path:
+        with open(path, "w", encoding="utf-8", newline="") as file:
+            file.write(f"# PYTHONPATH=. python benchmarks/bars_elsewhere.py {scenes} {seed} FILE.csv\n")
+            out = csv.writer(file, lineterminator="\n")
+            out.writerow(("family", "width", "error"))
+            out.writerows((family, f"{width:.4g}", f"{abs(value - 1.0):.3g}") for family, each in found.items()
+                          for _, values, _, widths in each for value, width in zip(values, widths))
     print("| family | scenes | held by the range of h, %; factor | "
           + " | ".join(f"held by {name}, %; factor" for name in SUBSETS) + " |")
     print("|" + "---|" * (len(SUBSETS) + 3))
     for family, each in found.items():
-        cells = [[abs(values[0] - 1) / usual[0] for _, values, usual in each],
+        cells = [[abs(values[0] - 1) / usual[0] for _, values, usual, _ in each],
                  *([needed(scene, levels) for scene in each] for levels in SUBSETS.values())]
         print(f"| {family} | {len(each)} | "
               + " | ".join(f"{100 * np.mean(np.array(r) <= 1):.0f}; {np.quantile(r, 0.9):.2f}" for r in cells) + " |")

@@ -86,10 +86,7 @@ def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndar
 # spacings, for errors of the order ORDER, and of USUAL times the error that nine in ten bodies with pores as wide keep
 # within. ORDER is the power of that error in calibration.csv, rounded to halves (2.0). Without the second part two
 # spacings that agree by chance have a bar of nearly zero. BAR is above 1, so that an error of that order lies within
-# its bar, and 93, 91 and 86 % (three spacings, two, two finer) of arrays of disks, of spheres and of pipes at random places
-# do, on lattices of four kinds (`benchmarks/bars_elsewhere.py 25 5`, which has the shares by kind). Of the known bodies
-# 100, 98 and 100 % do (`benchmarks/calibration.py bars`): with 0.73 and 1/8, by which 92, 93 and 92 % of them did,
-# three in four of the arrays did
+# its bar: `benchmarks/bars_elsewhere.py` has the shares of scenes that were not chosen by hand
 ORDER, BAR, USUAL = 2.0, 1.25, 1 / 4
 # Order of k beside the edges of cubes: twice the exponent of the velocity there, because the error of k is that of the
 # dissipation. Across an edge of 90 degrees of solid it is 0.5445 (Dean and Montagnon 1949), along it 2/3 (Laplace)
