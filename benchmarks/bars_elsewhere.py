@@ -109,7 +109,7 @@ def main(scenes="30", seed="1", path=None):
         print(f"| {family} | {len(each)} | "
               + " | ".join(f"{100 * np.mean(np.array(r) <= 1):.0f}; {np.quantile(r, 0.9):.2f}" for r in cells) + " |")
     now = permeability.USUAL
-    for permeability.USUAL in (1 / 16, 1 / 8, 1 / 4, 1 / 2):
+    for permeability.USUAL in (1 / 12, 1 / 6, 1 / 3):
         tops = [max(factors(found, levels).values()) for levels in SUBSETS.values()]
         wide = [np.median([permeability.extrapolate(s[0][list(levels)], s[1][list(levels)], usual=s[2][2])[1]
                            for each in found.values() for s in each]) for levels in SUBSETS.values()]

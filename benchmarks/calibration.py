@@ -32,6 +32,7 @@ import numpy as np
 from isphcli.case.load import read_case
 from isphcli.output.clock import Clock
 from isphcli.preflight.look import look
+from isphcli.references.published import DATA
 from isphcli.runs.expected_error import WALLS, calibrations, grain_chord, is_straight, mean_chord, pore_width
 from isphcli.runs.permeability import EDGE, ORDER, extrapolate
 from isphcli.runs.steady import build_scene, solve_axis
@@ -41,6 +42,7 @@ from isphcli.validation.markdown import table
 
 LEVELS = (1, 2, 3)
 MOST = 40_000  # particles of the third level: 3 to 8 CPU seconds
+ELSEWHERE = DATA / "arrays_measured.csv"  # of benchmarks/bars_elsewhere.py: its first line is the command
 MANY = 100_000  # cells of the truth of stairs: a minute
 NAMES = ("body", "family", "wall", "truth", "uncertainty", "narrow", "median", "k", "cpu", "narrow_pores")
 
@@ -182,7 +184,7 @@ def off(k, truth):
 
 def errors_of(rows, wall, part):
     """(widths, errors, families): of spacings widths of pores or grains in particles, against the truth or the finest
-    spacing; of images mean chords in voxels."""
+    spacing; of images mean chords in voxels. Of shapes with those of the scenes at random places."""
     widths, errors, families = [], [], []
     for row in rows:
         if row["wall"] != wall:
@@ -200,6 +202,11 @@ def errors_of(rows, wall, part):
         widths += [row["width"] * level for level in LEVELS[:levels]]
         errors += list(off(k[:levels], limit))
         families += [row["family"]] * levels
+    if (wall, part) == ("exact", "spacing"):
+        for row in rows_of(ELSEWHERE):
+            widths.append(float(row["width"]))
+            errors.append(float(row["error"]))
+            families.append(f"{row['family']} at random places")
     return np.array(widths), np.array(errors), np.array(families)
 
 
@@ -321,6 +328,7 @@ def report(path):
                 power = 1.0 if part != "spacing" else ORDER if wall != "stairs" else None
                 factor, power = fit(widths, errors, families if wall == "exact" else None, power)
                 count = len(widths) if part != "spacing" else len({r["body"] for r in rows if r["wall"] == wall})
+                count += len(rows_of(ELSEWHERE)) // len(LEVELS) if (wall, part) == ("exact", "spacing") else 0
                 print(f"{wall},{part},{factor:.3g},{power:g},{count},{widths.max():.3g}")
     print("```")
 

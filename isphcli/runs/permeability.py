@@ -87,7 +87,7 @@ def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndar
 # within. ORDER is the power of that error in calibration.csv, rounded to halves (2.0). Without the second part two
 # spacings that agree by chance have a bar of nearly zero. BAR is above 1, so that an error of that order lies within
 # its bar: `benchmarks/bars_elsewhere.py` has the shares of scenes that were not chosen by hand
-ORDER, BAR, USUAL = 2.0, 1.25, 1 / 4
+ORDER, BAR, USUAL = 2.0, 1.25, 1 / 6
 # Order of k beside the edges of cubes: twice the exponent of the velocity there, because the error of k is that of the
 # dissipation. Across an edge of 90 degrees of solid it is 0.5445 (Dean and Montagnon 1949), along it 2/3 (Laplace)
 EDGE = (1.089, 4 / 3)

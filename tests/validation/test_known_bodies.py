@@ -93,8 +93,8 @@ def grain_of(name):
 
 @pytest.mark.slow
 def test_the_bar_of_exact_surfaces_holds_the_truth():
-    """At 1 and 2 particles per voxel, solved here: k is that of the table on which bars and ranges rest, and so is the
-    body that misses its bar (of all 45 three do). The bar of the others is narrow enough to be of use."""
+    """At 1 and 2 particles per voxel, solved here: k is that of the table on which bars and ranges rest, and none misses
+    its bar (of all 45 one does). The bars are narrow enough to be of use."""
     missed, widths = [], []
     for name in SMALL:
         one = body(name)
@@ -107,8 +107,8 @@ def test_the_bar_of_exact_surfaces_holds_the_truth():
         if abs(value - truth) > bar + uncertainty * truth:
             missed.append(name)
         widths.append(bar / truth)
-    assert missed == ["duct 10.7"]
-    assert np.median(widths) < 0.0015
+    assert missed == []
+    assert np.median(widths) < 0.0025
 
 
 @pytest.mark.parametrize("grey", [False, True])
@@ -133,7 +133,9 @@ def test_the_range_of_images_holds_the_truth(grey, tmp_path):
 @pytest.mark.slow
 def test_bars_hold_nine_bodies_in_ten(wall, levels):
     """What was measured of all bodies, put through `extrapolate` as it is: 90 % hold the truth, and half of the bars
-    are not wider than three times the error. Of stairs the truth is that of the cubes. Of channels whose edges all run
+    are not wider than so many times the error: six of exact surfaces, because slits and pipes have hardly any, and bars
+    that are three times as wide as the error of the others held three in four of scenes at random places
+    (`benchmarks/bars_elsewhere.py`). Of stairs the truth is that of the cubes. Of channels whose edges all run
     along the flow the value at three particles per voxel is within 0.05 %, less than their truth is known to, because
     the order of these edges is taken out: their bars are left out there, and four is the bound of the others."""
     errors, bars, ratios, fine = [], [], [], wall == "stairs" and 3 in levels
@@ -154,7 +156,7 @@ def test_bars_hold_nine_bodies_in_ten(wall, levels):
             else:
                 ratios.append(bar / truth / max(off, 1e-6))
     assert np.mean(np.array(errors) <= bars) >= 0.9
-    assert np.median(ratios) <= (4.0 if fine else 3.0)
+    assert np.median(ratios) <= (4.0 if fine else 6.5 if wall == "exact" else 3.0)
 
 
 @pytest.mark.parametrize("wall", ["labels", "grey"])
