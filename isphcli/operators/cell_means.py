@@ -62,7 +62,7 @@ class BesideWalls(NamedTuple):
     slip: np.ndarray
     edge: np.ndarray
 
-    def of(self, rows: slice) -> BesideWalls:
+    def of(self, rows: slice | np.ndarray) -> BesideWalls:
         """Those of some rows."""
         return BesideWalls(*(values[rows] for values in self))
 
@@ -95,11 +95,8 @@ def means_over_cells(geometry: Geometry, x: np.ndarray, lattice: Lattice, suppor
         return CellMeans.whole(flow[0])
     moment = float((ways**2).sum()) / (12.0 * len(lattice.cell))
     fluid = flow[0] + flow[1] * (0.5 * moment * edge[:n, None] ** 2)
-    source, seen = _sources(geometry, x[:n], support, flow, share, edge[:n])
-    distance = geometry.distance(x, support)
-    cut = np.flatnonzero(np.abs(distance) < edge * _reach(ways))
-    places = x[cut]
-    cells = _beside(geometry, places, distance[cut], edge[cut], support)
+    source, seen, cells, cut = _beside_walls(geometry, x, support, flow, (share, edge, _reach(ways)))
+    places = cells.x
     images = build_halo(source.x, geometry.lower, geometry.upper, np.array(geometry.periodic), support,
                         None if share is None else (share.lower, share.upper))
     table, owner = images.positions(source.x), images.owners(len(source.x))
@@ -146,21 +143,27 @@ def _reach(ways: np.ndarray) -> float:
     return float(np.sqrt((corners**2).sum(axis=1)).max())
 
 
-def _beside(geometry: Geometry, x: np.ndarray, distance: np.ndarray, edge: np.ndarray, support: float) -> BesideWalls:
-    slip = geometry.slip_length[geometry.wall(x)] if np.any(geometry.slip_length > 0.0) else np.zeros(len(x))
-    return BesideWalls(np.ascontiguousarray(x), distance, wall_normals(geometry, x, support), slip, edge)
-
-
-def _sources(geometry: Geometry, x: np.ndarray, support: float, flow: tuple[np.ndarray, np.ndarray],
-             share: Share | None, edge: np.ndarray) -> tuple[BesideWalls, np.ndarray]:
-    """Fluid particles beside a wall, remote ones too, and their velocity beside its Laplacian, (m, 2 dim)."""
+def _beside_walls(
+    geometry: Geometry, x: np.ndarray, support: float, flow: tuple[np.ndarray, np.ndarray],
+    cells: tuple[Share | None, np.ndarray, float],
+) -> tuple[BesideWalls, np.ndarray, BesideWalls, np.ndarray]:
+    """Fluid particles within a support of a wall, remote ones too, their velocity beside its Laplacian, (m, 2 dim), and
+    the cells of this process that walls cut, with their numbers. cells: share, edge as above, and how far the cell of
+    the lattice reaches, m."""
+    (share, edge, reach), n, own = cells, len(flow[0]), len(x)
     both = np.concatenate(flow, axis=1)
     if share is not None:
         x, both = np.concatenate([x, share.ghosts]), share.exchange.forward(both)
-        edge = np.ones(len(x))
-    distance = geometry.distance(x, support)
-    near = np.flatnonzero(distance < support)
-    return _beside(geometry, x[near], distance[near], edge[near], support), np.ascontiguousarray(both[near])
+        edge = np.concatenate([edge, np.ones(len(share.ghosts))])
+    distance, row = geometry.distance(x, support), np.arange(len(x))
+    near = (distance < support) & ((row < n) | (row >= own))
+    cut = (np.abs(distance) < edge * reach) & (row < own)
+    asked = np.flatnonzero(near | cut)  # normals of what is both are asked for once
+    slips = np.any(geometry.slip_length > 0.0)
+    slip = geometry.slip_length[geometry.wall(x[asked])] if slips else np.zeros(len(asked))
+    beside = BesideWalls(x[asked], distance[asked], wall_normals(geometry, x[asked], support), slip, edge[asked])
+    seen = both[np.concatenate([np.flatnonzero(near[:n]), n + np.flatnonzero(near[own:])])]
+    return beside.of(near[asked]), seen, beside.of(cut[asked]), np.flatnonzero(cut)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
