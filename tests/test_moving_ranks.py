@@ -5,7 +5,6 @@ Where and how they run: see `test_ranks.py`.
 
 import csv
 import json
-import os
 import re
 import shutil
 import signal

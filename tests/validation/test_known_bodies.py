@@ -93,8 +93,8 @@ def grain_of(name):
 
 @pytest.mark.slow
 def test_the_bar_of_exact_surfaces_holds_the_truth():
-    """At 1 and 2 particles per voxel, solved here: k is that of the table on which bars and ranges rest, and none misses
-    its bar (of all 45 one does). The bars are narrow enough to be of use."""
+    """At 1 and 2 particles per voxel, solved here: k is that of the table on which bars and ranges rest, and none
+    misses its bar (of all 45 one does). The bars are narrow enough to be of use."""
     missed, widths = [], []
     for name in SMALL:
         one = body(name)
