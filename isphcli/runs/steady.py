@@ -92,6 +92,11 @@ class StokesResult:
         return self.velocity if self.means.cut else self.means.fluid
 
     @property
+    def all_cells(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places (m, dim), m, and mean velocities (m, dim), m/s, of cells, those of the fluid particles first."""
+        return self.means.everywhere(self.particles.x[: self.particles.n_fluid])
+
+    @property
     def shear(self) -> dict[str, float] | None:
         """`flow_measures.wall_shear`."""
         return wall_shear(None if self.stress is None else self.stress[1])

@@ -525,7 +525,7 @@ def _measures(case: Case, flows: Flows) -> dict[str, Any]:
     driven = {axis: flow for (axis, h), flow in sorted(flows.items(), key=str) if axis is not None and h == finest}
     ways, factors, bars = {}, {}, {}
     for axis, flow in driven.items():
-        cells, velocity = flow.means.everywhere(flow.particles.x[: flow.particles.n_fluid])
+        cells, velocity = flow.all_cells
         ways["xyz"[axis]] = tortuosity(velocity[inside_sample(flow.geometry, cells)], axis)
         if flow.diffusivity:
             factors["xyz"[axis]] = 1.0 / flow.diffusivity
@@ -535,7 +535,7 @@ def _measures(case: Case, flows: Flows) -> dict[str, Any]:
                                                  given=(DIFFUSION, DIFFUSION_BAR))[1]
     main = _main(flows)
     x = main.particles.x[: main.particles.n_fluid]
-    cells, velocity = main.means.everywhere(x)
+    cells, velocity = main.all_cells
     single = len(driven) == 1
     diffusivities = {axis: 1.0 / factor for axis, factor in factors.items()}
     return {
@@ -590,7 +590,7 @@ def _profile(flow: steady.StokesResult) -> list[dict[str, float | None]]:
     if flow.axis is None:
         return []
     particles = flow.particles
-    x, velocity = flow.means.everywhere(particles.x[: particles.n_fluid])
+    x, velocity = flow.all_cells
     return profile_rows(flow.geometry, x, (velocity, flow.pressure), flow.axis, flow.drop,
                         (flow.spacing, particles.site_volume))
 
