@@ -20,7 +20,7 @@ operators.wall_scene.neighbourhood operators.wall_scene.crossings runs.steady.bu
 runs.steady._percolation
 flow.stokes.pair_components flow.stokes.nearest_matrix flow.stokes.Conductances
 solvers.engine.hierarchy solvers.engine.BlockCycle solvers.engine.PairCycle runs.steady.fluid_cells
-runs.steady.shares_at_edges solvers.engine.gmres_from_the_right runs.steady.wall_stress""".split()
+runs.steady.means_over_cells solvers.engine.gmres_from_the_right runs.steady.wall_stress""".split()
 PARTS_OF_PETSC = """solvers.petsc.Petsc._aij solvers.petsc._Cycle solvers.petsc.Petsc.gmres""".split()
 
 

@@ -46,7 +46,7 @@ SCENES = {
 
 def measure(name):
     from isphcli.case.load import load_case
-    from isphcli.flow.state import Once
+    from isphcli.flow.state import Handover
     from isphcli.output.clock import Clock
     from isphcli.output.machine import peak_memory
     from isphcli.preflight.check import check
@@ -68,7 +68,7 @@ def measure(name):
     memory.estimate = estimate
     loop = TimeLoop(case, stepper, particles.site_volume, 1.0)
     rows = []
-    state, config = loop.run(state, Once(stepper.configure(state.x, state.time, state.phi, state.number)),
+    state, config = loop.run(state, Handover(stepper.configure(state.x, state.time, state.phi, state.number)),
                              lambda *_: None, rows.append, lambda *_: None)
     vectors = max(row[f"iterations_{name}"] for row in rows for name in ("velocity", "pressure"))
     n = len(state.x)

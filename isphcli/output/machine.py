@@ -13,7 +13,7 @@ def peak_memory() -> int:
     """Largest resident size of this process so far, bytes."""
     try:
         # Linux hands ru_maxrss on to a program that is started: it would be that of a notebook behind the run
-        with open("/proc/self/status") as status:
+        with open("/proc/self/status", encoding="utf-8") as status:
             return next(1024 * int(line.split()[1]) for line in status if line.startswith("VmHWM:"))
     except (OSError, StopIteration):
         pass  # not Linux

@@ -18,6 +18,6 @@ def test_peak_memory_and_versions():
 
 def test_the_peak_is_that_of_the_process_not_of_the_one_that_started_it():
     block = np.ones(60_000_000)  # 480 MB
-    child = subprocess.run([sys.executable, "-c", "from isphcli.output.machine import peak_memory; print(peak_memory())"],
-                           capture_output=True, text=True, check=True)
+    line = "from isphcli.output.machine import peak_memory; print(peak_memory())"
+    child = subprocess.run([sys.executable, "-c", line], capture_output=True, text=True, check=True)
     assert int(child.stdout) < block.nbytes / 2
