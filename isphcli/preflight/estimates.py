@@ -34,8 +34,9 @@ SAID = 0.05  # of the expected velocity: a cause of a smaller share is not named
 # CPU seconds of one core without compilation, pictures and reference, from docs/validation.md (1836b9f, 2026-11-30) and
 # docs/performance.md; benchmarks/estimates.py compares them with runs. A step: a part for any scene, and microseconds a
 # particle at support 2.1 (square or cubic lattice), of which a denser one or a wider support has more neighbours; by
-# dimension and whether there are walls
-SECONDS_RUN = 0.02
+# dimension and whether there are walls. SECONDS_RUN: modules, files and small arrays of any run (slit, taylor_couette
+# and taylor_green_2d take 0.18 to 0.21 s in all beside a load of 7, `python benchmarks/estimates.py slit`)
+SECONDS_RUN = 0.17
 SECONDS_STEP, SECONDS_STEP_TWO = 2.3e-3, 4.0e-3
 MICROSECONDS_MOVING = {(2, False): 2.7, (2, True): 5.5, (3, False): 4.3, (3, True): 15.0}
 MICROSECONDS_TWO = {(2, False): 3.2, (2, True): 5.1, (3, False): 12.6, (3, True): 30.0}
@@ -44,6 +45,9 @@ MICROSECONDS_TWO = {(2, False): 3.2, (2, True): 5.1, (3, False): 12.6, (3, True)
 # pores, 40 in Berea sandstone, 28 with two particles per voxel, 58 in a pack of beads: see `_iterations`
 MICROSECONDS_ONCE, MICROSECONDS_ITERATION, MICROSECONDS_STEADY_2D = 12.0, 0.85, 27.0
 ITERATIONS, ITERATIONS_OF_THROATS, HALF = 9.0, 50.0, 2.5  # HALF: particles
+# Of steady flow past shapes a dummy particle: distances to walls and where pairs cross them; bead_pack takes 9.5 to 18.5
+# s for 409,273 beside a load of 5 to 7 (`python benchmarks/estimates.py bead_pack`, its row of geometry)
+MICROSECONDS_SHAPES = 25.0
 # Particles of `refine: throats` over those of half the spacing everywhere: 0.32 in a corner of Berea of 32^3 voxels;
 # arrays of spheres and packs of beads in boxes of up to 20 spacings 0.9 to 1
 IN_ROCK, AMONG_SHAPES = 1 / 3, 1.0
@@ -182,27 +186,28 @@ def costs(result: CheckResult, geometry: Geometry, share: float = 1.0) -> None:
     result.neighbours = memory.neighbours(case, dim)
     spacing = case.particles.spacing
     finest = (spacing / min(case.spacings)) ** dim
-    fluid, labels = result.particles["fluid"] * finest, geometry.labels
-    result.memory = memory.estimate(case, dim, geometry.has_solid, fluid, result.particles.get("dummy", 0) * finest,
-                                    two=len(case.fluids) > 1, share=share)
+    fluid, dummies = (result.particles.get(kind, 0) * finest for kind in ("fluid", "dummy"))
+    two, labels = len(case.fluids) > 1, geometry.labels
+    result.memory = memory.estimate(case, dim, geometry.has_solid, fluid, dummies, two=two, share=share)
     if case.output.plots:
         result.memory["pictures"] = BYTES_PICTURES[deep_enough(geometry, spacing)]
     if labels is not None:
         result.memory["image"] = labels.size * memory.BYTES_VOXEL
-    result.seconds = _seconds(result, geometry, fluid)
+    result.seconds = _seconds(result, geometry, fluid, dummies)
     if case.refine == "throats" and result.seconds is not None and fluid:
-        result.second = _second_solve(result, geometry, fluid)
+        result.second = _second_solve(result, geometry, fluid, dummies)
         result.memory["half the spacing in throats"] = result.second.memory
         result.seconds += result.second.seconds
 
 
-def _second_solve(result: CheckResult, geometry: Geometry, fluid: float) -> SecondSolve:
+def _second_solve(result: CheckResult, geometry: Geometry, fluid: float, dummies: float) -> SecondSolve:
     """The second solve of `refine: throats`, which builds new matrices for each axis."""
     most = fluid * 2**result.dim
     particles = most * (AMONG_SHAPES if geometry.voxel_size is None else IN_ROCK)
     axes = max(len(forcing.steady_axes(result.case)), 1)
     return SecondSolve(particles, most, particles * memory.BYTES_TWO_SPACINGS,
-                       axes * particles * _steady_seconds(result, 1))
+                       axes * (particles * _steady_seconds(result, 1)
+                               + _of_shapes(result, geometry, dummies * particles / fluid)))
 
 
 def _pairs(result: CheckResult) -> float:
@@ -218,15 +223,21 @@ def _steady_seconds(result: CheckResult, axes: int) -> float:
     return _pairs(result) * (MICROSECONDS_ONCE + axes * iterations * MICROSECONDS_ITERATION)
 
 
-def _seconds(result: CheckResult, geometry: Geometry, fluid: float) -> float | None:
-    """CPU seconds of a run, of so many fluid particles at its finest spacing; None where there is no telling."""
+def _of_shapes(result: CheckResult, geometry: Geometry, dummies: float) -> float:
+    """CPU seconds to find distances to shapes in 3D, and where pairs cross their walls; none of images."""
+    return 1e-6 * MICROSECONDS_SHAPES * dummies * (result.dim == 3 and geometry.voxel_size is None)
+
+
+def _seconds(result: CheckResult, geometry: Geometry, fluid: float, dummies: float) -> float | None:
+    """CPU seconds of a run, of so many particles at its finest spacing; None where there is no telling."""
     case, dim = result.case, result.dim
     pairs = _pairs(result)
     if case.flow == "stokes":
         finest = min(case.spacings)
         sizes = sum((finest / spacing) ** dim for spacing in case.spacings)
         axes = max(len(forcing.steady_axes(case)), 1)
-        return SECONDS_RUN + fluid * sizes * _steady_seconds(result, axes)
+        each = fluid * _steady_seconds(result, axes) + _of_shapes(result, geometry, dummies)
+        return SECONDS_RUN + sizes * each
     if result.steps is None or result.steps.count is None:
         return None
     two = len(result.case.fluids) > 1
