@@ -191,9 +191,6 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
     Raises NoPathError where nothing flows along any axis.
     """
     automatic = case.refine == "auto"
-    if case.refine == "throats" and current().size > 1:
-        what = "throats is for one process"
-        raise CaseError((Problem(*case.place_of("refine"), "refine", what, "take auto or a list of spacings"),))
     with clock("geometry"), progress.stage("geometry", quiet):
         first = build_geometry(case)
     layered = first.voxel_size is not None or case.geometry.clear_layer is not None
