@@ -69,7 +69,7 @@ TEXTS = {"thin": BARS.format(length="0.2"), "long": BARS.format(length="2.0"), "
 MIXED = {"pack", "throats"}
 FILES = {"berea": ("berea", BEREA), "spheres": ("sphere_array", ["drive.axes=[x]"]), "tubes": ("two_tubes", []),
          "smooth": ("berea", [*BEREA, "geometry.wall_distance=smooth"]),
-         "throats": ("berea", ["geometry.voxels.crop=[[72,82],[72,82],[36,46]]", "geometry.voxels.clear_layer=1.2e-5",
+         "throats": ("berea", ["geometry.voxels.crop=[[20,60],[35,43],[90,98]]", "geometry.voxels.clear_layer=1.2e-5",
                                "refine=throats", "solver.tolerance=1e-8"]),
          "grey": ("grey_blobs", ["geometry.voxels.grey.uncertainty=2000"])}
 

@@ -113,7 +113,7 @@ def test_the_flow_is_that_of_one_process(found, name, engine, ranks):
 @pytest.mark.parametrize("engine, ranks", [("petsc", 1), ("auto", 2), ("auto", 3)])
 @pytest.mark.parametrize("name", sorted(MIXED))
 def test_two_spacings_are_those_of_one_process(found, name, engine, ranks):
-    """The same cells lose most, and k of both solves is the same at their tolerance, 1e-8: by 4e-8 at most."""
+    """The same cells lose most, and k of both solves is the same at their tolerance, 1e-8: by 5e-8 at most."""
     one, several = summary(found(1), name), summary(found(ranks, engine), name)
     assert re.search(r"half the spacing where 90% of the energy is lost \([\d,]+ particles", one["message"])
     assert several["message"] == one["message"]  # it has the particles of the second solve

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..domain import reduce
 from ..domain.communicator import current
-from ..domain.lattice import Lattice
+from ..domain.lattice import Lattice, ParticleError
 from ..domain.migration import Migration
 from ..domain.mixed_lattice import MixedLattice, cells_of
 from ..flow.mixed_stokes import MixedStokes
@@ -129,12 +129,25 @@ def _superficial(geometry: Geometry, particles: MixedParticles, means: CellMeans
     return np.asarray(flux / float(np.prod(upper - lower)))
 
 
+def _refuse(need: float, what: str, case: Case) -> None:
+    """Raises ParticleError on all processes where one has not `need` bytes left on its machine: the run goes on without
+    the second solve, and then all have to."""
+    told = ""
+    try:
+        memory.refuse(need, what, memory.too_large(case))
+    except ParticleError as error:
+        told = str(error)
+    reasons = list(filter(None, current().collect(told)))
+    if reasons:
+        raise ParticleError(reasons[0])
+
+
 def in_throats(case: Case, geometry: Geometry, flow: tuple[LatticeWeights, np.ndarray, np.ndarray],
                drive: tuple[int, np.ndarray], clock: Clock, share: float = SHARE,
                watch: Watch | None = None) -> InThroats:
-    """The permeability along an axis. flow: operators, positions (n, dim), m, and velocities (n, dim), m/s, of the
-    spacing of the case; drive: the axis and the force (dim,), m/s2. Raises SolveError, and ParticleError where the
-    memory does not hold it."""
+    """The permeability along an axis. geometry: whole, not that of this process alone; flow: operators, positions
+    (n, dim), m, and velocities (n, dim), m/s, of the spacing of the case; drive: the axis and the force (dim,), m/s2.
+    Raises SolveError, and ParticleError where the memory does not hold it."""
     (ops, x, velocity), (axis, force), spacing = flow, drive, case.particles.spacing
     lattice, nu = lattice_at(case, geometry, spacing), next(iter(case.fluids.values())).nu
     support = case.support * spacing
@@ -144,9 +157,9 @@ def in_throats(case: Case, geometry: Geometry, flow: tuple[LatticeWeights, np.nd
         if particles.share is not None:
             geometry = geometry.within(particles.share.lower, particles.share.upper, support)
     d, asked = particles.spacings, case.solver
-    number, half, most = reduce.number(d), reduce.count(d < spacing), float(reduce.largest(np.array([len(d)])))
-    memory.refuse(most * current().here * memory.BYTES_TWO_SPACINGS, f"{number:,} particles of two spacings",
-                  memory.too_large(case))
+    number, half = reduce.number(d), reduce.count(d < spacing)
+    most = float(reduce.largest(np.array([len(d) + particles.exchange.remote])))
+    _refuse(most * current().here * memory.BYTES_TWO_SPACINGS, f"{number:,} particles of two spacings", case)
     with clock("operators"):
         mixed, faces = build_mixed_operators(geometry, particles, KERNELS[case.particles.kernel], support)
     with clock("preconditioner"):

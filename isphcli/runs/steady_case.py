@@ -333,7 +333,7 @@ def _refine_throats(job: Job, scene: steady.SteadyScene, flow: steady.StokesResu
     with progress.stage(f"half the spacing in throats, along {along}", job.quiet) as stage:
         known = scene.system.ops, scene.particles.x[:n], flow.velocity
         try:
-            flow.throats = in_throats(job.case, scene.geometry, known, (flow.axis, force), job.clock,
+            flow.throats = in_throats(job.case, scene.whole, known, (flow.axis, force), job.clock,
                                       watch=_watch(stage))
         except (SolveError, ParticleError) as error:
             found.warnings.append(f"refine: throats: no second solve along {along}, so no error bar: {error}")
