@@ -49,10 +49,28 @@ drive: {axes: [x]}
 SCATTERED = BARS.format(length="1.6").replace("spacing: 0.1", "spacing: 0.1, jitter: 0.2") + """
 output: {grid: 0.07, format: xdmf}
 """
+# Two spacings: spheres that leave gaps of a particle, and voxels of Berea; cuts lie in what is refined
+PACK = """
+geometry:
+  box: [2, 1, 1]
+  periodic: [x, y, z]
+  shapes:
+    - {sphere: {centre: [0.5, 0.4, 0.5], radius: 0.45}, is: solid}
+    - {sphere: {centre: [1.4, 0.8, 0.1], radius: 0.3}, is: solid}
+particles: {spacing: 0.125}
+fluids: {water: {density: 1, viscosity: 1}}
+flow: stokes
+drive: {axes: [x]}
+solver: {tolerance: 1e-8}
+refine: throats
+"""
 TEXTS = {"thin": BARS.format(length="0.2"), "long": BARS.format(length="2.0"), "few": FEW, "scattered": SCATTERED,
-         "tube": TUBE + "output: {grid: 0.035}\n"}
+         "tube": TUBE + "output: {grid: 0.035}\n", "pack": PACK}
+MIXED = {"pack", "throats"}
 FILES = {"berea": ("berea", BEREA), "spheres": ("sphere_array", ["drive.axes=[x]"]), "tubes": ("two_tubes", []),
          "smooth": ("berea", [*BEREA, "geometry.wall_distance=smooth"]),
+         "throats": ("berea", ["geometry.voxels.crop=[[20,60],[35,43],[90,98]]", "geometry.voxels.clear_layer=1.2e-5",
+                               "refine=throats", "solver.tolerance=1e-8"]),
          "grey": ("grey_blobs", ["geometry.voxels.grey.uncertainty=2000"])}
 
 
@@ -66,12 +84,8 @@ def cases():
         yield name, load_case(CASES / f"{file}.yaml", tuple(overrides))
 
 
-def applied(case):
-    """Positions of the fluid, and the coupled operator times a field of the position, of all processes."""
-    from isphcli.domain.communicator import current
-    from isphcli.output.clock import Clock
-    from isphcli.runs.steady import build_scene
-    from isphcli.scene.build_geometry import build_geometry
+def no_solver():
+    """An engine whose cycles do nothing."""
     from isphcli.solvers.engine import OneProcess
 
     class NoSolver(OneProcess):
@@ -81,9 +95,18 @@ def applied(case):
         def block_cycle(self, matrix, exchange, strength):
             return lambda b: b
 
-    import isphcli.runs.steady as steady
+    return NoSolver()
 
-    known, steady.engine_of = steady.engine_of, lambda _: NoSolver()
+
+def applied(case):
+    """Positions of the fluid, and the coupled operator times a field of the position, of all processes."""
+    import isphcli.runs.steady as steady
+    from isphcli.domain.communicator import current
+    from isphcli.output.clock import Clock
+    from isphcli.runs.steady import build_scene
+    from isphcli.scene.build_geometry import build_geometry
+
+    known, steady.engine_of = steady.engine_of, lambda _: no_solver()
     try:
         geometry = build_geometry(case)
         scene = build_scene(case, geometry, case.particles.spacing, Clock())
@@ -94,6 +117,40 @@ def applied(case):
     u = np.sin(y * [0.3, 0.5, 0.7][: x.shape[1]] + y[:, ::-1])
     found = system.apply(np.concatenate([u.ravel(), np.cos(y @ [0.4, 0.9, 0.2][: x.shape[1]])]))
     of_all = current().gather((x, *system.split(found)))
+    return [np.concatenate(part) for part in zip(*of_all)] if of_all is not None else None
+
+
+def applied_two(case):
+    """The same of particles of two spacings, half of it in cells that no flow chose, what is added to walls and the
+    products of both matrices of the preconditioner among the forces."""
+    from isphcli.domain.communicator import current
+    from isphcli.domain.mixed_lattice import MixedLattice
+    from isphcli.flow.mixed_stokes import MixedStokes
+    from isphcli.operators.mixed_weights import build_mixed_operators
+    from isphcli.runs.half_in_throats import cells_that_lose, place_two
+    from isphcli.scene.build_geometry import build_geometry
+    from isphcli.scene.place import lattice_at, place_case
+
+    geometry, spacing = build_geometry(case), case.particles.spacing
+    lattice, support = lattice_at(case, geometry, spacing), case.support * spacing
+    coarse = place_case(case, geometry, spacing)
+    x = coarse.x[: coarse.n_fluid]
+    size, dim = geometry.upper - geometry.lower, geometry.dim
+    lost = np.exp(4.0 * np.cos(2.0 * np.pi * (x - geometry.lower) / size - [0.4, 0.9, 2.3][:dim]).sum(axis=1))
+    particles = place_two(geometry, MixedLattice(lattice, cells_that_lose(lattice, x, lost, 0.5), support, 1), spacing,
+                          support)
+    share, d = particles.share, particles.spacings
+    if share is not None:
+        geometry = geometry.within(share.lower, share.upper, support)
+    ops, faces = build_mixed_operators(geometry, particles, 0, support)
+    system = MixedStokes(ops, faces, d, spacing, no_solver())
+    x = particles.x[: ops.n]
+    y = 2.0 * np.pi * (x - geometry.lower) / size
+    u, q = np.sin(y * [1, 2, 1][:dim] + y[:, ::-1]), np.cos(y @ [1, 1, 2][:dim])
+    forces, mass = system._split(system.apply(system._joined(u, q)))
+    matrix = faces.conductance(2.0 + q) @ ops.exchange.forward(q)
+    rough = system._split(system.precondition(system._joined(u, q)))
+    of_all = current().gather((x, np.column_stack([forces, matrix, *rough, d]), mass))
     return [np.concatenate(part) for part in zip(*of_all)] if of_all is not None else None
 
 
@@ -109,6 +166,8 @@ def reduced():
         own = np.zeros(0) if ranks.rank == 1 else values if ranks.rank == 0 else own[:0]
     shares = [0.0, 0.05, 0.5, 0.951, 1.0]
     return {"quantiles": reduce.quantiles(own, shares).tolist(), "wanted": np.quantile(values, shares).tolist(),
+            "least": float(reduce.least_of_largest(np.abs(own), 0.7)),
+            "fewest": float(reduce.least_of_largest(np.abs(values), 0.7)) if ranks.size == 1 else None,
             "sums": [float(reduce.total(own) - values.sum()), float(reduce.mean(own) - values.mean()),
                      float(reduce.largest(own) - values.max()), float(reduce.smallest(own) - values.min()),
                      reduce.count(own > 0) - int((values > 0).sum()), reduce.number(own) - 401,
@@ -160,7 +219,7 @@ def main(folder, engine, names="all"):
         if names != "all" and name not in names.split(","):
             continue
         case = replace(case, solver=replace(case.solver, engine=engine), output=replace(case.output, plots=False))
-        field = applied(case) if name in (*TEXTS, "berea") else None
+        field = applied_two(case) if name in MIXED else applied(case) if name in (*TEXTS, "berea") else None
         found = api.run(case, out=out / name, quiet=True, check=False)
         if first:
             text = {key: value for key, value in found.summary.items() if key not in ("directory", "pictures")}

@@ -479,8 +479,6 @@ class _Checks:
             yield "walls that slip"
         if case.microporous or geometry.depth:
             yield "resistance beside the viscosity (microporous, geometry.depth)"
-        if case.solver.engine == "petsc":
-            yield "solver.engine: petsc"
 
     def measure(self) -> None:
         if not self.case.measure or not self.clear("measure", "flow", "drive"):

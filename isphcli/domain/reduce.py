@@ -157,3 +157,23 @@ def quantiles(values: np.ndarray, shares: Sequence[float]) -> np.ndarray:
     found = np.where(low < 0, np.iinfo(np.int64).min - low - 1, low).view(np.float64)
     below, above = found[: len(lower)], found[len(lower) :]
     return below + (place - lower) * (above - below)
+
+
+def least_of_largest(values: np.ndarray, share: float) -> float:
+    """The smallest of the fewest values (n,), none below zero, that hold a share of the sum of all; 0 of none.
+
+    Found by halving the interval of the numbers from 0 to the largest, which are ordered as their bits are: 63 sums at
+    most, and no process holds the values of the others.
+    """
+    ordered = np.sort(values.astype(np.float64))
+    above = np.append(np.cumsum(ordered[::-1])[::-1], 0.0)  # sums of each and those behind it
+    low, high = 0, int(np.float64(max(largest_of_each(ordered)[0], 0.0)).view(np.int64))
+    wanted = share * current().sum(above[0])
+    while low < high:
+        middle = (low + high + 1) // 2
+        least = np.int64(middle).view(np.float64)
+        if current().sum(above[np.searchsorted(ordered, least)]) >= wanted:
+            low = middle
+        else:
+            high = middle - 1
+    return float(np.int64(low).view(np.float64))

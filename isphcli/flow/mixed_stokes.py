@@ -17,7 +17,7 @@ from ..operators import pair_sums
 from ..operators.div_grad import div_grad_rhie_chow, div_grad_weights
 from ..operators.mixed_weights import Faces
 from ..operators.pair_weights import Operators
-from ..solvers.engine import ONE_PROCESS
+from ..solvers.engine import ONE_PROCESS, Engine
 from ..solvers.krylov import Convergence, Limits, SolveError, Watch
 from .stokes import LEAST_RESPONSE, ROUGH, STRENGTH, TAU
 
@@ -25,21 +25,22 @@ from .stokes import LEAST_RESPONSE, ROUGH, STRENGTH, TAU
 class MixedStokes:
     """The system of one set of particles.
 
-    ops, faces: see `operators/mixed_weights.py`; d: (n,) spacings, m; spacing: the larger one, m.
+    ops, faces: see `operators/mixed_weights.py`; d: (n,) spacings, m; spacing: the larger one, m; engine: what
+    solves the linear systems.
     """
 
-    def __init__(self, ops: Operators, faces: Faces, d: np.ndarray, spacing: float):
+    def __init__(self, ops: Operators, faces: Faces, d: np.ndarray, spacing: float, engine: Engine = ONE_PROCESS):
         walls = ops.walls
         assert walls is not None
-        self.ops, self.walls, self.d, self.spacing = ops, walls, d, spacing
-        self.volume = ops.volume / spacing**ops.dim
-        self.labels = pair_components(ops.start, ops.column)[1]
-        self.whole = reduce.total_by(self.labels, self.volume)
+        self.ops, self.walls, self.d, self.spacing, self.engine = ops, walls, d, spacing, engine
+        self.volume = ops.volume[: ops.n] / spacing**ops.dim
+        count, self.labels = pair_components(ops.start, ops.column, exchange=ops.exchange)
+        self.whole = reduce.total_by(self.labels, self.volume, count)
         resists = np.maximum(walls.lap, 0.0) * spacing**2 * self.volume
-        self._velocity = ONE_PROCESS.block_cycle(faces.conductance(np.ones(ops.n), resists), ops.exchange, STRENGTH)
+        self._velocity = engine.block_cycle(faces.conductance(np.ones(ops.n), resists), ops.exchange, STRENGTH)
         w = self._velocity(np.repeat(self.volume[:, None], 3, axis=1))[:, 0]
         w = np.maximum(w, LEAST_RESPONSE * (d / spacing) ** 2)
-        self._darcy = ONE_PROCESS.cycle(faces.conductance(w), ops.exchange)
+        self._darcy = engine.cycle(faces.conductance(w), ops.exchange)
         nothing = replace(ops, grad=np.zeros_like(ops.grad), walls=replace(walls, div=np.zeros_like(walls.div)))
         self._odd_even = div_grad_weights(nothing, walls.symmetric_laplacian)  # of -S alone
 
@@ -57,16 +58,19 @@ class MixedStokes:
     def apply(self, v: np.ndarray) -> np.ndarray:
         """The coupled matrix times (u, q spacing)."""
         (u, q), ops = self._split(v), self.ops
-        grad = ops.gradient_p(q)
-        lap = pair_sums.laplacian(ops.start, ops.column, ops.lap, u) - self.walls.lap[:, None] * u
-        mass = ops.total_divergence(u) + TAU * self.d**2 * div_grad_rhie_chow(ops, self._odd_even, q, grad)
+        everyone, pressures = ops.exchange.forward_each(u, q)
+        grad = ops.gradient_with_remote(pressures)
+        lap = pair_sums.laplacian(ops.start, ops.column, ops.lap, everyone) - self.walls.lap[:, None] * u
+        mass = pair_sums.divergence(ops.start, ops.column, ops.grad, everyone) + self.walls.divergence(u)
+        mass += TAU * self.d**2 * div_grad_rhie_chow(ops, self._odd_even, pressures, grad)
         return self._joined((grad - lap) * (self.d**2)[:, None], self.d * self._without_means(mass))
 
     def precondition(self, v: np.ndarray) -> np.ndarray:
         """See `StokesSystem.precondition`."""
         n, dim, ops = self.ops.n, self.ops.dim, self.ops
         forces, mass = v[: n * dim].reshape(n, dim), self._without_means(v[n * dim :] / self.d)
-        rough = pair_sums.laplacian_of_scalar(ops.start, ops.column, self.walls.symmetric_laplacian, mass)
+        rough = pair_sums.laplacian_of_scalar(ops.start, ops.column, self.walls.symmetric_laplacian,
+                                              ops.exchange.forward(mass))
         q = mass + self._without_means(self._darcy(self.volume * mass) - ROUGH * self.d**2 * rough)
         rest = np.zeros((n, 3))
         rest[:, :dim] = (forces / (self.d**2)[:, None] - ops.gradient_p(q)) * self.volume[:, None]
@@ -79,7 +83,7 @@ class MixedStokes:
         ops = self.ops
         along = ops.potential_gradient(np.asarray(force, float))
         rhs = self._joined(along * (self.d**2)[:, None], np.zeros(ops.n))
-        solution, convergence = ONE_PROCESS.gmres(self.apply, rhs, self.precondition, limits, watch=watch)
+        solution, convergence = self.engine.gmres(self.apply, rhs, self.precondition, limits, watch=watch)
         if not convergence.converged:
             raise SolveError("Stokes", convergence)
         u, q = self._split(solution)

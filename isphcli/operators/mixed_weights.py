@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 from numba import njit
-from scipy.sparse.csgraph import connected_components
 
+from ..domain.components import pair_components
+from ..domain.exchange import NO_EXCHANGE, Exchange
 from ..domain.halo import build_halo
+from ..domain.migration import Numbered
 from ..domain.mixed_lattice import MIXED, pairs_of_two
 from ..domain.neighbours import Neighbourhood
 from ..domain.null_space import GROUND
@@ -31,6 +33,7 @@ from .pair_weights import Operators
 from .wall_weights import build_wall_operators
 
 if TYPE_CHECKING:
+    from ..domain.cut import Share
     from ..geometry.protocol import Geometry
 
 # Sizes of the weights of a Laplacian of third order over their sum. Without a bound some rows beside walls have one of
@@ -47,8 +50,9 @@ BRIDGE = 0.1
 
 @dataclass(frozen=True)
 class MixedParticles:
-    """n_fluid fluid particles, then dummies: x (n, dim) m; half, beside (n,) bool, see `domain/mixed_lattice.py`;
-    spacing, m, and site_volume, m^dim: of the larger kind."""
+    """n_fluid fluid particles, the remote ones that they see, dummies, and those of other processes: x (k, dim) m;
+    half, beside (k,) bool, see `domain/mixed_lattice.py`; spacing, m, and site_volume, m^dim: of the larger kind;
+    share: of this process, whose exchange is `Numbered`, None of a single one."""
 
     x: np.ndarray
     n_fluid: int
@@ -56,6 +60,20 @@ class MixedParticles:
     beside: np.ndarray
     spacing: float
     site_volume: float
+    share: Share | None = None
+
+    @property
+    def exchange(self) -> Exchange:
+        """Of the remote particles."""
+        return NO_EXCHANGE if self.share is None else self.share.exchange
+
+    @property
+    def own(self) -> np.ndarray:
+        """Rows of the fluid particles and dummies of this process."""
+        if self.share is None:
+            return np.arange(len(self.x))
+        first = self.n_fluid + self.exchange.remote
+        return np.concatenate([np.arange(self.n_fluid), np.arange(first, len(self.x) - len(self.share.dummies))])
 
     @property
     def spacings(self) -> np.ndarray:
@@ -70,28 +88,35 @@ class MixedParticles:
 
 @dataclass(frozen=True)
 class Faces:
-    """Pairs whose cells share a face, those of two spacings included: first, second (m,) particles; share (m,), its
-    area over the distance of the middles, in spacings."""
+    """Pairs whose cells share a face, those of two spacings included: first, second (m,) particles, the second of which
+    may be remote; share (m,), its area over the distance of the middles, in spacings; exchange: of remote ones."""
 
     first: np.ndarray
     second: np.ndarray
     share: np.ndarray
+    exchange: Exchange = NO_EXCHANGE
 
     def conductance(self, w: np.ndarray, walls: np.ndarray | None = None) -> sp.csr_matrix:
-        """-div(w grad) summed over each cell, symmetric: w (n,), of which faces take the mean; walls: (n,) added to
+        """-div(w grad) summed over each cell, symmetric: w (n,), of which faces take the mean, rows
+        (n, n + remote); walls: (n,) added to
         the diagonal, or None, where it is raised by `GROUND`."""
-        share = 0.5 * self.share * (w[self.first] + w[self.second])
-        total = np.bincount(self.first, share, minlength=len(w))
+        n, every = len(w), self.exchange.forward(w)
+        share = 0.5 * self.share * (w[self.first] + every[self.second])
+        total = np.bincount(self.first, share, minlength=n)
         diagonal = total * (1.0 + GROUND) if walls is None else total + walls
         diagonal[diagonal <= 0.0] = 1.0
-        return (sp.csr_matrix((-share, (self.first, self.second)), shape=(len(w),) * 2) + sp.diags(diagonal)).tocsr()
+        own, shape = np.arange(n), (n, len(every))
+        between = sp.csr_matrix((-share, (self.first, self.second)), shape)
+        return between + sp.csr_matrix((diagonal, (own, own)), shape)
 
 
 def build_mixed_operators(geometry: Geometry, particles: MixedParticles, kind: int,
                           support: float) -> tuple[Operators, Faces]:
     """(Operators, Faces) of walls at rest. support: m, of the larger spacing."""
-    n, volumes = particles.n_fluid, particles.volumes
-    images = build_halo(particles.x, geometry.lower, geometry.upper, np.array(geometry.periodic), support)
+    n, volumes, share = particles.n_fluid, particles.volumes, particles.share
+    fluid = n + particles.exchange.remote
+    images = build_halo(particles.x, geometry.lower, geometry.upper, np.array(geometry.periodic), support,
+                        None if share is None else (share.lower, share.upper))
     table, owner = images.positions(particles.x), images.owners(len(particles.x))
     half = particles.half[owner]
     pairs = pairs_of_two(table, n, half, particles.beside[owner], support)
@@ -101,11 +126,11 @@ def build_mixed_operators(geometry: Geometry, particles: MixedParticles, kind: i
     weight = np.empty(len(pairs.index))
     over_rows(_pair_volumes, n, neighbours, half, volumes, weight)
     distance, wall = geometry.nearest(particles.x)
-    walls = WallTable(owner < n, distance[owner], wall[owner], geometry.wall_velocity, geometry.slip_length,
+    walls = WallTable(owner < fluid, distance[owner], wall[owner], geometry.wall_velocity, geometry.slip_length,
                       np.zeros((0, geometry.dim)), np.zeros((0, geometry.dim, geometry.dim)))
     stencils = WallStencils(neighbours, walls, crossings(geometry, neighbours, walls), weight)
-    ops = build_wall_operators(stencils, 2, fixed_classes(stencils))
-    ops = replace(ops, volume=volumes[:n])
+    ops = build_wall_operators(stencils, 2, fixed_classes(stencils), particles.exchange)
+    ops = replace(ops, volume=volumes[:fluid])
     _of_third_order(stencils, half, weight, ops)
     adjoint_divergence(ops)
     return ops, _faces(ops, particles)
@@ -190,19 +215,32 @@ def _faces(ops: Operators, particles: MixedParticles) -> Faces:
 
     What is joined over edges and corners of cells alone has weak faces there (`BRIDGE`).
     """
-    neighbours, d = ops.neighbours, particles.spacings / particles.spacing
-    first = np.repeat(np.arange(ops.n), np.diff(ops.start))
-    second = ops.column
+    neighbours, forward = ops.neighbours, ops.exchange.forward
+    d = forward(particles.spacings / particles.spacing)
+    first, second = np.repeat(np.arange(ops.n), np.diff(ops.start)), ops.column
     step = (neighbours.x[neighbours.row] - neighbours.x[first]) / particles.spacing
     mean, area = 0.5 * (d[first] + d[second]), np.minimum(d[first], d[second]) ** (ops.dim - 1)
     same = d[first] == d[second]
     # the next ones are 1.41 and 1.45 means apart; cells may be stretched along an axis
     shared = (step**2).sum(axis=1) < np.where(same, 1.2, 1.25) ** 2 * mean**2
-    shape = (ops.n,) * 2
-    faces = sp.csr_matrix((area[shared] / np.abs(step[shared]).max(axis=1), (first[shared], second[shared])), shape)
-    part = connected_components(faces, directed=False)[1]
-    over = part[first] != part[second]
-    bridges = sp.csr_matrix((BRIDGE * area[over] / np.linalg.norm(step[over], axis=1), (first[over], second[over])),
-                            shape)
-    joined = (faces + bridges.minimum(bridges.T)).tocoo()  # beside the other kind sight need not be mutual
-    return Faces(joined.row, joined.col, joined.data)
+    part = forward(pair_components(ops.start, second, shared, ops.exchange)[1])
+    over = np.flatnonzero(part[first] != part[second])
+    over = over[_mutual(ops, first, over)]
+    share = np.concatenate([area[shared] / np.abs(step[shared]).max(axis=1),
+                            BRIDGE * area[over] / np.linalg.norm(step[over], axis=1)])
+    pairs = np.concatenate([np.flatnonzero(shared), over])
+    return Faces(first[pairs], second[pairs], share, ops.exchange)
+
+
+def _mutual(ops: Operators, first: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """(m,) bool: of which of some pairs (m,) either particle sees the other; beside the other kind sight need not be
+    mutual. first: (n_pairs,) particle of each."""
+    i, j, n = first[some], ops.column[some].astype(np.int64), ops.n
+    every = n + ops.exchange.remote
+    found = (j < n) & np.isin(j * every + i, i * every + j)
+    if isinstance(ops.exchange, Numbered):
+        x, away = ops.neighbours.x, np.flatnonzero(j >= n)
+        offset = x[ops.neighbours.row[some[away]]] - x[i[away]]
+        pairs = i[away], j[away], offset
+        found[away] = ops.exchange.from_other_side((*pairs, np.ones((len(away), 1))), pairs)[:, 0] > 0.0
+    return found

@@ -27,9 +27,6 @@ def of_ranks(result: CheckResult, geometry: Geometry, count: int, share: float =
     """Adds to a CheckResult the largest memory and time of `count` processes, and errors that forbid so many; where
     they are more than the particles only that error. share: see `memory.neighbours_held`."""
     case, dim = result.case, result.dim
-    if count > 1 and case.refine == "throats":
-        result.errors.append("refine: throats is for one process; take auto or a list of spacings")
-        return
     finest = min(case.spacings) if case.flow == "stokes" else case.particles.spacing
     fluid = result.particles["fluid"] * (case.particles.spacing / finest) ** dim
     if count > fluid:
@@ -46,6 +43,8 @@ def of_ranks(result: CheckResult, geometry: Geometry, count: int, share: float =
     need = memory.estimate(solved, dim, geometry.has_solid, own + remote, dummies, two=len(case.fluids) > 1,
                            share=share)
     need["program"] = BYTES_PROGRAM
+    if result.second is not None:  # as evenly cut as the first one, and seen as far
+        need["half the spacing in throats"] = result.second.memory / count * (1.0 + remote / own)
     by_parts = geometry.voxel_size is not None and in_parts(case)
     if geometry.voxel_size is not None:
         near = np.minimum(edges + 2.0 * (reach + MARGIN * geometry.voxel_size), size) / geometry.voxel_size

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..domain.halo import wrap
-from ..domain.lattice import Lattice
-from ..domain.mixed_lattice import cells_of, grown, sites_of_two
+from ..domain import reduce
+from ..domain.communicator import current
+from ..domain.lattice import Lattice, ParticleError
+from ..domain.migration import Migration
+from ..domain.mixed_lattice import MixedLattice, cells_of
 from ..flow.mixed_stokes import MixedStokes
 from ..geometry.protocol import inside_sample, sample_box
 from ..operators.cell_means import CellMeans, means_over_cells
@@ -22,7 +24,8 @@ from ..operators.kernel import KERNELS
 from ..operators.lattice_weights import LatticeWeights, symmetric_laplacian
 from ..operators.mixed_weights import MixedParticles, build_mixed_operators
 from ..scene import memory
-from ..scene.place import lattice_at
+from ..scene.place import cells_in_sight, lattice_at, place, place_share
+from ..solvers.engine import engine_of
 from ..solvers.krylov import Limits, recorded
 from .expected_error import usual_error
 from .permeability import EDGE, EDGE_BAR, ORDER, SHARE, USUAL, darcy, extrapolate
@@ -37,6 +40,9 @@ if TYPE_CHECKING:
 # are 0.01 to 0.04 % (`benchmarks/two_spacings.py bars`)
 MEETING = 5e-4
 BUFFER = 1  # cells round those that are chosen
+# Of the dissipation in the last cell that is chosen: symmetric flows lose as much in cells that are images of each
+# other, and what a solve leaves, with the number of processes too, is some 1e-5 of it
+TIED = 1e-4
 # Share of the fluid in cells that are cut, above which half the spacing everywhere costs no more: a third of its
 # particles took 60 % of its time, twice as much each (docs/resolution.md), and 6 kB of each are not 2 (scene/memory.py)
 MOST_CUT = 0.6
@@ -45,8 +51,8 @@ MOST_CUT = 0.6
 @dataclass(frozen=True)
 class InThroats:
     """permeability: along the axis, m2; superficial: velocity of the sample (dim,), m/s; particles: fluid particles of
-    both spacings; everywhere: about how many there would be with half the spacing everywhere; cut: share of the fluid
-    in cells that are cut; convergence: of the solve; residuals: relative, of its iterations."""
+    both spacings, of all processes; everywhere: about how many there would be with half the spacing everywhere; cut:
+    share of the fluid in cells that are cut; convergence: of the solve; residuals: relative, of its iterations."""
 
     permeability: float
     superficial: np.ndarray
@@ -68,30 +74,29 @@ def dissipation(ops: LatticeWeights, u: np.ndarray) -> np.ndarray:
 
 
 def cells_that_lose(lattice: Lattice, x: np.ndarray, lost: np.ndarray, share: float = SHARE) -> np.ndarray:
-    """The fewest cells that hold a share of the dissipation lost (n,) at x (n, dim), and what is round them: bool
-    (counts)."""
-    order = np.argsort(-lost, kind="stable")
-    most = int(np.searchsorted(np.cumsum(lost[order]), share * lost.sum())) + 1
-    found = np.zeros(tuple(lattice.counts), bool)
-    found[cells_of(lattice, x[order[:most]])] = True
-    return grown(found, BUFFER)
+    """The fewest cells of all processes that hold a share of the dissipation: of these the cells (m, dim) that this
+    process finds by the dissipation lost (n,) of its particles at x (n, dim)."""
+    least = (1.0 - TIED) * reduce.least_of_largest(lost, share)
+    return np.unique(cells_of(lattice, x[lost >= max(least, np.finfo(float).tiny)]), axis=0)
 
 
-def place_two(geometry: Geometry, lattice: Lattice, cut: np.ndarray, spacing: float, support: float) -> MixedParticles:
-    """The particles of a lattice some of whose cells are cut. spacing, support: m, of the others."""
-    kept: tuple[list[np.ndarray], ...] = ([], [], [])
-    dummies: tuple[list[np.ndarray], ...] = ([], [], [])
-    for sites, half, beside in sites_of_two(lattice, cut, support):
-        x = wrap(sites, geometry.lower, geometry.upper, geometry.periodic)
-        fluid = geometry.phase(x) >= 0
-        solid = np.flatnonzero(~fluid)
-        reach = support * (1.0 + 1e-9)
-        seen = solid[-geometry.distance(x[solid], reach) < reach]
-        for k, values in enumerate((x, half, beside)):
-            kept[k].append(values[fluid])
-            dummies[k].append(values[seen])
-    x, half, beside = (np.concatenate([*fluid, *solid]) for fluid, solid in zip(kept, dummies))
-    return MixedParticles(x, sum(len(part) for part in kept[0]), half, beside, spacing, lattice.site_volume)
+def place_two(geometry: Geometry, mixed: MixedLattice, spacing: float, support: float) -> MixedParticles:
+    """The particles of a lattice some of whose cells are cut, those of this process and what they see. spacing,
+    support: m, of the others. All processes call it together. Raises ParticleError where there is no fluid."""
+    if current().size == 1:
+        mixed = mixed.within(np.zeros_like(mixed.counts), mixed.counts)
+        placed = place(geometry, mixed, support)
+        rows, share = placed.x, None
+    else:
+        placed = place_share(geometry, mixed, support)
+        assert placed.share is not None
+        n, first = placed.n_fluid, placed.share
+        between = Migration(first, geometry.lower, geometry.upper, geometry.periodic, support)
+        # the adjoint divergence asks for pairs from the other side, by numbers
+        share = between.around(placed.x[:n], first.exchange.numbers(n)[:n])
+        rows = np.concatenate([placed.x[:n], share.ghosts, placed.dummies_in_sight])
+        mixed = mixed.within(*cells_in_sight(geometry, mixed, np.array([share.lower, share.upper]), support))
+    return MixedParticles(rows, placed.n_fluid, mixed.half(rows), mixed.beside(rows), spacing, mixed.site_volume, share)
 
 
 def limit_of_throats(coarse: float, fine: float, spacing: float, pores: tuple[float, float],
@@ -119,37 +124,55 @@ def _superficial(geometry: Geometry, particles: MixedParticles, means: CellMeans
     """Velocity (dim,) of the sample, m/s, from means over the cells."""
     lower, upper = sample_box(geometry)
     x, u = means.everywhere(particles.x[: particles.n_fluid])
-    volume = particles.volumes[np.concatenate([np.arange(particles.n_fluid), means.rows])]
-    return (u * volume[:, None])[inside_sample(geometry, x)].sum(axis=0) / float(np.prod(upper - lower))
+    volume = particles.volumes[np.concatenate([np.arange(particles.n_fluid), particles.own[means.rows]])]
+    flux = reduce.total((u * volume[:, None])[inside_sample(geometry, x)])
+    return np.asarray(flux / float(np.prod(upper - lower)))
+
+
+def _refuse(need: float, what: str, case: Case) -> None:
+    """Raises ParticleError on all processes where one has not `need` bytes left on its machine: the run goes on without
+    the second solve, and then all have to."""
+    told = ""
+    try:
+        memory.refuse(need, what, memory.too_large(case))
+    except ParticleError as error:
+        told = str(error)
+    reasons = list(filter(None, current().collect(told)))
+    if reasons:
+        raise ParticleError(reasons[0])
 
 
 def in_throats(case: Case, geometry: Geometry, flow: tuple[LatticeWeights, np.ndarray, np.ndarray],
                drive: tuple[int, np.ndarray], clock: Clock, share: float = SHARE,
                watch: Watch | None = None) -> InThroats:
-    """The permeability along an axis. flow: operators, positions (n, dim), m, and velocities (n, dim), m/s, of the
-    spacing of the case; drive: the axis and the force (dim,), m/s2. Raises SolveError, and ParticleError where the
-    memory does not hold it."""
+    """The permeability along an axis. geometry: whole, not that of this process alone; flow: operators, positions
+    (n, dim), m, and velocities (n, dim), m/s, of the spacing of the case; drive: the axis and the force (dim,), m/s2.
+    Raises SolveError, and ParticleError where the memory does not hold it."""
     (ops, x, velocity), (axis, force), spacing = flow, drive, case.particles.spacing
     lattice, nu = lattice_at(case, geometry, spacing), next(iter(case.fluids.values())).nu
     support = case.support * spacing
     with clock("geometry"):
-        cut = cells_that_lose(lattice, x, dissipation(ops, velocity), share)
-        particles = place_two(geometry, lattice, cut, spacing, support)
-    d, n, asked = particles.spacings, particles.n_fluid, case.solver
-    memory.refuse(n * memory.BYTES_TWO_SPACINGS, f"{n:,} particles of two spacings", memory.too_large(case))
+        chosen = cells_that_lose(lattice, x, dissipation(ops, velocity), share)
+        particles = place_two(geometry, MixedLattice(lattice, chosen, support, BUFFER), spacing, support)
+        if particles.share is not None:
+            geometry = geometry.within(particles.share.lower, particles.share.upper, support)
+    d, asked = particles.spacings, case.solver
+    number, half = reduce.number(d), reduce.count(d < spacing)
+    most = float(reduce.largest(np.array([len(d) + particles.exchange.remote])))
+    _refuse(most * current().here * memory.BYTES_TWO_SPACINGS, f"{number:,} particles of two spacings", case)
     with clock("operators"):
         mixed, faces = build_mixed_operators(geometry, particles, KERNELS[case.particles.kernel], support)
     with clock("preconditioner"):
-        system = MixedStokes(mixed, faces, d, spacing)
+        system = MixedStokes(mixed, faces, d, spacing, engine_of(asked.engine))
     with clock("krylov"):
         residuals: list[tuple[int, float]] = []
         limits = Limits(asked.tolerance, asked.restart, asked.max_iterations)
         u, laplacian, convergence = system.solve(force / nu, limits, recorded(residuals, watch))
     with clock("geometry"):
-        means = means_over_cells(geometry, particles.x, lattice, support, (u, laplacian),
-                                 edge=np.where(particles.half, 0.5, 1.0))
+        own = particles.own
+        means = means_over_cells(geometry, particles.x[own], lattice, support, (u, laplacian), particles.share,
+                                 np.where(particles.half[own], 0.5, 1.0))
     superficial = _superficial(geometry, particles, means)
-    half = int(np.count_nonzero(d < spacing))
-    everywhere = half + (n - half) * 2**geometry.dim
-    return InThroats(float(darcy(geometry, superficial, axis, force, nu)[axis]), superficial, n, everywhere,
+    everywhere = half + (number - half) * 2**geometry.dim
+    return InThroats(float(darcy(geometry, superficial, axis, force, nu)[axis]), superficial, number, everywhere,
                      half / everywhere, convergence, residuals)

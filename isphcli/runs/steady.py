@@ -106,6 +106,7 @@ class StokesResult:
 class SteadyScene:
     """One geometry at one spacing with its matrices; every axis that it serves shares them.
 
+    geometry: of this process; whole: that of all, of which other bricks than its own can be had (`Geometry.within`);
     cells: volume of the fluid in the sample over that of a cell, see `permeability.fluid_cells`; lattice: of the
     particles, None where they are off it.
     """
@@ -117,6 +118,7 @@ class SteadyScene:
     percolates: np.ndarray
     cells: float
     lattice: Lattice | None
+    whole: Geometry
 
 
 def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, needs: Sequence[int] = ()) -> SteadyScene:
@@ -129,6 +131,7 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
                           "add them, or take flow: navier_stokes")
     support = case.support * spacing
     kind = KERNELS[case.particles.kernel]
+    whole = geometry
     with clock("geometry"):
         memory.refuse_lattice(case, geometry, spacing)
         particles = place_case(case, geometry, spacing)
@@ -161,7 +164,7 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
     with clock("geometry"):
         cells = fluid_cells(geometry, particles, distance)
     lattice = lattice_at(case, geometry, spacing) if case.particles.jitter == 0.0 else None
-    return SteadyScene(geometry, particles, system, len(images.owner), percolates, cells, lattice)
+    return SteadyScene(geometry, particles, system, len(images.owner), percolates, cells, lattice, whole)
 
 
 def _operators(walls: WallScene, particles: Particles,

@@ -191,9 +191,6 @@ def _solve(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tuple[Ca
     Raises NoPathError where nothing flows along any axis.
     """
     automatic = case.refine == "auto"
-    if case.refine == "throats" and current().size > 1:
-        what = "throats is for one process"
-        raise CaseError((Problem(*case.place_of("refine"), "refine", what, "take auto or a list of spacings"),))
     with clock("geometry"), progress.stage("geometry", quiet):
         first = build_geometry(case)
     layered = first.voxel_size is not None or case.geometry.clear_layer is not None
@@ -336,7 +333,7 @@ def _refine_throats(job: Job, scene: steady.SteadyScene, flow: steady.StokesResu
     with progress.stage(f"half the spacing in throats, along {along}", job.quiet) as stage:
         known = scene.system.ops, scene.particles.x[:n], flow.velocity
         try:
-            flow.throats = in_throats(job.case, scene.geometry, known, (flow.axis, force), job.clock,
+            flow.throats = in_throats(job.case, scene.whole, known, (flow.axis, force), job.clock,
                                       watch=_watch(stage))
         except (SolveError, ParticleError) as error:
             found.warnings.append(f"refine: throats: no second solve along {along}, so no error bar: {error}")

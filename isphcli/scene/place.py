@@ -20,6 +20,7 @@ from .memory import density
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
+    from ..domain.mixed_lattice import MixedLattice
 
 
 def lattice_at(case: Case, geometry: Geometry, spacing: float) -> Lattice:
@@ -102,8 +103,8 @@ def what_is_solid(geometry: Geometry) -> str:
     return "geometry.voxels.labels" if geometry.labels is not None else "geometry.shapes and geometry.fluid"
 
 
-def place(geometry: Geometry, lattice: Lattice, support: float, jitter: float = 0.0, spacing: float = 0.0,
-          seed: int = 0) -> Particles:
+def place(geometry: Geometry, lattice: Lattice | MixedLattice, support: float, jitter: float = 0.0,
+          spacing: float = 0.0, seed: int = 0) -> Particles:
     """Fluid particles and dummies of a lattice.
 
     jitter: random displacement of the fluid particles, as a fraction of `spacing`; one that would end in a solid
@@ -173,7 +174,7 @@ def _all_solid(geometry: Geometry) -> ParticleError:
                          f"check {what_is_solid(geometry)}, or take a smaller particles.spacing")
 
 
-def place_share(geometry: Geometry, lattice: Lattice, support: float, sight: float = 0.0) -> Particles:
+def place_share(geometry: Geometry, lattice: Lattice | MixedLattice, support: float, sight: float = 0.0) -> Particles:
     """The particles of a lattice that this process owns, and those that they see (`Share`); all processes call it.
 
     support: m; sight: how far particles see, m, where that is farther.
@@ -188,8 +189,9 @@ def place_share(geometry: Geometry, lattice: Lattice, support: float, sight: flo
     first[-1], end[-1] = ranks.rank * deep // ranks.size, (ranks.rank + 1) * deep // ranks.size
     found, inside = [np.zeros((0, dim))], 0
     slab = geometry.within(lattice.corner + first * lattice.cell, lattice.corner + end * lattice.cell, 0.0)
-    for index in lattice.cells(first, end):
-        x = wrap(lattice.at(index), *box)
+    part = lattice.within(first, end)
+    for index in part.cells(first, end):
+        x = wrap(part.at(index), *box)
         found.append(x[slab.phase(x) >= 0])
         inside += int(np.all((x >= geometry.lower) & (x <= geometry.upper), axis=1).sum())
     x = np.concatenate(found)
@@ -199,7 +201,7 @@ def place_share(geometry: Geometry, lattice: Lattice, support: float, sight: flo
     around = np.array(geometry.periodic)
     cut = Cut(x, np.where(around, geometry.lower, np.minimum(geometry.lower, lattice.corner)),
               np.where(around, geometry.upper, np.maximum(geometry.upper, lattice.corner + counts * lattice.cell)))
-    del x, found, slab
+    del x, found, slab, part
     near = _near_brick(geometry, lattice, (support, max(support, sight)), cut)
     own, remote, foreign = near.here & (near.phase >= 0), near.there & (near.phase >= 0), near.there & (near.phase < 0)
     dummies = near.here & (near.phase < 0)
@@ -237,15 +239,24 @@ class _Sites:
         self.there = ~mine & once
 
 
-def _near_brick(geometry: Geometry, lattice: Lattice, lengths: tuple[float, float], cut: Cut) -> _Sites:
+def cells_in_sight(geometry: Geometry, lattice: Lattice | MixedLattice, brick: np.ndarray,
+                   sight: float) -> tuple[np.ndarray, np.ndarray]:
+    """(first, end), (dim,) each, of the cells of a lattice within `sight`, m, of a brick of corners (2, dim), m; beyond
+    the ends of periodic axes they go on."""
+    around = np.array(geometry.periodic)
+    first = np.floor((brick[0] - sight - lattice.corner) / lattice.cell).astype(int) - 1
+    end = np.ceil((brick[1] + sight - lattice.corner) / lattice.cell).astype(int) + 2
+    return np.where(around, first, np.maximum(first, 0)), np.where(around, end, np.minimum(end, lattice.counts))
+
+
+def _near_brick(geometry: Geometry, lattice: Lattice | MixedLattice, lengths: tuple[float, float], cut: Cut) -> _Sites:
     lower, upper = cut.bricks[current().rank]
     support, sight = lengths
     geometry = geometry.within(lower, upper, sight)
     around, counts, dim = np.array(geometry.periodic), lattice.counts, geometry.dim
     deepest, reach = support * (1.0 + 1e-9), sight * (1.0 + 1e-9)
-    first = np.floor((lower - sight - lattice.corner) / lattice.cell).astype(int) - 1
-    end = np.ceil((upper + sight - lattice.corner) / lattice.cell).astype(int) + 2
-    first, end = np.where(around, first, np.maximum(first, 0)), np.where(around, end, np.minimum(end, counts))
+    first, end = cells_in_sight(geometry, lattice, cut.bricks[current().rank], sight)
+    lattice = lattice.within(first, end)
     parts: list[tuple[np.ndarray, ...]] = []
     left_out = 0
     for index in lattice.cells(first, end):

@@ -33,7 +33,7 @@ OFFSETS = "of the offsets of a lattice and the tensors of one particle"
 BASIS = "over the vectors of a basis"
 CELLS = "over the particles that a cell of the process sees, or what of its cells is brought together after"
 PARTS = "over the parts of the fluids, of which every process has all"
-MIXED = "of one process alone: `refine: throats` is refused of several"
+MIXED = "over the neighbours of a particle and the faces of a cell, or the axes of pairs"
 VECTOR = "of one vector (dim,) with each of many, or with itself"
 ALLOWED = {
     ("domain.components", "joined.max(initial=-1)"): RANKS,
@@ -62,7 +62,7 @@ ALLOWED = {
                          "self.share.lower + moved), axis=1)"): AXES,
     ("domain.migration", "np.all((image > bricks[process, 0] - reach) & (image < bricks[process, 1] + reach), "
                          "axis=1)"): OWN,
-    ("domain.mixed_lattice", "(~fine).sum()"): MIXED,
+    ("domain.mixed_lattice", "(np.mod(self.chosen - low, self.counts) < many).all(axis=1)"): AXES,
     ("domain.mixed_lattice", "lattice.cell.min()"): AXES,
     ("domain.neighbours", "cells.prod()"): AXES,
     ("domain.neighbours", "column.min()"): SCRATCH,
@@ -112,7 +112,7 @@ ALLOWED = {
     ("operators.mixed_weights", "found.sum(axis=1)"): MIXED,
     ("operators.mixed_weights", "np.abs(found).sum(axis=1)"): MIXED,
     ("operators.mixed_weights", "np.abs(step[shared]).max(axis=1)"): MIXED,
-    ("operators.mixed_weights", "np.bincount(self.first, share, minlength=len(w))"): MIXED,
+    ("operators.mixed_weights", "np.bincount(self.first, share, minlength=n)"): MIXED,
     ("operators.mixed_weights", "np.linalg.norm(step, axis=2)"): MIXED,
     ("operators.mixed_weights", "np.linalg.norm(step[over], axis=1)"): MIXED,
     ("operators.mixed_weights", "np.prod([e[a] for a in power], axis=0)"): MIXED,
@@ -290,3 +290,15 @@ def test_sums_by_label_of_no_particles_are_numbers_like_those_of_others():
 def test_largest_by_label():
     found = reduce.largest_by(np.array([2, 0, 2]), np.array([1.0, -5.0, 3.0]), 4)
     assert found.tolist() == [-5.0, -np.inf, 3.0, -np.inf]
+
+
+def test_the_fewest_values_that_hold_a_share():
+    """By sorting; of equal ones all, since one number cannot tell them apart."""
+    values = np.random.default_rng(5).random(200) ** 8
+    for share in (0.0, 0.5, 0.9, 0.99):
+        least = reduce.least_of_largest(values, share)
+        chosen, whole = values >= least, values.sum()
+        assert least in values and values[chosen].sum() >= share * whole * (1.0 - 1e-12)
+        assert share == 0.0 or values[values > least].sum() < share * whole
+    assert reduce.least_of_largest(np.array([4.0, 1.0, 4.0, 4.0]), 0.5) == 4.0
+    assert reduce.least_of_largest(np.zeros(3), 0.9) == reduce.least_of_largest(np.zeros(0), 0.9) == 0.0

@@ -6,6 +6,7 @@ from scipy.sparse.csgraph import connected_components
 
 from isphcli.case.load import read_case
 from isphcli.domain.components import pair_components
+from isphcli.domain.mixed_lattice import MixedLattice
 from isphcli.flow.mixed_stokes import MixedStokes
 from isphcli.operators.mixed_weights import build_mixed_operators
 from isphcli.runs.half_in_throats import place_two
@@ -46,10 +47,10 @@ def test_pores_that_touch_over_an_edge():
     """They see each other, and share one mean of the pressure: the preconditioner has a way between their cells too."""
     case = read_case(EDGE.encode(), "case.yaml", ())
     geometry = build_geometry(case)
-    lattice = lattice_at(case, geometry, 0.125)
-    cut = np.arange(lattice.counts[0])[:, None, None] * np.ones(lattice.counts) < 2
-    particles = place_two(geometry, lattice, cut, 0.125, case.support * 0.125)
-    ops, faces = build_mixed_operators(geometry, particles, 0, case.support * 0.125)
+    lattice, support = lattice_at(case, geometry, 0.125), case.support * 0.125
+    cut = np.argwhere(np.arange(lattice.counts[0])[:, None, None] * np.ones(lattice.counts) < 2)
+    particles = place_two(geometry, MixedLattice(lattice, cut, support), 0.125, support)
+    ops, faces = build_mixed_operators(geometry, particles, 0, support)
     ways = faces.conductance(np.ones(ops.n))
     assert abs(ways - ways.T).max() < 1e-12
     assert connected_components(ways)[0] == pair_components(ops.start, ops.column)[0] == 1

@@ -3,6 +3,7 @@
 import numpy as np
 
 from isphcli.domain.lattice import make_lattice
+from isphcli.domain.mixed_lattice import MixedLattice
 from isphcli.operators import mixed_weights
 from isphcli.operators.mixed_weights import build_mixed_operators
 from isphcli.runs.half_in_throats import place_two
@@ -17,7 +18,7 @@ def between_plates(cells, width=1.0):
     # the lattice goes on beyond the plates
     beyond = round(-lattice.corner[1] / dx)
     cut[cells // 4 : cells // 2, : beyond + cells // 2, cells // 4 : 3 * cells // 4] = True
-    particles = place_two(geometry, lattice, cut, dx, 2.1 * dx)
+    particles = place_two(geometry, MixedLattice(lattice, np.argwhere(cut), 2.1 * dx), dx, 2.1 * dx)
     return *build_mixed_operators(geometry, particles, 0, 2.1 * dx), particles
 
 

@@ -37,10 +37,10 @@ def test_more_processes_than_particles_hold_nothing():
     assert found.ranks is None and "ranks  " not in found.text()
 
 
-def test_throats_are_for_one_process():
-    found = check(read(SPHERE, "refine=throats"), ranks=2)
-    assert not found.can_run and "throats is for one process" in found.errors[0]
-    assert check(read(SPHERE, "refine=throats"), ranks=1).can_run
+def test_the_second_solve_of_throats_is_shared_as_the_first_one_is():
+    one, two = (check(read(SPHERE, "refine=throats"), ranks=ranks).ranks for ranks in (1, 2))
+    first, second = (ranks.memory["half the spacing in throats"] for ranks in (one, two))
+    assert 0.5 * first < second == pytest.approx(0.5 * first * (1.0 + two.remote / two.fluid))
 
 
 def test_a_process_has_as_many_neighbours_in_rock_as_one_that_is_alone():
