@@ -22,7 +22,8 @@ from isphcli.output.environment import BLAS_THREADS
 PACKAGE = Path(__file__).parents[1] / "isphcli"
 TAG = f"cp{sys.version_info.major}{sys.version_info.minor}"
 RUN = """
-import sys
+import os, sys
+if hasattr(os, "sched_setaffinity"): os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # one compiler
 from numba.core import event
 from isphcli import load_case, run
 import isphcli

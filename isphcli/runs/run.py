@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -60,21 +60,22 @@ def solve_case(case: Case, quiet: bool = False, resume: str | Path | None = None
 
 def _run(case: Case, quiet: bool, resume: str | Path | None, look: Look | None) -> tuple[dict[str, Any], Result]:
     clock = Clock()
-    if case.flow == "stokes":
-        with clock("compile"), _compile_listener(clock):  # imports only what the flow needs
-            from .steady_case import run_steady
-        with _compile_listener(clock):
+    with clock("compile"):
+        from .second_compiler import scene_of, second_compiler
+    with second_compiler(scene_of(case)) as second, _compile_listener(clock, second):
+        if case.flow == "stokes":
+            with clock("compile"):  # imports only what the flow needs
+                from .steady_case import run_steady
             return run_steady(case, clock, quiet, look)
-    with clock("compile"), _compile_listener(clock):
-        from .moving_case import run_moving
-    with _compile_listener(clock):
+        with clock("compile"):
+            from .moving_case import run_moving
         return run_moving(case, clock, quiet, resume, look)
 
 
 @contextmanager
-def _compile_listener(clock: Clock) -> Iterator[None]:
-    """Counts the time of the compiler as `compile`, at the cost of the section in which a kernel is first used, and
-    tells the display of kernels that are not in the cache."""
+def _compile_listener(clock: Clock, missing: Callable[[], None]) -> Iterator[None]:
+    """Counts the time of the compiler as `compile`, at the cost of the section in which a kernel is first used; tells
+    the display of kernels that are not in the cache, and calls `missing` then."""
     from numba.core import event
 
     collects = gc.isenabled()
@@ -100,6 +101,7 @@ def _compile_listener(clock: Clock) -> Iterator[None]:
         def on_start(self, _: event.Event) -> None:
             gc.disable()  # the search for cycles of references takes an eighth of the compiler's time, and finds few
             self.depth += 1
+            missing()
             progress.compiling(True)
 
         def on_end(self, _: event.Event) -> None:

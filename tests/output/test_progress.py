@@ -190,7 +190,7 @@ def test_a_kernel_that_is_not_in_the_cache_is_told(monkeypatch):
     told = []
     monkeypatch.setattr(progress, "compiling", told.append)
     kernel = numba.njit(lambda a: a + 1)
-    with run._compile_listener(Clock()):
+    with run._compile_listener(Clock(), lambda: None):
         assert kernel(1) == 2
         assert told[0] is True and told[-1] is False
         told.clear()

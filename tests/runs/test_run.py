@@ -284,7 +284,7 @@ def test_a_run_that_stops_short_says_what_came_first(tmp_path, time, status, key
 
 def test_the_collector_rests_while_the_compiler_works():
     """A compiler that is interrupted has no end: the collector is at work again after the run."""
-    with _compile_listener(Clock()):
+    with _compile_listener(Clock(), lambda: None):
         with event.trigger_event("numba:compile"):
             assert not gc.isenabled()
         assert gc.isenabled()
