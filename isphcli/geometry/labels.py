@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..domain.slabs import Slabs
 from .images.image import VoxelError
 
 FEW = 16  # values: an image of at most so many different ones holds labels, any other grey values
@@ -109,6 +110,25 @@ def unlike_next(pores: np.ndarray, axis: int, repeats: bool) -> np.ndarray:
     pores: bool, along any axes; repeats: the last voxel has the first for its next, otherwise none and is left out.
     """
     return pores != np.roll(pores, -1, axis) if repeats else np.diff(pores, axis=axis)
+
+
+def faces_and_pairs(pores: np.ndarray, slabs: Slabs, around: Sequence[bool] | np.ndarray) -> tuple[int, int]:
+    """(pairs of neighbours along the axes of an image of which just one is pore, all pairs of neighbours).
+
+    pores: bool [z, y, x], the own layers of `slabs`; around: (3,) bool x, y, z, the first voxel is next to the last.
+    """
+    faces = pairs = 0
+    for axis in range(3):
+        if slabs.shape[axis] > 1:
+            repeats = bool(around[2 - axis])
+            if axis == 0 and slabs.ranks.size > 1:
+                differ = unlike_next(slabs.beside(pores, 0, 1, repeats)[0], 0, False)
+            else:
+                differ = unlike_next(pores, axis, repeats)
+            faces += int(np.count_nonzero(differ))
+            pairs += differ.size
+    faces, pairs = slabs.ranks.sum(np.array([faces, pairs]))
+    return int(faces), int(pairs)
 
 
 def faces_that_differ(solid: np.ndarray, periodic: Sequence[bool]) -> tuple[str, ...]:
