@@ -15,11 +15,10 @@ from ..domain.lattice import ParticleError
 from ..domain.slabs import Shared, Slabs
 from ..geometry.clear_layer import clear_voxels
 from ..geometry.images.image import Image, VoxelError
-from ..geometry.images.read import image_shape, read_image
 from ..geometry.images.voxel_size import COARSE, voxel_size_of
 from ..geometry.labels import ClearLayers, apply_labels, faces_that_differ, histogram, mirrored
 from . import memory
-from .image_file import image_of, layout_of
+from .image_file import image_layers, image_of, shape_of
 
 if TYPE_CHECKING:
     from ..case.blocks import Case, Grey, Voxels
@@ -78,18 +77,14 @@ def _layers_of(case: Case, spec: Voxels) -> _Layers:
         values = mirrored(image.values, case.geometry.mirror)
         values = values.reshape(-1, *values.shape[-2:])
         return _Layers(image, values, Slabs(values.shape), 2 if values.shape[0] == 1 else 3)
-    whole = image_shape(spec.file, layout=layout_of(spec)) or image_of(spec).values.shape
-    start = np.zeros(3, int) if spec.crop is None else np.array(spec.crop).T[0]
-    shape = tuple(whole) if spec.crop is None else tuple(int(b - a) for a, b in reversed(spec.crop))
+    shape = shape_of(spec)
     dim = 2 if len(shape) == 2 or shape[0] == 1 else 3
     read = shape if len(shape) == 3 else (1, *shape)
     slabs = Slabs([n * (1 + (name in case.geometry.mirror)) for n, name in zip(read, "zyx")])
     at = np.arange(*slabs.own)
     at = np.where(at < read[0], at, 2 * read[0] - 1 - at)  # behind the mirror the layers come back
     first, end = (int(at.min()), int(at.max()) + 1) if len(at) else (0, 1)  # who has no layers reads one in vain
-    ranges = [(0, shape[-1]), (0, shape[-2]), (first, end)][: len(shape)]
-    crop = [(int(a + s), int(b + s)) for (a, b), s in zip(ranges, start)]
-    image = read_image(spec.file, grey=spec.grey is not None, layout=layout_of(spec), crop=crop)
+    image = image_layers(spec, *((first, end) if len(shape) == 3 else (0, shape[0])))
     values = mirrored(image.values.reshape(-1, *read[1:]), [name for name in case.geometry.mirror if name != "z"])
     return _Layers(image, values[at - first], slabs, dim)
 
@@ -119,7 +114,7 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
         *odd,
         *unusual,
         *_unusual_porosity(porosity),
-        *_unlike_faces(understood.labels < 0, own, periodic),
+        *faces_that_differ(understood.labels < 0, periodic, own.slabs),
         *(ways.warnings() if ways is not None else ()),
     )
     geometry.described = (
@@ -130,11 +125,6 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
         *([("surface", ways.described())] if ways is not None else []),
     )
     return geometry
-
-
-def _unlike_faces(solid: np.ndarray, own: _Layers, periodic: list[bool]) -> tuple[str, ...]:
-    """See `faces_that_differ`; several processes, which have a part of the faces each, do not look."""
-    return faces_that_differ(solid.reshape(own.shape[::-1]), periodic) if own.slabs.ranks.size == 1 else ()
 
 
 def _layers_that_fit(case: Case, labels: np.ndarray, own: _Layers, axis: int | None, edges: np.ndarray,
