@@ -23,10 +23,10 @@ FAMILIES = ("pipe", "ellipse", "annulus", "sphere array", "cylinder array", "blo
 BEFORE = {"FINE": 0.03, "MOST": 60}  # of `label_field`
 
 
-def former_length(fluid, around):
+def former_length(*given):
     """The correlation length of the prior by the rule before, voxels."""
     with patch.multiple(label_field, RESOLVED=1e-9, SHORTEST=0.0, LONGEST=np.inf):
-        return min(max(0.45 * by_rule(fluid, around), 1.4), 4.0)
+        return min(max(0.45 * by_rule(*given), 1.4), 4.0)
 
 
 by_rule = label_field.correlation_length

@@ -235,3 +235,50 @@ main()
     done = start(program, ranks=2)
     assert done.returncode != 0 and "rank 1 of 2: error: the disk of this rank is full" in done.stderr
     assert "finished" not in done.stdout
+
+
+@pytest.mark.parametrize("rank, file, reached", [(0, "restart.npz", 3), (1, "particles_000008_00001.vtu", 6)])
+def test_a_full_disk_of_one_process_loses_nothing(rank, file, reached, tmp_path):
+    """ENOSPC amid a file that it writes: all end with its message, what was listed before is whole, nothing unfinished
+    is left, and a restart, once there is room, makes the snapshots and the history of a run that was not stopped."""
+    out = tmp_path / "out"
+    program = tmp_path / "full.py"
+    program.write_text(f"""
+import contextlib, errno, os, sys
+sys.argv = ["isph", "run", {str(CASES / "taylor_green_2d_re100.yaml")!r}, "--out", {str(out)!r}, "--quiet", "--set",
+            "particles.spacing=0.05", "--set", "time={{end: 0.04, step: 0.005}}", "--set",
+            "output={{every: 0.01, restart_every: 3, plots: false}}"]
+from isphcli.cli import main
+from isphcli.domain.communicator import current
+from isphcli.output import folder
+whole, seen = folder.whole, []
+@contextlib.contextmanager
+def full(path):
+    with whole(path) as temporary:
+        yield temporary
+        if current().rank == {rank} and path.name == {file!r}:
+            seen.append(path)
+            if len(seen) > ({file!r} == "restart.npz"):  # the second restart file
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+folder.whole = full
+main()
+""")
+    done = start(program, ranks=2)
+    assert done.returncode != 0 and f"rank {rank} of 2: error:" in done.stderr and "No space left" in done.stderr
+    assert "Traceback" not in done.stderr and not list(out.rglob(".isph-*"))
+    assert whole_snapshots(out) == [0, 6] and state(out)["step"] == reached
+    gone_on = start("-m", "isphcli", "run", "--restart", out, "--quiet", ranks=2)
+    assert gone_on.returncode == 0, gone_on.stderr
+    assert [row["step"] for row in rows(out)] == [str(step) for step in range(1, 13)]
+    assert whole_snapshots(out) == [0, 6, 8, 10, 12] and state(out)["step"] == 12
+
+
+def whole_snapshots(folder):
+    """Steps of the snapshots that are listed, all 400 particles of which can be read."""
+    from isphcli.output.files import read_pvd, read_vtu
+
+    listed = read_pvd(folder / "particles.pvd")
+    for _, joined in listed:
+        pieces = re.findall(r'Source="([^"]+)"', (folder / joined).read_text())
+        assert sum(len(read_vtu(folder / "snapshots" / piece)[0]) for piece in pieces) == 400
+    return [int(re.findall(r"\d+", joined)[-1]) for _, joined in listed]

@@ -13,6 +13,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.fft import dctn, fftn
 
+from ..domain.slabs import Slabs
 from .connectivity import percolating
 from .labels import unlike_next
 from .modes import frequencies, sum_of_squares
@@ -22,24 +23,29 @@ FAR = 300.0  # largest wave number times distance: hyperbolic functions of twice
 KOZENY = 5.0  # k = porosity^3 / (KOZENY surface^2), surface in a volume of the whole (Carman 1937, packed beds)
 
 
-def clear_voxels(fluid: np.ndarray, axis: int, edges: np.ndarray, periodic: Sequence[bool]) -> int:
+def clear_voxels(fluid: np.ndarray, axis: int, edges: np.ndarray, periodic: Sequence[bool],
+                 slabs: Slabs | None = None) -> int:
     """Voxels of clear fluid that an image needs at either end of an axis: beyond them k changes by SHARE at most.
 
-    fluid: bool [z, y, x] or [y, x]; edges: of a voxel (dim,), m, and periodic: (dim,), along x, y(, z).
+    fluid: bool [z, y, x] or [y, x]; edges: of a voxel (dim,), m, and periodic: (dim,), along x, y(, z); slabs: how the
+    processes share the fluid, of which each has its layers [z, y, x]; without it one process has all.
     The velocity through the percolating pores is taken to grow with the square of the distance to their walls, and the
     pressure drop to be that of Kozeny and Carman for these pores, layer by layer in series. 0 where none percolate.
     """
-    dim = fluid.ndim
+    dim = len(periodic)
+    fluid = fluid.reshape(-1, *fluid.shape[-2:])
+    slabs = slabs or Slabs.whole(fluid.shape)
     around = [bool(p) and a != axis for a, p in enumerate(periodic)]
-    through = percolating(fluid, tuple(around), axis)
-    if not through.any():
+    through = percolating(fluid, tuple(around), axis, slabs)
+    if not slabs.ranks.max(int(through.any())):
         return 0
-    length = through.shape[dim - 1 - axis] * edges[axis]
-    allowed = SHARE * length / _kozeny_carman(through, axis, edges)
+    length = slabs.shape[2 - axis] * edges[axis]
+    allowed = SHARE * length / _kozeny_carman(through, axis, edges, slabs)
     others = [a for a in reversed(range(dim)) if a != axis]  # in the order of the axes of an array
     sides, repeat = [float(edges[a]) for a in others], [around[a] for a in others]
-    first, last = (_through_a_face(np.take(through, end, axis=dim - 1 - axis), sides, repeat) for end in (0, -1))
-    widest = max(int(np.ceil(through.shape[dim - 1 - a] * edges[a] / edges[axis])) for a in others)
+    first, last = (_through_a_face(_layer(through, end, axis, slabs).reshape([slabs.shape[2 - a] for a in others]),
+                                   sides, repeat) for end in (0, slabs.shape[2 - axis] - 1))
+    widest = max(int(np.ceil(slabs.shape[2 - a] * edges[a] / edges[axis])) for a in others)
     low, high = 0, widest  # faces as far apart as twice their width are far apart
     while high - low > 1:
         middle = (low + high) // 2
@@ -48,21 +54,42 @@ def clear_voxels(fluid: np.ndarray, axis: int, edges: np.ndarray, periodic: Sequ
     return high
 
 
-def _kozeny_carman(fluid: np.ndarray, axis: int, edges: np.ndarray) -> float:
-    """Estimate of the permeability of a mask of fluid along an axis, m2: that of its layers of voxels in series.
+def _layer(fluid: np.ndarray, at: int, axis: int, slabs: Slabs) -> np.ndarray:
+    """One of the layers across an axis, of all processes, on each."""
+    first, end = [0, 0, 0], list(slabs.shape)
+    first[2 - axis], end[2 - axis] = at, at + 1
+    return slabs.box(fluid, first, end)
 
-    A layer without walls has that of a slit as wide as the image.
+
+def _kozeny_carman(fluid: np.ndarray, axis: int, edges: np.ndarray, slabs: Slabs) -> float:
+    """Estimate of the permeability of a mask of fluid [z, y, x] along an axis, m2: that of its layers of voxels in
+    series. A layer without walls has that of a slit as wide as the image.
     """
-    dim, along = fluid.ndim, fluid.ndim - 1 - axis
-    rest = tuple(a for a in range(dim) if a != along)
-    surface = np.zeros(fluid.shape[along])
+    dim, along = len(edges), 2 - axis
+    rest, cells = tuple(a for a in range(3) if a != along), np.prod(slabs.shape) / slabs.shape[along]
+    layers = slabs.beside(fluid, 0, 1, False)[0] if slabs.ranks.size > 1 else fluid
+
+    def in_layers(counts: np.ndarray) -> np.ndarray:
+        """Counts of the own layers as those of the whole axis."""
+        if along:
+            return slabs.ranks.sum(counts)
+        whole = np.zeros(slabs.shape[0], counts.dtype)
+        whole[slabs.own[0] : slabs.own[0] + len(counts)] = counts
+        return slabs.ranks.sum(whole)
+
+    surface = np.zeros(slabs.shape[along])
     for a, edge in enumerate(edges):
-        faces = np.count_nonzero(unlike_next(fluid, dim - 1 - a, False), axis=rest) / edge
-        surface += faces if a != axis else (np.append(faces, 0) + np.append(0, faces)) / 2
-    cells = fluid.size / fluid.shape[along]
+        of = layers if a == 2 else fluid  # along z each process counts the faces to the layer above its own ones
+        faces = in_layers(np.count_nonzero(unlike_next(of, 2 - a, False), axis=rest)) / edge
+        if a == axis and along:
+            surface += (np.append(faces, 0) + np.append(0, faces)) / 2
+        elif a == axis:
+            surface += (faces + np.append(0, faces[:-1])) / 2
+        else:
+            surface += faces
     surface *= (2 / 3 if dim == 3 else np.pi / 4) / cells  # of smooth walls in all directions: voxels have more
-    porosity = np.count_nonzero(fluid, axis=rest) / cells
-    resistance = KOZENY * surface**2 / porosity**3 + 12 / (max(fluid.shape) * float(edges.max())) ** 2
+    porosity = in_layers(np.count_nonzero(fluid, axis=rest)) / cells
+    resistance = KOZENY * surface**2 / porosity**3 + 12 / (max(slabs.shape) * float(edges.max())) ** 2
     return float(1 / resistance.mean())
 
 

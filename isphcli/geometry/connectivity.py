@@ -10,6 +10,8 @@ from scipy import ndimage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+from ..domain.slabs import Slabs
+
 
 @dataclass(frozen=True)
 class Connectivity:
@@ -148,10 +150,80 @@ class SlabConnectivity:
         )
 
 
-def percolating(fluid: np.ndarray, periodic: tuple[bool, ...], axis: int) -> np.ndarray:
-    """Mask (shape of fluid) of the fluid in components that percolate along the axis (0 x, 1 y, 2 z)."""
-    labels, _, percolates = components(fluid, periodic)
-    return percolates[:, axis][labels]
+def percolating(fluid: np.ndarray, periodic: tuple[bool, ...], axis: int, slabs: Slabs | None = None) -> np.ndarray:
+    """Mask (shape of fluid) of the fluid in components that percolate along the axis (0 x, 1 y, 2 z).
+
+    fluid: bool [z, y, x] or [y, x]; slabs: how the processes share it, of which each has its layers [z, y, x]; without
+    it one process has all."""
+    if slabs is None:
+        labels, _, percolates = components(fluid, periodic)
+        return percolates[:, axis][labels]
+    parts, owner, through = components_of_slabs(fluid, slabs, periodic)
+    return np.append(through[owner, axis], False)[parts]
+
+
+def components_of_slabs(fluid: np.ndarray, slabs: Slabs,
+                        periodic: tuple[bool, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`components` of a mask, bool [z, y, x], of which each process has its layers: (numbers of the parts of the own
+    layers, from 0, -1 in solid; owner: the component of each part; percolates (components, dim) bool)."""
+    alone, dim = slabs.ranks.size == 1, len(periodic)
+    layers = fluid if alone or dim == 2 else slabs.beside(fluid, 0, 1, periodic[2])[0]
+    raw, count = ndimage.label(layers)
+    own = raw[: len(fluid)]
+    flat = (False,) * (3 - dim)
+    links = _periodic_edges(own, (*periodic[:2], bool(periodic[2]) and alone) if dim == 3 else (*periodic, *flat))
+    parts = raw - 1
+    owner, percolates = join_slabs(parts, count, links, slabs, periodic)
+    return parts[: len(fluid)], owner, percolates
+
+
+def join_slabs(parts: np.ndarray, count: int, links: np.ndarray, slabs: Slabs,
+               periodic: tuple[bool, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Joins the parts of the fluid that each process finds in its layers: (owner (count,) the component of each own
+    part, percolates (components, dim) bool, as of `components`).
+
+    parts: [z, y, x] numbers of them, -1 in solid, of the own layers and of the one above, where there is one of another
+    process; links: (m, 3) parts that touch across periodic faces: on the upper face, on the lower one, axis.
+    """
+    ranks, dim, n_own = slabs.ranks, len(periodic), slabs.own[1] - slabs.own[0]
+    first = sum(ranks.collect(count)[: ranks.rank])
+    numbers = np.where(parts >= 0, parts + first, -1)
+    joined, links = np.empty((0, 2), np.int64), links.astype(np.int64) + [first, first, 0]
+    if ranks.size > 1 and dim == 3:  # the layer above has the numbers of its process too
+        above = slabs.beside(numbers[:n_own], 0, 1, periodic[2])[0]
+        pairs = np.stack([numbers[n_own:].ravel(), above[n_own:].ravel()], axis=1)
+        pairs = np.unique(pairs[(pairs >= 0).all(axis=1)], axis=0)
+        if slabs.own[1] < slabs.shape[0]:
+            joined = pairs
+        else:  # across the periodic face
+            links = np.concatenate([links, np.column_stack([pairs, np.full(len(pairs), 2)])])
+    found = ranks.collect((count, joined, np.unique(links, axis=0), _on_faces(numbers[:n_own], slabs, dim)))
+    edges = np.concatenate([known[1] for known in found])
+    raw = sum(known[0] for known in found)
+    graph = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(raw, raw))
+    inner, of_raw = connected_components(graph, directed=False) if raw else (0, np.empty(0, np.int64))
+    links = np.concatenate([known[2] for known in found])
+    links[:, :2] = of_raw[links[:, :2]]
+    _, of_inner, winding = merge_periodic(inner, np.unique(links, axis=0), 3)
+    owner, percolates = of_inner[of_raw], winding[:, :dim]
+    for axis in range(dim):
+        if not periodic[axis]:
+            lower, upper = (owner[np.concatenate([known[3][axis][side] for known in found])] for side in (0, 1))
+            percolates[np.intersect1d(lower, upper), axis] = True
+    return owner[first : first + count], percolates
+
+
+def _on_faces(numbers: np.ndarray, slabs: Slabs, dim: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Per axis x, y(, z) the parts on the lower and on the upper face of the whole; numbers: of the own layers, -1 in
+    solid."""
+    found = []
+    for axis in range(dim):
+        ends = [numbers[:1] if slabs.own[0] == 0 else numbers[:0],
+                numbers[-1:] if slabs.own[1] == slabs.shape[0] else numbers[:0]] if axis == 2 else (
+            [np.take(numbers, [end], axis=2 - axis) for end in (0, -1)])
+        lower, upper = (np.unique(end[end >= 0]) for end in ends)
+        found.append((lower, upper))
+    return found
 
 
 def _periodic_edges(raw: np.ndarray, periodic: tuple[bool, ...]) -> np.ndarray:

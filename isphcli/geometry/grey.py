@@ -1,4 +1,7 @@
-"""Grey images: the threshold, the blur of the scanner, and the field whose zero is the wall."""
+"""Grey images: the threshold, the blur of the scanner, and the field whose zero is the wall.
+
+Where several processes share an image (`domain/slabs.py`), each gives its own layers: thresholds and means are of all.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ..domain import reduce
+from ..domain.communicator import current
+from ..domain.slabs import Slabs
 from .images.image import VoxelError
 from .labels import unlike_next
 from .modes import Modes
-from .spline import slopes, spline_coefficients
+from .spline import SEEN, slopes, spline_coefficients
 
 BINS = 1024  # of the histogram of Otsu's threshold: its step is a thousandth of the range of grey values
 VOXEL = 1.0 / 12.0  # square voxels: variance of a uniform distribution over a voxel, over which a scan is averaged
@@ -37,22 +43,28 @@ def otsu_threshold(values: np.ndarray) -> float:
 
 
 def _histogram(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    low, high = float(values.min()), float(values.max())
+    low, high = range_of(values)
     if low == high:
         raise VoxelError(f"all grey values are {low:g}: there is nothing to part; check the image")
     counts, edges = np.histogram(values, BINS, (low, high))
-    return counts.astype(float), 0.5 * (edges[1:] + edges[:-1])
+    return current().sum(counts.astype(float)), 0.5 * (edges[1:] + edges[:-1])
+
+
+def range_of(values: np.ndarray) -> tuple[float, float]:
+    """The least and the largest grey value."""
+    ends = np.array([[values.min(), values.max()]] if values.size else np.zeros((0, 2)), float)
+    return float(reduce.smallest(ends[:, 0])), float(reduce.largest(ends[:, 1]))
 
 
 def grey_classes(values: np.ndarray, threshold: float) -> tuple[float, float, float]:
     """(mean below, mean above, share of the variance that lies between them) of grey values at a threshold."""
+    values = values.ravel()
     above = values >= threshold
-    share = float(above.mean())
+    share, mean = float(reduce.mean(above)), reduce.mean(values)
     if share in (0.0, 1.0):
-        mean = float(values.mean())
-        return mean, mean, 0.0
-    low, high = float(values[~above].mean()), float(values[above].mean())
-    variance = float(values.var())
+        return float(mean), float(mean), 0.0
+    low, high = float(reduce.mean(values[~above])), float(reduce.mean(values[above]))
+    variance = float(reduce.mean(np.square(values - mean)))
     return low, high, share * (1.0 - share) * (high - low) ** 2 / variance
 
 
@@ -81,50 +93,62 @@ def labels_of_grey(values: np.ndarray, threshold: float, solid: str, fluids: Map
     left = ~is_solid
     for name, (first, end) in fluids.items():
         own = left & (values >= first) & (values < end)
-        if not own.any():
+        if not reduce.any_true(own.ravel()):
             raise VoxelError(f"{path}: no voxel of the pores has a grey value of '{name}', {first:g} to {end:g}")
         phases[own] = names.index(name)
         left &= ~own
-    if left.any():
-        low, high = values[left].min(), values[left].max()
+    if reduce.any_true(left.ravel()):
+        low, high = range_of(values[left])
         raise VoxelError(f"{path}: grey values of the pores from {low:g} to {high:g} belong to no fluid; widen "
                          "geometry.voxels.grey.fluids")
     return phases
 
 
-def estimate_blur(field: np.ndarray, around: np.ndarray) -> float:
+def estimate_blur(field: np.ndarray, around: np.ndarray, slabs: Slabs | None = None) -> float:
     """Standard deviation, voxels, of the Gaussian that has blurred an image of two values; see `field_of_grey`.
 
     A step between -1 and 1 that is averaged over a voxel, with a Gaussian of width s and by the spline has the slope
     sqrt(2 / (pi (s^2 + UNBLURRED))) on its middle; the median of the slopes of the spline where it is zero between
-    neighbouring centres is taken. field: [z, y, x]; around: (3,) bool x, y, z.
+    neighbouring centres is taken. field: [z, y, x]; around: (3,) bool x, y, z; slabs: how the processes share the
+    field, of which each has its layers; without it one process has all.
     """
-    coefficients = spline_coefficients(np.array(field, np.float32), around)
-    places = []
+    slabs = slabs or Slabs.whole(field.shape)
+    coefficients = spline_coefficients(np.array(field, np.float32), around, slabs)
+    places: list[np.ndarray] = [np.empty((0, 3))]
     for axis in range(3):
-        if field.shape[axis] < 2:
+        if slabs.shape[axis] < 2:
             continue
-        index = np.argwhere(unlike_next(field > 0, axis, False))
-        f = field[tuple(index.T)].astype(float)
+        lines = slabs.beside(field, 0, 1, False)[0] if axis == 0 else field
+        index = np.argwhere(unlike_next(lines > 0, axis, False))
+        f = lines[tuple(index.T)].astype(float)
         index[:, axis] += 1
-        g = field[tuple(index.T)]
+        g = lines[tuple(index.T)]
         place = index + 0.5
         place[:, axis] += f / (f - g) - 1.0
         places.append(place[:, ::-1])
-    found = slopes(coefficients, around, np.concatenate(places)) if places else np.empty(0)
-    if not len(found):
+    found = _slopes_of(coefficients, around, np.concatenate(places), slabs)
+    if not reduce.number(found):
         return 0.0
-    return float(np.sqrt(max(2.0 / (np.pi * float(np.median(found)) ** 2) - UNBLURRED, 0.0)))
+    median, = reduce.quantiles(found, [0.5])
+    return float(np.sqrt(max(2.0 / (np.pi * float(median) ** 2) - UNBLURRED, 0.0)))
 
 
-def sharpen(field: np.ndarray, blur: float, around: np.ndarray) -> np.ndarray:
+def _slopes_of(coefficients: np.ndarray, around: np.ndarray, u: np.ndarray, slabs: Slabs) -> np.ndarray:
+    """`slopes` at points u (n, 3) of the own layers of a spline, z from the first of them."""
+    if slabs.ranks.size > 1:
+        coefficients, first = slabs.beside(coefficients, SEEN, SEEN, bool(around[2]))
+        u, around = u + [0.0, 0.0, slabs.own[0] - first], np.array([*around[:2], False])
+    return slopes(coefficients, around, u)
+
+
+def sharpen(field: np.ndarray, blur: float, around: np.ndarray, slabs: Slabs | None = None) -> np.ndarray:
     """The field, float32 [z, y, x], without the scanner's Gaussian of `blur` voxels and the average over a voxel.
 
     The regularised inverse that minimises |H f - field|^2 + ROUGHNESS |lap f|^2 (Tikhonov), H a Gaussian of the
     variance blur^2 + VOXEL: of every mode H / (H^2 + ROUGHNESS k^4) is kept, k its wave number. Periodic and
-    mirrored as `spline_coefficients` continues the field.
+    mirrored as `spline_coefficients` continues the field; slabs: as there.
     """
-    modes = Modes(field.shape, around)
+    modes = Modes(field.shape if slabs is None else slabs.shape, around, slabs)
     square = (2.0 * np.pi) ** 2 * modes.square_frequencies()
     left = np.exp(-0.5 * (blur * blur + VOXEL) * square)
     return modes.filtered(field, (left / (left * left + ROUGHNESS * square * square)).astype(np.float32))

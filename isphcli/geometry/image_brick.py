@@ -1,93 +1,108 @@
-"""`ImageBrick`: the geometry of an image of which a process holds a part, its walls the faces of voxels.
+"""`ImageBrick` and `SmoothBrick`: the geometry of an image of which several processes hold a part each.
+
+Each process has some layers of the image (`domain/slabs.py`), from which it gets the voxels of its brick with a margin.
+What runs through the whole image, such as the waves and the spline of a smooth wall, is computed on the layers.
 
 The wall distance of a voxel centre is that of the whole image wherever it is less than the margin of voxels round the
-brick: all walls nearer than that lie in the part. Elsewhere the distance is too small, but beyond the margin, and there
+brick: all walls nearer than that lie in the part. Elsewhere the distance is another, but beyond the margin, and there
 no operator needs its value.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
-from ..domain.row_threads import over_rows
+from ..domain import reduce
+from ..domain.slabs import Shared, Slabs
 from .faces import AT_REST, Walls
-from .labels import ClearLayers
-from .voxel_crossings import put_first_faces
+from .grey import sharpen
+from .iso_surface import ImageField, IsoSurfaceGeometry
+from .label_field import most_probable_field
+from .labels import ClearLayers, faces_and_pairs
+from .protocol import sample_voxels
+from .spline import average, spline_coefficients
+from .surface_ways import SurfaceWays, surface_ways
 from .voxel_geometry import VoxelGeometry
 
-# voxels read round a brick. In bricks of 64^3 voxels of Berea sandstone distances up to 7 voxels are those of the whole
-# image bit for bit with a margin of 7; 3 are enough for distances up to a support of 2.5 spacings of a voxel
+# voxels held round a brick. In bricks of 64^3 voxels of Berea sandstone distances up to 7 voxels are those of the whole
+# image bit for bit with a margin of 7; 3 are enough for distances up to a support of 2.5 spacings of a voxel. A smooth
+# wall is looked for 3.5 voxels from a point (`iso_surface`), and its spline needs two more
 MARGIN = 7
-CLEAR = -9  # stands for the index of a voxel in clear layers; no index of the file is next to it
 
-Read = Callable[[Sequence[tuple[int, int]]], np.ndarray]  # labels int8 [z, y, x] or [y, x] of ranges along x, y(, z)
+Brick = TypeVar("Brick", bound="ImageBrick")
 
 
 @dataclass(frozen=True)
-class LabelsInFile:
-    """The labels of an image in its file. shape: voxels along x, y(, z); fluid: how many are fluid; read: reads a part
-    as int8, -1 solid, else the index of a fluid. walls: share of the neighbours along the axes, the last and the first
-    voxel too, of which just one is solid; straight: all slices across one of the axes are the same."""
+class WholeImage:
+    """What is known of all voxels of an image, without its clear layers. shape: voxels along x, y(, z); fluid: how many
+    are fluid; walls: share of the neighbours along the axes, the last and the first voxel too, of which just one is
+    solid; straight: all slices across one of the axes are the same."""
 
     shape: tuple[int, ...]
     fluid: int
-    read: Read
-    walls: float = 0.0
-    straight: bool = False
+    walls: float
+    straight: bool
 
-    def part(self, first: np.ndarray, end: np.ndarray, layers: ClearLayers | None) -> np.ndarray:
-        """int8 [z, y, x] or [y, x] of the voxels from `first` to before `end` along x, y(, z) of the image with its
-        clear layers, which repeats along all axes."""
-        pieces = []
-        for axis, n in enumerate(self.shape):
-            clear = layers.voxels if layers is not None and layers.axis == axis else 0
-            at = np.mod(np.arange(first[axis], end[axis]), n + 2 * clear) - clear
-            at = np.where((at >= 0) & (at < n), at, CLEAR)
-            breaks = np.flatnonzero((np.diff(at) != 1) & ~((at[1:] == CLEAR) & (at[:-1] == CLEAR))) + 1
-            pieces.append([(int(run[0]), int(begin), len(run)) for run, begin in
-                           zip(np.split(at, breaks), np.concatenate([[0], breaks]))])
-        out = np.zeros(tuple(int(b - a) for a, b in zip(first, end))[::-1], np.int8)
-        for choice in np.ndindex(*(len(runs) for runs in pieces)):
-            runs = [pieces[axis][k] for axis, k in enumerate(choice)]
-            if min(low for low, _, _ in runs) >= 0:  # else clear
-                place = tuple(slice(begin, begin + count) for _, begin, count in reversed(runs))
-                out[place] = self.read([(low, low + count) for low, _, count in runs])
-        return out
+
+def whole_image(pores: np.ndarray, slabs: Slabs) -> WholeImage:
+    """Of the pores, bool [z, y, x], of which each process has its layers."""
+    shape, ranks = slabs.shape[::-1] if slabs.shape[0] > 1 else slabs.shape[:0:-1], slabs.ranks
+    walls, _ = faces_and_pairs(pores, slabs, (True, True, True))
+    bottom = slabs.box(pores, (0, 0, 0), (1, *slabs.shape[1:]))
+    unlike = [np.any(pores != first) for first in (bottom, pores[:, :1], pores[:, :, :1])]
+    straight = len(shape) == 2 or bool((ranks.sum(np.array(unlike, np.int64)) == 0).any())
+    voxels, fluid = int(np.prod(shape)), int(ranks.sum(np.count_nonzero(pores)))
+    return WholeImage(shape, fluid, walls / (len(shape) * voxels), straight)
 
 
 class ImageBrick(VoxelGeometry):
-    """Geometry (see `protocol.Geometry`) of an image in a file; it has values only where `within` has been called for.
+    """Geometry (see `protocol.Geometry`) of an image that processes share; its walls are the faces of voxels. It has
+    values only where `within` has been called for. All processes make it, and call `within`, together.
 
-    voxel_size, periodic, layers, walls: see `VoxelGeometry`.
+    labels: int8 [z, y, x]. voxel_size, periodic, layers, walls: see `VoxelGeometry`.
     """
 
-    def __init__(self, image: LabelsInFile, voxel_size: float | Sequence[float] | np.ndarray, periodic: Sequence[bool],
-                 layers: ClearLayers | None = None, walls: Walls = AT_REST):
-        self.image, self._layers = image, layers
+    def __init__(self, labels: Shared, voxel_size: float | Sequence[float] | np.ndarray,
+                 periodic: Sequence[bool], layers: ClearLayers | None = None, walls: Walls = AT_REST):
+        slabs = labels.slabs
+        self.image = whole_image(labels.values >= 0, slabs)
         self.labels = None
-        self._set_box(image.shape[::-1], voxel_size, periodic, layers, walls)
-        solid = image.fluid < int(np.prod(image.shape))
+        self._rocks: np.ndarray | None = None  # of the own layers, as `fill_with` has them
+        self._set_box(self.image.shape[::-1], voxel_size, periodic, layers, walls)
+        solid = self.image.fluid < int(np.prod(self.image.shape))
         self.has_solid = solid or not all(self.periodic)
-        self._some = solid and image.fluid > 0
+        self._layered = layers is not None
+        along, thick = (2 - layers.axis, layers.voxels) if layers is not None else (0, 0)
+        self._widths = [(thick, thick) if a == along else (0, 0) for a in range(3)]
+        self._slabs, self._grid = slabs.grown(self._widths), slabs.padded(labels.values, self._widths, 0)
+        self._around = np.array([*self.periodic, True][:3])
         self._first, self._turn = np.zeros(self.dim, int), np.zeros(self.dim, int)  # of the part; voxels that repeat
         self._held: dict[tuple[float, ...], ImageBrick] = {}
+        self._whole: ImageBrick | None = None  # of a part: what it is taken from
 
-    def within(self, lower: np.ndarray, upper: np.ndarray, reach: float) -> ImageBrick:
+    def fill_with(self, microporous: np.ndarray, layers: ClearLayers | None) -> None:
+        """See `VoxelGeometry`; of the own layers."""
+        self._rocks = self._slabs.padded(microporous, self._widths, -1)
+
+    def within(self: Brick, lower: np.ndarray, upper: np.ndarray, reach: float) -> Brick:
         """The geometry of the points within `reach`, m, of a brick of corners (dim,), and of their periodic images;
         distances up to `reach` are those of the whole image."""
+        if self._whole is not None:
+            return self._whole.within(lower, upper, reach)  # type: ignore[return-value]
         key = (*lower, *upper, reach)
-        if key not in self._held:
+        if self._slabs.ranks.max(int(key not in self._held)):  # on any of the processes: they make it together
             self._held.clear()  # one at a time
             self._held[key] = self._part(lower, upper, reach)
-        return self._held[key]
+        return self._held[key]  # type: ignore[return-value]
 
-    def _part(self, lower: np.ndarray, upper: np.ndarray, reach: float) -> ImageBrick:
+    def _part(self: Brick, lower: np.ndarray, upper: np.ndarray, reach: float) -> Brick:
         found = copy(self)
-        found._held = {}
+        found._held, found._whole = {}, self
         whole = np.rint((self.upper - self.lower) / self.voxel_size).astype(int)
         margin = np.maximum(np.ceil(reach / self.voxel_size), 0.0) + MARGIN
         first = np.floor((lower - reach - self.lower) / self.voxel_size - margin).astype(int)
@@ -96,23 +111,22 @@ class ImageBrick(VoxelGeometry):
         first, end = np.where(around, first, np.maximum(first, 0)), np.where(around, end, np.minimum(end, whole))
         every = end - first >= whole
         first, end = np.where(every, 0, first), np.where(every, whole, end)
-        labels = self.image.part(first, end, self._layers)
-        found._grid = labels if self.dim == 3 else labels[None]
         # a cut side of the part is farther from the points than any distance that is asked for
         found._around = np.array([*(around & every), True][:3])
         found._first, found._turn = first, np.where(around & ~every, whole, 0)
-        found._solid = 0 if (labels >= 0).all() else 2 if (labels < 0).all() else 1
+        found._corner = self.lower + first * self.voxel_size
+        flat = [1] * (3 - self.dim)
+        found._take(self, [0] * len(flat) + list(first[::-1]), flat + list(end[::-1]))
         return found
 
-    def crossing(self, xi: np.ndarray, xj: np.ndarray) -> np.ndarray:
-        """See `VoxelGeometry`; both points lie within reach of the brick, not of its images."""
-        xi, xj = np.asarray(xi, dtype=float), np.asarray(xj, dtype=float)
-        if not self.has_solid:
-            return np.ones(len(xi))
-        corner = self.lower + self._first * self.voxel_size
-        t = np.empty(len(xi))
-        over_rows(put_first_faces, len(xi), self._grid, self._around, (xi, xj), corner, self.voxel_size, t)
-        return t
+    def _take(self, layers: ImageBrick, first: Sequence[int], end: Sequence[int]) -> None:
+        """Takes the voxels from `first` to before `end`, z, y, x, from the layers of all processes."""
+        self._grid = layers._slabs.box(layers._grid, first, end)
+        solid = self._grid < 0
+        self._solid = 0 if not solid.any() else 2 if solid.all() else 1
+        if layers._rocks is not None:
+            super().fill_with(layers._slabs.box(layers._rocks, first, end), None)
+            self._rocks = None
 
     def _points(self, x: np.ndarray) -> np.ndarray:
         """Voxel coordinates (n, 3) in the part that is held."""
@@ -122,3 +136,38 @@ class ImageBrick(VoxelGeometry):
             if turn:
                 u[:, axis] -= turn * np.floor(u[:, axis] / turn)
         return u
+
+
+class SmoothBrick(ImageBrick, IsoSurfaceGeometry):
+    """The same of the surface on which a field of an image is zero (see `IsoSurfaceGeometry`). field: its values are
+    those of the own layers."""
+
+    def __init__(self, labels: Shared, field: ImageField | None, voxel_size: float | Sequence[float] | np.ndarray,
+                 periodic: Sequence[bool], layers: ClearLayers | None = None, walls: Walls = AT_REST):
+        ImageBrick.__init__(self, labels, voxel_size, periodic, layers, walls)
+        values = self._field_of_layers(field)
+        self._pores, self._spline = values > 0, spline_coefficients(values, self._around, self._slabs)
+
+    def _field_of_layers(self, field: ImageField | None) -> np.ndarray:
+        """See `IsoSurfaceGeometry.field`; of the own layers, which clear ones belong to."""
+        if field is None:
+            return most_probable_field(self._grid >= 0, self._around, self._sample, self._slabs)
+        values, fluid = np.asarray(field.values, np.float32), 1.0
+        if self._layered:
+            pores = values[values > 0].astype(float)
+            fluid = float(reduce.quantiles(pores, [0.5])[0]) if reduce.number(pores) else 1.0
+        values = self._slabs.padded(values, self._widths, fluid)
+        values = average(values, field.gaussian, self._around, self._slabs)
+        return values if field.blur is None else sharpen(values, field.blur, self._around, self._slabs)
+
+    def ways(self) -> SurfaceWays:
+        """See `IsoSurfaceGeometry`."""
+        whole = [part == slice(0, n) for part, n in zip(sample_voxels(self), self._slabs.shape[3 - self.dim :])][::-1]
+        periodic = tuple(p and w for p, w in zip(self.periodic, whole))
+        return surface_ways(self._spline, self._around, self._pores, self._grid, self._sample, periodic, self._slabs)
+
+    def _take(self, layers: ImageBrick, first: Sequence[int], end: Sequence[int]) -> None:
+        super()._take(layers, first, end)
+        assert isinstance(layers, SmoothBrick)
+        self._pores = layers._slabs.box(layers._pores, first, end)
+        self._spline = layers._slabs.box(layers._spline, first, end)

@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 from numba import njit
-from scipy import ndimage
 
 from ..domain.row_threads import over_rows
 from .faces import AT_REST, Walls
@@ -23,7 +22,7 @@ from .labels import ClearLayers, with_clear_layers
 from .protocol import sample_voxels
 from .spline import average, spline_coefficients, value_and_slope
 from .surface_ways import SurfaceWays, surface_ways
-from .voxel_geometry import VoxelGeometry
+from .voxel_geometry import VoxelGeometry, of_nearest_fluid
 from .voxel_lookup import FAR, label_at, voxel_of
 from .wall_distance import interpolate, join_faces, signed_centre_distance
 
@@ -85,6 +84,11 @@ class IsoSurfaceGeometry(VoxelGeometry):
         return found if blur is None else sharpen(found, blur, self._around)
 
     @cached_property
+    def _pores(self) -> np.ndarray:
+        """Whether the field is positive at the voxel centres, bool [z, y, x]."""
+        return self.field > 0
+
+    @cached_property
     def _spline(self) -> np.ndarray:
         return spline_coefficients(self.field, self._around)
 
@@ -105,7 +109,7 @@ class IsoSurfaceGeometry(VoxelGeometry):
     @cached_property
     def _distance_of_centres(self) -> np.ndarray:
         """Signed distance of the voxel centres: the zero is looked for a little farther than it."""
-        solid = self.field <= 0
+        solid = ~self._pores
         if solid.all() or not solid.any():
             return np.full(solid.shape, -FAR if solid.any() else FAR, dtype=np.float32)
         return signed_centre_distance(solid, self._voxel, self._around)
@@ -115,8 +119,7 @@ class IsoSurfaceGeometry(VoxelGeometry):
         """Labels with those of the nearest fluid voxels in place of solids."""
         if self._grid.max() <= 0:
             return np.zeros_like(self._grid)
-        nearest = ndimage.distance_transform_edt(self._grid < 0, self._voxel[::-1], False, True)
-        return self._grid[tuple(nearest)]
+        return np.ascontiguousarray(of_nearest_fluid(self._grid, self._grid < 0, self._voxel, self._around))
 
     def phase(self, x: np.ndarray) -> np.ndarray:
         """(n,) int8: index of the fluid where the field is positive, -1 elsewhere and beyond non-periodic faces."""
@@ -130,7 +133,7 @@ class IsoSurfaceGeometry(VoxelGeometry):
 
     def _fill_crossings(self, ends: tuple[np.ndarray, np.ndarray], t: np.ndarray) -> None:
         """Of the first zero of the field, or face of the image."""
-        over_rows(put_first_zeros, len(t), self._spline, self._around, ends, self.lower, self.voxel_size, t)
+        over_rows(put_first_zeros, len(t), self._spline, self._around, ends, self._corner, self.voxel_size, t)
 
 
 @njit(cache=True, inline="always")

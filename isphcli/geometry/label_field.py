@@ -21,7 +21,8 @@ from numba import njit
 from scipy.special import ndtri
 
 from ..domain.row_threads import over_rows
-from .labels import unlike_next
+from ..domain.slabs import Slabs
+from .labels import faces_and_pairs
 from .modes import Modes
 
 # Correlation length, voxels, of a random field with walls of the same area: longer ones are that of the prior; of
@@ -44,26 +45,29 @@ LEAST = 0.05  # standard deviations of the field: least value at a centre, so th
 CERTAIN = 6.0  # standard deviations of the noise beyond which a label changes nothing (1e-8)
 
 
-def most_probable_field(fluid: np.ndarray, around: np.ndarray,
-                        sample: tuple[slice, ...] = (slice(None),) * 3) -> np.ndarray:
+def most_probable_field(fluid: np.ndarray, around: np.ndarray, sample: tuple[slice, ...] = (slice(None),) * 3,
+                        slabs: Slabs | None = None) -> np.ndarray:
     """Field, float32, > 0 in fluid and 0 on the wall, of labels `fluid` (bool [z, y, x]).
 
     around: (3,) bool x, y, z. Along periodic axes the field repeats, along the others it is mirrored at the faces.
     sample: the part [z, y, x] that is no clear layer; the correlation length is that of its pores, however thick the
-    layers are.
+    layers are. slabs: how the processes share the labels, of which each has its layers; without it one process has all.
     """
-    if fluid.all() or not fluid.any():
+    slabs = slabs or Slabs.whole(fluid.shape)
+    cells, of_fluid = slabs.ranks.sum(np.array([fluid.size, np.count_nonzero(fluid)]))
+    if of_fluid in (0, cells):
         return np.where(fluid, np.float32(1.0), np.float32(-1.0))
-    modes = Modes(fluid.shape, around)
-    whole = [s.stop is None or s.stop - (s.start or 0) == n for s, n in zip(sample, fluid.shape)][::-1]  # x, y, z
-    length = correlation_length(fluid[sample], around & whole)
+    modes = Modes(slabs.shape, around, slabs)
+    whole = [s.stop is None or s.stop - (s.start or 0) == n for s, n in zip(sample, slabs.shape)][::-1]  # x, y, z
+    length = correlation_length(*slabs.part(fluid, sample), around & whole)
     share = _share_kept(modes, length)
     sign = np.where(fluid, np.int8(1), np.int8(-1))
     field = modes.filtered(np.float32(START) * sign, share)
     ahead, momentum = field, 1.0
     for _ in range(min(round(ITERATIONS * length), MOST)):
         following = modes.filtered(_lifted(ahead, sign, math.sqrt(NOISE)), share)
-        if _turns(ahead, following, field) > 0.0:  # momentum against the slope: it starts anew (O'Donoghue and Candes)
+        # momentum against the slope: it starts anew (O'Donoghue and Candes)
+        if slabs.ranks.sum(_turns(ahead, following, field)) > 0.0:
             momentum = 1.0
         next_momentum = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * momentum * momentum))
         ahead = _ahead(following, field, np.float32((momentum - 1.0) / next_momentum))
@@ -71,21 +75,17 @@ def most_probable_field(fluid: np.ndarray, around: np.ndarray,
     return sign * np.maximum(sign * field, np.float32(LEAST))
 
 
-def correlation_length(fluid: np.ndarray, around: np.ndarray) -> float:
+def correlation_length(fluid: np.ndarray, slabs: Slabs, around: np.ndarray) -> float:
     """Correlation length of the prior, voxels: that of the Gaussian random field which, cut at a level, has the
-    porosity and the wall area of the labels `fluid` (bool [z, y, x]), or a share of it (`RESOLVED`).
+    porosity and the wall area of the labels `fluid` (bool, the own layers of `slabs`), or a share of it (`RESOLVED`).
 
     Such a field has walls of the area 2 / pi exp(-t^2 / 2) / l a volume, t the level in standard deviations (Rice); a
     voxelised wall has 3/2 of its area.
     """
-    pairs = faces = 0
-    for axis in range(3):
-        if fluid.shape[axis] > 1:
-            differ = unlike_next(fluid, axis, bool(around[2 - axis]))
-            faces += int(np.count_nonzero(differ))
-            pairs += differ.size
+    faces, pairs = faces_and_pairs(fluid, slabs, around)
+    cells, of_fluid = slabs.ranks.sum(np.array([fluid.size, np.count_nonzero(fluid)]))
     area = 2.0 / 3.0 * 3.0 * faces / max(pairs, 1)
-    level = float(ndtri(fluid.mean()))
+    level = float(ndtri(of_fluid / cells))
     length = 2.0 / math.pi * math.exp(-0.5 * level * level) / max(area, 1e-9)
     return min(max(length * min(length / RESOLVED, 1.0), SHORTEST), LONGEST)
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from ..domain.slabs import Slabs
 from .images.image import VoxelError
 
 FEW = 16  # values: an image of at most so many different ones holds labels, any other grey values
@@ -111,20 +111,44 @@ def unlike_next(pores: np.ndarray, axis: int, repeats: bool) -> np.ndarray:
     return pores != np.roll(pores, -1, axis) if repeats else np.diff(pores, axis=axis)
 
 
-def faces_that_differ(solid: np.ndarray, periodic: Sequence[bool]) -> tuple[str, ...]:
+def faces_and_pairs(pores: np.ndarray, slabs: Slabs, around: Sequence[bool] | np.ndarray,
+                    axes: Sequence[int] = (0, 1, 2)) -> tuple[int, int]:
+    """(pairs of neighbours along the axes of an image of which just one is pore, all pairs of neighbours).
+
+    pores: bool [z, y, x], the own layers of `slabs`; around: (3,) bool x, y, z, the first voxel is next to the last;
+    axes: 0 z, 1 y, 2 x.
+    """
+    faces = pairs = 0
+    for axis in axes:
+        if slabs.shape[axis] > 1:
+            repeats = bool(around[2 - axis])
+            if axis == 0 and slabs.ranks.size > 1:
+                differ = unlike_next(slabs.beside(pores, 0, 1, repeats)[0], 0, False)
+            else:
+                differ = unlike_next(pores, axis, repeats)
+            faces += int(np.count_nonzero(differ))
+            pairs += differ.size
+    faces, pairs = slabs.ranks.sum(np.array([faces, pairs]))
+    return int(faces), int(pairs)
+
+
+def faces_that_differ(solid: np.ndarray, periodic: Sequence[bool], slabs: Slabs | None = None) -> tuple[str, ...]:
     """Sentences on the periodic axes along which an image does not go on at the opposite face.
 
-    solid: bool [z, y, x] or [y, x]; periodic: per axis x, y(, z). Voxels differ from one layer to the next inside the
+    solid: bool [z, y, x] or [y, x]; periodic: per axis x, y(, z); slabs: how the processes share the image, of which
+    each has its layers [z, y, x]; without it one process has all. Voxels differ from one layer to the next inside the
     image too; two faces are called different where they are nearer to two unrelated layers than to two neighbours.
     """
-    share = float(solid.mean())
-    said = []
-    for axis, name in enumerate("xyz"[: solid.ndim]):
-        layers = np.moveaxis(solid, solid.ndim - 1 - axis, 0)
-        if not periodic[axis] or len(layers) < 3:
+    grid = solid.reshape(-1, *solid.shape[-2:])
+    slabs = slabs or Slabs.whole(grid.shape)
+    cells, of_solid = slabs.ranks.sum(np.array([grid.size, np.count_nonzero(grid)]))
+    share, said = float(of_solid / cells), []
+    for axis, name in enumerate("xyz"[: len(periodic)]):
+        if not periodic[axis] or slabs.shape[2 - axis] < 3:
             continue
-        across = float((layers[0] != layers[-1]).mean())
-        inside = float(np.mean([(a != b).mean() for a, b in itertools.pairwise(layers)]))
+        faces, pairs = faces_and_pairs(grid, slabs, (False,) * 3, [2 - axis])
+        inside = faces / pairs
+        across = (faces_and_pairs(grid, slabs, (True,) * 3, [2 - axis])[0] - faces) / (cells / slabs.shape[2 - axis])
         unrelated = 2.0 * share * (1.0 - share)
         if across > 0.05 and across > 0.5 * (inside + max(unrelated, inside)) and across > 1.5 * inside:
             said.append(

@@ -9,6 +9,8 @@ import numpy as np
 from numba import get_num_threads
 from scipy import fft
 
+from ..domain.slabs import Slabs
+
 
 def frequencies(n: int, repeats: bool) -> np.ndarray:
     """Frequencies (n,), 1 / voxel, along an axis of n voxels: of waves where it repeats, else of cosines."""
@@ -21,39 +23,61 @@ def sum_of_squares(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 class Modes:
-    """The modes of fields of a shape [z, y, x]. around: (3,) bool x, y, z, periodic; axes of one voxel have none."""
+    """The modes of fields of a shape [z, y, x]. around: (3,) bool x, y, z, periodic; axes of one voxel have none.
 
-    def __init__(self, shape: tuple[int, ...], around: np.ndarray):
-        self.shape = shape
+    slabs: how the processes share the fields; the modes that a process has are then those of its part along y, of all
+    layers, where there are modes along z. Without it one process has all.
+    """
+
+    def __init__(self, shape: tuple[int, ...], around: np.ndarray, slabs: Slabs | None = None):
+        self.shape, self.slabs = shape, slabs or Slabs.whole(shape)
         axes = [a for a in range(3) if shape[a] > 1]
         self.repeats = [a for a in axes if around[2 - a]]
         self.mirrored = [a for a in axes if not around[2 - a]]
+        # waves last, since what they make is complex; but lines along z, for which processes change parts, in the end
+        self._order = sorted([*self.mirrored, *reversed(self.repeats)], key=lambda a: a == 0)
 
     @property
     def dim(self) -> int:
         """Axes that have modes."""
-        return len(self.repeats) + len(self.mirrored)
+        return len(self._order)
 
     def square_frequencies(self) -> np.ndarray:
-        """Sum of the squares of the frequencies, 1 / voxel^2, of every mode."""
+        """Sum of the squares of the frequencies, 1 / voxel^2, of every mode of this process."""
         every = [frequencies(n, a in self.repeats) if n > 1 else np.zeros(1) for a, n in enumerate(self.shape)]
-        if self.repeats:  # the waves of a real field come in pairs: `rfftn` keeps half of them
+        if self.repeats:  # the waves of a real field come in pairs: `rfft` keeps half of them
             last = self.repeats[-1]
             every[last] = fft.rfftfreq(self.shape[last])
+        if 0 in self._order:
+            every[1] = every[1][self.slabs.columns]
+        elif self.slabs.ranks.size > 1:
+            every[0] = every[0][slice(*self.slabs.own)]
         return sum_of_squares(every)
 
     def filtered(self, field: np.ndarray, share: np.ndarray) -> np.ndarray:
-        """The field with `share` of each of its modes."""
-        workers = get_num_threads()
-        for a in self.mirrored:
-            field = fft.dct(field, axis=a, norm="ortho", workers=workers)
-        if self.repeats:
-            modes = fft.rfftn(field, axes=self.repeats, workers=workers)
-            modes *= share
-            lengths = [self.shape[a] for a in self.repeats]
-            field = fft.irfftn(modes, lengths, axes=self.repeats, workers=workers, overwrite_x=True)
-        else:
-            field = field * share
-        for a in self.mirrored:
-            field = fft.idct(field, axis=a, norm="ortho", workers=workers, overwrite_x=True)
+        """The field with `share` of each of its modes; of several processes their own layers, and their own modes."""
+        for a in self._order:
+            field = self._to_modes(self.slabs.turned(field) if a == 0 else field, a)
+        field = field * share
+        for a in reversed(self._order):
+            field = self._of_modes(field, a)
+            field = self.slabs.back(field) if a == 0 else field
         return field
+
+    def _to_modes(self, field: np.ndarray, axis: int) -> np.ndarray:
+        """Along one axis."""
+        workers = get_num_threads()
+        if axis in self.mirrored:
+            return fft.dct(field, axis=axis, norm="ortho", workers=workers)
+        if axis == self.repeats[-1]:
+            return fft.rfft(field, axis=axis, workers=workers)
+        return fft.fft(field, axis=axis, workers=workers, overwrite_x=True)
+
+    def _of_modes(self, field: np.ndarray, axis: int) -> np.ndarray:
+        """The inverse of `_to_modes`."""
+        workers = get_num_threads()
+        if axis in self.mirrored:
+            return fft.idct(field, axis=axis, norm="ortho", workers=workers, overwrite_x=True)
+        if axis == self.repeats[-1]:
+            return fft.irfft(field, self.shape[axis], axis=axis, workers=workers, overwrite_x=True)
+        return fft.ifft(field, axis=axis, workers=workers, overwrite_x=True)

@@ -6,36 +6,53 @@ zero is a smooth surface; trilinear interpolation has facets of the size of a vo
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numba import njit
 from scipy import ndimage
 
 from ..domain.row_threads import over_rows
+from ..domain.slabs import Slabs
+
+SEEN = 2  # layers of coefficients on either side of a voxel that values in it, and on the way to the next centre, need
 
 
-def spline_coefficients(field: np.ndarray, around: np.ndarray) -> np.ndarray:
+def spline_coefficients(field: np.ndarray, around: np.ndarray, slabs: Slabs | None = None) -> np.ndarray:
     """Coefficients, float32 [z, y, x], of the cubic B-spline through a field (same shape, overwritten where float32).
 
     around: (3,) bool x, y, z. Along periodic axes the field repeats, along the others it is mirrored at the faces.
+    slabs: how the processes share the field, of which each has its layers; without it one process has all.
     """
-    coefficients = np.asarray(field, dtype=np.float32)
-    for axis in range(3):
-        if coefficients.shape[axis] > 1:
-            mode = "grid-wrap" if around[2 - axis] else "reflect"
-            coefficients = ndimage.spline_filter1d(coefficients, 3, axis, output=np.float32, mode=mode)
-    return coefficients
+
+    def filtered(values: np.ndarray, axis: int) -> np.ndarray:
+        mode = "grid-wrap" if around[2 - axis] else "reflect"
+        return ndimage.spline_filter1d(values, 3, axis, output=np.float32, mode=mode)
+
+    return _line_by_line(np.asarray(field, dtype=np.float32), filtered, slabs)
 
 
-def average(field: np.ndarray, width: float, around: np.ndarray) -> np.ndarray:
+def average(field: np.ndarray, width: float, around: np.ndarray, slabs: Slabs | None = None) -> np.ndarray:
     """The field, float32 [z, y, x], averaged with a Gaussian of `width` voxels along every axis; 0 leaves it.
 
-    Periodic and mirrored as `spline_coefficients` continues it.
+    Periodic and mirrored as `spline_coefficients` continues it; slabs: as there.
     """
-    if width > 0.0:
-        for axis in range(3):
-            if field.shape[axis] > 1:
-                mode = "wrap" if around[2 - axis] else "reflect"
-                field = ndimage.gaussian_filter1d(field, width, axis, output=np.float32, mode=mode)
+
+    def filtered(values: np.ndarray, axis: int) -> np.ndarray:
+        mode = "wrap" if around[2 - axis] else "reflect"
+        return ndimage.gaussian_filter1d(values, width, axis, output=np.float32, mode=mode)
+
+    return _line_by_line(field, filtered, slabs) if width > 0.0 else field
+
+
+def _line_by_line(field: np.ndarray, filtered: Callable[[np.ndarray, int], np.ndarray],
+                  slabs: Slabs | None) -> np.ndarray:
+    """The field with all its lines filtered, axis by axis; a process without layers has nothing to filter."""
+    slabs = slabs or Slabs.whole(field.shape)
+    for axis in range(3):
+        if slabs.shape[axis] > 1:
+            field = slabs.along(field, axis, lambda values, axis=axis: (  # type: ignore[misc]
+                filtered(values, axis) if values.size else values.astype(np.float32)))
     return field
 
 

@@ -8,8 +8,9 @@ import numpy as np
 from numba import njit
 
 from ..domain.components import root
-from .connectivity import connectivity_of, merge_periodic
-from .spline import value_and_slope
+from ..domain.slabs import Slabs
+from .connectivity import components_of_slabs, join_slabs
+from .spline import SEEN, value_and_slope
 
 # From a voxel to those that share a face with it, then an edge: z, y, x. Of two opposite ways one.
 WAYS = np.array([(0, 0, 1), (0, 1, 0), (1, 0, 0), (0, 1, 1), (0, 1, -1), (1, 0, 1), (1, 0, -1), (1, 1, 0), (1, -1, 0)])
@@ -55,36 +56,49 @@ def _parts(n: int) -> str:
 
 
 def surface_ways(coefficients: np.ndarray, around: np.ndarray, field: np.ndarray, labels: np.ndarray,
-                 part: tuple[slice, ...], periodic: tuple[bool, ...]) -> SurfaceWays:
+                 part: tuple[slice, ...], periodic: tuple[bool, ...], slabs: Slabs | None = None) -> SurfaceWays:
     """SurfaceWays of the spline through a field on voxel centres.
 
     coefficients, field (> 0 in fluid), labels (-1 solid): [z, y, x]; around: (3,) bool x, y, z of the spline; part: of
-    these arrays, the sample without clear layers; periodic: of the sample, (dim,) x, y(, z).
+    these arrays, the sample without clear layers; periodic: of the sample, (dim,) x, y(, z); slabs: how the processes
+    share the arrays, of which each has its layers; without it one process has all.
     """
-    dim = len(periodic)
-    wraps = np.array([*periodic, False][:3])
-    fluid, solid = np.ascontiguousarray(field[part] > 0), labels[part] < 0
-    owner, links, opened, closed = _joined(coefficients, around, fluid, np.array([s.start for s in part[::-1]]), wraps)
+    slabs = slabs or Slabs.whole(field.shape)
+    fluid, sample = slabs.part(field > 0, part)
+    solid, _ = slabs.part(labels < 0, part)
+    owner, links, opened, closed = _joined_in(coefficients, around, fluid, part, periodic, slabs, sample)
     roots, raw = np.unique(owner[owner >= 0], return_inverse=True)
     edges = links.astype(np.int64)
     edges[:, :2] = np.searchsorted(roots, links[:, :2])
-    count, of_raw, winding = merge_periodic(len(roots), np.unique(edges, axis=0), 3)
-    through = np.asarray(winding.any(axis=0))
-    labelled = np.full(fluid.shape, -1)
-    labelled[fluid] = of_raw[raw]
-    for axis in range(dim):
-        if not periodic[axis]:
-            ends = np.take(labelled, [0, -1], axis=2 - axis).swapaxes(0, 2 - axis)
-            through[axis] = bool((np.intersect1d(ends[0], ends[-1]) >= 0).any())
-    of_labels = connectivity_of(~solid if dim == 3 else ~solid[0], periodic)
-    return SurfaceWays(int((fluid == solid).sum()), opened, closed, count, of_labels.components,
-                       tuple(bool(t) for t in through[:dim]), of_labels.percolates)
+    parts = np.full(owner.shape, -1)
+    parts[owner >= 0] = raw
+    of_surface = join_slabs(parts.reshape(-1, *fluid.shape[1:]), len(roots), np.unique(edges, axis=0), sample,
+                            periodic)[1]
+    of_labels = components_of_slabs(~solid, sample, periodic)[2]
+    moved, opened, closed = slabs.ranks.sum(np.array([np.count_nonzero(fluid == solid), opened, closed]))
+    through, label_through = (tuple(map(bool, np.ravel(found.any(axis=0)))) for found in (of_surface, of_labels))
+    return SurfaceWays(int(moved), int(opened), int(closed), len(of_surface), len(of_labels), through, label_through)
+
+
+def _joined_in(coefficients: np.ndarray, around: np.ndarray, fluid: np.ndarray, part: tuple[slice, ...],
+               periodic: tuple[bool, ...], slabs: Slabs, sample: Slabs) -> tuple[np.ndarray, np.ndarray, int, int]:
+    """`_joined` of the own layers of the sample, of which several processes see the layer above too."""
+    wraps, start = np.array([*periodic, False][:3]), np.array([s.start for s in part[::-1]])
+    if slabs.ranks.size == 1:
+        return _joined(coefficients, around, fluid, start, wraps, (len(fluid), False))
+    coefficients, first = slabs.beside(coefficients, SEEN, SEEN, bool(around[2]))
+    layers, _ = sample.beside(fluid, 0, 1, bool(wraps[2]))
+    start[2] += sample.own[0] - first
+    seam = bool(wraps[2]) and sample.own[1] == sample.shape[0]
+    return _joined(coefficients, np.array([*around[:2], False]), np.ascontiguousarray(layers), start,
+                   np.array([*wraps[:2], False]), (len(fluid), seam))
 
 
 @njit(cache=True)
-def _joined(c, around, fluid, first, wraps):
+def _joined(c, around, fluid, first, wraps, own):
     """(root of each voxel (n,), -1 in solids; links across periodic faces (m, 3): upper root, lower root, axis; edges
-    that are open; faces that are closed)."""
+    that are open; faces that are closed). own: number of layers whose ways are followed, and whether one above them
+    lies beyond a periodic face."""
     shape = fluid.shape
     nz, ny, nx = shape
     parent = np.full(nz * ny * nx, -1, np.int32)
@@ -95,7 +109,7 @@ def _joined(c, around, fluid, first, wraps):
     links = np.empty((6 * (nz * ny + ny * nx + nz * nx), 3), np.int32)
     count, opened, closed = 0, 0, 0
     q, there = np.zeros(3, np.int64), np.zeros(3, np.int64)
-    for z in range(nz):
+    for z in range(own[0]):
         for y in range(ny):
             for x in range(nx):
                 if not fluid[z, y, x]:
@@ -122,10 +136,11 @@ def _joined(c, around, fluid, first, wraps):
                         continue
                     opened += not face
                     here, other = (z * ny + y) * nx + x, (there[0] * ny + there[1]) * nx + there[2]
+                    seam = own[1] and q[0] == own[0]
                     if crossed == 0:
                         a, b = root(parent, here), root(parent, other)
                         parent[max(a, b)] = min(a, b)
-                    elif crossed == 1:  # edges across two periodic faces are few, and are left out
+                    elif crossed == 1 and not seam:  # edges across two periodic faces are few, and are left out
                         links[count, 0], links[count, 1] = (here, other) if up else (other, here)
                         links[count, 2] = axis
                         count += 1

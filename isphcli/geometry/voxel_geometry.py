@@ -80,7 +80,7 @@ class VoxelGeometry:
             around[layers.axis] = True
             whole[layers.axis] += 2 * layers.voxels
         self.periodic = tuple(around)
-        self.lower = np.zeros(self.dim)
+        self.lower = self._corner = np.zeros(self.dim)  # of the box, and of the voxels that are held
         self.upper = whole * self.voxel_size
         self.sample_lower = start * self.voxel_size
         self.sample_upper = (start + sample) * self.voxel_size
@@ -115,8 +115,7 @@ class VoxelGeometry:
         of the nearest voxel of fluid, because a smooth wall may leave fluid in them."""
         filled = with_clear_layers(microporous, layers, -1).reshape(self._grid.shape).astype(np.int8)
         if self._solid == 1:
-            nearest = ndimage.distance_transform_edt(self._grid < 0, self._voxel[::-1], False, True)
-            filled = filled[tuple(nearest)]
+            filled = of_nearest_fluid(filled, self._grid < 0, self._voxel, self._around)
         self._microporous = np.ascontiguousarray(filled)
 
     def microporous(self, x: np.ndarray) -> np.ndarray:
@@ -165,7 +164,7 @@ class VoxelGeometry:
     def _fill_crossings(self, ends: tuple[np.ndarray, np.ndarray], t: np.ndarray) -> None:
         """Puts the fractions into t (n,): of the first face of a solid voxel, exactly; a segment through the edge where
         two solid voxels touch is blocked."""
-        over_rows(put_first_faces, len(t), self._grid, self._around, ends, self.lower, self.voxel_size, t)
+        over_rows(put_first_faces, len(t), self._grid, self._around, ends, self._corner, self.voxel_size, t)
 
     def _points(self, x: np.ndarray) -> np.ndarray:
         """Voxel coordinates (n, 3); the layer of a 2D image has z = 1/2."""
@@ -173,6 +172,15 @@ class VoxelGeometry:
         u = np.full((len(x), 3), 0.5)
         u[:, : self.dim] = (x - self.lower) / self.voxel_size
         return u
+
+
+def of_nearest_fluid(values: np.ndarray, solid: np.ndarray, voxel: np.ndarray, around: np.ndarray) -> np.ndarray:
+    """Values [z, y, x] of voxels, in solid ones those of the nearest voxel of fluid. voxel: edges (3,) and around: (3,)
+    bool, periodic, x, y, z. Beyond a periodic face voxels are seen as far as a smooth wall may be off its labels."""
+    widths = [(2, 2) if repeats and n > 1 else (0, 0) for repeats, n in zip(around[::-1], values.shape)]
+    wide = np.pad(values, widths, mode="wrap")
+    nearest = ndimage.distance_transform_edt(np.pad(solid, widths, mode="wrap"), voxel[::-1], False, True)
+    return wide[tuple(nearest)][tuple(slice(low, low + n) for (low, _), n in zip(widths, values.shape))]
 
 
 @njit(cache=True, nogil=True)

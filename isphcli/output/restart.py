@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..case.blocks import Case, Time, plain
+from ..case.blocks import Case, Time, Voxels, plain
 from ..domain import reduce
 from ..domain.communicator import current
 from ..domain.exchange import deliver
@@ -285,9 +285,8 @@ def record_of(case: Case) -> dict[str, Any]:
     voxels = case.geometry.voxels
     if voxels is not None:
         from ..geometry.images.read import axes_of
-        from ..scene.image_file import image_of
 
-        said["geometry.voxels.file"] = _digest({"image": image_of(voxels).values}).hex()
+        said["geometry.voxels.file"] = _image_digest(voxels)
         said["geometry.voxels.axes"] = axes_of(voxels.file, voxels.axes)
         for key in ("array", "shape", "dtype", "offset", "byte_order"):  # of the file, and not of its voxels
             said.pop(f"geometry.voxels.{key}", None)
@@ -301,6 +300,24 @@ def record_of(case: Case) -> dict[str, Any]:
         "values": {key: value for key, value in said.items() if not is_scene[key] and not IDLE.match(key)},
         "changes": [],
     }
+
+
+def _image_digest(voxels: Voxels) -> str:
+    """`_digest` of the values of an image. Where several processes have its layers, rank 0, which looks, reads it layer
+    by layer."""
+    from ..scene.image_file import image_by_layers, image_of, shape_of
+
+    if current().size == 1:
+        return _digest({"image": image_of(voxels).values}).hex()
+    kind = next(image_by_layers(voxels)).dtype
+    while True:  # once more where labels behind the first layers need more bytes
+        total, whole = hashlib.sha256(_head("image", kind.str, shape_of(voxels))), kind
+        for values in image_by_layers(voxels):
+            whole = np.result_type(values.dtype, whole)
+            total.update(np.ascontiguousarray(values, kind).data)
+        if whole == kind:
+            return total.hexdigest()
+        kind = whole
 
 
 def _entries(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:

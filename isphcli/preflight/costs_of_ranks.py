@@ -9,8 +9,7 @@ import numpy as np
 
 from ..domain.cut import even_bricks
 from ..scene import memory
-from ..scene.image_geometry import in_parts
-from .check_result import CheckResult, ShareOfRank, in_bytes
+from .check_result import CheckResult, ShareOfRank
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
@@ -45,11 +44,9 @@ def of_ranks(result: CheckResult, geometry: Geometry, count: int, share: float =
     need["program"] = BYTES_PROGRAM
     if result.second is not None:  # as evenly cut as the first one, and seen as far
         need["half the spacing in throats"] = result.second.memory / count * (1.0 + remote / own)
-    by_parts = geometry.voxel_size is not None and in_parts(case)
     if geometry.voxel_size is not None:
         near = np.minimum(edges + 2.0 * (reach + MARGIN * geometry.voxel_size), size) / geometry.voxel_size
-        whole = np.prod(size / geometry.voxel_size)
-        need["image"] = memory.BYTES_VOXEL * float(near.prod(axis=1).max() if by_parts else whole)
+        need["image"] = memory.BYTES_VOXEL * float(near.prod(axis=1).max())
     seconds = None
     if result.seconds is not None:
         seconds = result.seconds / count * (1.0 + remote / own) * WAITS if count > 1 else result.seconds
@@ -59,7 +56,3 @@ def of_ranks(result: CheckResult, geometry: Geometry, count: int, share: float =
         take = f"take {most:,} at most" if most > 1 else "run it in one process"
         result.warnings.append(f"{own:,.0f} fluid particles a process, and about {remote:,.0f} remote ones: fewer than "
                                f"{FEWEST:,} are not worth it; {take}")
-    image = need.get("image", 0.0)
-    if count > 1 and not by_parts and image > 0.5 * sum(need.values()):
-        result.warnings.append(f"each process holds the whole image, {in_bytes(image)}: of labels with "
-                               "geometry.wall_distance: stairs it would hold a part")

@@ -1,7 +1,8 @@
 """Functions for comparisons of all kinds: numbers of the case, and errors of velocities, pressures, permeabilities.
 
 All errors are relative and plain floats; those of permeabilities carry a sign. `velocity_relative_l2` is
-|u - u_ref| / |u_ref| over the particles, `velocity_max` the largest deviation over the largest |u_ref|.
+|u - u_ref| / |u_ref| over the particles, `velocity_max` the largest deviation over the largest |u_ref|. Errors of
+fields are of the particles of all processes, each of which gives its own.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..case import forcing
+from ..domain import reduce
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -117,24 +119,25 @@ def velocity_errors(u: Array, expected: Array) -> Errors:
     """u, expected: (n, k), or expected (n, dim) with the part of the flow that is compared."""
     deviation = np.linalg.norm(np.asarray(u) - expected, axis=1)
     size = np.linalg.norm(expected, axis=1)
-    if not size.any():
+    fastest = reduce.largest(size)
+    if fastest == 0.0:
         raise CompareError("the reference is at rest: there is nothing to be relative to")
     return {
-        "velocity_relative_l2": float(np.linalg.norm(deviation) / np.linalg.norm(size)),
-        "velocity_max": float(deviation.max() / size.max()),
+        "velocity_relative_l2": float(reduce.norm(deviation) / reduce.norm(size)),
+        "velocity_max": float(reduce.largest(deviation) / fastest),
     }
 
 
 def pressure_error(p: Array, expected: Array) -> Errors:
     """A pressure is known up to a constant: both without their mean."""
-    expected = expected - expected.mean()
-    deviation = p - np.mean(p) - expected
-    return {"pressure_relative_l2": float(np.linalg.norm(deviation) / np.linalg.norm(expected))}
+    expected = expected - reduce.mean(expected)
+    deviation = p - reduce.mean(p) - expected
+    return {"pressure_relative_l2": float(reduce.norm(deviation) / reduce.norm(expected))}
 
 
 def energy_error(u: Array, expected: Array) -> float:
     """Signed error of the kinetic energy, relative; u, expected: (n, dim) m/s."""
-    return float((u**2).sum() / (expected**2).sum() - 1)
+    return float(reduce.total(u**2).sum() / reduce.total(expected**2).sum() - 1)
 
 
 def permeability_errors(case: Case, result: Result, expected: dict[str, float]) -> Errors:

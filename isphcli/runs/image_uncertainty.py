@@ -33,7 +33,7 @@ def by_threshold(case: Case, axes: Iterable[tuple[int | None, np.ndarray]], know
     off = case.geometry.voxels.grey.uncertainty
     if off is None:
         return None
-    own = threshold_of(case.geometry.voxels)
+    own = threshold_of(case)
     driven = [(axis, force) for axis, force in axes if axis is not None and axis in known]
     beside: list[dict[int, float]] = []  # {axis: m2} at the lower and the upper threshold
     for threshold in (own - off, own + off):

@@ -439,8 +439,9 @@ def _finish_ranks(run: MovingRun, summary: Summary, result: Result, config: Conf
     summary["speed"] = speed_distribution(result.cell_velocity[inside])
     if case.output.plots:
         summary["warnings"].append(ranks.NO_PICTURES)
-    quiet_case, compared = replace(case, output=replace(case.output, plots=False)), ranks.whole(case, result)
-    return on_first(lambda: finish(quiet_case, run.directory, summary, compared, run.clock)[0])
+    quiet_case = replace(case, output=replace(case.output, plots=False))
+    whole, compared = ranks.compared(case, result, run.clock)
+    return on_first(lambda: finish(quiet_case, run.directory, summary, whole, run.clock, compared=compared)[0])
 
 
 def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state: State, config: Configuration) -> None:

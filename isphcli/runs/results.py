@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from ..flow.state import State
     from ..output.grid import Grid, GridParts
     from ..output.plots import Frame
+    from ..references.errors import CompareError
     from ..references.result import Result
     from .time_loop import TimeLoop
 
@@ -162,28 +163,44 @@ def stopped_short(case: Case, loop: TimeLoop, state: State, directory: Path) -> 
     return f"{what}; {cause}. Go on with: isph run --restart {shlex.quote(str(directory))} --set {key}=..."
 
 
+@dataclass(frozen=True)
+class Compared:
+    """Of a result and its reference: the errors by name, or why there are none: a comparison that cannot be made, or a
+    result that lacks what it needs."""
+
+    errors: Mapping[str, Any] | None = None
+    not_compared: str | None = None
+    failed: CompareError | None = None
+
+
+def compare_with_reference(case: Case, result: Result, clock: Clock) -> Compared:
+    """`references.compare` of the result of a run."""
+    with clock("reference"):
+        from ..references import compare, errors
+
+        try:
+            return Compared(compare.compare(case, result))
+        except errors.NotComparedError as error:
+            return Compared(not_compared=str(error))
+        except errors.CompareError as error:
+            return Compared(failed=error)
+
+
 def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result, clock: Clock,
-           draw: Callable[[], None] | None = None) -> tuple[dict[str, Any], Result]:
+           draw: Callable[[], None] | None = None, compared: Compared | None = None) -> tuple[dict[str, Any], Result]:
     """(summary, result): errors against the reference, the effective case, summary.json, and pictures where a case has
     them.
 
     summary.json is written before `draw` is called: drawing in 3D takes half a minute, and a user who stops it has the
     numbers. It is written again with the time and warnings of drawing. It is left too where the comparison fails:
-    CompareError is raised after it is written.
+    CompareError is raised after it is written. compared: what several processes have found together.
     """
-    errors = incomparable = None
-    if case.reference is not None:
-        with clock("reference"):
-            from ..references.compare import CompareError, compare
-            from ..references.errors import NotComparedError
-
-            try:
-                errors = compare(case, result)
-            except NotComparedError as error:
-                summary["not_compared"] = str(error)
-            except CompareError as error:
-                incomparable = error
-                summary["message"] = "; ".join(filter(None, [summary["message"], f"no errors: {error}"]))
+    if compared is None:
+        compared = compare_with_reference(case, result, clock) if case.reference is not None else Compared()
+    if compared.not_compared is not None:
+        summary["not_compared"] = compared.not_compared
+    if compared.failed is not None:
+        summary["message"] = "; ".join(filter(None, [summary["message"], f"no errors: {compared.failed}"]))
     if "speed" not in summary:
         inside = inside_sample(result.geometry, result.x)
         summary["speed"] = speed_distribution(result.cell_velocity[inside])
@@ -192,13 +209,13 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
     for name in PICTURES:  # pictures from before a restart are removed: where drawing is stopped none are left
         for path in directory.glob(name):
             folder.remove(path)
-    whole = _write_summary(directory, case, summary, result, errors, clock)
+    whole = _write_summary(directory, case, summary, result, compared.errors, clock)
     if draw is not None and case.output.plots:
         with clock("output"):
             draw()
-        whole = _write_summary(directory, case, summary, result, errors, clock)
-    if incomparable is not None:
-        raise incomparable
+        whole = _write_summary(directory, case, summary, result, compared.errors, clock)
+    if compared.failed is not None:
+        raise compared.failed
     whole["directory"] = str(directory)
     whole["pictures"] = sorted(str(p) for p in Path(directory).glob("*.png"))
     if case.output.plots:

@@ -173,13 +173,13 @@ def _finish_ranks(case: Case, summary: dict[str, Any], result: Result, found: Fo
     directory: Path = on_first(lambda: folder.prepare(output.directory))  # type: ignore[arg-type]
     with clock("output"):
         _write_fields(case, directory, main, result.x)
-        compared, rows = ranks.whole(case, result), _profile(main)
+        (whole, compared), rows = ranks.compared(case, result, clock), _profile(main)
 
         def rest() -> dict[str, Any]:
             write_rows(directory / "history.csv", found.history)
             write_rows(directory / PROFILES, rows)
             quiet_case = replace(case, output=replace(output, plots=False))
-            return finish(quiet_case, directory, summary, compared, clock)[0]
+            return finish(quiet_case, directory, summary, whole, clock, compared=compared)[0]
 
         return on_first(rest)
 

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..domain.communicator import current, on_first
+from ..domain import reduce
+from ..domain.communicator import current
 from ..domain.lattice import ParticleError
+from ..domain.slabs import Shared, Slabs
 from ..geometry.clear_layer import clear_voxels
 from ..geometry.images.image import Image, VoxelError
-from ..geometry.images.read import image_shape, read_image
 from ..geometry.images.voxel_size import COARSE, voxel_size_of
-from ..geometry.labels import ClearLayers, apply_labels, faces_that_differ, histogram, mirrored, unlike_next
+from ..geometry.labels import ClearLayers, apply_labels, faces_that_differ, histogram, mirrored
 from . import memory
-from .image_file import image_of, layout_of
+from .image_file import image_layers, image_of, shape_of
 
 if TYPE_CHECKING:
     from ..case.blocks import Case, Grey, Voxels
@@ -50,6 +51,44 @@ def _along_xyz(image: Image) -> list[int]:
     return [image.whole[image.axes.index(a)] for a in "xyz"[: len(image.axes)]]
 
 
+@dataclass(frozen=True)
+class _Layers:
+    """The layers of the image of a case that this process has, all of them where it is alone.
+
+    image: what its file says, and the values of these layers; values: [z, y, x], mirrored as asked; slabs: how the
+    processes share them; dim: 2 or 3, of the image.
+    """
+
+    image: Image
+    values: np.ndarray
+    slabs: Slabs
+    dim: int
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Voxels along x, y(, z)."""
+        return self.slabs.shape[::-1][: self.dim]
+
+
+def _layers_of(case: Case, spec: Voxels) -> _Layers:
+    """Reads the own layers of the image of a case. Raises VoxelError."""
+    if current().size == 1:
+        image = image_of(spec)
+        values = mirrored(image.values, case.geometry.mirror)
+        values = values.reshape(-1, *values.shape[-2:])
+        return _Layers(image, values, Slabs(values.shape), 2 if values.shape[0] == 1 else 3)
+    shape = shape_of(spec)
+    dim = 2 if len(shape) == 2 or shape[0] == 1 else 3
+    read = shape if len(shape) == 3 else (1, *shape)
+    slabs = Slabs([n * (1 + (name in case.geometry.mirror)) for n, name in zip(read, "zyx")])
+    at = np.arange(*slabs.own)
+    at = np.where(at < read[0], at, 2 * read[0] - 1 - at)  # behind the mirror the layers come back
+    first, end = (int(at.min()), int(at.max()) + 1) if len(at) else (0, 1)  # who has no layers reads one in vain
+    image = image_layers(spec, *((first, end) if len(shape) == 3 else (0, shape[0])))
+    values = mirrored(image.values.reshape(-1, *read[1:]), [name for name in case.geometry.mirror if name != "z"])
+    return _Layers(image, values[at - first], slabs, dim)
+
+
 def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
     """Geometry of the image of a case; axis: of flow, which gets the clear layers, or None.
 
@@ -59,30 +98,27 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
 
     spec = case.geometry.voxels
     assert spec is not None
-    if current().size > 1 and in_parts(case):
-        return _brick_geometry(case, spec, axis, walls)
     memory.refuse_image(case)
-    image = image_of(spec)
-    values = mirrored(image.values, case.geometry.mirror)
-    periodic = ["xyz"[a] in case.geometry.repeats for a in range(values.ndim)]
-    understood = _understood(case, spec, values, periodic)
-    check_dimension(case, 2 if values.shape[0] == 1 else values.ndim)  # of one layer the geometry is of two dimensions
-    size, whence, odd = voxel_size_of(image, spec.voxel_size, spec.file)
-    edges = np.broadcast_to(size, values.ndim)
+    own = _layers_of(case, spec)
+    periodic = ["xyz"[a] in case.geometry.repeats for a in range(own.dim)]
+    understood = _understood(case, spec, own, periodic)
+    check_dimension(case, own.dim)
+    size, whence, odd = voxel_size_of(own.image, spec.voxel_size, spec.file)
+    edges = (np.ravel(size) if np.size(size) > 1 else np.broadcast_to(size, own.dim))[: own.dim]
     unusual = _unusual_size(case, edges)
-    layers = _layers_that_fit(case, understood.labels, axis, edges, periodic, unusual)
-    geometry, ways = _with_walls(case, understood, edges, periodic, layers, walls)
+    layers = _layers_that_fit(case, understood.labels, own, axis, edges, periodic, unusual)
+    geometry, ways = _with_walls(case, understood, own, edges, periodic, layers, walls)
     porosity = _porosity_of(understood, tuple(case.microporous))
     geometry.warnings = (
-        *image.warnings,
+        *own.image.warnings,
         *odd,
         *unusual,
         *_unusual_porosity(porosity),
-        *faces_that_differ(understood.labels < 0, periodic),
+        *faces_that_differ(understood.labels < 0, periodic, own.slabs),
         *(ways.warnings() if ways is not None else ()),
     )
     geometry.described = (
-        _described_image(case, spec, values.shape[::-1], image),
+        _described_image(case, spec, own.shape, own.image),
         *_described_size(geometry, whence, porosity),
         *understood.described,
         *_described_layers(layers),
@@ -91,131 +127,50 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
     return geometry
 
 
-def _layers_that_fit(case: Case, labels: np.ndarray, axis: int | None, edges: np.ndarray, periodic: list[bool],
-                     unusual: tuple[str, ...]) -> ClearLayers | None:
+def _layers_that_fit(case: Case, labels: np.ndarray, own: _Layers, axis: int | None, edges: np.ndarray,
+                     periodic: list[bool], unusual: tuple[str, ...]) -> ClearLayers | None:
     """The clear layers of an image, or None. Raises ParticleError where the image with them does not fit into the
-    memory; unusual: warnings on the size of its voxels, edges (dim,) m, a likely cause."""
-    clear = added = 0
+    memory; labels: of the own layers; unusual: warnings on the size of its voxels, edges (dim,) m, a likely cause."""
+    voxels, clear, added = math.prod(own.shape), 0, 0
     if axis is not None and not periodic[axis]:
-        clear = _clear_voxels(case, labels, axis, edges, periodic)
-        added = 2 * clear * (labels.size // labels.shape[labels.ndim - 1 - axis])
-    if added > labels.size:
+        clear = _clear_voxels(case, labels, own.slabs, axis, edges, periodic)
+        added = 2 * clear * (voxels // own.shape[axis])
+    if added > voxels:
         what, fix = f"clear layers of {clear} voxels", "take a smaller geometry.voxels.clear_layer; it is in metres"
     else:
-        what, fix = f"the wall distances of {labels.size + added:,} voxels", memory.CROP
-    memory.refuse((labels.size + added) * memory.BYTES_VOXEL * current().here, what, fix)
+        what, fix = f"the wall distances of {voxels + added:,} voxels", memory.CROP
+    memory.refuse(memory.of_this_machine((voxels + added) * memory.BYTES_VOXEL), what, fix)
+    fluid = reduce.count(labels.ravel() >= 0)
+    two = reduce.any_true(labels.ravel() > 0)
     try:
-        memory.refuse_pores(case, labels, edges, added)
+        memory.refuse_pores(case, own.dim, edges, (voxels + added, fluid + added), two=two)
     except ParticleError as error:  # voxels in another unit than the spacing make absurd numbers of particles
-        thick = (f"most of them are in the clear layers of {clear} voxels: {fix}",) if added > labels.size else ()
+        thick = (f"most of them are in the clear layers of {clear} voxels: {fix}",) if added > voxels else ()
         raise ParticleError("; ".join((str(error), *thick, *unusual))) from None
     return ClearLayers(axis, clear) if axis is not None and clear > 0 else None
 
 
-def _with_walls(case: Case, understood: Understood, edges: np.ndarray, periodic: list[bool],
+def _with_walls(case: Case, understood: Understood, own: _Layers, edges: np.ndarray, periodic: list[bool],
                 layers: ClearLayers | None, walls: Walls) -> tuple[VoxelGeometry, SurfaceWays | None]:
     """The geometry whose walls are those of `geometry.wall_distance`, and what a smooth wall opens and closes."""
+    from ..geometry.image_brick import ImageBrick, SmoothBrick
     from ..geometry.iso_surface import ImageField, IsoSurfaceGeometry
     from ..geometry.voxel_geometry import VoxelGeometry
 
     ways: SurfaceWays | None = None
+    labels, field, alone = understood.labels, understood.field, own.slabs.ranks.size == 1
+    shared = Shared(labels, own.slabs)
     if case.wall_distance == "stairs":
-        geometry = VoxelGeometry(understood.labels, edges, periodic, layers, walls)
+        geometry = (VoxelGeometry(labels, edges, periodic, layers, walls) if alone else
+                    ImageBrick(shared, edges, periodic, layers, walls))
     else:
-        field = understood.field
         smooth = ImageField(field, understood.denoise, understood.blur) if field is not None else None
-        geometry = surface = IsoSurfaceGeometry(understood.labels, smooth, edges, periodic, layers, walls)
+        geometry = surface = (IsoSurfaceGeometry(labels, smooth, edges, periodic, layers, walls) if alone else
+                              SmoothBrick(shared, smooth, edges, periodic, layers, walls))
         ways = surface.ways()
     if understood.microporous is not None:
         geometry.fill_with(understood.microporous, layers)
     return geometry, ways
-
-
-def in_parts(case: Case) -> bool:
-    """Whether processes hold a part of the image of a case each: labels whose walls are faces of voxels. A smooth wall
-    is found by waves that run through the whole image, and what fills a solid by the nearest voxel of fluid in it."""
-    spec = case.geometry.voxels
-    assert spec is not None
-    return case.wall_distance == "stairs" and spec.grey is None and not case.geometry.mirror and not case.microporous
-
-
-def _brick_geometry(case: Case, spec: Voxels, axis: int | None, walls: Walls) -> Geometry:
-    """The geometry of an image of which several processes hold a part each; each counts the values of a slab."""
-    from ..case.checks import check_dimension
-    from ..geometry.image_brick import ImageBrick, LabelsInFile
-
-    memory.refuse_image(case, parts=True)
-    whole = image_shape(spec.file, layout=layout_of(spec))
-    start, end = np.zeros(3, int), np.array((whole or image_of(spec).values.shape)[::-1])
-    if spec.crop is not None:
-        start, end = np.array(spec.crop).T
-    dim, shape, ranks = len(end), end - start[: len(end)], current()
-
-    def part(ranges: Sequence[tuple[int, int]]) -> Image:
-        return read_image(spec.file, layout=layout_of(spec), crop=[(int(a + s), int(b + s)) for (a, b), s
-                                                                   in zip(ranges, start)])
-
-    deep = int(shape[-1])
-    low, high = ranks.rank * deep // ranks.size, (ranks.rank + 1) * deep // ranks.size
-    # where there are more processes than slices some read one in vain
-    slab = part([*((0, int(n)) for n in shape[:-1]), (low, high) if low < high else (0, 1)])
-    found: dict[int, int] = {}
-    for counts in ranks.collect(histogram(slab.values) if low < high else {}):
-        for value, count in counts.items():
-            found[value] = found.get(value, 0) + count
-    names = tuple(case.fluids)
-
-    def labelled(values: np.ndarray) -> np.ndarray:
-        return apply_labels(values, spec.labels, names, spec.file, dict(sorted(found.items())))
-
-    labelled(slab.values[:0])  # raises VoxelError here where the labels do not fit the case
-    solid = {int(v) for v in np.ravel(np.asarray(spec.labels.get("solid", ())))}
-    fluid = sum(count for value, count in found.items() if value not in solid)
-    def read(ranges: Sequence[tuple[int, int]]) -> np.ndarray:
-        return labelled(part(ranges).values)
-
-    in_file = LabelsInFile(tuple(map(int, shape)), fluid, read, *_of_slabs(read, shape, (low, high)))
-    check_dimension(case, dim)
-    periodic = ["xyz"[a] in case.geometry.repeats for a in range(dim)]
-    size, whence, odd = voxel_size_of(slab, spec.voxel_size, spec.file)
-    clear, edges = 0, np.broadcast_to(size, dim)
-    if axis is not None and not periodic[axis]:
-        # the thickness depends on the percolating pores of the whole image: rank 0 reads it, and frees it
-        clear = on_first(lambda: _clear_voxels(
-            case, in_file.part(np.zeros(dim, int), shape if spec.clear_layer is None else np.ones(dim, int), None),
-            axis, edges, periodic))
-    voxels = int(np.prod(shape))
-    added = 2 * clear * (voxels // int(shape[axis])) if axis is not None else 0
-    memory.refuse_pore_voxels(case, dim, size, (voxels + added, fluid + added), two=len(spec.labels) > 2)
-    layers = ClearLayers(axis, clear) if axis is not None and clear > 0 else None
-    geometry = ImageBrick(in_file, size, periodic, layers, walls)
-    porosity = _Porosity(fluid / voxels, {}, _labels_in_words(spec.labels))
-    geometry.warnings = (*slab.warnings, *odd, *_unusual_size(case, edges), *_unusual_porosity(porosity))
-    geometry.described = (_described_image(case, spec, tuple(map(int, shape)), slab),
-                          *_described_size(geometry, whence, porosity), *_described_layers(layers))
-    return geometry
-
-
-def _of_slabs(read: Callable[[Sequence[tuple[int, int]]], np.ndarray], shape: np.ndarray,
-              slab: tuple[int, int]) -> tuple[float, bool]:
-    """`walls` and `straight` of `LabelsInFile`, of which each process looks at the slices from slab[0] to before
-    slab[1] across the last of the axes x, y(, z)."""
-    (low, high), deep = slab, int(shape[-1])
-
-    def slices(first: int, end: int) -> np.ndarray:
-        return read([*((0, int(n)) for n in shape[:-1]), (first, end)]) >= 0
-
-    unlike, same = 0, np.ones(len(shape), np.int64)
-    if low < high:
-        pores = slices(low, high)
-        following = np.concatenate([pores, slices(high % deep, high % deep + 1)])
-        unlike = int(np.count_nonzero(unlike_next(following, 0, False)))
-        unlike += sum(int(np.count_nonzero(unlike_next(pores, axis, True))) for axis in range(1, pores.ndim))
-        same[0] = np.all(pores == slices(0, 1))
-        same[1:] = [np.all(pores == np.take(pores, [0], axis)) for axis in range(1, pores.ndim)]
-    walls = current().sum(unlike) / (len(shape) * int(np.prod(shape)))
-    everywhere = current().sum(same) == current().size
-    return float(walls), len(shape) == 2 or bool(everywhere.any())
 
 
 def _described_image(case: Case, spec: Voxels, shape: Sequence[int], image: Image) -> tuple[str, str]:
@@ -237,54 +192,53 @@ def _described_layers(layers: ClearLayers | None) -> tuple[tuple[str, str], ...]
     return (("clear layers", f"{layers.voxels} voxels at each end of {'xyz'[layers.axis]}"),) if layers else ()
 
 
-def _clear_voxels(case: Case, labels: np.ndarray, axis: int, size: np.ndarray, periodic: list[bool]) -> int:
+def _clear_voxels(case: Case, labels: np.ndarray, slabs: Slabs, axis: int, size: np.ndarray,
+                  periodic: list[bool]) -> int:
     """Voxels of each clear layer: as asked, else what the flow needs, and no neighbours through the layers."""
     spec = case.geometry.voxels
     assert spec is not None
     if spec.clear_layer is not None:
         return max(round(spec.clear_layer / size[axis]), int(spec.clear_layer > 0))
     support = case.support * max(case.spacings)
-    apart = math.ceil(support / size[axis] - 1e-6) if support < labels.shape[-1 - axis] * size[axis] else 1
-    return max(clear_voxels(labels >= 0, axis, size, periodic), apart)
+    apart = math.ceil(support / size[axis] - 1e-6) if support < slabs.shape[2 - axis] * size[axis] else 1
+    return max(clear_voxels(labels >= 0, axis, size, periodic, slabs), apart)
 
 
-def _understood(case: Case, spec: Voxels, values: np.ndarray, periodic: list[bool]) -> Understood:
+def _understood(case: Case, spec: Voxels, own: _Layers, periodic: list[bool]) -> Understood:
+    """Of the own layers."""
     names, fluids = (*case.fluids, *case.microporous), len(case.fluids)
     if spec.grey is None:
-        labels = apply_labels(values, spec.labels, names, spec.file)
-        found = Understood(labels, None, _labels_in_words(spec.labels))
+        counts: dict[int, int] = {}
+        for found in current().collect(histogram(own.values)):
+            for value, count in found.items():
+                counts[value] = counts.get(value, 0) + count
+        labels = apply_labels(own.values, spec.labels, names, spec.file, dict(sorted(counts.items())))
+        known = Understood(labels, None, _labels_in_words(spec.labels))
     else:
-        found = _understood_grey(spec, spec.grey, values, names, periodic)
+        known = _understood_grey(spec, spec.grey, own, names, periodic)
     if not case.microporous:
-        return found
-    filled = found.labels >= fluids  # rock is numbered behind the fluids; the first of them seeps through it
-    return replace(found, labels=np.where(filled, np.int8(0), found.labels),
-                   microporous=np.where(filled, found.labels - np.int8(fluids), np.int8(-1)))
+        return known
+    filled = known.labels >= fluids  # rock is numbered behind the fluids; the first of them seeps through it
+    return replace(known, labels=np.where(filled, np.int8(0), known.labels),
+                   microporous=np.where(filled, known.labels - np.int8(fluids), np.int8(-1)))
 
 
-def _understood_grey(spec: Voxels, grey: Grey, values: np.ndarray, names: tuple[str, ...],
+def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, ...],
                      periodic: list[bool]) -> Understood:
-    from ..geometry.grey import (
-        TWO_VALUED,
-        estimate_blur,
-        field_of_grey,
-        grey_classes,
-        labels_of_grey,
-        otsu_threshold,
-    )
+    from ..geometry.grey import TWO_VALUED, estimate_blur, field_of_grey, grey_classes, labels_of_grey, range_of
 
-    otsu = isinstance(grey.threshold, str)
-    threshold = otsu_threshold(values) if isinstance(grey.threshold, str) else grey.threshold
+    values, otsu = own.values, isinstance(grey.threshold, str)
+    threshold = _threshold(grey, values)
     off = grey.uncertainty or 0.0
     low, high, share = grey_classes(values, threshold)
-    if not values.min() < threshold - off <= threshold + off < values.max():
+    least, most = range_of(values)
+    if not least < threshold - off <= threshold + off < most:
         given = f"{threshold:g}" + (f" +- {off:g}" if off else "")
         raise VoxelError(f"{spec.file}: geometry.voxels.grey.threshold {given} parts nothing: the grey values "
-                         f"lie between {values.min():g} and {values.max():g}; try otsu")
+                         f"lie between {least:g} and {most:g}; try otsu")
     field = field_of_grey(values, threshold, grey.solid)
     labels = labels_of_grey(values, threshold, grey.solid, grey.fluids, names, spec.file)
-    grid, around = field if field.ndim == 3 else field[None], np.array([*periodic, True][:3])
-    found = estimate_blur(grid, around)
+    found = estimate_blur(field, np.array([*periodic, True][:3]), own.slabs)
     two_valued = share >= TWO_VALUED
     if isinstance(grey.blur, str) and not two_valued:
         raise VoxelError(
@@ -302,14 +256,19 @@ def _understood_grey(spec: Voxels, grey: Grey, values: np.ndarray, names: tuple[
     return Understood(labels, field, f"solid {grey.solid} {threshold:g}", described, blur, grey.denoise)
 
 
-def threshold_of(spec: Voxels) -> float:
+def threshold_of(case: Case) -> float:
     """Grey value of the wall of a grey image of a case, as `image_geometry` takes it."""
-    from ..geometry.grey import otsu_threshold
-
-    assert spec.grey is not None
+    spec = case.geometry.voxels
+    assert spec is not None and spec.grey is not None
     if not isinstance(spec.grey.threshold, str):
         return spec.grey.threshold
-    return otsu_threshold(image_of(spec).values)
+    return _threshold(spec.grey, _layers_of(case, spec).values)
+
+
+def _threshold(grey: Grey, values: np.ndarray) -> float:
+    from ..geometry.grey import otsu_threshold
+
+    return otsu_threshold(values) if isinstance(grey.threshold, str) else grey.threshold
 
 
 SI_DENSITY = (300.0, 20_000.0)  # kg/m3 of liquids: a case that has one counts in SI units and not in its own
@@ -352,9 +311,14 @@ class _Porosity:
 def _porosity_of(understood: Understood, rocks: tuple[str, ...]) -> _Porosity:
     filled, solid = understood.microporous, understood.labels < 0
     if filled is None:
-        return _Porosity(1.0 - float(solid.mean()), {}, understood.words)
-    shares = {name: float((filled == k).mean()) for k, name in enumerate(rocks)}
-    return _Porosity(1.0 - float((solid | (filled >= 0)).mean()), shares, understood.words)
+        return _Porosity(1.0 - _share(solid), {}, understood.words)
+    shares = {name: _share(filled == k) for k, name in enumerate(rocks)}
+    return _Porosity(1.0 - _share(solid | (filled >= 0)), shares, understood.words)
+
+
+def _share(mask: np.ndarray) -> float:
+    """Of all voxels, for which a mask of the own layers is true."""
+    return float(reduce.mean(mask.ravel()))
 
 
 def _unusual_porosity(porosity: _Porosity) -> tuple[str, ...]:

@@ -129,19 +129,16 @@ def refuse_lattice(case: Case, geometry: Geometry, spacing: float) -> None:
     share = neighbours_held(case, geometry, points[phase >= 0], spacing)
     need = estimate(case, geometry.dim, geometry.has_solid, fluid, 0, two=len(np.unique(phase[phase >= 0])) > 1,
                     share=share)
-    refuse(_of_this_machine(sum(need.values())), f"about {fluid:.3g} fluid particles", too_large(case))
+    refuse(of_this_machine(sum(need.values())), f"about {fluid:.3g} fluid particles", too_large(case))
 
 
-def _of_this_machine(need: float) -> float:
+def of_this_machine(need: float) -> float:
     """Bytes that the processes on this machine need, of those that all processes of a scene need."""
     return need * current().here / current().size
 
 
-def refuse_image(case: Case, parts: bool = False) -> None:
-    """Raises ParticleError where the wall distances of an image will not fit, by its header: before it is read.
-
-    parts: every process holds a part of it, not the whole.
-    """
+def refuse_image(case: Case) -> None:
+    """Raises ParticleError where the wall distances of an image will not fit, by its header: before it is read."""
     from ..geometry.images.read import image_shape
     from .image_file import layout_of
 
@@ -154,22 +151,15 @@ def refuse_image(case: Case, parts: bool = False) -> None:
     if spec.crop is not None:
         voxels = min(voxels, math.prod(max(end - first, 0) for first, end in spec.crop))
     voxels *= 2 ** len(case.geometry.mirror)
-    held = _of_this_machine(1.0) if parts else current().here
-    refuse(voxels * BYTES_VOXEL * held, f"{spec.file}: the wall distances of {voxels:,} voxels", CROP)
+    refuse(of_this_machine(voxels * BYTES_VOXEL), f"{spec.file}: the wall distances of {voxels:,} voxels", CROP)
 
 
-def refuse_pores(case: Case, labels: np.ndarray, voxel_size: np.ndarray, clear: int) -> None:
+def refuse_pores(case: Case, dim: int, voxel_size: np.ndarray, voxels: tuple[int, int], two: bool) -> None:
     """Raises ParticleError where the particles in the pores of an image will not fit: before its wall distances.
 
-    labels: int, below 0 in solids, [z, y, x] or [y, x]; voxel_size: m, one or one per axis; clear: voxels of its clear
-    layers.
+    voxel_size: m, one or one per axis; voxels: numbers of all, and of those of fluid, clear layers included; two: they
+    hold two fluids.
     """
-    refuse_pore_voxels(case, labels.ndim, voxel_size, (labels.size + clear, int(np.count_nonzero(labels >= 0)) + clear),
-                       two=int(labels.max()) > 0)
-
-
-def refuse_pore_voxels(case: Case, dim: int, voxel_size: np.ndarray, voxels: tuple[int, int], two: bool) -> None:
-    """`refuse_pores` by the numbers of voxels alone: all, and those of fluid, clear layers included."""
     spacing = min(case.spacings) if case.flow == "stokes" else case.particles.spacing
     sizes = np.broadcast_to(voxel_size[:dim] if len(voxel_size) > 1 else voxel_size, (dim,))
     particles = float(np.prod(sizes / spacing)) * density(case, dim)  # of a voxel of pore
@@ -178,7 +168,7 @@ def refuse_pore_voxels(case: Case, dim: int, voxel_size: np.ndarray, voxels: tup
         return
     fluid = voxels[1] * particles
     need = sum(estimate(case, dim, True, fluid, 0, two=two).values()) + voxels[0] * BYTES_VOXEL
-    refuse(_of_this_machine(need), f"about {fluid:.3g} fluid particles", too_large(case))
+    refuse(of_this_machine(need), f"about {fluid:.3g} fluid particles", too_large(case))
 
 
 def refuse(need: float, what: str, fix: str) -> None:
