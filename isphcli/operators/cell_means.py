@@ -35,6 +35,7 @@ FLAT = 1e-4
 # Added to the diagonal of the least squares, over its largest entry: what neither particles nor walls tell becomes
 # zero. The flux of slits is exact to 1e-9 with it
 UNKNOWN = 1e-10
+WALLS = 2.0  # weight of the point of a wall over that of a particle as far away: its velocity is exact
 SIGHT = 1e-3  # of the support, that a point may lie behind the plane of a wall: normals are those of differences
 
 
@@ -238,7 +239,7 @@ def _means(rows, room, pairs, cut, sources, parts, out):  # pragma: no cover
                     away += room.way[k] ** 2
                 if away >= 1.0:
                     continue
-                weight = ((1.0 - away) / (1.0 + slip)) ** 2
+                weight = (1.0 - away) ** 3 * (WALLS / (1.0 + slip) ** 2 if wall else 1.0)
                 _put(room, source.normal[j], slip)
                 _add_row(room, weight)
                 if wall:
@@ -257,7 +258,8 @@ def _means(rows, room, pairs, cut, sources, parts, out):  # pragma: no cover
         _add_row(room, 1.0)
         _solve(room.matrix, room.right)
         whole = _integrate(room, cells.edge[i], depth[i], parts, radius, mean[i])
-        if itself[i] < len(seen):  # what the function leaves of the velocity in the middle
+        if itself[i] < len(seen):  # what the function leaves of the velocity in the middle: it vanishes at the wall
+            whole *= min(1.0, cells.distance[i] / (cells.edge[i] * np.sqrt(12.0 * parts.spread)))
             for k in range(dim):
                 mean[i, k] += whole * (seen[itself[i], k] - room.right[0, k])
 
