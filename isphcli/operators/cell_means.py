@@ -3,14 +3,17 @@
 Sums of the velocity at the particles are not: beside a wall they depend on how far from it the lattice lies, and of a
 pipe five spacings across the flux is 0.8 % off though the velocities are right.
 
-Beside a wall at the distance s the velocity is f(s) = g (s + b) + lap u s^2 / 2, with the slip length b and the slope g
-at the wall, found from the particles beside it. A cell holds its mean of f, zero beyond the wall, and so do cells whose
-middles lie in the solid.
+In each cell that a wall cuts the velocity is the quadratic function that fits best, by least squares, what is known
+round the middle of the cell: the velocities of the particles in sight, their Laplacian by the momentum balance, and the
+condition u = b du/dn (slip length b) at the points of walls that are nearest to the cells that walls cut. Between
+planes, in pipes and in corners, where the velocity goes as the product of the distances to both walls, that is the flow
+itself. A cell holds its mean of the function, zero beyond the wall, and so do cells whose middles lie in the solid.
 """
 
 from __future__ import annotations
 
 import itertools
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -29,6 +32,11 @@ if TYPE_CHECKING:
 CELLS_AT_ONCE = 100_000  # cells whose neighbours are found in one go: 40 MB
 # Widths of a cell along the normal of a wall below this share of the widest count as none: off by the square of it
 FLAT = 1e-4
+# Added to the diagonal of the least squares, over its largest entry: what neither particles nor walls tell becomes
+# zero. The flux of slits is exact to 1e-9 with it
+UNKNOWN = 1e-10
+WALLS = 2.0  # weight of the point of a wall over that of a particle as far away: its velocity is exact
+SIGHT = 1e-3  # of the support, that a point may lie behind the plane of a wall: normals are those of differences
 
 
 class CellMeans(NamedTuple):
@@ -54,17 +62,30 @@ class CellMeans(NamedTuple):
 
 class BesideWalls(NamedTuple):
     """Points beside walls, as the kernel takes them: x (n, dim) m; distance (n,) m, signed; normal (n, dim) into the
-    fluid; slip (n,) m, slip length of the wall; edge (n,), of their cells over those of the lattice."""
+    fluid; slip (n,) m, slip length of the wall; edge (n,), of their cells over those of the lattice; cut (n,), whether
+    a wall cuts these."""
 
     x: np.ndarray
     distance: np.ndarray
     normal: np.ndarray
     slip: np.ndarray
     edge: np.ndarray
+    cut: np.ndarray
 
     def of(self, rows: slice | np.ndarray) -> BesideWalls:
         """Those of some rows."""
         return BesideWalls(*(values[rows] for values in self))
+
+
+class Parts(NamedTuple):
+    """The parts of a cell, halves along each of m directions, and the cell: middles (2^m, dim) m, from that of the
+    cell; ways (m, dim) m, of the parts; scale: m, the support; spread: m2, mean square of the way from
+    the middle of a part along an axis."""
+
+    middles: np.ndarray
+    ways: np.ndarray
+    scale: float
+    spread: float
 
 
 def directions(lattice: Lattice) -> np.ndarray:
@@ -93,24 +114,27 @@ def means_over_cells(geometry: Geometry, x: np.ndarray, lattice: Lattice, suppor
     n, ways = len(flow[0]), directions(lattice)
     if np.any(geometry.wall_speed):
         return CellMeans.whole(flow[0])
-    moment = float((ways**2).sum()) / (12.0 * len(lattice.cell))
-    fluid = flow[0] + flow[1] * (0.5 * moment * edge[:n, None] ** 2)
-    source, seen, cells, cut = _beside_walls(geometry, x, support, flow, (share, edge, _reach(ways)))
-    places = cells.x
+    spread = float((ways**2).sum()) / (12.0 * len(lattice.cell))
+    fluid = flow[0] + flow[1] * (0.5 * spread * edge[:n, None] ** 2)
+    source, seen, own, row = _beside_walls(geometry, x, support, flow, (share, edge, _reach(ways)))
+    cells = source.of(own)
+    signs = np.array(list(itertools.product((-0.25, 0.25), repeat=len(ways))))
+    parts = Parts(signs @ ways, 0.5 * ways, support, 0.25 * spread)
     images = build_halo(source.x, geometry.lower, geometry.upper, np.array(geometry.periodic), support,
                         None if share is None else (share.lower, share.upper))
     table, owner = images.positions(source.x), images.owners(len(source.x))
-    found = np.zeros_like(places)
-    for first in range(0, len(cut), CELLS_AT_ONCE):
+    found = np.zeros_like(cells.x)
+    for first in range(0, len(found), CELLS_AT_ONCE):
         part = slice(first, first + CELLS_AT_ONCE)
-        pairs = find_pairs(np.concatenate([places[part], table]), len(places[part]), support)
         beside = cells.of(part)
-        over_rows(_means, len(places[part]), (pairs.start, pairs.index), (beside, _of_parts(geometry, beside, ways)),
-                  (source, table, owner, seen), 0.5 * ways, support, found[part])
-    inside = cut < n
-    fluid[cut[inside]] = flow[0][cut[inside]] + found[inside]
-    at = np.clip(places[~inside], geometry.lower, geometry.upper)
-    return CellMeans(fluid, found[~inside], at, cut[~inside], True)
+        pairs = find_pairs(np.concatenate([beside.x, table]), len(beside.x), support)
+        over_rows(_means, len(beside.x), (pairs.start, pairs.index), (beside, _of_parts(geometry, beside, parts)),
+                  (source, table, owner, seen), parts, (own[part], found[part]),
+                  work=partial(_room, len(parts.middles), *ways.shape))
+    inside = row < n
+    fluid[row[inside]] = found[inside]
+    at = np.clip(cells.x[~inside], geometry.lower, geometry.upper)
+    return CellMeans(fluid, found[~inside], at, row[~inside], True)
 
 
 def _faces_of_voxels(lower: np.ndarray, voxel: np.ndarray, lattice: Lattice, flow: tuple[np.ndarray, np.ndarray],
@@ -130,11 +154,10 @@ def _faces_of_voxels(lower: np.ndarray, voxel: np.ndarray, lattice: Lattice, flo
     return CellMeans.whole(out)
 
 
-def _of_parts(geometry: Geometry, cells: BesideWalls, ways: np.ndarray) -> np.ndarray:
-    """Wall distances (n, 2^m), m, of the middles of the parts of cells: halves along each of the m directions. Another
-    wall may be nearer there than that of the middle."""
-    signs = np.array(list(itertools.product((-0.25, 0.25), repeat=len(ways))))
-    return np.stack([geometry.distance(cells.x + cells.edge[:, None] * way) for way in signs @ ways], axis=1)
+def _of_parts(geometry: Geometry, cells: BesideWalls, parts: Parts) -> np.ndarray:
+    """Wall distances (n, 2^m), m, of the middles of the parts of cells. Another wall may be nearer there than that of
+    the middle."""
+    return np.stack([geometry.distance(cells.x + cells.edge[:, None] * way) for way in parts.middles], axis=1)
 
 
 def _reach(ways: np.ndarray) -> float:
@@ -146,67 +169,223 @@ def _reach(ways: np.ndarray) -> float:
 def _beside_walls(
     geometry: Geometry, x: np.ndarray, support: float, flow: tuple[np.ndarray, np.ndarray],
     cells: tuple[Share | None, np.ndarray, float],
-) -> tuple[BesideWalls, np.ndarray, BesideWalls, np.ndarray]:
-    """Fluid particles within a support of a wall, remote ones too, their velocity beside its Laplacian, (m, 2 dim), and
-    the cells of this process that walls cut, with their numbers. cells: share, edge as above, and how far the cell of
-    the lattice reaches, m."""
-    (share, edge, reach), n, own = cells, len(flow[0]), len(x)
-    both = np.concatenate(flow, axis=1)
+) -> tuple[BesideWalls, np.ndarray, np.ndarray, np.ndarray]:
+    """Fluid particles within a support of a wall, then dummies whose cells walls cut, remote ones of both too; the
+    velocity beside its Laplacian of the former, (m, 2 dim); of the cells of this process that walls cut the numbers
+    among these points and among its particles, (k,). cells: share, edge as above, and how far the cell of the lattice
+    reaches, m."""
+    (share, edge, reach), n = cells, len(flow[0])
+    both, row = np.concatenate(flow, axis=1), np.arange(len(x))
     if share is not None:
-        x, both = np.concatenate([x, share.ghosts]), share.exchange.forward(both)
-        edge = np.concatenate([edge, np.ones(len(share.ghosts))])
-    distance, row = geometry.distance(x, support), np.arange(len(x))
-    near = (distance < support) & ((row < n) | (row >= own))
-    cut = (np.abs(distance) < edge * reach) & (row < own)
-    asked = np.flatnonzero(near | cut)  # normals of what is both are asked for once
+        x = np.concatenate([x[:n], share.ghosts, x[n:], share.dummies])
+        row = np.concatenate([row[:n], np.full(len(share.ghosts), -1), row[n:], np.full(len(share.dummies), -1)])
+        both, edge = share.exchange.forward(both), np.ones(len(x))
+    distance, fluid = geometry.distance(x, support), np.arange(len(x)) < len(both)
+    cut = np.abs(distance) < edge * reach
+    asked = np.flatnonzero(cut | (fluid & (distance < support)))
     slips = np.any(geometry.slip_length > 0.0)
     slip = geometry.slip_length[geometry.wall(x[asked])] if slips else np.zeros(len(asked))
-    beside = BesideWalls(x[asked], distance[asked], wall_normals(geometry, x[asked], support), slip, edge[asked])
-    seen = both[np.concatenate([np.flatnonzero(near[:n]), n + np.flatnonzero(near[own:])])]
-    return beside.of(near[asked]), seen, beside.of(cut[asked]), np.flatnonzero(cut)
+    beside = BesideWalls(x[asked], distance[asked], wall_normals(geometry, x[asked], support), slip, edge[asked],
+                         cut[asked])
+    own = np.flatnonzero(cut[asked] & (row[asked] >= 0))
+    return beside, both[asked[fluid[asked]]], own, row[asked[own]]
+
+
+class Room(NamedTuple):
+    """Scratch of `_means`: matrix (m, m) and right (m, dim) of the least squares of m coefficients, 1, x, y, z, xx, xy,
+    ... over the radius, and basis (m,), what each is at a point; way, value, laplacian (dim,); nearest (parts,)
+    and normal (parts, dim), of the point of a wall nearest to each part; half (directions,); means (3,)."""
+
+    matrix: np.ndarray
+    right: np.ndarray
+    basis: np.ndarray
+    way: np.ndarray
+    value: np.ndarray
+    laplacian: np.ndarray
+    nearest: np.ndarray
+    normal: np.ndarray
+    half: np.ndarray
+    means: np.ndarray
+
+
+def _room(parts: int, directions: int, dim: int) -> Room:
+    m = (dim + 1) * (dim + 2) // 2
+    shapes = (m, m), (m, dim), (m,), (dim,), (dim,), (dim,), (parts,), (parts, dim), (directions,), (3,)
+    return Room(*(np.zeros(shape) for shape in shapes))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _means(rows, pairs, cut, sources, ways, support, out):  # pragma: no cover
-    """Mean over the cell of f less f in its middle, zero in solids (module). ways: directions of the parts of cells."""
-    (start, index), (cells, depth), (source, table, owner, seen) = pairs, cut, sources
+def _means(rows, room, pairs, cut, sources, parts, out):  # pragma: no cover
+    """Mean over the cell of the quadratic function of the module, zero in solids."""
+    (start, index), (cells, depth), (source, table, owner, seen), (itself, mean) = pairs, cut, sources, out
     n, dim = cells.x.shape
-    slope, lap = np.empty(dim), np.empty(dim)
-    half, means = np.empty(len(ways)), np.empty(3)
     for i in range(rows[0], rows[1]):
-        radius = support * cells.edge[i]
-        slope[:], lap[:] = 0.0, 0.0
-        square, weight = 0.0, 0.0
+        radius, total = parts.scale * cells.edge[i], 0.0
+        _clear(room)
         for p in range(start[i], start[i + 1]):
             row = index[p] - n
             if row < 0:
                 continue
             j = owner[row]
-            away, along = 0.0, 0.0
-            for k in range(dim):
-                away += (table[row, k] - cells.x[i, k]) ** 2
-                along += cells.normal[i, k] * source.normal[j, k]
-            away /= radius * radius
-            if along <= 0.0 or away >= 1.0:
+            if _hidden(cells, i, source, j, table[row], parts.scale):
                 continue
-            d = source.distance[j]
-            w, a = (1.0 - away) * along * along, d + source.slip[j]
-            square += w * a * a
-            weight += w * d
-            for k in range(dim):  # least squares: u = g a + lap u d^2 / 2
-                slope[k] += w * a * (seen[j, k] - 0.5 * d * d * seen[j, dim + k])
-                lap[k] += w * d * seen[j, dim + k]
-        if not (square > 0.0 and weight > 0.0):
+            for wall in range(2):  # the velocity of the particle, then the point of the wall that is nearest to it
+                if not (source.cut[j] if wall else j < len(seen)):
+                    continue
+                beyond, slip, away = wall * source.distance[j] / radius, wall * source.slip[j] / radius, 0.0
+                for k in range(dim):
+                    room.way[k] = (table[row, k] - cells.x[i, k]) / radius - beyond * source.normal[j, k]
+                    room.value[k] = 0.0 if wall else seen[j, k]
+                    away += room.way[k] ** 2
+                if away >= 1.0:
+                    continue
+                weight = (1.0 - away) ** 3 * (WALLS / (1.0 + slip) ** 2 if wall else 1.0)
+                _put(room, source.normal[j], slip)
+                _add_row(room, weight)
+                if wall:
+                    _nearest(room, parts, cells.edge[i] / radius, source.normal[j])
+                    continue
+                total += weight
+                for k in range(dim):
+                    room.laplacian[k] += weight * seen[j, dim + k]
+        if total == 0.0:
             continue
-        means[:] = 0.0
-        for part in range(depth.shape[1]):
-            _add_means(depth[i, part], cells.normal[i], ways, cells.edge[i], half, means)
-        share, first, second = means[0] / depth.shape[1], means[1] / depth.shape[1], means[2] / depth.shape[1]
-        d, slip = cells.distance[i], cells.slip[i]
-        middle, in_fluid = (d, 1.0) if d > 0.0 else (0.0, 0.0)
+        for q in range(len(room.basis)):
+            room.basis[q] = 0.0
+        for k in range(dim):  # what the Laplacian makes of the velocity over half the radius, as that of one particle
+            room.basis[1 + dim + k * dim - k * (k - 1) // 2] = 0.5
+            room.value[k] = 0.25 * radius * radius * room.laplacian[k] / total
+        _add_row(room, 1.0)
+        _solve(room.matrix, room.right)
+        whole = _integrate(room, cells.edge[i], depth[i], parts, radius, mean[i])
+        if itself[i] < len(seen):  # what the function leaves of the velocity in the middle: it vanishes at the wall
+            whole *= min(1.0, cells.distance[i] / (cells.edge[i] * np.sqrt(12.0 * parts.spread)))
+            for k in range(dim):
+                mean[i, k] += whole * (seen[itself[i], k] - room.right[0, k])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _clear(room):  # pragma: no cover
+    """All that is summed up over neighbours, of the next cell."""
+    for q in range(len(room.basis)):
+        for k in range(len(room.value)):
+            room.right[q, k] = 0.0
+        for r in range(q + 1):
+            room.matrix[q, r] = 0.0
+    for k in range(len(room.value)):
+        room.laplacian[k] = 0.0
+    for part in range(len(room.nearest)):
+        room.nearest[part] = np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _hidden(cells, i, source, j, x, support):  # pragma: no cover
+    """Whether the cell i and a point j at x (dim,) hide from each other: each behind the plane of the wall of the
+    other, whose normal is not on its side. Round a grain walls fall behind the planes of each other and are seen."""
+    along, before, behind = 0.0, 0.0, 0.0
+    inside = min(cells.distance[i], 0.0)
+    for k in range(len(x)):
+        own, other = cells.normal[i, k], source.normal[j, k]
+        wall = cells.x[i, k] - cells.distance[i] * own
+        along += own * other
+        before += (x[k] - min(source.distance[j], 0.0) * other - wall) * own
+        behind += (cells.x[i, k] - inside * own - x[k] + source.distance[j] * other) * other
+    return along <= 0.0 and min(before, behind) < -SIGHT * support * cells.edge[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _put(room, normal, slip):  # pragma: no cover
+    """The basis at the way from the middle less slip times its slope along the normal."""
+    way, dim, q = room.way, len(room.way), 1 + len(room.way)
+    room.basis[0] = 1.0
+    for k in range(dim):
+        room.basis[1 + k] = way[k] - slip * normal[k]
+        for m in range(k, dim):
+            room.basis[q] = way[k] * way[m] - slip * (normal[k] * way[m] + way[k] * normal[m])
+            q += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_row(room, weight):  # pragma: no cover
+    """Adds that the coefficients times the basis are the value."""
+    for a in range(len(room.basis)):
+        one = weight * room.basis[a]
+        for k in range(len(room.value)):
+            room.right[a, k] += one * room.value[k]
+        for b in range(a + 1):
+            room.matrix[a, b] += one * room.basis[b]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _nearest(room, parts, scale, normal):  # pragma: no cover
+    """Of each part the nearest point of a wall so far, and its normal."""
+    for part in range(len(parts.middles)):
+        away = 0.0
+        for k in range(len(normal)):
+            away += (room.way[k] - scale * parts.middles[part, k]) ** 2
+        if away < room.nearest[part]:
+            room.nearest[part] = away
+            for k in range(len(normal)):
+                room.normal[part, k] = normal[k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve(matrix, right):  # pragma: no cover
+    """right becomes the solution, by Cholesky factors of the matrix, whose lower half is given."""
+    size, largest = len(matrix), 0.0
+    for a in range(size):
+        largest = max(largest, matrix[a, a])
+    for a in range(size):
+        matrix[a, a] += UNKNOWN * largest
+        for b in range(a + 1):
+            rest = matrix[a, b]
+            for c in range(b):
+                rest -= matrix[a, c] * matrix[b, c]
+            matrix[a, b] = rest / matrix[b, b] if b < a else np.sqrt(rest)
+    for turn in range(2 * size):  # there, and back again
+        a = turn if turn < size else 2 * size - 1 - turn
+        for k in range(right.shape[1]):
+            rest = right[a, k]
+            for b in range(0 if turn < size else a + 1, a if turn < size else size):
+                rest -= (matrix[a, b] if turn < size else matrix[b, a]) * right[b, k]
+            right[a, k] = rest / matrix[a, a]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _integrate(room, edge, depth, parts, radius, mean):  # pragma: no cover
+    """Adds the mean of the function over a cell to `mean` (dim,); returns the share of fluid. In each part it is taken
+    along the normal of the wall, and what it bends by along the wall is added."""
+    dim, count, whole = len(mean), len(depth), 0.0
+    for part in range(count):
+        normal = room.normal[part]
+        room.means[0], room.means[1], room.means[2] = 0.0, 0.0, 0.0
+        _add_means(depth[part], normal, parts.ways, edge, room.half, room.means)
+        share = room.means[0] / count
+        if share == 0.0:
+            continue
+        whole += share
+        # of the way along the normal from the middle of the part, over the radius, and of its square
+        first = room.means[1] / count - share * depth[part]
+        second = (room.means[2] / count - depth[part] * (first + room.means[1] / count)) / radius**2
+        first /= radius
         for k in range(dim):
-            out[i, k] = (slope[k] / square * (first - middle + slip * (share - in_fluid))
-                         + 0.5 * lap[k] / weight * (second - middle * middle))
+            room.way[k] = edge * parts.middles[part, k] / radius
+        _put(room, normal, 0.0)
+        for c in range(dim):
+            value, slope, bend, laplacian, q = 0.0, 0.0, 0.0, 0.0, 1 + dim
+            for a in range(len(room.basis)):
+                value += room.basis[a] * room.right[a, c]
+            for k in range(dim):
+                slope += room.right[1 + k, c] * normal[k]
+                for m in range(k, dim):
+                    factor = room.right[q, c]
+                    slope += factor * (normal[k] * room.way[m] + room.way[k] * normal[m])
+                    bend += 2.0 * factor * normal[k] * normal[m]
+                    laplacian += 2.0 * factor if k == m else 0.0
+                    q += 1
+            mean[c] += (share * value + first * slope + 0.5 * second * bend
+                        + 0.5 * share * (laplacian - bend) * parts.spread * (edge / radius) ** 2)
+    return whole
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
