@@ -99,12 +99,12 @@ output: {plots: false}
 
 @pytest.mark.slow
 def test_walls_that_slip(tmp_path):
-    """Between plates k = h^2 / 12 + b h / 2: half of the spacing leaves nearly half of the error, which is of first order,
-    and the bar holds it."""
+    """Between plates k = h^2 / 12 + b h / 2: the error of slip is of first order, half of the spacing leaves 0.50 of it
+    (measured), and the bar holds it."""
     case = read_case(SLIT.encode(), "case.yaml", (f"output.directory={tmp_path / 'out'}",))
     run_case(case, quiet=True)
     found = json.loads((tmp_path / "out" / "summary.json").read_text())
     truth = 1.0 / 12.0 + 0.1 / 2.0
     coarse, both = (abs(found["permeability_by_spacing"]["x"][key] - truth) for key in ("0.125", "0.125 and 0.0625"))
-    assert both < 0.7 * coarse < 0.05 * truth
+    assert both < 0.55 * coarse < 0.02 * truth
     assert both < found["permeability_error"] < 0.1 * truth and "what slip walls leave" in found["message"]
