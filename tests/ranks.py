@@ -49,10 +49,11 @@ drive: {axes: [x]}
 SCATTERED = BARS.format(length="1.6").replace("spacing: 0.1", "spacing: 0.1, jitter: 0.2") + """
 output: {grid: 0.07, format: xdmf}
 """
-# Two spacings: spheres that leave gaps of a particle, and voxels of Berea; cuts lie in what is refined
+# Two spacings: spheres that leave gaps of a particle and slip, and voxels of Berea; cuts lie in what is refined
 PACK = """
 geometry:
   box: [2, 1, 1]
+  slip_length: 0.03
   periodic: [x, y, z]
   shapes:
     - {sphere: {centre: [0.5, 0.4, 0.5], radius: 0.45}, is: solid}

@@ -473,11 +473,7 @@ class _Checks:
             yield "jitter"
         if forcing.walls_move(case):
             yield "walls that move"
-        geometry = case.geometry
-        own = [wall.slip_length for wall in geometry.walls.values()]
-        if any([geometry.slip_length, *own, *(shape.slip_length for shape in geometry.shapes)]):
-            yield "walls that slip"
-        if case.microporous or geometry.depth:
+        if case.microporous or case.geometry.depth:
             yield "resistance beside the viscosity (microporous, geometry.depth)"
 
     def measure(self) -> None:

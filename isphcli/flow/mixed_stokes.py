@@ -60,7 +60,7 @@ class MixedStokes:
         (u, q), ops = self._split(v), self.ops
         everyone, pressures = ops.exchange.forward_each(u, q)
         grad = ops.gradient_with_remote(pressures)
-        lap = pair_sums.laplacian(ops.start, ops.column, ops.lap, everyone) - self.walls.lap[:, None] * u
+        lap = pair_sums.laplacian(ops.start, ops.column, ops.lap, everyone) + self.walls.laplacian(u)
         mass = pair_sums.divergence(ops.start, ops.column, ops.grad, everyone) + self.walls.divergence(u)
         mass += TAU * self.d**2 * div_grad_rhie_chow(ops, self._odd_even, pressures, grad)
         return self._joined((grad - lap) * (self.d**2)[:, None], self.d * self._without_means(mass))

@@ -25,6 +25,7 @@ from ..domain.mixed_lattice import MIXED, pairs_of_two
 from ..domain.neighbours import Neighbourhood
 from ..domain.null_space import GROUND
 from ..domain.row_threads import over_rows
+from ..geometry.wall_normals import wall_normals
 from .crossings import MEETS_WALL, WallStencils, WallTable, crossings
 from .div_grad import adjoint_divergence
 from .kernel import slope
@@ -126,8 +127,10 @@ def build_mixed_operators(geometry: Geometry, particles: MixedParticles, kind: i
     weight = np.empty(len(pairs.index))
     over_rows(_pair_volumes, n, neighbours, half, volumes, weight)
     distance, wall = geometry.nearest(particles.x)
+    slips = np.any(geometry.slip_length > 0.0)
+    normal = wall_normals(geometry, particles.x, support)[owner] if slips else np.zeros((0, geometry.dim))
     walls = WallTable(owner < fluid, distance[owner], wall[owner], geometry.wall_velocity, geometry.slip_length,
-                      np.zeros((0, geometry.dim)), np.zeros((0, geometry.dim, geometry.dim)))
+                      normal, np.zeros((0, geometry.dim, geometry.dim)))
     stencils = WallStencils(neighbours, walls, crossings(geometry, neighbours, walls), weight)
     ops = build_wall_operators(stencils, 2, fixed_classes(stencils), particles.exchange)
     ops = replace(ops, volume=volumes[:fluid])
@@ -160,7 +163,9 @@ def _of_third_order(stencils: WallStencils, half: np.ndarray, weight: np.ndarray
     assert ops.walls is not None
     count = np.diff(neighbours.start)
     first = np.repeat(np.arange(len(count)), count)
-    rows = np.unique(first[half[neighbours.row] != half[first]])
+    mixed = np.unique(first[half[neighbours.row] != half[first]])
+    # what walls that slip take off the diagonal is by the weights of eq. 6
+    rows = mixed if ops.walls.slip is None else mixed[~ops.walls.slip[mixed].any(axis=(1, 2))]
     wall = links.link == MEETS_WALL
     way = np.ones(len(first))
     way[wall] = links.t

@@ -66,7 +66,7 @@ class InThroats:
 def dissipation(ops: LatticeWeights, u: np.ndarray) -> np.ndarray:
     """Squares of the velocity differences of each particle, weighted as in the Laplacian, walls at rest included:
     (n,), m2/s2 over m2."""
-    lost = np.maximum(ops.walls.lap, 0.0) * (u * u).sum(axis=1)
+    lost = np.maximum(-(ops.walls.laplacian(u) * u).sum(axis=1), 0.0)
     for along in u.T:
         along = np.ascontiguousarray(along)
         lost += 0.5 * symmetric_laplacian(ops, along * along) - along * symmetric_laplacian(ops, along)

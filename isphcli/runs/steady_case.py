@@ -398,7 +398,7 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
                        [h for h in spacings if h not in open_at])
     throats = flows[axis, open_at[0]].throats if open_at else None
     if throats is not None:
-        found = _with_throats(found, throats, open_at[0], (porosity, grain), wall)
+        found = _with_throats(found, throats, open_at[0], (porosity, grain), wall, slip)
     elif len(open_at) > 1:
         edges = EDGE if wall == "stairs" else None
         finest = min(open_at)
@@ -420,13 +420,16 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
 
 
 def _with_throats(found: AxisResult, throats: InThroats, spacing: float, pores: tuple[float, float],
-                  wall: str) -> AxisResult:
+                  wall: str, slip: float) -> AxisResult:
     """The result of a spacing, m, with the value and bar of half of it in throats. pores: porosity and chord of the
-    grains, m."""
+    grains, m; slip: length, m, of walls: outside the throats the error that it leaves is that of the whole spacing."""
     from .half_in_throats import limit_of_throats
 
     k = throats.permeability
     limit, bar, sentence = limit_of_throats(found.permeability, k, spacing, pores, wall)
+    if slip > 0.0 and k > 0.0:
+        bar += slip_error(k, pores[0], (1.0 - 0.5 * SHARE) * spacing, slip) * k
+        sentence += ", and what slip walls leave"
     by_spacing = found.by_spacing | {f"{spacing:g} and {0.5 * spacing:g}": k}
     return replace(found, permeability=limit, bar=bar, by_spacing=by_spacing,
                    sentence=f"{found.name}: half the spacing where {SHARE:.0%} of the energy is lost "

@@ -106,6 +106,8 @@ ALLOWED = {
     ("operators.div_grad", "np.bincount(row[asked], over, n)"): "over the pairs of each row",
     ("operators.conductances", "np.diff(self._ops.start).max(initial=0)"): SCRATCH,
     ("operators.mixed_weights", "(found * beyond).sum(axis=1)"): MIXED,
+    ("operators.mixed_weights", "np.any(geometry.slip_length > 0.0)"): WALLS,
+    ("operators.mixed_weights", "ops.walls.slip[mixed].any(axis=(1, 2))"): OWN,
     ("operators.mixed_weights", "(functions ** 2 * omega[..., None]).sum(axis=1)"): MIXED,
     ("operators.mixed_weights", "(step ** 2).sum(axis=1)"): MIXED,
     ("operators.mixed_weights", "count[some].max()"): MIXED,
