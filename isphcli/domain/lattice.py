@@ -55,11 +55,19 @@ class Lattice:
         thick = max(1, CLASSIFY_AT_ONCE // max(per_layer, 1))
         for low in range(int(first[0]), int(end[0]), thick):
             own = np.arange(low, min(low + thick, int(end[0])))
-            yield np.stack(np.meshgrid(own, *rest, indexing="ij"), axis=-1).reshape(-1, len(self.counts))
+            grid = np.meshgrid(own, *rest, indexing="ij", sparse=True)
+            index = np.empty((*(g.size for g in grid), len(grid)), dtype=own.dtype)
+            for axis, along in enumerate(grid):
+                index[..., axis] = along
+            yield index.reshape(-1, len(grid))
 
     def at(self, index: np.ndarray) -> np.ndarray:
         """Positions (k m, dim) of the m sites of each of the cells (k, dim)."""
-        return (self.corner + (index[:, None] + self.basis) * self.cell).reshape(-1, len(self.counts))
+        x = np.empty((len(index), *self.basis.shape))
+        for axis, (corner, cell) in enumerate(zip(self.corner, self.cell)):  # rows of three are slow to broadcast over
+            for k, place in enumerate(self.basis[:, axis]):
+                x[:, k, axis] = corner + (index[:, axis] + place) * cell
+        return x.reshape(-1, len(self.counts))
 
     def numbers(self, index: np.ndarray) -> np.ndarray:
         """(k m,) int64 number of the sites of the cells (k, dim) in the lattice."""

@@ -128,12 +128,26 @@ def join_faces(d, shape, around, voxel, ux, uy, uz):
     return min(d, plane)
 
 
+@njit(cache=True, error_model="numpy")
+def _along(i, n, around, step, edge, u):
+    """The voxel `step` beyond voxel i along an axis of n, wrapped where it repeats and else -1 outside; and how far the
+    coordinate u is off it, in units of `edge`."""
+    j = i + step
+    off = edge * max(j - u, u - (j + 1), 0.0)
+    if 0 <= j < n:
+        return j, off
+    return (j % n if around else -1), off
+
+
 @njit(cache=True)
 def _stairs(grid, around, voxel, ux, uy, uz, far):
     """Distance to the voxel faces, exact within one voxel; farther away `far`, but at least one voxel."""
     if abs(far) > 3 * max(voxel[0], voxel[1], voxel[2]):
         return far
     ix, iy, iz = voxel_of(ux), voxel_of(uy), voxel_of(uz)
+    own = _along(ix, grid.shape[2], around[0], 0, voxel[0], ux)
+    above = _along(ix, grid.shape[2], around[0], 1, voxel[0], ux)
+    below = _along(ix, grid.shape[2], around[0], -1, voxel[0], ux)
     fluid = label_at(grid, around, ix, iy, iz) >= 0
     least = np.inf
     # the layer of the point first along each axis: layers farther off than a wall already found are not looked up
@@ -141,17 +155,15 @@ def _stairs(grid, around, voxel, ux, uy, uz, far):
         dz = kz if kz < 2 else -1
         if grid.shape[0] == 1 and around[2] and dz != 0:
             continue
-        z = voxel[2] * max(iz + dz - uz, uz - (iz + dz + 1), 0.0)
+        jz, z = _along(iz, grid.shape[0], around[2], dz, voxel[2], uz)
         for ky in range(3):
-            dy = ky if ky < 2 else -1
-            y = voxel[1] * max(iy + dy - uy, uy - (iy + dy + 1), 0.0)
+            jy, y = _along(iy, grid.shape[1], around[1], ky if ky < 2 else -1, voxel[1], uy)
             if y * y + z * z >= least:
                 continue
-            for kx in range(3):
-                dx = kx if kx < 2 else -1
-                x = voxel[0] * max(ix + dx - ux, ux - (ix + dx + 1), 0.0)
+            beyond = jz < 0 or jy < 0  # the faces of the image: as solid
+            for jx, x in (own, above, below):
                 square = x * x + y * y + z * z
-                if square < least and (label_at(grid, around, ix + dx, iy + dy, iz + dz) >= 0) != fluid:
+                if square < least and (not (beyond or jx < 0) and grid[jz, jy, jx] >= 0) != fluid:
                     least = square
     d = min(np.sqrt(least), max(abs(far), 1.0))
     return d if fluid else -d

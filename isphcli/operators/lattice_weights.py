@@ -362,15 +362,16 @@ def _offsets(x, start, row, tolerance, offset_id, step):
     count = 0
     for i in range(len(start) - 1):
         guess = 0  # rows list their neighbours in the same order
+        own_x, own_y, own_z = x[i, 0], x[i, 1], x[i, dim - 1]
         for q in range(start[i], start[i + 1]):
+            j = row[q]
+            x_step, y_step, z_step = x[j, 0] - own_x, x[j, 1] - own_y, x[j, dim - 1] - own_z
             found = -1
             for tried in range(count):
                 t = guess + tried
                 if t >= count:
                     t -= count
-                off = 0.0
-                for k in range(dim):
-                    off = max(off, abs(x[row[q], k] - x[i, k] - step[t, k]))
+                off = max(abs(x_step - step[t, 0]), abs(y_step - step[t, 1]), abs(z_step - step[t, dim - 1]))
                 if off < tolerance:
                     found = t
                     break
@@ -378,7 +379,7 @@ def _offsets(x, start, row, tolerance, offset_id, step):
                 if count == MOST_OFFSETS:
                     return count + 1
                 for k in range(dim):
-                    step[count, k] = x[row[q], k] - x[i, k]
+                    step[count, k] = x[j, k] - x[i, k]
                 found = count
                 count += 1
             offset_id[q] = found

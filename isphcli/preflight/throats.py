@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
-from ..geometry.connectivity import Connectivity, connectivity_of, percolating
+from ..geometry.connectivity import Connectivity, components, connectivity_of, percolating
 from ..geometry.pore_sizes import ENOUGH_ACROSS
 from .check_result import Throats
 
@@ -249,8 +249,11 @@ def _critical(sites: Sites, geometry: Geometry, axis: int, spacing: float) -> fl
 def _passing(widths: np.ndarray, around: tuple[bool, ...], axis: int, before: float) -> float:
     """Largest width, to WITHIN, whose sites lead through along the axis; widths: [x, y(, z)], 0 in solids; before: one
     that it is probably near."""
+    others = tuple(a for a in range(widths.ndim) if a != axis)
+    most = float(widths.max(axis=others).min())  # every way leads through every layer
+
     def leads(width: float) -> bool:
-        return connectivity_of((widths >= width).T, around).percolates[axis]
+        return width <= most and bool(components((widths >= width).T, around)[2][:, axis].any())
 
     low, high, step = 0.0, float(widths.max()), 2 * WITHIN
     if before > 0.0 and leads(before):
