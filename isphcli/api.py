@@ -183,8 +183,10 @@ def run(case: Case | Mapping[str, Any] | str | Path, *, out: str | Path | None =
         print(note, file=sys.stderr, flush=True)
     if launched() > 1:
         from .domain.communicator import join
+        from .output.compile_once import compile_once
 
         join(launched())
+        compile_once()
     asked = load_case(case, overrides)
     from .runs.run import solve_case
 

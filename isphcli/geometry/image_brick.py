@@ -89,6 +89,16 @@ class ImageBrick(VoxelGeometry):
         """See `VoxelGeometry`; of the own layers."""
         self._rocks = self._slabs.padded(microporous, self._widths, -1)
 
+    def solid_at(self, places: Sequence[np.ndarray]) -> np.ndarray:
+        """Whether the voxels of the image at places along z, y, x, or y, x, without its clear layers are solid: bool of
+        all combinations, on all processes, which call it together. places: ascending."""
+        whole = self._whole or self
+        layers, slabs = whole._slabs.part(whole._grid, whole._sample)
+        z, y, x = places if len(places) == 3 else (np.zeros(1, int), *places)
+        own = z[(z >= slabs.own[0]) & (z < slabs.own[1])] - slabs.own[0]
+        solid = np.concatenate(slabs.ranks.collect(layers[np.ix_(own, y, x)] < 0))
+        return solid.reshape([len(along) for along in places])
+
     def within(self: Brick, lower: np.ndarray, upper: np.ndarray, reach: float) -> Brick:
         """The geometry of the points within `reach`, m, of a brick of corners (dim,), and of their periodic images;
         distances up to `reach` are those of the whole image."""

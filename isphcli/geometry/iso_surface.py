@@ -100,12 +100,6 @@ class IsoSurfaceGeometry(VoxelGeometry):
         periodic = tuple(p and w for p, w in zip(self.periodic, whole))
         return surface_ways(self._spline, self._around, self.field, self._grid, self._sample, periodic)
 
-    @property
-    def _sample(self) -> tuple[slice, ...]:
-        """The voxels [z, y, x] of the image without its clear layers."""
-        sample = sample_voxels(self)
-        return sample if self.dim == 3 else (slice(0, 1), *sample)
-
     @cached_property
     def _distance_of_centres(self) -> np.ndarray:
         """Signed distance of the voxel centres: the zero is looked for a little farther than it."""

@@ -16,6 +16,7 @@ from scipy import ndimage
 from ..domain.row_threads import over_rows
 from .faces import AT_REST, Walls, face_distance
 from .labels import ClearLayers, with_clear_layers
+from .protocol import sample_voxels
 from .voxel_crossings import put_first_faces
 from .voxel_lookup import FAR, label_at, voxel_of
 from .wall_distance import put_stairs_distances, signed_centre_distance
@@ -92,6 +93,12 @@ class VoxelGeometry:
     def within(self, lower: np.ndarray, upper: np.ndarray, reach: float) -> VoxelGeometry:
         """Itself: it holds the whole image."""
         return self
+
+    @property
+    def _sample(self) -> tuple[slice, ...]:
+        """The voxels [z, y, x] of the image without its clear layers."""
+        sample = sample_voxels(self)
+        return sample if self.dim == 3 else (slice(0, 1), *sample)
 
     @cached_property
     def _field(self) -> np.ndarray:

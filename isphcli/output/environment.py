@@ -133,7 +133,7 @@ def find_kernel_cache(package: Path = Path(__file__).parents[1]) -> str | None:
     places = [*([Path(asked)] if asked else []), package / "__pycache__", _user_cache() / "numba"]
     if any(_is_writable(place) for place in places):
         return None
-    folder = _private_folder()
+    folder = private_folder()
     os.environ["NUMBA_CACHE_DIR"] = str(folder / "numba")
     os.environ.setdefault("MPLCONFIGDIR", str(folder / "matplotlib"))
     return (
@@ -161,7 +161,7 @@ def _is_writable(folder: Path) -> bool:
     return True
 
 
-def _private_folder() -> Path:
+def private_folder() -> Path:
     """A folder that no other user can write to, the same one every time if possible: the kernels in it are executed."""
     user = os.getuid() if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
     folder = Path(tempfile.gettempdir(), f"isph-{user}")

@@ -165,10 +165,6 @@ def grain_chord(geometry: Geometry, spacing: float) -> float:
     Solid that reaches a face which is not periodic is no grain. Chords are measured at the sites of a lattice of the
     spacing, m, of an image at its voxels.
     """
-    if isinstance(geometry, ImageBrick):  # numbers of the whole image, which no process holds
-        solid = 1.0 - geometry.image.fluid / math.prod(geometry.image.shape)
-        voxels = 2.0 * solid / geometry.image.walls if geometry.image.walls > 0.0 else math.inf
-        return voxels * float(np.mean(geometry.voxel_size))
     share, chords = 0.0, 0.0  # of the lines along an axis, and per metre of them
     for axis in range(geometry.dim):
         lines, cell = _solid_lines(geometry, axis, spacing)
@@ -180,12 +176,18 @@ def grain_chord(geometry: Geometry, spacing: float) -> float:
 def _solid_lines(geometry: Geometry, axis: int, spacing: float) -> tuple[np.ndarray, float]:
     """(bool (lines, n) whether there is solid along lines of the sample along an axis, length of a cell, m)."""
     across = round(LINES ** (1.0 / (geometry.dim - 1)))
-    if geometry.labels is not None and geometry.voxel_size is not None:
-        labels = np.moveaxis(geometry.labels[sample_voxels(geometry)], geometry.dim - 1 - axis, -1)
-        for other in range(geometry.dim - 1):
-            n = labels.shape[other]
-            labels = labels.take(((np.arange(min(n, across)) + 0.5) * (n / min(n, across))).astype(int), axis=other)
-        return labels.reshape(-1, labels.shape[-1]) < 0, float(geometry.voxel_size[axis])
+    if geometry.voxel_size is not None:
+        lengths = sample_box(geometry)[1] - sample_box(geometry)[0]
+        counts = np.rint(lengths / geometry.voxel_size).astype(int)[::-1]  # of the axes of the labels
+        chosen = [np.arange(n) if a == geometry.dim - 1 - axis else (
+            (np.arange(min(n, across)) + 0.5) * (n / min(n, across))).astype(int) for a, n in enumerate(counts)]
+        if isinstance(geometry, ImageBrick):
+            solid = geometry.solid_at(chosen)
+        else:
+            assert geometry.labels is not None
+            solid = geometry.labels[sample_voxels(geometry)][np.ix_(*chosen)] < 0
+        solid = np.moveaxis(solid, geometry.dim - 1 - axis, -1)
+        return solid.reshape(-1, solid.shape[-1]), float(geometry.voxel_size[axis])
     lower, upper = sample_box(geometry)
     counts = np.maximum(np.rint((upper - lower) / spacing), 1).astype(int)
     counts = np.where(np.arange(geometry.dim) == axis, counts, np.minimum(counts, across))

@@ -132,6 +132,10 @@ def test_what_is_known_of_the_whole(axis, periodic):
         assert (image.shape, image.fluid, image.straight) == ((20, 22, 17), pores.sum(), False)
         assert image.walls == pytest.approx(walls) and len(differ) > 0
         assert faces_that_differ(own(~pores, slabs), (True, True, True), slabs) == differ
+        shared = ImageBrick(Shared(own(np.where(pores, np.int8(0), np.int8(-1)), slabs), slabs), SIZE, periodic,
+                            ClearLayers(2, 3))
+        places = [np.array([0, 2, 9, 16]), np.arange(22), np.array([3, 4])]
+        assert (shared.solid_at(places) == ~pores[np.ix_(*places)]).all()
         prism = np.repeat(pores[:, :1], 22, axis=1)
         assert whole_image(own(prism, slabs), slabs).straight
         return clear_voxels(own(pores, slabs), axis, SIZE, periodic, slabs)

@@ -1,12 +1,16 @@
 """From the image of a case to its geometry: labels, grey values, thresholds, what is said of them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from isphcli.case.load import read_case
+from isphcli.domain import slabs
 from isphcli.geometry.images.image import VoxelError
 from isphcli.geometry.iso_surface import IsoSurfaceGeometry
 from isphcli.geometry.voxel_geometry import VoxelGeometry
+from isphcli.scene import image_geometry
 from isphcli.scene.build_geometry import build_geometry
 from tests.geometry.fields import plane
 
@@ -33,6 +37,24 @@ def scan(tmp_path, image, *overrides, values=None):
 def wall_along_x(geometry):
     start = np.array([[2.0, 3.0, 3.0]]) * 1e-6
     return 2.0 + 7.0 * geometry.crossing(start, start + np.array([7e-6, 0, 0]))[0]
+
+
+@pytest.mark.parametrize("mirror", ["[]", "[z]", "[x, z]"])
+def test_each_process_reads_its_layers(tmp_path, monkeypatch, mirror):
+    """Of an image with its mirror image, of more processes than layers too: together they have the whole, cropped."""
+    labels = np.random.default_rng(0).integers(0, 4, (4, 3, 6))
+    case = scan(tmp_path, "labels: {solid: 1, water: 0, gas: [2, 3]}", "geometry.periodic=[]",
+                f"geometry.mirror={mirror}", "geometry.voxels.crop=[[1,5],[0,3],[1,4]]", values=labels)
+    whole = image_geometry._layers_of(case, case.geometry.voxels).values
+    assert whole.shape == (6 if "z" in mirror else 3, 3, 8 if "x" in mirror else 4)
+    for size in (2, 7):
+        found = []
+        for rank in range(size):
+            one = SimpleNamespace(rank=rank, size=size)
+            for module in (image_geometry, slabs):
+                monkeypatch.setattr(module, "current", lambda one=one: one)
+            found.append(image_geometry._layers_of(case, case.geometry.voxels).values)
+        assert (np.concatenate(found) == whole).all()
 
 
 def test_the_wall_of_a_grey_image_is_where_it_has_the_threshold(tmp_path):
