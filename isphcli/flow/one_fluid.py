@@ -28,6 +28,17 @@ class StressCoupling(Protocol):
         """out += factor times the stress over the density, m/s2; u: (n + remote, dim); out: (n, dim)."""
 
 
+class KinksOfVelocity(Protocol):
+    """Where the viscosity jumps (kinks.Kinks)."""
+
+    def put_slopes(self, fields: np.ndarray, gradients: np.ndarray) -> np.ndarray:
+        """Puts the slopes of velocities (n + remote, c) on the own side of a kink into gradients (n, c, dim); returns
+        of which particles, (n,) bool."""
+
+    def divergence(self, u: np.ndarray) -> np.ndarray:
+        """What a kink makes of the divergence of u (n, dim), (n,), 1/s."""
+
+
 class FluidInterface(Protocol):
     """The interface of one configuration (two_phase.interface.Interface)."""
 
@@ -149,9 +160,9 @@ class Terms:
     fluid, (n,) or 1; rotational_viscosity: number, dynamic viscosity over the density of the first fluid of the
     rotational term (eq. 4), m2/s; transposed_stress: of two fluids, or None where the viscosity does not jump; smooth:
     (n,) bool, where the velocity has no kink, or None; along: (dim,) or (n, dim), acceleration by a unit pressure
-    gradient along the axis of a held velocity, or None; interface: of two fluids, or None; excess: (n,) m2, c of
-    `viscous_solve`, or None where the velocity has kinks and forces jump; drag: (n,) 1/s, -drag u of the forces that
-    resist (`Force`), or None.
+    gradient along the axis of a held velocity, or None; interface: of two fluids, or None; kinks: of the velocity,
+    where the viscosity jumps, or None; excess: (n,) m2, c of `viscous_solve`, or None where the velocity has kinks and
+    forces jump; drag: (n,) 1/s, -drag u of the forces that resist (`Force`), or None.
     """
 
     ops: Operators
@@ -165,6 +176,7 @@ class Terms:
     smooth: np.ndarray | None = None
     along: np.ndarray | None = None
     interface: FluidInterface | None = None
+    kinks: KinksOfVelocity | None = None
     excess: np.ndarray | None = None
     drag: np.ndarray | None = None
 
@@ -176,6 +188,11 @@ class Terms:
     def sharpened(self, right: np.ndarray) -> np.ndarray:
         """right + c L right of `viscous_solve`: accelerations (n, dim), m/s2, as they stand in eq. 2."""
         return right if self.excess is None else right + self.excess[:, None] * laplacian(self.ops, right)
+
+    def divergence(self, u: np.ndarray) -> np.ndarray:
+        """Divergence (n,), 1/s, of u (n, dim), walls and their velocities included, without what a kink makes of it."""
+        divergence = self.ops.total_divergence(u)
+        return divergence if self.kinks is None else divergence - self.kinks.divergence(u)
 
     def pressure_gradient(self, p: np.ndarray) -> np.ndarray:
         """Gradient of the pressure p (n,) over the density without its jump, (n, dim) m/s2."""

@@ -9,6 +9,7 @@ Taylor-Green at Re 100 from a 20 % jittered start, 50 x 50: velocity error 2.0e-
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
@@ -17,6 +18,9 @@ from ..domain.neighbours import Neighbourhood
 from ..domain.row_threads import REDUCE, in_one_piece, over_rows
 from ..operators import pair_sums
 from ..operators.pair_weights import Operators
+
+if TYPE_CHECKING:
+    from .one_fluid import KinksOfVelocity
 
 LONGEST = 0.1  # of the spacing: a longer shift is cut, so that the Taylor series stays good
 
@@ -32,13 +36,15 @@ def shift(neighbours: Neighbourhood, largest_speed: float, dt: float, coefficien
     return out
 
 
-def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray) -> np.ndarray:
+def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray,
+          kinks: KinksOfVelocity | None = None) -> np.ndarray:
     """fields (n, c) at positions displaced by dr (n, dim), by their Taylor series; in a scene with walls they are
     velocities, one after the other.
 
     second: (n,) bool, where the second derivative is taken too. Beside walls the velocity of the wall is part of the
     gradient, which is then exact for quadratic functions there as well, and of first order where that is not known (a
-    wall slips, few neighbours are in sight): there the second derivative is left out.
+    wall slips, few neighbours are in sight): there the second derivative is left out. kinks: where velocities have a
+    kink, or None.
     """
     walls, everyone = ops.walls, ops.exchange.forward(fields)
     known = np.zeros(ops.n, np.bool_)
@@ -55,6 +61,8 @@ def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray
         others = (walls.near_wall | walls.narrow) & ~known
         if others.any():
             gradients[others] = pair_sums.gradient(ops.start, ops.column, ops.grad_p, everyone)[others]
+    if kinks is not None:
+        kinks.put_slopes(everyone, gradients)
     if walls is not None:
         second = second & (known | ~walls.near_wall)
     return taylor(ops, fields, gradients, dr, second)

@@ -176,7 +176,8 @@ class Stepper:
         if dr is not None:
             with self.clock("terms"):
                 second = config.terms.smooth if config.terms.smooth is not None else np.ones(len(u), dtype=np.bool_)
-                fields = carry(config.ops, np.concatenate([u, u_old], axis=1), dr, second)  # eq. 9
+                velocities = np.concatenate([u, u_old], axis=1)
+                fields = carry(config.ops, velocities, dr, second, config.terms.kinks)  # eq. 9
                 u, u_old = np.ascontiguousarray(fields[:, : u.shape[1]]), np.ascontiguousarray(fields[:, u.shape[1] :])
                 displacement += dr  # eq. 8
         with self.clock("terms"):
@@ -266,19 +267,19 @@ class Stepper:
                 held += increment
         new = State(moved.x, u, moved.u, p, state.time + dt, state.step + 1, dt, held, moved.phi,
                     moved.drive_step, moved.number, moved.volume)
-        return StepResult(new, config, dt, config.ops.total_divergence(u), stopped, self.solvers.solves,
+        return StepResult(new, config, dt, config.terms.divergence(u), stopped, self.solvers.solves,
                           self.solvers.rebuilt, volume_drift)
 
     def _project(self, config: Configuration, system: PressureSystem, guess: np.ndarray, known: np.ndarray,
                  p: np.ndarray, rate: float, expansion: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """Eqs 2-4: (velocity, pressure). known: (n, dim) m/s2, of the steps before and the forces; rate: g0 / dt;
         expansion: divergence that the velocity is to have, 0 or (n,) of `KeptVolume`."""
-        ops, terms = config.ops, config.terms
+        terms = config.terms
         gradient = terms.pressure_gradient(p)
         driven = known - gradient
         u_star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, driven, guess, self.solvers)  # eq. 2
         rate += terms.least_drag
-        div = ops.total_divergence(u_star) - expansion
+        div = terms.divergence(u_star) - expansion
         q, beside = pressure_increment(config, system, div, (p, gradient), rate, self.fluids.nu_min, self.solvers)
         u = u_star - terms.ops.gradient_p(q) / rate  # eq. 3
         return u, without_constants(config, p + q + beside - terms.rotational_viscosity * div)  # eq. 4
@@ -319,7 +320,7 @@ class Stepper:
         """(field (n, dim) without its divergence, the q of eq. 3 that takes it out, the divergence) beside walls at
         rest. rate: g0 / dt of eq. 3."""
         ops, solvers = config.ops, self.solvers
-        div = ops.total_divergence(field)
+        div = config.terms.divergence(field)
         if ops.walls is not None:
             div -= ops.walls.div_velocity
         q = solve_pressure(config, system, config.means.remove(-rate * div), solvers.tolerance, solvers)

@@ -123,7 +123,7 @@ class MovingRun:
         if self.series is not None:
             with self.clock("output"):
                 fields = snapshot_of(self.case, self.geometry, self.particles_at(state), state.x, state.u,
-                                     state.p * self.pressure_unit, config.ops.total_divergence(state.u))
+                                     state.p * self.pressure_unit, config.terms.divergence(state.u))
                 self.series.write(state.step, state.time, *fields)
         if self.profiles is not None and state.step != self.profiled:
             self.profiled = state.step

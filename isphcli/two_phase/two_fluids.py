@@ -32,6 +32,7 @@ from .cut_cells import Cells, cut
 from .interface import MOST, RATE, Interface, UnlikePairs, carried, find_interface, strain
 from .interface_rules import FIRST_PASSES, interface_rules
 from .kept_volumes import kept_volumes
+from .kinks import Kinks
 from .transposed_stress import TransposedStress
 
 if TYPE_CHECKING:
@@ -186,7 +187,7 @@ class TwoFluids:
         distance = ops.exchange.forward(phi)
         phase = phase_of(distance)
         rho, mu = self.density[phase] / reference, self.mu[phase] / reference
-        weighted, transposed_stress, smooth = ops, None, None
+        weighted, transposed_stress, smooth, kinks = ops, None, None, None
         viscous = ViscousWeights(self.mu[0] / reference, ops.lap, ops.walls)
         if densities_differ or viscosities_differ:
             weighted, viscous = self._weigh(ops, interface.unlike, rho, mu, densities_differ)
@@ -201,7 +202,9 @@ class TwoFluids:
         if viscosities_differ:
             smooth = ~near
             free = near if ops.walls is None else near & ~ops.walls.near_wall
-            transposed_stress = TransposedStress.build(ops, viscous.weight, np.flatnonzero(free))
+            rows = np.flatnonzero(free)
+            transposed_stress = TransposedStress.build(ops, viscous.weight, rows)
+            kinks = Kinks.build(ops, phase, rows, interface.unlike, interface.normal)
         force, jump_acceleration, laplacian_of_jump, along = balanced_force(ops, self.body), None, None, None
         if self.drop_force.any():
             force = force + weighted.potential_gradient(self.drop_force)
@@ -215,7 +218,7 @@ class TwoFluids:
                 jump_acceleration = tension_force
         rules = self.rules
         terms = Terms(weighted, viscous, force, jump_acceleration, laplacian_of_jump, rho if densities_differ else 1.0,
-                      rules.rotational_viscosity / reference, transposed_stress, smooth, along, interface)
+                      rules.rotational_viscosity / reference, transposed_stress, smooth, along, interface, kinks)
         return with_forces(terms, self.forces, neighbours.x[: ops.n], mu / rho)
 
     @staticmethod
