@@ -53,7 +53,7 @@ def second_compiler(scene: str) -> Iterator[Callable[[], None]]:
     begun: list[subprocess.Popen[bytes]] = []
 
     def start() -> None:
-        if scene in _begun or _cores() < 2 or current().size > 1 or not sys.executable:
+        if scene in _begun or _cores() < 2 or current().size > 1 or not (sys.executable and _numba_is_known()):
             return
         _begun.add(scene)
         IndexDataCacheFile.save = save  # type: ignore[method-assign]
@@ -70,6 +70,12 @@ def second_compiler(scene: str) -> Iterator[Callable[[], None]]:
         for process in begun:
             process.kill()
             process.communicate()
+
+
+def _numba_is_known() -> bool:
+    """Whether numba has what `save` is made of, which is no part of its interface: another version may not."""
+    names = ("save", "_data_name", "_save_data", "_save_index", "_load_index")
+    return all(hasattr(IndexDataCacheFile, name) for name in names)
 
 
 def _cores() -> int:

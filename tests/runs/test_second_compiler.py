@@ -91,6 +91,15 @@ def test_one_core_has_no_second_process(processes, monkeypatch):
     assert processes == []
 
 
+def test_an_unknown_numba_has_no_second_process(processes, monkeypatch):
+    """`save` is made of names that are no part of numba's interface."""
+    monkeypatch.setattr(module, "_cores", lambda: 2)
+    monkeypatch.delattr(IndexDataCacheFile, "_save_index")
+    with second_compiler("stokes one exact") as start:
+        start()
+    assert processes == []
+
+
 def test_the_process_ends_with_the_one_that_started_it():
     """Whose end closes the pipe, also where a signal took it."""
     code = ("import time\nfrom isphcli.runs import second_compiler as second\n"
