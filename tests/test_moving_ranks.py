@@ -19,7 +19,7 @@ import pytest
 
 from tests.moving_ranks import NAMES, NAMES_OF_TWO, STEPS
 from tests.paths import CASES
-from tests.test_ranks import ENVIRONMENT, OF_ONE, pytestmark, start  # noqa: F401 - pytest reads pytestmark
+from tests.test_ranks import ENVIRONMENT, OF_ONE, flat, pytestmark, start  # noqa: F401 - pytest reads pytestmark
 
 SEVERAL = {("auto", 2): NAMES, ("auto", 3): ["vortices", "pack", "thin", "few"], ("auto", 4): ["cavity", "pack"],
            ("petsc", 1): ["vortices", "viscous", "cavity"]}
@@ -117,6 +117,8 @@ def test_particles_are_where_they_are_on_one_process(found, engine, ranks, name)
         assert summary["particles"][key] == wanted["particles"][key]
     assert summary["steps"] == wanted["steps"] and summary["porosity"] == pytest.approx(wanted["porosity"], rel=1e-12)
     assert summary["speed"] == pytest.approx(wanted["speed"], rel=100 * close)
+    # against a reference, of which each process compares its own particles (vortices) or rank 0 all (cavity)
+    assert flat(summary["errors"]) == pytest.approx(flat(wanted["errors"]), rel=100 * close, abs=close)
 
 
 def test_particles_change_their_process(found):
