@@ -14,9 +14,10 @@ divergence of u_t along the interface.
       a_i . l_i,   l_i = (1 - n n) sum_j psi_ij grad_ij,   a_i = (1 - n n) (mean_j d u_j / d n - d u_i / d n),
 
   over neighbours of the other fluid, with d u / d n of the own fluid of each, and a_i is one vector for all of them. A
-  kink that varies along the interface comes with a normal velocity that is curved across it, and eq. 5 sees both: with
-  a_ij of each pair in the place of a_i one of the two would be taken out, and where a bubble rises 6 % more volume went
-  up than down.
+  kink that varies along the interface comes with a normal velocity that is curved across it, and eq. 5 cancels the one
+  by the other: with a_ij of each pair in the place of a_i one of the two would be taken out, and where a bubble rises
+  6 % more volume went up than down. The mean is that of a linear function along the interface at the particle: where
+  the neighbours lie to one side, l_i points there too, and their plain mean is of a place on that side.
 """
 
 from __future__ import annotations
@@ -76,7 +77,9 @@ class Kinks:
         gradients = np.zeros((ops.n, ops.dim, ops.dim))
         known = self.put_slopes(ops.exchange.forward(u), gradients)
         across, known = ops.exchange.forward_each(np.einsum("ick,ik->ic", gradients, self.normal), known)
-        over_rows(_divergence, len(self.rows), self.rows, ops.neighbours, self.unlike, self.along, across, known, out)
+        given = self.rows, ops.neighbours, self.unlike, self.along, self.normal
+        over_rows(_divergence, len(self.rows), *given, across, known, out,
+                  work=lambda: (np.empty(ops.dim), np.empty(ops.dim)))
         return out
 
 
@@ -143,23 +146,40 @@ def _sums_along(turns, rows, neighbours, unlike, grad, normal, along):
 
 
 @njit(cache=True, nogil=True)
-def _divergence(turns, rows, neighbours, unlike, along, across, known, out):
+def _divergence(turns, work, rows, neighbours, unlike, along, normal, across, known, out):
     (first, pair, _), x, row, column = unlike, neighbours.x, neighbours.row, neighbours.column
     dim = x.shape[1]
+    ways, crossed = work  # sums of the ways along the interface, and of those times what the jump makes of l_i
     for turn in range(turns[0], turns[1]):
         i = rows[turn]
         if not known[i]:
             continue
-        total, jumps = 0.0, 0.0
+        total, mean, square = 0.0, 0.0, 0.0
+        for k in range(dim):
+            ways[k], crossed[k] = 0.0, 0.0
         for q in range(first[i], first[i + 1]):
             p = pair[q]
-            j, r2, jump = column[p], 0.0, 0.0
+            j, r2, off, jump = column[p], 0.0, 0.0, 0.0
             if known[j]:
                 for k in range(dim):
-                    r2 += (x[row[p], k] - x[i, k]) ** 2
+                    d = x[row[p], k] - x[i, k]
+                    r2 += d * d
+                    off += d * normal[i, k]
                     jump += (across[j, k] - across[i, k]) * along[turn, k]
                 w = shape(neighbours.kind, math.sqrt(r2) / neighbours.support)
                 total += w
-                jumps += w * jump
+                mean += w * jump
+                square += w * (r2 - off * off)
+                for k in range(dim):
+                    d = x[row[p], k] - x[i, k] - off * normal[i, k]
+                    ways[k] += w * d
+                    crossed[k] += w * d * jump
         if total > 0.0:
-            out[i] = jumps / total
+            # of a linear function along the interface at i
+            mean, away, slope = mean / total, 0.0, 0.0
+            for k in range(dim):
+                way = ways[k] / total
+                away += way * way
+                slope += way * (crossed[k] / total - way * mean)
+            spread = square / total - away
+            out[i] = mean - (dim - 1) * slope / spread if (dim - 1) * away < spread else mean
