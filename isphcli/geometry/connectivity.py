@@ -187,7 +187,7 @@ def join_slabs(parts: np.ndarray, count: int, links: np.ndarray, slabs: Slabs,
     """
     ranks, dim, n_own = slabs.ranks, len(periodic), slabs.own[1] - slabs.own[0]
     first = sum(ranks.collect(count)[: ranks.rank])
-    numbers = np.where(parts >= 0, parts + first, -1)
+    numbers = np.where(parts >= 0, parts + first, -1) if first else parts
     joined, links = np.empty((0, 2), np.int64), links.astype(np.int64) + [first, first, 0]
     if ranks.size > 1 and dim == 3:  # the layer above has the numbers of its process too
         above = slabs.beside(numbers[:n_own], 0, 1, periodic[2])[0]

@@ -58,7 +58,10 @@ class Modes:
         """The field with `share` of each of its modes; of several processes their own layers, and their own modes."""
         for a in self._order:
             field = self._to_modes(self.slabs.turned(field) if a == 0 else field, a)
-        field = field * share
+        if self._order:
+            field *= share  # what was transformed is an array of its own
+        else:
+            field = field * share
         for a in reversed(self._order):
             field = self._of_modes(field, a)
             field = self.slabs.back(field) if a == 0 else field

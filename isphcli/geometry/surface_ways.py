@@ -67,11 +67,12 @@ def surface_ways(coefficients: np.ndarray, around: np.ndarray, field: np.ndarray
     fluid, sample = slabs.part(field > 0, part)
     solid, _ = slabs.part(labels < 0, part)
     owner, links, opened, closed = _joined_in(coefficients, around, fluid, part, periodic, slabs, sample)
-    roots, raw = np.unique(owner[owner >= 0], return_inverse=True)
-    edges = links.astype(np.int64)
+    roots, edges = np.flatnonzero(owner == np.arange(len(owner), dtype=owner.dtype)), links.astype(np.int64)
     edges[:, :2] = np.searchsorted(roots, links[:, :2])
-    parts = np.full(owner.shape, -1)
-    parts[owner >= 0] = raw
+    number = np.full(len(owner) + 1, -1, np.int32)  # of a part by its root; the last one is of solids
+    number[roots] = np.arange(len(roots))
+    parts = number[owner]
+    del owner, number
     of_surface = join_slabs(parts.reshape(-1, *fluid.shape[1:]), len(roots), np.unique(edges, axis=0), sample,
                             periodic)[1]
     of_labels = components_of_slabs(~solid, sample, periodic)[2]
