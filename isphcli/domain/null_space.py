@@ -28,4 +28,5 @@ class ComponentMeans:
         if len(self.count) == 1:
             return v - reduce.total(v) / self.count[0]  # eq. 26
         # eq. 26, with one constant vector per component
-        return v - (reduce.total_by(self.labels, v, len(self.count)) / self.count)[self.labels]
+        mean = (reduce.total_by(self.labels, v, len(self.count)) / self.count).take(self.labels)
+        return np.subtract(v, mean, out=mean)

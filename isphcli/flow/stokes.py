@@ -145,10 +145,16 @@ class StokesSystem:
         u, p = self.split(out)
         dx = self.spacing
         mass = self.means.remove(mass)
-        p[:] = mass + self.means.remove(self._darcy(mass) - ROUGH * dx * dx * symmetric_laplacian(self.ops, mass))
-        rest = np.zeros((self.ops.n, 3))
-        rest[:, : self.dim] = forces - dx * self.ops.gradient_p(p)
-        u[:] = self._velocity(rest)[:, : self.dim]
+        long, short = self._darcy(mass), symmetric_laplacian(self.ops, mass)
+        short *= ROUGH * dx * dx
+        long -= short
+        np.add(mass, self.means.remove(long), out=p)
+        left = self.ops.gradient_p(p)
+        left *= -dx
+        left += forces
+        if self.dim < 3:
+            left = np.hstack([left, np.zeros((self.ops.n, 3 - self.dim))])
+        u[:] = self._velocity(left)[:, : self.dim]
         return out
 
     def balanced_force(self, force: Sequence[float] | np.ndarray) -> np.ndarray:

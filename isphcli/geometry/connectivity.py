@@ -35,7 +35,7 @@ def components(fluid: np.ndarray, periodic: tuple[bool, ...]) -> tuple[np.ndarra
     A component percolates along a periodic axis if a closed path in it winds round that axis, and along
     another axis if it touches both faces.
     """
-    fluid = np.asarray(fluid, dtype=bool)
+    fluid = np.ascontiguousarray(fluid, dtype=bool)  # across the order of the memory labels take twice as long
     dim = fluid.ndim
     if len(periodic) != dim:
         raise ValueError(f"periodic has {len(periodic)} entries for an image of {dim} dimensions")

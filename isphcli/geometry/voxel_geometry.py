@@ -176,7 +176,8 @@ class VoxelGeometry:
     def _points(self, x: np.ndarray) -> np.ndarray:
         """Voxel coordinates (n, 3); the layer of a 2D image has z = 1/2."""
         x = np.asarray(x, dtype=float)
-        u = np.full((len(x), 3), 0.5)
+        u = np.empty((len(x), 3))
+        u[:, self.dim :] = 0.5
         for axis in range(self.dim):  # rows of three are slow to broadcast over
             u[:, axis] = (x[:, axis] - self.lower[axis]) / self.voxel_size[axis]
         return u

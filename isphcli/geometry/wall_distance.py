@@ -129,10 +129,9 @@ def join_faces(d, shape, around, voxel, ux, uy, uz):
 
 
 @njit(cache=True, error_model="numpy")
-def _along(i, n, around, step, edge, u):
-    """The voxel `step` beyond voxel i along an axis of n, wrapped where it repeats and else -1 outside; and how far the
-    coordinate u is off it, in units of `edge`."""
-    j = i + step
+def _along(j, n, around, edge, u):
+    """Voxel j along an axis of n, wrapped where it repeats and else -1 outside; and how far the coordinate u is off it,
+    in units of `edge`."""
     off = edge * max(j - u, u - (j + 1), 0.0)
     if 0 <= j < n:
         return j, off
@@ -145,9 +144,9 @@ def _stairs(grid, around, voxel, ux, uy, uz, far):
     if abs(far) > 3 * max(voxel[0], voxel[1], voxel[2]):
         return far
     ix, iy, iz = voxel_of(ux), voxel_of(uy), voxel_of(uz)
-    own = _along(ix, grid.shape[2], around[0], 0, voxel[0], ux)
-    above = _along(ix, grid.shape[2], around[0], 1, voxel[0], ux)
-    below = _along(ix, grid.shape[2], around[0], -1, voxel[0], ux)
+    own = _along(ix, grid.shape[2], around[0], voxel[0], ux)
+    above = _along(ix + 1, grid.shape[2], around[0], voxel[0], ux)
+    below = _along(ix - 1, grid.shape[2], around[0], voxel[0], ux)
     fluid = label_at(grid, around, ix, iy, iz) >= 0
     least = np.inf
     # the layer of the point first along each axis: layers farther off than a wall already found are not looked up
@@ -155,9 +154,9 @@ def _stairs(grid, around, voxel, ux, uy, uz, far):
         dz = kz if kz < 2 else -1
         if grid.shape[0] == 1 and around[2] and dz != 0:
             continue
-        jz, z = _along(iz, grid.shape[0], around[2], dz, voxel[2], uz)
+        jz, z = _along(iz + dz, grid.shape[0], around[2], voxel[2], uz)
         for ky in range(3):
-            jy, y = _along(iy, grid.shape[1], around[1], ky if ky < 2 else -1, voxel[1], uy)
+            jy, y = _along(iy + (ky if ky < 2 else -1), grid.shape[1], around[1], voxel[1], uy)
             if y * y + z * z >= least:
                 continue
             beyond = jz < 0 or jy < 0  # the faces of the image: as solid

@@ -252,8 +252,10 @@ def _passing(widths: np.ndarray, around: tuple[bool, ...], axis: int, before: fl
     others = tuple(a for a in range(widths.ndim) if a != axis)
     most = float(widths.max(axis=others).min())  # every way leads through every layer
 
+    turned = np.ascontiguousarray(widths.T)
+
     def leads(width: float) -> bool:
-        return width <= most and bool(components((widths >= width).T, around)[2][:, axis].any())
+        return width <= most and bool(components(turned >= width, around)[2][:, axis].any())
 
     low, high, step = 0.0, float(widths.max()), 2 * WITHIN
     if before > 0.0 and leads(before):

@@ -124,7 +124,8 @@ def place(geometry: Geometry, lattice: Lattice | MixedLattice, support: float, j
             seen = -geometry.distance(solid, reach) < reach
             dummies.append(solid[seen])
             left_out += int((~seen).sum())
-        inside += int(np.all((x >= geometry.lower) & (x <= geometry.upper), axis=1).sum())
+        inside += int(np.logical_and.reduce([(at >= low) & (at <= high) for at, low, high in
+                                             zip(x.T, geometry.lower, geometry.upper)]).sum())
     x, phase = np.concatenate(fluid), np.concatenate(phases)
     if len(x) == 0:
         raise _all_solid(geometry)
