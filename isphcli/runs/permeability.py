@@ -87,7 +87,8 @@ def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndar
 # within. ORDER is the power of that error in calibration.csv, rounded to halves (2.0). Without the second part two
 # spacings that agree by chance have a bar of nearly zero. BAR is above 1, so that an error of that order lies within
 # its bar: `benchmarks/bars_elsewhere.py` has the shares of scenes that were not chosen by hand. With USUAL nine in ten
-# of every family there hold by three spacings and by h and h/2 (with 1/6 82 % of one family), 84 % and more by h/1.5 and h/2
+# of every family there hold by three spacings and by h and h/2 (with 1/6 82 % of one family), 84 % and more by h/1.5
+# and h/2 (seeds 5 and 7; docs/design_notes.md, error bars)
 ORDER, BAR, USUAL = 2.0, 1.25, 1 / 4
 # Order of k beside the edges of cubes: twice the exponent of the velocity there, because the error of k is that of the
 # dissipation. Across an edge of 90 degrees of solid it is 0.5445 (Dean and Montagnon 1949), along it 2/3 (Laplace)
