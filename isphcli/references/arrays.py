@@ -32,7 +32,9 @@ def sphere_array_drag(fraction: float) -> float:
 
     Up to 0.216 the series of Sangani and Acrivos (it meets the table of Zick and Homsy within the table's
     rounding there, and drifts off above: 0.9 % at 0.343, 20 % at contact); beyond it the table of Zick and
-    Homsy, between its entries a monotone cubic of ln K over chi, good to about 1 %.
+    Homsy, whose entries are rounded to 0.1 to 0.3 %, between them a cubic spline of ln K over chi that begins with the
+    slope of the series. At 0.28 and 0.4 own solutions of 40 spacings a cell are within 0.03 and 0.1 % of it (a monotone
+    cubic was 0.22 % off at 0.28).
     Raises ValueError outside the range.
     """
     if not 0 < fraction <= 0.5237:
@@ -40,10 +42,13 @@ def sphere_array_drag(fraction: float) -> float:
     chi = min((fraction / (math.pi / 6)) ** (1 / 3), 1.0)
     if fraction < 0.2159:
         return float(np.polyval(SANGANI_ACRIVOS[::-1], chi))
-    from scipy.interpolate import PchipInterpolator
+    from scipy.interpolate import CubicSpline
 
-    c, k = np.array(ZICK_HOMSY).T
-    return float(np.exp(PchipInterpolator((c / c[-1]) ** (1 / 3), np.log(k))(chi)))
+    c, k = np.array(ZICK_HOMSY[3:]).T
+    places = (c / c[-1]) ** (1 / 3)
+    series = np.polynomial.Polynomial(SANGANI_ACRIVOS)
+    slope = series.deriv()(places[0]) / series(places[0])
+    return float(np.exp(CubicSpline(places, np.log(k), bc_type=((1, slope), "not-a-knot"))(chi)))
 
 
 def sphere_array_permeability(fraction: float, cell: float = 1.0) -> float:

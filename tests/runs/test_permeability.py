@@ -46,10 +46,10 @@ def test_errors_of_the_usual_order_are_told_by_two_spacings():
 
 
 def test_two_spacings_that_agree_by_chance_do_not_make_a_bar_of_nothing():
-    """A sixth of the usual error is a part of every bar, added as a square."""
+    """A quarter of the usual error is a part of every bar, added as a square."""
     _, alone, *_ = extrapolate([1.0, 0.5], [2.0, 2.0])
     _, bar, *_ = extrapolate([1.0, 0.5], [2.0, 2.0], usual=0.03)
-    assert alone == 0.0 and bar == pytest.approx(BAR * 2.0 * 0.03 / 6, rel=1e-12)
+    assert alone == 0.0 and bar == pytest.approx(BAR * 2.0 * 0.03 / 4, rel=1e-12)
     told = extrapolate([1.0, 0.5], [2.1, 2.0])[1]
     assert extrapolate([1.0, 0.5], [2.1, 2.0], usual=0.03)[1] == pytest.approx(math.hypot(told, bar), rel=1e-12)
 
