@@ -154,7 +154,7 @@ def _beside_walls(
     both = np.concatenate(flow, axis=1)
     if share is not None:
         x, both = np.concatenate([x, share.ghosts]), share.exchange.forward(both)
-        edge = np.concatenate([edge, np.ones(len(share.ghosts))])
+        edge = np.concatenate([edge, np.ones(len(share.ghosts))])  # their cells belong to others, and are not asked for
     distance, row = geometry.distance(x, support), np.arange(len(x))
     near = (distance < support) & ((row < n) | (row >= own))
     cut = (np.abs(distance) < edge * reach) & (row < own)
