@@ -105,10 +105,11 @@ def means_over_cells(geometry: Geometry, x: np.ndarray, lattice: Lattice, suppor
     """Means over the cells of particles that sit on a lattice; where walls move, the velocities themselves.
 
     x: (all, dim) m, the n fluid particles, then dummies; support: m; flow: velocity (n, dim) m/s and its Laplacian,
-    1/(m s), by the momentum balance; share: of this process, where there are several; edge: (all,), of the cell of each
-    particle over that of the lattice, 1 without it.
+    1/(m s), by the momentum balance; share: of this process, where there are several; edge: of the cell of each fluid
+    particle, remote one, dummy and remote dummy over that of the lattice, 1 without it.
     """
-    edge = np.ones(len(x)) if edge is None else edge
+    if edge is None:
+        edge = np.ones(len(x) if share is None else len(x) + len(share.ghosts) + len(share.dummies))
     if geometry.level_walls and geometry.voxel_size is not None:
         return _faces_of_voxels(geometry.lower, geometry.voxel_size, lattice, flow, edge)
     n, ways = len(flow[0]), directions(lattice)
@@ -179,7 +180,7 @@ def _beside_walls(
     if share is not None:
         x = np.concatenate([x[:n], share.ghosts, x[n:], share.dummies])
         row = np.concatenate([row[:n], np.full(len(share.ghosts), -1), row[n:], np.full(len(share.dummies), -1)])
-        both, edge = share.exchange.forward(both), np.ones(len(x))
+        both = share.exchange.forward(both)
     distance, fluid = geometry.distance(x, support), np.arange(len(x)) < len(both)
     cut = np.abs(distance) < edge * reach
     asked = np.flatnonzero(cut | (fluid & (distance < support)))

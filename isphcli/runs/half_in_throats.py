@@ -171,7 +171,7 @@ def in_throats(case: Case, geometry: Geometry, flow: tuple[LatticeWeights, np.nd
     with clock("geometry"):
         own = particles.own
         means = means_over_cells(geometry, particles.x[own], lattice, support, (u, laplacian), particles.share,
-                                 np.where(particles.half[own], 0.5, 1.0))
+                                 np.where(particles.half, 0.5, 1.0))
     superficial = _superficial(geometry, particles, means)
     everywhere = half + (number - half) * 2**geometry.dim
     return InThroats(float(darcy(geometry, superficial, axis, force, nu)[axis]), superficial, number, everywhere,
