@@ -65,8 +65,8 @@ class Kinks:
         return cls(ops, phase, rows, unlike, normal, along)
 
     def put_slopes(self, fields: np.ndarray, gradients: np.ndarray) -> np.ndarray:
-        """Puts the slopes of fields (n + remote, c) in the own fluid into gradients (n, c, dim); returns the particles
-        that have them, (n,) bool."""
+        """Puts the slopes of fields (n + remote, c) in the own fluid, for eq. 9, into gradients (n, c, dim); returns the
+        particles that have them, (n,) bool."""
         known = np.zeros(self.ops.n, np.bool_)
         over_rows(_put_slopes, len(self.rows), self.rows, self.ops.neighbours, self.phase, fields, gradients, known)
         return known
@@ -77,8 +77,8 @@ class Kinks:
         gradients = np.zeros((ops.n, ops.dim, ops.dim))
         known = self.put_slopes(ops.exchange.forward(u), gradients)
         across, known = ops.exchange.forward_each(np.einsum("ick,ik->ic", gradients, self.normal), known)
-        given = self.rows, ops.neighbours, self.unlike, self.along, self.normal
-        over_rows(_divergence, len(self.rows), *given, across, known, out,
+        interface = self.unlike.start, self.unlike.pair, self.along, self.normal
+        over_rows(_divergence, len(self.rows), self.rows, ops.neighbours, interface, (across, known), out,
                   work=lambda: (np.empty(ops.dim), np.empty(ops.dim)))
         return out
 
@@ -146,8 +146,9 @@ def _sums_along(turns, rows, neighbours, unlike, grad, normal, along):
 
 
 @njit(cache=True, nogil=True)
-def _divergence(turns, work, rows, neighbours, unlike, along, normal, across, known, out):
-    (first, pair, _), x, row, column = unlike, neighbours.x, neighbours.row, neighbours.column
+def _divergence(turns, work, rows, neighbours, interface, slopes, out):
+    (first, pair, along, normal), (across, known) = interface, slopes
+    x, row, column = neighbours.x, neighbours.row, neighbours.column
     dim = x.shape[1]
     ways, crossed = work  # sums of the ways along the interface, and of those times what the jump makes of l_i
     for turn in range(turns[0], turns[1]):

@@ -152,6 +152,7 @@ ALLOWED = {
     ("two_phase.contact_angle", "owner.max(initial=-1)"): "the number of rows of the table of this process",
     ("two_phase.contact_angle", "(sees[owner] > 0).all(axis=1)"): FLUIDS,
     ("two_phase.interface", "np.einsum('ij,ij->i', fit.slope, fit.slope)"): OWN,
+    ("two_phase.kinks", "np.einsum('ick,ik->ic', gradients, self.normal)"): OWN,
     ("two_phase.cut_cells", "np.prod(end - first)"): AXES,
     ("two_phase.cut_cells", "cut.cells.side.sum()"): AXES,
     ("two_phase.cut_cells", "inside.reshape(-1, count).mean(axis=1)"): "over the samples of a cell",
