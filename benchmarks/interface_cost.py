@@ -14,7 +14,7 @@ from measuring import QUIET, Timed  # sets the number of threads before numba is
 
 from isphcli.case.load import load_case
 from isphcli.runs.run import run_case
-from isphcli.two_phase import surface_tension, transposed_stress, two_fluids
+from isphcli.two_phase import kinks, surface_tension, transposed_stress, two_fluids
 
 TIMED = (
     (two_fluids, ("find_interface", "cut", "carried", "kept_volumes", "strain", "_weigh_viscous", "_weigh_pressure",
@@ -22,6 +22,7 @@ TIMED = (
     (transposed_stress, ("_tensors",)),
     (transposed_stress.TransposedStress, ("add",)),
     (surface_tension, ("_jump",)),
+    (kinks, ("_put_slopes", "_sums_along", "_divergence")),
 )
 
 

@@ -65,8 +65,8 @@ class Kinks:
         return cls(ops, phase, rows, unlike, normal, along)
 
     def put_slopes(self, fields: np.ndarray, gradients: np.ndarray) -> np.ndarray:
-        """Puts the slopes of fields (n + remote, c) in the own fluid, for eq. 9, into gradients (n, c, dim); returns the
-        particles that have them, (n,) bool."""
+        """Puts the slopes of fields (n + remote, c) in the own fluid, for eq. 9, into gradients (n, c, dim); returns
+        which particles have them, (n,) bool."""
         known = np.zeros(self.ops.n, np.bool_)
         over_rows(_put_slopes, len(self.rows), self.rows, self.ops.neighbours, self.phase, fields, gradients, known)
         return known
