@@ -225,7 +225,7 @@ def _means(rows, room, pairs, cut, sources, parts, out):  # pragma: no cover
     (start, index), (cells, depth), (source, table, owner, seen), (itself, mean) = pairs, cut, sources, out
     n, dim = cells.x.shape
     for i in range(rows[0], rows[1]):
-        radius, total = parts.scale * cells.edge[i], 0.0
+        radius, total, known = parts.scale * cells.edge[i], 0.0, 0.0
         _clear(room)
         for p in range(start[i], start[i + 1]):
             row = index[p] - n
@@ -246,7 +246,7 @@ def _means(rows, room, pairs, cut, sources, parts, out):  # pragma: no cover
                     continue
                 weight = (1.0 - away) ** 3 * (WALLS / (1.0 + slip) ** 2 if wall else 1.0)
                 _put(room, source.normal[j], slip)
-                _add_row(room, weight)
+                known += _add_row(room, weight)
                 if wall:
                     _nearest(room, parts, cells.edge[i] / radius, source.normal[j])
                     continue
@@ -260,13 +260,18 @@ def _means(rows, room, pairs, cut, sources, parts, out):  # pragma: no cover
         for k in range(dim):  # what the Laplacian makes of the velocity over half the radius, as that of one particle
             room.basis[1 + dim + k * dim - k * (k - 1) // 2] = 0.5
             room.value[k] = 0.25 * radius * radius * room.laplacian[k] / total
-        _add_row(room, 1.0)
-        _solve(room.matrix, room.right)
+        left = known + _add_row(room, 1.0) - _solve(room.matrix, room.right)
         whole = _integrate(room, cells.edge[i], depth[i], parts, radius, mean[i])
         if itself[i] < len(seen):  # what the function leaves of the velocity in the middle: it vanishes at the wall
             whole *= min(1.0, cells.distance[i] / (cells.edge[i] * np.sqrt(12.0 * parts.spread)))
             for k in range(dim):
                 mean[i, k] += whole * (seen[itself[i], k] - room.right[0, k])
+        # in pores of less than a particle, with others in sight, velocities are no quadratic function: the cell has the
+        # velocity of its particle then, or none. By the square of what the function leaves of their squares, so that it
+        # is the function's own mean where that is right to some per cent
+        unlike = min(max(left / known, 0.0), 1.0) ** 2 if known > 0.0 else 0.0
+        for k in range(dim):
+            mean[i, k] += unlike * ((seen[itself[i], k] if itself[i] < len(seen) else 0.0) - mean[i, k])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -313,13 +318,17 @@ def _put(room, normal, slip):  # pragma: no cover
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add_row(room, weight):  # pragma: no cover
-    """Adds that the coefficients times the basis are the value."""
+    """Adds that the coefficients times the basis are the value; returns the square of this by its weight."""
+    square = 0.0
+    for k in range(len(room.value)):
+        square += weight * room.value[k] ** 2
     for a in range(len(room.basis)):
         one = weight * room.basis[a]
         for k in range(len(room.value)):
             room.right[a, k] += one * room.value[k]
         for b in range(a + 1):
             room.matrix[a, b] += one * room.basis[b]
+    return square
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -337,8 +346,9 @@ def _nearest(room, parts, scale, normal):  # pragma: no cover
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve(matrix, right):  # pragma: no cover
-    """right becomes the solution, by Cholesky factors of the matrix, whose lower half is given."""
-    size, largest = len(matrix), 0.0
+    """right becomes the solution, by Cholesky factors of the matrix, whose lower half is given; returns what the
+    solution has of the sum of the squares of all values."""
+    size, largest, found = len(matrix), 0.0, 0.0
     for a in range(size):
         largest = max(largest, matrix[a, a])
     for a in range(size):
@@ -355,6 +365,9 @@ def _solve(matrix, right):  # pragma: no cover
             for b in range(0 if turn < size else a + 1, a if turn < size else size):
                 rest -= (matrix[a, b] if turn < size else matrix[b, a]) * right[b, k]
             right[a, k] = rest / matrix[a, a]
+            if turn < size:
+                found += right[a, k] ** 2
+    return found
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
