@@ -65,8 +65,8 @@ class Kinks:
         return cls(ops, phase, rows, unlike, normal, along)
 
     def put_slopes(self, fields: np.ndarray, gradients: np.ndarray) -> np.ndarray:
-        """Puts the slopes of fields (n + remote, c) in the own fluid, for eq. 9, into gradients (n, c, dim); returns the
-        particles that have them, (n,) bool."""
+        """Puts the slopes of fields (n + remote, c) in the own fluid, for eq. 9, into gradients (n, c, dim); returns
+        the particles that have them, (n,) bool."""
         known = np.zeros(self.ops.n, np.bool_)
         over_rows(_put_slopes, len(self.rows), self.rows, self.ops.neighbours, self.phase, fields, gradients, known)
         return known
@@ -75,7 +75,7 @@ class Kinks:
         """What the kink makes of the divergence of u (n, dim), (n,), 1/s."""
         ops, out = self.ops, np.zeros(self.ops.n)
         gradients = np.zeros((ops.n, ops.dim, ops.dim))
-        known = self.put_slopes(ops.exchange.forward(u), gradients)
+        known = self.put_slopes(ops.exchange.forward(u.copy()), gradients)  # numba compiles once more for a read-only u
         across, known = ops.exchange.forward_each(np.einsum("ick,ik->ic", gradients, self.normal), known)
         interface = self.unlike.start, self.unlike.pair, self.along, self.normal
         over_rows(_divergence, len(self.rows), self.rows, ops.neighbours, interface, (across, known), out,
