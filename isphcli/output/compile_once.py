@@ -17,12 +17,12 @@ from .environment import private_folder
 def compile_once(lock: Path | None = None) -> None:
     """Lets numba compile what is not in its cache only while this process has a file locked. lock: that file, by
     default one of this user on this machine. Does nothing where files cannot be locked (Windows)."""
-    from numba.core.compiler_lock import global_compiler_lock
-    from numba.core.dispatcher import Dispatcher
-
     try:
         import fcntl
-    except ImportError:
+
+        from numba.core.compiler_lock import global_compiler_lock
+        from numba.core.dispatcher import Dispatcher
+    except ImportError:  # the latter two are no part of numba's interface
         return
     path, usual, held = lock or private_folder() / "compile.lock", Dispatcher.compile, list[int]()
     if hasattr(usual, "alone"):

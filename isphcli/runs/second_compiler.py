@@ -24,11 +24,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import types
 from numba.core import config
-from numba.core.caching import IndexDataCacheFile
 from numba.np.numpy_support import from_dtype
 
 from ..case.blocks import SOLID
 from ..domain.communicator import current
+
+try:
+    from numba.core.caching import IndexDataCacheFile
+except ImportError:  # no part of numba's interface
+    IndexDataCacheFile = None  # type: ignore[assignment, misc]
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -53,16 +57,16 @@ def second_compiler(scene: str) -> Iterator[Callable[[], None]]:
     begun: list[subprocess.Popen[bytes]] = []
 
     def start() -> None:
-        if scene in _begun or _cores() < 2 or current().size > 1 or not (sys.executable and _numba_is_known()):
+        if scene in _begun or not _numba_is_known():
             return
         _begun.add(scene)
         IndexDataCacheFile.save = save  # type: ignore[method-assign]
-        cache = config.CACHE_DIR  # type: ignore[attr-defined]
-        folder = {"NUMBA_CACHE_DIR": cache} if cache else {}
+        if _cores() < 2 or current().size > 1 or not sys.executable:
+            return
         quiet = subprocess.DEVNULL
-        with suppress(OSError):
-            begun.append(subprocess.Popen([sys.executable, "-m", __name__, scene], stdin=subprocess.PIPE, stdout=quiet,
-                                          stderr=quiet, env={**os.environ, **folder}))
+        with suppress(OSError):  # -P: no modules of the folder in which the run was begun
+            begun.append(subprocess.Popen([sys.executable, "-P", "-m", __name__, scene], stdin=subprocess.PIPE,
+                                          stdout=quiet, stderr=quiet, env=_environment()))
 
     try:
         yield start
@@ -70,6 +74,13 @@ def second_compiler(scene: str) -> Iterator[Callable[[], None]]:
         for process in begun:
             process.kill()
             process.communicate()
+
+
+def _environment() -> dict[str, str]:
+    """Of the second process: it finds modules where this one does, and the same cache."""
+    cache = config.CACHE_DIR  # type: ignore[attr-defined]
+    path = os.pathsep.join(str(folder or os.getcwd()) for folder in sys.path)
+    return {**os.environ, **({"NUMBA_CACHE_DIR": cache} if cache else {}), "PYTHONPATH": path}
 
 
 def _numba_is_known() -> bool:
@@ -86,10 +97,12 @@ def _cores() -> int:
 def save(self: Any, key: Any, data: Any) -> None:
     """`IndexDataCacheFile.save` for processes that write at the same time. numba numbers the files of a function and
     writes their list first: two processes could give two kernels one number, or read an older kernel under a new one.
-    Here a file is named after its key and is there before it is listed; the worst is that one misses in the list."""
+    Here a file is named after its key and is there before it is listed; the worst is that one misses in the list. A
+    cache that is full misses kernels too: they are compiled, and the run goes on."""
     name = self._data_name(int.from_bytes(hashlib.sha256(repr(key).encode()).digest()[:6]))
-    self._save_data(name, data)
-    self._save_index({**self._load_index(), key: name})
+    with suppress(OSError):
+        self._save_data(name, data)
+        self._save_index({**self._load_index(), key: name})
 
 
 # -- the list ----------------------------------------------------------------------------------------------
@@ -146,8 +159,12 @@ def main(scene: str) -> None:
         os.nice(NICE)
     gc.disable()
     IndexDataCacheFile.save = save  # type: ignore[method-assign]
-    for kernel, arguments in listed(scene):
-        kernel.compile(arguments)
+    try:
+        for kernel, arguments in listed(scene):
+            with suppress(Exception):  # a line of an older list: the run compiles that kernel
+                kernel.compile(arguments)
+    finally:
+        os._exit(0)  # as the thread does: it holds the lock of the pipe, and Python ends by SIGABRT where one is held
 
 
 if __name__ == "__main__":

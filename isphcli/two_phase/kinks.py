@@ -75,7 +75,7 @@ class Kinks:
         """What the kink makes of the divergence of u (n, dim), (n,), 1/s."""
         ops, out = self.ops, np.zeros(self.ops.n)
         gradients = np.zeros((ops.n, ops.dim, ops.dim))
-        known = self.put_slopes(ops.exchange.forward(u), gradients)
+        known = self.put_slopes(ops.exchange.forward(u.copy()), gradients)  # numba compiles once more for a read-only u
         across, known = ops.exchange.forward_each(np.einsum("ick,ik->ic", gradients, self.normal), known)
         interface = self.unlike.start, self.unlike.pair, self.along, self.normal
         over_rows(_divergence, len(self.rows), self.rows, ops.neighbours, interface, (across, known), out,

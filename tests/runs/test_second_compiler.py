@@ -1,5 +1,8 @@
 """Kernels that a second process compiles beside a run."""
 
+import errno
+import inspect
+import os
 import subprocess
 import sys
 
@@ -51,6 +54,17 @@ def test_types_are_read_as_they_were_written():
         text = texts_of(arguments, named)
         assert module._types(text, {name: line.split(" ", 2) for name, line in named.values()}) == arguments
     assert {kernel.py_func.__module__.partition(".")[0] for kernel, _ in kernels} == {"isphcli"}
+
+
+@pytest.mark.parametrize("scene", scenes())
+def test_kernels_take_what_is_listed(scene):
+    """As many arguments, and of namedtuples as many fields: where a kernel has changed since, the list is to be made
+    anew."""
+    for kernel, arguments in listed(scene):
+        assert len(arguments) == len(inspect.signature(kernel.py_func).parameters), kernel
+        for kind in arguments:
+            if (cls := getattr(kind, "instance_class", None)) is not None:
+                assert len(kind.types) == len(cls._fields), (kernel, cls)
 
 
 @pytest.mark.parametrize("text", ["(open('x'),)", "(int64.real,)", "(float64[2],)", "(1,)"])
@@ -110,6 +124,40 @@ def test_the_process_ends_with_the_one_that_started_it():
     process.stdin.close()
     assert process.wait(ENDS) == 0
     process.stdout.close()
+
+
+def test_the_process_ends_with_its_list():
+    """By itself, while the pipe is open: not by SIGABRT, and not at a kernel that does not compile for types of old."""
+    code = ("from isphcli.runs import second_compiler as second\n"
+            "class Kernel:\n def compile(self, types):\n  print(*types, flush=True)\n  assert types[0]\n"
+            "second.listed = lambda _: [(Kernel(), (0,)), (Kernel(), (1,))]\nsecond.main('any')\n")
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.wait(ENDS) == 0
+        assert process.stdout.read().split() == [b"0", b"1"]
+
+
+def test_the_process_finds_the_modules_of_the_run(monkeypatch, tmp_path):
+    """Also those of a path that a notebook has put together; with -P not those of the folder in which it was begun."""
+    (tmp_path / "only_here.py").touch()
+    monkeypatch.setattr(sys, "path", ["", tmp_path, *sys.path])
+    found = subprocess.run([sys.executable, "-P", "-c", "import only_here, sys; print(sys.path[0])"],
+                           env=module._environment(), capture_output=True, text=True)
+    assert found.stdout.strip() == os.getcwd(), found.stderr
+
+
+def test_a_full_cache_stops_no_run(tmp_path, monkeypatch):
+    """It holds what it held before."""
+    cache = IndexDataCacheFile(str(tmp_path), "kernel", "stamp")
+    save(cache, ("float64",), "of floats")
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    for part in ("_save_data", "_save_index"):
+        with monkeypatch.context() as patch:
+            patch.setattr(cache, part, full)
+            save(cache, ("int64",), "of integers")
+        assert cache.load(("int64",)) is None and cache.load(("float64",)) == "of floats"
 
 
 def test_kernels_of_two_processes_are_not_mixed_up(tmp_path, monkeypatch):
