@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -23,8 +24,10 @@ def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray |
     distance: (n,) m, of all particles; None: asked of the geometry.
 
     A cell of edge h whose middle lies at the distance d of a wall holds fluid in the share 1/2 + d/h of it, between 0
-    and 1: exact beside walls along the lattice, and over the many ways in which an oblique wall cuts cells the mean is
-    right too. To count cells by their middles leaves out 12 % of a pipe four spacings across.
+    and 1: exact beside walls along the lattice, and over the many ways in which an oblique plane cuts cells the mean is
+    right too. Walls that are curved and edges between walls leave an error that goes as h^2: of grains three spacings
+    across a tenth of their volume. So cells at walls are taken whole and in halves along each axis, and the sum is the
+    limit of both, halves + (halves - whole) / 3. Faces of voxels are along the lattice.
     """
     x = particles.x
     if not geometry.has_solid:
@@ -35,7 +38,16 @@ def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray |
     inside = np.all(((x >= lower) & (x <= upper)) | ~ends, axis=1)
     edge = particles.site_volume ** (1.0 / geometry.dim)
     near = geometry.distance(x[inside]) if distance is None else distance[inside]
-    return float(reduce.total(np.clip(0.5 + near / edge, 0.0, 1.0)))
+    share = np.clip(0.5 + near / edge, 0.0, 1.0)
+    if not (geometry.level_walls and geometry.voxel_size is not None):
+        middles = edge * np.array(list(itertools.product((-0.25, 0.25), repeat=geometry.dim)))
+        cut = np.abs(near) < 0.25 * edge * (1.0 + math.sqrt(geometry.dim))
+        at = x[inside][cut]
+        halves = np.zeros(len(at))
+        for middle in middles:
+            halves += np.clip(0.5 + geometry.distance(at + middle) / (0.5 * edge), 0.0, 1.0) / len(middles)
+        share[cut] = halves + (halves - share[cut]) / 3.0
+    return float(reduce.total(share))
 
 
 def microporous_shares(geometry: Geometry, x: np.ndarray, rocks: int) -> np.ndarray:
