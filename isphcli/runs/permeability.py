@@ -106,7 +106,7 @@ EDGE = (1.089, 4 / 3)
 # Bar beside edges over the difference between the limits by the two orders. 97, 95 and 100 % of the bodies of cubes lie
 # within it (two, two finer, three spacings; `benchmarks/calibration.py bars`), with a factor of 1 100, 95, 100 %
 EDGE_BAR = 0.75
-# Part of the dissipation in the cells that `refine: throats` cuts
+# Part of the dissipation in the cells that `refine: throats` cuts, at least (`half_in_throats.cells_that_lose`)
 SHARE = 0.9
 
 
@@ -126,7 +126,7 @@ def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] 
 
     given: (order, safety) of the error, where it is known: the bar is safety times the error by the differences and
     that order; without it the order is ORDER; usual: `expected_error.usual_error` at the finest spacing, relative, a
-    part of the bar where no order is given. known: lowest and highest order of the error, where all of it is of a known
+    part of the bar unless an order is given. known: lowest and highest order of the error, where all of it is of a known
     origin (`EDGE`): the value is then the limit by Richardson. Without it the value is that of the finest spacing and
     the bar an estimate of its error, which 98 to 100 % of the bodies of `validation.known_bodies` and some nine in ten
     scenes of `benchmarks/bars_elsewhere.py` keep within. Beside smooth walls the error changes with the way in which
@@ -136,7 +136,7 @@ def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] 
     order = np.argsort(spacings)
     h, k = np.asarray(spacings, float)[order], np.asarray(values, float)[order]
     if known is not None:
-        return _with_known_order(h, k, known)
+        return _with_known_order(h, k, known, usual)
     power, safety = (ORDER, 1.0) if given is None else given
     told = float(np.mean(np.abs(k[1:] - k[0]) / ((h[1:] / h[0]) ** power - 1.0)))
     bar = BAR * math.hypot(told, USUAL * usual * k[0]) if given is None else safety * told
@@ -146,10 +146,11 @@ def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] 
 
 
 def _with_known_order(h: np.ndarray, k: np.ndarray,
-                      known: tuple[float, float]) -> tuple[float, float, float | None, str]:
+                      known: tuple[float, float], usual: float) -> tuple[float, float, float | None, str]:
     """`extrapolate` between two known orders, finest first. The limit is that of the higher one; the bar reaches to
     a part of the way (`EDGE_BAR`) to that of the lower one, or to the limit of the two coarser spacings where there are
-    three."""
+    three. What is not of edges has no order, and may cancel their errors: it has the same part of the bar as elsewhere.
+    """
     low, high = known
 
     def limit(first: int, p: float) -> float:
@@ -158,6 +159,7 @@ def _with_known_order(h: np.ndarray, k: np.ndarray,
 
     value = limit(0, high)
     others = [limit(0, low), *([limit(1, high)] if len(h) > 2 else [])]
-    bar = EDGE_BAR * max(abs(other - value) for other in others)
+    bar = math.hypot(EDGE_BAR * max(abs(other - value) for other in others), BAR * USUAL * usual * k[0])
     return value, bar, high, (f"extrapolated with the known order {high:.2f} of edges over {len(h)} spacings, the bar "
-                              f"reaches {EDGE_BAR:g} of the way to that of order {low:.2f}")
+                              f"reaches {EDGE_BAR:g} of the way to that of order {low:.2f}"
+                              + (", and has a part of what is usual in pores and grains as wide" if usual else ""))

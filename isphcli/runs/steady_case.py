@@ -403,7 +403,7 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
         edges = EDGE if wall == "stairs" else None
         finest = min(open_at)
         k = float(known[finest])
-        usual = usual_error(k, porosity, finest, grain) if edges is None and k > 0.0 else 0.0
+        usual = usual_error(k, porosity, finest, grain) if k > 0.0 else 0.0
         limit, bar, _, sentence = extrapolate(open_at, [known[h] for h in open_at], edges, usual=usual)
         if slip > 0.0 and k > 0.0:
             bar += slip_error(k, porosity, finest, slip) * k

@@ -76,6 +76,8 @@ def test_edges_are_extrapolated_with_their_own_orders():
     _, wider, *_ = extrapolate(three, 3.0 + 0.2 * three**2, EDGE)  # an error that is not of edges shows in the bar
     _, bar, *_ = extrapolate(three[1:], 3.0 + 0.2 * three[1:] ** 2, EDGE)
     assert wider > bar
+    _, alone, *_ = extrapolate(h, [2.0, 2.0], EDGE, usual=0.03)  # two spacings that agree by chance
+    assert alone == pytest.approx(BAR * 2.0 * 0.03 / 6, rel=1e-12)
 
 
 @pytest.mark.slow
