@@ -75,7 +75,8 @@ def dissipation(ops: LatticeWeights, u: np.ndarray) -> np.ndarray:
 
 def cells_that_lose(lattice: Lattice, x: np.ndarray, lost: np.ndarray, share: float = SHARE) -> np.ndarray:
     """The fewest cells of all processes that hold a share of the dissipation, and all others that lose more than the
-    mean: of these the cells (m, dim) that this process finds by the dissipation lost (n,) of its particles at x (n, dim).
+    mean: of these the cells (m, dim) that this process finds by the dissipation lost (n,) of its particles at x
+    (n, dim).
 
     One throat may hold the whole share in so few cells that its mouths, where the flow is as badly resolved, are none
     of them.
