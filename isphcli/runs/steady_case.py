@@ -64,9 +64,9 @@ if TYPE_CHECKING:
     from ..solvers.krylov import Watch
     from .half_in_throats import InThroats
 
-# Of the bar of the formation factor over the differences of its spacings: 90 % of pairs and 95 % of triples of spacings
+# Of the bar of the formation factor over the differences of its spacings: 90 % of pairs and 98 % of triples of spacings
 # on arrays of insulating cylinders and spheres keep within it (`python benchmarks/formation_factor.py`)
-DIFFUSION_BAR = 1.9
+DIFFUSION_BAR = 2.35
 DIFFUSION = 1.0  # order of the error of the formation factor beside round obstacles (docs/method.md 8)
 
 Drives = list[tuple[int | None, np.ndarray]]  # (axis or None, acceleration (dim,), m/s2), see `drives`
