@@ -23,7 +23,7 @@ from .faces import AT_REST, Walls
 from .grey import sharpen
 from .iso_surface import ImageField, IsoSurfaceGeometry
 from .label_field import most_probable_field
-from .labels import ClearLayers, faces_and_pairs
+from .labels import ClearLayers, faces_and_pairs, runs_straight
 from .protocol import sample_voxels
 from .spline import average, spline_coefficients
 from .surface_ways import SurfaceWays, surface_ways
@@ -41,7 +41,7 @@ Brick = TypeVar("Brick", bound="ImageBrick")
 class WholeImage:
     """What is known of all voxels of an image, without its clear layers. shape: voxels along x, y(, z); fluid: how many
     are fluid; walls: share of the neighbours along the axes, the last and the first voxel too, of which just one is
-    solid; straight: all slices across one of the axes are the same."""
+    solid; straight: see `runs_straight`, and a 2D image."""
 
     shape: tuple[int, ...]
     fluid: int
@@ -52,12 +52,9 @@ class WholeImage:
 def whole_image(pores: np.ndarray, slabs: Slabs) -> WholeImage:
     """Of the pores, bool [z, y, x], of which each process has its layers."""
     shape, ranks = slabs.shape[::-1] if slabs.shape[0] > 1 else slabs.shape[:0:-1], slabs.ranks
-    walls, _ = faces_and_pairs(pores, slabs, (True, True, True))
-    bottom = slabs.box(pores, (0, 0, 0), (1, *slabs.shape[1:]))
-    unlike = [np.any(pores != first) for first in (bottom, pores[:, :1], pores[:, :, :1])]
-    straight = len(shape) == 2 or bool((ranks.sum(np.array(unlike, np.int64)) == 0).any())
+    faces = [faces_and_pairs(pores, slabs, (True, True, True), (axis,))[0] for axis in (0, 1, 2)]
     voxels, fluid = int(np.prod(shape)), int(ranks.sum(np.count_nonzero(pores)))
-    return WholeImage(shape, fluid, walls / (len(shape) * voxels), straight)
+    return WholeImage(shape, fluid, sum(faces) / (len(shape) * voxels), len(shape) == 2 or runs_straight(faces))
 
 
 class ImageBrick(VoxelGeometry):

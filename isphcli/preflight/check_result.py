@@ -132,6 +132,7 @@ class CheckResult:
     flow: Flow | None = None
     steps: Steps | None = None
     microporous: dict[str, float] = field(default_factory=dict)  # shares of the sample, by the names of the rocks
+    spacings: list[float] = field(default_factory=list)  # m, those that are solved
     neighbours: float = 0.0
     memory: dict[str, float] = field(default_factory=dict)  # bytes, by part
     seconds: float | None = None  # one core
@@ -192,6 +193,10 @@ def report_lines(r: CheckResult) -> Iterator[str]:
         yield _row("memory", f"about {in_bytes(sum(r.memory.values()))} ({parts})")
         if r.seconds is not None:
             yield _row("time", f"about {_seconds(r.seconds)} on one core, without compilation and pictures")
+    if r.case.refine == "auto" and r.spacings:
+        told = ", ".join(f"{spacing:.4g}" for spacing in r.spacings)
+        yield _row("refine", f"auto: spacings {told} m in the memory and time above, as free memory and refine_budget "
+                             "let expect")
     if r.second is not None:
         second = r.second
         times = second.most / second.particles

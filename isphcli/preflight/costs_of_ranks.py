@@ -26,7 +26,7 @@ def of_ranks(result: CheckResult, geometry: Geometry, count: int, share: float =
     """Adds to a CheckResult the largest memory and time of `count` processes, and errors that forbid so many; where
     they are more than the particles only that error. share: see `memory.neighbours_held`."""
     case, dim = result.case, result.dim
-    finest = min(case.spacings) if case.flow == "stokes" else case.particles.spacing
+    finest = min(result.spacings or case.spacings) if case.flow == "stokes" else case.particles.spacing
     fluid = result.particles["fluid"] * (case.particles.spacing / finest) ** dim
     if count > fluid:
         result.errors.append(f"{count:,} processes for {fluid:,.0f} fluid particles: some would have none; take fewer")

@@ -15,6 +15,7 @@ from ..case import forcing
 from ..case.force_list import forces_of
 from ..flow.forces import largest_of, resistance_of
 from ..output.render import deep_enough
+from ..runs.refinement import Solved, further_spacings
 from ..scene import memory
 from .check_result import CheckResult, Flow, Motion, SecondSolve, Steps, Throats
 from .expected_steps import expected_steps
@@ -174,9 +175,10 @@ def steps(case: Case, geometry: Geometry, flow: Flow | None, widths: Throats | N
     return expected_steps(case, geometry, Motion() if flow is None else flow.motion, fluids, decay)
 
 
-def _iterations(widths: Throats | None) -> float:
-    """Of a steady solve, by the width below which a tenth of the fluid lies: pores of few particles take most."""
-    narrow = math.inf if widths is None else widths.narrow
+def _iterations(widths: Throats | None, finer: float) -> float:
+    """Of a steady solve, by the width below which a tenth of the fluid lies: pores of few particles take most. finer:
+    spacing of the widths over that of the solve."""
+    narrow = math.inf if widths is None else widths.narrow * finer
     return ITERATIONS + ITERATIONS_OF_THROATS / (1.0 + (narrow / HALF) ** 2)
 
 
@@ -185,7 +187,8 @@ def costs(result: CheckResult, geometry: Geometry, share: float = 1.0) -> None:
     case, dim = result.case, result.dim
     result.neighbours = memory.neighbours(case, dim)
     spacing = case.particles.spacing
-    finest = (spacing / min(case.spacings)) ** dim
+    result.spacings = _spacings(result, geometry)
+    finest = (spacing / min(result.spacings)) ** dim
     fluid, dummies = (result.particles.get(kind, 0) * finest for kind in ("fluid", "dummy"))
     two, labels = len(case.fluids) > 1, geometry.labels
     result.memory = memory.estimate(case, dim, geometry.has_solid, fluid, dummies, two=two, share=share)
@@ -193,11 +196,32 @@ def costs(result: CheckResult, geometry: Geometry, share: float = 1.0) -> None:
         result.memory["pictures"] = BYTES_PICTURES[deep_enough(geometry, spacing)]
     if labels is not None:
         result.memory["image"] = labels.size * memory.BYTES_VOXEL
-    result.seconds = _seconds(result, geometry, fluid, dummies)
+    result.seconds = _seconds(result, geometry, fluid)
     if case.refine == "throats" and result.seconds is not None and fluid:
         result.second = _second_solve(result, geometry, fluid, dummies)
         result.memory["half the spacing in throats"] = result.second.memory
         result.seconds += result.second.seconds
+
+
+def _spacings(result: CheckResult, geometry: Geometry) -> list[float]:
+    """Spacings, m, that are solved; of `refine: auto` those that the free memory and the expected seconds let it take:
+    it asks for them itself, of solves that take as long as is expected."""
+    case, fluid = result.case, result.particles.get("fluid", 0)
+    if case.refine != "auto" or not fluid:
+        return list(case.spacings)
+    base = case.particles.spacing
+    solved = [Solved(base, fluid, _solve_seconds(result, geometry, base))]
+    for further in further_spacings(case, geometry, solved):
+        particles = round(fluid * (base / further) ** result.dim)
+        solved.append(Solved(further, particles, _solve_seconds(result, geometry, further)))
+    return [level.spacing for level in solved]
+
+
+def _solve_seconds(result: CheckResult, geometry: Geometry, spacing: float) -> float:
+    """CPU seconds of the steady solves along all axes at a spacing, m."""
+    finer, axes = result.case.particles.spacing / spacing, max(len(forcing.steady_axes(result.case)), 1)
+    fluid, dummies = (result.particles.get(kind, 0) * finer**result.dim for kind in ("fluid", "dummy"))
+    return fluid * _steady_seconds(result, axes, finer) + _of_shapes(result, geometry, dummies)
 
 
 def _second_solve(result: CheckResult, geometry: Geometry, fluid: float, dummies: float) -> SecondSolve:
@@ -215,11 +239,12 @@ def _pairs(result: CheckResult) -> float:
     return 1e-6 * result.neighbours / (memory.PAIRS[result.dim] * 2.1**result.dim)
 
 
-def _steady_seconds(result: CheckResult, axes: int) -> float:
-    """CPU seconds of a particle of a steady solve along so many axes with the same matrices."""
+def _steady_seconds(result: CheckResult, axes: int, finer: float = 1.0) -> float:
+    """CPU seconds of a particle of a steady solve along so many axes with the same matrices; finer: the spacing of the
+    case over that of the solve."""
     if result.dim == 2:
         return _pairs(result) * axes * MICROSECONDS_STEADY_2D
-    iterations = _iterations(result.throats)
+    iterations = _iterations(result.throats, finer)
     return _pairs(result) * (MICROSECONDS_ONCE + axes * iterations * MICROSECONDS_ITERATION)
 
 
@@ -228,16 +253,12 @@ def _of_shapes(result: CheckResult, geometry: Geometry, dummies: float) -> float
     return 1e-6 * MICROSECONDS_SHAPES * dummies * (result.dim == 3 and geometry.voxel_size is None)
 
 
-def _seconds(result: CheckResult, geometry: Geometry, fluid: float, dummies: float) -> float | None:
-    """CPU seconds of a run, of so many particles at its finest spacing; None where there is no telling."""
+def _seconds(result: CheckResult, geometry: Geometry, fluid: float) -> float | None:
+    """CPU seconds of a run, in time of so many particles; None where there is no telling."""
     case, dim = result.case, result.dim
     pairs = _pairs(result)
     if case.flow == "stokes":
-        finest = min(case.spacings)
-        sizes = sum((finest / spacing) ** dim for spacing in case.spacings)
-        axes = max(len(forcing.steady_axes(case)), 1)
-        each = fluid * _steady_seconds(result, axes) + _of_shapes(result, geometry, dummies)
-        return SECONDS_RUN + sizes * each
+        return SECONDS_RUN + sum(_solve_seconds(result, geometry, spacing) for spacing in result.spacings)
     if result.steps is None or result.steps.count is None:
         return None
     two = len(result.case.fluids) > 1

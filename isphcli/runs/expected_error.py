@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..geometry.image_brick import ImageBrick
-from ..geometry.labels import unlike_next
+from ..geometry.labels import runs_straight, unlike_next
 from ..geometry.pore_sizes import ENOUGH_ACROSS
 from ..geometry.protocol import sample_box, sample_voxels
 from ..references.published import DATA
@@ -130,12 +130,12 @@ def _chord(porosity: float, ends: float) -> float:
 
 
 def is_straight(pores: np.ndarray) -> bool:
-    """Whether all slices across one of the axes are the same; a 2D image is one slice.
+    """Whether walls run straight on along an axis; a 2D image is one slice.
 
     All walls then cut the voxels in the way of one cross section, and k has a larger error by the image: in other pores
-    walls cut voxels in many ways, and their errors cancel in part.
+    walls cut voxels in many ways, and their errors cancel in part. Voxels that noise has turned change none of that.
     """
-    return pores.ndim == 2 or any(bool(np.all(pores == np.take(pores, [0], axis))) for axis in range(3))
+    return pores.ndim == 2 or runs_straight([float(np.mean(unlike_next(pores, axis, True))) for axis in range(3)])
 
 
 def pore_width(k: float, porosity: float) -> float:

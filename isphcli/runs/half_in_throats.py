@@ -74,9 +74,14 @@ def dissipation(ops: LatticeWeights, u: np.ndarray) -> np.ndarray:
 
 
 def cells_that_lose(lattice: Lattice, x: np.ndarray, lost: np.ndarray, share: float = SHARE) -> np.ndarray:
-    """The fewest cells of all processes that hold a share of the dissipation: of these the cells (m, dim) that this
-    process finds by the dissipation lost (n,) of its particles at x (n, dim)."""
-    least = (1.0 - TIED) * reduce.least_of_largest(lost, share)
+    """The fewest cells of all processes that hold a share of the dissipation, and all others that lose more than the
+    mean: of these the cells (m, dim) that this process finds by the dissipation lost (n,) of its particles at x
+    (n, dim).
+
+    One throat may hold the whole share in so few cells that its mouths, where the flow is as badly resolved, are none
+    of them.
+    """
+    least = (1.0 - TIED) * min(reduce.least_of_largest(lost, share), float(reduce.mean(lost)))
     return np.unique(cells_of(lattice, x[lost >= max(least, np.finfo(float).tiny)]), axis=0)
 
 
@@ -107,15 +112,16 @@ def limit_of_throats(coarse: float, fine: float, spacing: float, pores: tuple[fl
     `grain_chord`; wall: smooth or stairs."""
     edges, half = EDGE if wall == "stairs" else None, 0.5 * spacing
     porosity, grain = pores
-    usual = usual_error(fine, porosity, half, grain) if edges is None and fine > 0.0 else 0.0
+    usual = usual_error(fine, porosity, half, grain) if fine > 0.0 else 0.0
     limit, bar, _, _ = extrapolate((spacing, half), (coarse, fine), edges, usual=usual)
     outside = (1.0 - SHARE) / SHARE * (coarse - fine)
     if edges is None:
         sentence = ("the value is that of this second solve, and its bar is made of the difference of both values, by "
-                    f"errors of order {ORDER:g}, of {USUAL:g} of the error that is usual in pores and grains as wide")
+                    f"errors of order {ORDER:g}")
     else:
         sentence = (f"the value is the limit of both solves, by the known order {edges[1]:.2f} of edges, and its bar "
                     f"is made of {EDGE_BAR:g} of the way to the limit by order {edges[0]:.2f}")
+    sentence += f", of {USUAL:g} of the error that is usual in pores and grains as wide"
     return limit, math.hypot(bar, outside, MEETING * fine), (
         f"{sentence}, and of what the larger spacing elsewhere may change")
 

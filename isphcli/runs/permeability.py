@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -23,8 +24,10 @@ def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray |
     distance: (n,) m, of all particles; None: asked of the geometry.
 
     A cell of edge h whose middle lies at the distance d of a wall holds fluid in the share 1/2 + d/h of it, between 0
-    and 1: exact beside walls along the lattice, and over the many ways in which an oblique wall cuts cells the mean is
-    right too. To count cells by their middles leaves out 12 % of a pipe four spacings across.
+    and 1: exact beside walls along the lattice, and over the many ways in which an oblique plane cuts cells the mean is
+    right too. Walls that are curved and edges between walls leave an error that goes as h^2: of grains three spacings
+    across a tenth of their volume. So cells at walls are taken whole and in halves along each axis, and the sum is the
+    limit of both, halves + (halves - whole) / 3. Faces of voxels are along the lattice.
     """
     x = particles.x
     if not geometry.has_solid:
@@ -35,7 +38,16 @@ def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray |
     inside = np.all(((x >= lower) & (x <= upper)) | ~ends, axis=1)
     edge = particles.site_volume ** (1.0 / geometry.dim)
     near = geometry.distance(x[inside]) if distance is None else distance[inside]
-    return float(reduce.total(np.clip(0.5 + near / edge, 0.0, 1.0)))
+    share = np.clip(0.5 + near / edge, 0.0, 1.0)
+    if not (geometry.level_walls and geometry.voxel_size is not None):
+        middles = edge * np.array(list(itertools.product((-0.25, 0.25), repeat=geometry.dim)))
+        cut = np.abs(near) < 0.25 * edge * (1.0 + math.sqrt(geometry.dim))
+        at = x[inside][cut]
+        halves = np.zeros(len(at))
+        for middle in middles:
+            halves += np.clip(0.5 + geometry.distance(at + middle) / (0.5 * edge), 0.0, 1.0) / len(middles)
+        share[cut] = halves + (halves - share[cut]) / 3.0
+    return float(reduce.total(share))
 
 
 def microporous_shares(geometry: Geometry, x: np.ndarray, rocks: int) -> np.ndarray:
@@ -96,7 +108,7 @@ EDGE = (1.089, 4 / 3)
 # Bar beside edges over the difference between the limits by the two orders. 97, 95 and 100 % of the bodies of cubes lie
 # within it (two, two finer, three spacings; `benchmarks/calibration.py bars`), with a factor of 1 100, 95, 100 %
 EDGE_BAR = 0.75
-# Part of the dissipation in the cells that `refine: throats` cuts
+# Part of the dissipation in the cells that `refine: throats` cuts, at least (`half_in_throats.cells_that_lose`)
 SHARE = 0.9
 
 
@@ -116,17 +128,16 @@ def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] 
 
     given: (order, safety) of the error, where it is known: the bar is safety times the error by the differences and
     that order; without it the order is ORDER; usual: `expected_error.usual_error` at the finest spacing, relative, a
-    part of the bar where no order is given. known: lowest and highest order of the error, where all of it is of a known
-    origin (`EDGE`): the value is then the limit by Richardson. Without it the value is that of the finest spacing and
-    the bar an estimate of its error, which all of the bodies of `validation.known_bodies` and some nine in ten
-    scenes of `benchmarks/bars_elsewhere.py` keep within. Beside smooth walls the error changes with the way in which
-    the walls lie on each lattice, up and down: an extrapolation would amplify that, and an order that is observed means
-    little.
+    part of the bar unless an order is given. known: lowest and highest order of the error, where most of it is of a
+    known origin (`EDGE`): the value is then the limit by Richardson. Without it the value is that of the finest spacing
+    and the bar an estimate of its error, which the bodies of `validation.known_bodies` and some nine in ten scenes of
+    `benchmarks/bars_elsewhere.py` keep within. Beside smooth walls the error changes with the way in which the walls
+    lie on each lattice, up and down: an extrapolation would amplify that, and an order that is observed means little.
     """
     order = np.argsort(spacings)
     h, k = np.asarray(spacings, float)[order], np.asarray(values, float)[order]
     if known is not None:
-        return _with_known_order(h, k, known)
+        return _with_known_order(h, k, known, usual)
     power, safety = (ORDER, 1.0) if given is None else given
     told = float(np.mean(np.abs(k[1:] - k[0]) / ((h[1:] / h[0]) ** power - 1.0)))
     bar = BAR * math.hypot(told, USUAL * usual * k[0]) if given is None else safety * told
@@ -136,10 +147,11 @@ def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] 
 
 
 def _with_known_order(h: np.ndarray, k: np.ndarray,
-                      known: tuple[float, float]) -> tuple[float, float, float | None, str]:
+                      known: tuple[float, float], usual: float) -> tuple[float, float, float | None, str]:
     """`extrapolate` between two known orders, finest first. The limit is that of the higher one; the bar reaches to
     a part of the way (`EDGE_BAR`) to that of the lower one, or to the limit of the two coarser spacings where there are
-    three."""
+    three. What is not of edges has no order, and may cancel their errors: it has the same part of the bar as elsewhere.
+    """
     low, high = known
 
     def limit(first: int, p: float) -> float:
@@ -148,6 +160,7 @@ def _with_known_order(h: np.ndarray, k: np.ndarray,
 
     value = limit(0, high)
     others = [limit(0, low), *([limit(1, high)] if len(h) > 2 else [])]
-    bar = EDGE_BAR * max(abs(other - value) for other in others)
+    bar = math.hypot(EDGE_BAR * max(abs(other - value) for other in others), BAR * USUAL * usual * k[0])
     return value, bar, high, (f"extrapolated with the known order {high:.2f} of edges over {len(h)} spacings, the bar "
-                              f"reaches {EDGE_BAR:g} of the way to that of order {low:.2f}")
+                              f"reaches {EDGE_BAR:g} of the way to that of order {low:.2f}"
+                              + (", and has a part of what is usual in pores and grains as wide" if usual else ""))

@@ -64,9 +64,9 @@ if TYPE_CHECKING:
     from ..solvers.krylov import Watch
     from .half_in_throats import InThroats
 
-# Of the bar of the formation factor over the differences of its spacings: 90 % of pairs and 95 % of triples of spacings
+# Of the bar of the formation factor over the differences of its spacings: 90 % of pairs and 98 % of triples of spacings
 # on arrays of insulating cylinders and spheres keep within it (`python benchmarks/formation_factor.py`)
-DIFFUSION_BAR = 1.9
+DIFFUSION_BAR = 2.35
 DIFFUSION = 1.0  # order of the error of the formation factor beside round obstacles (docs/method.md 8)
 
 Drives = list[tuple[int | None, np.ndarray]]  # (axis or None, acceleration (dim,), m/s2), see `drives`
@@ -403,7 +403,7 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
         edges = EDGE if wall == "stairs" else None
         finest = min(open_at)
         k = float(known[finest])
-        usual = usual_error(k, porosity, finest, grain) if edges is None and k > 0.0 else 0.0
+        usual = usual_error(k, porosity, finest, grain) if k > 0.0 else 0.0
         limit, bar, _, sentence = extrapolate(open_at, [known[h] for h in open_at], edges, usual=usual)
         if slip > 0.0 and k > 0.0:
             bar += slip_error(k, porosity, finest, slip) * k

@@ -62,7 +62,7 @@ def test_a_second_solve_that_does_not_fit_leaves_the_first_one(tmp_path, monkeyp
     assert "take a larger particles.spacing" in told[0] and "and refine" not in told[0]
 
 
-def test_the_fewest_cells_that_hold_a_share():
+def test_the_fewest_cells_that_hold_a_share_and_lose_more_than_the_mean():
     """Of energies 8, 4, 2, 1, 1 in a row two hold 0.75, and with 4 twice three: neither of them is chosen alone."""
     lattice = make_lattice("cubic", np.zeros(3), [9.0, 1.0, 1.0], [False] * 3, 1.0, 2.0)
     x = np.array([[0.5, 0.5, 0.5], [4.5, 0.5, 0.5], [5.5, 0.5, 0.5], [6.5, 0.5, 0.5], [8.5, 0.5, 0.5]])
@@ -70,6 +70,8 @@ def test_the_fewest_cells_that_hold_a_share():
     assert cells_that_lose(lattice, x, np.array([1.0, 8.0, 4.0, 2.0, 1.0]), 0.7).tolist() == [[6, 2, 2], [7, 2, 2]]
     found = cells_that_lose(lattice, x, np.array([1.0, 8.0, 4.0, 4.0 - 1e-6, 1.0]), 0.65)
     assert found.tolist() == [[6, 2, 2], [7, 2, 2], [8, 2, 2]]
+    # 9 of 15.5 hold 0.55, and 3.5 is more than the mean
+    assert cells_that_lose(lattice, x, np.array([1.0, 9.0, 3.5, 1.0, 1.0]), 0.55).tolist() == [[6, 2, 2], [7, 2, 2]]
     assert len(cells_that_lose(lattice, x, np.zeros(5), 0.9)) == 0
 
 
