@@ -12,7 +12,7 @@ from isphcli.geometry.labels import ClearLayers
 from isphcli.geometry.voxel_geometry import VoxelGeometry
 from isphcli.output.clock import Clock
 from isphcli.references.ducts import duct_permeability
-from isphcli.runs.permeability import BAR, EDGE, clear_permeability, extrapolate, fluid_cells
+from isphcli.runs.permeability import BAR, EDGE, USUAL, clear_permeability, extrapolate, fluid_cells
 from isphcli.runs.run import run_case
 from isphcli.runs.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
@@ -77,7 +77,7 @@ def test_edges_are_extrapolated_with_their_own_orders():
     _, bar, *_ = extrapolate(three[1:], 3.0 + 0.2 * three[1:] ** 2, EDGE)
     assert wider > bar
     _, alone, *_ = extrapolate(h, [2.0, 2.0], EDGE, usual=0.03)  # two spacings that agree by chance
-    assert alone == pytest.approx(BAR * 2.0 * 0.03 / 6, rel=1e-12)
+    assert alone == pytest.approx(BAR * USUAL * 2.0 * 0.03, rel=1e-12)
 
 
 @pytest.mark.slow
