@@ -267,9 +267,9 @@ def _means(rows, room, pairs, cut, sources, parts, out):  # pragma: no cover
             for k in range(dim):
                 mean[i, k] += whole * (seen[itself[i], k] - room.right[0, k])
         # in pores of less than a particle, with others in sight, velocities are no quadratic function: the cell has the
-        # velocity of its particle then, or none. By the square of what the function leaves of their squares, so that it
-        # is the function's own mean where that is right to some per cent
-        unlike = min(max(left / known, 0.0), 1.0) ** 2 if known > 0.0 else 0.0
+        # velocity of its particle then, or none. By the fourth power of the share that the function leaves of their
+        # squares, so that the mean is its own where it says something of them
+        unlike = min(max(left / known, 0.0), 1.0) ** 4 if known > 0.0 else 0.0
         for k in range(dim):
             mean[i, k] += unlike * ((seen[itself[i], k] if itself[i] < len(seen) else 0.0) - mean[i, k])
 
