@@ -1,4 +1,4 @@
-"""What the range beside a permeability does not know: edges of solid, and fibres thinner than a particle.
+"""Whether the range beside a permeability holds at edges of solid, and fibres thinner than a particle.
 
 usage: PYTHONPATH=. python benchmarks/range_of_edges.py
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..domain import reduce
 from ..geometry.image_brick import ImageBrick
 from ..geometry.labels import runs_straight, unlike_next
 from ..geometry.pore_sizes import ENOUGH_ACROSS
@@ -35,6 +36,11 @@ LINES = 1024
 # 16.3 spacings with b of 0.03 to 2 times their width: 0.305 to 0.325; pipes of 5 and 10, b of 0.1 to 2 radii: 0.10 to
 # 0.13, because half of the second derivatives lie along their walls (`benchmarks/slip_walls.py`)
 SLIP = 0.33
+# Of edges of shapes: at so many particles beside walls at most is it asked how the walls bend, which bounds the time
+# (19 distances for each in 3D); step of the second differences, in spacings; radius of a wall, in spacings, below which
+# it is an edge: with a wire of radius 0.6 and 1.2 in a pipe k is 1.0 and 0.17 % off, and the range of round bodies is
+# 0.17 and 0.04 % (`benchmarks/range_of_edges.py`); spheres of radius 2 are among these bodies
+ASKED, STEP, SHARP = 2048, 1e-3, 1.5
 WALLS = {"exact": "shapes", "grey": "grey images", "labels": "segmented images", "stairs": "images with stairs"}
 
 
@@ -83,6 +89,31 @@ def calibrations() -> dict[tuple[str, str], Calibration]:
         rows = csv.DictReader(line for line in file if not line.startswith("#"))
         return {(row["wall"], row["part"]): Calibration(float(row["factor"]), float(row["power"]), int(row["bodies"]),
                                                         float(row["widest"])) for row in rows}
+
+
+def has_edges(geometry: Geometry, x: np.ndarray, spacing: float) -> bool:
+    """Whether solid of shapes has edges in the flow, or is thinner than a particle, so that walls bend away from the
+    fluid within 1.5 spacings. There the error of k is of the order that faces of voxels have.
+
+    x: (n, dim) m, fluid particles of this process; spacing: m. The distance to a wall has 1 / (radius + distance) as
+    its largest second derivative. Where another wall is as near, it has none. All processes call it together.
+    """
+    distance = geometry.distance(x) / spacing
+    near = np.flatnonzero((distance > 0.25) & (distance < 1.25))
+    near = near[:: len(near) // ASKED + 1]
+    steps = STEP * spacing * np.eye(geometry.dim)
+    at, second = distance[near], np.zeros((len(near), geometry.dim, geometry.dim))
+
+    def asked(step: np.ndarray) -> np.ndarray:
+        return geometry.distance(x[near] + step) / spacing
+
+    for a, one in enumerate(steps):
+        second[:, a, a] = asked(one) + asked(-one) - 2.0 * at
+        for b, other in enumerate(steps[:a]):
+            mixed = asked(one + other) + asked(-one - other) - asked(one - other) - asked(other - one)
+            second[:, a, b] = second[:, b, a] = 0.25 * mixed
+    bend = np.linalg.eigvalsh(second / STEP**2)
+    return bool(reduce.count((bend[:, -1] * (SHARP + at) > 1.0) & (bend[:, 0] > -0.01 / STEP)))
 
 
 def wall_of(case: Case) -> str:

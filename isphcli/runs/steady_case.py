@@ -28,6 +28,7 @@ from .expected_error import (
     THINNEST,
     expected,
     grain_chord,
+    has_edges,
     pore_width,
     scan_of,
     slip_error,
@@ -411,6 +412,9 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
         found = replace(found, permeability=float(limit), bar=bar, sentence=f"{name}: {sentence}")
     if found.permeability > 0.0:
         k = found.permeability
+        fluid = flows[axis, open_at[0]].particles
+        if wall == "exact" and found.bar is None and has_edges(geometry, fluid.x[: fluid.n_fluid], open_at[0]):
+            wall = "stairs"
         error = expected(wall, k, porosity, open_at[0], grain, scan, found.bar)
         if found.bar is None:
             error = error.with_slip(slip_error(k, porosity, open_at[0], slip))
