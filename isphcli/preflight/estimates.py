@@ -46,9 +46,9 @@ MICROSECONDS_TWO = {(2, False): 3.2, (2, True): 5.1, (3, False): 12.6, (3, True)
 # pores, 40 in Berea sandstone, 28 with two particles per voxel, 58 in a pack of beads: see `_iterations`
 MICROSECONDS_ONCE, MICROSECONDS_ITERATION, MICROSECONDS_STEADY_2D = 12.0, 0.85, 27.0
 ITERATIONS, ITERATIONS_OF_THROATS, HALF = 9.0, 50.0, 2.5  # HALF: particles
-# Of steady flow past shapes a dummy particle: distances to walls and where pairs cross them; bead_pack takes 9.5 to
-# 18.5 s for 409,273 beside a load of 5 to 7 (`python benchmarks/estimates.py bead_pack`, its row of geometry)
-MICROSECONDS_SHAPES = 25.0
+# Of steady flow past shapes a dummy particle: distances to walls, where pairs cross them, and means over cells that
+# they cut; bead_pack takes 30 s for 409,273 (`python benchmarks/estimates.py --seconds 60 bead_pack`, its geometry)
+MICROSECONDS_SHAPES = 70.0
 # Particles of `refine: throats` over those of half the spacing everywhere: 0.32 in a corner of Berea of 32^3 voxels;
 # arrays of spheres and packs of beads in boxes of up to 20 spacings 0.9 to 1
 IN_ROCK, AMONG_SHAPES = 1 / 3, 1.0
