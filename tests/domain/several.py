@@ -1,40 +1,18 @@
 """Several processes in one: threads that exchange arrays as those of mpiexec do, for what knows its communicator."""
 
-import queue
 import threading
 
 import numpy as np
 
-
-class _Request:
-    def __init__(self, wait):
-        self.Wait = wait
-
-
-class _Raw:
-    """The messages of a thread; `boxes`: {(from, to): queue} of all."""
-
-    def __init__(self, rank, boxes):
-        self.rank, self.boxes = rank, boxes
-
-    def Isend(self, values, to):
-        self.boxes[self.rank, to].put(values.copy())
-        return _Request(lambda: None)
-
-    def Irecv(self, out, source):
-        def wait():
-            out[...] = self.boxes[source, self.rank].get(timeout=20)
-
-        return _Request(wait)
+from tests.domain.wires import wires
 
 
 class Threads:
-    """A `Communicator` of threads."""
+    """A `Communicator` of threads; raw: the wire of this one."""
 
-    def __init__(self, rank, size, shared):
-        self.rank, self.size, self.here = rank, size, size
-        self._values, self._barrier, boxes = shared
-        self.raw = _Raw(rank, boxes)
+    def __init__(self, raw, shared):
+        self.rank, self.size, self.here, self.raw = raw.rank, raw.size, raw.size, raw
+        self._values, self._barrier = shared
 
     def collect(self, value):
         self._values[self.rank] = value
@@ -52,17 +30,16 @@ class Threads:
 
 def on_ranks(size, function):
     """What function(communicator) returns on each of `size` threads."""
-    shared = ([None] * size, threading.Barrier(size), {(a, b): queue.Queue() for a in range(size) for b in range(size)})
-    found, errors = [None] * size, []
+    shared, found, errors = ([None] * size, threading.Barrier(size)), [None] * size, []
 
-    def call(rank):
+    def call(raw):
         try:
-            found[rank] = function(Threads(rank, size, shared))
+            found[raw.rank] = function(Threads(raw, shared))
         except BaseException as error:
             errors.append(error)
             shared[1].abort()
 
-    threads = [threading.Thread(target=call, args=(rank,)) for rank in range(size)]
+    threads = [threading.Thread(target=call, args=(raw,)) for raw in wires(size)]
     for thread in threads:
         thread.start()
     for thread in threads:

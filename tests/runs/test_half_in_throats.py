@@ -14,18 +14,20 @@ from isphcli.runs.half_in_throats import cells_that_lose
 from isphcli.runs.run import run_case
 from isphcli.scene import memory
 
-# A row of spheres whose gaps are two spacings wide, in a wide box
-ARRAY = """
-geometry:
-  box: [1, 1, 1]
-  periodic: [x, y, z]
-  shapes: [{sphere: {centre: [0.5, 0.5, 0.5], radius: 0.372210}, is: solid}]
+FLOW = """
 particles: {spacing: 0.125}
 fluids: {water: {density: 1, viscosity: 1}}
 flow: stokes
 drive: {axes: [x]}
 refine: throats
 output: {plots: false}
+"""
+# A row of spheres whose gaps are two spacings wide, in a wide box
+ARRAY = FLOW + """
+geometry:
+  box: [1, 1, 1]
+  periodic: [x, y, z]
+  shapes: [{sphere: {centre: [0.5, 0.5, 0.5], radius: 0.372210}, is: solid}]
 """
 ZICK_AND_HOMSY = 1.0 / (6.0 * np.pi * 0.372210 * 7.442)  # solid fraction 0.216
 
@@ -85,17 +87,11 @@ def test_what_it_does_not_know_is_refused(more, said):
 
 
 # Eight spacings across; in the middle cells are not cut
-SLIT = """
+SLIT = FLOW + """
 geometry:
   box: [0.5, 1, 0.5]
   periodic: [x, z]
   slip_length: 0.1
-particles: {spacing: 0.125}
-fluids: {water: {density: 1, viscosity: 1}}
-flow: stokes
-drive: {axes: [x]}
-refine: throats
-output: {plots: false}
 """
 
 
