@@ -143,9 +143,14 @@ def _send(comm: Any, given: tuple[np.ndarray, list[tuple[int, slice]]],
     """One message of rows to each process, and one from each: (array, its `_parts`), sent and received.
     Messages between two processes keep their order: no tags are needed."""
     (sent, targets), (found, sources) = given, taken
-    with TRAFFIC.counted(len(targets), sent.nbytes):
-        pending = [comm.Irecv(found[part], source) for source, part in sources]
-        pending += [comm.Isend(sent[part], target) for target, part in targets]
+    swap(comm, [(target, sent[part]) for target, part in targets], [(source, found[part]) for source, part in sources])
+
+
+def swap(comm: Any, given: Sequence[tuple[int, np.ndarray]], taken: Sequence[tuple[int, np.ndarray]]) -> None:
+    """Sends an array to each of some processes, and fills one by each of some others: (process, contiguous array)."""
+    with TRAFFIC.counted(len(given), sum(values.nbytes for _, values in given)):
+        pending = [comm.Irecv(values, source) for source, values in taken]
+        pending += [comm.Isend(values, target) for target, values in given]
         for request in pending:
             request.Wait()
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .communicator import TRAFFIC, Alone, Communicator, current
+from .communicator import Alone, Communicator, current
+from .exchange import swap
 
 
 class Slabs:
@@ -131,13 +132,8 @@ class Slabs:
         sent = [np.ascontiguousarray(part) for part in give]
         come = [part if part.flags.c_contiguous else np.empty(part.shape, part.dtype) for part in take]
         others = [k for k in range(ranks.size) if k != ranks.rank]
-        to = [k for k in others if sent[k].size]
-        with TRAFFIC.counted(len(to), sum(sent[k].nbytes for k in to)):
-            comm = ranks.raw  # type: ignore[attr-defined]
-            pending = [comm.Irecv(come[k], k) for k in others if come[k].size]
-            pending += [comm.Isend(sent[k], k) for k in to]
-            for request in pending:
-                request.Wait()
+        swap(ranks.raw, [(k, sent[k]) for k in others if sent[k].size],  # type: ignore[attr-defined]
+             [(k, come[k]) for k in others if come[k].size])
         come[ranks.rank][...] = sent[ranks.rank]
         for part, found in zip(take, come):
             if found is not part:
