@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from ..domain.communicator import current
 from ..domain.exchange import Exchange
 from .krylov import Apply, Convergence, Limits, Watch, gmres, gmres_from_the_right
-from .multigrid import BlockCycle, cycle, hierarchy
+from .multigrid import BlockCycle, cycle, grounded, hierarchy
 from .pair_cycle import PairCycle, SweptMatrix
 
 PAIR_CYCLE = 50_000  # rows from which the matrix is not stored: smaller scenes are not worth the kernels' compilation
@@ -84,7 +84,7 @@ class OneProcess:
 
     def keep(self, matrix: sp.csr_matrix, exchange: Exchange) -> Kept:
         """See `Engine`."""
-        return Levels(hierarchy(matrix))
+        return Levels(hierarchy(grounded(matrix)))
 
     def gmres_of_step(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
                       start: np.ndarray | None = None) -> tuple[np.ndarray, Convergence]:

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from numba import njit
 
+from ..domain.null_space import GROUND
 from ..domain.row_threads import over_blocks, over_rows
 
 if TYPE_CHECKING:
@@ -50,6 +51,13 @@ def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH,
     for level in levels.levels[:-1]:
         level.P, level.R = level.P.tocsr(), level.R.tocsr()
     return levels
+
+
+def grounded(matrix: sp.csr_matrix) -> sp.csr_matrix:
+    """A copy with the diagonal raised by `GROUND`, and 1 in rows of zeros, whose particles bear no pressure."""
+    raised, diagonal = matrix.copy(), matrix.diagonal()
+    raised.setdiag(np.where(diagonal > 0.0, diagonal * (1.0 + GROUND), 1.0))
+    return raised
 
 
 def cycle(levels: MultilevelSolver) -> Apply:

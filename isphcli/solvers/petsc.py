@@ -17,8 +17,8 @@ from ..domain import reduce
 from ..domain.communicator import INSTALL, Ranks, RanksError, current
 from ..domain.exchange import Exchange
 from ..domain.migration import Numbered
-from ..domain.null_space import GROUND
 from .krylov import Apply, Convergence, Limits, Watch, convergence_of, gmres_from_the_right
+from .multigrid import grounded
 from .pair_cycle import SweptMatrix
 
 try:
@@ -80,13 +80,7 @@ class Petsc:
 
     def keep(self, matrix: sp.csr_matrix, exchange: Exchange) -> PetscKept:
         """See `engine.Engine`."""
-        n, diagonal = matrix.shape[0], matrix.diagonal()
-        raised = matrix.copy()
-        # hypre and GAMG divide by what is left on their coarsest level; an isolated particle has an empty row
-        raised.setdiag(np.where(diagonal > 0.0, diagonal * (1.0 + GROUND), 1.0))
-        whole = self._aij(raised, exchange)
-        del raised  # PETSc has its own
-        return PetscKept(self._cycle_of(whole), n, exchange, self.comm)
+        return PetscKept(self._cycle_of(self._aij(grounded(matrix), exchange)), matrix.shape[0], exchange, self.comm)
 
     def block_cycle(self, matrix: sp.csr_matrix, exchange: Exchange, strength: float) -> Apply:
         """See `engine.Engine`: one cycle, one right-hand side after the other."""
