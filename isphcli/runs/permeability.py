@@ -150,8 +150,9 @@ def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] 
     order is given; flux is none of a bar beside edges. known: lowest and highest order of the error, where most of it
     is of a known origin (`EDGE`): the value is then the limit by Richardson. Without it the value is that of the finest
     spacing and the bar an estimate of its error, which the bodies of `validation.known_bodies` and some nine in ten
-    scenes of `benchmarks/bars_elsewhere.py` keep within. Beside smooth walls the error changes with the way in which the walls
-    lie on each lattice, up and down: an extrapolation would amplify that, and an order that is observed means little.
+    scenes of `benchmarks/bars_elsewhere.py` keep within. Beside smooth walls the error changes with the way in which
+    the walls lie on each lattice, up and down: an extrapolation would amplify that, and an order that is observed means
+    little.
     """
     order = np.argsort(spacings)
     h, k = np.asarray(spacings, float)[order], np.asarray(values, float)[order]

@@ -134,9 +134,8 @@ def test_the_range_of_images_holds_the_truth(grey, tmp_path):
 @pytest.mark.slow
 def test_bars_hold_nine_bodies_in_ten(wall, levels):
     """What was measured of all bodies, put through `extrapolate` as it is: 90 % hold the truth, and half of the bars
-    are not wider than so many times the error: seven and a half of exact surfaces, because slits, pipes and ducts have
-    hardly any, and bars that are three times as wide as the error of the others held three in four of scenes at random
-    places (`benchmarks/bars_elsewhere.py`). Of stairs the truth is that of the cubes. Of channels whose edges all run
+    are not wider than so many times the error: four and a half of exact surfaces (3.5, 4.4 and 3.9 measured), because
+    slits, pipes and ducts have hardly any; errors of one size that are normally distributed would have 2.4. Of stairs the truth is that of the cubes. Of channels whose edges all run
     along the flow the value at three particles per voxel is within 0.05 %, less than their truth is known to, because
     the order of these edges is taken out: their bars are left out there, and four is the bound of the others."""
     errors, bars, ratios, fine = [], [], [], wall == "stairs" and 3 in levels
@@ -157,7 +156,7 @@ def test_bars_hold_nine_bodies_in_ten(wall, levels):
             else:
                 ratios.append(bar / truth / max(off, 1e-6))
     assert np.mean(np.array(errors) <= bars) >= 0.9
-    assert np.median(ratios) <= (4.0 if fine else 7.5 if wall == "exact" else 3.0)
+    assert np.median(ratios) <= (4.0 if fine else 4.5 if wall == "exact" else 3.0)
 
 
 @pytest.mark.parametrize("wall", ["labels", "grey"])
