@@ -135,9 +135,10 @@ def test_the_range_of_images_holds_the_truth(grey, tmp_path):
 def test_bars_hold_nine_bodies_in_ten(wall, levels):
     """What was measured of all bodies, put through `extrapolate` as it is: 90 % hold the truth, and half of the bars
     are not wider than so many times the error: four and a half of exact surfaces (3.5, 4.4 and 3.9 measured), because
-    slits, pipes and ducts have hardly any; errors of one size that are normally distributed would have 2.4. Of stairs the truth is that of the cubes. Of channels whose edges all run
-    along the flow the value at three particles per voxel is within 0.05 %, less than their truth is known to, because
-    the order of these edges is taken out: their bars are left out there, and four is the bound of the others."""
+    slits, pipes and ducts have hardly any; errors of one size that are normally distributed would have 2.4. Of stairs
+    the truth is that of the cubes. Of channels whose edges all run along the flow the value at three particles per
+    voxel is within 0.05 %, less than their truth is known to, because the order of these edges is taken out: their bars
+    are left out there, and four is the bound of the others."""
     errors, bars, ratios, fine = [], [], [], wall == "stairs" and 3 in levels
     for row, k in measured(wall):
         if len(k) >= max(levels):
