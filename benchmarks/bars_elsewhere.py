@@ -6,11 +6,13 @@ Solid fraction, size, place on the lattice and number of spacings a cell are ran
 the coarsest spacing. The truth is a series (`isphcli.references.arrays`) or a formula. Each scene is solved at three
 spacings, h, h / 1.5 and h / 2, those of `refine: auto`. Printed by family, for the bar of all three and of pairs of
 them: the share of scenes that the bar holds in per cent, and the factor on it by which nine in ten would hold; before
-them the same of the range of the coarsest spacing alone. To choose BAR and USUAL of `runs/permeability.py` the last
-lines have the largest such factor over families for other values of USUAL, and the median of the bars widened by it.
+them the same of the range of the coarsest spacing alone, and behind them the median of bar over error of all three. To
+choose FLUX and USUAL of `runs/permeability.py` the last lines have the largest such factor over families for other
+values of them, and the median of bars over errors so.
 """
 
 import csv
+import itertools
 import math
 import sys
 
@@ -61,8 +63,8 @@ def scene_of(family, random):
 
 
 def solved(family, random):
-    """(spacings, values over the truth, usual errors, widths in particles) of a random scene, (3,) each, coarsest
-    first."""
+    """(spacings, values over the truth, usual errors, widths in particles), (3,) each, coarsest first, and the spread
+    of the flux at the finest spacing, of a random scene."""
     geometry, h, axis, truth, grain = scene_of(family, random)
     spacings = [h, h / 1.5, h / 2]
     case = {"geometry": geometry, "particles": {"spacing": h}, "fluids": {"water": {"density": 1, "viscosity": 1}},
@@ -75,14 +77,21 @@ def solved(family, random):
     values = np.array([by[key] for key in sorted(by, key=float, reverse=True)])
     usual = [usual_error(k, found.porosity, spacing, grain) for k, spacing in zip(values, spacings)]
     width = min(pore_width(truth, found.porosity), grain)
-    return np.array(spacings), values / truth, np.array(usual), width / np.array(spacings)
+    flux = found.summary["mass_error"]
+    return np.array(spacings), values / truth, np.array(usual), width / np.array(spacings), flux
+
+
+def bar_of(scene, levels):
+    """(relative error, bar) of a scene."""
+    spacings, values, usual, _, flux = scene
+    value, bar, *_ = permeability.extrapolate(spacings[list(levels)], values[list(levels)], usual=usual[2], flux=flux)
+    return abs(value - 1.0), bar
 
 
 def needed(scene, levels):
     """The error of a scene over its bar."""
-    spacings, values, usual, _ = scene
-    value, bar, *_ = permeability.extrapolate(spacings[list(levels)], values[list(levels)], usual=usual[2])
-    return abs(value - 1.0) / bar
+    error, bar = bar_of(scene, levels)
+    return error / bar
 
 
 def factors(found, levels):
@@ -99,23 +108,25 @@ def main(scenes="30", seed="1", path=None):
             out = csv.writer(file, lineterminator="\n")
             out.writerow(("family", "width", "error"))
             out.writerows((family, f"{width:.4g}", f"{abs(value - 1.0):.3g}") for family, each in found.items()
-                          for _, values, _, widths in each for value, width in zip(values, widths))
+                          for _, values, _, widths, _ in each for value, width in zip(values, widths))
     print("| family | scenes | held by the range of h, %; factor | "
-          + " | ".join(f"held by {name}, %; factor" for name in SUBSETS) + " |")
-    print("|" + "---|" * (len(SUBSETS) + 3))
+          + " | ".join(f"held by {name}, %; factor" for name in SUBSETS) + " | bar over error |")
+    print("|" + "---|" * (len(SUBSETS) + 4))
     for family, each in found.items():
-        cells = [[abs(values[0] - 1) / usual[0] for _, values, usual, _ in each],
+        cells = [[abs(values[0] - 1) / usual[0] for _, values, usual, *_ in each],
                  *([needed(scene, levels) for scene in each] for levels in SUBSETS.values())]
         print(f"| {family} | {len(each)} | "
-              + " | ".join(f"{100 * np.mean(np.array(r) <= 1):.0f}; {np.quantile(r, 0.9):.2f}" for r in cells) + " |")
-    now = permeability.USUAL
-    for permeability.USUAL in (1 / 12, 1 / 6, 1 / 3):
+              + " | ".join(f"{100 * np.mean(np.array(r) <= 1):.0f}; {np.quantile(r, 0.9):.2f}" for r in cells)
+              + f" | {np.median(1.0 / np.maximum(cells[1], 1e-6)):.1f} |")
+    now = permeability.FLUX, permeability.USUAL
+    for both in itertools.product((1.0, 1.5, 2.0), (0.05, 0.1, 0.2)):
+        permeability.FLUX, permeability.USUAL = both
         tops = [max(factors(found, levels).values()) for levels in SUBSETS.values()]
-        wide = [np.median([permeability.extrapolate(s[0][list(levels)], s[1][list(levels)], usual=s[2][2])[1]
-                           for each in found.values() for s in each]) for levels in SUBSETS.values()]
-        print(f"USUAL {permeability.USUAL:g}{' (now)' * (permeability.USUAL == now)}: "
-              + ", ".join(f"{name} x {top:.2f}, median bar so {100 * top * bar:.3f} %"
-                          for name, top, bar in zip(SUBSETS, tops, wide)))
+        over = [np.median([bar / max(error, 1e-6) for each in found.values() for error, bar in
+                           (bar_of(scene, levels) for scene in each)]) for levels in SUBSETS.values()]
+        print("FLUX {:g}, USUAL {:g}".format(*both) + " (now)" * (both == now) + ": "
+              + ", ".join(f"{name} x {top:.2f}, bar over error so {top * ratio:.2f}"
+                          for name, top, ratio in zip(SUBSETS, tops, over)))
 
 
 if __name__ == "__main__":

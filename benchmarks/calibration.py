@@ -44,7 +44,7 @@ LEVELS = (1, 2, 3)
 MOST = 40_000  # particles of the third level: 3 to 8 CPU seconds
 ELSEWHERE = DATA / "arrays_measured.csv"  # of benchmarks/bars_elsewhere.py: its first line is the command
 MANY = 100_000  # cells of the truth of stairs: a minute
-NAMES = ("body", "family", "wall", "truth", "uncertainty", "narrow", "median", "k", "cpu", "narrow_pores")
+NAMES = ("body", "family", "wall", "truth", "uncertainty", "narrow", "median", "k", "flux", "cpu", "narrow_pores")
 
 
 def case_of(body, wall, folder):
@@ -112,7 +112,7 @@ def row_of(body, wall):
     throats = look(case, geometry, Clock(), True).throats
     if wall == "exact":
         geometry = LevelGeometry(body)
-    values, seconds, narrow = [], [], []
+    values, fluxes, seconds, narrow = [], [], [], []
     for level in LEVELS:
         if level > 2 and body.labels().sum() * level**3 > MOST:
             break
@@ -120,12 +120,14 @@ def row_of(body, wall):
         scene = build_scene(case, geometry, 1 / level, Clock(), [body.axis])
         flow = solve_axis(case, scene, body.axis, np.eye(3)[body.axis], Clock())
         values.append(float(flow.permeability[body.axis]))
+        fluxes.append(flow.mass_error)
         seconds.append(time.process_time() - begin)
         narrow.append(bool(flow.narrow))
     return {"body": body.name, "family": body.family, "wall": wall, "truth": f"{truth:.6g}",
             "uncertainty": f"{uncertainty:.2g}", "narrow": f"{throats['narrow']:.3g}",
             "median": f"{throats['median']:.3g}", "k": " ".join(f"{k:.6g}" for k in values),
-            "cpu": " ".join(f"{s:.2f}" for s in seconds), "narrow_pores": " ".join(str(int(b)) for b in narrow)}
+            "flux": " ".join(f"{flux:.3g}" for flux in fluxes), "cpu": " ".join(f"{s:.2f}" for s in seconds),
+            "narrow_pores": " ".join(str(int(b)) for b in narrow)}
 
 
 def rows_of(path):
@@ -169,8 +171,8 @@ def measured(path):
             continue
         porosity, pores = float(body.labels(3).mean()), body.labels() == 1
         rows.append({**row, "true": true, "truth": float(row["truth"]) if row["wall"] == "stairs" else true,
-                     "k": np.array(row["k"].split(), float), "cpu": row["cpu"].split(), "chord": mean_chord(pores),
-                     "straight": is_straight(pores),
+                     "k": np.array(row["k"].split(), float), "flux": np.array(row["flux"].split(), float),
+                     "cpu": row["cpu"].split(), "chord": mean_chord(pores), "straight": is_straight(pores),
                      "unsure": 0.0 if row["wall"] == "stairs" else unsure,
                      "pores": pore_width(true, porosity),
                      "width": min(pore_width(true, porosity), grain_chord(LevelGeometry(body), 1 / 3))})
@@ -231,7 +233,8 @@ def bar_of(row, wall, levels):
     """(value, bar) of a body by the spacings of so many particles per voxel."""
     k = row["k"][np.array(levels) - 1]
     usual = calibrations()["exact", "spacing"].within(row["width"] * max(levels))
-    return extrapolate([1 / level for level in levels], k, EDGE if wall == "stairs" else None, usual=usual)[:2]
+    edges, flux = (EDGE, 0.0) if wall == "stairs" else (None, row["flux"][max(levels) - 1])
+    return extrapolate([1 / level for level in levels], k, edges, usual=usual, flux=flux)[:2]
 
 
 def bars_of(rows, wall, levels):

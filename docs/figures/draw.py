@@ -270,7 +270,8 @@ def error_bars() -> Figure:
     for axes, wall, title in zip(every, ("exact", "stairs"), ("smooth walls", "faces of voxels")):
         k, truth = np.array(rows[wall]["k"].split(), float), float(rows[wall]["truth"])
         value, bar, *_ = extrapolate(spacings, k, EDGE if wall == "stairs" else None,
-                                     usual=usual_error(k[-1], porosity, spacings[-1]))
+                                     usual=usual_error(k[-1], porosity, spacings[-1]),
+                                     flux=float(rows[wall]["flux"].split()[-1]) if wall == "exact" else 0.0)
         axes.axhline(truth, color=GREY, lw=1, ls="--")
         axes.plot(spacings, k, "o-", color=FLUID, ms=5, lw=0.8)
         axes.errorbar([0.0 if wall == "stairs" else spacings[-1]], [value], [bar], color=DUMMY, capsize=4, lw=1.4,

@@ -28,7 +28,7 @@ from ..scene.place import cells_in_sight, lattice_at, place, place_share
 from ..solvers.engine import engine_of
 from ..solvers.krylov import Limits, recorded
 from .expected_error import usual_error
-from .permeability import EDGE, EDGE_BAR, ORDER, SHARE, USUAL, darcy, extrapolate
+from .permeability import EDGE, EDGE_BAR, EDGE_USUAL, FLUX, ORDER, SHARE, USUAL, darcy, extrapolate, spread_of_flux
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -50,12 +50,14 @@ MOST_CUT = 0.6
 
 @dataclass(frozen=True)
 class InThroats:
-    """permeability: along the axis, m2; superficial: velocity of the sample (dim,), m/s; particles: fluid particles of
-    both spacings, of all processes; everywhere: about how many there would be with half the spacing everywhere; cut:
-    share of the fluid in cells that are cut; convergence: of the solve; residuals: relative, of its iterations."""
+    """permeability: along the axis, m2; superficial: velocity of the sample (dim,), m/s; mass_error: spread of the flux
+    between layers of the larger spacing; particles: fluid particles of both spacings, of all processes; everywhere:
+    about how many there would be with half the spacing everywhere; cut: share of the fluid in cells that are cut;
+    convergence: of the solve; residuals: relative, of its iterations."""
 
     permeability: float
     superficial: np.ndarray
+    mass_error: float
     particles: int
     everywhere: int
     cut: float
@@ -104,35 +106,39 @@ def place_two(geometry: Geometry, mixed: MixedLattice, spacing: float, support: 
     return MixedParticles(rows, placed.n_fluid, mixed.half(rows), mixed.beside(rows), spacing, mixed.site_volume, share)
 
 
-def limit_of_throats(coarse: float, fine: float, spacing: float, pores: tuple[float, float],
-                     wall: str) -> tuple[float, float, str]:
+def limit_of_throats(coarse: float, fine: float, spacing: float, pores: tuple[float, float], wall: str,
+                     flux: float) -> tuple[float, float, str]:
     """(permeability, bar, sentence) of k at a spacing, m, and with half of it in throats, m2: as of half of it
     everywhere (`extrapolate`), and squares of two more: what lies outside the throats may be off by as much of its
     part, and where spacings meet something is added (`MEETING`). pores: porosity and chord of the grains, m, see
-    `grain_chord`; wall: smooth or stairs."""
+    `grain_chord`; wall: smooth or stairs; flux: `InThroats.mass_error`."""
     edges, half = EDGE if wall == "stairs" else None, 0.5 * spacing
     porosity, grain = pores
     usual = usual_error(fine, porosity, half, grain) if fine > 0.0 else 0.0
-    limit, bar, _, _ = extrapolate((spacing, half), (coarse, fine), edges, usual=usual)
+    limit, bar, _, _ = extrapolate((spacing, half), (coarse, fine), edges, usual=usual, flux=flux)
     outside = (1.0 - SHARE) / SHARE * (coarse - fine)
     if edges is None:
         sentence = ("the value is that of this second solve, and its bar is made of the difference of both values, by "
-                    f"errors of order {ORDER:g}")
+                    f"errors of order {ORDER:g}, of {FLUX:g} of what its flux differs by between sections")
     else:
         sentence = (f"the value is the limit of both solves, by the known order {edges[1]:.2f} of edges, and its bar "
                     f"is made of {EDGE_BAR:g} of the way to the limit by order {edges[0]:.2f}")
-    sentence += f", of {USUAL:g} of the error that is usual in pores and grains as wide"
+    part = USUAL if edges is None else EDGE_USUAL
+    sentence += f", of {part:.2g} of the error that is usual in pores and grains as wide"
     return limit, math.hypot(bar, outside, MEETING * fine), (
         f"{sentence}, and of what the larger spacing elsewhere may change")
 
 
-def _superficial(geometry: Geometry, particles: MixedParticles, means: CellMeans) -> np.ndarray:
-    """Velocity (dim,) of the sample, m/s, from means over the cells."""
+def _superficial(geometry: Geometry, particles: MixedParticles, means: CellMeans, axis: int,
+                 spacing: float) -> tuple[np.ndarray, float]:
+    """(velocity (dim,) of the sample, m/s, spread of the flux along an axis between layers of a spacing, m) from means
+    over the cells."""
     lower, upper = sample_box(geometry)
     x, u = means.everywhere(particles.x[: particles.n_fluid])
     volume = particles.volumes[np.concatenate([np.arange(particles.n_fluid), particles.own[means.rows]])]
-    flux = reduce.total((u * volume[:, None])[inside_sample(geometry, x)])
-    return np.asarray(flux / float(np.prod(upper - lower)))
+    flux = u * volume[:, None]
+    velocity = reduce.total(flux[inside_sample(geometry, x)]) / float(np.prod(upper - lower))
+    return np.asarray(velocity), spread_of_flux(geometry, x, flux[:, axis], axis, spacing)
 
 
 def _refuse(need: float, what: str, case: Case) -> None:
@@ -178,7 +184,7 @@ def in_throats(case: Case, geometry: Geometry, flow: tuple[LatticeWeights, np.nd
         own = particles.own
         means = means_over_cells(geometry, particles.x[own], lattice, support, (u, laplacian), particles.share,
                                  np.where(particles.half, 0.5, 1.0))
-    superficial = _superficial(geometry, particles, means)
+    superficial, mass_error = _superficial(geometry, particles, means, axis, spacing)
     everywhere = half + (number - half) * 2**geometry.dim
-    return InThroats(float(darcy(geometry, superficial, axis, force, nu)[axis]), superficial, number, everywhere,
-                     half / everywhere, convergence, residuals)
+    return InThroats(float(darcy(geometry, superficial, axis, force, nu)[axis]), superficial, mass_error, number,
+                     everywhere, half / everywhere, convergence, residuals)

@@ -74,6 +74,20 @@ def mean_velocities(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, sit
     return total * (site_volume / np.prod(upper - lower)), total / (cells or max(reduce.count(inside), 1))
 
 
+def spread_of_flux(geometry: Geometry, x: np.ndarray, flux: np.ndarray, axis: int, spacing: float) -> float:
+    """Standard deviation over the mean of the flux through the layers of the lattice across an axis, 0 of exact flows.
+
+    x: (n, dim) m, of cells; flux: (n,) of their velocity along the axis times their volume, in any unit; spacing: m, of
+    the lattice, of which every layer is a whole one.
+    """
+    lower, length = geometry.lower[axis], (geometry.upper - geometry.lower)[axis]
+    layers = max(1, round(length / spacing))
+    layer = np.minimum(((x[:, axis] - lower) / length * layers).astype(int), layers - 1)
+    through = reduce.total_by(layer, flux, layers)
+    mean = through.mean()
+    return float(through.std() / abs(mean)) if mean != 0.0 else 0.0
+
+
 def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndarray, viscosity: float) -> np.ndarray:
     """Permeability (dim,) of the sample, m2 (eq. 28): entry `axis` along the drive, the others across it.
 
@@ -94,20 +108,24 @@ def darcy(geometry: Geometry, superficial: np.ndarray, axis: int, force: np.ndar
     return permeability
 
 
-# Bar beside smooth walls: BAR times the root of the sum of two squares: of the error by the differences between
-# spacings, for errors of the order ORDER, and of USUAL times the error that nine in ten bodies with pores as wide keep
-# within. ORDER is the power of that error in calibration.csv, rounded to halves (2.0). Without the second part two
-# spacings that agree by chance have a bar of nearly zero. BAR is above 1, so that an error of that order lies within
-# its bar: `benchmarks/bars_elsewhere.py` has the shares of scenes that were not chosen by hand. With USUAL nine in ten
-# of every family there hold by three spacings and by h and h/2 (with 1/6 82 % of one family), 84 % and more by h/1.5
-# and h/2 (seeds 5 and 7; docs/design_notes.md, error bars)
-ORDER, BAR, USUAL = 2.0, 1.25, 1 / 4
+# Bar beside smooth walls: the root of the sum of the squares of the error by the differences between spacings, for
+# errors of the order ORDER; of FLUX times the spread of the flux between layers; and of USUAL times the error that nine
+# in ten bodies with pores as wide keep within. ORDER is the power of that error in calibration.csv, rounded to halves
+# (2.0). Two spacings may agree by chance; the flux of the finest one, which is the same through all sections of an
+# exact flow, then tells of an error still. Where all sections are alike, as in ducts, it says nothing, and the last
+# part is what stands. FLUX and USUAL are the smallest, in steps of a tenth, by which nine in ten of the known bodies
+# and of every family of `benchmarks/bars_elsewhere.py` (seeds 5 and 7) keep within the bars of three spacings, of h
+# and h/2 and of h/1.5 and h/2 (docs/design_notes.md, error bars)
+ORDER, FLUX, USUAL = 2.0, 1.5, 0.1
 # Order of k beside the edges of cubes: twice the exponent of the velocity there, because the error of k is that of the
 # dissipation. Across an edge of 90 degrees of solid it is 0.5445 (Dean and Montagnon 1949), along it 2/3 (Laplace)
 EDGE = (1.089, 4 / 3)
 # Bar beside edges over the difference between the limits by the two orders. 97, 95 and 100 % of the bodies of cubes lie
 # within it (two, two finer, three spacings; `benchmarks/calibration.py bars`), with a factor of 1 100, 95, 100 %
 EDGE_BAR = 0.75
+# Part of the usual error in a bar beside edges, for what is not of edges and may cancel their errors: of the bodies of
+# cubes 97, 95 and 100 % hold with it
+EDGE_USUAL = 5 / 16
 # Part of the dissipation in the cells that `refine: throats` cuts, at least (`half_in_throats.cells_that_lose`)
 SHARE = 0.9
 
@@ -122,17 +140,19 @@ def clear_permeability(geometry: Geometry, axis: int) -> float:
 
 def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray,
                 known: tuple[float, float] | None = None, given: tuple[float, float] | None = None,
-                usual: float = 0.0) -> tuple[float, float, float | None, str]:
+                usual: float = 0.0, flux: float = 0.0) -> tuple[float, float, float | None, str]:
     """The value at the limit of fine spacings from values (m,) at spacings (m,), m > 1: (value, error bar, order or
     None, sentence).
 
     given: (order, safety) of the error, where it is known: the bar is safety times the error by the differences and
-    that order; without it the order is ORDER; usual: `expected_error.usual_error` at the finest spacing, relative, a
-    part of the bar unless an order is given. known: lowest and highest order of the error, where most of it is of a
-    known origin (`EDGE`): the value is then the limit by Richardson. Without it the value is that of the finest spacing
-    and the bar an estimate of its error, which the bodies of `validation.known_bodies` and some nine in ten scenes of
-    `benchmarks/bars_elsewhere.py` keep within. Beside smooth walls the error changes with the way in which the walls
-    lie on each lattice, up and down: an extrapolation would amplify that, and an order that is observed means little.
+    that order; without it the order is ORDER; usual: `expected_error.usual_error`, and flux: the spread of the flux
+    between layers (`StokesResult.mass_error`), both relative and at the finest spacing, parts of the bar unless an
+    order is given; flux is none of a bar beside edges. known: lowest and highest order of the error, where most of it
+    is of a known origin (`EDGE`): the value is then the limit by Richardson. Without it the value is that of the finest
+    spacing and the bar an estimate of its error, which the bodies of `validation.known_bodies` and some nine in ten
+    scenes of `benchmarks/bars_elsewhere.py` keep within. Beside smooth walls the error changes with the way in which
+    the walls lie on each lattice, up and down: an extrapolation would amplify that, and an order that is observed means
+    little.
     """
     order = np.argsort(spacings)
     h, k = np.asarray(spacings, float)[order], np.asarray(values, float)[order]
@@ -140,9 +160,10 @@ def extrapolate(spacings: Sequence[float] | np.ndarray, values: Sequence[float] 
         return _with_known_order(h, k, known, usual)
     power, safety = (ORDER, 1.0) if given is None else given
     told = float(np.mean(np.abs(k[1:] - k[0]) / ((h[1:] / h[0]) ** power - 1.0)))
-    bar = BAR * math.hypot(told, USUAL * usual * k[0]) if given is None else safety * told
+    bar = math.hypot(told, FLUX * flux * k[0], USUAL * usual * k[0]) if given is None else safety * told
     return float(k[0]), bar, None, (f"the value at the finest of {len(h)} spacings; the bar takes errors of order "
                                     f"{power:g} from their differences"
+                                    + (", what the flux differs by between sections" if flux else "")
                                     + (", and a part of what is usual in pores and grains as wide" if usual else ""))
 
 
@@ -160,7 +181,7 @@ def _with_known_order(h: np.ndarray, k: np.ndarray,
 
     value = limit(0, high)
     others = [limit(0, low), *([limit(1, high)] if len(h) > 2 else [])]
-    bar = math.hypot(EDGE_BAR * max(abs(other - value) for other in others), BAR * USUAL * usual * k[0])
+    bar = math.hypot(EDGE_BAR * max(abs(other - value) for other in others), EDGE_USUAL * usual * k[0])
     return value, bar, high, (f"extrapolated with the known order {high:.2f} of edges over {len(h)} spacings, the bar "
                               f"reaches {EDGE_BAR:g} of the way to that of order {low:.2f}"
                               + (", and has a part of what is usual in pores and grains as wide" if usual else ""))

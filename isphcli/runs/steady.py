@@ -27,7 +27,7 @@ from ..scene.place import jittered_at_rest, lattice_at, place_case
 from ..solvers.engine import engine_of
 from ..solvers.krylov import Limits, recorded
 from .flow_measures import wall_shear, wall_stress
-from .permeability import darcy, fluid_cells, mean_velocities
+from .permeability import darcy, fluid_cells, mean_velocities, spread_of_flux
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -275,11 +275,4 @@ def _mass(scene: SteadyScene, flow: StokesFlow, cells: tuple[np.ndarray, np.ndar
     worst = float(reduce.largest(np.abs(div)) * dx / speed) if speed > 0.0 else 0.0
     if axis is None:
         return worst, 0.0
-    geometry = scene.geometry
-    x = cells[0][:, axis] - geometry.lower[axis]
-    # as many planes as layers of the lattice: every one holds whole layers only
-    planes = max(1, round((geometry.upper - geometry.lower)[axis] / dx))
-    layer = np.minimum((x / (geometry.upper - geometry.lower)[axis] * planes).astype(int), planes - 1)
-    flux = reduce.total_by(layer, cells[1][:, axis], planes)
-    mean = flux.mean()
-    return worst, float(flux.std() / abs(mean)) if mean != 0.0 else 0.0
+    return worst, spread_of_flux(scene.geometry, cells[0], cells[1][:, axis], axis, dx)

@@ -405,7 +405,8 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
         finest = min(open_at)
         k = float(known[finest])
         usual = usual_error(k, porosity, finest, grain) if k > 0.0 else 0.0
-        limit, bar, _, sentence = extrapolate(open_at, [known[h] for h in open_at], edges, usual=usual)
+        limit, bar, _, sentence = extrapolate(open_at, [known[h] for h in open_at], edges, usual=usual,
+                                              flux=flows[axis, finest].mass_error)
         if slip > 0.0 and k > 0.0:
             bar += slip_error(k, porosity, finest, slip) * k
             sentence += ", and what slip walls leave"
@@ -430,7 +431,7 @@ def _with_throats(found: AxisResult, throats: InThroats, spacing: float, pores: 
     from .half_in_throats import limit_of_throats
 
     k = throats.permeability
-    limit, bar, sentence = limit_of_throats(found.permeability, k, spacing, pores, wall)
+    limit, bar, sentence = limit_of_throats(found.permeability, k, spacing, pores, wall, throats.mass_error)
     if slip > 0.0 and k > 0.0:
         bar += slip_error(k, pores[0], (1.0 - 0.5 * SHARE) * spacing, slip) * k
         sentence += ", and what slip walls leave"

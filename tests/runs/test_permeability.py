@@ -12,7 +12,7 @@ from isphcli.geometry.labels import ClearLayers
 from isphcli.geometry.voxel_geometry import VoxelGeometry
 from isphcli.output.clock import Clock
 from isphcli.references.ducts import duct_permeability
-from isphcli.runs.permeability import BAR, EDGE, USUAL, clear_permeability, extrapolate, fluid_cells
+from isphcli.runs.permeability import EDGE, EDGE_USUAL, FLUX, USUAL, clear_permeability, extrapolate, fluid_cells
 from isphcli.runs.run import run_case
 from isphcli.runs.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
@@ -34,24 +34,27 @@ output: {snapshots: false, plots: false}
 
 def test_errors_of_the_usual_order_are_told_by_two_spacings():
     """Beside smooth walls: the value is the finest one, and of errors of second order two spacings tell the error
-    itself, of which the bar takes BAR, more than all of it."""
+    itself."""
     h = np.array([1.0, 0.5, 0.25])
     k = 3.0 + 0.2 * h**2
     for spacings, values in ((h[1:], k[1:]), (h[::-1], k[::-1])):
         value, bar, order, _ = extrapolate(spacings, values)
         assert value == k[2] and order is None
-        assert bar == pytest.approx(BAR * 0.2 * 0.25**2, rel=1e-9)
+        assert bar == pytest.approx(0.2 * 0.25**2, rel=1e-9)
     value, bar, *_ = extrapolate(h, [1.0, 2.0, 1.5])  # no trend: both pairs tell of errors, 0.5 / 3 and 0.5 / 15
-    assert value == 1.5 and bar == pytest.approx(BAR * 0.5 * (1 / 3 + 1 / 15) / 2, rel=1e-12)
+    assert value == 1.5 and bar == pytest.approx(0.5 * (1 / 3 + 1 / 15) / 2, rel=1e-12)
 
 
 def test_two_spacings_that_agree_by_chance_do_not_make_a_bar_of_nothing():
-    """A quarter of the usual error is a part of every bar, added as a square."""
+    """A part of the usual error, and what the flux of the finest spacing differs by between layers, are in every bar,
+    added as squares."""
     _, alone, *_ = extrapolate([1.0, 0.5], [2.0, 2.0])
     _, bar, *_ = extrapolate([1.0, 0.5], [2.0, 2.0], usual=0.03)
-    assert alone == 0.0 and bar == pytest.approx(BAR * 2.0 * 0.03 / 4, rel=1e-12)
+    assert alone == 0.0 and bar == pytest.approx(2.0 * 0.03 * USUAL, rel=1e-12)
     told = extrapolate([1.0, 0.5], [2.1, 2.0])[1]
     assert extrapolate([1.0, 0.5], [2.1, 2.0], usual=0.03)[1] == pytest.approx(math.hypot(told, bar), rel=1e-12)
+    both = extrapolate([1.0, 0.5], [2.0, 2.0], usual=0.03, flux=0.01)[1]
+    assert both == pytest.approx(math.hypot(2.0 * 0.01 * FLUX, bar), rel=1e-12)
 
 
 def test_an_order_that_is_given_is_taken():
@@ -77,7 +80,7 @@ def test_edges_are_extrapolated_with_their_own_orders():
     _, bar, *_ = extrapolate(three[1:], 3.0 + 0.2 * three[1:] ** 2, EDGE)
     assert wider > bar
     _, alone, *_ = extrapolate(h, [2.0, 2.0], EDGE, usual=0.03)  # two spacings that agree by chance
-    assert alone == pytest.approx(BAR * USUAL * 2.0 * 0.03, rel=1e-12)
+    assert alone == pytest.approx(EDGE_USUAL * 2.0 * 0.03, rel=1e-12)
 
 
 @pytest.mark.slow

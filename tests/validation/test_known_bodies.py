@@ -40,7 +40,8 @@ def table_of(name, wall):
 def solve(one, geometry, spacing, case):
     scene = build_scene(case, geometry, spacing, Clock(), [one.axis])
     flow = solve_axis(case, scene, one.axis, np.eye(3)[one.axis], Clock())
-    return float(flow.permeability[one.axis]), scene.cells * scene.particles.site_volume / np.prod(one.size)
+    porosity = scene.cells * scene.particles.site_volume / np.prod(one.size)
+    return float(flow.permeability[one.axis]), porosity, flow.mass_error
 
 
 def case_of(one, block):
@@ -99,10 +100,10 @@ def test_the_bar_of_exact_surfaces_holds_the_truth():
     for name in SMALL:
         one = body(name)
         case, geometry = case_of(one, f"box: {[float(n) for n in one.size]}"), LevelGeometry(one)
-        (coarse, _), (fine, porosity) = (solve(one, geometry, spacing, case) for spacing in (1.0, 0.5))
+        (coarse, _, _), (fine, porosity, flux) = (solve(one, geometry, spacing, case) for spacing in (1.0, 0.5))
         assert [coarse, fine] == pytest.approx(table_of(name, "exact")[:2], rel=AGREE), name
         usual = usual_error(fine, porosity, 0.5, grain_chord(geometry, 1.0))
-        value, bar, *_ = extrapolate((1.0, 0.5), (coarse, fine), usual=usual)
+        value, bar, *_ = extrapolate((1.0, 0.5), (coarse, fine), usual=usual, flux=flux)
         truth, uncertainty, _ = one.truth()
         if abs(value - truth) > bar + uncertainty * truth:
             missed.append(name)
@@ -121,7 +122,7 @@ def test_the_range_of_images_holds_the_truth(grey, tmp_path):
         kind = f"grey: {{threshold: {GREY_LEVEL}, solid: above}}" if grey else "labels: {solid: 0, water: 1}"
         case = case_of(one, f"voxels: {{file: {tmp_path / 'image.npy'}, {kind}, voxel_size: 1, axes: xyz}}")
         geometry = build_geometry(case)
-        k, porosity = solve(one, geometry, 1.0, case)
+        k, porosity, _ = solve(one, geometry, 1.0, case)
         wall = "grey" if grey else "labels"
         assert k == pytest.approx(table_of(name, wall)[0], rel=AGREE), name
         low, high = expected(wall, k, porosity, 1.0, grain_chord(geometry, 1.0), scan_of(geometry)).bounds(k)
@@ -133,11 +134,11 @@ def test_the_range_of_images_holds_the_truth(grey, tmp_path):
 @pytest.mark.slow
 def test_bars_hold_nine_bodies_in_ten(wall, levels):
     """What was measured of all bodies, put through `extrapolate` as it is: 90 % hold the truth, and half of the bars
-    are not wider than so many times the error: seven and a half of exact surfaces, because slits, pipes and ducts have
-    hardly any, and bars that are three times as wide as the error of the others held three in four of scenes at random
-    places (`benchmarks/bars_elsewhere.py`). Of stairs the truth is that of the cubes. Of channels whose edges all run
-    along the flow the value at three particles per voxel is within 0.05 %, less than their truth is known to, because
-    the order of these edges is taken out: their bars are left out there, and four is the bound of the others."""
+    are not wider than so many times the error: four and a half of exact surfaces (3.5, 4.4 and 3.9 measured), because
+    slits, pipes and ducts have hardly any; errors of one size that are normally distributed would have 2.4. Of stairs
+    the truth is that of the cubes. Of channels whose edges all run along the flow the value at three particles per
+    voxel is within 0.05 %, less than their truth is known to, because the order of these edges is taken out: their bars
+    are left out there, and four is the bound of the others."""
     errors, bars, ratios, fine = [], [], [], wall == "stairs" and 3 in levels
     for row, k in measured(wall):
         if len(k) >= max(levels):
@@ -145,8 +146,8 @@ def test_bars_hold_nine_bodies_in_ten(wall, levels):
             truth, uncertainty = (float(row["truth"]), 0.0) if wall == "stairs" else one.truth()[:2]
             k = k[np.array(levels) - 1]
             usual = usual_error(k[-1], one.labels(3).mean(), 1 / max(levels), grain_of(one.name))
-            value, bar, *_ = extrapolate([1 / level for level in levels], k, EDGE if wall == "stairs" else None,
-                                         usual=usual)
+            edges, flux = (EDGE, 0.0) if wall == "stairs" else (None, float(row["flux"].split()[max(levels) - 1]))
+            value, bar, *_ = extrapolate([1 / level for level in levels], k, edges, usual=usual, flux=flux)
             off = abs(value / truth - 1)
             errors.append(max(off - uncertainty, 0.0))
             bars.append(bar / truth)
@@ -156,7 +157,7 @@ def test_bars_hold_nine_bodies_in_ten(wall, levels):
             else:
                 ratios.append(bar / truth / max(off, 1e-6))
     assert np.mean(np.array(errors) <= bars) >= 0.9
-    assert np.median(ratios) <= (4.0 if fine else 7.5 if wall == "exact" else 3.0)
+    assert np.median(ratios) <= (4.0 if fine else 4.5 if wall == "exact" else 3.0)
 
 
 @pytest.mark.parametrize("wall", ["labels", "grey"])
