@@ -21,6 +21,13 @@ class Threads:
         self._barrier.wait(20)
         return found
 
+    def first(self, value):
+        return self.collect(value)[0]
+
+    def gather(self, value):
+        found = self.collect(value)
+        return found if self.rank == 0 else None
+
     def sum(self, value):
         return sum(self.collect(value))
 
