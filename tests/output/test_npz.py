@@ -1,35 +1,15 @@
 """npz files that several processes write: what numpy reads of them, their checksums, and slabs of rows."""
 
-import threading
 import zipfile
 import zlib
 
 import numpy as np
 import pytest
 
-from isphcli.domain import communicator
 from isphcli.output import npz
-from tests.domain.several import on_ranks
+from tests.domain.several import on_threads
 
 SIZES = [1, 2, 3, 8]
-
-
-@pytest.fixture
-def on_threads(monkeypatch):
-    """on_threads(size, function): what a function returns on each of so many threads, which `current` takes for
-    processes."""
-    here = threading.local()
-    for module in (npz, communicator):
-        monkeypatch.setattr(module, "current", lambda: here.ranks)
-
-    def of(size, function):
-        def call(ranks):
-            here.ranks = ranks
-            return function(ranks)
-
-        return on_ranks(size, call)
-
-    return of
 
 
 @pytest.mark.parametrize("sizes", [(1, 1), (0, 3), (5, 0), (17, 1000), (1000, 70_001)])
@@ -40,7 +20,7 @@ def test_a_crc_follows_from_those_of_two_parts(sizes):
 
 @pytest.mark.parametrize("count", [1, 5, 1023, 1024, 5000])
 @pytest.mark.parametrize("size", SIZES)
-def test_slabs_hold_every_row_once_and_whole_parts(size, count, on_threads):
+def test_slabs_hold_every_row_once_and_whole_parts(size, count):
     """The process of a row is the one in whose slab it is; the digests of the slabs are those of the whole array."""
     data = memoryview(np.random.default_rng(0).bytes(8 * count))
 
@@ -77,7 +57,7 @@ def test_numpy_and_zip_read_what_is_written(tmp_path):
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_slabs_are_written_to_the_same_bytes_and_read(size, tmp_path, monkeypatch, on_threads):
+def test_slabs_are_written_to_the_same_bytes_and_read(size, tmp_path, monkeypatch):
     """With files of each process's own in the place of MPI's: the bytes do not depend on the number of processes."""
     x = np.random.default_rng(2).random((11, 2))
     on_threads(1, lambda _: npz.write(tmp_path / "one.npz", {"x": x, "step": np.array(3)}, {}))
