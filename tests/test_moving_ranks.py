@@ -254,8 +254,8 @@ sys.argv = ["isph", "run", {str(CASES / "taylor_green_2d_re100.yaml")!r}, "--out
             "output={{every: 0.01, restart_every: 3, plots: false}}"]
 from isphcli.cli import main
 from isphcli.domain.communicator import current
-from isphcli.output import folder, npz
-whole, write_rows, written = folder.whole, npz._write_rows, []
+from isphcli.output import folder, shared_npz
+whole, write_rows, written = folder.whole, shared_npz._write_rows, []
 @contextlib.contextmanager
 def full(path):
     with whole(path) as temporary:
@@ -268,7 +268,7 @@ def rows_of_a_full_disk(put, entry, *given):
     if current().rank == {rank} and {file!r} == "restart.npz" and written.count("state0.u") == 2:  # the second file
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     return found
-folder.whole, npz._write_rows = full, rows_of_a_full_disk
+folder.whole, shared_npz._write_rows = full, rows_of_a_full_disk
 main()
 """)
     done = start(program, ranks=2)

@@ -27,7 +27,7 @@ from ..case.blocks import Case, Time, Voxels, plain
 from ..domain import reduce
 from ..domain.communicator import current, on_first
 from ..domain.exchange import deliver
-from . import npz
+from . import shared_npz
 from .files import replacing
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def save(path: str | Path, saved: Saved, record: Mapping[str, Any] | None = None
         counts = _deal_in_slabs(arrays)
     with ExitStack() as written:
         # rank 0 makes the file and gives it its name in the end
-        npz.write(on_first(lambda: written.enter_context(replacing(path))), arrays, counts)
+        shared_npz.write(on_first(lambda: written.enter_context(replacing(path))), arrays, counts)
         on_first(written.close)
 
 
@@ -100,7 +100,7 @@ def _deal_in_slabs(arrays: dict[str, np.ndarray]) -> dict[str, int]:
     number = arrays.pop("state0.number")
     count = reduce.number(number)
     names = [name for name in IN_SLABS if name in arrays]
-    *slabs, number, _ = deliver(current().raw, npz.in_slab_of(number, count),  # type: ignore[attr-defined]
+    *slabs, number, _ = deliver(current().raw, shared_npz.in_slab_of(number, count),  # type: ignore[attr-defined]
                                 *(arrays[name] for name in names), number)
     order = np.argsort(number)
     arrays |= {name: values[order] for name, values in zip(names, slabs)}
@@ -119,7 +119,7 @@ def load(path: str | Path, like: State, record: Mapping[str, Any] | None = None)
     path, shared = Path(path), current().size > 1
     require(path)
     try:
-        arrays, whole = npz.read(path, IN_SLABS, lambda name: shared and name.startswith("state")
+        arrays, whole = shared_npz.read(path, IN_SLABS, lambda name: shared and name.startswith("state")
                                  and not name.startswith("state0."))
         meta = json.loads(arrays["meta"].tobytes())
         version = meta["version"]
@@ -142,7 +142,7 @@ def load(path: str | Path, like: State, record: Mapping[str, Any] | None = None)
             name.partition(".")[2]: v for name, v in arrays.items() if name.startswith(f"state{k}.")}
         states[k] = type(like)(**{name: v.item() if v.ndim == 0 else v for name, v in found.items()})
     if shared:  # the numbers are the order of the file
-        states[0] = replace(states[0], number=np.arange(*npz.slab(reduce.number(states[0].x))))
+        states[0] = replace(states[0], number=np.arange(*shared_npz.slab(reduce.number(states[0].x))))
     _check_fits(path, states[0], like)
     origins = {name: (states[k], dt, first) for name, (k, dt, first) in meta["origins"].items()}
     return Saved(states[0], origins, tuple(map(tuple, arrays["steady"].tolist())), meta.get("record", {}))
