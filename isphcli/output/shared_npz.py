@@ -156,23 +156,27 @@ def _opened(path: Path) -> Iterator[Callable[[int, Any], None]]:
         return
     from mpi4py import MPI
 
-    file = MPI.File.Open(ranks.raw, os.fspath(path), MPI.MODE_WRONLY | MPI.MODE_CREATE)  # type: ignore[attr-defined]
+    def told(call: Callable[[], Any]) -> Any:
+        """The result of a call of MPI; its error as one of the system."""
+        try:
+            return call()
+        except MPI.Exception as error:
+            full = error.Get_error_class() in (MPI.ERR_NO_SPACE, MPI.ERR_QUOTA)
+            raise OSError(errno.ENOSPC if full else errno.EIO, f"rank {ranks.rank} could not write: {error}",
+                          str(path)) from None
 
     def put(place: int, data: Any) -> None:
         for begin in range(0, len(data), AT_ONCE):
             part, status = data[begin : begin + AT_ONCE], MPI.Status()
-            try:
-                file.Write_at(place + begin, [part, MPI.BYTE], status)
-            except MPI.Exception as error:
-                full = error.Get_error_class() in (MPI.ERR_NO_SPACE, MPI.ERR_QUOTA)
-                raise OSError(errno.ENOSPC if full else errno.EIO, f"rank {ranks.rank} could not write: {error}",
-                              str(path)) from None
+            told(lambda: file.Write_at(place + begin, [part, MPI.BYTE], status))  # noqa: B023 - called at once
             if status.Get_count(MPI.BYTE) < len(part):  # of a full disk some MPI tell so and not by an error
                 raise OSError(errno.ENOSPC, f"{os.strerror(errno.ENOSPC)} for rank {ranks.rank}", str(path))
 
+    raw = ranks.raw  # type: ignore[attr-defined]
+    file = on_any(lambda: told(lambda: MPI.File.Open(raw, os.fspath(path), MPI.MODE_WRONLY | MPI.MODE_CREATE)))
     try:
         yield put
-        on_any(file.Sync)
+        on_any(lambda: told(file.Sync))
     finally:
         file.Close()
 
