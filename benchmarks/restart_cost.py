@@ -1,4 +1,4 @@
-"""What a restart file of several processes costs: it is written by rank 0, slab by slab.
+"""What a restart file costs, of which each process writes and reads its rows.
 
     PYTHONPATH=. mpiexec -n 2 python benchmarks/restart_cost.py FOLDER [PARTICLES]      in 3D, of each process
 

@@ -1,25 +1,73 @@
 """How much of the CPU time is in kernels that all threads share, and what is left is serial: what threads can give.
 
-usage: PYTHONPATH=. python benchmarks/serial_share.py [steady NAME | moving POINTS] ...
+usage: PYTHONPATH=. python benchmarks/serial_share.py [machine] [steady NAME | moving POINTS] ...
 
 One thread, so that the result does not depend on what else the machine does: a share p in kernels bounds the wall time
 on two threads to 1 - p / 2 of that on one. NAME: of benchmarks/stokes.py, its solve alone; POINTS: across the
 Taylor-Green vortex of benchmarks/step_cost.py, steps after the second.
+
+machine: first what two threads give this machine, which must have nothing else to do: of the wall time of one, that of
+a kernel in registers and of the triad a = b + s c of `TRIAD` entries. The shares then have a bound more: 1 - p + p t,
+with the t of the triad, if all that kernels do were to wait for the memory.
 """
 
+import itertools
 import os
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 os.environ["NUMBA_NUM_THREADS"] = "1"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import numpy as np
+from numba import njit
+
+TRIAD = 40_000_000  # entries of each of three arrays: 0.96 GB, beyond every cache
+TURNS = 200_000_000  # of the kernel in registers
+REPEATS = 7
+
+
+@njit(nogil=True)
+def triad(a, b, c, begin, end):
+    for k in range(begin, end):
+        a[k] = b[k] + 3.0 * c[k]
+
+
+@njit(nogil=True)
+def in_registers(begin, end):
+    found = 1.0
+    for k in range(begin, end):
+        found = found * 0.999999 + 1e-9 * k
+    return found
+
+
+def two_over_one(kernel, count, *arguments):
+    """Wall time of a kernel of so many entries on two threads over that on one, each the least of some runs."""
+    least = {}
+    with ThreadPoolExecutor(2) as pool:
+        for threads in [1, 2] * (REPEATS + 1):  # the first compiles, and touches the arrays
+            ends = np.linspace(0, count, threads + 1).astype(int)
+            begin = time.perf_counter()
+            list(pool.map(lambda part: kernel(*arguments, *part), itertools.pairwise(ends)))
+            least.setdefault(threads, []).append(time.perf_counter() - begin)
+    return min(least[2][1:]) / min(least[1][1:])
+
+
+def machine():
+    """Prints what two threads give a kernel in registers and a triad; returns that of the triad."""
+    arrays = np.zeros(TRIAD), np.ones(TRIAD), np.ones(TRIAD)
+    computing, streaming = two_over_one(in_registers, TURNS), two_over_one(triad, TRIAD, *arrays)
+    print(f"two threads over one: {computing:.2f} in registers, {streaming:.2f} a triad of {TRIAD:,}", flush=True)
+    return streaming
+
 
 class Share:
-    """CPU seconds in `row_threads._share_out`, of ranges that there are several of on several threads."""
+    """CPU seconds in `row_threads._share_out`, of ranges that there are several of on several threads. triad: wall time
+    of a triad on two threads over that on one, or None."""
 
-    def __init__(self, row_threads):
-        self.inside, self.total, plain = 0.0, 0.0, row_threads._share_out
+    def __init__(self, row_threads, triad=None):
+        self.inside, self.total, self.triad, plain = 0.0, 0.0, triad, row_threads._share_out
 
         def timed(call, ranges):
             begin = time.process_time()
@@ -37,8 +85,9 @@ class Share:
 
     def line(self, name):
         p = self.inside / self.total
+        waiting = "" if self.triad is None else f", {1 - p + p * self.triad:.2f} if kernels were triads"
         return (f"{name:28} {self.total:6.2f} CPU s, {100 * p:.0f} % in kernels: {1 - p / 2:.2f} of the wall on two "
-                "threads")
+                f"threads{waiting}")
 
 
 def steady(share, name):
@@ -87,7 +136,8 @@ def moving(share, points):
 if __name__ == "__main__":
     from isphcli.domain import row_threads
 
-    asked = sys.argv[1:] or ["steady", "berea c64", "moving", "48"]
+    first = machine() if "machine" in sys.argv else None
+    asked = [word for word in sys.argv[1:] if word != "machine"] or ["steady", "berea c64", "moving", "48"]
     for kind, what in zip(asked[::2], asked[1::2]):
-        share = Share(row_threads)
+        share = Share(row_threads, first)
         steady(share, what) if kind == "steady" else moving(share, int(what))

@@ -103,22 +103,27 @@ def applied(case):
     """Positions of the fluid, and the coupled operator times a field of the position, of all processes."""
     import isphcli.runs.steady as steady
     from isphcli.domain.communicator import current
+
+    known, steady.engine_of = steady.engine_of, lambda _: no_solver()
+    try:
+        of_all = current().gather(applied_to_own(case))
+    finally:
+        steady.engine_of = known
+    return [np.concatenate(part) for part in zip(*of_all)] if of_all is not None else None
+
+
+def applied_to_own(case):
+    """The same of the particles of this process, by an engine that `steady.engine_of` gives."""
     from isphcli.output.clock import Clock
     from isphcli.runs.steady import build_scene
     from isphcli.scene.build_geometry import build_geometry
 
-    known, steady.engine_of = steady.engine_of, lambda _: no_solver()
-    try:
-        geometry = build_geometry(case)
-        scene = build_scene(case, geometry, case.particles.spacing, Clock())
-    finally:
-        steady.engine_of = known
+    scene = build_scene(case, build_geometry(case), case.particles.spacing, Clock())
     x, system = scene.particles.x[: scene.particles.n_fluid], scene.system
     y = x / case.particles.spacing
     u = np.sin(y * [0.3, 0.5, 0.7][: x.shape[1]] + y[:, ::-1])
     found = system.apply(np.concatenate([u.ravel(), np.cos(y @ [0.4, 0.9, 0.2][: x.shape[1]])]))
-    of_all = current().gather((x, *system.split(found)))
-    return [np.concatenate(part) for part in zip(*of_all)] if of_all is not None else None
+    return x, *system.split(found)
 
 
 def applied_two(case):

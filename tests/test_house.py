@@ -136,7 +136,7 @@ WITHOUT_TESTS = {  # modules without a file of tests of their own, and what test
     "scene.choose_measures": "test_two_fluid_cases.py runs cases with every measure",
 }
 # tests of what several modules of a room do together
-OF_SEVERAL = {"runs.test_failing_runs", "geometry.images.test_formats"}
+OF_SEVERAL = {"runs.test_failing_runs", "geometry.images.test_formats", "references.test_several"}
 
 
 def with_rooms(paths, folder):

@@ -222,6 +222,20 @@ def on_first(function: Callable[[], Any]) -> Any:
     return ranks.first(found)
 
 
+def on_any(function: Callable[[], Any]) -> Any:
+    """Calls a function on all ranks, each of which returns its own result; where some fail, all raise the error of
+    theirs or of the first of them. The function must not use `current()`."""
+    found, error = None, None
+    try:
+        found = function()
+    except Exception as caught:  # it is raised below, on all ranks
+        error = caught
+    told = [one for one in current().collect(None if error is None else _for_others(error)) if one is not None]
+    if told:
+        raise error or told[0]
+    return found
+
+
 def _for_others(error: Exception) -> Exception:
     """An error that can be sent to other ranks: a copy, or a RanksError of its text where pickle cannot copy it."""
     try:

@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import re
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,17 +25,18 @@ import numpy as np
 
 from ..case.blocks import Case, Time, Voxels, plain
 from ..domain import reduce
-from ..domain.communicator import current
+from ..domain.communicator import current, on_first
 from ..domain.exchange import deliver
+from . import shared_npz
 from .files import replacing
 
 if TYPE_CHECKING:
     from ..flow.state import State
 
 NAME = "restart.npz"
-VERSION = 5  # of the format: one more whenever the content of the file changes its meaning
-SPREAD = ("x", "u", "u_old", "p", "phi", "volume")  # arrays of a state with a row per particle
-AT_ONCE = 1 << 24  # bytes of a file read at once where they need not be kept
+VERSION = 6  # of the format: one more whenever the content of the file changes its meaning
+# arrays with a row per particle, of which each of several processes writes and reads its own
+IN_SLABS = tuple(f"state0.{name}" for name in ("x", "u", "u_old", "p", "phi", "volume"))
 # Keys of the scene; all others are values, but for those that change no flow (IDLE). A wall may move or slip otherwise.
 SCENE = re.compile(r"geometry\b|initial\b|reservoirs\b|fluids$|particles\.(spacing|lattice|offset|jitter|seed)\b")
 AT_WALLS = re.compile(r"geometry\.(walls|slip_length|shapes\[\d+\]\.(velocity|angular_velocity|slip_length))\b")
@@ -63,80 +64,47 @@ class Saved:
 
 
 def save(path: str | Path, saved: Saved, record: Mapping[str, Any] | None = None) -> None:
-    """A `Saved` with the record of its case as an npz, written whole or not at all."""
-    arrays: dict[str, np.ndarray] = {}
+    """A `Saved` with the record of its case as an npz, written whole or not at all.
+
+    All processes write it together, the particles in the order of one process: they go to slabs of their numbers. Of
+    several the hierarchies are left out.
+    """
     origins: dict[str, list[Any]] = {}
-    if current().size > 1:
-        _save_together(path, saved, record or saved.record)
-        return
     states = [saved.state]
-    for name, (state, dt, first) in saved.origins.items():
+    for name, (state, dt, first) in saved.origins.items() if current().size == 1 else ():
         if not any(state is s for s in states):
             states.append(state)
         origins[name] = [next(k for k, s in enumerate(states) if s is state), dt, first]
+    arrays: dict[str, np.ndarray] = {}
     for k, state in enumerate(states):
-        for name, value in _fields(state).items():
-            if isinstance(value, np.ndarray) and value.dtype.kind == "f" and not np.isfinite(value).all():
+        values = {name: np.asarray(value) for name, value in _fields(state).items()}
+        for name, value in values.items():
+            if value.dtype.kind == "f" and reduce.any_true(~np.isfinite(value)):
                 raise RestartError(f"{path}: {name} is not finite; nothing was written")
-            arrays[f"state{k}.{name}"] = np.asarray(value)
-    arrays |= _apart(saved, origins, record or saved.record)
-    arrays["sha256"] = np.frombuffer(_digest(arrays), dtype=np.uint8)
-    # not numpy.savez, which in older numpy leaves its archive open on a full disk and complains at the end
-    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        for name, values in arrays.items():
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
-                np.lib.format.write_array(file, values, allow_pickle=False)
+        arrays |= {f"state{k}.{name}": value for name, value in values.items()}
+    meta = {"version": VERSION, "origins": origins, "record": record or saved.record}
+    arrays |= {"steady": np.array(saved.steady, dtype=float).reshape(-1, 2),
+               "meta": np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8)}
+    counts: dict[str, int] = {}
+    if current().size > 1:
+        counts = _deal_in_slabs(arrays)
+    with ExitStack() as written:
+        # rank 0 makes the file and gives it its name in the end
+        shared_npz.write(on_first(lambda: written.enter_context(replacing(path))), arrays, counts)
+        on_first(written.close)
 
 
-def _apart(saved: Saved, origins: dict[str, list[Any]], record: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """The arrays of a file beside those of states."""
-    meta = {"version": VERSION, "origins": origins, "record": record}
-    return {"steady": np.array(saved.steady, dtype=float).reshape(-1, 2),
-            "meta": np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8)}
-
-
-def _save_together(path: str | Path, saved: Saved, record: Mapping[str, Any]) -> None:
-    """The same file from several processes, in the order of one: particles go to slabs of their numbers, and rank 0
-    writes one slab after the other. Hierarchies are left out."""
-    ranks, values = current(), _fields(saved.state)
-    number = values.pop("number")
+def _deal_in_slabs(arrays: dict[str, np.ndarray]) -> dict[str, int]:
+    """Replaces arrays of the particles of this process by those of its slab, in the order of their numbers, which are
+    taken out; returns how many there are of each on all processes."""
+    number = arrays.pop("state0.number")
     count = reduce.number(number)
-    names = [name for name in SPREAD if name in values]
-    for name in names:
-        if reduce.any_true(~np.isfinite(values[name])):
-            raise RestartError(f"{path}: {name} is not finite; nothing was written")
-    *slabs, number, _ = deliver(ranks.raw, number * ranks.size // count, *(values[name] for name in names),  # type: ignore[attr-defined]
-                                number)
+    names = [name for name in IN_SLABS if name in arrays]
+    *slabs, number, _ = deliver(current().raw, shared_npz.in_slab_of(number, count),  # type: ignore[attr-defined]
+                                *(arrays[name] for name in names), number)
     order = np.argsort(number)
-    of_slabs = {f"state0.{name}": values[order] for name, values in zip(names, slabs)}
-    alone = {f"state0.{name}": np.asarray(value) for name, value in values.items() if name not in names}
-    alone |= _apart(saved, {}, record)
-
-    def blocks(values: np.ndarray) -> Iterator[np.ndarray]:
-        yield values
-        for other in range(1, ranks.size):
-            yield ranks.raw.recv(source=other)  # type: ignore[attr-defined]
-
-    if ranks.rank > 0:
-        for name in sorted(of_slabs):
-            ranks.raw.send(of_slabs[name], dest=0)  # type: ignore[attr-defined]
-    else:
-        total = hashlib.sha256()
-        with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-            for name in sorted(of_slabs | alone):
-                first = of_slabs[name] if name in of_slabs else alone[name]
-                shape = (count, *first.shape[1:]) if name in of_slabs else first.shape
-                total.update(_head(name, first.dtype.str, shape))
-                head = {"descr": np.lib.format.dtype_to_descr(first.dtype), "fortran_order": False, "shape": shape}
-                with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
-                    np.lib.format.write_array_header_1_0(file, head)
-                    for block in blocks(first) if name in of_slabs else (first,):
-                        data = np.ascontiguousarray(block).tobytes()
-                        total.update(data)
-                        file.write(data)
-            with archive.open("sha256.npy", "w") as file:
-                np.lib.format.write_array(file, np.frombuffer(total.digest(), dtype=np.uint8), allow_pickle=False)
-    ranks.collect(None)  # all wait until the file is complete
+    arrays |= {name: values[order] for name, values in zip(names, slabs)}
+    return dict.fromkeys(names, count)
 
 
 def require(path: str | Path) -> None:
@@ -151,18 +119,19 @@ def load(path: str | Path, like: State, record: Mapping[str, Any] | None = None)
     path, shared = Path(path), current().size > 1
     require(path)
     try:
-        arrays, whole = _read_slabs(path) if shared else _read(path)
-        meta = json.loads(arrays["meta"].tobytes()) if whole else {}
-        version = meta["version"] if whole else None
+        arrays, whole = shared_npz.read(path, IN_SLABS, lambda name: shared and name.startswith("state")
+                                 and not name.startswith("state0."))
+        meta = json.loads(arrays["meta"].tobytes())
+        version = meta["version"]
     # zipfile, zlib and numpy raise all of these for broken bytes
     except (OSError, KeyError, ValueError, EOFError, TypeError, AttributeError, NotImplementedError, RuntimeError,
             MemoryError, OverflowError, SyntaxError, zipfile.BadZipFile, zlib.error) as problem:
         raise RestartError(f"{path}: is no restart file of ours, or damaged ({problem}); run the case anew") from None
-    if not whole:
-        raise RestartError(f"{path}: is damaged (its checksum is wrong); run the case anew")
     if version != VERSION:
         raise RestartError(f"{path}: was written by another version of isph (format {version!r}, here {VERSION}); go "
                            "on with that version, or run the case anew")
+    if not whole:
+        raise RestartError(f"{path}: is damaged (its checksum is wrong); run the case anew")
     if record is not None:
         _check_scene(path, meta.get("record", {}), record)
     if shared:  # hierarchies are built when they are needed
@@ -173,66 +142,10 @@ def load(path: str | Path, like: State, record: Mapping[str, Any] | None = None)
             name.partition(".")[2]: v for name, v in arrays.items() if name.startswith(f"state{k}.")}
         states[k] = type(like)(**{name: v.item() if v.ndim == 0 else v for name, v in found.items()})
     if shared:  # the numbers are the order of the file
-        states[0] = replace(states[0], number=np.arange(*_slab(reduce.number(states[0].x))))
+        states[0] = replace(states[0], number=np.arange(*shared_npz.slab(reduce.number(states[0].x))))
     _check_fits(path, states[0], like)
     origins = {name: (states[k], dt, first) for name, (k, dt, first) in meta["origins"].items()}
     return Saved(states[0], origins, tuple(map(tuple, arrays["steady"].tolist())), meta.get("record", {}))
-
-
-def _read(path: Path) -> tuple[dict[str, np.ndarray], bool]:
-    """The arrays of a file, and whether its checksum is right."""
-    with np.load(path, allow_pickle=False) as file:
-        arrays = {name: file[name] for name in file.files}
-    return arrays, arrays.pop("sha256").tobytes() == _digest(arrays)
-
-
-def _read_slabs(path: Path) -> tuple[dict[str, np.ndarray], bool]:
-    """The same on each of several processes, of state 0 its slab of the particles; rank 0 looks at the checksum."""
-    ranks, arrays = current(), {}
-    total, claimed, damaged = hashlib.sha256(), b"", False
-    with zipfile.ZipFile(path) as archive:
-        names = sorted(name.removesuffix(".npy") for name in archive.namelist())
-        for name in names:
-            with archive.open(f"{name}.npy") as file:
-                version = np.lib.format.read_magic(file)
-                read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-                shape, _, kind = read(file)
-                total.update(_head(name, kind.str, shape) if name != "sha256" else b"")
-                row, wanted = kind.itemsize * math.prod(shape[1:]), (0, shape[0] if shape else 1)
-                if name.rpartition(".")[2] in SPREAD:
-                    wanted = _slab(shape[0])
-                try:
-                    data = _rows(file, row, wanted, total if ranks.rank == 0 and name != "sha256" else None)
-                except zipfile.BadZipFile:  # only rank 0 reads a whole array; it sends its error below
-                    if ranks.rank > 0:
-                        raise
-                    damaged = True
-                    break
-            if name == "sha256":
-                claimed = data
-            elif not name.startswith("state") or name.startswith("state0."):
-                values = np.frombuffer(bytearray(data), kind)
-                arrays[name] = values.reshape(wanted[1] - wanted[0], *shape[1:]) if shape else values.reshape(())
-    return arrays, bool(ranks.first(not damaged and total.digest() == claimed))
-
-
-def _slab(count: int) -> tuple[int, int]:
-    """First of so many particles in the slab of this process, and of the next one's."""
-    rank, size = current().rank, current().size
-    return -(-count * rank // size), -(-count * (rank + 1) // size)
-
-
-def _rows(file: Any, row: int, wanted: tuple[int, int], total: Any) -> bytes:
-    """Rows of so many bytes from the first to before the second of `wanted`, and the whole array into a digest."""
-    if total is None:
-        file.seek(wanted[0] * row, 1)
-        return file.read((wanted[1] - wanted[0]) * row)
-    parts, at = [], 0
-    while piece := file.read(AT_ONCE):
-        total.update(piece)
-        parts.append(piece[max(wanted[0] * row - at, 0) : max(wanted[1] * row - at, 0)])
-        at += len(piece)
-    return b"".join(parts)
 
 
 def _fields(state: State) -> dict[str, Any]:

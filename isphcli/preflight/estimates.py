@@ -49,9 +49,10 @@ ITERATIONS, ITERATIONS_OF_THROATS, HALF = 9.0, 50.0, 2.5  # HALF: particles
 # Of steady flow past shapes a dummy particle: distances to walls, where pairs cross them, and means over cells that
 # they cut; bead_pack takes 30 s for 409,273 (`python benchmarks/estimates.py --seconds 60 bead_pack`, its geometry)
 MICROSECONDS_SHAPES = 70.0
-# Particles of `refine: throats` over those of half the spacing everywhere: 0.32 in a corner of Berea of 32^3 voxels;
-# arrays of spheres and packs of beads in boxes of up to 20 spacings 0.9 to 1
-IN_ROCK, AMONG_SHAPES = 1 / 3, 1.0
+# Particles of `refine: throats` over those of half the spacing everywhere: 0.33 and 0.21 in corners of Berea of 32^3
+# and 64^3 voxels, 0.28 in the whole cube (docs/design_notes.md, docs/clusters.md): the mean of them, which no width
+# tells before a flow is known; arrays of spheres and packs of beads in boxes of up to 20 spacings 0.9 to 1
+IN_ROCK, AMONG_SHAPES = 0.27, 1.0
 
 
 # Bytes for drawing, by whether there are pictures in 3D: peaks of runs of up to 11,000 particles were 276 to 380

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 @dataclass(kw_only=True)
 class Result:
-    """The flow at the end of a run, in SI units or those of the case; of a steady solve at its finest spacing.
+    """The flow at the end of a run, in SI units or those of the case; of a steady solve at its finest spacing. Arrays
+    of particles are those of this process alone.
 
     x: (n, dim) positions of the fluid particles, m; velocity: (n, dim) m/s; cell_velocity: (n, dim) its mean over their
     cells of the lattice, m/s, that of the particles where they move or walls cut cells; pressure: (n,) Pa; phase: (n,)

@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from ..domain import reduce
+from ..domain.communicator import current
+from ..domain.components import pair_components
+from ..domain.exchange import NO_EXCHANGE, Exchange, NeighbourExchange
 from ..domain.halo import nearest_image
 from .ducts import (
     annulus,
@@ -274,12 +277,12 @@ def _response(case: Case, result: Result, field: Callable[[Case, Array, float | 
     ratio = complex(fits[0] / fits[1])
     end = moment(result.time)
     fields = [field(case, result.x, end - part * period) for part in np.arange(0, 1, 0.05)]
-    largest = max(float(np.abs(u).max()) for u in fields)
+    off, *sizes = reduce.largest_of_each(np.abs(result.velocity - fields[0]), *map(np.abs, fields))
     return {
         "response_relative": abs(ratio - 1),
         "amplitude_relative": abs(ratio) - 1,
         "phase": math.atan2(ratio.imag, ratio.real),
-        "velocity_over_largest": float(np.abs(result.velocity - fields[0]).max() / largest),
+        "velocity_over_largest": off / max(sizes),
         "main": "response_relative",
     }
 
@@ -335,7 +338,7 @@ def square_duct_errors(case: Case, result: Result) -> Errors:
     centre = at_points(result, middle[None], result.velocity[:, 0])[0]
     ratio = square_duct(np.array([side / 2]), np.array([side / 2]), side, 1.0, 1.0)[0]
     ratio *= side**2 / square_duct_flux(side, 1.0, 1.0)
-    errors["centre_over_mean"] = float(centre / result.velocity[:, 0].mean() / ratio - 1)
+    errors["centre_over_mean"] = float(centre / reduce.mean(result.velocity[:, 0]) / ratio - 1)
     return errors
 
 
@@ -371,30 +374,65 @@ def flow_split_errors(case: Case, result: Result) -> Errors:
     if not isinstance(value, tuple) or min(value) <= 0:
         raise CompareError("reference.kind flow_split needs reference.value, the flow of each part: [16, 81]")
     along = result.cell_velocity[:, AXES.index(flow_axis(case))]
-    flows = np.sort(np.bincount(connected_parts(result), weights=along))[::-1][: len(value)][::-1]
+    flows = np.sort(reduce.total_by(connected_parts(result), along))[::-1][: len(value)][::-1]
     if len(flows) < len(value):
         raise CompareError(f"the fluid has {len(flows)} parts; reference.value names {len(value)}")
     expected = np.sort(value) / np.sum(value)
-    parts = flows / along.sum() / expected - 1
+    parts = flows / reduce.total(along) / expected - 1
     errors = {f"flow_split_{i}": float(part) for i, part in enumerate(parts, 1)}
     return {"flow_split": max(errors.values(), key=abs), **errors, "main": "flow_split"}
 
 
 def connected_parts(result: Result) -> Array:
-    """Number (n,) of the connected part of the fluid that each particle is in; walls separate."""
+    """Number (n,) of the connected part of the fluid that each particle is in; walls separate. Parts are those of all
+    processes."""
     geometry = result.geometry
     lower, period = np.asarray(geometry.lower), np.asarray(geometry.upper) - geometry.lower
     around = np.array(geometry.periodic)
     x = result.x - lower
     x = np.where(around, np.mod(x, period), x)
     x = np.where(around & (x >= period), 0.0, x)
-    tree = cKDTree(x, boxsize=np.where(around, period, 0.0) if around.any() else None)
-    i, j = tree.query_pairs(LINKED * result.spacing, output_type="ndarray").T
+    sides = np.where(around, period, 0.0)
+    exchange: Exchange = NO_EXCHANGE
+    n = len(x)
+    if current().size > 1:
+        exchange, remote = _beside(x, sides, LINKED * result.spacing)
+        x = np.concatenate([x, remote])
+    i, j = _tree(x, sides).query_pairs(LINKED * result.spacing, output_type="ndarray").T
     step = nearest_image(x[j] - x[i], period, around)
     start = x[i] + lower
     sees = geometry.crossing(start, start + step) >= 1.0
     graph = coo_matrix((np.ones(sees.sum(), dtype=np.int8), (i[sees], j[sees])), shape=(len(x),) * 2)
-    return connected_components(graph, directed=False)[1]
+    rows = (graph + graph.T).tocsr()[:n]
+    return pair_components(rows.indptr.astype(np.int64), rows.indices.astype(np.int32), exchange=exchange)[1]
+
+
+def _tree(x: Array, sides: Array) -> cKDTree:
+    return cKDTree(x, boxsize=sides if sides.any() else None)
+
+
+def _beside(x: Array, sides: Array, reach: float) -> tuple[Exchange, Array]:
+    """The particles of other processes within a reach of those of this one, x (n, dim): the exchange that brings their
+    values, and their places (m, dim). sides: (dim,) of a box at 0, m, 0 of an axis that is not periodic."""
+    ranks = current()
+    first = sum(ranks.collect(len(x))[: ranks.rank])
+    ids = first + np.arange(len(x))
+    # of the other processes' particles those count that lie near the corners of the box of these
+    boxes = [box for rank, box in enumerate(ranks.collect((x.min(axis=0), x.max(axis=0)) if len(x) else None))
+             if box is not None and rank != ranks.rank]
+    near = np.zeros(len(x), np.bool_)
+    for low, high in boxes:
+        off = np.abs(nearest_image(x - (low + high) / 2, np.where(sides > 0.0, sides, 1.0), sides > 0.0))
+        near |= (off <= (high - low) / 2 + reach).all(axis=1)
+    there, of_them, owner = reduce.together(x[near], ids[near], np.full(near.sum(), ranks.rank))
+    other = owner != ranks.rank
+    there, of_them, owner = there[other], of_them[other], owner[other]
+    seen = np.zeros(len(there), np.bool_)
+    if len(x) and len(there):
+        distance, _ = _tree(x, sides).query(there, distance_upper_bound=reach * (1 + 1e-9))
+        seen = np.isfinite(distance)
+    exchange = NeighbourExchange.of_sites(ranks.raw, of_them[seen], owner[seen], ids)  # type: ignore[attr-defined]
+    return exchange, there[seen]
 
 
 # -- vortices and the cavity -----------------------------------------------------------------------------

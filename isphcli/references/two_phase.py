@@ -55,10 +55,10 @@ def _layers(case: Case, result: Result) -> tuple[Array, float, float, list[Any]]
     _two_fluids(case)
     y, height = plates(case, result.x)
     first = result.phase == 0
-    if first.all() or not first.any():
+    if not reduce.any_true(first) or not reduce.any_true(~first):
         raise CompareError("the result has particles of one fluid only")
-    upside_down = y[first].mean() > y[~first].mean()
-    below = (~first if upside_down else first).mean()
+    upside_down = reduce.mean(y[first]) > reduce.mean(y[~first])
+    below = reduce.mean(~first if upside_down else first)
     fluids = [case.fluids[name] for name in case.fluid_names]
     return y, height, number(case, "interface", height * below), fluids[:: -1 if upside_down else 1]
 
@@ -87,7 +87,8 @@ def two_layer_hydrostatics_errors(case: Case, result: Result) -> Errors:
     p = two_layer_hydrostatics(y, interface, [f.density for f in fluids], gravity)
     return {
         **pressure_error(result.pressure, p),
-        "speed_relative": float(np.linalg.norm(result.velocity, axis=1).max() / math.sqrt(abs(gravity) * height)),
+        "speed_relative": float(reduce.largest(np.linalg.norm(result.velocity, axis=1))
+                                / math.sqrt(abs(gravity) * height)),
         "main": "pressure_relative_l2",
     }
 
@@ -163,7 +164,7 @@ def contact_angle_errors(case: Case, result: Result) -> Errors:
     measured = measured if drop == 0 else 180.0 - measured
     expected = drop_on_wall(size, asked, dim)
     mine = result.x[result.phase == drop] @ up - foot
-    height = float(np.abs(mine).max() + result.spacing / 2)
+    height = float(reduce.largest(np.abs(mine)) + result.spacing / 2)
     return {
         "angle_relative": float(measured / asked - 1),
         "angle_of_cap_relative": float(cap / asked - 1),
@@ -227,8 +228,9 @@ def capillary_wave_errors(case: Case, result: Result) -> Errors:
     _two_fluids(case)
     lower, upper = box_of(case)
     names, first = case.fluid_names, result.phase == 0
-    upside_down = result.x[first, 1].mean() > result.x[~first, 1].mean()
-    thickness = (upper[1] - lower[1]) * np.array([first.mean(), 1.0 - first.mean()])
+    upside_down = reduce.mean(result.x[first, 1]) > reduce.mean(result.x[~first, 1])
+    part = float(reduce.mean(first))
+    thickness = (upper[1] - lower[1]) * np.array([part, 1.0 - part])
     if result.geometry.periodic[1]:
         thickness[:] = math.inf  # no plates
     layers = [Layer(case.fluids[name].density, case.fluids[name].mu, h) for name, h in zip(names, thickness)]

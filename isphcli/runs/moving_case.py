@@ -35,6 +35,7 @@ from .results import (
     Seen,
     absent_fluids,
     added_viscosity,
+    compare_with_reference,
     counts_of,
     draw_distributions,
     draw_in_3d,
@@ -440,8 +441,8 @@ def _finish_ranks(run: MovingRun, summary: Summary, result: Result, config: Conf
     if case.output.plots:
         summary["warnings"].append(ranks.NO_PICTURES)
     quiet_case = replace(case, output=replace(case.output, plots=False))
-    whole, compared = ranks.compared(case, result, run.clock)
-    return on_first(lambda: finish(quiet_case, run.directory, summary, whole, run.clock, compared=compared)[0])
+    compared = compare_with_reference(case, result, run.clock)
+    return on_first(lambda: finish(quiet_case, run.directory, summary, result, run.clock, compared=compared)[0])
 
 
 def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state: State, config: Configuration) -> None:

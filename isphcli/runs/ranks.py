@@ -6,28 +6,17 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from ..domain.communicator import TRAFFIC, current
 from ..domain.exchange import Exchange
 from ..output.files import History
 from ..output.machine import peak_memory
-from .results import Compared, compare_with_reference
 
 if TYPE_CHECKING:
-    from ..case.blocks import Case
     from ..output.clock import Clock
-    from ..references.result import Result
-
-BY_PERMEABILITY = ("permeability", "sphere_array", "cylinder_array")  # references that need no field of the flow
-# References whose errors are sums and extremes over the particles: each process compares its own, all together
-BY_SUMS = ("slit", "couette", "poiseuille", "startup_couette", "startup_poiseuille", "decaying_channel",
-           "taylor_couette", "annulus", "taylor_green", "taylor_green_3d")
 
 
 def entry(fluid: int, exchange: Exchange, clock: Clock) -> dict[str, Any]:
@@ -40,21 +29,6 @@ def entry(fluid: int, exchange: Exchange, clock: Clock) -> dict[str, Any]:
     of_all = ranks.collect(own)
     return {"count": ranks.size, **{name: [min(of[name] for of in of_all), max(of[name] for of in of_all)]
                                     for name in own}}
-
-
-def compared(case: Case, result: Result, clock: Clock) -> tuple[Result, Compared | None]:
-    """(the result that rank 0 compares with a reference, or None what all have found together). Where a reference needs
-    values at places of its own, rank 0 gets the fields of all processes, the one array of the length of the scene that
-    a run has."""
-    if case.reference is None or case.reference.kind in BY_PERMEABILITY:
-        return result, None
-    if case.reference.kind in BY_SUMS:
-        return result, compare_with_reference(case, result, clock)
-    fields: dict[str, Any] = {}
-    for name in ("x", "velocity", "cell_velocity", "pressure", "phase"):
-        found = current().gather(getattr(result, name))
-        fields[name] = getattr(result, name) if found is None else np.concatenate(found)
-    return replace(result, **fields), None
 
 
 NO_PICTURES = "no pictures and no report.html: several processes draw none"

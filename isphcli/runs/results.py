@@ -174,7 +174,10 @@ class Compared:
 
 
 def compare_with_reference(case: Case, result: Result, clock: Clock) -> Compared:
-    """`references.compare` of the result of a run."""
+    """`references.compare` of the result of a run; nothing where its case names no reference. Several processes call it
+    together: each compares its own particles."""
+    if case.reference is None:
+        return Compared()
     with clock("reference"):
         from ..references import compare, errors
 
@@ -196,7 +199,7 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
     CompareError is raised after it is written. compared: what several processes have found together.
     """
     if compared is None:
-        compared = compare_with_reference(case, result, clock) if case.reference is not None else Compared()
+        compared = compare_with_reference(case, result, clock)
     if compared.not_compared is not None:
         summary["not_compared"] = compared.not_compared
     if compared.failed is not None:

@@ -44,6 +44,7 @@ from .results import (
     PROFILES,
     Look,
     Seen,
+    compare_with_reference,
     counts_of,
     draw_distributions,
     draw_in_3d,
@@ -174,13 +175,13 @@ def _finish_ranks(case: Case, summary: dict[str, Any], result: Result, found: Fo
     directory: Path = on_first(lambda: folder.prepare(output.directory))  # type: ignore[arg-type]
     with clock("output"):
         _write_fields(case, directory, main, result.x)
-        (whole, compared), rows = ranks.compared(case, result, clock), _profile(main)
+        compared, rows = compare_with_reference(case, result, clock), _profile(main)
 
         def rest() -> dict[str, Any]:
             write_rows(directory / "history.csv", found.history)
             write_rows(directory / PROFILES, rows)
             quiet_case = replace(case, output=replace(output, plots=False))
-            return finish(quiet_case, directory, summary, whole, clock, compared=compared)[0]
+            return finish(quiet_case, directory, summary, result, clock, compared=compared)[0]
 
         return on_first(rest)
 

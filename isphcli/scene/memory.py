@@ -41,9 +41,10 @@ BYTES_ROW = {"stokes": 350, "navier_stokes": 0}  # bytes per particle, beside it
 # Krylov vectors of a steady solve: 18 to 30 in wide pores, 46 to 56 in rock and packs of beads; those of a long restart
 # are allocated but never touched
 VECTORS = 40
-# Bytes per particle of the second solve of `refine: throats`, most of them of its pairs: in a 64^3 corner of Berea 4.9
-# kB beside what the first solve takes (docs/design_notes.md)
-BYTES_TWO_SPACINGS = 6_000
+# Bytes per particle of the second solve of `refine: throats`, own and remote ones, most of them of its pairs, beside
+# what the first solve takes: 4.8 kB of 148,100 in a 64^3 corner of Berea, whose peak is 1.13 GB (isph run
+# cases/berea.yaml with that crop, refine=throats and without pictures, at 653967bb, 2026-11-30)
+BYTES_TWO_SPACINGS = 5_000
 BYTES_PARTICLE = 200  # bytes per particle of any kind: positions, fields and work arrays
 # Bytes per voxel while a geometry is built, from the peaks of random bodies of 64^3 to 192^3 voxels at 47588b5: labels
 # 39 to 44 (of which 32 to 35 stay), grey values 36 to 48 (sharpened too), `wall_distance: stairs` 19 to 23

@@ -4,6 +4,7 @@ import threading
 
 import numpy as np
 
+from isphcli.domain import communicator
 from tests.domain.wires import wires
 
 
@@ -20,6 +21,13 @@ class Threads:
         found = list(self._values)
         self._barrier.wait(20)
         return found
+
+    def first(self, value):
+        return self.collect(value)[0]
+
+    def gather(self, value):
+        found = self.collect(value)
+        return found if self.rank == 0 else None
 
     def sum(self, value):
         return sum(self.collect(value))
@@ -47,3 +55,28 @@ def on_ranks(size, function):
     if errors:
         raise next((error for error in errors if not isinstance(error, threading.BrokenBarrierError)), errors[0])
     return found
+
+
+class _Here:
+    """The communicators of this thread, the last of which is the current one."""
+
+    def __init__(self):
+        self.of_thread = threading.local()
+
+    def __getitem__(self, place):
+        return self.of_thread.ranks
+
+
+def on_threads(size, function):
+    """The same where functions ask for `communicator.current`."""
+    known, here = communicator._current, _Here()
+
+    def call(ranks):
+        here.of_thread.ranks = ranks
+        return function(ranks)
+
+    communicator._current = here
+    try:
+        return on_ranks(size, call)
+    finally:
+        communicator._current = known

@@ -6,6 +6,7 @@ import pytest
 
 from isphcli.domain import communicator
 from isphcli.domain.communicator import RanksError
+from tests.domain.several import on_threads
 
 
 def test_one_process_is_its_own_communicator():
@@ -28,6 +29,23 @@ class Odd(ValueError):
 
     def __init__(self, one, two):
         super().__init__(f"{one} and {two}")
+
+
+def test_an_error_of_one_is_raised_on_all():
+    """The others get that of the first process that failed; without one each gets its own result."""
+    assert on_threads(3, lambda ranks: communicator.on_any(lambda: ranks.rank)) == [0, 1, 2]
+
+    def fails(ranks):
+        def write():
+            if ranks.rank > 0:
+                raise OSError(28, f"full for rank {ranks.rank}")
+
+        try:
+            communicator.on_any(write)
+        except OSError as error:
+            return error.errno, error.strerror
+
+    assert on_threads(3, fails) == [(28, "full for rank 1"), (28, "full for rank 1"), (28, "full for rank 2")]
 
 
 def test_every_error_can_be_sent_to_other_processes():

@@ -66,11 +66,11 @@ def test_refine_auto_is_told_by_the_spacings_that_it_is_expected_to_take():
 
 
 def test_half_the_spacing_in_throats_is_a_second_solve_of_every_axis():
-    """Of shapes with eight times the particles, 6 kB each, and matrices that every axis makes anew."""
+    """Of shapes with eight times the particles, 5 kB each, and matrices that every axis makes anew."""
     of = ("particles.spacing=0.05", "drive={axes: [x]}"), ("particles.spacing=0.05", "refine=throats")
     plain, throats, along = (check(read(SPHERE, *more)) for more in (of[0], of[1], of[0] + of[1]))
     more = sum(along.memory.values()) - sum(plain.memory.values())
-    assert more == pytest.approx(8 * 6000 * plain.particles["fluid"])
+    assert more == pytest.approx(8 * 5000 * plain.particles["fluid"])
     assert along.seconds - plain.seconds == pytest.approx(8 * (plain.seconds - SECONDS_RUN))
     assert throats.second.seconds == pytest.approx(3 * along.second.seconds)
     assert "throats: a second solve, of about" in throats.text() and "refine  " not in plain.text()
