@@ -161,8 +161,9 @@ def _faces_of_voxels(lower: np.ndarray, voxel: np.ndarray, lattice: Lattice, flo
 
 def _of_parts(geometry: Geometry, cells: BesideWalls, parts: Parts) -> np.ndarray:
     """Wall distances (n, 2^m), m, of the middles of the parts of cells. Another wall may be nearer there than that of
-    the middle."""
-    return np.stack([geometry.distance(cells.x + cells.edge[:, None] * way) for way in parts.middles], axis=1)
+    the middle. Parts that reach no fluid have any distance beyond that."""
+    deepest = _reach(parts.ways) * float(cells.edge.max(initial=0.0))
+    return np.stack([geometry.distance(cells.x + cells.edge[:, None] * way, deepest) for way in parts.middles], axis=1)
 
 
 def _reach(ways: np.ndarray) -> float:
