@@ -427,7 +427,7 @@ def _twin(near, count, p):
 
 
 @njit(cache=True)
-def _foot_on_balls(x, p, m, near, grid):
+def _foot_on_balls(x, p, m, near, dim):
     """Move p to the point nearest to x that lies on all m chosen balls, in closed form: on one, on the circle where two
     meet, or the nearer one of the two points of three, the other one into near.twin; False where they do not meet. In
     2D two meet in two points."""
@@ -465,7 +465,7 @@ def _foot_on_balls(x, p, m, near, grid):
             return False
         for a in range(3):
             p[a] += along * e[i - 1, a]
-    _towards(x, p, m, near, grid.dim)
+    _towards(x, p, m, e, b, dim)
     for a in range(3):
         twin[a] = p[a] - np.sqrt(left) * b[a]
         p[a] += np.sqrt(left) * b[a]
@@ -473,10 +473,9 @@ def _foot_on_balls(x, p, m, near, grid):
 
 
 @njit(cache=True)
-def _towards(x, p, m, near, dim):
-    """The unit vector from p to x across the first m - 1 rows of near.gram into near.side; where x is right beside p,
-    one that is across them."""
-    e, b = near.gram, near.side
+def _towards(x, p, m, e, b, dim):
+    """The unit vector from p to x across the first m - 1 rows of e into b; where x is right beside p, one
+    that is across them."""
     if m == dim:  # one way is left, and its opposite
         if dim == 3:
             for a in range(3):
@@ -515,47 +514,12 @@ def _towards(x, p, m, near, dim):
 
 
 @njit(cache=True)
-def _on_balls(x, side, m, p, near, grid):
-    """Move p to the foot of `_foot_on_balls`, on side 1 to its twin; False where the m chosen balls do not meet."""
-    if side == 0:
-        if not _foot_on_balls(x, p, m, near, grid):
-            return False
-    else:
-        for a in range(3):
-            p[a] = near.twin[a]
-    for i in range(m):  # their gradients there too
-        if not abs(_value(near.surface, near.chosen[i], p, near.slopes[i])) < 1e-12 * grid.probe / PROBE:
-            return False
-    return True
-
-
-@njit(cache=True)
-def _from_side(query, side, count, known, p, near, grid):
-    """Move p to the foot that is found from one of several sides; False where it is none, or needless. known: whether a
-    foot was found before, and whether one of the surfaces is a tube."""
-    (found, tube), x, dim, surface, chosen = known, query.x, grid.dim, near.surface, near.chosen
-    middle = chosen[min(max(side - 1, 0), count - 1)]
-    if 0 < side <= count and (surface[middle, 0] == PLANE or (found and not tube)):
-        return False
-    if (count < side < count + 3 and found) or (side == count + 3 and not (found and count == dim)):
-        return False
-    for a in range(dim):
-        p[a] = near.twin[a] if side > count + 2 else x[a]
-        if count < side < count + 3:
-            aside = 0.3 * near.distance[chosen[count - 1]]
-            p[a] += aside * ROUND_ABOUT[0, a] * (1.0 if side == count + 1 else -1.0)
-        elif 0 < side <= count and surface[middle, 5 + a] > 0.0:
-            p[a] = 2.0 * surface[middle, 1 + a] - x[a]
-    return _foot(x, p, count, near, grid)
-
-
-@njit(cache=True)
 def _nearest_foot(query, order, count, known, p, near, grid):
     """(best, owner): distance of the nearest point of a wall on `count` of the surfaces near by, if it is nearer than
     that of `known`, and a shape whose surface it is on. order (m,): the surfaces, nearest first; p (3,): workspace."""
     best, owner = known
     m, x, least, dim, step = len(order), query.x, query.least, grid.dim, grid.probe
-    surface, distance, chosen = near.surface, near.distance, near.chosen
+    surface, distance, chosen, twin = near.surface, near.distance, near.chosen, near.twin
     for i0 in range(m):
         if distance[order[i0]] >= best:
             break
@@ -577,13 +541,33 @@ def _nearest_foot(query, order, count, known, p, near, grid):
                 # parallel
                 found = False
                 for side in range(1 + (count == dim) if balls else count + 4 if curved and count > 1 else 1):
+                    middle = chosen[min(max(side - 1, 0), count - 1)]
                     if balls:
-                        if not _on_balls(query.x, side, count, p, near, grid):
+                        if side == 0 and not _foot_on_balls(x, p, count, near, dim):
                             break
-                    elif not _from_side(query, side, count, (found, tube), p, near, grid):
-                        continue
-                    elif curved and not found:
-                        found = count < dim or _twin(near, count, p)
+                        off = 0.0
+                        for a in range(dim if side == 1 else 0):
+                            p[a] = twin[a]
+                        for i in range(count):  # and the gradients there
+                            off = max(off, abs(_value(surface, chosen[i], p, near.slopes[i])))
+                        if not off < 1e-12 * step / PROBE:
+                            continue
+                    else:
+                        if 0 < side <= count and (surface[middle, 0] == PLANE or (found and not tube)):
+                            continue
+                        if (count < side < count + 3 and found) or (side == count + 3 and not (found and count == dim)):
+                            continue
+                        for a in range(dim):
+                            p[a] = twin[a] if side > count + 2 else x[a]
+                            if count < side < count + 3:
+                                aside = 0.3 * distance[chosen[count - 1]]
+                                p[a] += aside * ROUND_ABOUT[0, a] * (1.0 if side == count + 1 else -1.0)
+                            elif 0 < side <= count and surface[middle, 5 + a] > 0.0:
+                                p[a] = 2.0 * surface[middle, 1 + a] - x[a]
+                        if not _foot(x, p, count, near, grid):
+                            continue
+                        if curved and not found:
+                            found = count < dim or _twin(near, count, p)
                     away = np.sqrt((p[0] - x[0]) ** 2 + (p[1] - x[1]) ** 2 + (p[2] - x[2]) ** 2)
                     if away < best and away > least * (1.0 - 1e-9) - step and _meets(
                         p, count, query.wanted, near, grid
