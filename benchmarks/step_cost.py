@@ -56,8 +56,9 @@ SCENES = {"vortex": (CASE, 0.2), "walls": (WALLS, 0.1), "drop": (DROP, 0.05)}
 PEER = 166.0
 
 
-def main(points=48, steps=12, scene="vortex"):
-    text, step = SCENES[scene]
+def measured(points, steps, scene):
+    """(particles, CPU seconds by section, iterations of the last step by solve, neighbours a particle)."""
+    text, step = scene
     case = read_case(text.format(spacing=1.0 / points).encode(), "step_cost.yaml")
     geometry = build_geometry(case)
     state, stepper, particles = prepare(case, geometry, Clock())
@@ -71,11 +72,14 @@ def main(points=48, steps=12, scene="vortex"):
         state, ready = found.state, Handover(found.config)
         if k >= 2:
             iterations.append({name: r.iterations for name, r in found.solves.items()})
-    spent = clock.cpu()
-    scale = 1e6 / (particles.n_fluid * steps)
-    neighbours = len(ready.look().ops.column) / particles.n_fluid
-    print(f"{particles.n_fluid} particles, {steps} steps, {neighbours:.0f} neighbours, "
-          f"iterations {iterations[-1]}")
+    return (particles.n_fluid, clock.cpu(), iterations[-1],
+            len(ready.look().ops.column) / particles.n_fluid)
+
+
+def main(points=48, steps=12, scene="vortex"):
+    n, spent, iterations, neighbours = measured(points, steps, SCENES[scene])
+    scale = 1e6 / (n * steps)
+    print(f"{n} particles, {steps} steps, {neighbours:.0f} neighbours, iterations {iterations}")
     for name, seconds in spent.items():
         print(f"  {name:15s} {seconds * scale:7.2f} us per particle and step")
     if scene == "vortex":

@@ -15,7 +15,9 @@ import numpy as np
 from numba import get_num_threads
 from scipy.spatial import cKDTree
 
+from ..domain.row_threads import over_rows
 from .faces import block_distance
+from .nearest_ball import BallLists, put_nearest
 
 ROUND_OFF = 1e-12  # of the largest side of the box: points closer than this to a wall are on it
 BALL, BLOCK, CYLINDER, HALF_SPACE = range(4)  # convex pieces of bodies, see `Region.pieces`
@@ -69,20 +71,35 @@ class Spheres:
     centres: np.ndarray
     radii: np.ndarray | float
     columns: str = ""
+    _near: dict[bytes, BallLists] = field(default_factory=dict, repr=False)
     _trees: dict = field(default_factory=dict, repr=False)
 
     def signed_distance(self, x: np.ndarray, period: np.ndarray) -> np.ndarray:
         """(n,) distance of x (n, dim) to the nearest surface of a ball or image, m, < 0 inside; inside balls that
         overlap a lower bound of the depth."""
-        d = np.full(len(x), np.inf)
-        for tree, radii in self._classes(period):
-            _lower_to_nearest(d, _into_box(x, period), tree, radii)
+        d, x = np.full(len(x), np.inf), np.ascontiguousarray(_into_box(x, period))
+        over_rows(put_nearest, len(x), x, self._lists(period), d)
+        far = np.flatnonzero(np.isnan(d))
+        if len(far):
+            least = np.full(len(far), np.inf)
+            for tree, radii in self._classes(period):
+                _lower_to_nearest(least, x[far], tree, radii)
+            d[far] = least
         return d
 
     def pieces(self, period: np.ndarray) -> np.ndarray:
         """A ball each, (m, 8): see `Region.pieces`."""
         centres = np.atleast_2d(np.asarray(self.centres, float))
         return _pieces(BALL, centres, np.broadcast_to(np.asarray(self.radii, float), len(centres))[:, None])
+
+    def _lists(self, period: np.ndarray) -> BallLists:
+        """Lists of the balls that may be nearest; made once per box."""
+        key = period.tobytes()
+        if key not in self._near:
+            centres = np.atleast_2d(np.asarray(self.centres, float))
+            radii = np.broadcast_to(np.asarray(self.radii, float), len(centres))
+            self._near[key] = BallLists.of(_into_box(centres, period), radii, period)
+        return self._near[key]
 
     def _classes(self, period: np.ndarray) -> list[tuple[cKDTree, np.ndarray]]:
         """Search trees of balls of like radius, the largest first; built once per box."""

@@ -70,24 +70,26 @@ def _topmost(x, y, z, grid):
     edge, counts, start, entry, piece, shape = grid.edge, grid.counts, grid.start, grid.entry, grid.piece, grid.shape
     outside, cell = grid.outside, 0
     at = (x, y, z)
-    local = np.empty(3)
     for a in range(2, -1, -1):
         i = int(np.floor((at[a] - grid.lower[a]) / edge[a]))
-        turns = i // counts[a]
+        turns = 0 if 0 <= i < counts[a] else i // counts[a]  # a division takes ten times as long
         if turns != 0 and not grid.around[a]:
             return -2
-        local[a] = at[a] - turns * (edge[a] * counts[a])
+        if turns != 0:
+            length = edge[a] * counts[a]
+            x, y, z = (x - turns * length, y, z) if a == 0 else (x, y - turns * length, z) if a == 1 else (
+                x, y, z - turns * length)
         cell = cell * counts[a] + i - turns * counts[a]
     top = -1
     for q in range(start[cell], start[cell + 1]):
         s = shape[entry[q]]
-        if s > top and not outside[s] and _inside(piece, entry[q], local[0], local[1], local[2]):
+        if s > top and not outside[s] and _inside(piece, entry[q], x, y, z):
             top = s
     for s in range(len(outside) - 1, top, -1):
         if outside[s]:
             held = False
             for q in range(start[cell], start[cell + 1]):
-                held |= shape[entry[q]] == s and _inside(piece, entry[q], local[0], local[1], local[2])
+                held |= shape[entry[q]] == s and _inside(piece, entry[q], x, y, z)
             if not held:
                 return s
     return top
@@ -295,6 +297,27 @@ def _foot(x, p, m, near, grid):
 
 
 @njit(cache=True)
+def _well_inside(p, grid):
+    """Whether all that is sampled round point p lies in one ball of a shape that is solid whatever the others are."""
+    cell = 0
+    local = (p[0], p[1], p[2])
+    for a in range(2, -1, -1):
+        i = int(np.floor((p[a] - grid.lower[a]) / grid.edge[a]))
+        if not 0 <= i < grid.counts[a]:
+            return False
+        cell = cell * grid.counts[a] + i
+    for q in range(grid.start[cell], grid.start[cell + 1]):
+        c = grid.entry[q]
+        if grid.piece[c, 0] == BALL and grid.sure[grid.shape[c]]:
+            away = 0.0
+            for a in range(3):
+                away += (local[a] - grid.piece[c, 1 + a]) ** 2
+            if away < max(grid.piece[c, 4] - 2.0 * grid.probe, 0.0) ** 2:
+                return True
+    return False
+
+
+@njit(cache=True)
 def _meets(p, m, wanted, near, grid):
     """Whether there is solid (wanted True) or fluid (False) beside point p, on m surfaces of gradients near.slopes.
 
@@ -302,6 +325,8 @@ def _meets(p, m, wanted, near, grid):
     """
     j, g, b, dim, step = near.slopes, near.gram, near.side, grid.dim, grid.probe
     ways = ROUND_ABOUT_2D if dim == 2 else ROUND_ABOUT
+    if not wanted and _well_inside(p, grid):
+        return False
     for w in range(2**m + len(ways)):
         d0, d1, d2 = 0.0, 0.0, 0.0
         if w < 2**m:
@@ -402,6 +427,93 @@ def _twin(near, count, p):
 
 
 @njit(cache=True)
+def _foot_on_balls(x, p, m, near, dim):
+    """Move p to the point nearest to x that lies on all m chosen balls, in closed form: on one, on the circle where two
+    meet, or the nearer one of the two points of three, the other one into near.twin; False where they do not meet. In
+    2D two meet in two points."""
+    surface, chosen, twin, e, b = near.surface, near.chosen, near.twin, near.gram, near.side
+    c0, radius = chosen[0], surface[chosen[0], 4]
+    left = radius * radius  # square of the radius of what the balls so far have in common, round the point p
+    for a in range(3):
+        p[a] = surface[c0, 1 + a]
+    for i in range(1, m):  # e[i - 1]: unit vector from the first centre to this one, across those before
+        c, size2, far2, along = chosen[i], 0.0, 0.0, 0.0
+        for a in range(3):
+            e[i - 1, a] = surface[c, 1 + a] - surface[c0, 1 + a]
+            far2 += e[i - 1, a] ** 2
+        for k in range(i - 1):
+            b[k] = 0.0
+            for a in range(3):
+                b[k] += e[i - 1, a] * e[k, a]
+            for a in range(3):
+                e[i - 1, a] -= b[k] * e[k, a]
+        for a in range(3):
+            size2 += e[i - 1, a] ** 2
+        if size2 <= 1e-20 * far2 or far2 == 0.0:
+            return False
+        size = np.sqrt(size2)
+        for a in range(3):
+            e[i - 1, a] /= size
+        # (q - c0)^2 = R0^2 and (q - c)^2 = R^2: 2 (q - c0) (c - c0) = R0^2 - R^2 + (c - c0)^2
+        along = 0.5 * (radius * radius - surface[c, 4] ** 2 + far2)
+        for a in range(3):
+            for k in range(i - 1):
+                along -= (p[a] - surface[c0, 1 + a]) * b[k] * e[k, a]
+        along /= size
+        left -= along * along
+        if left < 0.0:
+            return False
+        for a in range(3):
+            p[a] += along * e[i - 1, a]
+    _towards(x, p, m, e, b, dim)
+    for a in range(3):
+        twin[a] = p[a] - np.sqrt(left) * b[a]
+        p[a] += np.sqrt(left) * b[a]
+    return True
+
+
+@njit(cache=True)
+def _towards(x, p, m, e, b, dim):
+    """The unit vector from p to x across the first m - 1 rows of e into b; where x is right beside p, one
+    that is across them."""
+    if m == dim:  # one way is left, and its opposite
+        if dim == 3:
+            for a in range(3):
+                b[a] = e[0, (a + 1) % 3] * e[1, (a + 2) % 3] - e[0, (a + 2) % 3] * e[1, (a + 1) % 3]
+        else:
+            b[0], b[1], b[2] = -e[0, 1], e[0, 0], 0.0
+        along = 0.0
+        for a in range(3):
+            along += b[a] * (x[a] - p[a])
+        if along < 0.0:
+            for a in range(3):
+                b[a] = -b[a]
+        return
+    for start in range(4):
+        whole = 0.0
+        for a in range(3):
+            b[a] = x[a] - p[a] if start == 0 else 1.0 if a == start - 1 else 0.0
+            whole += b[a] * b[a]
+        for _ in range(2):  # once more, for what rounding leaves along the rows
+            size = 0.0
+            for k in range(m - 1):
+                along = 0.0
+                for a in range(3):
+                    along += b[a] * e[k, a]
+                for a in range(3):
+                    b[a] -= along * e[k, a]
+            for a in range(3):
+                size += b[a] * b[a]
+            if size <= 1e-24 * whole:
+                break
+            whole = 1.0
+            for a in range(3):
+                b[a] /= np.sqrt(size)
+        if size > 1e-24 * whole:
+            return
+
+
+@njit(cache=True)
 def _nearest_foot(query, order, count, known, p, near, grid):
     """(best, owner): distance of the nearest point of a wall on `count` of the surfaces near by, if it is nearer than
     that of `known`, and a shape whose surface it is on. order (m,): the surfaces, nearest first; p (3,): workspace."""
@@ -418,31 +530,44 @@ def _nearest_foot(query, order, count, known, p, near, grid):
                 if count > 2 and distance[order[i2]] >= best:
                     break
                 chosen[0], chosen[1], chosen[2] = order[i0], order[i1], order[i2]
-                curved, tube = False, False
+                curved, tube, balls = False, False, True
                 for i in range(count):
                     curved |= surface[chosen[i], 0] == ROUND
+                    balls &= surface[chosen[i], 0] == ROUND
                     for a in range(dim):
                         tube |= surface[chosen[i], 0] == ROUND and surface[chosen[i], 5 + a] == 0.0
+                balls &= not tube
                 # round surfaces also meet on their far sides; on the line between two centres their gradients are
                 # parallel
                 found = False
-                for side in range(count + 4 if curved and count > 1 else 1):
+                for side in range(1 + (count == dim) if balls else count + 4 if curved and count > 1 else 1):
                     middle = chosen[min(max(side - 1, 0), count - 1)]
-                    if 0 < side <= count and (surface[middle, 0] == PLANE or (found and not tube)):
-                        continue
-                    if (count < side < count + 3 and found) or (side == count + 3 and not (found and count == dim)):
-                        continue
-                    for a in range(dim):
-                        p[a] = twin[a] if side > count + 2 else x[a]
-                        if count < side < count + 3:
-                            aside = 0.3 * distance[order[i2 if count == 3 else i1]]
-                            p[a] += aside * ROUND_ABOUT[0, a] * (1.0 if side == count + 1 else -1.0)
-                        elif 0 < side <= count and surface[middle, 5 + a] > 0.0:
-                            p[a] = 2.0 * surface[middle, 1 + a] - x[a]
-                    if not _foot(x, p, count, near, grid):
-                        continue
-                    if curved and not found:
-                        found = count < dim or _twin(near, count, p)
+                    if balls:
+                        if side == 0 and not _foot_on_balls(x, p, count, near, dim):
+                            break
+                        off = 0.0
+                        for a in range(dim if side == 1 else 0):
+                            p[a] = twin[a]
+                        for i in range(count):  # and the gradients there
+                            off = max(off, abs(_value(surface, chosen[i], p, near.slopes[i])))
+                        if not off < 1e-12 * step / PROBE:
+                            continue
+                    else:
+                        if 0 < side <= count and (surface[middle, 0] == PLANE or (found and not tube)):
+                            continue
+                        if (count < side < count + 3 and found) or (side == count + 3 and not (found and count == dim)):
+                            continue
+                        for a in range(dim):
+                            p[a] = twin[a] if side > count + 2 else x[a]
+                            if count < side < count + 3:
+                                aside = 0.3 * distance[chosen[count - 1]]
+                                p[a] += aside * ROUND_ABOUT[0, a] * (1.0 if side == count + 1 else -1.0)
+                            elif 0 < side <= count and surface[middle, 5 + a] > 0.0:
+                                p[a] = 2.0 * surface[middle, 1 + a] - x[a]
+                        if not _foot(x, p, count, near, grid):
+                            continue
+                        if curved and not found:
+                            found = count < dim or _twin(near, count, p)
                     away = np.sqrt((p[0] - x[0]) ** 2 + (p[1] - x[1]) ** 2 + (p[2] - x[2]) ** 2)
                     if away < best and away > least * (1.0 - 1e-9) - step and _meets(
                         p, count, query.wanted, near, grid
@@ -455,8 +580,8 @@ def _nearest_foot(query, order, count, known, p, near, grid):
 
 @njit(cache=True)
 def _met_at_once(query, k, p, grid):
-    """Whether there is a wall right at the foot of the point on the piece of shape k that holds it (k < 0: on the
-    faces). p (3,): workspace."""
+    """Whether there is a wall right at the foot of the point on the piece of shape k that holds it, or on the tube or
+    ball that it is outside of, where the shape is what is outside (k < 0: on the faces). p (3,): workspace."""
     lower, edge, counts, piece, dim, step = grid.lower, grid.edge, grid.counts, grid.piece, grid.dim, grid.probe
     x, least, wanted = query
     if k < 0:
@@ -472,7 +597,10 @@ def _met_at_once(query, k, p, grid):
         cell = cell * counts[a] + min(max(i, 0), counts[a] - 1)
     for q in range(grid.start[cell], grid.start[cell + 1]):
         c = grid.entry[q]
-        if grid.shape[c] != k or not _inside(piece, c, x[0], x[1], x[2]):
+        outward = 1.0 if _inside(piece, c, x[0], x[1], x[2]) else -1.0  # the way to the surface
+        if grid.shape[c] != k:
+            continue
+        if outward < 0.0 and (not grid.outside[k] or (piece[c, 0] != CYLINDER and piece[c, 0] != BALL)):
             continue
         p[:] = x
         middle = False
@@ -490,12 +618,12 @@ def _met_at_once(query, k, p, grid):
                 if not (tube and a == piece[c, 7]):
                     r += (x[a] - piece[c, 1 + a]) ** 2
             r = np.sqrt(r)
-            if abs(piece[c, 4] - r - least) > step:
+            if abs(outward * (piece[c, 4] - r) - least) > step:
                 continue
             middle = r == 0.0
             for a in range(3):
                 if not (middle or (tube and a == piece[c, 7])):
-                    p[a] = piece[c, 1 + a] + (x[a] - piece[c, 1 + a]) * (piece[c, 4] + step) / r
+                    p[a] = piece[c, 1 + a] + (x[a] - piece[c, 1 + a]) * (piece[c, 4] + outward * step) / r
         for turn in range(4 if middle else 1):
             if middle:  # all directions are alike: both ways along two axes, not along that of a tube
                 p[:] = x

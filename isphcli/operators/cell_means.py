@@ -110,7 +110,7 @@ def means_over_cells(geometry: Geometry, x: np.ndarray, lattice: Lattice, suppor
 
     x: (all, dim) m, the n fluid particles, then dummies; support: m; flow: velocity (n, dim) m/s and its Laplacian,
     1/(m s), by the momentum balance; share: of this process, where there are several; edge: of the cell of each fluid
-    particle, remote one, dummy and remote dummy over that of the lattice, 1 without it.
+    particle, remote one, dummy and remote dummy over that of the lattice, 1 at most, and without it.
     """
     if edge is None:
         edge = np.ones(len(x) if share is None else len(x) + len(share.ghosts) + len(share.dummies))
@@ -161,8 +161,9 @@ def _faces_of_voxels(lower: np.ndarray, voxel: np.ndarray, lattice: Lattice, flo
 
 def _of_parts(geometry: Geometry, cells: BesideWalls, parts: Parts) -> np.ndarray:
     """Wall distances (n, 2^m), m, of the middles of the parts of cells. Another wall may be nearer there than that of
-    the middle."""
-    return np.stack([geometry.distance(cells.x + cells.edge[:, None] * way) for way in parts.middles], axis=1)
+    the middle. Parts that reach no fluid have any distance beyond that."""
+    reach = _reach(parts.ways)
+    return np.stack([geometry.distance(cells.x + cells.edge[:, None] * way, reach) for way in parts.middles], axis=1)
 
 
 def _reach(ways: np.ndarray) -> float:

@@ -47,8 +47,8 @@ MICROSECONDS_TWO = {(2, False): 3.2, (2, True): 5.1, (3, False): 12.6, (3, True)
 MICROSECONDS_ONCE, MICROSECONDS_ITERATION, MICROSECONDS_STEADY_2D = 12.0, 0.85, 27.0
 ITERATIONS, ITERATIONS_OF_THROATS, HALF = 9.0, 50.0, 2.5  # HALF: particles
 # Of steady flow past shapes a dummy particle: distances to walls, where pairs cross them, and means over cells that
-# they cut; bead_pack takes 30 s for 409,273 (`python benchmarks/estimates.py --seconds 60 bead_pack`, its geometry)
-MICROSECONDS_SHAPES = 70.0
+# they cut; cases/bead_pack.yaml takes 15.3 s for 409,273 (geometry in summary.json, load 8 to 10 on two cores)
+MICROSECONDS_SHAPES = 37.0
 # Particles of `refine: throats` over those of half the spacing everywhere: 0.33 and 0.21 in corners of Berea of 32^3
 # and 64^3 voxels, 0.28 in the whole cube (docs/design_notes.md, docs/clusters.md): the mean of them, which no width
 # tells before a flow is known; arrays of spheres and packs of beads in boxes of up to 20 spacings 0.9 to 1

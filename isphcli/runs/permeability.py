@@ -45,7 +45,8 @@ def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray |
         at = x[inside][cut]
         halves = np.zeros(len(at))
         for middle in middles:
-            halves += np.clip(0.5 + geometry.distance(at + middle) / (0.5 * edge), 0.0, 1.0) / len(middles)
+            depth = geometry.distance(at + middle, 0.25 * edge)  # deeper ones hold no fluid
+            halves += np.clip(0.5 + depth / (0.5 * edge), 0.0, 1.0) / len(middles)
         share[cut] = halves + (halves - share[cut]) / 3.0
     return float(reduce.total(share))
 

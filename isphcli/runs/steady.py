@@ -143,8 +143,9 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
     n = particles.n_fluid
     share = memory.neighbours_held(case, geometry, particles.x[:n], spacing)
     need = memory.estimate(case, geometry.dim, True, n, particles.n_dummy, share=share)
-    most = float(reduce.largest(np.array([sum(need.values())])))
-    memory.refuse(most * current().here, f"{n:,} fluid particles", memory.too_large(case))
+    own = sum(need.values())
+    most = float(reduce.largest(np.array([own]))) * current().here / own
+    memory.refuse_flow(case, {part: most * size for part, size in need.items()}, f"{n:,} fluid particles")
     with clock("operators"):
         dummies = particles.x[n:]
         seen = dummies if particles.share is None else np.concatenate([dummies, particles.share.dummies])

@@ -41,6 +41,9 @@ BYTES_ROW = {"stokes": 350, "navier_stokes": 0}  # bytes per particle, beside it
 # Krylov vectors of a steady solve: 18 to 30 in wide pores, 46 to 56 in rock and packs of beads; those of a long restart
 # are allocated but never touched
 VECTORS = 40
+# Krylov vectors that a refusal may ask to make do with, at least. With 10 a 64^3 corner of Berea takes 28 iterations
+# for 26, the coarsest pack of beads 125 for 82 (docs/performance.md, memory of a steady solve)
+FEWEST = 10
 # Bytes per particle of the second solve of `refine: throats`, own and remote ones, most of them of its pairs, beside
 # what the first solve takes: 4.8 kB of 148,100 in a 64^3 corner of Berea, whose peak is 1.13 GB (isph run
 # cases/berea.yaml with that crop, refine=throats and without pictures, at 653967bb, 2026-11-30)
@@ -130,7 +133,8 @@ def refuse_lattice(case: Case, geometry: Geometry, spacing: float) -> None:
     share = neighbours_held(case, geometry, points[phase >= 0], spacing)
     need = estimate(case, geometry.dim, geometry.has_solid, fluid, 0, two=len(np.unique(phase[phase >= 0])) > 1,
                     share=share)
-    refuse(of_this_machine(sum(need.values())), f"about {fluid:.3g} fluid particles", too_large(case))
+    need = {part: of_this_machine(size) for part, size in need.items()}
+    refuse_flow(case, need, f"about {fluid:.3g} fluid particles")
 
 
 def of_this_machine(need: float) -> float:
@@ -168,13 +172,29 @@ def refuse_pores(case: Case, dim: int, voxel_size: np.ndarray, voxels: tuple[int
     if not 100 * SAMPLE <= sites < 10.0**MOST:  # as in refuse_lattice
         return
     fluid = voxels[1] * particles
-    need = sum(estimate(case, dim, True, fluid, 0, two=two).values()) + voxels[0] * BYTES_VOXEL
-    refuse(of_this_machine(need), f"about {fluid:.3g} fluid particles", too_large(case))
+    need = {**estimate(case, dim, True, fluid, 0, two=two), "image": voxels[0] * BYTES_VOXEL}
+    need = {part: of_this_machine(size) for part, size in need.items()}
+    refuse_flow(case, need, f"about {fluid:.3g} fluid particles")
 
 
-def refuse(need: float, what: str, fix: str) -> None:
-    """Raises ParticleError where `need` bytes for `what` are more than the machine has left."""
-    left = available()
+def refuse_flow(case: Case, need: dict[str, float], what: str) -> None:
+    """Raises ParticleError where the bytes of `estimate`, of all processes on this machine, are more than it has left.
+
+    A steady solve can do with fewer Krylov vectors. It does not choose them by the memory that happens to be free, by
+    which its last digits would depend on other programs: the message says how many fit.
+    """
+    fix, left = too_large(case), available()
+    if case.flow == "stokes":
+        held = min(case.solver.restart, VECTORS)
+        fit = math.floor(held * (1.0 - (sum(need.values()) - left) / need["Krylov vectors"]))
+        if FEWEST <= fit < held:
+            fix = f"take solver.restart {fit} (fewer Krylov vectors, more iterations), or {fix.removeprefix('take ')}"
+    refuse(sum(need.values()), what, fix, left)
+
+
+def refuse(need: float, what: str, fix: str, left: float | None = None) -> None:
+    """Raises ParticleError where `need` bytes for `what` are more than the machine has left (`left`, asked without)."""
+    left = available() if left is None else left
     if need > left:
         raise ParticleError(f"{what} need about {need / 1e9:.3g} GB of memory, {left / 1e9:.3g} GB are free; {fix}")
 

@@ -66,6 +66,21 @@ def test_a_scene_is_refused_where_the_machine_is_full(monkeypatch):
     assert build_scene(case, build_geometry(case), 0.125, Clock()).particles.n_fluid > 100
 
 
+def test_a_steady_flow_that_fits_with_fewer_krylov_vectors_is_told_so(monkeypatch):
+    """And how many: with these it fits, with one more it does not. The free memory does not choose them by itself."""
+    case = read_case(DISK, "case.yaml")
+    need = memory.estimate(case, 3, True, 1e6, 0)
+    monkeypatch.setattr(memory, "available", lambda: sum(need.values()) - 0.3 * need["Krylov vectors"])
+    with pytest.raises(ParticleError, match=r"take solver.restart 28 \(fewer Krylov vectors, .*\), or a larger"):
+        memory.refuse_flow(case, need, "they")
+    for restart in (28, 29):
+        fewer = memory.estimate(read_case(DISK, "case.yaml", [f"solver.restart={restart}"]), 3, True, 1e6, 0)
+        assert (sum(fewer.values()) <= memory.available()) == (restart == 28)
+    monkeypatch.setattr(memory, "available", lambda: 1e6)
+    with pytest.raises(ParticleError, match=r"GB are free; take a larger particles\.spacing"):
+        memory.refuse_flow(case, need, "they")
+
+
 def test_the_estimate_grows_with_the_scene():
     case = read_case(DISK, "case.yaml")
     small, large = (sum(memory.estimate(case, 3, True, n, 0).values()) - memory.BYTES_PROGRAM for n in (1e5, 1e6))
