@@ -32,7 +32,7 @@ import numpy as np
 from numba import njit
 
 from ..domain.row_threads import REDUCE, in_one_piece, over_rows
-from ..operators.kernel import QUINTIC_SPLINE, WENDLAND_C2, WENDLAND_C4, shape
+from ..operators.kernel import put_shapes, shape
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
@@ -109,28 +109,22 @@ def _scratch(neighbours: Neighbourhood) -> _Scratch:
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=REDUCE)
 def _slope_weights(turns, work, rows, neighbours, phase, out):
-    (x, column, row, start, kind), (first, slope, known) = (
-        (neighbours.x, neighbours.column, neighbours.row, neighbours.start, neighbours.kind), out)
+    x, column, row, start = neighbours.x, neighbours.column, neighbours.row, neighbours.start
+    first, slope, known = out
     ways, weight, over, last = work.ways, work.weight, 1.0 / neighbours.support, neighbours.x.shape[1] - 1
     deep = 1.0 if last == 2 else 0.0
     for turn in range(turns[0], turns[1]):
         i = rows[turn]
-        begin, count, own = start[i], np.uint64(start[i + 1] - start[i]), phase[i]
+        begin, own = np.uint64(start[i]), phase[i]
+        count = np.uint64(start[i + 1]) - begin
         x0, x1, x2 = x[i, 0], x[i, 1], x[i, last]
         for k in range(count):
-            j, p = np.uint32(row[begin + k]), np.uint32(column[begin + k])
+            j = np.uint32(row[begin + k])
             ways[0, k], ways[1, k] = (x[j, 0] - x0) * over, (x[j, 1] - x1) * over
             ways[2, k] = deep * (x[j, last] - x2) * over
-            weight[k] = 1.0 if phase[p] == own else 0.0
-        if kind == WENDLAND_C2:  # as in `moments.gather_stencil`
-            for k in range(count):
-                weight[k] *= shape(WENDLAND_C2, min(_length(ways, k), 1.0))
-        elif kind == WENDLAND_C4:
-            for k in range(count):
-                weight[k] *= shape(WENDLAND_C4, min(_length(ways, k), 1.0))
-        else:
-            for k in range(count):
-                weight[k] *= shape(QUINTIC_SPLINE, min(_length(ways, k), 1.0))
+        put_shapes(neighbours.kind, ways, count, weight)
+        for k in range(count):
+            weight[k] *= 1.0 if phase[np.uint32(column[begin + k])] == own else 0.0
         xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for k in range(count):
             d0, d1, d2 = weight[k] * ways[0, k], weight[k] * ways[1, k], weight[k] * ways[2, k]
@@ -143,19 +137,13 @@ def _slope_weights(turns, work, rows, neighbours, phase, out):
         d, e, f = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
         determinant = xx * a + xy * b + xz * c
         known[i] = determinant > LEAST_SPREAD * mean**3
-        scale, here = over / determinant if known[i] else 0.0, first[turn]
+        scale, here = over / determinant if known[i] else 0.0, np.uint64(first[turn])
         for k in range(count):
             w, d0, d1, d2 = scale * weight[k], ways[0, k], ways[1, k], ways[2, k]
             slope[here + k, 0] = w * (a * d0 + b * d1 + c * d2)
             slope[here + k, 1] = w * (b * d0 + d * d1 + e * d2)
             if last == 2:
                 slope[here + k, 2] = w * (c * d0 + e * d1 + f * d2)
-
-
-@njit(cache=True, inline="always")
-def _length(ways, k):
-    """Of the way to neighbour k, over the support."""
-    return math.sqrt(ways[0, k] ** 2 + ways[1, k] ** 2 + ways[2, k] ** 2)
 
 
 @njit(cache=True, nogil=True, fastmath=REDUCE)

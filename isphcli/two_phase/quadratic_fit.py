@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from ..domain.row_threads import REDUCE, in_one_piece, over_rows
-from ..operators.kernel import QUINTIC_SPLINE, WENDLAND_C2, WENDLAND_C4, shape
+from ..operators.kernel import put_shapes, shape
 from .least_squares import LANES, TOGETHER, factors, higher_powers, powers, put_moments, solve_factored, terms_of
 
 if TYPE_CHECKING:
@@ -241,7 +241,7 @@ def _gather(i, m, neighbours, field, work):
     same interface, by the angle between them and by phi where they would meet: a kink nearer to the interface than a
     spacing belongs to it."""
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
-    phi, known, direction, kind = field.phi, field.known, field.direction, neighbours.kind
+    phi, known, direction = field.phi, field.known, field.direction
     d0, d1, d2, weight, rise = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.weight[m], work.rise[m]
     m0, m1, m2 = work.turned[0], work.turned[1], work.turned[2]
     over, deep, last = 1.0 / neighbours.support, 1.0 if len(work.d) == 3 else 0.0, len(work.d) - 1
@@ -261,15 +261,7 @@ def _gather(i, m, neighbours, field, work):
     for k in range(count, padded):
         d0[k], d1[k], d2[k] = 1.0, 0.0, 0.0  # at the edge of the support: no weight
         m0[k], m1[k], m2[k], rise[k] = 0.0, 0.0, 0.0, 0.0
-    if kind == WENDLAND_C2:  # as in `moments.gather_stencil`
-        for k in range(padded):
-            weight[k] = shape(WENDLAND_C2, min(math.sqrt(d0[k] ** 2 + d1[k] ** 2 + d2[k] ** 2), 1.0))
-    elif kind == WENDLAND_C4:
-        for k in range(padded):
-            weight[k] = shape(WENDLAND_C4, min(math.sqrt(d0[k] ** 2 + d1[k] ** 2 + d2[k] ** 2), 1.0))
-    else:
-        for k in range(padded):
-            weight[k] = shape(QUINTIC_SPLINE, min(math.sqrt(d0[k] ** 2 + d1[k] ** 2 + d2[k] ** 2), 1.0))
+    put_shapes(neighbours.kind, work.ways[m], padded, weight)
     n0, n1, n2, near = direction[i, 0], direction[i, 1], deep * direction[i, last], 1.0 / field.spacing
     for k in range(padded):
         meet = (0.5 * rise[k] + own) * over
