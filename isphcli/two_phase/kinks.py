@@ -107,7 +107,7 @@ def _scratch(neighbours: Neighbourhood) -> _Scratch:
     return _Scratch(*in_one_piece((3, most), (most,)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=REDUCE)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _slope_weights(turns, work, rows, neighbours, phase, out):
     x, column, row, start = neighbours.x, neighbours.column, neighbours.row, neighbours.start
     first, slope, known = out
