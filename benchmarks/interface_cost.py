@@ -22,7 +22,7 @@ TIMED = (
     (transposed_stress, ("_tensors",)),
     (transposed_stress.TransposedStress, ("add",)),
     (surface_tension, ("_jump",)),
-    (kinks, ("_put_slopes", "_sums_along", "_divergence")),
+    (kinks, ("_slope_weights", "_put_slopes", "_sums_along", "_divergence")),
 )
 
 

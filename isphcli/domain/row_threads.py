@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -33,18 +34,20 @@ def over_rows(kernel: Callable[..., Any], n: int, *arguments: Any, work: Callabl
     def call(rows: tuple[int, int]) -> Any:
         return kernel(rows, *arguments) if work is None else kernel(rows, work(), *arguments)
 
+    if n < 2 * FEWEST:  # one range on any number of threads, and to ask numba for that takes 10 us
+        return [call((0, n))]
     threads = get_num_threads()
-    ranges = max(min(RANGES * threads, n // FEWEST), 1) if threads > 1 else 1
-    return _share_out(call, cut(n, ranges))
+    return _share_out(call, cut(n, min(RANGES * threads, n // FEWEST) if threads > 1 else 1), threads)
 
 
 def in_one_piece(*shapes: tuple[int, ...]) -> list[np.ndarray]:
     """Scratch arrays of these shapes, one behind the other in memory. A vectorised loop over several arrays checks
     whether they overlap before it takes several entries at once, and so chooses the order of its sums: the last digits
     of these would depend on the addresses of arrays that are allocated one by one."""
-    sizes = [-(-math.prod(shape) // APART) * APART + APART for shape in shapes]
-    piece, starts = np.empty(sum(sizes)), np.cumsum([0, *sizes])
-    return [piece[start : start + math.prod(shape)].reshape(shape) for start, shape in zip(starts, shapes)]
+    sizes = [math.prod(shape) for shape in shapes]
+    places = [0, *accumulate(-(-size // APART) * APART + APART for size in sizes)]
+    piece = np.empty(places[-1])
+    return [piece[at : at + size].reshape(shape) for at, size, shape in zip(places, sizes, shapes)]
 
 
 def over_blocks(kernel: Callable[..., Any], edges: np.ndarray, *arguments: Any) -> None:
@@ -55,8 +58,12 @@ def over_blocks(kernel: Callable[..., Any], edges: np.ndarray, *arguments: Any) 
     A row may depend on the rows of its own block: results depend on the blocks, not on the threads that share them out.
     """
     blocks = len(edges) - 1
-    ranges = min(RANGES * get_num_threads(), blocks) if get_num_threads() > 1 else 1
-    _share_out(lambda rows: kernel(rows, edges, *arguments), cut(blocks, ranges))
+    if blocks < 2:
+        kernel((0, blocks), edges, *arguments)
+        return
+    threads = get_num_threads()
+    ranges = min(RANGES * threads, blocks) if threads > 1 else 1
+    _share_out(lambda rows: kernel(rows, edges, *arguments), cut(blocks, ranges), threads)
 
 
 def cut(n: int, parts: int) -> list[tuple[int, int]]:
@@ -64,8 +71,7 @@ def cut(n: int, parts: int) -> list[tuple[int, int]]:
     return [(k * n // parts, (k + 1) * n // parts) for k in range(parts)]
 
 
-def _share_out(call: Callable[[tuple[int, int]], Any], ranges: list[tuple[int, int]]) -> list[Any]:
-    threads = get_num_threads()
+def _share_out(call: Callable[[tuple[int, int]], Any], ranges: list[tuple[int, int]], threads: int) -> list[Any]:
     if threads == 1 or len(ranges) == 1:
         return [call(rows) for rows in ranges]
     return list(_pool(threads).map(call, ranges))

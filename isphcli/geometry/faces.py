@@ -22,9 +22,15 @@ def face_distance(
     walls = [a for a in range(len(lower)) if not periodic[a]]
     if not walls:
         return np.full(len(x), np.inf), np.zeros(len(x), dtype=np.int32)
-    depth = np.stack([q for a in walls for q in (x[:, a] - lower[a], upper[a] - x[:, a])], axis=1)
-    numbers = np.array([1 + 2 * a + side for a in walls for side in (0, 1)], dtype=np.int32)
-    return -block_distance(-depth), numbers[np.argmin(depth, axis=1)]
+    # face by face: numpy takes six times as long for the least of a few columns. Where all depths are above zero the
+    # nearest face is the least of them, elsewhere a point lies outside, of an edge or a corner perhaps
+    least, beyond, nearest = np.full(len(x), np.inf), np.zeros(len(x)), np.zeros(len(x), dtype=np.int32)
+    for a in walls:
+        for side, depth in enumerate((x[:, a] - lower[a], upper[a] - x[:, a])):
+            nearest[depth < least] = 1 + 2 * a + side
+            np.minimum(least, depth, out=least)
+            beyond += np.minimum(depth, 0.0) ** 2
+    return np.maximum(least, 0.0) - np.sqrt(beyond), nearest
 
 
 @dataclass(frozen=True)

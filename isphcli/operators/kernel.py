@@ -62,3 +62,19 @@ def slope(kind, q):
     if s < 1.0:
         w += 225.0 * (1.0 - s) ** 4
     return w
+
+
+@njit(cache=True, error_model="numpy")
+def put_shapes(kind, ways, count, out):
+    """`shape` at the ends of the first `count` of ways (3, places), in units of the support, into out (places,). A loop
+    for each kernel: with a kernel known when it is compiled it vectorises."""
+    x, y, z = ways[0], ways[1], ways[2]
+    if kind == WENDLAND_C2:
+        for k in range(count):
+            out[k] = shape(WENDLAND_C2, min(math.sqrt(x[k] * x[k] + y[k] * y[k] + z[k] * z[k]), 1.0))
+    elif kind == WENDLAND_C4:
+        for k in range(count):
+            out[k] = shape(WENDLAND_C4, min(math.sqrt(x[k] * x[k] + y[k] * y[k] + z[k] * z[k]), 1.0))
+    else:
+        for k in range(count):
+            out[k] = shape(QUINTIC_SPLINE, min(math.sqrt(x[k] * x[k] + y[k] * y[k] + z[k] * z[k]), 1.0))

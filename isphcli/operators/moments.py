@@ -94,7 +94,7 @@ def new_workspace(neighbours: Neighbourhood) -> Workspace:
                      tuple(part[16:18]), part[18])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def gather_stencil(neighbours, i, volume, stencil):
     """The neighbours of particle i into stencil = (ex, ey, ez, s, w).
 
@@ -103,16 +103,15 @@ def gather_stencil(neighbours, i, volume, stencil):
     Returns the number with those.
     """
     ex, ey, ez, s, w = stencil
-    x, kind, support, begin = neighbours.x, neighbours.kind, neighbours.support, neighbours.start[i]
-    count, dim = neighbours.start[i + 1] - begin, x.shape[1]
-    x0, x1 = x[i, 0], x[i, 1]
-    x2 = x[i, 2] if dim == 3 else 0.0
+    x, row, column, kind, support = neighbours.x, neighbours.row, neighbours.column, neighbours.kind, neighbours.support
+    begin, last, deep = np.uint64(neighbours.start[i]), x.shape[1] - 1, 1.0 if x.shape[1] == 3 else 0.0
+    count, x0, x1, x2 = np.uint64(neighbours.start[i + 1]) - begin, x[i, 0], x[i, 1], x[i, last]
     for k in range(count):
-        j = np.uint32(neighbours.row[begin + k])
-        ex[k], ey[k] = x[j, 0] - x0, x[j, 1] - x1
-        ez[k] = x[j, 2] - x2 if dim == 3 else 0.0
-        w[k] = volume[np.uint32(neighbours.column[begin + k])]
-    padded = (count + LANES - 1) // LANES * LANES
+        j = np.uint32(row[begin + k])
+        ex[k], ey[k], ez[k] = x[j, 0] - x0, x[j, 1] - x1, deep * (x[j, last] - x2)
+    for k in range(count):
+        w[k] = volume[np.uint32(column[begin + k])]
+    padded = (count + np.uint64(LANES - 1)) // np.uint64(LANES) * np.uint64(LANES)
     for k in range(count, padded):
         ex[k], ey[k], ez[k], w[k] = 0.0, 0.0, 0.0, 0.0
     inverse_support = 1.0 / support
@@ -124,7 +123,7 @@ def gather_stencil(neighbours, i, volume, stencil):
         ez[k] *= inverse
         s[k] = r * inverse_support if r > 0.0 else 1.0  # no slope at the edge of the support: w = 0
     # a loop for each kernel: with a kernel known when it is compiled it vectorises
-    scale = normalisation(kind, support, dim)
+    scale = normalisation(kind, support, last + 1)
     if kind == WENDLAND_C2:
         for k in range(padded):
             w[k] *= scale * slope(WENDLAND_C2, s[k])
@@ -134,7 +133,7 @@ def gather_stencil(neighbours, i, volume, stencil):
     else:
         for k in range(padded):
             w[k] *= scale * slope(QUINTIC_SPLINE, s[k])
-    return padded
+    return np.int64(padded)
 
 
 @njit(cache=True, fastmath=REDUCE, forceinline=True)

@@ -51,7 +51,7 @@ def divergence(start: np.ndarray, column: np.ndarray, grad: np.ndarray, u: np.nd
 
 def gradient_of_potential(neighbours: Neighbourhood, grad: np.ndarray, force: np.ndarray) -> np.ndarray:
     """Gradient (n, dim) of the potential force . x, which no periodic box holds: of its differences over the pairs."""
-    out = np.zeros((neighbours.n, len(force)))
+    out = np.empty((neighbours.n, len(force)))
     over_rows(_gradient_of_potential, neighbours.n, neighbours, grad, force, out)
     return out
 
@@ -110,14 +110,17 @@ def _divergence(rows, start, column, grad, u, result):
         result[i] = s0 + s1 + (s2 if last == 2 else 0.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=REDUCE)
 def _gradient_of_potential(rows, neighbours, grad, force, out):
     start, row, x = neighbours.start, neighbours.row, neighbours.x
-    dim = len(force)
+    last = len(force) - 1
+    f0, f1, f2 = force[0], force[1], force[2] if last == 2 else 0.0
     for i in range(rows[0], rows[1]):
-        for q in range(start[i], start[i + 1]):
-            rise = 0.0
-            for k in range(dim):
-                rise += force[k] * (x[row[q], k] - x[i, k])
-            for k in range(dim):
-                out[i, k] += grad[q, k] * rise
+        s0, s1, s2, x0, x1, x2 = 0.0, 0.0, 0.0, x[i, 0], x[i, 1], x[i, last]
+        for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            j = np.uint32(row[p])
+            rise = f0 * (x[j, 0] - x0) + f1 * (x[j, 1] - x1) + f2 * (x[j, last] - x2)
+            s0, s1, s2 = s0 + grad[p, 0] * rise, s1 + grad[p, 1] * rise, s2 + grad[p, last] * rise
+        out[i, 0], out[i, 1] = s0, s1
+        if last == 2:
+            out[i, 2] = s2

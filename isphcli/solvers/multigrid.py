@@ -65,8 +65,11 @@ def cycle(levels: MultilevelSolver) -> Apply:
 
     pyamg's own cycle measures the residual before and after: two of the five products with the finest matrix. Levels of
     two ROWS and more are swept through by blocks of rows, as in `BlockCycle`; what a sweep from zero leaves is found
-    from the entries beyond the diagonal alone. Their matrices have sorted rows.
+    from the entries beyond the diagonal alone. Their matrices have sorted rows. On smaller levels pyamg's smoother
+    takes longer to look at its arguments than its compiled sweep does, which is called here.
     """
+    from pyamg.amg_core import gauss_seidel
+
     blocks = [edges(level.A.shape[0]) for level in levels.levels]
     diagonals = [_places(level.A) if len(ends) > 2 else np.zeros(0) for level, ends in zip(levels.levels, blocks)]
 
@@ -81,7 +84,7 @@ def cycle(levels: MultilevelSolver) -> Apply:
             over_blocks(_rest, blocks[k], *matrix, x, rest)
         else:
             x = np.zeros_like(b)
-            level.presmoother(level.A, x, b)
+            gauss_seidel(*_csr(level.A), x, b, 0, len(b), 1)
             rest = b - level.A @ x
         coarse = level.R @ rest
         y = descend(k + 1, coarse)
@@ -91,7 +94,7 @@ def cycle(levels: MultilevelSolver) -> Apply:
         if large:
             over_blocks(_backward, blocks[k], *matrix, b, x, x.copy())
         else:
-            level.postsmoother(level.A, x, b)
+            gauss_seidel(*_csr(level.A), x, b, len(b) - 1, -1, -1)
         return x
 
     return lambda b: descend(0, b)

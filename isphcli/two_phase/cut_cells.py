@@ -18,6 +18,7 @@ passes between them, and arcs that turn as the normals do lead from one such pla
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -63,10 +64,17 @@ class Cells(NamedTuple):
 
     @property
     def middle(self) -> np.ndarray:
-        """(n_cells, dim) m."""
-        axes = [lower + (np.arange(first, end) + 0.5) * side
-                for lower, first, end, side in zip(self.lower, self.first, self.end, self.side)]
-        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(self.side))
+        """(n_cells, dim) m, not to be written to."""
+        return _middles(*(tuple(values.tolist()) for values in (self.lower, self.side, self.first, self.end)))
+
+
+@lru_cache(maxsize=1)  # several ask in each step, and the cells of a run stay
+def _middles(*cells: tuple[float, ...]) -> np.ndarray:
+    """`Cells.middle` of lower, side, first and end."""
+    axes = [lower + (np.arange(first, end) + 0.5) * side for lower, side, first, end in zip(*cells)]
+    middle = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    middle.flags.writeable = False
+    return middle
 
 
 class CutCells(NamedTuple):

@@ -254,21 +254,18 @@ def _put_unlike(rows, given, begin, pair, fraction):
             p += 1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=REDUCE)
 def _strain(rows, start, column, grad, slope, u, out):
-    dim = slope.shape[1]
+    last, deep = slope.shape[1] - 1, 1.0 if slope.shape[1] == 3 else 0.0
     for i in range(rows[0], rows[1]):
-        square = 0.0
-        for k in range(dim):
-            square += slope[i, k] ** 2
+        g0, g1, g2, total = slope[i, 0], slope[i, 1], deep * slope[i, last], 0.0
+        square = g0 * g0 + g1 * g1 + g2 * g2
         if square > 0.0:
-            total = 0.0
-            for p in range(start[i], start[i + 1]):
-                weight, apart = 0.0, 0.0
-                for k in range(dim):
-                    weight += grad[p, k] * slope[i, k]
-                    apart += (u[column[p], k] - u[i, k]) * slope[i, k]
-                total += weight * apart
+            u0, u1, u2 = u[i, 0], u[i, 1], u[i, last]
+            for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+                j = np.uint32(column[p])
+                apart = (u[j, 0] - u0) * g0 + (u[j, 1] - u1) * g1 + (u[j, last] - u2) * g2
+                total += (grad[p, 0] * g0 + grad[p, 1] * g1 + grad[p, last] * g2) * apart
             out[i] = total / square
 
 

@@ -68,7 +68,7 @@ def kept_volumes(cut: CutCells, neighbours: Neighbourhood, phi: np.ndarray, new:
     everyone = exchange.forward(part)
     across, moved = np.full(len(phi), -1), np.abs(new) < BAND * spacing
     asked = moved | ((new > 0.0) != (phi > 0.0))
-    over_rows(_nearest_across, len(phi), neighbours, distance, asked, across)
+    over_rows(_nearest_across, len(phi), neighbours, distance > 0.0, asked, across)
     wanted, have, particles = reduce.totals_by(count, (part, volume), _of_cells(cut, everyone), (part, None))
     level = _levels(wanted - have, _areas(cut, everyone, count), wanted)
     moved &= across >= 0
@@ -100,8 +100,8 @@ def _within(x: np.ndarray, sample: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
 
 def _parts(neighbours: Neighbourhood, phi: np.ndarray, spacing: float, exchange: Exchange) -> tuple[int, np.ndarray]:
     """How many parts there are, and that of each particle (n,). phi: (n + remote,) m."""
-    like = np.zeros(len(neighbours.column), np.bool_)
-    over_rows(_like, neighbours.n, neighbours, phi, (LINKED * spacing) ** 2, like)
+    like = np.empty(len(neighbours.column), np.bool_)
+    over_rows(_like, neighbours.n, neighbours, phi > 0.0, (LINKED * spacing) ** 2, like)
     return pair_components(neighbours.start, neighbours.column, like, exchange)
 
 
@@ -175,33 +175,32 @@ def _levels(lacking: np.ndarray, between: Touching, wanted: np.ndarray) -> np.nd
 
 
 @njit(cache=True, nogil=True)
-def _like(rows, neighbours, phi, most, like):
-    """Which pairs are of one fluid and within a distance whose square is `most`, (n_pairs,)."""
+def _like(rows, neighbours, first, most, like):
+    """Which pairs are of one fluid, first (n,) bool that of particles, and within a distance whose square is `most`,
+    (n_pairs,)."""
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    last, deep = x.shape[1] - 1, 1.0 if x.shape[1] == 3 else 0.0
     for i in range(rows[0], rows[1]):
-        for p in range(start[i], start[i + 1]):
-            like[p] = ((phi[column[p]] > 0.0) == (phi[i] > 0.0)) & (_square(x, i, row[p]) < most)
+        x0, x1, x2, own = x[i, 0], x[i, 1], x[i, last], first[i]
+        for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            j = np.uint32(row[p])
+            r2 = (x[j, 0] - x0) ** 2 + (x[j, 1] - x1) ** 2 + deep * (x[j, last] - x2) ** 2
+            like[p] = (first[np.uint32(column[p])] == own) & (r2 < most)
 
 
 @njit(cache=True, nogil=True)
-def _nearest_across(rows, neighbours, phi, asked, across):
-    """The nearest particle of the other fluid that each one that is `asked` (n,) sees, (n,)."""
+def _nearest_across(rows, neighbours, first, asked, across):
+    """The nearest particle of the other fluid that each one that is `asked` (n,) sees, (n,); first: (n,) bool."""
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    last, deep = x.shape[1] - 1, 1.0 if x.shape[1] == 3 else 0.0
     for i in range(rows[0], rows[1]):
-        least = math.inf
-        for p in range(start[i], start[i + 1] if asked[i] else start[i]):
-            j = column[p]
-            if (phi[j] > 0.0) != (phi[i] > 0.0):
-                r2 = _square(x, i, row[p])
-                if r2 < least:
-                    least = r2
-                    across[i] = j
-
-
-@njit(cache=True, inline="always")
-def _square(x, i, j):
-    """Of the distance between two rows of x (n, dim)."""
-    r2 = (x[j, 0] - x[i, 0]) ** 2 + (x[j, 1] - x[i, 1]) ** 2
-    if x.shape[1] == 3:
-        r2 += (x[j, 2] - x[i, 2]) ** 2
-    return r2
+        if asked[i]:
+            least, x0, x1, x2, own = math.inf, x[i, 0], x[i, 1], x[i, last], first[i]
+            for p in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+                there = np.uint32(column[p])
+                if first[there] != own:
+                    j = np.uint32(row[p])
+                    r2 = (x[j, 0] - x0) ** 2 + (x[j, 1] - x1) ** 2 + deep * (x[j, last] - x2) ** 2
+                    if r2 < least:
+                        least = r2
+                        across[i] = there

@@ -2,8 +2,8 @@
 
 What kernels hand on, `work`, is a namedtuple whose arrays bear these names: of TOGETHER particles at the places m the
 ways (TOGETHER, 3, places) to neighbours, zero along z in 2D, weight (TOGETHER, places), seen (TOGETHER,), how many of
-the places are taken, and matrix (size, size, TOGETHER); of one product (places,), what the lower powers are weighted
-by, and sums (35,); of the function that is fitted pair and scale of `terms_of`.
+the places are taken, and matrix (size, size, TOGETHER); of one sums (35,); of the function that is fitted pair and
+scale of `terms_of`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..domain.row_threads import REDUCE
 
 # Systems that are solved side by side, each its own: the divisions and sums of one wait for each other.
 TOGETHER = 4
-LANES = 16  # neighbours are filled up to a multiple of so many without weight: four vectors, which a sum takes at once
+LANES = 8  # neighbours are filled up to a multiple of so many without weight: two vectors, which a sum takes at once
 
 
 @lru_cache(maxsize=4)
@@ -36,10 +36,10 @@ def terms_of(dim: int, orders: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray,
 
 
 @njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
-def powers(work, m):
-    """Sums of the products times 1, x, y, z, xx, xy, xz, yy, yz, zz of the ways to the neighbours of place m; in any
+def powers(work, m, v):
+    """Sums of v (places,) times 1, x, y, z, xx, xy, xz, yy, yz, zz of the ways to the neighbours of place m; in any
     order, so that they are vectors. More of them would not stay in registers."""
-    x, y, z, v, sums = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.product, work.sums
+    x, y, z, sums = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], work.sums
     s, sx, sy, sz, xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(work.seen[m]):
         a, b, c = v[k] * x[k], v[k] * y[k], v[k] * z[k]

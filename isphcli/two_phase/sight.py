@@ -72,44 +72,42 @@ class Sight:
 def _known_or_asked(in_sight, everyone, far, distance, seen, ask):
     """Of the pairs `far` those that a wall hides by what is known, taken out of seen (n_pairs,), and those that it may
     hide, in ask (n_pairs,): no free balls round particles, distance (n,) m, cover the way."""
-    mark, n = np.zeros(len(far.x), np.int64), len(distance)  # 2 i + 2: a neighbour of i in sight; 2 i + 1: hidden
+    mark, n, x, last = np.zeros(len(far.x), np.int64), len(distance), far.x, far.x.shape[1] - 1
+    deep = 1.0 if last == 2 else 0.0
     for i in range(len(far.start) - 1):
         if far.start[i] == far.start[i + 1] or distance[i] > far.support:  # nobody, or all in a ball of fluid
             continue
-        for p in range(everyone.start[i], everyone.start[i + 1]):
-            mark[everyone.row[p]] = 2 * i + 1
-        for p in range(in_sight.start[i], in_sight.start[i + 1]):
-            mark[in_sight.row[p]] = 2 * i + 2
-        for p in range(far.start[i], far.start[i + 1]):
-            j = far.row[p]
+        # 2 i + 2: a neighbour of i in sight; 2 i + 1: hidden
+        for p in range(np.uint64(everyone.start[i]), np.uint64(everyone.start[i + 1])):
+            mark[np.uint32(everyone.row[p])] = 2 * i + 1
+        for p in range(np.uint64(in_sight.start[i]), np.uint64(in_sight.start[i + 1])):
+            mark[np.uint32(in_sight.row[p])] = 2 * i + 2
+        x0, x1, x2, here = x[i, 0], x[i, 1], x[i, last], max(distance[i], 0.0)
+        for p in range(np.uint64(far.start[i]), np.uint64(far.start[i + 1])):
+            j = np.uint32(far.row[p])
             if far.column[p] >= n:
                 continue
             if mark[j] > 2 * i:
                 seen[p] = mark[j] == 2 * i + 2
                 continue
-            r2 = 0.0
-            for k in range(far.x.shape[1]):
-                r2 += (far.x[j, k] - far.x[i, k]) ** 2
-            ask[p] = not _free(i, far.column[p], math.sqrt(r2), j, far.x, distance, in_sight)
+            r = math.sqrt((x[j, 0] - x0) ** 2 + (x[j, 1] - x1) ** 2 + deep * (x[j, last] - x2) ** 2)
+            there = r - max(distance[np.uint32(far.column[p])], 0.0)
+            ask[p] = there > here * (1.0 + 1e-9) and not _free(i, r, j, (here, there), x, distance, in_sight)
 
 
-@njit(cache=True)
-def _free(i, j, r, there, x, distance, in_sight):
-    """Whether free balls cover the way of length r from particle i to j, whose place is a row of x: those round both,
-    and that round a neighbour of i: sqrt(distance^2 - h^2) of the way to either side, h from the middle of the ball."""
-    from_here, from_there = max(distance[i], 0.0), r - max(distance[j], 0.0)
-    if from_there <= from_here * (1.0 + 1e-9):
-        return True
-    for q in range(in_sight.start[i], in_sight.start[i + 1]):
-        along, square, free = 0.0, 0.0, distance[in_sight.column[q]]
-        for k in range(x.shape[1]):
-            away = x[in_sight.row[q], k] - x[i, k]
-            along += away * (x[there, k] - x[i, k])
-            square += away * away
-        along /= r
-        half = max(free, 0.0) ** 2 - max(square - along * along, 0.0)
+@njit(cache=True, forceinline=True)
+def _free(i, r, there, ends, x, distance, in_sight):
+    """Whether a free ball round a neighbour covers the way of length r from particle i to the row `there` of x between
+    the ends of those round both: sqrt(distance^2 - h^2) of the way to either side, h from the middle of the ball."""
+    last, deep = x.shape[1] - 1, 1.0 if x.shape[1] == 3 else 0.0
+    w0, w1, w2 = x[there, 0] - x[i, 0], x[there, 1] - x[i, 1], deep * (x[there, last] - x[i, last])
+    for q in range(np.uint64(in_sight.start[i]), np.uint64(in_sight.start[i + 1])):
+        j, free = np.uint32(in_sight.row[q]), distance[np.uint32(in_sight.column[q])]
+        d0, d1, d2 = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], deep * (x[j, last] - x[i, last])
+        along = (d0 * w0 + d1 * w1 + d2 * w2) / r
+        half = max(free, 0.0) ** 2 - max(d0 * d0 + d1 * d1 + d2 * d2 - along * along, 0.0)
         if half > 0.0:
             half = (1.0 - 1e-9) * math.sqrt(half)
-            if along - half <= from_here and along + half >= from_there:
+            if along - half <= ends[0] and along + half >= ends[1]:
                 return True
     return False

@@ -66,13 +66,15 @@ def _jump(ops: Operators, lap: np.ndarray, interface: Interface, kappa: np.ndarr
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add_jumps(rows, pairs, unlike, given, tension, out, laplacian_of_jump):
     (column, grad, lap), (first, pair, fraction), (phi, kappa) = pairs, unlike, given
-    dim = grad.shape[1]
+    last = grad.shape[1] - 1
     for i in range(rows[0], rows[1]):
-        sign = -1.0 if phi[i] > 0.0 else 1.0
-        for q in range(first[i], first[i + 1]):
-            p, t = pair[q], fraction[q]
+        scale, own, s0, s1, s2, total = -tension if phi[i] > 0.0 else tension, kappa[i], 0.0, 0.0, 0.0, 0.0
+        for q in range(np.uint64(first[i]), np.uint64(first[i + 1])):
+            p, t = np.uint64(pair[q]), fraction[q]
             # eqs 14 and 24 as the jump of the pressure that balances the force
-            jump = tension * ((1.0 - t) * kappa[i] + t * kappa[column[p]]) * sign
-            laplacian_of_jump[i] += lap[p] * jump
-            for k in range(dim):
-                out[i, k] += grad[p, k] * jump
+            jump = scale * ((1.0 - t) * own + t * kappa[np.uint32(column[p])])
+            total += lap[p] * jump
+            s0, s1, s2 = s0 + grad[p, 0] * jump, s1 + grad[p, 1] * jump, s2 + grad[p, last] * jump
+        laplacian_of_jump[i], out[i, 0], out[i, 1] = total, s0, s1
+        if last == 2:
+            out[i, 2] = s2

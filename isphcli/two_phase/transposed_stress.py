@@ -80,8 +80,7 @@ def _scratch(neighbours: Neighbourhood) -> _Scratch:
     arrays = in_one_piece((size, size, TOGETHER), (size, TOGETHER), (size - dim, size, TOGETHER), (TOGETHER, 3, most),
                           (TOGETHER, most), (most,), (35,), (most,), (TOGETHER,), (10,))
     work = _Scratch(*[*arrays, np.zeros(TOGETHER, np.int64), *terms])
-    for array in (work.matrix, work.ways):
-        array[:] = 0.0  # of fewer particles than TOGETHER, and in 2D the ways along z
+    work.matrix[:] = 0.0  # of fewer particles than TOGETHER
     return work
 
 
@@ -90,7 +89,7 @@ def _tensors(turns, work, neighbours, weights, rows, out):
     (lap, weighted_lap), (new_start, new_column, tensor) = weights, out
     start, column = neighbours.start, neighbours.column
     matrix, right, inverse, least = work.matrix, work.right, work.inverse, work.least
-    size, entries = len(right), len(inverse)
+    size, entries, scale = len(right), len(inverse), 2.0 / (neighbours.support * neighbours.support)
     for first in range(turns[0], turns[1], TOGETHER):
         lanes, deficient = min(TOGETHER, turns[1] - first), False
         for m in range(lanes):
@@ -123,38 +122,35 @@ def _tensors(turns, work, neighbours, weights, rows, out):
                 for m in range(TOGETHER):
                     inverse[v, a, m] = right[a, m]
         for m in range(lanes):
-            begin, there = start[rows[first + m]], new_start[first + m]
-            for k in range(start[rows[first + m] + 1] - begin):
+            begin, there = np.uint64(start[rows[first + m]]), np.uint64(new_start[first + m])
+            count = np.uint64(new_start[first + m + 1]) - there
+            for k in range(count):
                 new_column[there + k] = column[begin + k]
-                weight = 2.0 * weighted_lap[begin + k] / (neighbours.support * neighbours.support)
-                work.over[k] = weight if lap[begin + k] > 0.0 else 0.0
-            _put(work, m, there, new_start[first + m + 1] - there, tensor)
+                work.over[k] = scale * weighted_lap[begin + k] if lap[begin + k] > 0.0 else 0.0
+            _put(work, m, there, count, tensor)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _gather(i, m, neighbours, lap, work):
     """The ways to the neighbours of particle i, in units of the support, and their weights are written to place m,
     filled up to whole vectors without weight."""
-    start, row, x, ways, weight = neighbours.start, neighbours.row, neighbours.x, work.ways, work.weight
-    over, dim = 1.0 / neighbours.support, x.shape[1]
-    count = start[i + 1] - start[i]
-    padded = (count + LANES - 1) // LANES * LANES
+    row, x, weight = neighbours.row, neighbours.x, work.weight[m]
+    d0, d1, d2, begin = work.ways[m, 0], work.ways[m, 1], work.ways[m, 2], np.uint64(neighbours.start[i])
+    count, over, last = np.uint64(neighbours.start[i + 1]) - begin, 1.0 / neighbours.support, x.shape[1] - 1
+    deep, x0, x1, x2 = 1.0 if last == 2 else 0.0, x[i, 0], x[i, 1], x[i, last]
+    padded = (count + np.uint64(LANES - 1)) // np.uint64(LANES) * np.uint64(LANES)
     for k in range(count):
-        for a in range(dim):
-            ways[m, a, k] = (x[row[start[i] + k], a] - x[i, a]) * over
-        weight[m, k] = max(lap[start[i] + k], 0.0)
+        j = np.uint32(row[begin + k])
+        d0[k], d1[k], d2[k] = (x[j, 0] - x0) * over, (x[j, 1] - x1) * over, deep * (x[j, last] - x2) * over
+        weight[k] = max(lap[begin + k], 0.0)
     for k in range(count, padded):
-        for a in range(dim):
-            ways[m, a, k] = 0.0
-        weight[m, k] = 0.0
+        d0[k], d1[k], d2[k], weight[k] = 0.0, 0.0, 0.0, 0.0
     work.seen[m] = padded
 
 
 @njit(cache=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
 def _moments(work, m):
-    for k in range(work.seen[m]):
-        work.product[k] = work.weight[m, k]
-    powers(work, m)
+    powers(work, m, work.weight[m])
     higher_powers(work, m)
     put_moments(work, m)
 

@@ -232,7 +232,8 @@ class TwoFluids:
         lap_p, grad_p = ops.lap_p, ops.grad_p
         if densities_differ:
             weights = lap_p, grad_p, symmetric
-            lap_p, grad_p, symmetric = (np.empty_like(weight) for weight in weights)
+            lap_p, grad_p = np.empty_like(lap_p), np.empty_like(grad_p)
+            symmetric = lap_p if walls is None else np.empty_like(symmetric)
             over_rows(_weigh_pressure, ops.n, (ops.start, ops.column), unlike, rho, weights,
                       (lap_p, grad_p, symmetric))
         if walls is not None:
