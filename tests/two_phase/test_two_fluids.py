@@ -40,7 +40,7 @@ def test_pressure_driven_layers():
 
 
 def test_the_terms_have_the_same_bits_on_any_number_of_threads(monkeypatch):
-    """The fit, four particles at a time, the cells that the interface cuts, the transposed stress, slopes at the kink."""
+    """The fit, four particles at a time, the cells that the interface cuts, the transposed stress, slopes at kinks."""
     _, _, state, stepper, _ = scene(drop(dx=1 / 24, rho=2, mu=0.5, jitter=0.1))
 
     def bits():
