@@ -14,7 +14,7 @@ from ..geometry.protocol import Geometry, inside_sample, sample_box
 from ..references.ducts import duct_permeability
 
 if TYPE_CHECKING:
-    from ..domain.lattice import Particles
+    from ..domain.lattice import Lattice, Particles
 
 
 def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray | None = None,
@@ -75,15 +75,15 @@ def mean_velocities(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, sit
     return total * (site_volume / np.prod(upper - lower)), total / (cells or max(reduce.count(inside), 1))
 
 
-def spread_of_flux(geometry: Geometry, x: np.ndarray, flux: np.ndarray, axis: int, spacing: float) -> float:
-    """Standard deviation over the mean of the flux through the layers of the lattice across an axis, 0 of exact flows.
+def spread_of_flux(lattice: Lattice, x: np.ndarray, flux: np.ndarray, axis: int) -> float:
+    """Standard deviation over the mean of the flux through the layers of cells across an axis, 0 of exact flows.
 
-    x: (n, dim) m, of cells; flux: (n,) of their velocity along the axis times their volume, in any unit; spacing: m, of
-    the lattice, of which every layer is a whole one.
+    Layers are those of the lattice, wherever its offset puts them: other sections would hold unequal numbers of sites.
+    x: (n, dim) m, of cells, whose layer is that of their middle; flux: (n,) of their velocity along the axis times
+    their volume, in any unit.
     """
-    lower, length = geometry.lower[axis], (geometry.upper - geometry.lower)[axis]
-    layers = max(1, round(length / spacing))
-    layer = np.minimum(((x[:, axis] - lower) / length * layers).astype(int), layers - 1)
+    layers = int(lattice.counts[axis])
+    layer = np.floor((x[:, axis] - lattice.corner[axis]) / lattice.cell[axis]).astype(int) % layers
     through = reduce.total_by(layer, flux, layers)
     mean = through.mean()
     return float(through.std() / abs(mean)) if mean != 0.0 else 0.0

@@ -235,7 +235,8 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
     drop = 0.0 if axis is None else fluid.density * float(force[axis]) * float((geometry.upper - geometry.lower)[axis])
     return StokesResult(axis, particles, geometry, system.spacing, flow.velocity, means,
                  flow.pressure * fluid.density, superficial, mean, permeability,
-                 *_mass(scene, flow, (x, velocity), axis), flow.convergence, scene.halo,
+                 *_mass(scene, flow, (x, velocity), axis, lattice_at(case, geometry, system.spacing)),
+                 flow.convergence, scene.halo,
                  int(reduce.total(system.ops.narrow)), system.count, int((~scene.percolates.any(axis=1)).sum()),
                  scene.cells, drop, wall_stress(geometry, particles.x[: particles.n_fluid], flow.velocity, laplacian,
                                                 (system.spacing, fluid.mu)), residuals=residuals)
@@ -265,8 +266,9 @@ def _cell_means(scene: SteadyScene, velocity: np.ndarray, laplacian: np.ndarray,
 
 
 def _mass(scene: SteadyScene, flow: StokesFlow, cells: tuple[np.ndarray, np.ndarray],
-          axis: int | None) -> tuple[float, float]:
-    """(largest |div u| over the largest speed per spacing, spread of the flux between planes across the axis).
+          axis: int | None, lattice: Lattice) -> tuple[float, float]:
+    """(largest |div u| over the largest speed per spacing, spread of the flux between layers of the lattice across the
+    axis).
 
     The flux is that of which the permeability is the mean. cells: places (m, dim) m and mean velocities (m, dim) m/s.
     """
@@ -276,4 +278,4 @@ def _mass(scene: SteadyScene, flow: StokesFlow, cells: tuple[np.ndarray, np.ndar
     worst = float(reduce.largest(np.abs(div)) * dx / speed) if speed > 0.0 else 0.0
     if axis is None:
         return worst, 0.0
-    return worst, spread_of_flux(scene.geometry, cells[0], cells[1][:, axis], axis, dx)
+    return worst, spread_of_flux(lattice, cells[0], cells[1][:, axis], axis)
