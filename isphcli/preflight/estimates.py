@@ -40,7 +40,7 @@ SAID = 0.05  # of the expected velocity: a cause of a smaller share is not named
 SECONDS_RUN = 0.17
 SECONDS_STEP, SECONDS_STEP_TWO = 2.3e-3, 4.0e-3
 MICROSECONDS_MOVING = {(2, False): 2.7, (2, True): 5.5, (3, False): 4.3, (3, True): 15.0}
-MICROSECONDS_TWO = {(2, False): 3.2, (2, True): 5.1, (3, False): 12.6, (3, True): 30.0}
+MICROSECONDS_TWO = {(2, False): 3.2, (2, True): 5.1, (3, False): 11.5, (3, True): 27.0}
 # Of steady flow a particle: once, and an iteration for each axis (0.68 on an array of spheres, 0.70 in Berea sandstone,
 # 0.98 in a pack of beads by benchmarks/stokes.py on a busy machine); in 2D an axis. Iterations are 16 to 22 in wide
 # pores, 40 in Berea sandstone, 28 with two particles per voxel, 58 in a pack of beads: see `_iterations`

@@ -30,7 +30,7 @@ from ..domain.row_threads import REDUCE, over_rows
 from ..flow.shifting import taylor
 from ..flow.state import phase_of
 from ..operators.kernel import shape
-from .quadratic_fit import QuadraticFit, no_slopes, own_gradient, quadratic_fit
+from .quadratic_fit import APART, QuadraticFit, no_slopes, own_gradient, quadratic_fit
 
 if TYPE_CHECKING:
     from ..domain.neighbours import Neighbourhood
@@ -121,6 +121,14 @@ def fraction_slope(phi: np.ndarray, spacing: float) -> np.ndarray:
     return 0.5 * (1.0 + np.cos(math.pi * q)) / (THICKNESS * spacing)
 
 
+def of_one_interface(phi: np.ndarray, steepness: np.ndarray, spacing: float) -> np.ndarray:
+    """0 to 1, (n,): how much of what a particle knows is of one interface, from phi (n,), m, and |grad phi| (n,) of its
+    fit. Half way between two interfaces phi has a kink: its slope and its curvature are those of neither. A kink nearer
+    to the interface than a spacing belongs to it, as in `quadratic_fit`."""
+    apart = np.minimum((phi / spacing) ** 2, 1.0)
+    return 1.0 - apart * (1.0 - np.minimum(steepness, 1.0) ** APART)
+
+
 def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, spacing: float,
                    contact: ContactAngle | None = None, sight: Sight | None = None) -> Interface:
     """The Interface of a configuration.
@@ -139,11 +147,13 @@ def find_interface(ops: Operators, neighbours: Neighbourhood, phi: np.ndarray, s
         fit = contact.at_walls(ops, (fitted, neighbours), distance, known, fit)
     steepness = np.sqrt(np.einsum("ij,ij->i", fit.slope, fit.slope))
     strength = fraction_slope(phi, spacing) * steepness
-    # `fit.curvature` is that of phi = 0 all along a normal: any weight that ends within the support will do
-    weight = np.where(known, np.maximum(1.0 - (distance / seen.support) ** 2, 0.0) ** 2, 0.0)
     # no drop is smaller than the spacing
     sharpest = (ops.dim - 1) / spacing
-    curvature = averages(seen, weight * ops.volume, everyone(np.clip(fit.curvature, -sharpest, sharpest)))
+    curvature, slope = ops.exchange.forward_each(np.clip(fit.curvature, -sharpest, sharpest), steepness)
+    # `fit.curvature` is that of phi = 0 all along a normal: any weight that ends within the support will do
+    weight = np.where(known, np.maximum(1.0 - (distance / seen.support) ** 2, 0.0) ** 2, 0.0)
+    weight *= of_one_interface(distance, slope, spacing)
+    curvature = averages(seen, weight * ops.volume, curvature)
     # where the interface is bent, its outer half-layer is the larger one: the fraction less this has the right volume
     resolved = np.clip(curvature, -0.5 * sharpest, 0.5 * sharpest)
     bent = 0.5 * SPREAD * (THICKNESS * spacing) ** 2 * resolved * strength
@@ -165,7 +175,7 @@ def carried(interface: Interface, ops: Operators, dr: np.ndarray | None, part: f
     # the slope is brought to one as an explicit step of an advection away from the interface would do it: it has to be
     # slower than the smoothing that keeps it stable
     distance, steepness, slope = ops.exchange.forward_each(phi, np.clip(interface.steepness, 0.0, 2.0), fit.slope)
-    weight = np.where(np.abs(distance) < reach, ops.volume, 0.0)
+    weight = np.where(np.abs(distance) < reach, ops.volume, 0.0) * of_one_interface(distance, steepness, spacing)
     stretched = averages(ops.neighbours, weight, steepness) - 1.0
     change = np.clip(fit.value - phi, -spacing, spacing)
     slower = SLOWER * part + moved

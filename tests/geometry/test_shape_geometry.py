@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from isphcli.geometry import shape_geometry
 from isphcli.geometry.bodies import Box, Cylinder, Disk, HalfSpace, Shape, ShapeError, Sphere, Spheres
 from isphcli.geometry.faces import Walls
 from isphcli.geometry.shape_geometry import ShapeGeometry
@@ -105,6 +106,15 @@ def test_crossings_of_beads_lie_on_the_surface(scale):
     assert np.mean(np.abs(t - sampled) > 1.1e-3) == 0
     far = np.array([7, -3, 0]) * scale
     assert np.allclose(t, g.crossing(xi + far, xj + far), atol=1e-9, rtol=0)
+
+
+def test_distances_of_many_points_are_found_in_parts(monkeypatch):
+    disks = [Shape(Disk((0.5, 0.4), 0.2)), Shape(Disk((0.6, 0.5), 0.2))]
+    g = ShapeGeometry((0, 0), (1, 1), (True, False), shapes=disks)
+    x = np.random.default_rng(3).uniform(0, 1, (250, 2))
+    together = g.nearest(x)
+    monkeypatch.setattr(shape_geometry, "AT_ONCE", 100)
+    assert all(np.array_equal(one, other) for one, other in zip(g.nearest(x), together))
 
 
 def test_a_thin_plate_between_two_fluid_points_is_seen():

@@ -76,10 +76,10 @@ time: {{end: 1}}
 """
 
 
-def pair_of_bubbles(gap):
+def pair_of_bubbles(gap, middle=1.5):
     """Interface of two bubbles of 8 spacings in radius, so many spacings apart, and the particles that see it."""
     half = 0.5 + 0.03125 * gap
-    _, _, interface = interface_of(PAIR.format(left=1.5 - half, right=1.5 + half))
+    _, _, interface = interface_of(PAIR.format(left=middle - half, right=middle + half))
     return interface, interface.unlike.near
 
 
@@ -88,6 +88,13 @@ def test_bubbles_three_spacings_apart_do_not_feel_each_other():
     edge has half of it there, and they are drawn together."""
     interface, near = pair_of_bubbles(3)
     assert near.sum() > 150
+    assert interface.curvature[near] == pytest.approx(2.0, rel=0.01)
+
+
+def test_particles_half_way_between_two_bubbles_have_the_curvature_of_their_neighbours():
+    """A row of them, which sees both bubbles and at which phi has no slope: without that they had any."""
+    interface, near = pair_of_bubbles(3, middle=1.53125)
+    assert (interface.steepness[near] < 0.1).any()
     assert interface.curvature[near] == pytest.approx(2.0, rel=0.01)
 
 

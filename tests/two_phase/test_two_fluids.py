@@ -40,14 +40,15 @@ def test_pressure_driven_layers():
 
 
 def test_the_terms_have_the_same_bits_on_any_number_of_threads(monkeypatch):
-    """The fit, four particles at a time, the cells that the interface cuts, and the transposed stress."""
+    """The fit, four particles at a time, the cells that the interface cuts, the transposed stress, slopes at kinks."""
     _, _, state, stepper, _ = scene(drop(dx=1 / 24, rho=2, mu=0.5, jitter=0.1))
 
     def bits():
         terms = stepper.configure(state.x, phi=state.phi).terms
         interface = terms.interface
         return [np.asarray(part).tobytes() for part in (*interface.fit, *interface.cut[1:], interface.curvature,
-                                                        terms.transposed_stress.tensor, terms.jump_acceleration)]
+                                                        terms.transposed_stress.tensor, terms.jump_acceleration,
+                                                        terms.kinks.slope, terms.kinks.along, terms.kinks.share)]
 
     first, *others = on_threads(monkeypatch, bits)
     assert all(found == first for found in others)
