@@ -18,7 +18,7 @@ from ..domain.lattice import Lattice, ParticleError
 from ..domain.migration import Migration
 from ..domain.mixed_lattice import MixedLattice, cells_of
 from ..flow.mixed_stokes import MixedStokes
-from ..geometry.protocol import inside_sample, sample_box
+from ..geometry.protocol import sample_box
 from ..operators.cell_means import CellMeans, means_over_cells
 from ..operators.kernel import KERNELS
 from ..operators.lattice_weights import LatticeWeights, symmetric_laplacian
@@ -28,7 +28,19 @@ from ..scene.place import cells_in_sight, lattice_at, place, place_share
 from ..solvers.engine import engine_of
 from ..solvers.krylov import Limits, recorded
 from .expected_error import usual_error
-from .permeability import EDGE, EDGE_BAR, EDGE_USUAL, FLUX, ORDER, SHARE, USUAL, darcy, extrapolate, spread_of_flux
+from .permeability import (
+    EDGE,
+    EDGE_BAR,
+    EDGE_USUAL,
+    FLUX,
+    ORDER,
+    SHARE,
+    USUAL,
+    darcy,
+    extrapolate,
+    part_of_sample,
+    spread_of_flux,
+)
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -137,7 +149,8 @@ def _superficial(geometry: Geometry, particles: MixedParticles, means: CellMeans
     x, u = means.everywhere(particles.x[: particles.n_fluid])
     volume = particles.volumes[np.concatenate([np.arange(particles.n_fluid), particles.own[means.rows]])]
     flux = u * volume[:, None]
-    velocity = reduce.total(flux[inside_sample(geometry, x)]) / float(np.prod(upper - lower))
+    thick = lattice.cell * (volume / lattice.site_volume)[:, None] ** (1.0 / geometry.dim)
+    velocity = reduce.total(flux * part_of_sample(geometry, x, thick)[:, None]) / float(np.prod(upper - lower))
     return np.asarray(velocity), spread_of_flux(lattice, x, flux[:, axis], axis)
 
 
