@@ -150,7 +150,9 @@ def _superficial(geometry: Geometry, particles: MixedParticles, means: CellMeans
     volume = particles.volumes[np.concatenate([np.arange(particles.n_fluid), particles.own[means.rows]])]
     flux = u * volume[:, None]
     thick = lattice.cell * (volume / lattice.site_volume)[:, None] ** (1.0 / geometry.dim)
-    velocity = reduce.total(flux * part_of_sample(geometry, x, thick)[:, None]) / float(np.prod(upper - lower))
+    part = part_of_sample(geometry, x, thick)
+    counts = part > 0.0
+    velocity = reduce.total(flux[counts] * part[counts, None]) / float(np.prod(upper - lower))
     return np.asarray(velocity), spread_of_flux(lattice, x, flux[:, axis], axis)
 
 

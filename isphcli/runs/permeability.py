@@ -94,7 +94,9 @@ def mean_velocities(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, sit
     if thick is None:
         total = reduce.total(velocity[inside])
     else:
-        total = reduce.total(velocity * part_of_sample(geometry, x, thick)[:, None])
+        part = part_of_sample(geometry, x, thick)
+        counts = part > 0.0  # of whole layers the sum has the same bits
+        total = reduce.total(velocity[counts] * part[counts, None])
     if known is not None:
         total[known[0]] = known[1] * np.prod(upper - lower) / site_volume
     return total * (site_volume / np.prod(upper - lower)), total / (cells or max(reduce.count(inside), 1))
