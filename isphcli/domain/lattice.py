@@ -39,6 +39,11 @@ class Lattice:
         """m^dim of one site."""
         return float(self.cell.prod()) / len(self.basis)
 
+    @property
+    def thick(self) -> np.ndarray:
+        """(dim,) m, of the layers of sites across each axis."""
+        return self.cell / np.array([len(np.unique(places)) for places in self.basis.T])
+
     def within(self, first: np.ndarray, end: np.ndarray) -> Lattice:
         """Itself: every process knows all of its cells, not those from `first` to before `end`, (dim,) each, alone."""
         return self

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..domain.row_threads import over_rows
-from .bodies import ROUND_OFF, Cylinder, HalfSpace, Shape, ShapeError, Sphere, check_body
+from .bodies import ROUND_OFF, Cylinder, HalfSpace, Shape, ShapeError, Sphere, Spheres, check_body
 from .faces import AT_REST, Walls, face_distance
 from .fluid_faces import FluidFaces
 from .nearest_wall import PROBE, in_3d, put_beside, put_walls
@@ -212,7 +212,9 @@ class ShapeGeometry:
         wall[closer] = face_wall[closer]
         # beside fluid, faces are walls, and so are solids that no fluid shape lies on
         bare = np.logical_and.accumulate([s.phase < 0 for s in self.shapes[::-1]])[::-1]
-        is_wall = np.concatenate([np.ones(1 + 2 * self.dim, dtype=bool), bare])
+        # where balls that overlap are cut out of a solid, their surfaces within each other are none
+        several = [s.outside and isinstance(s.body, Spheres) for s in self.shapes]
+        is_wall = np.concatenate([np.ones(1 + 2 * self.dim, dtype=bool), bare & ~np.array(several, dtype=bool)])
         ask = np.flatnonzero(np.isfinite(d) & (d >= -depth) & ((d <= self.round_off) | ~is_wall[wall]))
         if len(ask) and self.shapes:
             near, owner = d[ask], wall[ask]

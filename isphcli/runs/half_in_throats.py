@@ -18,7 +18,7 @@ from ..domain.lattice import Lattice, ParticleError
 from ..domain.migration import Migration
 from ..domain.mixed_lattice import MixedLattice, cells_of
 from ..flow.mixed_stokes import MixedStokes
-from ..geometry.protocol import inside_sample, sample_box
+from ..geometry.protocol import sample_box
 from ..operators.cell_means import CellMeans, means_over_cells
 from ..operators.kernel import KERNELS
 from ..operators.lattice_weights import LatticeWeights, symmetric_laplacian
@@ -28,7 +28,19 @@ from ..scene.place import cells_in_sight, lattice_at, place, place_share
 from ..solvers.engine import engine_of
 from ..solvers.krylov import Limits, recorded
 from .expected_error import usual_error
-from .permeability import EDGE, EDGE_BAR, EDGE_USUAL, FLUX, ORDER, SHARE, USUAL, darcy, extrapolate, spread_of_flux
+from .permeability import (
+    EDGE,
+    EDGE_BAR,
+    EDGE_USUAL,
+    FLUX,
+    ORDER,
+    SHARE,
+    USUAL,
+    darcy,
+    extrapolate,
+    part_of_sample,
+    spread_of_flux,
+)
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -130,15 +142,18 @@ def limit_of_throats(coarse: float, fine: float, spacing: float, pores: tuple[fl
 
 
 def _superficial(geometry: Geometry, particles: MixedParticles, means: CellMeans, axis: int,
-                 spacing: float) -> tuple[np.ndarray, float]:
-    """(velocity (dim,) of the sample, m/s, spread of the flux along an axis between layers of a spacing, m) from means
-    over the cells."""
+                 lattice: Lattice) -> tuple[np.ndarray, float]:
+    """(velocity (dim,) of the sample, m/s, spread of the flux along an axis between layers of the lattice of the larger
+    spacing) from means over the cells."""
     lower, upper = sample_box(geometry)
     x, u = means.everywhere(particles.x[: particles.n_fluid])
     volume = particles.volumes[np.concatenate([np.arange(particles.n_fluid), particles.own[means.rows]])]
     flux = u * volume[:, None]
-    velocity = reduce.total(flux[inside_sample(geometry, x)]) / float(np.prod(upper - lower))
-    return np.asarray(velocity), spread_of_flux(geometry, x, flux[:, axis], axis, spacing)
+    thick = lattice.cell * (volume / lattice.site_volume)[:, None] ** (1.0 / geometry.dim)
+    part = part_of_sample(geometry, x, thick)
+    counts = part > 0.0
+    velocity = reduce.total(flux[counts] * part[counts, None]) / float(np.prod(upper - lower))
+    return np.asarray(velocity), spread_of_flux(lattice, x, flux[:, axis], axis)
 
 
 def _refuse(need: float, what: str, case: Case) -> None:
@@ -184,7 +199,7 @@ def in_throats(case: Case, geometry: Geometry, flow: tuple[LatticeWeights, np.nd
         own = particles.own
         means = means_over_cells(geometry, particles.x[own], lattice, support, (u, laplacian), particles.share,
                                  np.where(particles.half, 0.5, 1.0))
-    superficial, mass_error = _superficial(geometry, particles, means, axis, spacing)
+    superficial, mass_error = _superficial(geometry, particles, means, axis, lattice)
     everywhere = half + (number - half) * 2**geometry.dim
     return InThroats(float(darcy(geometry, superficial, axis, force, nu)[axis]), superficial, mass_error, number,
                      everywhere, half / everywhere, convergence, residuals)

@@ -14,14 +14,37 @@ from ..geometry.protocol import Geometry, inside_sample, sample_box
 from ..references.ducts import duct_permeability
 
 if TYPE_CHECKING:
-    from ..domain.lattice import Particles
+    from ..domain.lattice import Lattice, Particles
+
+
+def shares_in_sample(geometry: Geometry, x: np.ndarray, thick: np.ndarray | None = None) -> np.ndarray:
+    """(n,) shares, 0 to 1, of the layers of sites at x (n, dim), m, that lie within the sample, along axes where clear
+    layers lie at its ends; 1 or 0, as x lies, without thick: (dim,) or (n, dim) m, of the layers.
+
+    The ends may lie anywhere between layers of the lattice. With all of a layer or nothing a permeability would be off
+    by up to half a layer of those in the sample, and by a whole one where there are sites on both ends.
+    """
+    lower, upper = sample_box(geometry)
+    ends = (lower > geometry.lower) | (upper < geometry.upper)
+    if thick is None:
+        return np.all(((x >= lower) & (x <= upper)) | ~ends, axis=1).astype(float)
+    edge = np.broadcast_to(thick, x.shape)[:, ends]
+    within = np.minimum(x[:, ends] + 0.5 * edge, upper[ends]) - np.maximum(x[:, ends] - 0.5 * edge, lower[ends])
+    # rounded: an end between two layers cuts neither
+    return np.asarray(np.clip(np.round(within / edge, 9), 0.0, 1.0).prod(axis=1))
+
+
+def part_of_sample(geometry: Geometry, x: np.ndarray, thick: np.ndarray) -> np.ndarray:
+    """`shares_in_sample` of cells (n,) whose middles lie within the box; 0 of others."""
+    within = np.all((x >= geometry.lower) & (x <= geometry.upper), axis=1)
+    return np.where(within, shares_in_sample(geometry, x, thick), 0.0)
 
 
 def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray | None = None,
-                whole: bool = False) -> float:
+                whole: bool = False, thick: np.ndarray | None = None) -> float:
     """Volume of the fluid in the sample, or of the whole box, over that of a cell of the lattice, by the wall distance.
 
-    distance: (n,) m, of all particles; None: asked of the geometry.
+    distance: (n,) m, of all particles; None: asked of the geometry. thick: see `shares_in_sample`.
 
     A cell of edge h whose middle lies at the distance d of a wall holds fluid in the share 1/2 + d/h of it, between 0
     and 1: exact beside walls along the lattice, and over the many ways in which an oblique plane cuts cells the mean is
@@ -32,10 +55,9 @@ def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray |
     x = particles.x
     if not geometry.has_solid:
         return float(reduce.number(particles.phase))
-    lower, upper = (geometry.lower, geometry.upper) if whole else sample_box(geometry)
-    # a face of the box that is a wall cuts cells whose middles lie beyond it; the end of a clear layer does not
-    ends = (lower > geometry.lower) | (upper < geometry.upper)
-    inside = np.all(((x >= lower) & (x <= upper)) | ~ends, axis=1)
+    # a face of the box that is a wall cuts cells whose middles lie beyond it
+    part = np.ones(len(x)) if whole else shares_in_sample(geometry, x, thick)
+    inside = part > 0.0
     edge = particles.site_volume ** (1.0 / geometry.dim)
     near = geometry.distance(x[inside]) if distance is None else distance[inside]
     share = np.clip(0.5 + near / edge, 0.0, 1.0)
@@ -48,7 +70,7 @@ def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray |
             depth = geometry.distance(at + middle, 0.25 * edge)  # deeper ones hold no fluid
             halves += np.clip(0.5 + depth / (0.5 * edge), 0.0, 1.0) / len(middles)
         share[cut] = halves + (halves - share[cut]) / 3.0
-    return float(reduce.total(share))
+    return float(reduce.total(share * part[inside]))
 
 
 def microporous_shares(geometry: Geometry, x: np.ndarray, rocks: int) -> np.ndarray:
@@ -59,31 +81,36 @@ def microporous_shares(geometry: Geometry, x: np.ndarray, rocks: int) -> np.ndar
 
 
 def mean_velocities(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, site_volume: float,
-                    cells: float | None = None,
-                    known: tuple[int, float] | None = None) -> tuple[np.ndarray, np.ndarray]:
+                    cells: float | None = None, known: tuple[int, float] | None = None,
+                    thick: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Superficial and mean velocity (dim,) of the sample, m/s.
 
     x, velocity: (n, dim) of the fluid particles; site_volume: m^dim. cells: `fluid_cells` of the sample, which the mean
     velocity is taken over: the flux over the volume of the fluid. Without it: over the particles. known: an axis and
-    the superficial velocity along it, m/s, where that is held.
+    the superficial velocity along it, m/s, where that is held. thick: see `shares_in_sample`.
     """
     lower, upper = sample_box(geometry)
     inside = inside_sample(geometry, x)
-    total = reduce.total(velocity[inside])
+    if thick is None:
+        total = reduce.total(velocity[inside])
+    else:
+        part = part_of_sample(geometry, x, thick)
+        counts = part > 0.0  # of whole layers the sum has the same bits
+        total = reduce.total(velocity[counts] * part[counts, None])
     if known is not None:
         total[known[0]] = known[1] * np.prod(upper - lower) / site_volume
     return total * (site_volume / np.prod(upper - lower)), total / (cells or max(reduce.count(inside), 1))
 
 
-def spread_of_flux(geometry: Geometry, x: np.ndarray, flux: np.ndarray, axis: int, spacing: float) -> float:
-    """Standard deviation over the mean of the flux through the layers of the lattice across an axis, 0 of exact flows.
+def spread_of_flux(lattice: Lattice, x: np.ndarray, flux: np.ndarray, axis: int) -> float:
+    """Standard deviation over the mean of the flux through the layers of cells across an axis, 0 of exact flows.
 
-    x: (n, dim) m, of cells; flux: (n,) of their velocity along the axis times their volume, in any unit; spacing: m, of
-    the lattice, of which every layer is a whole one.
+    Layers are those of the lattice, wherever its offset puts them: other sections would hold unequal numbers of sites.
+    x: (n, dim) m, of cells, whose layer is that of their middle; flux: (n,) of their velocity along the axis times
+    their volume, in any unit.
     """
-    lower, length = geometry.lower[axis], (geometry.upper - geometry.lower)[axis]
-    layers = max(1, round(length / spacing))
-    layer = np.minimum(((x[:, axis] - lower) / length * layers).astype(int), layers - 1)
+    layers = int(lattice.counts[axis])
+    layer = np.floor((x[:, axis] - lattice.corner[axis]) / lattice.cell[axis]).astype(int) % layers
     through = reduce.total_by(layer, flux, layers)
     mean = through.mean()
     return float(through.std() / abs(mean)) if mean != 0.0 else 0.0

@@ -108,7 +108,7 @@ class SteadyScene:
 
     geometry: of this process; whole: that of all, of which other bricks than its own can be had (`Geometry.within`);
     cells: volume of the fluid in the sample over that of a cell, see `permeability.fluid_cells`; lattice: of the
-    particles, None where they are off it.
+    particles; on_lattice: whether they are on it.
     """
 
     geometry: Geometry
@@ -117,8 +117,9 @@ class SteadyScene:
     halo: int
     percolates: np.ndarray
     cells: float
-    lattice: Lattice | None
+    lattice: Lattice
     whole: Geometry
+    on_lattice: bool
 
 
 def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, needs: Sequence[int] = ()) -> SteadyScene:
@@ -162,10 +163,11 @@ def build_scene(case: Case, geometry: Geometry, spacing: float, clock: Clock, ne
         system = StokesSystem(ops, spacing, nu, forces=forces_of(case, geometry), x=particles.x[:n],
                               engine=engine_of(case.solver.engine))
         give_back_freed_memory()
+    lattice = lattice_at(case, geometry, spacing)
     with clock("geometry"):
-        cells = fluid_cells(geometry, particles, distance)
-    lattice = lattice_at(case, geometry, spacing) if case.particles.jitter == 0.0 else None
-    return SteadyScene(geometry, particles, system, len(images.owner), percolates, cells, lattice, whole)
+        cells = fluid_cells(geometry, particles, distance, thick=lattice.thick)
+    return SteadyScene(geometry, particles, system, len(images.owner), percolates, cells, lattice, whole,
+                       case.particles.jitter == 0.0)
 
 
 def _operators(walls: WallScene, particles: Particles,
@@ -227,7 +229,8 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
     with clock("geometry"):
         means = _cell_means(scene, flow.velocity, laplacian, case.support * system.spacing)
         x, velocity = means.everywhere(particles.x[: particles.n_fluid])
-    superficial, mean = mean_velocities(geometry, x, velocity, particles.site_volume, scene.cells)
+    superficial, mean = mean_velocities(geometry, x, velocity, particles.site_volume, scene.cells,
+                                        thick=scene.lattice.thick)
     if axis is not None and system.acceleration is not None:
         raise ValueError("the flux is not that of the drive where another force accelerates the fluid: its check of a "
                          "case has to refuse drive.axes with flow: stokes")
@@ -258,7 +261,7 @@ def solve_diffusion(case: Case, scene: SteadyScene, axis: int, clock: Clock, wat
 def _cell_means(scene: SteadyScene, velocity: np.ndarray, laplacian: np.ndarray, support: float) -> CellMeans:
     """Means over cells of a velocity (n, dim), m/s, with its Laplacian by the momentum balance, 1/(m s); the velocity
     itself where particles are off their lattice."""
-    if scene.lattice is None:
+    if not scene.on_lattice:
         return CellMeans.whole(velocity)
     particles = scene.particles
     return means_over_cells(scene.geometry, particles.x, scene.lattice, support, (velocity, laplacian), particles.share)
@@ -266,7 +269,8 @@ def _cell_means(scene: SteadyScene, velocity: np.ndarray, laplacian: np.ndarray,
 
 def _mass(scene: SteadyScene, flow: StokesFlow, cells: tuple[np.ndarray, np.ndarray],
           axis: int | None) -> tuple[float, float]:
-    """(largest |div u| over the largest speed per spacing, spread of the flux between planes across the axis).
+    """(largest |div u| over the largest speed per spacing, spread of the flux between layers of the lattice across the
+    axis).
 
     The flux is that of which the permeability is the mean. cells: places (m, dim) m and mean velocities (m, dim) m/s.
     """
@@ -276,4 +280,4 @@ def _mass(scene: SteadyScene, flow: StokesFlow, cells: tuple[np.ndarray, np.ndar
     worst = float(reduce.largest(np.abs(div)) * dx / speed) if speed > 0.0 else 0.0
     if axis is None:
         return worst, 0.0
-    return worst, spread_of_flux(scene.geometry, cells[0], cells[1][:, axis], axis, dx)
+    return worst, spread_of_flux(scene.lattice, cells[0], cells[1][:, axis], axis)

@@ -184,9 +184,10 @@ def refuse_flow(case: Case, need: dict[str, float], what: str) -> None:
     which its last digits would depend on other programs: the message says how many fit.
     """
     fix, left = too_large(case), available()
-    if case.flow == "stokes":
+    vectors = need["Krylov vectors"]  # none of a process that has no particles, and where no sampled site is fluid
+    if case.flow == "stokes" and vectors > 0.0:
         held = min(case.solver.restart, VECTORS)
-        fit = math.floor(held * (1.0 - (sum(need.values()) - left) / need["Krylov vectors"]))
+        fit = math.floor(held * (1.0 - (sum(need.values()) - left) / vectors))
         if FEWEST <= fit < held:
             fix = f"take solver.restart {fit} (fewer Krylov vectors, more iterations), or {fix.removeprefix('take ')}"
     refuse(sum(need.values()), what, fix, left)

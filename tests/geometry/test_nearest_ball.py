@@ -43,3 +43,17 @@ def test_the_way_out_of_balls_that_overlap():
     deeper = depth > radius - np.linalg.norm(x[:, None] - centres, axis=2).min(axis=1) + 1e-9
     assert deeper.sum() > 50
     assert (depth <= surface + 1e-12).all() and (surface - depth < 0.015)[deeper].all()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_wall_of_two_voids_that_overlap_is_farther_than_the_surface_of_either(dim):
+    """Balls cut out of a solid: half way between the centres the nearest wall is where both surfaces meet, which no
+    fluid lies behind; beside a centre it is the surface of that ball."""
+    centres = np.full((2, dim), 0.5)
+    centres[:, 0] = 0.35, 0.65
+    voids = Shape(Spheres(centres, 0.3), outside=True)
+    geometry = ShapeGeometry([0.0] * dim, [1.0] * dim, [True] * dim, shapes=[voids])
+    x = np.full((4, dim), 0.5)
+    x[:, 0] = 0.5, 0.45, 0.2, 0.02
+    rim = np.sqrt(0.3**2 - 0.15**2)
+    assert geometry.distance(x) == pytest.approx([rim, np.hypot(rim, 0.05), 0.15, -0.03], abs=1e-12)

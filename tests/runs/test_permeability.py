@@ -2,17 +2,29 @@
 velocities."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from isphcli.case.load import load_case, read_case
+from isphcli.domain.lattice import BASES, make_lattice
 from isphcli.geometry.faces import Walls
 from isphcli.geometry.labels import ClearLayers
 from isphcli.geometry.voxel_geometry import VoxelGeometry
 from isphcli.output.clock import Clock
 from isphcli.references.ducts import duct_permeability
-from isphcli.runs.permeability import EDGE, EDGE_USUAL, FLUX, USUAL, clear_permeability, extrapolate, fluid_cells
+from isphcli.runs.permeability import (
+    EDGE,
+    EDGE_USUAL,
+    FLUX,
+    USUAL,
+    clear_permeability,
+    extrapolate,
+    fluid_cells,
+    mean_velocities,
+    spread_of_flux,
+)
 from isphcli.runs.run import run_case
 from isphcli.runs.steady import build_scene, solve_axis
 from isphcli.scene.build_geometry import build_geometry
@@ -55,6 +67,38 @@ def test_two_spacings_that_agree_by_chance_do_not_make_a_bar_of_nothing():
     assert extrapolate([1.0, 0.5], [2.1, 2.0], usual=0.03)[1] == pytest.approx(math.hypot(told, bar), rel=1e-12)
     both = extrapolate([1.0, 0.5], [2.0, 2.0], usual=0.03, flux=0.01)[1]
     assert both == pytest.approx(math.hypot(2.0 * 0.01 * FLUX, bar), rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", BASES)
+@pytest.mark.parametrize("offset", [None, 0.5, 0.3, -0.75])
+def test_the_flux_of_a_plug_is_the_same_through_all_layers(kind, offset):
+    """Of every lattice along every axis, wherever it lies in the box; of a plug that is faster in half of the box along
+    the axis the spread is that of its two speeds."""
+    dim = BASES[kind].shape[1]
+    lower, length = np.full(dim, 0.7), np.array([1.0, 1.7, 1.3][:dim])
+    lattice = make_lattice(kind, lower, lower + length, [True] * dim, 0.1, 0.3, offset and [offset] * dim)
+    x = lower + np.mod(np.concatenate([*lattice.slabs()]) - lower, length)
+    for axis in range(dim):
+        assert spread_of_flux(lattice, x, np.ones(len(x)), axis) < 1e-12
+    if offset is None:
+        assert spread_of_flux(lattice, x, np.where(x[:, 0] < 1.2, 1.0, 3.0), 0) == pytest.approx(0.5, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", BASES)
+@pytest.mark.parametrize("offset", [0.0, 0.5, 0.3])
+@pytest.mark.parametrize("spacing", [0.1, 0.125, 0.17])
+def test_the_superficial_velocity_of_a_plug_is_its_own_wherever_the_ends_of_the_sample_lie(kind, offset, spacing):
+    """Between clear layers, at every spacing: on layers of the lattice, between them and anywhere. Layers that an end
+    cuts count by what lies within."""
+    dim = BASES[kind].shape[1]
+    lower, upper = np.array([-0.5, 0.0, 0.0])[:dim], np.array([1.5, 1.0, 1.0])[:dim]
+    sample = lower.copy(), upper.copy()
+    sample[0][0], sample[1][0] = 0.0, 1.0
+    scene = SimpleNamespace(lower=lower, upper=upper, sample_lower=sample[0], sample_upper=sample[1], dim=dim)
+    lattice = make_lattice(kind, lower, upper, [True] * dim, spacing, 0.3, [offset, *[0.0] * (dim - 1)])
+    x = lower + np.mod(np.concatenate([*lattice.slabs()]) - lower, upper - lower)
+    superficial, _ = mean_velocities(scene, x, np.ones((len(x), dim)), lattice.site_volume, thick=lattice.thick)
+    assert np.abs(superficial - 1.0).max() < 1e-8
 
 
 def test_an_order_that_is_given_is_taken():

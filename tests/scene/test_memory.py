@@ -81,6 +81,17 @@ def test_a_steady_flow_that_fits_with_fewer_krylov_vectors_is_told_so(monkeypatc
         memory.refuse_flow(case, need, "they")
 
 
+def test_a_process_without_particles_is_refused_where_the_others_fill_the_machine(monkeypatch):
+    """And only there: it holds no Krylov vectors of which it could do with fewer."""
+    case = read_case(DISK, "case.yaml")
+    need = memory.estimate(case, 3, True, 0, 0)
+    monkeypatch.setattr(memory, "available", lambda: 1.1 * sum(need.values()))
+    memory.refuse_flow(case, need, "they")
+    monkeypatch.setattr(memory, "available", lambda: 0.9 * sum(need.values()))
+    with pytest.raises(ParticleError, match=r"GB are free; take a larger particles\.spacing"):
+        memory.refuse_flow(case, need, "they")
+
+
 def test_the_estimate_grows_with_the_scene():
     case = read_case(DISK, "case.yaml")
     small, large = (sum(memory.estimate(case, 3, True, n, 0).values()) - memory.BYTES_PROGRAM for n in (1e5, 1e6))
