@@ -115,6 +115,15 @@ def test_a_velocity_can_only_be_held_where_fluid_flows():
     assert "along x" in errors(SLIT, WALL, *held)
 
 
+def test_a_flux_of_gas_and_water_is_better_driven_by_a_pressure():
+    """A gas of a hundredth of the density, in the case or not: it may be what is injected."""
+    gas, time = "fluids.gas={density: 10, viscosity: 1.0e-5}", ("flow=navier_stokes", "time={end: 1}")
+    fluids = ("fluids.water.density=1000", gas, *time)
+    assert "differ 100 times" in findings(SLIT, *fluids, "drive={superficial_velocity: {x: 0.25}}")
+    assert "differ 100 times" not in findings(SLIT, *fluids, "drive={pressure_drop: {x: 0.25}}")
+    assert "times:" not in findings(SLIT, *time, "drive={superficial_velocity: {x: 0.25}}")
+
+
 def test_no_percolation_of_an_image(folder):
     values = np.zeros((8, 8, 20), np.uint8)
     values[:, :, 9] = 1
