@@ -124,6 +124,16 @@ def test_a_flux_of_gas_and_water_is_better_driven_by_a_pressure():
     assert "times:" not in findings(SLIT, *time, "drive={superficial_velocity: {x: 0.25}}")
 
 
+def test_pockets_between_beads_that_touch_are_those_of_the_lattice():
+    """In a body-centred pack all pores are joined; 48 sites of the lattice are not, by their faces."""
+    beads = ("{sphere: {centre: [0.13, 0.37, 0.21], radius: 0.4330127}, is: solid}, "
+             "{sphere: {centre: [0.63, 0.87, 0.71], radius: 0.4330127}, is: solid}")
+    found = check(read(SPHERE, f"geometry.shapes=[{beads}]", "geometry.box=[1, 1, 1]",
+                       "particles.spacing=0.0833333333333333"))
+    assert found.connectivity.isolated_pockets == 48
+    assert "closed by the faces of lattice sites" in "\n".join(found.warnings)
+
+
 def test_no_percolation_of_an_image(folder):
     values = np.zeros((8, 8, 20), np.uint8)
     values[:, :, 9] = 1
