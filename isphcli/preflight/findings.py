@@ -17,6 +17,7 @@ from ..flow.forces import largest_of
 from ..geometry.connectivity import connectivity_of
 from ..geometry.images.image import machine_memory
 from ..runs.expected_error import THINNEST, too_narrow
+from ..runs.steadiness import FEWEST
 from .check_result import CheckResult, in_bytes
 from .throats import TINY, Sites
 
@@ -194,6 +195,9 @@ def step_findings(result: CheckResult) -> Iterator[str]:
     for name in ("cfl", "capillary") if case.time.step else ():
         if getattr(case.time, name) != keys_of(Time)[name].default:
             yield f"time.{name} has no effect beside time.step, which is {case.time.step:g} s"
+    if case.time.steady is not None and case.time.max_steps < FEWEST:
+        yield (f"time.max_steps = {case.time.max_steps} ends the run before it can be told how far from steady it "
+               f"is, which takes {FEWEST} steps and more")
     if steps is None or steps.count is None:
         return
     if steps.count >= case.time.max_steps and case.time.steady is None:

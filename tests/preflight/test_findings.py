@@ -169,6 +169,13 @@ def test_a_run_that_stops_before_its_end_and_flow_that_no_unit_explains():
     assert "Reynolds number is about" in findings(SLIT, *moving, "fluids.water.viscosity=1e-7")
 
 
+def test_steps_that_are_too_few_to_tell_a_steady_state():
+    """Three windows of 100 steps, after the first quarter of the run."""
+    moving = ("flow=navier_stokes", "drive={pressure_drop: {x: 1}}")
+    assert "takes 400 steps" in findings(SLIT, *moving, "time={steady: 0.01, max_steps: 399}")
+    assert "takes 400 steps" not in findings(SLIT, *moving, "time={steady: 0.01, max_steps: 400}")
+
+
 def test_numbers_out_of_range_are_told():
     assert "leaves the range of numbers" in errors(SLIT, "flow=navier_stokes", "time={end: 1}",
                                                    "drive.body_force=[1e300, 1e300]")
