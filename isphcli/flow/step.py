@@ -285,17 +285,19 @@ class Stepper:
         return u, without_constants(config, p + q + beside - terms.rotational_viscosity * div)  # eq. 4
 
     def _set_in_motion(self, config: Configuration, system: PressureSystem, moved: State) -> State:
-        """The first state with the superficial velocity that is held, which an impulse of the pressure gradient makes.
+        """The first state with the superficial velocity that is held, which an impulse makes.
         Taken within a step of dt that impulse would be a pressure drop of rho U / dt times the length, with the
         opposite drop in the next step, whose backward difference sees the jump. One solve does not remove all of the
         divergence, so that `first_passes` of them are taken: in rock, where a throat is a few particles wide, the first
-        step would otherwise answer the rest with a pressure drop many times too large."""
+        step would otherwise answer the rest with a pressure drop many times too large. The impulse gives all fluid
+        one velocity. That of a gradient would give a gas a thousand times the velocity of a liquid, and what the
+        passes leave of its divergence is more than what flows through a throat."""
         held, terms = self.held_velocity, config.terms
         assert held is not None and terms.along is not None
         if not leads_through(config.ops, held.axis, (self.geometry.lower, self.geometry.upper)):
             self._nothing_flows()
-        along = np.ascontiguousarray(np.broadcast_to(terms.along, moved.u.shape))
-        v = along
+        v = np.zeros_like(moved.u)
+        v[:, held.axis] = 1.0
         with self._response_tolerance():
             for _ in range(self.fluids.first_passes):
                 v = self._without_divergence(config, system, v, 1.0)[0]
@@ -343,7 +345,9 @@ class Stepper:
             v, q, div = self._without_divergence(config, system, u_star, rate)
         increment = held.gradient_for_flux(config.x, u, v, rate)
         if increment is None:
-            self._nothing_flows()
+            raise RunError("the pressure drop that holds drive.superficial_velocity cannot be found: what a step makes "
+                           "of a drop is no flow along it; take a smaller particles.spacing if throats are one or two "
+                           "particles wide, or drive.pressure_drop where one fluid is far lighter")
         response = q - terms.rotational_viscosity * div
         return u + increment * v, without_constants(config, p + increment * response), increment
 

@@ -26,6 +26,7 @@ START = 0.25  # of the elapsed time, where the first window begins
 # them. A duct of 8 particles across is off by 1.8, 0.35 and 0.10 % with 5, 25 and 100 for a tolerance of 2 %, and by
 # more than was said with 5 and 25 (docs/design_notes.md, steady states).
 LEAST = 100
+FEWEST = round(WINDOWS * LEAST / (1.0 - START))  # steps of a run before which nothing can be told
 # Student's t for 95 % and the 12 degrees of freedom that 16 parts leave after two straight lines
 CONFIDENCE = 2.179
 

@@ -115,6 +115,25 @@ def test_a_velocity_can_only_be_held_where_fluid_flows():
     assert "along x" in errors(SLIT, WALL, *held)
 
 
+def test_a_flux_of_gas_and_water_is_better_driven_by_a_pressure():
+    """A gas of a hundredth of the density, in the case or not: it may be what is injected."""
+    gas, time = "fluids.gas={density: 10, viscosity: 1.0e-5}", ("flow=navier_stokes", "time={end: 1}")
+    fluids = ("fluids.water.density=1000", gas, *time)
+    assert "differ 100 times" in findings(SLIT, *fluids, "drive={superficial_velocity: {x: 0.25}}")
+    assert "differ 100 times" not in findings(SLIT, *fluids, "drive={pressure_drop: {x: 0.25}}")
+    assert "times:" not in findings(SLIT, *time, "drive={superficial_velocity: {x: 0.25}}")
+
+
+def test_pockets_between_beads_that_touch_are_those_of_the_lattice():
+    """In a body-centred pack all pores are joined; 48 sites of the lattice are not, by their faces."""
+    beads = ("{sphere: {centre: [0.13, 0.37, 0.21], radius: 0.4330127}, is: solid}, "
+             "{sphere: {centre: [0.63, 0.87, 0.71], radius: 0.4330127}, is: solid}")
+    found = check(read(SPHERE, f"geometry.shapes=[{beads}]", "geometry.box=[1, 1, 1]",
+                       "particles.spacing=0.0833333333333333"))
+    assert found.connectivity.isolated_pockets == 48
+    assert "closed by the faces of lattice sites" in "\n".join(found.warnings)
+
+
 def test_no_percolation_of_an_image(folder):
     values = np.zeros((8, 8, 20), np.uint8)
     values[:, :, 9] = 1
@@ -148,6 +167,13 @@ def test_a_run_that_stops_before_its_end_and_flow_that_no_unit_explains():
     assert "stops short" not in findings(SLIT, *moving, "time.step=0.5")
     assert "something is due, of output.every" in findings(SLIT, *moving, "output.every=1e-6")
     assert "Reynolds number is about" in findings(SLIT, *moving, "fluids.water.viscosity=1e-7")
+
+
+def test_steps_that_are_too_few_to_tell_a_steady_state():
+    """Three windows of 100 steps, after the first quarter of the run."""
+    moving = ("flow=navier_stokes", "drive={pressure_drop: {x: 1}}")
+    assert "takes 400 steps" in findings(SLIT, *moving, "time={steady: 0.01, max_steps: 399}")
+    assert "takes 400 steps" not in findings(SLIT, *moving, "time={steady: 0.01, max_steps: 400}")
 
 
 def test_numbers_out_of_range_are_told():
