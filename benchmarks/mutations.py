@@ -78,7 +78,7 @@ MUTATIONS = (
              "two_phase.two_fluids", "1.0 / (t / mu[i] + (1.0 - t) / mu[j])",
              "(0.5 * mu[i] + 0.5 * mu[j])", TWO_FLUIDS),
     Mutation("tension_factor", "factor", "nine tenths of the pressure jump of the interface",
-             "two_phase.surface_tension", "jump = tension * (", "jump = 0.9 * tension * (", TWO_FLUIDS),
+             "two_phase.surface_tension", "jump = scale * (", "jump = 0.9 * scale * (", TWO_FLUIDS),
     Mutation("curvature_sign", "sign", "the curvature of an interface has the opposite sign in 2D",
              "two_phase.quadratic_fit", "-(xx * gy * gy", "(xx * gy * gy", TWO_FLUIDS),
 )  # fmt: skip
