@@ -124,9 +124,9 @@ def fraction_slope(phi: np.ndarray, spacing: float) -> np.ndarray:
 def of_one_interface(phi: np.ndarray, steepness: np.ndarray, spacing: float) -> np.ndarray:
     """0 to 1, (n,): how much of what a particle knows is of one interface, from phi (n,), m, and |grad phi| (n,) of its
     fit. Half way between two interfaces phi has a kink: its slope and its curvature are those of neither. A kink nearer
-    to the interface than a spacing belongs to it, as in `quadratic_fit`, and so does one before an edge of up to a right
-    angle, where the slope is cos 45 degrees and more: without edges a square drop that becomes round gains twice the
-    momentum."""
+    to the interface than a spacing belongs to it, as in `quadratic_fit`, and so does one before an edge of up to a
+    right angle, where the slope is cos 45 degrees and more: without edges a square drop that becomes round gains twice
+    the momentum."""
     apart = np.minimum((phi / spacing) ** 2, 1.0)
     return 1.0 - apart * (1.0 - np.minimum(math.sqrt(2.0) * steepness, 1.0) ** APART)
 
