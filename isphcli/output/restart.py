@@ -170,20 +170,6 @@ def _shape(value: Any) -> tuple[int, ...]:
     return shape if current().size == 1 or not shape else (reduce.number(value), *shape[1:])
 
 
-def _digest(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """SHA-256 over names, types, shapes and bytes."""
-    total = hashlib.sha256()
-    for name in sorted(arrays):
-        values = np.ascontiguousarray(arrays[name])
-        total.update(_head(name, values.dtype.str, values.shape))
-        total.update(values.data)
-    return total.digest()
-
-
-def _head(name: str, kind: str, shape: tuple[int, ...]) -> bytes:
-    return f"{name} {kind} {shape or (1,)}\n".encode()
-
-
 # --- the record of the case --------------------------------------------------------------------------------------
 
 
@@ -216,21 +202,27 @@ def record_of(case: Case) -> dict[str, Any]:
 
 
 def _image_digest(voxels: Voxels) -> str:
-    """`_digest` of the values of an image. Where several processes have its layers, rank 0, which looks, reads it layer
-    by layer."""
+    """SHA-256 of type, shape and values of an image. Where several processes have its layers, rank 0, which looks,
+    reads it layer by layer."""
     from ..scene.image_file import image_by_layers, image_of, shape_of
 
+    def of_type(kind: np.dtype, shape: tuple[int, ...]) -> hashlib._Hash:
+        return hashlib.sha256(f"image {kind.str} {shape}\n".encode())
+
     if current().size == 1:
-        return _digest({"image": image_of(voxels).values}).hex()
+        whole = np.ascontiguousarray(image_of(voxels).values)
+        total = of_type(whole.dtype, whole.shape)
+        total.update(whole.data)
+        return total.hexdigest()
     kind = next(image_by_layers(voxels)).dtype
     while True:  # once more where labels behind the first layers need more bytes
-        total, whole = hashlib.sha256(_head("image", kind.str, shape_of(voxels))), kind
+        total, widest = of_type(kind, shape_of(voxels)), kind
         for values in image_by_layers(voxels):
-            whole = np.result_type(values.dtype, whole)
+            widest = np.result_type(values.dtype, widest)
             total.update(np.ascontiguousarray(values, kind).data)
-        if whole == kind:
+        if widest == kind:
             return total.hexdigest()
-        kind = whole
+        kind = widest
 
 
 def _entries(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
