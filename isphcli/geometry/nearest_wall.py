@@ -300,7 +300,6 @@ def _foot(x, p, m, near, grid):
 def _well_inside(p, grid):
     """Whether all that is sampled round point p lies in one ball of a shape that is solid whatever the others are."""
     cell = 0
-    local = (p[0], p[1], p[2])
     for a in range(2, -1, -1):
         i = int(np.floor((p[a] - grid.lower[a]) / grid.edge[a]))
         if not 0 <= i < grid.counts[a]:
@@ -311,7 +310,7 @@ def _well_inside(p, grid):
         if grid.piece[c, 0] == BALL and grid.sure[grid.shape[c]]:
             away = 0.0
             for a in range(3):
-                away += (local[a] - grid.piece[c, 1 + a]) ** 2
+                away += (p[a] - grid.piece[c, 1 + a]) ** 2
             if away < max(grid.piece[c, 4] - 2.0 * grid.probe, 0.0) ** 2:
                 return True
     return False

@@ -40,8 +40,8 @@ def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH,
         symmetry="symmetric",
         strength=("symmetric", {"theta": strength}),
         smooth=("jacobi", {"omega": SMOOTHING, "filter_entries": True, "weighting": "local"}),
-        presmoother=("gauss_seidel", {"sweep": "forward"}),
-        postsmoother=("gauss_seidel", {"sweep": "backward"}),
+        presmoother=None,  # `cycle` and `BlockCycle` sweep themselves
+        postsmoother=None,
         coarse_solver=("pinv", {"rtol": 1e-9}),
         max_coarse=300,
     )
