@@ -1,11 +1,13 @@
-"""docs/validation.md from runs of the code as it is: the one command behind every number in it.
+"""docs/validation.md from runs of the code as it is: the one command behind every table in it.
 
-usage: python benchmarks/validation_page.py [--reuse] [--budget SECONDS] [--levels N]
+usage: python benchmarks/validation_page.py [--reuse] [--parts NAME,...] [--budget SECONDS]
 
 Runs, one after the other and each in a process of its own: `isph validate` over the cases of one fluid and over those
 of two, `isph validate --paper`, benchmarks/mutations.py, benchmarks/calibration.py (report and volumes; what it
-measured is in isphcli/data) and benchmarks/measuring.py. What they leave stands in out/page, with the commit that it
-was measured at; --reuse takes what is there from before and runs the rest. About an hour on one core.
+measured is in isphcli/data) and benchmarks/measuring.py. What each leaves stands in out/page, with the commit that it
+was measured at, and replaces what stands in the page between `<!-- part: NAME -->` and `<!-- end -->`; the text round
+these parts is written by hand and stays. --parts: one_fluid, two_fluids, paper, mutations, bodies, volumes, measuring;
+all without it. --reuse takes what is in out/page from before and runs the rest. About an hour on one core.
 """
 
 import argparse
@@ -18,59 +20,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "out" / "page"
-PAGE = """\
-# Validation
-
-Written by `python benchmarks/validation_page.py`, which runs what is shown at the head of each part, at the commit that
-stands there. The verdict of a case is about the spacing that stands in its file; the best error may be of a finer one.
-Seconds are of one core, without compilation and without the reference solution.
-
-{one_fluid}
-
-{two_fluids}
-
-{paper}
-
-## Broken operators, noticed
-
-`python benchmarks/mutations.py` (commit {mutations_at}) changes one line of the code and runs the quick references with
-it; the worst misses come first. Where none does, the reason stands there, and the test of the suite that notices it.
-
-{mutations}
-
-## Known bodies
-
-{bodies}
-
-Not measured with stairs: bodies without an edge (slits and ducts along the voxels) and those whose cubes take long to
-solve finely (separate 12, 20, touching 9, 14, 20).
-
-Labels that are more than 3 % off at the finest spacing, `PYTHONPATH=. python benchmarks/calibration.py volumes
-isphcli/data/known_bodies_measured.csv`: k, and what the labels and the smooth body that is solved make of the volume of
-the pores.
-
-{volumes}
-
-Where the volume of a straight body is off, the labels themselves are: walls along the voxels lie anywhere within one,
-all slices say the same, and k goes with the third power of a gap (slits, annulus: +20, +12.5, +3.9, -5.3 and +1.5 %
-of volume are +73, +42, +12, -15 and +4.5 % of k), of ducts, pipes and ellipses with the square (-12.1 % are -23 %).
-The smooth body keeps that volume, but rounds the corners of ducts and the ends of small cross sections, which takes
-up to 2.6 % more of it. A grey image says where within a voxel the wall is; of walls along the voxels by the share of
-a voxel alone, so that corners and slits are still up to 17 % off. The volume of the others is right and k is off by
-what the labels make of single throats: the gap between cylinders of 4.6 voxels has 4 in the labels (0.4, 16),
-neighbouring spheres leave 0.7 voxels at the throat (0.45, 14), pores of random bodies are 0.8 to 2.1 voxels wide
-(blobs 15, 18, 19). Small grains lose volume in the smooth body (`volumes ... 0`; spheres 0.064, 8: of the solid 2.2 %
-in the labels, 4.3 % in the smooth body), their k stays within 3 % all the same.
-
-## Measuring
-
-`python benchmarks/measuring.py` (commit {measuring_at}): CPU seconds that a run reports against those of the operating
-system, and what of them only measures.
-
-```
-{measuring}
-```
-"""
+PAGE = ROOT / "docs" / "validation.md"
+MEASURED = "isphcli/data/known_bodies_measured.csv"
+TITLES = {"one_fluid": "Cases of one fluid", "two_fluids": "Cases of two fluids"}
+LEVELS = {"one_fluid": 2, "two_fluids": 1}  # resolutions of a case
 
 
 def commit():
@@ -79,8 +32,8 @@ def commit():
     return subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
 
 
-def part(name, command, result, reuse):
-    """(text, commit) that a command leaves, in the file `result` or on its standard output."""
+def left_by(name, command, result, reuse):
+    """(text, commit) that a command leaves, in the file `result` of out/page or on its standard output."""
     path, at = OUT / result, OUT / f"{name}.commit"
     if not (reuse and path.exists()):
         print(shlex.join(command), flush=True)
@@ -91,7 +44,7 @@ def part(name, command, result, reuse):
         if not path.exists() or path.name.endswith(".txt"):
             path.write_text(done.stdout or done.stderr)
         print(f"  {name}: exit code {done.returncode}", flush=True)
-    return path.read_text(), at.read_text()
+    return path.read_text(), at.read_text().strip()
 
 
 def demoted(page, commit, title=None):
@@ -102,6 +55,25 @@ def demoted(page, commit, title=None):
         lines[0] = f"## {title}"
     lines.insert(next(k for k, line in enumerate(lines) if line.startswith("- date:")), f"- commit: {commit}")
     return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).strip()
+
+
+def shown(name, text, commit):
+    """A part of the page of what a command left."""
+    if name in ("one_fluid", "two_fluids", "paper"):
+        return demoted(text, commit, TITLES.get(name))
+    if name in ("bodies", "volumes"):  # of numbers measured before, whose commit stands in the text
+        return text.strip()
+    if name == "measuring":
+        text = f"```\n{text.strip()}\n```"
+    return f"Commit {commit}.\n\n{text.strip()}"
+
+
+def replaced(page, name, text):
+    """The page with this text between the markers of a part. Raises ValueError where they are not there once."""
+    found, count = re.subn(rf"(<!-- part: {name} -->\n).*?(\n<!-- end -->)", lambda m: m[1] + text + m[2], page, flags=re.S)
+    if count != 1:
+        raise ValueError(f"{PAGE}: {count} parts named {name}, there must be one")
+    return found
 
 
 def cases_by_fluids():
@@ -119,33 +91,27 @@ def cases_by_fluids():
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--reuse", action="store_true", help="take the parts that stand in out/page")
+    parser.add_argument("--reuse", action="store_true", help="take what stands in out/page")
+    parser.add_argument("--parts", help="names, with commas between them; all parts without it")
     parser.add_argument("--budget", type=float, default=400.0, help="seconds of the levels of a case")
-    parser.add_argument("--levels", type=int, default=2, help="resolutions of a case")
     options = parser.parse_args()
     folder = OUT.relative_to(ROOT)
-    measured = "isphcli/data/known_bodies_measured.csv"
-    ladder = ["--levels", str(options.levels), "--budget", f"{options.budget:g}", "--threads", "1", "--quiet"]
     commands = {}
-    for name, cases in zip(("one_fluid", "two_fluids"), cases_by_fluids()):
+    for name, cases in zip(LEVELS, cases_by_fluids()):
+        ladder = ["--levels", str(LEVELS[name]), "--budget", f"{options.budget:g}", "--threads", "1", "--quiet"]
         commands[name] = ["-m", "isphcli", "validate", *cases, *ladder, "--out", str(folder / name)]
     commands["paper"] = ["-m", "isphcli", "validate", "--paper", "--out", str(folder / "paper"), "--threads", "1"]
     commands["mutations"] = ["benchmarks/mutations.py"]
+    commands["bodies"] = ["benchmarks/calibration.py", "report", MEASURED]
+    commands["volumes"] = ["benchmarks/calibration.py", "volumes", MEASURED]
     commands["measuring"] = ["benchmarks/measuring.py"]
-    commands["bodies"] = ["benchmarks/calibration.py", "report", measured]
-    commands["volumes"] = ["benchmarks/calibration.py", "volumes", measured]
     results = {"one_fluid": "one_fluid/validation.md", "two_fluids": "two_fluids/validation.md",
                "paper": "paper/report.md"}  # fmt: skip
-    texts, at = {}, {}
-    for name, command in commands.items():
-        texts[name], at[name] = part(name, command, results.get(name, f"{name}.txt"), options.reuse)
-    text = PAGE.format(
-        one_fluid=demoted(texts["one_fluid"], at["one_fluid"], "Cases of one fluid"),
-        two_fluids=demoted(texts["two_fluids"], at["two_fluids"], "Cases of two fluids"),
-        paper=demoted(texts["paper"], at["paper"]), mutations_at=at["mutations"], measuring_at=at["measuring"],
-        **{name: texts[name].strip() for name in ("mutations", "bodies", "volumes", "measuring")},
-    )  # fmt: skip
-    (ROOT / "docs" / "validation.md").write_text(text)
+    page = PAGE.read_text()
+    for name in options.parts.split(",") if options.parts else commands:
+        left = left_by(name, commands[name], results.get(name, f"{name}.txt"), options.reuse)
+        page = replaced(page, name, shown(name, *left))
+    PAGE.write_text(page)
 
 
 if __name__ == "__main__":
