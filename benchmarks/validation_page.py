@@ -70,7 +70,8 @@ def shown(name, text, commit):
 
 def replaced(page, name, text):
     """The page with this text between the markers of a part. Raises ValueError where they are not there once."""
-    found, count = re.subn(rf"(<!-- part: {name} -->\n).*?(\n<!-- end -->)", lambda m: m[1] + text + m[2], page, flags=re.S)
+    between = rf"(<!-- part: {name} -->\n).*?(\n<!-- end -->)"
+    found, count = re.subn(between, lambda ends: ends[1] + text + ends[2], page, flags=re.DOTALL)
     if count != 1:
         raise ValueError(f"{PAGE}: {count} parts named {name}, there must be one")
     return found
