@@ -141,6 +141,11 @@ class BlockCycle:
         return x
 
 
+def add_product(matrix: sp.csr_matrix, sign: float, x: np.ndarray, out: np.ndarray) -> None:
+    """out += sign A x of vectors (m,) and (n,)."""
+    over_rows(_add_product, len(out), _csr(matrix), sign, x, out)
+
+
 def single(matrix: sp.csr_matrix) -> sp.csr_matrix:
     """A CSR matrix with its entries in single precision and sorted rows."""
     matrix = matrix.tocsr().astype(np.float32)
@@ -234,6 +239,17 @@ def _backward(blocks, edges, matrix, at, b, x, before):
             for k in range(q, last):
                 s -= data[k] * before[np.uint32(indices[k])]
             x[i] = s / data[own] if data[own] != 0.0 else 0.0  # a row of zeros: a particle that bears no pressure
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _add_product(rows, matrix, sign, x, out):
+    """out += sign A x."""
+    indptr, indices, data = matrix
+    for i in range(rows[0], rows[1]):
+        s = 0.0
+        for q in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
+            s += data[q] * x[np.uint32(indices[q])]
+        out[i] += sign * s
 
 
 # Three columns are written out: a loop over them costs twice the time
