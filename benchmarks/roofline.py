@@ -61,9 +61,9 @@ class Kernels:
 
         self.seconds, self.bytes, plain = collections.Counter(), collections.Counter(), row_threads._share_out
 
-        def timed(call, ranges):
+        def timed(call, ranges, threads):
             begin = time.process_time()
-            found = plain(call, ranges)
+            found = plain(call, ranges, threads)
             spent, given = time.process_time() - begin, inspect.getclosurevars(call).nonlocals
             function = getattr(given["kernel"], "py_func", None)
             if function is not None:

@@ -8,7 +8,8 @@ Taylor-Green vortex of benchmarks/step_cost.py, steps after the second.
 
 machine: first what two threads give this machine, which must have nothing else to do: of the wall time of one, that of
 a kernel in registers and of the triad a = b + s c of `TRIAD` entries. The shares then have a bound more: 1 - p + p t,
-with the t of the triad, if all that kernels do were to wait for the memory.
+with the t of the triad, if all that kernels do were to wait for the memory. And the CPU time of sharing four ranges
+without rows with a second thread.
 """
 
 import itertools
@@ -26,6 +27,7 @@ from numba import njit
 TRIAD = 40_000_000  # entries of each of three arrays: 0.96 GB, beyond every cache
 TURNS = 200_000_000  # of the kernel in registers
 REPEATS = 7
+LOOPS = 5000  # without rows
 
 
 @njit(nogil=True)
@@ -59,7 +61,18 @@ def machine():
     arrays = np.zeros(TRIAD), np.ones(TRIAD), np.ones(TRIAD)
     computing, streaming = two_over_one(in_registers, TURNS), two_over_one(triad, TRIAD, *arrays)
     print(f"two threads over one: {computing:.2f} in registers, {streaming:.2f} a triad of {TRIAD:,}", flush=True)
+    print(f"a loop shared by two: {1e6 * hand_over():.0f} CPU us", flush=True)
     return streaming
+
+
+def hand_over():
+    """CPU seconds of a loop without rows that two threads share."""
+    from isphcli.domain.row_threads import _share_out
+
+    begin = time.process_time()
+    for _ in range(LOOPS):
+        _share_out(lambda rows: in_registers(*rows), [(0, 0)] * 4, 2)
+    return (time.process_time() - begin) / LOOPS
 
 
 class Share:
@@ -69,9 +82,9 @@ class Share:
     def __init__(self, row_threads, triad=None):
         self.inside, self.total, self.triad, plain = 0.0, 0.0, triad, row_threads._share_out
 
-        def timed(call, ranges):
+        def timed(call, ranges, threads):
             begin = time.process_time()
-            found = plain(call, ranges)
+            found = plain(call, ranges, threads)
             self.inside += time.process_time() - begin
             return found
 

@@ -2,15 +2,20 @@
 
 Compiled code with `nogil=True` does not hold other threads up. numba's own parallel loops do the same, but took
 two to four times as long to compile as the serial loops in them (numba 0.68).
+
+The calling thread computes ranges too, and waits only for those that others have begun: where these come late, because
+they sleep or because other programs have the cores, it computes all of them.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
 from itertools import accumulate
+from operator import itemgetter
+from queue import SimpleQueue
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -19,7 +24,9 @@ from numba import get_num_threads
 # LLVM vectorises a sum only if it may reorder it. NaN and infinity keep their meaning (no nnan, no ninf).
 REDUCE = {"reassoc", "contract", "nsz"}
 APART = 64  # entries between scratch arrays: more than a vectorised loop takes at once
-FEWEST = 4096  # rows of a range: to hand it to a thread costs about 50 us, a row 0.03 us and more
+# rows of a range: a row takes 0.03 us and more, and ranges that another thread shares 15 to 20 us
+# (`benchmarks/serial_share.py machine`, 2026-12-01)
+FEWEST = 2048
 RANGES = 2  # ranges per thread, so that no thread waits long for one with long rows
 
 
@@ -74,9 +81,56 @@ def cut(n: int, parts: int) -> list[tuple[int, int]]:
 def _share_out(call: Callable[[tuple[int, int]], Any], ranges: list[tuple[int, int]], threads: int) -> list[Any]:
     if threads == 1 or len(ranges) == 1:
         return [call(rows) for rows in ranges]
-    return list(_pool(threads).map(call, ranges))
+    job = _Job(call, ranges)
+    for _ in range(_helpers(min(threads, len(ranges)) - 1)):
+        _JOBS.put(job)
+    job.work()
+    return job.results()
 
 
-@lru_cache(maxsize=1)
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="rows")
+class _Job:
+    """A call of each of some ranges, by whichever threads `work` on it. Deques and queues are safe between threads."""
+
+    def __init__(self, call: Callable[[tuple[int, int]], Any], ranges: list[tuple[int, int]]):
+        self.call, self.ranges = call, ranges
+        self.left = deque(range(len(ranges)))
+        self.done: SimpleQueue[tuple[int, Any, BaseException | None]] = SimpleQueue()
+
+    def work(self) -> None:
+        """Computes ranges until none is left that no thread has begun."""
+        while True:
+            try:
+                k = self.left.popleft()
+            except IndexError:
+                return
+            found, error = None, None
+            try:
+                found = self.call(self.ranges[k])
+            except BaseException as raised:  # the thread that asked raises it
+                error = raised
+            self.done.put((k, found, error))
+
+    def results(self) -> list[Any]:
+        """What the calls return, in the order of the ranges, once all are done; raises what one of them raised."""
+        found = sorted((self.done.get() for _ in self.ranges), key=itemgetter(0))
+        for _, _, error in found:
+            if error is not None:
+                raise error
+        return [value for _, value, _ in found]
+
+
+_JOBS: SimpleQueue[_Job] = SimpleQueue()
+_HELPERS: list[Thread] = []
+
+
+def _helpers(wanted: int) -> int:
+    """So many; starts the threads that are missing, which end with the process."""
+    while len(_HELPERS) < wanted:
+        _HELPERS.append(Thread(target=_help, name="rows", daemon=True))
+        _HELPERS[-1].start()
+    return wanted
+
+
+def _help() -> None:
+    while True:
+        _JOBS.get().work()

@@ -1,10 +1,13 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numba import njit
 
+from isphcli.domain import row_threads
 from isphcli.domain.row_threads import FEWEST, over_rows
 
-from ..threads import one_thread
+from ..threads import on_threads, one_thread
 
 
 @njit(nogil=True)
@@ -29,9 +32,27 @@ def test_one_thread_makes_one_call():
             20 * FEWEST]
 
 
-def test_what_a_kernel_raises_comes_out():
+@pytest.mark.parametrize("threads", [1, 3])
+def test_what_a_kernel_raises_comes_out(monkeypatch, threads):
     def fails(rows):
         raise ValueError("row")
 
+    monkeypatch.setattr(row_threads, "get_num_threads", lambda: threads)
     with pytest.raises(ValueError, match="row"):
         over_rows(fails, 20 * FEWEST)
+    assert sum(end - begin for begin, end in over_rows(lambda rows: rows, 20 * FEWEST)) == 20 * FEWEST
+
+
+def test_what_calls_return_is_in_the_order_of_their_ranges(monkeypatch):
+    for found in on_threads(monkeypatch, lambda: over_rows(lambda rows: rows, 1000)):
+        assert found[0][0] == 0 and found[-1][1] == 1000
+        assert all(first[1] == second[0] for first, second in pairwise(found))
+
+
+def test_a_loop_in_a_range_of_another_ends(monkeypatch):
+    """All threads are in the outer loop: the inner ones have nobody but themselves."""
+    def inner(rows):
+        return sum(end - begin for begin, end in over_rows(lambda part: part, 640))
+
+    for found in on_threads(monkeypatch, lambda: over_rows(inner, 640)):
+        assert set(found) == {640}
