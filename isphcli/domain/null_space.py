@@ -4,13 +4,19 @@ vector (eqs 25-26)."""
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from . import reduce
+from .row_threads import over_blocks, over_rows
 
 # Share by which diagonals of a pressure matrix are raised before a hierarchy is built on it. Pressure is determined up
 # to a constant in each component: in a pocket smaller than an aggregate, and on the coarsest level, that constant is
 # the only unknown of a coarse matrix, and the hierarchy would divide by round-off.
 GROUND = 1e-6
+
+
+ROWS = 8192  # of a block of rows whose sums one thread takes, at least
+BLOCKS = 64  # of rows, at most
 
 
 class ComponentMeans:
@@ -22,11 +28,30 @@ class ComponentMeans:
     def __init__(self, labels: np.ndarray, count: int = 0):
         self.labels = labels
         self.count = reduce.total_by(labels, labels=count)
+        n = len(labels)  # blocks have a sum of each component: together not more than there are particles
+        self._edges = np.linspace(0, n, 1 + min(max(n // max(ROWS, len(self.count)), 1), BLOCKS)).astype(np.int64)
 
     def remove(self, v: np.ndarray) -> np.ndarray:
         """v without its mean over each component, (n,)."""
         if len(self.count) == 1:
             return v - reduce.total(v) / self.count[0]  # eq. 26
         # eq. 26, with one constant vector per component
-        mean = (reduce.total_by(self.labels, v, len(self.count)) / self.count).take(self.labels)
-        return np.subtract(v, mean, out=mean)
+        sums, out = np.zeros((len(self._edges) - 1, len(self.count))), np.empty(len(v))
+        over_blocks(_sums, self._edges, self.labels, v, sums)
+        over_rows(_less, len(v), self.labels, reduce.total(sums) / self.count, v, out)
+        return out
+
+
+@njit(cache=True, nogil=True)
+def _sums(blocks, edges, labels, v, sums):
+    """Sums (blocks, components) of v over the rows of each block."""
+    for block in range(blocks[0], blocks[1]):
+        for i in range(edges[block], edges[block + 1]):
+            sums[block, labels[i]] += v[i]
+
+
+@njit(cache=True, nogil=True)
+def _less(rows, labels, mean, v, out):
+    """v without the mean of the component of each row."""
+    for i in range(rows[0], rows[1]):
+        out[i] = v[i] - mean[labels[i]]

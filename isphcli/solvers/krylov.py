@@ -186,8 +186,7 @@ class KrylovSpace:
         """Products until what is left is `enough`. each: called with that over the norm of `rest` after each."""
         while not self.complete:
             k, turned = self.known, self._turned
-            self.basis.append(*self._next)
-            vector = self.operator(self.basis.last())
+            vector = self.operator(self.basis.append(*self._next))
             column, length = self.basis.orthogonalise(vector)
             for m, (c, s) in enumerate(self._turns):
                 column[m], column[m + 1] = c * column[m] + s * column[m + 1], c * column[m + 1] - s * column[m]

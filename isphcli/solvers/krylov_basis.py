@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from ..domain import reduce
-from ..domain.row_threads import REDUCE, over_blocks
+from ..domain.row_threads import REDUCE, over_blocks, over_rows
 
 CHUNK = 1024  # entries of a block: those of 50 vectors stay in the cache between the two uses of a pass
 # Entries of a piece that BLAS gets, at least: six pieces of a vector of 48^3. To make ten such vectors orthogonal takes
@@ -27,10 +27,7 @@ LEFT = 1e-4
 class Basis(Protocol):
     """Orthonormal vectors of unknowns."""
 
-    def append(self, vector: np.ndarray, length: float) -> None:
-        """See `KrylovBasis`."""
-
-    def last(self) -> np.ndarray:
+    def append(self, vector: np.ndarray, length: float) -> np.ndarray:
         """See `KrylovBasis`."""
 
     def orthogonalise(self, vector: np.ndarray) -> tuple[np.ndarray, float]:
@@ -49,15 +46,12 @@ class DoubleBasis:
         self._edges = np.linspace(0, size, 1 + max(size // PIECE, 1)).astype(np.int64)
         self.count = 0
 
-    def append(self, vector: np.ndarray, length: float) -> None:
+    def append(self, vector: np.ndarray, length: float) -> np.ndarray:
         """See `KrylovBasis`."""
         stored = self._vectors[self.count]
         self._over_pieces(lambda _, part: np.multiply(vector[part], 1.0 / length, out=stored[part]))
         self.count += 1
-
-    def last(self) -> np.ndarray:
-        """See `KrylovBasis`; not to be written to."""
-        return self._vectors[self.count - 1]
+        return stored  # not to be written to
 
     def orthogonalise(self, vector: np.ndarray) -> tuple[np.ndarray, float]:
         """See `KrylovBasis`."""
@@ -106,14 +100,13 @@ class KrylovBasis:
         self._edges = np.minimum(np.arange(0, size + CHUNK, CHUNK), size)
         self.count = 0
 
-    def append(self, vector: np.ndarray, length: float) -> None:
-        """The next vector, of this length and orthogonal to the others."""
-        np.multiply(vector, 1.0 / length, out=self._vectors[self.count], casting="same_kind")
+    def append(self, vector: np.ndarray, length: float) -> np.ndarray:
+        """The next vector, of this length and orthogonal to the others; returns it as it is stored, in double precision
+        and of length one, (size,)."""
+        out = np.empty(len(vector))
+        over_rows(_store, len(vector), vector, 1.0 / length, self._vectors[self.count], out)
         self.count += 1
-
-    def last(self) -> np.ndarray:
-        """The last vector in double precision, (size,)."""
-        return self._vectors[self.count - 1].astype(float)
+        return out
 
     def orthogonalise(self, vector: np.ndarray) -> tuple[np.ndarray, float]:
         """Takes the coefficients along the basis out of a vector in place: (coefficients (count,), length of the rest).
@@ -136,6 +129,14 @@ class KrylovBasis:
         over_blocks(_take_out, self._edges, self._vectors, -weights, out,
                     (np.empty((blocks, len(weights))), np.empty((blocks, 1))))
         return out
+
+
+@njit(cache=True, nogil=True)
+def _store(rows, vector, factor, stored, out):
+    """The vector times the factor into single precision, and from there."""
+    for k in range(np.uint64(rows[0]), np.uint64(rows[1])):
+        stored[k] = factor * vector[k]
+        out[k] = stored[k]
 
 
 @njit(cache=True, nogil=True, fastmath=REDUCE, forceinline=True)

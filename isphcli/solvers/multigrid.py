@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from numba import njit
 
 from ..domain.null_space import GROUND
-from ..domain.row_threads import REDUCE, over_blocks, over_rows
+from ..domain.row_threads import over_blocks, over_rows
 
 if TYPE_CHECKING:
     from pyamg.multilevel import MultilevelSolver
@@ -169,6 +169,11 @@ class BlockCycle:
         return x
 
 
+def add_product(matrix: sp.csr_matrix, sign: float, x: np.ndarray, out: np.ndarray) -> None:
+    """out += sign A x of vectors (m,) and (n,)."""
+    over_rows(_add_product, len(out), _csr(matrix), sign, x, out)
+
+
 def single(matrix: sp.csr_matrix) -> sp.csr_matrix:
     """A CSR matrix with its entries in single precision and sorted rows."""
     matrix = matrix.tocsr().astype(np.float32)
@@ -264,7 +269,7 @@ def _backward(blocks, edges, matrix, at, b, x, before):
             x[i] = s / data[own] if data[own] != 0.0 else 0.0  # a row of zeros: a particle that bears no pressure
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=REDUCE)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _add_product(rows, matrix, sign, x, out):
     """out += sign A x."""
     indptr, indices, data = matrix

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 import scipy.sparse as sp
 
-from .multigrid import SMOOTHING, STRENGTH, cycle, edges, hierarchy
+from .multigrid import SMOOTHING, STRENGTH, add_product, cycle, edges, hierarchy
 
 SLAB = 100_000  # rows of the finest matrix that are there at a time, in the triple product
 
@@ -62,15 +62,17 @@ class PairCycle:
             part = slice(begin, min(begin + SLAB, n))
             product = matrix.rows(part.start, part.stop) @ self.prolongation
             coarse = coarse + self.prolongation[part].T.tocsr() @ product
-        self.levels = hierarchy(coarse, near_null=np.sqrt(size))
+        self.levels, self.restriction = hierarchy(coarse, near_null=np.sqrt(size)), self.prolongation.T.tocsr()
         self.coarse, self._inner = coarse, cycle(self.levels)
 
     def __call__(self, b: np.ndarray) -> np.ndarray:
         x, rest = self.matrix.sweep_from_zero(self.blocks, b)
-        rest = self.prolongation.T @ rest
-        y = self._inner(rest)
+        coarse = np.zeros(self.coarse.shape[0])
+        add_product(self.restriction, 1.0, rest, coarse)
+        y = self._inner(coarse)
         if len(self.levels.levels) > 1:
-            y += self._inner(rest - self.coarse @ y)
-        x += self.prolongation @ y
+            add_product(self.coarse, -1.0, y, coarse)
+            y += self._inner(coarse)
+        add_product(self.prolongation, 1.0, y, x)
         self.matrix.sweep_back(self.blocks, b, x)
         return x
