@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from ..domain.neighbours import Neighbourhood
+from ..domain.row_threads import over_rows
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
@@ -75,7 +76,7 @@ def crossings(geometry: Geometry, neighbours: Neighbourhood, walls: WallTable) -
     x, start = neighbours.x, neighbours.start
     t, link = [np.zeros(0)], np.full(len(neighbours.row), SHARES_PRESSURE, np.int8)
     suspect = np.empty(len(neighbours.row), np.bool_)
-    _may_cross_a_wall(neighbours, walls.fluid, walls.distance, suspect)
+    over_rows(_may_cross_a_wall, neighbours.n, neighbours, walls.fluid, walls.distance, suspect)
     for begin in range(0, len(suspect), SCANNED):
         ask = begin + np.flatnonzero(suspect[begin : begin + SCANNED])
         for some in np.split(ask, range(AT_ONCE, len(ask), AT_ONCE)):
@@ -90,12 +91,12 @@ def crossings(geometry: Geometry, neighbours: Neighbourhood, walls: WallTable) -
     return Links(link, np.concatenate(t), first)
 
 
-@njit(cache=True)
-def _may_cross_a_wall(neighbours, fluid, distance, keep):
-    """Which pairs may cross a wall, into keep (n_pairs,) bool: those with a dummy, and fluid pairs that two free balls
-    do not cover."""
+@njit(cache=True, nogil=True)
+def _may_cross_a_wall(rows, neighbours, fluid, distance, keep):
+    """Which pairs of rows may cross a wall, into keep (n_pairs,) bool: those with a dummy, and fluid pairs that two
+    free balls do not cover."""
     x, start, index = neighbours.x, neighbours.start, neighbours.row
-    for i in range(len(start) - 1):
+    for i in range(rows[0], rows[1]):
         for p in range(start[i], start[i + 1]):
             j = index[p]
             keep[p] = not fluid[j]
@@ -110,12 +111,12 @@ def _may_cross_a_wall(neighbours, fluid, distance, keep):
 def in_sight(start: np.ndarray, link: np.ndarray) -> np.ndarray:
     """Neighbours (n,) of each particle that no wall hides. link: (n_pairs,), see `Links`."""
     counts = np.zeros(len(start) - 1, np.int64)
-    _count_in_sight(start, link, counts)
+    over_rows(_count_in_sight, len(counts), start, link, counts)
     return counts
 
 
-@njit(cache=True)
-def _count_in_sight(start, link, counts):
-    for i in range(len(counts)):
+@njit(cache=True, nogil=True)
+def _count_in_sight(rows, start, link, counts):
+    for i in range(rows[0], rows[1]):
         for p in range(start[i], start[i + 1]):
             counts[i] += link[p] != MEETS_WALL

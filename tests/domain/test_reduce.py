@@ -87,7 +87,6 @@ ALLOWED = {
     ("flow.timed_drive", "np.linalg.norm(vectors, axis=-1)"): AXES,
     ("flow.timed_drive", "np.linalg.norm(vectors, axis=-1).max()"): TIMES,
     ("flow.viscous_solve", "matrix @ exchange.forward(v)"): MATRIX,
-    ("flow.viscous_solve", "matrix @ everyone"): MATRIX,
     ("flow.viscous_solve", "np.einsum('nkm,nm->nk', slip, u)"): OWN,
     ("flow.viscous_solve", "np.abs(scaled - apply(solution)).reshape(n, dim).max(axis=1)"): OWN,
     ("flow.volume_control", "self.wanted.max()"): BLOCKS,
