@@ -19,7 +19,7 @@ from threading import Thread
 from typing import Any
 
 import numpy as np
-from numba import get_num_threads
+from numba import get_num_threads, set_num_threads
 
 # LLVM vectorises a sum only if it may reorder it. NaN and infinity keep their meaning (no nnan, no ninf).
 REDUCE = {"reassoc", "contract", "nsz"}
@@ -71,6 +71,12 @@ def over_blocks(kernel: Callable[..., Any], edges: np.ndarray, *arguments: Any) 
     threads = get_num_threads()
     ranges = min(RANGES * threads, blocks) if threads > 1 else 1
     _share_out(lambda rows: kernel(rows, edges, *arguments), cut(blocks, ranges), threads)
+
+
+def over_parts(function: Callable[[tuple[int, int]], Any], parts: list[tuple[int, int]]) -> list[Any]:
+    """function((begin, end)) of each part, in their order. It is no kernel, but most of its time is in functions that do
+    not hold up other threads, such as SciPy's products of sparse matrices."""
+    return _share_out(function, parts, get_num_threads() if len(parts) > 1 else 1)
 
 
 def cut(n: int, parts: int) -> list[tuple[int, int]]:
@@ -132,5 +138,6 @@ def _helpers(wanted: int) -> int:
 
 
 def _help() -> None:
+    set_num_threads(1)  # of this thread: loops in a range are not shared once more
     while True:
         _JOBS.get().work()

@@ -10,6 +10,8 @@ from numba import njit
 
 from ..domain.null_space import GROUND
 from ..domain.row_threads import over_blocks, over_rows
+from .aggregation import SMOOTHING, coarse_matrix, prolongation
+from .aggregation import arrays_of as _csr
 
 if TYPE_CHECKING:
     from pyamg.multilevel import MultilevelSolver
@@ -19,7 +21,13 @@ if TYPE_CHECKING:
 # strength-of-connection threshold; at 0.08 the Poisson solve of 32^3 jittered particles (`benchmarks/iterations.py`)
 # takes 1.4 times as long, and its set-up 0.7 times (2026-11-29)
 STRENGTH = 0.02
-SMOOTHING = 4.0 / 3.0  # of the tentative prolongation, over the largest eigenvalue as the rows bound it
+MAX_COARSE = 300  # rows of a matrix that is coarse enough
+MAX_LEVELS = 10
+PINV = "pinv", {"rtol": 1e-9}  # of the coarsest matrix
+IMPROVED = 4  # sweeps forth and back that make a vector which the finest matrix hardly changes of the one given
+# rows from which a hierarchy is set up by kernels, in half of the time of PyAMG's 2 us a row (Berea 128^3): those take
+# 0.9 s to compile
+COMPILED = 50_000
 BLOCKS = 64  # of rows, in a sweep, at most: enough for the threads of a machine
 ROWS = 8192  # of a block, at least: several layers of a lattice of 48^3, whose rows then hardly leave their block
 COARSE_ROWS = 1024  # the same below the finest level: four layers of 4681 aggregates, those of 48^3 particles
@@ -32,6 +40,36 @@ def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH,
     strength: threshold of the connections that are aggregated; a larger one makes smaller aggregates. near_null: (m,)
     what the matrix hardly changes, constants without it.
     """
+    from pyamg.multilevel import MultilevelSolver
+
+    if matrix.shape[0] < COMPILED:
+        return _of_pyamg(matrix, strength, near_null)
+    levels = [MultilevelSolver.Level()]
+    levels[0].A = matrix
+    vector = _improved(matrix, np.ones(matrix.shape[0]) if near_null is None else near_null.copy())
+    while len(levels) < MAX_LEVELS and levels[-1].A.shape[0] > MAX_COARSE:
+        last = levels[-1]
+        last.P, vector = prolongation(last.A, vector, strength)
+        last.R = last.P.T.tocsr()
+        levels.append(MultilevelSolver.Level())
+        levels[-1].A = coarse_matrix(last.R, last.A, last.P)
+    return MultilevelSolver(levels, coarse_solver=PINV)
+
+
+def _improved(matrix: sp.csr_matrix, vector: np.ndarray) -> np.ndarray:
+    """A vector as PyAMG takes it in place of the one given, in place: constants are no good where walls hold a
+    velocity."""
+    from pyamg.amg_core import gauss_seidel
+
+    n, zero = len(vector), np.zeros(len(vector))
+    for _ in range(IMPROVED):
+        gauss_seidel(*_csr(matrix), vector, zero, 0, n, 1)
+        gauss_seidel(*_csr(matrix), vector, zero, n - 1, -1, -1)
+    return vector
+
+
+def _of_pyamg(matrix: sp.csr_matrix, strength: float, near_null: np.ndarray | None) -> MultilevelSolver:
+    """The same hierarchy to round-off, without kernels to compile."""
     import pyamg
 
     # local: each row over the sum of its entries, by Gershgorin, in place of a spectral radius from random vectors
@@ -41,10 +79,12 @@ def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH,
         symmetry="symmetric",
         strength=("symmetric", {"theta": strength}),
         smooth=("jacobi", {"omega": SMOOTHING, "filter_entries": True, "weighting": "local"}),
+        improve_candidates=[("block_gauss_seidel", {"sweep": "symmetric", "iterations": IMPROVED}), None],
         presmoother=None,  # `cycle` and `BlockCycle` sweep themselves
         postsmoother=None,
-        coarse_solver=("pinv", {"rtol": 1e-9}),
-        max_coarse=300,
+        coarse_solver=PINV,
+        max_coarse=MAX_COARSE,
+        max_levels=MAX_LEVELS,
     )
     # the aggregation leaves coarse matrices in block form with blocks of one, ten times slower to sweep over
     for k, level in enumerate(levels.levels):
@@ -192,11 +232,6 @@ def _places(matrix: sp.csr_matrix) -> np.ndarray:
     at = np.empty(matrix.shape[0], matrix.indptr.dtype)
     over_rows(_diagonals, len(at), matrix.indptr, matrix.indices, at)
     return at
-
-
-def _csr(matrix: sp.csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Row pointers, columns and entries, as kernels take them."""
-    return matrix.indptr, matrix.indices, matrix.data
 
 
 def _pseudo_inverse(matrix: sp.csr_matrix) -> np.ndarray:

@@ -7,7 +7,9 @@ from typing import Protocol
 import numpy as np
 import scipy.sparse as sp
 
-from .multigrid import SMOOTHING, STRENGTH, add_product, cycle, edges, hierarchy
+from ..domain.row_threads import over_parts
+from .aggregation import SMOOTHING, aggregates
+from .multigrid import STRENGTH, add_product, cycle, edges, hierarchy
 
 SLAB = 100_000  # rows of the finest matrix that are there at a time, in the triple product
 
@@ -47,23 +49,21 @@ class PairCycle:
     finest level go through blocks of rows, as those of `multigrid.BlockCycle`."""
 
     def __init__(self, matrix: SweptMatrix):
-        from pyamg.aggregation import standard_aggregation
-
         self.matrix, self.blocks, n = matrix, edges(matrix.n), matrix.n
-        members, _ = standard_aggregation(matrix.strong(STRENGTH))
-        aggregate = np.full(n, -1, np.int32)
-        aggregate[np.diff(members.indptr) > 0] = members.indices
-        size = np.bincount(members.indices, minlength=members.shape[1])
-        del members
+        aggregate, count = aggregates(matrix.strong(STRENGTH))
+        size = np.bincount(aggregate[aggregate >= 0], minlength=count)
         self.prolongation = matrix.smoothed(aggregate, size, STRENGTH, SMOOTHING)
         del aggregate
-        coarse = sp.csr_matrix((len(size), len(size)))
-        for begin in range(0, n, SLAB):
-            part = slice(begin, min(begin + SLAB, n))
-            product = matrix.rows(part.start, part.stop) @ self.prolongation
-            coarse = coarse + self.prolongation[part].T.tocsr() @ product
+        coarse = sp.csr_matrix((count, count))
+        for part in over_parts(self._coarse_part, [(begin, min(begin + SLAB, n)) for begin in range(0, n, SLAB)]):
+            coarse = coarse + part
         self.levels, self.restriction = hierarchy(coarse, near_null=np.sqrt(size)), self.prolongation.T.tocsr()
         self.coarse, self._inner = coarse, cycle(self.levels)
+
+    def _coarse_part(self, rows: tuple[int, int]) -> sp.csr_matrix:
+        """What some rows of the finest matrix add to the coarse one."""
+        product = self.matrix.rows(*rows) @ self.prolongation
+        return self.prolongation[rows[0] : rows[1]].T.tocsr() @ product
 
     def __call__(self, b: np.ndarray) -> np.ndarray:
         x, rest = self.matrix.sweep_from_zero(self.blocks, b)
