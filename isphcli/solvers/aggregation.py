@@ -1,8 +1,8 @@
 """Set-up of smoothed aggregation (Vanek, Mandel and Brezina 1996): prolongations, coarse matrices, on all threads.
 
 They are those of PyAMG with Jacobi smoothing by Gershgorin's bounds, of filtered entries, and one vector that the
-matrix hardly changes. PyAMG makes them in block form with blocks of one, on one thread, and spends more than half of the
-time on conversions between forms.
+matrix hardly changes. PyAMG makes them in block form with blocks of one, on one thread, and spends more than half of
+the time on conversions between forms.
 """
 
 from __future__ import annotations
