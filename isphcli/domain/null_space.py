@@ -7,16 +7,12 @@ import numpy as np
 from numba import njit
 
 from . import reduce
-from .row_threads import over_blocks, over_rows
+from .row_threads import ROWS, edges_of, over_blocks, over_rows
 
 # Share by which diagonals of a pressure matrix are raised before a hierarchy is built on it. Pressure is determined up
 # to a constant in each component: in a pocket smaller than an aggregate, and on the coarsest level, that constant is
 # the only unknown of a coarse matrix, and the hierarchy would divide by round-off.
 GROUND = 1e-6
-
-
-ROWS = 8192  # of a block of rows whose sums one thread takes, at least
-BLOCKS = 64  # of rows, at most
 
 
 class ComponentMeans:
@@ -28,8 +24,8 @@ class ComponentMeans:
     def __init__(self, labels: np.ndarray, count: int = 0):
         self.labels = labels
         self.count = reduce.total_by(labels, labels=count)
-        n = len(labels)  # blocks have a sum of each component: together not more than there are particles
-        self._edges = np.linspace(0, n, 1 + min(max(n // max(ROWS, len(self.count)), 1), BLOCKS)).astype(np.int64)
+        # a block has a sum of each component: all blocks together not more than there are particles
+        self._edges = edges_of(len(labels), max(ROWS, len(self.count)))
 
     def remove(self, v: np.ndarray) -> np.ndarray:
         """v without its mean over each component, (n,)."""

@@ -27,6 +27,8 @@ APART = 64  # entries between scratch arrays: more than a vectorised loop takes 
 # rows of a range: a row takes 0.03 us and more, and ranges that another thread shares 15 to 20 us
 # (`benchmarks/serial_share.py machine`, 2026-12-01)
 FEWEST = 2048
+ROWS = 8192  # of a block, at least, and
+BLOCKS = 64  # blocks, at most: what is found by blocks does not depend on the threads that share them
 RANGES = 2  # ranges per thread, so that no thread waits long for one with long rows
 
 
@@ -55,6 +57,11 @@ def in_one_piece(*shapes: tuple[int, ...]) -> list[np.ndarray]:
     places = [0, *accumulate(-(-size // APART) * APART + APART for size in sizes)]
     piece = np.empty(places[-1])
     return [piece[at : at + size].reshape(shape) for at, size, shape in zip(places, sizes, shapes)]
+
+
+def edges_of(n: int, least: int = ROWS) -> np.ndarray:
+    """Where blocks of n rows begin, and n: for `over_blocks`; least: rows of a block."""
+    return np.linspace(0, n, 1 + min(max(n // least, 1), BLOCKS)).astype(np.int64)
 
 
 def over_blocks(kernel: Callable[..., Any], edges: np.ndarray, *arguments: Any) -> None:

@@ -25,7 +25,7 @@ from numba import njit
 
 from ..domain import reduce
 from ..domain.exchange import NO_EXCHANGE, Exchange
-from ..domain.row_threads import in_one_piece, over_rows
+from ..domain.row_threads import edges_of, in_one_piece, over_blocks, over_rows
 from .crossings import MEETS_WALL, WallStencils, in_sight
 from .kernel import normalisation, slope
 from .moments import (
@@ -166,12 +166,11 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1,
     x, n = everyone.x, everyone.n
     start, row = np.zeros(n + 1, np.int64), everyone.row[links.link != MEETS_WALL]
     np.cumsum(in_sight(everyone.start, links.link), out=start[1:])
-    offset_id, step = np.empty(len(row), np.uint8), np.empty((MOST_OFFSETS, x.shape[1]))
-    count = _offsets(x, start, row, 1e-6 * everyone.support, offset_id, step)
+    offset_id, step = _numbered(x, start, row, 1e-6 * everyone.support)
     largest = reduce.largest(volume)
-    on_lattice = reduce.largest(np.array([count])) <= MOST_OFFSETS and reduce.smallest(volume) == largest
+    on_lattice = reduce.largest(np.array([len(step)])) <= MOST_OFFSETS and reduce.smallest(volume) == largest
     if on_lattice:
-        step, weight = step[:count].copy(), np.full(count, largest)
+        weight = np.full(len(step), largest)
     else:
         offset_id = np.arange(len(row), dtype=np.int32)
         step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[everyone.owner[row]]
@@ -354,37 +353,72 @@ def _second_order(pairs: LatticePairs, tensors: Factors, p: np.ndarray) -> np.nd
 # --- building ----------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
-def _offsets(x, start, row, tolerance, offset_id, step):
-    """Number of the offset of each pair and the offsets into offset_id (n_pairs,) and step (MOST_OFFSETS, dim); returns
-    how many there are, and gives up beyond MOST_OFFSETS."""
+def _numbered(x: np.ndarray, start: np.ndarray, row: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """(number of the offset of each pair (n_pairs,) uint8, offsets (m, dim), m), in the order of the pairs that have
+    them first; offsets that differ by less than the tolerance, m, are one. Of more than MOST_OFFSETS only m is told.
+
+    Blocks of rows begin with the offsets of the first one and number those that they have beyond them by themselves;
+    these are joined in the order of the blocks.
+    """
+    edges, dim = edges_of(len(start) - 1), x.shape[1]
+    offset_id, step = np.empty(len(row), np.uint8), np.empty((len(edges) - 1, MOST_OFFSETS, dim))
+    counts, pairs = np.zeros(len(step), np.int64), (x, start, row, tolerance)
+    _offsets((0, 1), edges, pairs, offset_id, step, counts)
+    common = min(int(counts[0]), MOST_OFFSETS)
+    if common == counts[0] and len(step) > 1:
+        step[1:], counts[1:] = step[0], common
+        over_blocks(_offsets, edges[1:], pairs, offset_id, step[1:], counts[1:])
+    if counts.max() > MOST_OFFSETS:
+        return offset_id, np.empty((MOST_OFFSETS + 1, dim))
+    every = step[0, :common]
+    for k in np.flatnonzero(counts > common):
+        number = np.arange(MOST_OFFSETS + 1)
+        for own in range(common, counts[k]):
+            same = np.flatnonzero(np.abs(every - step[k, own]).max(axis=1) < tolerance)
+            every = every if len(same) else np.vstack([every, step[k, own]])
+            number[own] = same[0] if len(same) else len(every) - 1
+        block = slice(start[edges[k]], start[edges[k + 1]])
+        offset_id[block] = number[offset_id[block]]
+    return offset_id, every.copy()
+
+
+@njit(cache=True, nogil=True)
+def _offsets(blocks, edges, pairs, offset_id, step, counts):
+    """Numbers of the offsets of the pairs of each block of rows, and its offsets, step (blocks, MOST_OFFSETS, dim);
+    counts (blocks,): of those, given and left. A block gives up beyond MOST_OFFSETS."""
+    x, start, row, tolerance = pairs
     dim = x.shape[1]
-    count = 0
-    for i in range(len(start) - 1):
-        guess = 0  # rows list their neighbours in the same order
-        own_x, own_y, own_z = x[i, 0], x[i, 1], x[i, dim - 1]
-        for q in range(start[i], start[i + 1]):
-            j = row[q]
-            x_step, y_step, z_step = x[j, 0] - own_x, x[j, 1] - own_y, x[j, dim - 1] - own_z
-            found = -1
-            for tried in range(count):
-                t = guess + tried
-                if t >= count:
-                    t -= count
-                off = max(abs(x_step - step[t, 0]), abs(y_step - step[t, 1]), abs(z_step - step[t, dim - 1]))
-                if off < tolerance:
-                    found = t
+    for block in range(blocks[0], blocks[1]):
+        count = counts[block]
+        for i in range(edges[block], edges[block + 1]):
+            guess = 0  # rows list their neighbours in the same order
+            own_x, own_y, own_z = x[i, 0], x[i, 1], x[i, dim - 1]
+            for q in range(start[i], start[i + 1]):
+                j = row[q]
+                x_step, y_step, z_step = x[j, 0] - own_x, x[j, 1] - own_y, x[j, dim - 1] - own_z
+                found = -1
+                for tried in range(count):
+                    t = guess + tried
+                    if t >= count:
+                        t -= count
+                    off = max(abs(x_step - step[block, t, 0]), abs(y_step - step[block, t, 1]),
+                              abs(z_step - step[block, t, dim - 1]))
+                    if off < tolerance:
+                        found = t
+                        break
+                if found < 0 and count < MOST_OFFSETS:
+                    for k in range(dim):
+                        step[block, count, k] = x[j, k] - x[i, k]
+                    found = count
+                    count += 1
+                elif found < 0:
+                    counts[block] = MOST_OFFSETS + 1
                     break
-            if found < 0:
-                if count == MOST_OFFSETS:
-                    return count + 1
-                for k in range(dim):
-                    step[count, k] = x[j, k] - x[i, k]
-                found = count
-                count += 1
-            offset_id[q] = found
-            guess = found + 1
-    return count
+                offset_id[q] = found
+                guess = found + 1
+            if counts[block] > MOST_OFFSETS:
+                break
+        counts[block] = max(count, counts[block])
 
 
 @njit(cache=True)

@@ -123,6 +123,8 @@ ALLOWED = {
     ("operators.mixed_weights", "weighted.transpose(0, 2, 1) @ scaled"): MIXED,
     ("operators.protocol", "np.einsum('nkm,nm->nk', self.slip, u)"): OWN,
     ("operators.protocol", "np.einsum('nk,nk->n', self.div, u)"): OWN,
+    ("operators.lattice_weights", "counts.max()"): SCRATCH,
+    ("operators.lattice_weights", "np.abs(every - step[k, own]).max(axis=1)"): AXES,
     ("operators.lattice_weights", "(ops.pairs.step ** 2).sum(axis=1)"): OFFSETS,
     ("operators.lattice_weights", "((step / edges * unstretched) ** 2).sum(axis=1)"): OFFSETS,
     ("operators.lattice_weights", "np.count_nonzero(near)"): OFFSETS,

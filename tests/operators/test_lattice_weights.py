@@ -65,6 +65,22 @@ def test_factors_are_the_weights(dim, jitter, slip, order):
     np.testing.assert_allclose(factored.symmetric_laplacian(rows, p), symmetric, atol=1e-10 * np.abs(symmetric).max())
 
 
+def test_numbers_of_offsets_depend_on_the_order_of_pairs_alone(monkeypatch):
+    """Not on the blocks of rows, the first of which has half of the offsets, nor on the threads."""
+    x = np.argwhere(np.ones((40, 6))).astype(float)
+    near = np.abs(x[:, None] - x).max(axis=2) <= 1.0
+    near[:12] &= (x[:12, None] <= x).all(axis=2)  # neighbours ahead alone
+    start, row = np.concatenate([[0], np.cumsum(near.sum(axis=1))]), np.nonzero(near)[1].astype(np.int32)
+    expected, step = factored._numbered(x, start, row, 1e-6)
+    assert len(step) == 9
+    assert np.array_equal(step[expected], x[row] - x.repeat(near.sum(axis=1), axis=0))
+    monkeypatch.setattr(factored, "edges_of", lambda n: np.linspace(0, n, 21).astype(np.int64))
+    for found, others in on_threads(monkeypatch, lambda: factored._numbered(x, start, row, 1e-6)):
+        assert np.array_equal(found, expected) and np.array_equal(others, step)
+    _, off_lattice = factored._numbered(x + np.random.default_rng(0).random(x.shape), start, row, 1e-6)
+    assert len(off_lattice) > factored.MOST_OFFSETS
+
+
 def test_the_matrix_is_what_the_rows_apply():
     ops, rows = both(3, 0.0)
     p = np.random.default_rng(0).standard_normal(ops.n)
