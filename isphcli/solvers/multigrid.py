@@ -52,7 +52,7 @@ def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH,
         last.P, vector = prolongation(last.A, vector, strength)
         last.R = last.P.T.tocsr()
         levels.append(MultilevelSolver.Level())
-        levels[-1].A = coarse_matrix(last.R, last.A, last.P)
+        levels[-1].A = _with_diagonals(coarse_matrix(last.R, last.A, last.P))
     return MultilevelSolver(levels, coarse_solver=PINV)
 
 
