@@ -1,10 +1,10 @@
 """How much of the CPU time is in kernels that all threads share, and what is left is serial: what threads can give.
 
-usage: PYTHONPATH=. python benchmarks/serial_share.py [machine] [steady NAME | moving POINTS] ...
+usage: PYTHONPATH=. python benchmarks/serial_share.py [machine] [steady NAME | SCENE POINTS] ...
 
 One thread, so that the result does not depend on what else the machine does: a share p in kernels bounds the wall time
-on two threads to 1 - p / 2 of that on one. NAME: of benchmarks/stokes.py, its solve alone; POINTS: across the
-Taylor-Green vortex of benchmarks/step_cost.py, steps after the second.
+on two threads to 1 - p / 2 of that on one. NAME: of benchmarks/stokes.py, its solve alone; SCENE:
+moving, walls, drop, of benchmarks/step_cost.py (moving: its vortex), so many points across, steps after the second.
 
 machine: first what two threads give this machine, which must have nothing else to do: of the wall time of one, that of
 a kernel in registers and of the triad a = b + s c of `TRIAD` entries. The shares then have a bound more: 1 - p + p t,
@@ -122,7 +122,7 @@ def steady(share, name):
     print(share.line(f"{name}, solve"), flush=True)
 
 
-def moving(share, points):
+def moving(share, name, points):
     import step_cost
 
     from isphcli.case.load import read_case
@@ -131,19 +131,20 @@ def moving(share, points):
     from isphcli.scene.build_geometry import build_geometry
     from isphcli.scene.prepare import prepare
 
-    case = read_case(step_cost.CASE.format(spacing=1.0 / points).encode(), "step_cost.yaml")
+    text, step = step_cost.SCENES["vortex" if name == "moving" else name]
+    case = read_case(text.format(spacing=1.0 / points).encode(), "step_cost.yaml")
     state, stepper, _ = prepare(case, build_geometry(case), Clock())
     ready = stepper.ready(state)
 
     def steps(count, state, ready):
         for _ in range(count):
-            found = stepper.advance(state, ready, 0.2 / points)
+            found = stepper.advance(state, ready, step / points)
             state, ready = found.state, Handover(found.config)
         return state, ready
 
     state, ready = steps(2, state, ready)
     share.of(lambda: steps(4, state, ready))
-    print(share.line(f"moving {points}^3, 4 steps"), flush=True)
+    print(share.line(f"{name} {points}^3, 4 steps"), flush=True)
 
 
 if __name__ == "__main__":
@@ -153,4 +154,4 @@ if __name__ == "__main__":
     asked = [word for word in sys.argv[1:] if word != "machine"] or ["steady", "berea c64", "moving", "48"]
     for kind, what in zip(asked[::2], asked[1::2]):
         share = Share(row_threads, first)
-        steady(share, what) if kind == "steady" else moving(share, int(what))
+        steady(share, what) if kind == "steady" else moving(share, kind, int(what))

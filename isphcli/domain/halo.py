@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .row_threads import over_rows
+
 
 @dataclass(frozen=True)
 class Halo:
@@ -64,9 +66,8 @@ def build_halo(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, periodic: np
         images = []
         for k in range(1, int(np.ceil(reach / length)) + 1):
             for sign in (k, -k):
-                moved = position[:, axis] + sign * length
-                near = (moved > first - support) & (moved < last + support)
-                images.append((np.flatnonzero(near), sign * length))
+                near = _within(position[:, axis], sign * length, first - support, last + support)
+                images.append((near, sign * length))
         rows = np.concatenate([rows for rows, _ in images])
         added = np.repeat([d for _, d in images], [len(rows) for rows, _ in images])
         new_shift = shift[rows].copy()
@@ -75,3 +76,13 @@ def build_halo(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, periodic: np
         shift = np.concatenate([shift, new_shift])
         position = np.concatenate([position, x[owner[-len(rows):]] + new_shift]) if len(rows) else position
     return Halo(owner[n:], shift[n:])
+
+
+def _within(column: np.ndarray, shift: float, lower: float, upper: float) -> np.ndarray:
+    """Rows of a column (n,) that a shift moves between two bounds."""
+
+    def of(rows: tuple[int, int]) -> np.ndarray:
+        moved = column[slice(*rows)] + shift
+        return rows[0] + np.flatnonzero((moved > lower) & (moved < upper))
+
+    return np.concatenate(over_rows(of, len(column)))

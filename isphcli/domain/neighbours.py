@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .row_threads import over_rows
+from .row_threads import over_blocks, over_rows
 
 AT_ONCE = 1_000_000  # neighbours found before they are copied to the result; of int32: 4 MB
 # Cells are shorter by this factor along the last axis, along which they are contiguous: fewer candidates are too far.
@@ -80,7 +80,13 @@ class CellList(NamedTuple):
 def neighbourhood(x: np.ndarray, owner: np.ndarray, n: int, kind: int, support: float) -> Neighbourhood:
     """All neighbours of the first n rows of the table x (n_rows, dim), m. owner: (n_rows,) int32; support: m."""
     pairs = find_pairs(x, n, support)
-    return Neighbourhood(pairs.start, owner.take(pairs.index), pairs.index, x, owner, kind, support)
+    column = np.empty(len(pairs.index), owner.dtype)
+
+    def put(rows: tuple[int, int]) -> None:  # clip: with any other mode numpy makes a copy first
+        owner.take(pairs.index[slice(*rows)], out=column[slice(*rows)], mode="clip")
+
+    over_rows(put, len(column))
+    return Neighbourhood(pairs.start, column, pairs.index, x, owner, kind, support)
 
 
 def find_pairs(x: np.ndarray, n: int, support: float) -> Pairs:
@@ -122,8 +128,16 @@ def find_pairs(x: np.ndarray, n: int, support: float) -> Pairs:
             parts.append(part[:found])
         return parts
 
-    parts = over_rows(fill, n)
-    return Pairs(np.cumsum(counts), np.concatenate([part for some in parts for part in some]))
+    parts = [part for some in over_rows(fill, n) for part in some]
+    ends = np.cumsum([0, *map(len, parts)])
+    index = np.empty(ends[-1], np.int32)
+
+    def put(blocks: tuple[int, int], ends: np.ndarray) -> None:
+        for k in range(*blocks):
+            index[ends[k] : ends[k + 1]] = parts[k]
+
+    over_blocks(put, ends)
+    return Pairs(np.cumsum(counts), index)
 
 
 def _longest(start: np.ndarray) -> int:

@@ -56,7 +56,7 @@ def carry(ops: Operators, fields: np.ndarray, dr: np.ndarray, second: np.ndarray
         known = walls.near_wall & ~walls.narrow
         gradients = pair_sums.gradient(ops.start, ops.column, ops.grad, everyone)
         for c in range(0, fields.shape[1], ops.dim):
-            gradients[known, c : c + ops.dim] += wall_gradient(walls, fields[:, c : c + ops.dim])[known]
+            gradients[known, c : c + ops.dim] += wall_gradient(walls, fields[:, c : c + ops.dim], known)
         # of particles that see no wall the weights are those of the pressure
         others = (walls.near_wall | walls.narrow) & ~known
         if others.any():

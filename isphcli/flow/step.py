@@ -15,7 +15,7 @@ Pressures here are divided by the density of the first fluid (m2/s2).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NoReturn
@@ -28,6 +28,7 @@ from ..domain.exchange import NO_EXCHANGE
 from ..domain.halo import build_halo, wrap
 from ..domain.neighbours import neighbourhood
 from ..domain.null_space import ComponentMeans
+from ..domain.row_threads import over_rows
 from ..operators.moments import particle_volumes
 from ..operators.pair_weights import build_operators
 from ..solvers.kept_hierarchies import KeptHierarchies
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
     from ..operators.wall_scene import WallScene
     from ..output.clock import Clock
-    from .one_fluid import Fluids
+    from .one_fluid import Fluids, Terms
     from .seam import Seam
     from .timed_drive import TimedDrive
     from .volume_control import KeptVolume
@@ -169,8 +170,15 @@ class Stepper:
         u, u_old, p = state.u, state.u_old, state.p
         # without walls a uniform velocity is a motion of the frame, on which neither shifts nor the pressure may depend
         frame = 0.0 if self.walls is not None else reduce.mean(u)
-        displacement = dt * (u + 0.5 * ratio * (u - u_old))  # eq. 4: the mean of the old and the new velocity
-        speed = np.sqrt(reduce.largest(_products(u - frame, u - frame)))
+        displacement, squares = np.empty_like(u), np.empty(len(u))
+
+        def set_out(rows: slice) -> None:
+            v = u[rows] - frame
+            displacement[rows] = dt * (u[rows] + 0.5 * ratio * (u[rows] - u_old[rows]))  # eq. 4: old and new velocity
+            squares[rows] = _products(v, v)
+
+        _over_slices(set_out, len(u))
+        speed = np.sqrt(reduce.largest(squares))
         flows = 0.0 if self.seam is None else self.seam.flows(state.x, displacement[:, self.seam.axis])
         dr = self._shift(state, config, dt, speed, displacement)
         if dr is not None:
@@ -184,8 +192,7 @@ class Stepper:
             phi, volume = self.fluids.carried(config.ops, config.terms, (state.u, state.volume), dr, dt, speed)
         terms, stopped = config.terms, 0
         # eqs 4 and 10: the pressure is carried over the whole displacement, with the flow and by the shift
-        p = p + terms.density * _products(terms.pressure_gradient(p), displacement - dt * frame)
-        x = wrap(state.x + displacement, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
+        p, x = self._carried(state, p, terms, displacement, dt * frame)
         if self.walls is not None:
             # a particle never enters a wall: one that would stays where it is
             inside = self.geometry.phase(x) < 0
@@ -199,6 +206,21 @@ class Stepper:
             if volume is not None:
                 volume = self.seam.let_in(x, flows, (phi > 0.0) != (carried > 0.0), volume)
         return replace(state, x=x, u=u, u_old=u_old, p=p, phi=phi, volume=volume), stopped
+
+    def _carried(self, state: State, p: np.ndarray, terms: Terms, displacement: np.ndarray,
+                 frame: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """(pressures (n,), positions (n, dim)) where a displacement (n, dim), m, of the fluid leads to from p (n,) and
+        the positions of a state. frame: the part of it by which the pressure moves along, m."""
+        gradient, density = terms.pressure_gradient(p), np.broadcast_to(terms.density, p.shape)
+        found, x = np.empty_like(p), np.empty_like(displacement)
+
+        def carry_on(rows: slice) -> None:
+            moved = displacement[rows]
+            found[rows] = p[rows] + density[rows] * _products(gradient[rows], moved - frame)
+            x[rows] = wrap(state.x[rows] + moved, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
+
+        _over_slices(carry_on, len(p))
+        return found, x
 
     def _shift(self, state: State, config: Configuration, dt: float, speed: float,
                displacement: np.ndarray) -> np.ndarray | None:
@@ -356,6 +378,11 @@ class Stepper:
         axis = "xyz"[self.held_velocity.axis]
         raise RunError(f"no pressure drop moves the fluid along {axis}: no pore leads through the scene, or its "
                        "throats are closed at this spacing")
+
+
+def _over_slices(function: Callable[[slice], None], n: int) -> None:
+    """Calls a function of numpy for slices that make up the rows 0 to n, on all threads."""
+    over_rows(lambda rows: function(slice(*rows)), n)
 
 
 def _products(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -55,10 +55,9 @@ def viscous_solve(terms: Terms, nu_max: float, spacing: float, rate: float, driv
         if convergence.converged:
             solvers.record("velocity", convergence, lambda: np.zeros(len(right)))
             return found
-    matrix = _matrix(terms, rate, solvers)
     if coupled:
-        return _coupled(terms, matrix, slip, right, guess, stiff, solvers)
-    exchange = terms.ops.exchange
+        return _coupled(terms, rate, slip, right, guess, stiff, solvers)
+    matrix, exchange = _matrix(terms, rate, solvers), terms.ops.exchange
 
     def product(v: np.ndarray) -> np.ndarray:
         return matrix @ exchange.forward(v)
@@ -88,15 +87,22 @@ def _matrix(terms: Terms, rate: float, solvers: KeptHierarchies) -> sp.csr_matri
         return assemble(ops.start, ops.column, weights, shift, 1.0, wall_lap, ops.exchange.remote)
 
 
+def _factors(terms: Terms, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(own, less, diagonal), (n,) each: the product of `_matrix` with u is own u + less L u, with the weights of L."""
+    viscous, walls = terms.viscous, terms.viscous.walls
+    shift, scale = (np.full(terms.ops.n, part, float) for part in _shift_and_scale(terms, rate))
+    own = shift if walls is None else shift + viscous.factor * walls.lap
+    return own, -scale, own + scale * row_sums(terms.ops.start, viscous.weight)
+
+
 def _by_pairs(terms: Terms, rate: float, right: np.ndarray, guess: np.ndarray,
               solvers: KeptHierarchies) -> tuple[np.ndarray, Convergence]:
     """All components at once with the weights of the pairs, preconditioned by the diagonal: a matrix would be made for
     three or four products."""
-    ops, viscous, walls, (n, dim) = terms.ops, terms.viscous, terms.viscous.walls, right.shape
-    shift, scale = (np.full(n, part, float) for part in _shift_and_scale(terms, rate))
+    ops, viscous, (n, dim) = terms.ops, terms.viscous, right.shape
     with solvers.clock("assembly"):
-        own = shift if walls is None else shift + viscous.factor * walls.lap
-        less, inverse = -scale, np.repeat(1.0 / (own + scale * row_sums(ops.start, viscous.weight)), dim)
+        own, less, diagonal = _factors(terms, rate)
+        inverse = np.repeat(1.0 / diagonal, dim)
 
     def apply(v: np.ndarray) -> np.ndarray:
         u = ops.exchange.forward(v.reshape(n, dim))
@@ -108,26 +114,29 @@ def _by_pairs(terms: Terms, rate: float, right: np.ndarray, guess: np.ndarray,
     return found.reshape(n, dim), convergence
 
 
-def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right: np.ndarray, guess: np.ndarray,
-             stiff: bool, solvers: KeptHierarchies) -> np.ndarray:
+def _coupled(terms: Terms, rate: float, slip: np.ndarray | None, right: np.ndarray, guess: np.ndarray, stiff: bool,
+             solvers: KeptHierarchies) -> np.ndarray:
     """All components at once; the preconditioner leaves their coupling out.
 
     Every row is divided by its diagonal: where viscosities differ by 1e4, the residual of the more viscous fluid would
     hide that of the other.
     """
     n, dim = right.shape
-    transposed_stress, factor, exchange = terms.transposed_stress, terms.viscous.factor, terms.ops.exchange
-    diagonal = matrix.diagonal()[:, None]
+    ops, viscous, transposed_stress, exchange = terms.ops, terms.viscous, terms.transposed_stress, terms.ops.exchange
+    with solvers.clock("assembly"):
+        own, less, parts = _factors(terms, rate)
+        diagonal = parts[:, None]
 
     def apply(v: np.ndarray) -> np.ndarray:
         u = v.reshape(n, dim)
         everyone = exchange.forward(u)
-        out = matrix @ everyone
+        out = pair_sums.laplacian(ops.start, ops.column, viscous.weight, everyone, own, less)
         if slip is not None:
-            out -= factor * np.einsum("nkm,nm->nk", slip, u)
+            out -= viscous.factor * np.einsum("nkm,nm->nk", slip, u)
         if transposed_stress is not None:
             transposed_stress.add(everyone, out, -1.0)
-        return (out / diagonal).ravel()
+        out /= diagonal
+        return out.ravel()
 
     def by_component(once: Apply) -> Apply:
         def precondition(v: np.ndarray) -> np.ndarray:
@@ -139,6 +148,7 @@ def _coupled(terms: Terms, matrix: sp.csr_matrix, slip: np.ndarray | None, right
     scaled = (right / diagonal).ravel()
     with solvers.clock("krylov"):
         if stiff:
+            matrix = _matrix(terms, rate, solvers)
             solution, convergence = solvers.multigrid("velocity", matrix, apply, scaled, guess.ravel(), by_component,
                                                  exchange=exchange)
         else:

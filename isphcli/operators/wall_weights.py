@@ -55,10 +55,11 @@ def build_wall_operators(stencil: WallStencils, order: int = 1, classes: np.ndar
                      int(reduce.total(np.array(deficient))), found, exchange)
 
 
-def wall_gradient(walls: WallRows, u: np.ndarray) -> np.ndarray:
-    """What walls that do not slip add to the gradient of u (n, dim), (n, dim, dim)."""
+def wall_gradient(walls: WallRows, u: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """What walls that do not slip add to the gradient of u (n, dim) at some particles, which (n,) bool:
+    (m, dim, dim)."""
     assert walls.slope_velocity is not None
-    return walls.slope_velocity - u[:, :, None] * walls.div[:, None, :]
+    return walls.slope_velocity[which] - u[which][:, :, None] * walls.div[which][:, None, :]
 
 
 @njit(cache=True)

@@ -30,6 +30,7 @@ IMPROVED = 4  # sweeps forth and back that make a vector which the finest matrix
 COMPILED = 50_000
 BLOCKS = 64  # of rows, in a sweep, at most: enough for the threads of a machine
 ROWS = 8192  # of a block, at least: several layers of a lattice of 48^3, whose rows then hardly leave their block
+COARSE_ROWS = 1024  # the same below the finest level: four layers of 4681 aggregates, those of 48^3 particles
 
 
 def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH,
@@ -51,7 +52,7 @@ def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH,
         last.P, vector = prolongation(last.A, vector, strength)
         last.R = last.P.T.tocsr()
         levels.append(MultilevelSolver.Level())
-        levels[-1].A = coarse_matrix(last.R, last.A, last.P)
+        levels[-1].A = _with_diagonals(coarse_matrix(last.R, last.A, last.P))
     return MultilevelSolver(levels, coarse_solver=PINV)
 
 
@@ -86,11 +87,22 @@ def _of_pyamg(matrix: sp.csr_matrix, strength: float, near_null: np.ndarray | No
         max_levels=MAX_LEVELS,
     )
     # the aggregation leaves coarse matrices in block form with blocks of one, ten times slower to sweep over
-    for level in levels.levels:
-        level.A = level.A.tocsr()
+    for k, level in enumerate(levels.levels):
+        level.A = level.A.tocsr() if k == 0 else _with_diagonals(level.A.tocsr())
     for level in levels.levels[:-1]:
         level.P, level.R = level.P.tocsr(), level.R.tocsr()
     return levels
+
+
+def _with_diagonals(matrix: sp.csr_matrix) -> sp.csr_matrix:
+    """The same with zeros stored where diagonals are missing, which sweeps look for: scipy's products leave them out in
+    the row of an aggregate whose constant the finer matrix does not see, such as a closed pocket."""
+    missing = np.flatnonzero(matrix.diagonal() == 0.0)
+    if len(missing) == 0:
+        return matrix
+    known = matrix.tocoo()
+    rows, columns = np.append(known.row, missing), np.append(known.col, missing)
+    return sp.csr_matrix((np.append(known.data, np.zeros(len(missing))), (rows, columns)), matrix.shape)
 
 
 def grounded(matrix: sp.csr_matrix) -> sp.csr_matrix:
@@ -103,38 +115,54 @@ def grounded(matrix: sp.csr_matrix) -> sp.csr_matrix:
 def cycle(levels: MultilevelSolver) -> Apply:
     """One W-cycle of a hierarchy from a zero guess, as a function of the right-hand side.
 
-    pyamg's own cycle measures the residual before and after: two of the five products with the finest matrix. Levels of
-    two ROWS and more are swept through by blocks of rows, as in `BlockCycle`; what a sweep from zero leaves is found
-    from the entries beyond the diagonal alone. Their matrices have sorted rows. On smaller levels pyamg's smoother
-    takes longer to look at its arguments than its compiled sweep does, which is called here.
+    pyamg's own cycle measures the residual before and after: two of the five products with the finest matrix. Where the
+    finest level has two ROWS and more, all levels are swept through by blocks of rows, as in `BlockCycle`: small levels
+    by blocks of COARSE_ROWS, so that threads share them too. What a sweep from zero leaves is found from the entries
+    beyond the diagonal alone. Matrices have sorted rows.
     """
-    from pyamg.amg_core import gauss_seidel
+    last = len(levels.levels) - 1
+    if levels.levels[0].A.shape[0] < 2 * ROWS:
+        return _small_cycle(levels)
+    swept = [(edges(level.A.shape[0], ROWS if k == 0 else COARSE_ROWS), _csr(level.A), _places(level.A), _csr(level.P),
+              _csr(level.R)) for k, level in enumerate(levels.levels[:-1])]
 
-    blocks = [edges(level.A.shape[0]) for level in levels.levels]
-    diagonals = [_places(level.A) if len(ends) > 2 else np.zeros(0) for level, ends in zip(levels.levels, blocks)]
+    def descend(k: int, b: np.ndarray) -> np.ndarray:
+        if k == last:
+            return levels.coarse_solver(levels.levels[k].A, b)
+        blocks, matrix, at, p, r = swept[k]
+        x, other = np.empty_like(b), np.empty_like(b)
+        over_blocks(_forward, blocks, matrix, at, b, x)
+        over_blocks(_rest, blocks, matrix, at, x, other)
+        coarse = np.zeros(len(r[0]) - 1)
+        over_rows(_add_product, len(coarse), r, 1.0, other, coarse)
+        y = descend(k + 1, coarse)
+        if k + 1 < last:
+            over_rows(_add_product, len(y), swept[k + 1][1], -1.0, y, coarse)
+            y += descend(k + 1, coarse)
+        over_rows(_add_product, len(x), p, 1.0, y, x)
+        over_blocks(_backward, blocks, matrix, at, b, other, x)
+        return other
+
+    return lambda b: descend(0, b)
+
+
+def _small_cycle(levels: MultilevelSolver) -> Apply:
+    """As `cycle`, by PyAMG's sweeps through all rows one after the other: small systems need no kernels compiled.
+    PyAMG's smoother takes longer to look at its arguments than its compiled sweep does, which is called here."""
+    from pyamg.amg_core import gauss_seidel
 
     def descend(k: int, b: np.ndarray) -> np.ndarray:
         level = levels.levels[k]
         if k == len(levels.levels) - 1:
             return levels.coarse_solver(level.A, b)
-        large = len(blocks[k]) > 2
-        if large:
-            x, rest, matrix = np.empty_like(b), np.empty_like(b), (_csr(level.A), diagonals[k])
-            over_blocks(_forward, blocks[k], *matrix, b, x)
-            over_blocks(_rest, blocks[k], *matrix, x, rest)
-        else:
-            x = np.zeros_like(b)
-            gauss_seidel(*_csr(level.A), x, b, 0, len(b), 1)
-            rest = b - level.A @ x
-        coarse = level.R @ rest
+        x = np.zeros_like(b)
+        gauss_seidel(*_csr(level.A), x, b, 0, len(b), 1)
+        coarse = level.R @ (b - level.A @ x)
         y = descend(k + 1, coarse)
         if k + 2 < len(levels.levels):
             y += descend(k + 1, coarse - levels.levels[k + 1].A @ y)
         x += level.P @ y
-        if large:
-            over_blocks(_backward, blocks[k], *matrix, b, x, x.copy())
-        else:
-            gauss_seidel(*_csr(level.A), x, b, len(b) - 1, -1, -1)
+        gauss_seidel(*_csr(level.A), x, b, len(b) - 1, -1, -1)
         return x
 
     return lambda b: descend(0, b)
@@ -193,9 +221,9 @@ def single(matrix: sp.csr_matrix) -> sp.csr_matrix:
     return matrix
 
 
-def edges(n: int) -> np.ndarray:
-    """Where the blocks of n rows begin, and n."""
-    return np.linspace(0, n, 1 + min(max(n // ROWS, 1), BLOCKS)).astype(np.int64)
+def edges(n: int, rows: int | None = None) -> np.ndarray:
+    """Where the blocks of n rows begin, and n. rows: of a block, at least, or ROWS."""
+    return np.linspace(0, n, 1 + min(max(n // (rows or ROWS), 1), BLOCKS)).astype(np.int64)
 
 
 def _places(matrix: sp.csr_matrix) -> np.ndarray:
@@ -259,7 +287,7 @@ def _rest(blocks, edges, matrix, at, x, rest):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _backward(blocks, edges, matrix, at, b, x, before):
-    """One backward Gauss-Seidel sweep over blocks of rows of x; before: x before it."""
+    """One backward Gauss-Seidel sweep over blocks of rows of `before` into x, of which nothing is read."""
     indptr, indices, data = matrix
     for block in range(blocks[0], blocks[1]):
         end = np.uint32(edges[block + 1])

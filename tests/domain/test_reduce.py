@@ -31,6 +31,7 @@ SCRATCH = "length of scratch arrays, which every process makes for its own rows"
 ONE = "of the hierarchy of one process alone"
 OFFSETS = "of the offsets of a lattice and the tensors of one particle"
 BASIS = "over the vectors of a basis"
+PIECES = "of pieces of a vector, whose sums domain/reduce adds up"
 CELLS = "over the particles that a cell of the process sees, or what of its cells is brought together after"
 PARTS = "over the parts of the fluids, of which every process has all"
 MIXED = "over the neighbours of a particle and the faces of a cell, or the axes of pairs"
@@ -86,7 +87,6 @@ ALLOWED = {
     ("flow.timed_drive", "np.linalg.norm(vectors, axis=-1)"): AXES,
     ("flow.timed_drive", "np.linalg.norm(vectors, axis=-1).max()"): TIMES,
     ("flow.viscous_solve", "matrix @ exchange.forward(v)"): MATRIX,
-    ("flow.viscous_solve", "matrix @ everyone"): MATRIX,
     ("flow.viscous_solve", "np.einsum('nkm,nm->nk', slip, u)"): OWN,
     ("flow.viscous_solve", "np.abs(scaled - apply(solution)).reshape(n, dim).max(axis=1)"): OWN,
     ("flow.volume_control", "self.wanted.max()"): BLOCKS,
@@ -137,10 +137,12 @@ ALLOWED = {
     ("operators.wall_scene", "np.any(geometry.slip_length > 0.0)"): WALLS,
     ("solvers.kept_hierarchies", "matrix @ exchange.forward(x)"): MATRIX,
     ("solvers.krylov_basis", "np.abs(more).max(initial=0.0)"): BASIS,
-    ("solvers.krylov_basis", "coefficients @ known"): BASIS,
-    ("solvers.krylov_basis", "more @ known"): BASIS,
-    ("solvers.krylov_basis", "weights @ self._vectors[:len(weights)]"): BASIS,
-    ("solvers.multigrid", "level.R @ rest"): MATRIX,
+    ("solvers.krylov_basis", "np.abs(left[:-1]).max(initial=0.0)"): BASIS,
+    ("solvers.krylov_basis", "coefficients @ known[:, part]"): BASIS,
+    ("solvers.krylov_basis", "known[:, part] @ vector[part]"): PIECES,
+    ("solvers.krylov_basis", "known[:, part] @ rest"): PIECES,
+    ("solvers.krylov_basis", "rest @ rest"): PIECES,
+    ("solvers.multigrid", "level.R @ (b - level.A @ x)"): MATRIX,
     ("solvers.multigrid", "level.A @ x"): MATRIX,
     ("solvers.multigrid", "levels.levels[k + 1].A @ y"): MATRIX,
     ("solvers.multigrid", "level.P @ y"): MATRIX,

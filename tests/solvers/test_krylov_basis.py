@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from isphcli.operators.assemble import assemble
+from isphcli.solvers import krylov_basis
 from isphcli.solvers.krylov import Limits, gmres_from_the_right
-from isphcli.solvers.krylov_basis import CHUNK, KrylovBasis
+from isphcli.solvers.krylov_basis import CHUNK, DoubleBasis, KrylovBasis
 from tests.solvers.systems import operators
+from tests.threads import on_threads
 
 SIZE = 3 * CHUNK + 7
 
@@ -35,6 +37,27 @@ def test_a_vector_is_its_components_and_the_rest():
     components, length = basis.orthogonalise(rest)
     assert length == pytest.approx(np.linalg.norm(rest), rel=1e-12)
     np.testing.assert_allclose(basis.combine(components) + rest, vector, atol=1e-12 * np.linalg.norm(vector))
+
+
+def test_a_double_basis_in_pieces(monkeypatch):
+    """The same bits on any number of threads; orthonormal to LEFT, and a vector is its components and the rest, to
+    round-off."""
+    monkeypatch.setattr(krylov_basis, "PIECE", 500)
+
+    def of_five():
+        rng = np.random.default_rng(1)
+        common, basis = rng.normal(size=SIZE), DoubleBasis(5, SIZE)
+        for _ in range(5):
+            vector = common + 1e-6 * rng.normal(size=SIZE)
+            rest = vector.copy()
+            components, length = basis.orthogonalise(rest)
+            np.testing.assert_allclose(basis.combine(components) + rest, vector, atol=1e-14 * np.linalg.norm(vector))
+            basis.append(rest, length)
+        return np.array([basis.combine(np.eye(5)[k]) for k in range(5)])
+
+    first, *others = on_threads(monkeypatch, of_five)
+    assert all(np.array_equal(first, other) for other in others)
+    np.testing.assert_allclose(first @ first.T, np.eye(5), atol=krylov_basis.LEFT)
 
 
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-12])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from isphcli.domain.components import pair_components
 from isphcli.domain.null_space import ComponentMeans
@@ -53,6 +54,7 @@ def test_the_bits_of_block_cycles_do_not_depend_on_the_threads(monkeypatch):
     """So small blocks that there are many. Each column is what the cycle of one right-hand side makes of it, to the
     single precision of the matrices."""
     monkeypatch.setattr(multigrid, "ROWS", 60)
+    monkeypatch.setattr(multigrid, "COARSE_ROWS", 60)
     _, ops = operators(2, 64, 2.1)
     matrix = assemble(ops.start, ops.column, ops.lap, 100.0, 1.0)
     levels = hierarchy(matrix)
@@ -73,6 +75,7 @@ def test_sweeps_by_blocks_of_rows(monkeypatch):
     levels, b = hierarchy(matrix), np.random.default_rng(4).standard_normal(ops.n)
     through = multigrid.cycle(levels)(b)
     monkeypatch.setattr(multigrid, "ROWS", 60)
+    monkeypatch.setattr(multigrid, "COARSE_ROWS", 60)
     first, *others = on_threads(monkeypatch, lambda: multigrid.cycle(levels)(b))
     assert all(np.array_equal(first, other) for other in others)
     one, other = (np.linalg.norm(b - matrix @ x) for x in (through, first))
@@ -93,3 +96,18 @@ def test_a_particle_that_bears_no_pressure_stays_without(monkeypatch):
     right[7] = 0.0
     found = multigrid.cycle(hierarchy(matrix))(right)
     assert np.isfinite(found).all() and found[7] == 0.0 and found.any()
+
+
+def test_a_closed_pair_whose_constant_the_coarse_matrix_does_not_see(monkeypatch):
+    """Its coarse row has no entries. Values there are right up to that constant, those elsewhere are as without it."""
+    monkeypatch.setattr(multigrid, "ROWS", 60)
+    monkeypatch.setattr(multigrid, "COARSE_ROWS", 20)
+    _, ops = operators(2, 64, 2.1)
+    alone = assemble(ops.start, ops.column, ops.lap, 100.0, 1.0)
+    both = sp.block_diag([sp.csr_matrix([[1.0, -1.0], [-1.0, 1.0]]), alone], format="csr")
+    right = np.random.default_rng(5).standard_normal(ops.n)
+    found = multigrid.cycle(hierarchy(both))(np.concatenate([[1.0, -1.0], right]))
+    assert found[0] - found[1] == pytest.approx(1.0, rel=1e-6)
+    expected = multigrid.cycle(hierarchy(alone))(right)
+    residuals = [np.linalg.norm(right - alone @ x) for x in (found[2:], expected)]
+    assert residuals[0] == pytest.approx(residuals[1], rel=0.1) and residuals[1] < 0.5 * np.linalg.norm(right)
