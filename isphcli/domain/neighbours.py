@@ -31,6 +31,11 @@ class Pairs:
         """Neighbours of each particle, (n,)."""
         return np.diff(self.start)
 
+    @property
+    def longest(self) -> int:
+        """Neighbours that a particle has at most."""
+        return _longest(self.start)
+
 
 class Neighbourhood(NamedTuple):
     """The neighbours of the n fluid particles, as kernels take them.
@@ -97,10 +102,16 @@ def find_pairs(x: np.ndarray, n: int, support: float) -> Pairs:
     """
     if n == 0:  # a process without particles
         return Pairs(np.zeros(1, np.int64), np.zeros(0, np.int32))
+    return pairs_of(x, cell_list(x, support), (0, n), support)
+
+
+def cell_list(x: np.ndarray, support: float) -> CellList:
+    """The rows of a table x (n_rows, dim) by cells, for searches within a support, m."""
     columns = x.T[::-1]
     lower, upper = np.zeros(3), np.zeros(3)
-    lower[: len(columns)] = [column.min() for column in columns]
-    upper[: len(columns)] = [column.max() for column in columns]
+    if len(x):
+        lower[: len(columns)] = [column.min() for column in columns]
+        upper[: len(columns)] = [column.max() for column in columns]
     narrowest = support / np.array([FINE, 1, 1])
     # clipped: the number of cells of a sparse scene in a huge box must not overflow
     cells = np.clip(np.floor((upper - lower) / narrowest), 1, 2**20).astype(np.int64)
@@ -111,24 +122,29 @@ def find_pairs(x: np.ndarray, n: int, support: float) -> Pairs:
     # arrays made in a kernel are compiled
     grid = CellList(np.empty(len(x), np.int32), np.zeros(cells.prod() + 1, np.int64), np.zeros((len(x), 3), np.int32),
                     np.zeros((3, len(x))), cells)
-    first = grid.first
     _bin(x, lower, 1.0 / width, np.empty(len(x), np.int64), grid)
-    first[1:], first[0] = first[:-1].copy(), 0  # where each cell has ended is where the next one begins
-    reach = min(2 * FINE + 1, cells[0])
-    candidates = int((first[reach:] - first[:-reach]).max(initial=0))  # of one line of cells
-    counts = np.zeros(n + 1, dtype=np.int64)
+    grid.first[1:], grid.first[0] = grid.first[:-1].copy(), 0  # where each cell has ended is where the next one begins
+    return grid
 
-    def fill(rows: tuple[int, int]) -> list[np.ndarray]:
-        begin, end = rows
+
+def pairs_of(x: np.ndarray, grid: CellList, rows: tuple[int, int], support: float) -> Pairs:
+    """The pairs of `find_pairs` of a range of rows, begin and end, by the `cell_list` of x and support."""
+    first = grid.first
+    reach = min(2 * FINE + 1, grid.cells[0])
+    candidates = int((first[reach:] - first[:-reach]).max(initial=0))  # of one line of cells
+    counts = np.zeros(rows[1] - rows[0] + 1, dtype=np.int64)
+
+    def fill(part: tuple[int, int]) -> list[np.ndarray]:
+        begin, end = part[0] + rows[0], part[1] + rows[0]
         parts: list[np.ndarray] = []
         scratch = np.empty(9 * candidates + 2, np.int32), np.empty(candidates, np.uint8), np.empty((9, 2), np.int64)
         while begin < end:
-            part = np.empty(max(AT_ONCE, len(scratch[0])), np.int32)
-            begin, found = _fill((begin, end), x, grid, support * support, scratch, counts[1:], part)
-            parts.append(part[:found])
+            found = np.empty(max(AT_ONCE, len(scratch[0])), np.int32)
+            begin, count = _fill((begin, end), x, grid, support * support, scratch, (rows[0], counts[1:]), found)
+            parts.append(found[:count])
         return parts
 
-    parts = [part for some in over_rows(fill, n) for part in some]
+    parts = [part for some in over_rows(fill, rows[1] - rows[0]) for part in some]
     ends = np.cumsum([0, *map(len, parts)])
     index = np.empty(ends[-1], np.int32)
 
@@ -199,9 +215,11 @@ def _fill_run(run, point, sorted_x, order, reach2, scratch, found):
 
 @njit(cache=True, nogil=True)
 def _fill(rows, x, grid, reach2, scratch, counts, index):
-    """Neighbours of rows of x (n_rows, dim) one after the other into index, their numbers into counts (n,), until index
-    may be too short for the next row; returns that row and the number of neighbours. scratch: see `_fill_run`."""
+    """Neighbours of rows of x (n_rows, dim) one after the other into index, until it may be too short for the next row;
+    returns that row and the number of neighbours. counts: a row, and numbers of neighbours (n,) from that row on;
+    scratch: see `_fill_run`."""
     order, first, cell, cells, row = grid.order, grid.first, grid.cell, grid.cells, scratch[0]
+    counted, count = counts
     sorted_x = grid.x[0], grid.x[1], grid.x[2]
     runs, at, last = scratch[2], 0, x.shape[1] - 1
     for i in range(rows[0], rows[1]):
@@ -215,5 +233,5 @@ def _fill(rows, x, grid, reach2, scratch, counts, index):
             if row[k] != i:  # the particle itself is not its neighbour
                 index[at] = row[k]
                 at += 1
-        counts[i] = at - begin
+        count[i - counted] = at - begin
     return rows[1], at

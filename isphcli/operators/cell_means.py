@@ -20,8 +20,8 @@ import numpy as np
 from numba import njit
 
 from ..domain.halo import build_halo
-from ..domain.neighbours import find_pairs
-from ..domain.row_threads import over_rows
+from ..domain.neighbours import cell_list, pairs_of
+from ..domain.row_threads import REDUCE, in_one_piece, over_rows
 from ..geometry.wall_normals import wall_normals
 
 if TYPE_CHECKING:
@@ -122,20 +122,21 @@ def means_over_cells(geometry: Geometry, x: np.ndarray, lattice: Lattice, suppor
     spread = float((ways**2).sum()) / (12.0 * len(lattice.cell))
     fluid = flow[0] + flow[1] * (0.5 * spread * edge[:n, None] ** 2)
     source, seen, own, row = _beside_walls(geometry, x, support, flow, (share, edge, _reach(ways)))
-    cells = source.of(own)
+    cells = source.of(slice(*own))
     signs = np.array(list(itertools.product((-0.25, 0.25), repeat=len(ways))))
     parts = Parts(signs @ ways, 0.5 * ways, support, 0.25 * spread)
     images = build_halo(source.x, geometry.lower, geometry.upper, np.array(geometry.periodic), support,
                         None if share is None else (share.lower, share.upper))
     table, owner = images.positions(source.x), images.owners(len(source.x))
     found = np.zeros_like(cells.x)
-    for first in range(0, len(found), CELLS_AT_ONCE):
-        part = slice(first, first + CELLS_AT_ONCE)
-        beside = cells.of(part)
-        pairs = find_pairs(np.concatenate([beside.x, table]), len(beside.x), support)
+    grid = cell_list(table, support)
+    for first in range(own[0], own[1], CELLS_AT_ONCE):
+        rows = first, min(first + CELLS_AT_ONCE, own[1])
+        beside, pairs = source.of(slice(*rows)), pairs_of(table, grid, rows, support)
+        most = 2 + 2 * pairs.longest  # equations: a velocity and a point of a wall of each, and of the cell's own
         over_rows(_means, len(beside.x), (pairs.start, pairs.index), (beside, _of_parts(geometry, beside, parts)),
-                  (source, table, owner, seen), parts, (own[part], found[part]),
-                  work=partial(_room, len(parts.middles), *ways.shape))
+                  (source, table, owner, seen), parts, (first, found[first - own[0] : rows[1] - own[0]]),
+                  work=partial(_room, most, *ways.shape))
     inside = row < n
     fluid[row[inside]] = found[inside]
     at = np.clip(cells.x[~inside], geometry.lower, geometry.upper)
@@ -175,11 +176,11 @@ def _reach(ways: np.ndarray) -> float:
 def _beside_walls(
     geometry: Geometry, x: np.ndarray, support: float, flow: tuple[np.ndarray, np.ndarray],
     cells: tuple[Share | None, np.ndarray, float],
-) -> tuple[BesideWalls, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[BesideWalls, np.ndarray, tuple[int, int], np.ndarray]:
     """Fluid particles within a support of a wall, then dummies whose cells walls cut, remote ones of both too; the
-    velocity beside its Laplacian of the former, (m, 2 dim); of the cells of this process that walls cut the numbers
-    among these points and among its particles, (k,). cells: share, edge as above, and how far the cell of the lattice
-    reaches, m."""
+    velocity beside its Laplacian of the former, (m, 2 dim); the range of the cells of this process that walls cut among
+    these points, and their numbers (k,) among its particles. cells: share, edge as above, and how far the cell of the
+    lattice reaches, m."""
     (share, edge, reach), n = cells, len(flow[0])
     both, row = np.concatenate(flow, axis=1), np.arange(len(x))
     if share is not None:
@@ -189,163 +190,166 @@ def _beside_walls(
     distance, fluid = geometry.distance(x, support), np.arange(len(x)) < len(both)
     cut = np.abs(distance) < edge * reach
     asked = np.flatnonzero(cut | (fluid & (distance < support)))
+    # cells of this process that walls cut stand together, behind the other fluid particles and before the other dummies
+    own = cut & (row >= 0)
+    place = np.where(fluid, np.where(own, 1, 0), np.where(own, 2, 3))[asked]
+    order = np.argsort(place, kind="stable")
+    asked, (first, last) = asked[order], np.searchsorted(place[order], (1, 3)).tolist()
     slips = np.any(geometry.slip_length > 0.0)
     slip = geometry.slip_length[geometry.wall(x[asked])] if slips else np.zeros(len(asked))
     beside = BesideWalls(x[asked], distance[asked], wall_normals(geometry, x[asked], support), slip, edge[asked],
                          cut[asked])
-    own = np.flatnonzero(cut[asked] & (row[asked] >= 0))
-    return beside, both[asked[fluid[asked]]], own, row[asked[own]]
+    return beside, both[asked[fluid[asked]]], (first, last), row[asked[first:last]]
 
 
 class Room(NamedTuple):
-    """Scratch of `_means`: matrix (m, m) and right (m, dim) of the least squares of m coefficients, 1, x, y, z, xx, xy,
-    ... over the radius, and basis (m,), what each is at a point; way, value, laplacian (dim,); nearest (parts,)
-    and normal (parts, dim), of the point of a wall nearest to each part; half (directions,); means (3,)."""
+    """Scratch of `_means`: of the equations of a cell, `most` at most, way (3, most), from its middle over the radius,
+    0 along an axis that there is not, slip (3, most), slip length times normal over it, value (dim, most) and weight
+    (most,); basis (m, most), what each of the m coefficients, 1, x, y, z, xx, xy, ... over the radius, has for a
+    factor, and weighed (most,) one of them by the weight; foot (3, most), way of the points of walls, and normal
+    (3, most) of these; matrix (m, m) and right (m, dim) of the least squares; laplacian (dim,); half (directions,)."""
 
+    way: np.ndarray
+    slip: np.ndarray
+    value: np.ndarray
+    weight: np.ndarray
+    basis: np.ndarray
+    weighed: np.ndarray
+    foot: np.ndarray
+    normal: np.ndarray
     matrix: np.ndarray
     right: np.ndarray
-    basis: np.ndarray
-    way: np.ndarray
-    value: np.ndarray
     laplacian: np.ndarray
-    nearest: np.ndarray
-    normal: np.ndarray
     half: np.ndarray
-    means: np.ndarray
 
 
-def _room(parts: int, directions: int, dim: int) -> Room:
+def _room(most: int, directions: int, dim: int) -> Room:
     m = (dim + 1) * (dim + 2) // 2
-    shapes = (m, m), (m, dim), (m,), (dim,), (dim,), (dim,), (parts,), (parts, dim), (directions,), (3,)
-    return Room(*(np.zeros(shape) for shape in shapes))
+    ways = (3, most)
+    return Room(*in_one_piece(ways, ways, (dim, most), (most,), (m, most), (most,), ways, ways, (m, m), (m, dim),
+                              (dim,), (directions,)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=REDUCE)
 def _means(rows, room, pairs, cut, sources, parts, out):  # pragma: no cover
     """Mean over the cell of the quadratic function of the module, zero in solids."""
-    (start, index), (cells, depth), (source, table, owner, seen), (itself, mean) = pairs, cut, sources, out
-    n, dim = cells.x.shape
+    (cells, depth), (_, _, _, seen), (begin, mean) = cut, sources, out
+    dim = mean.shape[1]
     for i in range(rows[0], rows[1]):
-        radius, total, known = parts.scale * cells.edge[i], 0.0, 0.0
-        _clear(room)
-        for p in range(start[i], start[i + 1]):
-            row = index[p] - n
-            if row < 0:
-                continue
-            j = owner[row]
-            if _hidden(cells, i, source, j, table[row], parts.scale):
-                continue
-            for wall in range(2):  # the velocity of the particle, then the point of the wall that is nearest to it
-                if not (source.cut[j] if wall else j < len(seen)):
-                    continue
-                beyond, slip, away = wall * source.distance[j] / radius, wall * source.slip[j] / radius, 0.0
-                for k in range(dim):
-                    room.way[k] = (table[row, k] - cells.x[i, k]) / radius - beyond * source.normal[j, k]
-                    room.value[k] = 0.0 if wall else seen[j, k]
-                    away += room.way[k] ** 2
-                if away >= 1.0:
-                    continue
-                weight = (1.0 - away) ** 3 * (WALLS / (1.0 + slip) ** 2 if wall else 1.0)
-                _put(room, source.normal[j], slip)
-                known += _add_row(room, weight)
-                if wall:
-                    _nearest(room, parts, cells.edge[i] / radius, source.normal[j])
-                    continue
-                total += weight
-                for k in range(dim):
-                    room.laplacian[k] += weight * seen[j, dim + k]
+        radius, itself = parts.scale * cells.edge[i], begin + i
+        count, walls, total = _gather(room, i, itself, pairs, cells, sources, radius)
         if total == 0.0:
             continue
-        for q in range(len(room.basis)):
-            room.basis[q] = 0.0
-        for k in range(dim):  # what the Laplacian makes of the velocity over half the radius, as that of one particle
-            room.basis[1 + dim + k * dim - k * (k - 1) // 2] = 0.5
-            room.value[k] = 0.25 * radius * radius * room.laplacian[k] / total
-        left = known + _add_row(room, 1.0) - _solve(room.matrix, room.right)
-        whole = _integrate(room, cells.edge[i], depth[i], parts, radius, mean[i])
-        if itself[i] < len(seen):  # what the function leaves of the velocity in the middle: it vanishes at the wall
+        known = _equations(room, count)
+        left = known
+        # what the Laplacian makes of the velocity over half the radius, as that of one particle
+        for k in range(dim):
+            q, value = 1 + dim + k * dim - k * (k - 1) // 2, 0.25 * radius * radius * room.laplacian[k] / total
+            left += value * value
+            for m in range(dim):
+                r = 1 + dim + m * dim - m * (m - 1) // 2
+                room.right[q, m] += 0.5 * (0.25 * radius * radius * room.laplacian[m] / total)
+                if r <= q:
+                    room.matrix[q, r] += 0.25
+        left -= _solve(room.matrix, room.right)
+        whole = _integrate(room, walls, cells.edge[i], depth[i], parts, radius, mean[i])
+        if itself < len(seen):  # what the function leaves of the velocity in the middle: it vanishes at the wall
             whole *= min(1.0, cells.distance[i] / (cells.edge[i] * np.sqrt(12.0 * parts.spread)))
             for k in range(dim):
-                mean[i, k] += whole * (seen[itself[i], k] - room.right[0, k])
+                mean[i, k] += whole * (seen[itself, k] - room.right[0, k])
         # in pores of less than a particle, with others in sight, velocities are no quadratic function: the cell has the
         # velocity of its particle then, or none. By the fourth power of the share that the function leaves of their
         # squares, so that the mean is its own where it says something of them
         unlike = min(max(left / known, 0.0), 1.0) ** 4 if known > 0.0 else 0.0
         for k in range(dim):
-            mean[i, k] += unlike * ((seen[itself[i], k] if itself[i] < len(seen) else 0.0) - mean[i, k])
+            mean[i, k] += unlike * ((seen[itself, k] if itself < len(seen) else 0.0) - mean[i, k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _clear(room):  # pragma: no cover
-    """All that is summed up over neighbours, of the next cell."""
-    for q in range(len(room.basis)):
-        for k in range(len(room.value)):
-            room.right[q, k] = 0.0
-        for r in range(q + 1):
-            room.matrix[q, r] = 0.0
-    for k in range(len(room.value)):
-        room.laplacian[k] = 0.0
-    for part in range(len(room.nearest)):
-        room.nearest[part] = np.inf
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
+def _gather(room, i, itself, pairs, cells, sources, radius):  # pragma: no cover
+    """The equations of the cell i, of the point `itself` and its neighbours: their number, that of points of walls
+    among them, and the weight of all particles, whose Laplacians are summed up by it. Indices are unsigned: loops need
+    no check for those that count from the end.
 
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _hidden(cells, i, source, j, x, support):  # pragma: no cover
-    """Whether the cell i and a point j at x (dim,) hide from each other: each behind the plane of the wall of the
-    other, and their normals more than 60 degrees apart. Round a grain walls fall behind the planes of each other and
-    are seen."""
-    along, before, behind = 0.0, 0.0, 0.0
-    inside = min(cells.distance[i], 0.0)
-    for k in range(len(x)):
-        own, other = cells.normal[i, k], source.normal[j, k]
-        wall = cells.x[i, k] - cells.distance[i] * own
-        along += own * other
-        before += (x[k] - min(source.distance[j], 0.0) * other - wall) * own
-        behind += (cells.x[i, k] - inside * own - x[k] + source.distance[j] * other) * other
-    return along <= ALIKE and min(before, behind) < -SIGHT * support * cells.edge[i]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _put(room, normal, slip):  # pragma: no cover
-    """The basis at the way from the middle less slip times its slope along the normal."""
-    way, dim, q = room.way, len(room.way), 1 + len(room.way)
-    room.basis[0] = 1.0
+    Hidden are neighbours where each lies behind the plane of the wall of the other and their normals are more than 60
+    degrees apart. Round a grain walls fall behind the planes of each other and are seen."""
+    (start, index), (source, table, owner, seen) = pairs, sources
+    count, walls, total, dim = np.uint64(0), np.uint64(0), 0.0, cells.x.shape[1]
+    last, deep, scale = dim - 1, dim - 2, 1.0 / radius
+    x0, x1, x2 = cells.x[i, 0], cells.x[i, 1], cells.x[i, last]
+    n0, n1, n2, depth = cells.normal[i, 0], cells.normal[i, 1], deep * cells.normal[i, last], cells.distance[i]
     for k in range(dim):
-        room.basis[1 + k] = way[k] - slip * normal[k]
+        room.laplacian[k] = 0.0
+    for p in range(np.uint64(start[i]), np.uint64(start[i + 1] + 1)):
+        row = np.uint64(index[p] if p < start[i + 1] else itself)
+        j = np.uint64(owner[row])
+        d0, d1, d2 = table[row, 0] - x0, table[row, 1] - x1, deep * (table[row, last] - x2)
+        m0, m1, m2 = source.normal[j, 0], source.normal[j, 1], deep * source.normal[j, last]
+        away, along = source.distance[j], n0 * m0 + n1 * m1 + n2 * m2
+        before = n0 * d0 + n1 * d1 + n2 * d2 + depth - min(away, 0.0) * along
+        behind = away - m0 * d0 - m1 * d1 - m2 * d2 - min(depth, 0.0) * along
+        if along <= ALIKE and min(before, behind) < -SIGHT * radius:
+            continue
+        for wall in range(2):  # the velocity of the particle, then the point of the wall that is nearest to it
+            if not (source.cut[j] if wall else j < len(seen)):
+                continue
+            if wall:
+                d0, d1, d2 = d0 - away * m0, d1 - away * m1, d2 - away * m2
+            square = (d0 * d0 + d1 * d1 + d2 * d2) * scale * scale
+            if square >= 1.0:
+                continue
+            slip = source.slip[j] * scale if wall else 0.0
+            weight = (1.0 - square) ** 3 * (WALLS / (1.0 + slip) ** 2 if wall else 1.0)
+            room.way[0, count], room.way[1, count], room.way[2, count] = d0 * scale, d1 * scale, d2 * scale
+            room.slip[0, count], room.slip[1, count], room.slip[2, count] = slip * m0, slip * m1, slip * m2
+            room.weight[count] = weight
+            for k in range(dim):
+                room.value[k, count] = 0.0 if wall else seen[j, k]
+            if wall:
+                room.foot[0, walls], room.foot[1, walls], room.foot[2, walls] = d0 * scale, d1 * scale, d2 * scale
+                room.normal[0, walls], room.normal[1, walls], room.normal[2, walls] = m0, m1, m2
+                walls += np.uint64(1)
+            else:
+                total += weight
+                for k in range(dim):
+                    room.laplacian[k] += weight * seen[j, dim + k]
+            count += np.uint64(1)
+    return np.int64(count), np.int64(walls), total
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
+def _equations(room, count):  # pragma: no cover
+    """Sums the equations up, that the coefficients times the basis are the value; returns the sum of the squares of
+    the values by their weights. The basis is that of the way, less slip times its slope along the normal."""
+    dim, known, q = len(room.value), 0.0, 1 + len(room.value)
+    for r in range(count):
+        room.basis[0, r] = 1.0
+    for k in range(dim):
+        for r in range(count):
+            room.basis[1 + k, r] = room.way[k, r] - room.slip[k, r]
+            known += room.weight[r] * room.value[k, r] ** 2
         for m in range(k, dim):
-            room.basis[q] = way[k] * way[m] - slip * (normal[k] * way[m] + way[k] * normal[m])
+            for r in range(count):
+                room.basis[q, r] = (room.way[k, r] * room.way[m, r] - room.slip[k, r] * room.way[m, r]
+                                    - room.way[k, r] * room.slip[m, r])
             q += 1
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_row(room, weight):  # pragma: no cover
-    """Adds that the coefficients times the basis are the value; returns the square of this by its weight."""
-    square = 0.0
-    for k in range(len(room.value)):
-        square += weight * room.value[k] ** 2
     for a in range(len(room.basis)):
-        one = weight * room.basis[a]
-        for k in range(len(room.value)):
-            room.right[a, k] += one * room.value[k]
+        for r in range(count):
+            room.weighed[r] = room.weight[r] * room.basis[a, r]
+        for k in range(dim):
+            total = 0.0
+            for r in range(count):
+                total += room.weighed[r] * room.value[k, r]
+            room.right[a, k] = total
         for b in range(a + 1):
-            room.matrix[a, b] += one * room.basis[b]
-    return square
+            total = 0.0
+            for r in range(count):
+                total += room.weighed[r] * room.basis[b, r]
+            room.matrix[a, b] = total
+    return known
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _nearest(room, parts, scale, normal):  # pragma: no cover
-    """Of each part the nearest point of a wall so far, and its normal."""
-    for part in range(len(parts.middles)):
-        away = 0.0
-        for k in range(len(normal)):
-            away += (room.way[k] - scale * parts.middles[part, k]) ** 2
-        if away < room.nearest[part]:
-            room.nearest[part] = away
-            for k in range(len(normal)):
-                room.normal[part, k] = normal[k]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
 def _solve(matrix, right):  # pragma: no cover
     """right becomes the solution, by Cholesky factors of the matrix, whose lower half is given; returns what the
     solution has of the sum of the squares of all values."""
@@ -371,72 +375,78 @@ def _solve(matrix, right):  # pragma: no cover
     return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _integrate(room, edge, depth, parts, radius, mean):  # pragma: no cover
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
+def _integrate(room, walls, edge, depth, parts, radius, mean):  # pragma: no cover
     """Adds the mean of the function over a cell to `mean` (dim,); returns the share of fluid. In each part it is taken
-    along the normal of the wall, and what it bends by along the wall is added."""
-    dim, count, whole = len(mean), len(depth), 0.0
+    along the normal of the wall that is nearest to it, and what it bends by along the wall is added."""
+    dim, count, whole, scale, right = len(mean), len(depth), 0.0, edge / radius, room.right
+    last, deep = dim - 1, dim - 2
     for part in range(count):
-        normal = room.normal[part]
-        room.means[0], room.means[1], room.means[2] = 0.0, 0.0, 0.0
-        _add_means(depth[part], normal, parts.ways, edge, room.half, room.means)
-        share = room.means[0] / count
+        w0, w1 = scale * parts.middles[part, 0], scale * parts.middles[part, 1]
+        w2 = deep * scale * parts.middles[part, last]
+        nearest, least = np.uint64(0), np.inf
+        for w in range(np.uint64(walls)):
+            away = (room.foot[0, w] - w0) ** 2 + (room.foot[1, w] - w1) ** 2 + (room.foot[2, w] - w2) ** 2
+            if away < least:
+                nearest, least = np.uint64(w), away
+        n0, n1, n2 = room.normal[0, nearest], room.normal[1, nearest], room.normal[2, nearest]
+        fluid, along, square = _mean_powers(depth[part], (n0, n1, n2), parts.ways, edge, room.half)
+        share = fluid / count
         if share == 0.0:
             continue
         whole += share
         # of the way along the normal from the middle of the part, over the radius, and of its square
-        first = room.means[1] / count - share * depth[part]
-        second = (room.means[2] / count - depth[part] * (first + room.means[1] / count)) / radius**2
+        first = along / count - share * depth[part]
+        second = (square / count - depth[part] * (first + along / count)) / radius**2
         first /= radius
-        for k in range(dim):
-            room.way[k] = edge * parts.middles[part, k] / radius
-        _put(room, normal, 0.0)
+        spread = 0.5 * share * parts.spread * scale * scale
         for c in range(dim):
-            value, slope, bend, laplacian, q = 0.0, 0.0, 0.0, 0.0, 1 + dim
-            for a in range(len(room.basis)):
-                value += room.basis[a] * room.right[a, c]
-            for k in range(dim):
-                slope += room.right[1 + k, c] * normal[k]
-                for m in range(k, dim):
-                    factor = room.right[q, c]
-                    slope += factor * (normal[k] * room.way[m] + room.way[k] * normal[m])
-                    bend += 2.0 * factor * normal[k] * normal[m]
-                    laplacian += 2.0 * factor if k == m else 0.0
-                    q += 1
+            value = right[0, c] + w0 * right[1, c] + w1 * right[2, c]
+            slope = n0 * right[1, c] + n1 * right[2, c]
+            if deep:
+                h0, h1, h2, h3, h4, h5 = (right[4, c], right[5, c], right[6, c], right[7, c], right[8, c], right[9, c])
+                value += w2 * right[3, c]
+                slope += n2 * right[3, c]
+            else:
+                h0, h1, h2, h3, h4, h5 = right[3, c], right[4, c], 0.0, right[5, c], 0.0, 0.0
+            # the function is h0 x x + h1 x y + h2 x z + h3 y y + h4 y z + h5 z z to second order
+            value += w0 * (h0 * w0 + h1 * w1 + h2 * w2) + w1 * (h3 * w1 + h4 * w2) + h5 * w2 * w2
+            slope += (n0 * (2.0 * h0 * w0 + h1 * w1 + h2 * w2) + n1 * (h1 * w0 + 2.0 * h3 * w1 + h4 * w2)
+                      + n2 * (h2 * w0 + h4 * w1 + 2.0 * h5 * w2))
+            bend = 2.0 * (n0 * (h0 * n0 + h1 * n1 + h2 * n2) + n1 * (h3 * n1 + h4 * n2) + h5 * n2 * n2)
             mean[c] += (share * value + first * slope + 0.5 * second * bend
-                        + 0.5 * share * (laplacian - bend) * parts.spread * (edge / radius) ** 2)
+                        + spread * (2.0 * (h0 + h3 + h5) - bend))
     return whole
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_means(distance, normal, ways, edge, half, means):  # pragma: no cover
-    """Adds the means of 1, s and s^2 over a box spline, zero where s < 0: s = distance + T, where T is the sum of one
-    uniform part for each direction. half: room for their half widths."""
-    widest = 0.0
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=REDUCE, forceinline=True)
+def _mean_powers(distance, normal, ways, edge, half):  # pragma: no cover
+    """Means of 1, s and s^2 over a box spline of directions ways (m, dim) times edge, zero where s < 0: s = distance +
+    T along the normal, where T is the sum of one uniform part for each direction. half (m,): room for half of these."""
+    widest, last, (n0, n1, n2) = 0.0, ways.shape[1] - 1, normal
     for k in range(len(ways)):
-        half[k] = 0.0
-        for axis in range(len(normal)):
-            half[k] += 0.5 * edge * ways[k, axis] * normal[axis]
-        half[k] = abs(half[k])
+        half[k] = abs(0.5 * edge * (ways[k, 0] * n0 + ways[k, 1] * n1 + ways[k, last] * n2))
         widest = max(widest, half[k])
-    parts, product = 0, 1.0
+    parts, product = np.uint64(0), 1.0
     for k in range(len(ways)):
         if half[k] > FLAT * widest:
             half[parts] = half[k]
             product *= 2.0 * half[k]
-            parts += 1
+            parts += np.uint64(1)
     # integrals of the powers of max(s, 0), as many times as there are parts, between the ends of each
-    for corner in range(2**parts):
-        at, sign = distance, 1.0 / product
+    zero, one, two = 0.0, 0.0, 0.0
+    for corner in range(2 ** np.int64(parts)):
+        at, sign, odd = distance, 1.0 / product, corner
         for k in range(parts):
-            if corner >> k & 1:
-                at, sign = at - half[k], -sign
-            else:
-                at += half[k]
-        if at > 0.0:
-            power = sign
-            for k in range(1, parts + 1):
-                power *= at / k
-            means[0] += power
-            means[1] += power * at / (parts + 1)
-            means[2] += 2.0 * power * at * at / ((parts + 1) * (parts + 2))
+            side = 1.0 - 2.0 * (odd & 1)
+            at, sign, odd = at + side * half[k], sign * side, odd >> 1
+        at = max(at, 0.0)
+        power = sign * at if parts % 2 else sign * (at > 0.0)
+        if parts > 1:
+            power *= at * at
+        if parts > 3:
+            power *= at * at
+        zero, one, two = zero + power, one + power * at, two + power * at * at
+    for k in range(2, parts + 1):
+        zero, one, two = zero / k, one / k, two / k
+    return zero, one / (parts + 1), 2.0 * two / ((parts + 1) * (parts + 2))
