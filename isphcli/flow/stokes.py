@@ -21,6 +21,7 @@ from ..domain.null_space import ComponentMeans
 from ..operators.conductances import Conductances, sparse_pairs
 from ..operators.lattice_weights import (
     LatticeWeights,
+    add_gradient_p,
     divergence_and_rhie_chow,
     momentum,
     nearest_matrix,
@@ -149,9 +150,8 @@ class StokesSystem:
         short *= ROUGH * dx * dx
         long -= short
         np.add(mass, self.means.remove(long), out=p)
-        left = self.ops.gradient_p(p)
-        left *= -dx
-        left += forces
+        left = forces.copy()
+        add_gradient_p(self.ops, -dx, p, left)
         if self.dim < 3:
             left = np.hstack([left, np.zeros((self.ops.n, 3 - self.dim))])
         u[:] = self._velocity(left)[:, : self.dim]

@@ -141,10 +141,8 @@ class LatticeWeights:
 
     def gradient_p(self, p: np.ndarray) -> np.ndarray:
         """Pressure gradient (n, dim) of p (n,)."""
-        p, gradient = self.exchange.forward(p), np.empty((self.n, self.dim))
-        over_rows(_gradient_p, self.n, self.pairs, (self.tensors.row, self.tensors.gradient_p), p, gradient)
-        if len(self.tensors.k_tensor_p):
-            gradient -= _second_order(self.pairs, self.tensors, p)
+        gradient = np.zeros((self.n, self.dim))
+        add_gradient_p(self, 1.0, p, gradient)
         return gradient
 
     def potential_gradient(self, force: np.ndarray) -> np.ndarray:
@@ -325,6 +323,14 @@ def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: 
         more = _second_order(ops.pairs, ops.tensors, p)
         grad_p -= more
         out -= dx * more
+
+
+def add_gradient_p(ops: LatticeWeights, factor: float, p: np.ndarray, out: np.ndarray) -> None:
+    """out (n, dim) += factor grad p."""
+    p = ops.exchange.forward(p)
+    over_rows(_add_gradient_p, ops.n, ops.pairs, (ops.tensors.row, ops.tensors.gradient_p), factor, p, out)
+    if len(ops.tensors.k_tensor_p):
+        out -= factor * _second_order(ops.pairs, ops.tensors, p)
 
 
 def symmetric_laplacian(ops: LatticeWeights, f: np.ndarray) -> np.ndarray:
@@ -693,7 +699,7 @@ def _adjoint_flux(pairs, tensors, i, k, u):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _gradient_p(rows, pairs, tensors, p, out):
+def _add_gradient_p(rows, pairs, tensors, factor, p, out):
     start, column, offset_id, first_moment = pairs.start, pairs.column, pairs.offset_id, pairs.first_moment
     (row, gradient_p), dim = tensors, out.shape[1]
     for i in range(rows[0], rows[1]):
@@ -705,9 +711,8 @@ def _gradient_p(rows, pairs, tensors, p, out):
             s2 += first_moment[t, 2] * dp
         o = row[i]
         for k in range(dim):
-            out[i, k] = gradient_p[o, k, 0] * s0 + gradient_p[o, k, 1] * s1
-            if dim == 3:
-                out[i, k] += gradient_p[o, k, 2] * s2
+            g = gradient_p[o, k]
+            out[i, k] += factor * (g[0] * s0 + g[1] * s1 + (g[2] * s2 if dim == 3 else 0.0))
 
 
 @njit(cache=True, nogil=True)
