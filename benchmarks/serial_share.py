@@ -83,9 +83,9 @@ class Share:
         self.inside, self.total, self.triad, plain = 0.0, 0.0, triad, row_threads._share_out
 
         def timed(call, ranges, threads):
-            begin = time.process_time()
+            before, begin = self.inside, time.process_time()
             found = plain(call, ranges, threads)
-            self.inside += time.process_time() - begin
+            self.inside = before + time.process_time() - begin  # loops within these are in it
             return found
 
         row_threads._share_out = timed

@@ -83,7 +83,7 @@ def over_blocks(kernel: Callable[..., Any], edges: np.ndarray, *arguments: Any) 
 def over_parts(function: Callable[[tuple[int, int]], Any], parts: list[tuple[int, int]]) -> list[Any]:
     """function((begin, end)) of each part, in their order. It is no kernel, but most of its time is in functions that
     do not hold up other threads, such as SciPy's products of sparse matrices."""
-    return _share_out(function, parts, get_num_threads() if len(parts) > 1 else 1)
+    return _share_out(function, parts, get_num_threads()) if len(parts) > 1 else [function(part) for part in parts]
 
 
 def cut(n: int, parts: int) -> list[tuple[int, int]]:

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..domain import reduce
+from ..domain.row_threads import edges_of, over_blocks, over_rows
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
@@ -75,8 +77,8 @@ class Bounds:
         if walls is not None and walls.dead_ends:  # isolated particles have too few neighbours for a number density
             volume = np.where(walls.isolated, 1.0, volume)
         inside = self.geometry.phase(new.x) < 0 if self.geometry.has_solid else np.zeros(len(new.x), np.bool_)
-        *largest, growth, small, large, wall = reduce.largest_of_each(
-            np.abs(new.u), np.abs(old.u), change, -volume, volume, inside.astype(float))
+        *largest, growth, small, large, wall = _largest_of_each(
+            new.u, old.u, change, -volume, volume, inside.astype(float))
         speed, before = _root_mean_square(largest, [(new.u, density), (old.u, old_density)])
         force = self.force if self.largest_force is None else self.largest_force(new.time)
         for since, begin, time in (("of the step before", before, dt), ("of the start", self.start, new.time)):
@@ -96,19 +98,54 @@ class Bounds:
     @staticmethod
     def _refuse_what_is_no_number(new: State) -> None:
         fields = {"position": new.x, "velocity": new.u, "pressure": new.p}
-        bad = {name: ~np.isfinite(values) for name, values in fields.items()}
-        bad = {name: some.any(axis=1) if some.ndim > 1 else some for name, some in bad.items()}
-        for (name, some), count in zip(bad.items(), reduce.totals(*bad.values())):
+        counts = [float(sum(over_rows(partial(_without_number, values), len(values)))) for values in fields.values()]
+        for (name, values), count in zip(fields.items(), reduce.totals(*counts)):
             if count:
-                raise StepError(f"the {name} of {int(count)} particles is no longer a number", some.astype(float))
+                raise StepError(f"the {name} of {int(count)} particles is no longer a number",
+                                _no_numbers(values).astype(float))
+
+
+def _without_number(values: np.ndarray, rows: tuple[int, int]) -> int:
+    """Of how many rows of values (n,) or (n, k) some entry is no number."""
+    part = values[slice(*rows)]
+    return 0 if np.isfinite(part).all() else int(np.count_nonzero(_no_numbers(part)))
+
+
+def _no_numbers(values: np.ndarray) -> np.ndarray:
+    bad = ~np.isfinite(values)
+    return bad.any(axis=1) if bad.ndim > 1 else bad
+
+
+def _largest_of_each(*values: np.ndarray) -> list[float]:
+    """`reduce.largest_of_each` of values (n,), and of the sizes of vectors' components (n, dim), on all threads."""
+
+    def largest(some: np.ndarray, rows: tuple[int, int]) -> float:
+        part = some[slice(*rows)]
+        return float((np.abs(part) if part.ndim > 1 else part).max(initial=-np.inf))
+
+    return reduce.largest_of_each(*(np.array(over_rows(partial(largest, some), len(some))) for some in values))
 
 
 def _root_mean_square(largest: Sequence[float], given: Sequence[tuple[np.ndarray, np.ndarray | float]]) -> list[float]:
     """Root mean square speeds of (velocities (n, dim), density (n,) or number) whose largest components are known."""
     # squares of very small and very large speeds leave the range of numbers
     scale = [most if 0.0 < most < np.inf else 1.0 for most in largest]
-    squares = [((u / most) ** 2).sum(axis=1) for (u, _), most in zip(given, scale)]
-    weights = [np.broadcast_to(density, square.shape) for (_, density), square in zip(given, squares)]
-    sums = reduce.totals(*(weight * square for weight, square in zip(weights, squares)), *weights)
+    found = [_squares(u, most, density) for (u, density), most in zip(given, scale)]
+    sums = reduce.totals(*(squares for squares, _ in found), *(weights for _, weights in found))
     means = [whole / weight for whole, weight in zip(sums, sums[len(given):])]
     return [float(most * np.sqrt(mean)) if 0.0 < most < np.inf else float(most) for most, mean in zip(largest, means)]
+
+
+def _squares(u: np.ndarray, scale: float, density: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+    """Sums by blocks of rows of density (u / scale)^2, and of the density; see `_root_mean_square`."""
+    edges, weight = edges_of(len(u)), np.broadcast_to(density, len(u))
+    sums = np.zeros((2, len(edges) - 1))
+
+    def some(blocks: tuple[int, int], edges: np.ndarray) -> None:
+        for k in range(*blocks):
+            rows = slice(edges[k], edges[k + 1])
+            scaled = u[rows] / scale
+            sums[:, k] = weight[rows] @ np.einsum("nk,nk->n", scaled, scaled), weight[rows].sum()
+
+    over_blocks(some, edges)
+    return sums[0], sums[1]

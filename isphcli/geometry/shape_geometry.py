@@ -7,16 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..domain.row_threads import over_rows
+from ..domain.row_threads import cut, over_parts, over_rows
 from .bodies import ROUND_OFF, Cylinder, HalfSpace, Shape, ShapeError, Sphere, Spheres, check_body
 from .faces import AT_REST, Walls, face_distance
 from .fluid_faces import FluidFaces
 from .nearest_wall import PROBE, in_3d, put_beside, put_walls
 from .segment_walls import CELLS_A_PIECE, extent_of, fill_cells, periodic_images, put_crossings
 
-# Points whose distances are found in one go: 20 temporary arrays of them are 10 MB, which are had from memory that was
-# freed before. Of millions of points each array is new to the process, and to clear its pages took a third of the time
-AT_ONCE = 65_536
+# Points whose distances a thread finds in one go: 20 temporary arrays of them are 3 MB, which are had from memory that
+# was freed before. Of millions of points each array is new to the process, and to clear its pages took a third of the
+# time
+AT_ONCE = 16_384
 
 
 class ShapeGeometry:
@@ -190,7 +191,8 @@ class ShapeGeometry:
     def _nearest(self, x: np.ndarray, depth: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
         """Signed distance and index of the wall that gives it; depth: see `distance`."""
         if len(x) > AT_ONCE:
-            parts = [self._nearest(x[first : first + AT_ONCE], depth) for first in range(0, len(x), AT_ONCE)]
+            self._nearest(x[:1], depth)  # makes the lists that all parts look in
+            parts = over_parts(lambda part: self._nearest(x[slice(*part)], depth), cut(len(x), -(-len(x) // AT_ONCE)))
             return np.concatenate([d for d, _ in parts]), np.concatenate([wall for _, wall in parts])
         x = self._wrapped(x)
         d = np.full(len(x), np.inf if self.fluid >= 0 else -np.inf)

@@ -18,8 +18,8 @@ from ..domain.row_threads import over_parts, over_rows
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
-AT_ONCE = 500_000  # pairs that a thread asks of the geometry in one go: bounds the memory of large scenes
-SCANNED = 64 * AT_ONCE  # pairs looked through for those to ask about
+AT_ONCE = 65_536  # pairs that a thread asks of the geometry in one go: bounds the memory of large scenes
+SCANNED = 500 * AT_ONCE  # pairs looked through for those to ask about
 NEAREST_CROSSING = 0.02  # smallest t of a pair at a wall; smaller ones triple the iterations and change k by 1e-5
 # What links a pair: a wall is met on the way; the two see each other but share no pressure (`narrow_pores`); they do
 MEETS_WALL, IN_SIGHT, SHARES_PRESSURE = 0, 1, 2

@@ -10,6 +10,7 @@ import numpy as np
 from ..case.forcing import walls_move
 from ..domain import reduce
 from ..domain.communicator import current
+from ..domain.row_threads import over_rows
 from ..flow.attempt import attempt
 from ..flow.forces import largest_of
 from ..flow.state import Handover
@@ -65,8 +66,12 @@ class TimeLoop:
     def limits(self, state: State) -> dict[str, float]:
         """{name: step} of everything that bounds the next step, s."""
         stepper = self.stepper
-        speed, change = np.sqrt(reduce.largest_of_each((state.u * state.u).sum(axis=1),
-                                                       ((state.u - state.u_old) ** 2).sum(axis=1)))
+
+        def squares(rows: tuple[int, int]) -> list[float]:
+            vectors = state.u[slice(*rows)], state.u[slice(*rows)] - state.u_old[slice(*rows)]
+            return [np.einsum("nk,nk->n", v, v).max(initial=-np.inf) for v in vectors]
+
+        speed, change = np.sqrt(reduce.largest_of_each(*np.array(over_rows(squares, len(state.u))).T))
         speed = float(speed)
         if state.dt_old:
             acceleration = change / state.dt_old

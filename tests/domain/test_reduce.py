@@ -31,7 +31,7 @@ SCRATCH = "length of scratch arrays, which every process makes for its own rows"
 ONE = "of the hierarchy of one process alone"
 OFFSETS = "of the offsets of a lattice and the tensors of one particle"
 BASIS = "over the vectors of a basis"
-PIECES = "of pieces of a vector, whose sums domain/reduce adds up"
+PIECES = "of pieces of an array, whose sums or extremes domain/reduce joins"
 CELLS = "over the particles that a cell of the process sees, or what of its cells is brought together after"
 PARTS = "over the parts of the fluids, of which every process has all"
 MIXED = "over the neighbours of a particle and the faces of a cell, or the axes of pairs"
@@ -78,8 +78,13 @@ ALLOWED = {
     ("domain.row_threads", "math.prod(shape)"): SCRATCH,
     ("flow.shifting", "math.prod(gradients.shape[1:])"): SCRATCH,
     ("flow.shifting", "others.any()"): "whether own rows are taken again, of values that are there",
-    ("flow.step_limits", "((u / most) ** 2).sum(axis=1)"): OWN,
-    ("flow.step_limits", "some.any(axis=1)"): OWN,
+    ("flow.step_limits", "np.isfinite(part).all()"): PIECES,
+    ("flow.step_limits", "np.count_nonzero(_no_numbers(part))"): PIECES,
+    ("flow.step_limits", "(np.abs(part) if part.ndim > 1 else part).max(initial=-np.inf)"): PIECES,
+    ("flow.step_limits", "weight[rows] @ np.einsum('nk,nk->n', scaled, scaled)"): PIECES,
+    ("flow.step_limits", "weight[rows].sum()"): PIECES,
+    ("flow.step_limits", "np.einsum('nk,nk->n', scaled, scaled)"): OWN,
+    ("flow.step_limits", "bad.any(axis=1)"): OWN,
     ("flow.step_limits", "(new.u ** 2).sum(axis=1)"): OWN,
     ("flow.stokes", "np.einsum('nkm,nm->nk', self.ops.walls.slip, u)"): OWN,
     ("flow.stokes", "forces.max(axis=1)"): OWN,
