@@ -10,6 +10,7 @@ import numpy as np
 from ..domain import reduce
 from ..domain.components import pair_components
 from ..domain.exchange import Exchange
+from ..geometry.extents import part_between
 
 if TYPE_CHECKING:
     from ..operators.pair_weights import Operators
@@ -19,47 +20,73 @@ STUCK = 1e-6  # of what free fluid would gain from a pressure gradient: less is 
 
 
 @dataclass(frozen=True)
+class Beyond:
+    """Where a flux is measured: beyond the ends of the sample along an axis, as at a pump, or in the whole box where
+    nothing lies beyond. The flux is the same there as through every cross section, by conservation of mass.
+
+    axis: 0, 1 or 2; lower, upper: m along the axis, the ends, inf and -inf for the whole box; thick: extent of the
+    particles along it, m (`geometry.extents`): of one that an end cuts the part beyond counts; weight: volume of a
+    particle over that of the place, rock in it included.
+    """
+
+    axis: int
+    lower: float
+    upper: float
+    thick: float
+    weight: float
+
+    def parts(self, x: np.ndarray) -> np.ndarray:
+        """(n,) parts, 0 to 1, of particles x (n, dim), m, that lie there."""
+        return np.asarray(1.0 - part_between(x[:, self.axis], self.thick, self.lower, self.upper))
+
+    def flux(self, x: np.ndarray, values: np.ndarray) -> float:
+        """Of values (n,) of particles x (n, dim), m: their integral over the place, over its volume."""
+        if self.lower > self.upper:
+            return float(self.weight * reduce.total(values))
+        part = self.parts(x)
+        here = part > 0.0
+        return float(self.weight * reduce.dot(values[here], part[here]))
+
+
+@dataclass(frozen=True)
 class HeldVelocity:
     """A superficial velocity that is held: each step finds the pressure gradient that it takes.
 
     A step is linear in the gradient G over the density of the first fluid: with v the velocity that a gradient of one
-    makes (`Stepper._hold`), U(u + G v) = U(u) + G U(v) is what was asked. U is taken in the clear layers of an image
-    where there are some, as at a pump, else in the whole box. Shifts do not count: they move points, not fluid, and the
-    interface of two fluids moves with the velocity.
+    makes (`Stepper._hold`), U(u + G v) = U(u) + G U(v) is what was asked. Shifts do not count: they move points, not
+    fluid, and the interface of two fluids moves with the velocity.
 
-    axis: 0, 1 or 2; wanted: m/s; lower, upper: m along the axis, the sample, outside of which U is taken, inf and -inf
-    for the whole box; fraction: of the place where U is taken that is fluid; porosity: of the sample, or of the box;
-    areal: density of the first fluid times the length of the box, kg/m2.
+    wanted: m/s; place: where U is taken; porosity: of the sample, or of the box; areal: density of the first fluid
+    times the length of the box, kg/m2.
     """
 
-    axis: int
     wanted: float
-    lower: float
-    upper: float
-    fraction: float
+    place: Beyond
     porosity: float
     areal: float
 
     @property
+    def axis(self) -> int:
+        """Of the flow: 0, 1 or 2."""
+        return self.place.axis
+
+    @property
     def speed(self) -> float:
         """Mean speed of the fluid in the sample, m/s; beside the sample, where that holds no fluid."""
-        return abs(self.wanted) / (self.porosity or self.fraction)
+        return abs(self.wanted) / (self.porosity or 1.0)
 
     def gradient_for_flux(self, x: np.ndarray, u: np.ndarray, v: np.ndarray, rate: float) -> float | None:
         """G by which the velocities u (n, dim) at x (n, dim) miss what is wanted, m/s2. v: (n, dim) of a unit
         gradient, s; rate: 1/s, of the step. None where no gradient moves the fluid along the axis."""
-        here = outside_sample(x[:, self.axis], self.lower, self.upper)
-        gain = reduce.mean(v[here, self.axis])
+        gain = self.place.flux(x, v[:, self.axis])
         if not gain * rate > STUCK:
             return None
-        return (self.wanted / self.fraction - reduce.mean(u[here, self.axis])) / gain
+        return (self.wanted - self.place.flux(x, u[:, self.axis])) / gain
 
     def flux(self, x: np.ndarray, u: np.ndarray) -> float:
-        """The superficial velocity along the axis, m/s, of velocities u (n, dim) at x (n, dim), where it is held. It is
-        the same through every cross section, by conservation of mass. A mean over the n particles across a pore is
-        larger, by 1 / (2 n^2) of a parabolic profile."""
-        here = outside_sample(x[:, self.axis], self.lower, self.upper)
-        return float(self.fraction * reduce.mean(u[here, self.axis]))
+        """The superficial velocity along the axis, m/s, of velocities u (n, dim) at x (n, dim), where it is held. The
+        mean over n particles across a pore is larger, by 1 / (2 n^2) of a parabolic profile."""
+        return self.place.flux(x, u[:, self.axis])
 
     def drop(self, state: State) -> float:
         """Pressure drop over the box in the step to `state` (`State`), Pa."""
@@ -108,8 +135,3 @@ class _Twice:
         """See `Exchange`."""
         parts = np.split(values, 2)
         return np.concatenate([values, *(self.exchange.forward(part)[len(part):] for part in parts)])
-
-
-def outside_sample(along: np.ndarray, lower: float, upper: float) -> np.ndarray:
-    """Which coordinates (n,) lie outside of the sample."""
-    return (along < lower) | (along > upper)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..domain import reduce
-from .held_velocity import outside_sample
+from .held_velocity import Beyond
 
 TINY = 1e-6  # of the depth of the seam: a particle on the seam itself is this far from it, so that phi has a sign
 
@@ -22,15 +22,15 @@ TINY = 1e-6  # of the depth of the seam: a particle on the seam itself is this f
 @dataclass(frozen=True)
 class Seam:
     """axis: 0, 1 or 2; lower, upper: faces of the box along it, m; depth: up to which a reservoir is of its own fluid
-    whatever comes there, m; fluids: of the inlet, at the lower end, and of the outlet, 0 or 1 each; sample: (lower,
-    upper) ends along the axis of what lies between the reservoirs, m; area: of the fluid across these, m^(dim - 1)."""
+    whatever comes there, m; fluids: of the inlet, at the lower end, and of the outlet, 0 or 1 each; reservoirs: where
+    they are; area: of the box across the axis, m^(dim - 1)."""
 
     axis: int
     lower: float
     upper: float
     depth: float
     fluids: tuple[int, int]
-    sample: tuple[float, float]
+    reservoirs: Beyond
     area: float
 
     def entered(self, x: np.ndarray, phi: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ class Seam:
 
         x: (n, dim) before the step, m; way: (n,) by which the velocity moves the particles along the axis, m, without
         their shifts, which move the points only."""
-        return self.area * reduce.mean(way[outside_sample(x[:, self.axis], *self.sample)])
+        return self.area * self.reservoirs.flux(x, way)
 
     def let_in(self, x: np.ndarray, flows: float, changed: np.ndarray, volume: np.ndarray) -> np.ndarray:
         """`State.volume` (n,), m^dim, with what flows over the seam in a step: the inlet's fluid has more of it, that

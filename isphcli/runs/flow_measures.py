@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..domain import reduce
-from ..geometry.protocol import inside_sample, sample_box
+from ..geometry.extents import part_of_sample, sections
+from ..geometry.protocol import sample_box
 from ..geometry.wall_normals import wall_normals
 
 if TYPE_CHECKING:
+    from ..domain.lattice import Lattice
     from ..geometry.protocol import Geometry
 
 SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)  # shares of the fluid, slowest first: the quantiles of the speed in the summary
@@ -19,31 +21,34 @@ SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)  # shares of the fluid, slowest first: th
 LAYER = (0.3, 1.3)
 
 
-def tortuosity(velocity: np.ndarray, axis: int) -> float | None:
+def tortuosity(velocity: np.ndarray, axis: int, part: np.ndarray | None = None) -> float | None:
     """Mean length of the paths of the fluid over that of the sample: mean speed over mean velocity along the axis
     (Koponen, Kataja and Timonen 1996, Phys. Rev. E 54, 406; Duda, Koza and Matyka 2011, Phys. Rev. E 84, 036319).
 
-    velocity: (n, dim) m/s, of equal volumes. None where nothing flows along the axis.
+    velocity: (n, dim) m/s, of equal volumes; part: (n,) of each in the sample, None: all. None where nothing flows
+    along the axis.
     """
-    if not reduce.number(velocity):
+    if not (reduce.number(velocity) if part is None else reduce.any_true(part > 0.0)):
         return None
-    along = abs(float(reduce.mean(velocity[:, axis])))
-    speed = float(reduce.mean(np.linalg.norm(velocity, axis=1)))
+    along = abs(float(reduce.mean(velocity[:, axis], part)))
+    speed = float(reduce.mean(np.linalg.norm(velocity, axis=1), part))
     return speed / along if along > 1e-12 * speed else None
 
 
-def speed_distribution(velocity: np.ndarray, cells: tuple[np.ndarray, float] | None = None) -> dict[str, float] | None:
+def speed_distribution(velocity: np.ndarray, part: np.ndarray,
+                       cells: tuple[np.ndarray, np.ndarray, float] | None = None) -> dict[str, float] | None:
     """`mean` of the speed, m/s, and its quantiles `q05` to `q95`: the speed that this share of the fluid stays below.
-    velocity: (n, dim) m/s, of equal volumes; cells: means (m, dim) m/s over all cells, and the volume of the fluid over
+    velocity: (n, dim) m/s, of equal volumes; part: (n,) of each in the sample: those of a half and more have a place
+    among the quantiles; cells: means (m, dim) m/s over all cells, their parts (m,), and the volume of the fluid over
     that of a cell, by which the mean is an integral. None without fluid."""
-    if not reduce.number(velocity):
+    if not reduce.any_true(part >= 0.5):
         return None
     speed = np.linalg.norm(velocity, axis=1)
-    quantiles = reduce.quantiles(speed, SHARES)
+    quantiles = reduce.quantiles(speed[part >= 0.5], SHARES)
     if cells is None:
-        mean = float(reduce.mean(speed))
+        mean = float(reduce.mean(speed, part))
     else:
-        mean = float(reduce.total(np.linalg.norm(cells[0], axis=1))) / cells[1]
+        mean = float(reduce.dot(np.linalg.norm(cells[0], axis=1), cells[1])) / cells[2]
     return {"mean": mean, **{f"q{100 * s:02.0f}": float(q) for s, q in zip(SHARES, quantiles)}}
 
 
@@ -78,41 +83,44 @@ def wall_shear(stress: np.ndarray | None) -> dict[str, float] | None:
 
 
 def profile_rows(geometry: Geometry, x: np.ndarray, flow: tuple[np.ndarray, np.ndarray], axis: int, drop: float,
-                 scale: tuple[float, float]) -> list[dict[str, float | None]]:
+                 scale: tuple[float, float, float]) -> list[dict[str, float | None]]:
     """A dict per layer across an axis, from the lower end of the box on: its middle along the axis, m, mean pressure,
     Pa, None without fluid, and superficial velocity, m/s.
 
     x: (m, dim) m, of cells; flow: velocity (m, dim) m/s, mean over them, and pressure (n,) Pa of the first n; drop:
     over the box, Pa, that drives the flow: it falls along the axis beside the pressure of the particles; scale:
-    thickness of a layer, m, and volume of a particle, m^dim.
+    thickness of a layer, m, volume of a particle, m^dim, and its extent along the axis, m (`Lattice.thick`): each layer
+    has the part of it that lies within.
     """
     velocity, pressure = flow
-    thickness, volume = scale
+    thickness, volume, thick = scale
     size, n = geometry.upper - geometry.lower, len(pressure)
     count = max(1, round(float(size[axis]) / thickness))
-    share = (x[:, axis] - geometry.lower[axis]) / size[axis]
-    layer = np.clip((share * count).astype(int), 0, count - 1)
-    number = reduce.total_by(layer[:n], labels=count)
-    flux = reduce.total_by(layer, velocity[:, axis], count) * (volume * count / float(np.prod(size)))
-    total = reduce.total_by(layer[:n], pressure - drop * share[:n], count)
+    ends = float(geometry.lower[axis]), float(geometry.upper[axis])
+    layer, who, part = sections(x[:, axis], thick, ends, count, geometry.periodic[axis])
+    flux = reduce.total_by(layer, part * velocity[who, axis], count) * (volume * count / float(np.prod(size)))
+    layer, who, part = sections(x[:n, axis], thick, ends, count, False)  # the pressure is not periodic
+    fall = drop * (x[:n, axis] - geometry.lower[axis]) / size[axis]
+    number = reduce.total_by(layer, part, count)
+    total = reduce.total_by(layer, part * (pressure - fall)[who], count)
     return [{"xyz"[axis]: float(geometry.lower[axis] + (k + 0.5) * size[axis] / count),
              "pressure": float(total[k] / number[k]) if number[k] else None, "superficial_velocity": float(flux[k])}
             for k in range(count)]
 
 
-def effective_diffusivity(geometry: Geometry, x: np.ndarray, flux: np.ndarray, cells: float, site_volume: float,
+def effective_diffusivity(geometry: Geometry, x: np.ndarray, flux: np.ndarray, cells: float, lattice: Lattice,
                           axis: int) -> float:
     """Diffusivity of the sample over that of the fluid along an axis; the formation factor is its inverse.
 
     x: (n, dim) m; flux: (n, dim) of a unit gradient over the whole box (`flow.diffusion`); cells: volume of the fluid
-    in the sample over site_volume, m^dim. Clear layers are resistances in series, which are subtracted.
+    in the sample over that of a site of the lattice. Clear layers are resistances in series, which are subtracted.
     """
     lower, upper = sample_box(geometry)
-    inside = inside_sample(geometry, x)
-    if not reduce.any_true(inside):
+    part = part_of_sample(geometry, x, lattice.thick)
+    if not reduce.any_true(part > 0.0):
         return 0.0
-    porosity = cells * site_volume / float(np.prod(upper - lower))
-    mean = float(reduce.mean(flux[inside, axis])) * porosity
+    porosity = cells * lattice.site_volume / float(np.prod(upper - lower))
+    mean = float(reduce.mean(flux[:, axis], part)) * porosity
     length, sample = float((geometry.upper - geometry.lower)[axis]), float((upper - lower)[axis])
     left = length - mean * (length - sample)  # of the drop, over the sample
     return mean * sample / left if left > 0.0 else 0.0

@@ -18,6 +18,7 @@ from ..domain.lattice import Lattice, ParticleError
 from ..domain.migration import Migration
 from ..domain.mixed_lattice import MixedLattice, cells_of
 from ..flow.mixed_stokes import MixedStokes
+from ..geometry.extents import part_of_sample
 from ..geometry.protocol import sample_box
 from ..operators.cell_means import CellMeans, means_over_cells
 from ..operators.kernel import KERNELS
@@ -38,7 +39,6 @@ from .permeability import (
     USUAL,
     darcy,
     extrapolate,
-    part_of_sample,
     spread_of_flux,
 )
 

@@ -18,12 +18,13 @@ from ..domain.lattice import ParticleError
 from ..flow.held_velocity import leads_through
 from ..flow.state import Handover, phase_of
 from ..flow.step_limits import RunError
-from ..geometry.protocol import inside_sample
+from ..geometry.extents import part_of_sample
 from ..output import folder, progress, restart
 from ..output.files import History, Series, read_history
 from ..references.result import Result
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
+from ..scene.place import lattice_at
 from ..scene.prepare import prepare
 from . import ranks
 from .flow_measures import profile_rows, speed_distribution
@@ -129,8 +130,9 @@ class MovingRun:
         if self.profiles is not None and state.step != self.profiled:
             self.profiled = state.step
             with self.clock("output"):
-                layers = profile_rows(self.geometry, state.x, (state.u, state.p), self.profiles.axis, 0.0,
-                                      (self.profiles.thickness, self.particles.site_volume))
+                axis = self.profiles.axis
+                scale = self.profiles.thickness, self.particles.site_volume, float(self.loop.thick[axis])
+                layers = profile_rows(self.geometry, state.x, (state.u, state.p), axis, 0.0, scale)
                 for row, layer in zip(self.profiles.rows(state, self.particles_at(state).phase), layers):
                     self.tables[PROFILES].append(row | {"superficial_velocity": layer["superficial_velocity"]})
         with self.clock("output"):
@@ -184,8 +186,9 @@ def _prepared(case: Case, clock: Clock, quiet: bool, resume: str | Path | None,
     box = float(np.prod(geometry.upper - geometry.lower))
     with clock("geometry"):
         distance = geometry.distance(particles.x) if geometry.has_solid else None
-        cells = fluid_cells(geometry, particles, distance)
-        whole = fluid_cells(geometry, particles, distance, whole=True) if geometry.has_solid else None
+        thick = lattice_at(case, geometry, case.particles.spacing).thick
+        cells = fluid_cells(geometry, particles, distance, thick)
+        whole = fluid_cells(geometry, particles, distance) if geometry.has_solid else None
     measures = between = profiles = None
     if particles.two_fluids:
         from ..scene.choose_measures import choose_measures, choose_profiles, choose_reservoir_measures
@@ -374,7 +377,7 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
     axis, force = _drive_at_the_end(run, state)
     held = stepper.held_velocity
     known = None if held is None else (held.axis, held.flux(state.x, state.u))
-    superficial, mean = mean_velocities(run.geometry, state.x, state.u, run.particles.site_volume, run.cells, known)
+    superficial, mean = mean_velocities(run.geometry, state.x, state.u, loop.site_volume, loop.thick, run.cells, known)
     along = None if axis is None else darcy(run.geometry, superficial, axis, force, stepper.fluids.nu_max)
     resisted = run.geometry.has_solid and not two and not walls_move(run.case)
     permeability = error = None
@@ -413,7 +416,7 @@ def _finish(run: MovingRun, state: State, config: Configuration) -> tuple[Summar
         "restarts": run.record["changes"],
         "warnings": run.seen.warnings,
         "particles": counts_of(run.particles_at(state), config.halo),
-        **scene_entries(case, run.geometry, run.particles, run.cells, run.seen),
+        **scene_entries(case, run.geometry, run.particles, (run.cells, run.loop.thick), run.seen),
         "terms": flow.pop("terms"),
         "steps": state.step,
         "time": state.time,
@@ -427,6 +430,7 @@ def _finish(run: MovingRun, state: State, config: Configuration) -> tuple[Summar
     if run.measures is not None:
         _add_two_fluids(run, run.measures, summary, state, config)
         result.two_fluids = summary["two_fluids"]
+    summary["speed"] = speed_distribution(state.u, part_of_sample(run.geometry, state.x, run.loop.thick))
     if current().size > 1:
         return _finish_ranks(run, summary, result, config), result
     return finish(case, run.directory, summary, result, run.clock,
@@ -435,9 +439,8 @@ def _finish(run: MovingRun, state: State, config: Configuration) -> tuple[Summar
 
 def _finish_ranks(run: MovingRun, summary: Summary, result: Result, config: Configuration) -> Summary:
     """The end of a run of several processes, by rank 0; returns the summary."""
-    case, inside = run.case, inside_sample(run.geometry, result.x)
+    case = run.case
     summary["ranks"] = ranks.entry(len(result.x), config.ops.exchange, run.clock)
-    summary["speed"] = speed_distribution(result.cell_velocity[inside])
     if case.output.plots:
         summary["warnings"].append(ranks.NO_PICTURES)
     quiet_case = replace(case, output=replace(case.output, plots=False))

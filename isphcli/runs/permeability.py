@@ -10,41 +10,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..domain import reduce
-from ..geometry.protocol import Geometry, inside_sample, sample_box
+from ..geometry.extents import POINTS, fluid_part_of_sample, part_of_sample
+from ..geometry.protocol import Geometry, sample_box
 from ..references.ducts import duct_permeability
 
 if TYPE_CHECKING:
     from ..domain.lattice import Lattice, Particles
 
 
-def shares_in_sample(geometry: Geometry, x: np.ndarray, thick: np.ndarray | None = None) -> np.ndarray:
-    """(n,) shares, 0 to 1, of the layers of sites at x (n, dim), m, that lie within the sample, along axes where clear
-    layers lie at its ends; 1 or 0, as x lies, without thick: (dim,) or (n, dim) m, of the layers.
-
-    The ends may lie anywhere between layers of the lattice. With all of a layer or nothing a permeability would be off
-    by up to half a layer of those in the sample, and by a whole one where there are sites on both ends.
-    """
-    lower, upper = sample_box(geometry)
-    ends = (lower > geometry.lower) | (upper < geometry.upper)
-    if thick is None:
-        return np.all(((x >= lower) & (x <= upper)) | ~ends, axis=1).astype(float)
-    edge = np.broadcast_to(thick, x.shape)[:, ends]
-    within = np.minimum(x[:, ends] + 0.5 * edge, upper[ends]) - np.maximum(x[:, ends] - 0.5 * edge, lower[ends])
-    # rounded: an end between two layers cuts neither
-    return np.asarray(np.clip(np.round(within / edge, 9), 0.0, 1.0).prod(axis=1))
-
-
-def part_of_sample(geometry: Geometry, x: np.ndarray, thick: np.ndarray) -> np.ndarray:
-    """`shares_in_sample` of cells (n,) whose middles lie within the box; 0 of others."""
-    within = np.all((x >= geometry.lower) & (x <= geometry.upper), axis=1)
-    return np.where(within, shares_in_sample(geometry, x, thick), 0.0)
-
-
 def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray | None = None,
-                whole: bool = False, thick: np.ndarray | None = None) -> float:
-    """Volume of the fluid in the sample, or of the whole box, over that of a cell of the lattice, by the wall distance.
+                thick: np.ndarray | None = None) -> float:
+    """Volume of the fluid in the sample over that of a cell of the lattice, by the wall distance.
 
-    distance: (n,) m, of all particles; None: asked of the geometry. thick: see `shares_in_sample`.
+    distance: (n,) m, of all particles; None: asked of the geometry. thick: (dim,) m, `Lattice.thick`; None: the volume
+    in the whole box.
 
     A cell of edge h whose middle lies at the distance d of a wall holds fluid in the share 1/2 + d/h of it, between 0
     and 1: exact beside walls along the lattice, and over the many ways in which an oblique plane cuts cells the mean is
@@ -54,9 +33,10 @@ def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray |
     """
     x = particles.x
     if not geometry.has_solid:
-        return float(reduce.number(particles.phase))
+        held = particles.x[: particles.n_fluid]
+        return float(reduce.number(held) if thick is None else reduce.total(part_of_sample(geometry, held, thick)))
     # a face of the box that is a wall cuts cells whose middles lie beyond it
-    part = np.ones(len(x)) if whole else shares_in_sample(geometry, x, thick)
+    part = np.ones(len(x)) if thick is None else fluid_part_of_sample(geometry, x, thick, POINTS)
     inside = part > 0.0
     edge = particles.site_volume ** (1.0 / geometry.dim)
     near = geometry.distance(x[inside]) if distance is None else distance[inside]
@@ -73,33 +53,32 @@ def fluid_cells(geometry: Geometry, particles: Particles, distance: np.ndarray |
     return float(reduce.total(share * part[inside]))
 
 
-def microporous_shares(geometry: Geometry, x: np.ndarray, rocks: int) -> np.ndarray:
+def microporous_shares(geometry: Geometry, x: np.ndarray, rocks: int, thick: np.ndarray) -> np.ndarray:
     """Shares (rocks,) of the fluid of the sample that seep through each microporous rock; x: (n, dim) m, of the fluid
-    particles, which count alike: those of cells that walls cut, too."""
-    rock = geometry.microporous(x[inside_sample(geometry, x)])
-    return reduce.total_by(rock + np.int64(1), labels=rocks + 1)[1:] / max(reduce.number(rock), 1)
+    particles, which count alike: those of cells that walls cut, too. thick: (dim,) m, `Lattice.thick`."""
+    part = part_of_sample(geometry, x, thick)
+    inside = part > 0.0
+    held = reduce.total_by(geometry.microporous(x[inside]) + np.int64(1), part[inside], rocks + 1)
+    return np.asarray(held[1:] / (float(held.sum()) or 1.0))
 
 
 def mean_velocities(geometry: Geometry, x: np.ndarray, velocity: np.ndarray, site_volume: float,
-                    cells: float | None = None, known: tuple[int, float] | None = None,
-                    thick: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+                    thick: np.ndarray, cells: float | None = None,
+                    known: tuple[int, float] | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Superficial and mean velocity (dim,) of the sample, m/s.
 
-    x, velocity: (n, dim) of the fluid particles; site_volume: m^dim. cells: `fluid_cells` of the sample, which the mean
-    velocity is taken over: the flux over the volume of the fluid. Without it: over the particles. known: an axis and
-    the superficial velocity along it, m/s, where that is held. thick: see `shares_in_sample`.
+    x, velocity: (n, dim) of the fluid particles, or of the cells; site_volume: m^dim; thick: (dim,) m, their extents,
+    `Lattice.thick`. cells: `fluid_cells` of the sample, which the mean velocity is taken over: the flux over the volume
+    of the fluid. Without it: over the particles. known: an axis and the superficial velocity along it, m/s, where that
+    is held.
     """
     lower, upper = sample_box(geometry)
-    inside = inside_sample(geometry, x)
-    if thick is None:
-        total = reduce.total(velocity[inside])
-    else:
-        part = part_of_sample(geometry, x, thick)
-        counts = part > 0.0  # of whole layers the sum has the same bits
-        total = reduce.total(velocity[counts] * part[counts, None])
+    part = part_of_sample(geometry, x, thick)
+    counts = part > 0.0  # of whole layers the sum has the same bits
+    total, number = reduce.totals(velocity[counts] * part[counts, None], part)
     if known is not None:
         total[known[0]] = known[1] * np.prod(upper - lower) / site_volume
-    return total * (site_volume / np.prod(upper - lower)), total / (cells or max(reduce.count(inside), 1))
+    return total * (site_volume / np.prod(upper - lower)), total / (cells or number or 1.0)
 
 
 def spread_of_flux(lattice: Lattice, x: np.ndarray, flux: np.ndarray, axis: int) -> float:

@@ -22,7 +22,6 @@ from ..output import folder, restart
 from ..output.clock import Clock
 from ..output.files import SNAPSHOTS, Series, write_summary, write_text
 from ..output.machine import peak_memory, versions
-from .flow_measures import speed_distribution
 from .permeability import microporous_shares
 
 if TYPE_CHECKING:
@@ -130,14 +129,17 @@ class Seen:
 Look = Callable[[Case, Geometry, Clock, bool], Seen]  # preflight.look.look; the last is whether it is quiet
 
 
-def scene_entries(case: Case, geometry: Geometry, particles: Particles, cells: float, seen: Seen) -> dict[str, Any]:
-    """Entries of the summary on the scene that was run. cells: `permeability.fluid_cells` of the sample."""
+def scene_entries(case: Case, geometry: Geometry, particles: Particles, fluid: tuple[float, np.ndarray],
+                  seen: Seen) -> dict[str, Any]:
+    """Entries of the summary on the scene that was run. fluid: `permeability.fluid_cells` of the sample, and extents
+    (dim,) of the particles, m."""
     image, rocks = None, None
     lower, upper = sample_box(geometry)
-    fluid = cells * particles.site_volume / float(np.prod(upper - lower))
+    cells, thick = fluid
+    pores = cells * particles.site_volume / float(np.prod(upper - lower))
     if case.microporous:
-        parts = microporous_shares(geometry, particles.x[: particles.n_fluid], len(case.microporous))
-        rocks = {name: fluid * float(part) for name, part in zip(case.microporous, parts)}
+        parts = microporous_shares(geometry, particles.x[: particles.n_fluid], len(case.microporous), thick)
+        rocks = {name: pores * float(part) for name, part in zip(case.microporous, parts)}
     if case.geometry.voxels is not None:
         from ..geometry.images.read import axes_of
 
@@ -145,7 +147,7 @@ def scene_entries(case: Case, geometry: Geometry, particles: Particles, cells: f
         image = {"size": np.array([s.stop - s.start for s in sample_voxels(geometry)[::-1]]), "voxel_size": voxel,
                  "axes": axes_of(case.geometry.voxels.file, case.geometry.voxels.axes)}
     return {"inputs": [f"{name}: {text}" for name, text in geometry.described], "image": image,
-            "porosity": fluid - sum((rocks or {}).values()), "microporous": rocks,
+            "porosity": pores - sum((rocks or {}).values()), "microporous": rocks,
             "open_axes": seen.open_axes if geometry.has_solid else None, "throats": seen.throats}
 
 
@@ -204,9 +206,6 @@ def finish(case: Case, directory: Path, summary: dict[str, Any], result: Result,
         summary["not_compared"] = compared.not_compared
     if compared.failed is not None:
         summary["message"] = "; ".join(filter(None, [summary["message"], f"no errors: {compared.failed}"]))
-    if "speed" not in summary:
-        inside = inside_sample(result.geometry, result.x)
-        summary["speed"] = speed_distribution(result.cell_velocity[inside])
     effective = replace(case, output=replace(case.output, directory=directory))
     write_case(directory, effective, summary.get("restarts", ()))
     for name in PICTURES:  # pictures from before a restart are removed: where drawing is stopped none are left

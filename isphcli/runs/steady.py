@@ -52,19 +52,20 @@ class NoPathError(NoFlowError):
 class StokesResult:
     """Flow along one axis at one spacing.
 
-    axis: 0, 1, 2 or None where the walls drive the flow; velocity (n, dim) m/s of the particles; means: its
-    means over the cells of the lattice; pressure (n,) Pa; superficial, mean, permeability: see
-    `runs/permeability.py`; divergence, mass_error: see `_mass`; halo, narrow (particles in pores that the lattice does
-    not resolve), components, isolated_pockets, cells: of the scene that it was solved in; drop: Pa, over the box along
-    the axis; stress: see `flow_measures.wall_stress`; diffusivity: effective over that of the fluid, where it was asked
-    for; throats: the permeability with half the spacing in throats, where that was asked for; residuals: relative, of
-    the iterations of the solve.
+    axis: 0, 1, 2 or None where the walls drive the flow; thick: (dim,) m, `Lattice.thick`; velocity (n, dim) m/s of
+    the particles; means: its means over the cells of the lattice; pressure (n,) Pa; superficial, mean, permeability:
+    see `runs/permeability.py`; divergence, mass_error: see `_mass`; halo, narrow (particles in pores that the lattice
+    does not resolve), components, isolated_pockets, cells: of the scene that it was solved in; drop: Pa, over the box
+    along the axis; stress: see `flow_measures.wall_stress`; diffusivity: effective over that of the fluid, where it was
+    asked for; throats: the permeability with half the spacing in throats, where that was asked for; residuals:
+    relative, of the iterations of the solve.
     """
 
     axis: int | None
     particles: Particles
     geometry: Geometry
     spacing: float
+    thick: np.ndarray
     velocity: np.ndarray
     means: CellMeans
     pressure: np.ndarray
@@ -229,14 +230,13 @@ def solve_axis(case: Case, scene: SteadyScene, axis: int | None, force: np.ndarr
     with clock("geometry"):
         means = _cell_means(scene, flow.velocity, laplacian, case.support * system.spacing)
         x, velocity = means.everywhere(particles.x[: particles.n_fluid])
-    superficial, mean = mean_velocities(geometry, x, velocity, particles.site_volume, scene.cells,
-                                        thick=scene.lattice.thick)
+    superficial, mean = mean_velocities(geometry, x, velocity, particles.site_volume, scene.lattice.thick, scene.cells)
     if axis is not None and system.acceleration is not None:
         raise ValueError("the flux is not that of the drive where another force accelerates the fluid: its check of a "
                          "case has to refuse drive.axes with flow: stokes")
     permeability = None if axis is None else darcy(geometry, superficial, axis, force, fluid.nu)
     drop = 0.0 if axis is None else fluid.density * float(force[axis]) * float((geometry.upper - geometry.lower)[axis])
-    return StokesResult(axis, particles, geometry, system.spacing, flow.velocity, means,
+    return StokesResult(axis, particles, geometry, system.spacing, scene.lattice.thick, flow.velocity, means,
                  flow.pressure * fluid.density, superficial, mean, permeability,
                  *_mass(scene, flow, (x, velocity), axis), flow.convergence, scene.halo,
                  int(reduce.total(system.ops.narrow)), system.count, int((~scene.percolates.any(axis=1)).sum()),
@@ -255,7 +255,7 @@ def solve_diffusion(case: Case, scene: SteadyScene, axis: int, clock: Clock, wat
     with clock("krylov"):
         asked = case.solver
         flux = diffusion.solve(axis, Limits(asked.tolerance, asked.restart, asked.max_iterations), watch)
-    return effective_diffusivity(scene.geometry, x, flux, scene.cells, scene.particles.site_volume, axis)
+    return effective_diffusivity(scene.geometry, x, flux, scene.cells, scene.lattice, axis)
 
 
 def _cell_means(scene: SteadyScene, velocity: np.ndarray, laplacian: np.ndarray, support: float) -> CellMeans:

@@ -15,7 +15,7 @@ from ..case.yaml import CaseError, Problem
 from ..domain import reduce
 from ..domain.communicator import as_first, current, on_first
 from ..domain.lattice import ParticleError
-from ..geometry.protocol import inside_sample
+from ..geometry.extents import part_of_sample
 from ..output import folder, progress
 from ..output.files import write_rows
 from ..references.result import Result
@@ -467,7 +467,7 @@ def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen, porosity: f
 def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[str, Any], Result]:
     """(summary, result) of the flows of a steady case; the finest spacing of the first axis is what is written."""
     flows, history, main = found.flows, found.history, _main(found.flows)
-    scene = scene_entries(case, main.geometry, main.particles, main.cells, seen)
+    scene = scene_entries(case, main.geometry, main.particles, (main.cells, main.thick), seen)
     filled = scene["porosity"] + sum((scene["microporous"] or {}).values())
     grain = grain_chord(main.geometry, min(case.spacings))
     results = [_axis_result(case, axis, flows, main.geometry, filled, grain)
@@ -532,7 +532,7 @@ def _measures(case: Case, flows: Flows) -> dict[str, Any]:
     ways, factors, bars = {}, {}, {}
     for axis, flow in driven.items():
         cells, velocity = flow.all_cells
-        ways["xyz"[axis]] = tortuosity(velocity[inside_sample(flow.geometry, cells)], axis)
+        ways["xyz"[axis]] = tortuosity(velocity, axis, part_of_sample(flow.geometry, cells, flow.thick))
         if flow.diffusivity:
             factors["xyz"[axis]] = 1.0 / flow.diffusivity
             known = {h: other.diffusivity for (a, h), other in flows.items() if a == axis and other.diffusivity}
@@ -550,8 +550,8 @@ def _measures(case: Case, flows: Flows) -> dict[str, Any]:
         "formation_factor_error": _alone(bars, single) or None,
         "effective_diffusivity": _alone(diffusivities, single) or None,
         "effective_diffusivity_error": _alone({a: bar / factors[a] ** 2 for a, bar in bars.items()}, single) or None,
-        "speed": speed_distribution(main.cell_velocity[inside_sample(main.geometry, x)],
-                                    (velocity[inside_sample(main.geometry, cells)], main.cells)),
+        "speed": speed_distribution(main.cell_velocity, part_of_sample(main.geometry, x, main.thick),
+                                    (velocity, part_of_sample(main.geometry, cells, main.thick), main.cells)),
         "wall_shear": main.shear,
     }
 
@@ -598,7 +598,7 @@ def _profile(flow: steady.StokesResult) -> list[dict[str, float | None]]:
     particles = flow.particles
     x, velocity = flow.all_cells
     return profile_rows(flow.geometry, x, (velocity, flow.pressure), flow.axis, flow.drop,
-                        (flow.spacing, particles.site_volume))
+                        (flow.spacing, particles.site_volume, float(flow.thick[flow.axis])))
 
 
 def _pictures(case: Case, directory: Path, flow: steady.StokesResult, flows: Flows, summary: dict[str, Any],

@@ -17,6 +17,7 @@ from ..flow.state import Handover
 from ..flow.step_lengths import next_due, shortest
 from ..output.restart import Saved
 from ..scene.choose_steps import step_lengths
+from ..scene.place import lattice_at
 from .permeability import mean_velocities
 from .steadiness import Steady
 
@@ -42,6 +43,7 @@ class TimeLoop:
     step whose row and snapshot are written (restart.Saved): a run that stops can go on from it.
     measure(state, config): further entries of a row, dict.
     steady: steadiness.Steady of what `observed` says, in a run to a steady state, else None.
+    thick: (dim,) m, extents of the particles (`geometry.extents`), those of their lattice at the start.
     fluid_cells: volume of the fluid in the box over `site_volume`, see `permeability.fluid_cells`, which the mean
     velocity is taken over; None: over the particles. program: of a drive in steps, which ends the run with its last
     one, or None: `moving_case` makes it when the run that it writes for is there.
@@ -55,6 +57,7 @@ class TimeLoop:
         self.program: DriveProgram | None = None
         self.case, self.time, self.stepper = case, case.time, stepper
         self.site_volume, self.box_volume = site_volume, box_volume
+        self.thick = lattice_at(case, stepper.geometry, case.particles.spacing).thick
         self.steady = Steady() if case.time.steady is not None else None
         self.along = _free_direction(case, stepper)
         fluids = stepper.fluids
@@ -140,7 +143,7 @@ class TimeLoop:
         if stepper.held_velocity is not None:
             return stepper.held_velocity.drop(state)
         if self.along is not None:
-            superficial, _ = mean_velocities(stepper.geometry, state.x, state.u, self.site_volume)
+            superficial, _ = mean_velocities(stepper.geometry, state.x, state.u, self.site_volume, self.thick)
             return float(superficial @ self.along)
         return float(np.sqrt(current().sum(np.einsum("ij,ij", state.u, state.u)) / reduce.number(state.u)))
 

@@ -10,6 +10,7 @@ import numpy as np
 from ..case.forcing import flow_axis, pressure_gradient
 from ..references.two_phase import AMPLITUDES, amplitude
 from ..two_phase.measures import MeasuredFluid, Measures
+from .place import lattice_at
 
 if TYPE_CHECKING:
     from ..case.blocks import Case
@@ -30,7 +31,8 @@ def choose_measures(case: Case, geometry: Geometry, particles: Particles, fluids
     if case.reference is not None and case.reference.kind in AMPLITUDES:
         def amplitude_of(x: np.ndarray, volume: np.ndarray, fraction: np.ndarray) -> float:
             return amplitude(case, x, volume, fraction)
-    return Measures(named, particles.phase, geometry, particles.site_volume, fluids, held, amplitude_of)
+    size = particles.site_volume, _extents(case, geometry)
+    return Measures(named, particles.phase, geometry, size, fluids, held, amplitude_of)
 
 
 def choose_profiles(case: Case, geometry: Geometry, fluids: Fluids) -> Profiles | None:
@@ -40,7 +42,8 @@ def choose_profiles(case: Case, geometry: Geometry, fluids: Fluids) -> Profiles 
         return None
     from ..two_phase.profiles import Profiles
 
-    return Profiles(axis, case.fluid_names, geometry, case.particles.spacing, _pressure(case, geometry, fluids, axis))
+    return Profiles(axis, case.fluid_names, geometry, case.particles.spacing, float(_extents(case, geometry)[axis]),
+                    _pressure(case, geometry, fluids, axis))
 
 
 def choose_reservoir_measures(case: Case, geometry: Geometry, particles: Particles,
@@ -53,7 +56,12 @@ def choose_reservoir_measures(case: Case, geometry: Geometry, particles: Particl
     axis = "xyz".index(case.reservoirs.axis)
     ends = case.fluid_names.index(case.reservoirs.inlet), case.fluid_names.index(case.reservoirs.outlet)
     return ReservoirMeasures(axis, ends, case.fluid_names, geometry, particles.site_volume,
-                             _pressure(case, geometry, fluids, axis))
+                             _extents(case, geometry), _pressure(case, geometry, fluids, axis))
+
+
+def _extents(case: Case, geometry: Geometry) -> np.ndarray:
+    """(dim,) m, of the particles (`geometry.extents`), those of their lattice at the start."""
+    return lattice_at(case, geometry, case.particles.spacing).thick
 
 
 def _pressure(case: Case, geometry: Geometry, fluids: Fluids, axis: int) -> Callable[[State], np.ndarray]:

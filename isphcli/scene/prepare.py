@@ -13,11 +13,12 @@ from ..case.forcing import drives, held_flux
 from ..domain import reduce
 from ..domain.communicator import current
 from ..flow.forces import largest_of
-from ..flow.held_velocity import HeldVelocity, outside_sample
+from ..flow.held_velocity import Beyond, HeldVelocity
 from ..flow.one_fluid import OneFluid
 from ..flow.state import State
 from ..flow.step import Stepper
 from ..flow.step_limits import Bounds
+from ..geometry.extents import part_of_sample
 from ..geometry.protocol import sample_box
 from ..operators.kernel import KERNELS
 from ..output.environment import keep_freed_memory
@@ -30,7 +31,7 @@ from .place import jittered, lattice_at, place_case, sight_of, with_fluids
 if TYPE_CHECKING:
     from ..case.blocks import Case
     from ..domain.cut import Share
-    from ..domain.lattice import Particles
+    from ..domain.lattice import Lattice, Particles
     from ..domain.migration import Migration
     from ..flow.seam import Seam
     from ..flow.timed_drive import TimedDrive
@@ -45,26 +46,37 @@ def held_velocity(case: Case, particles: Particles, reference: float, geometry: 
     if held is None:
         return None
     axis, wanted = held
-    (lower, upper), fraction, porosity = clear_of_the_sample(particles, geometry, axis)
+    place, porosity = beyond_the_sample(case, particles, geometry, axis)
     length = float((geometry.upper - geometry.lower)[axis])
-    return HeldVelocity(axis, wanted, lower, upper, fraction, porosity, reference * length)
+    return HeldVelocity(wanted, place, porosity, reference * length)
 
 
-def clear_of_the_sample(particles: Particles, geometry: Geometry,
-                        axis: int) -> tuple[tuple[float, float], float, float]:
-    """Ends of the sample along an axis, m, the share of the cross section beyond them that is fluid, and the porosity
-    of the sample; with nothing beyond it the ends are inf and -inf, and both shares are of the box."""
-    size = geometry.upper - geometry.lower
-    length, (lower, upper) = size[axis], (float(corner[axis]) for corner in sample_box(geometry))
-    here, fluid = reduce.count(outside_sample(particles.x[: particles.n_fluid, axis], lower, upper)), reduce.number(
-        particles.phase)
-    volumes = particles.site_volume * length / float(np.prod(size))  # of a particle, over the cross section
-    porosity = (fluid - here) * volumes / (upper - lower)
-    # clear layers of an image are all fluid, whatever number of lattice layers falls into them
-    fraction = 1.0 if geometry.voxel_size is not None else here * volumes / max(length - (upper - lower), volumes)
-    if not here:
-        lower, upper, fraction = np.inf, -np.inf, fluid * volumes / length
-    return (lower, upper), fraction, porosity
+def beyond_the_sample(case: Case, particles: Particles, geometry: Geometry, axis: int) -> tuple[Beyond, float]:
+    """What lies beyond the ends of the sample along an axis, and the porosity of the sample, or of the box where
+    nothing does."""
+    lattice, x = lattice_at(case, geometry, case.particles.spacing), particles.x[: particles.n_fluid]
+    box, thick = float(np.prod(geometry.upper - geometry.lower)), float(lattice.thick[axis])
+    lower, upper = (float(corner[axis]) for corner in sample_box(geometry))
+    if lower <= geometry.lower[axis] and upper >= geometry.upper[axis]:
+        weight = particles.site_volume / box
+        return Beyond(axis, np.inf, -np.inf, thick, weight), reduce.number(x) * weight
+    sample = box * (upper - lower) / float((geometry.upper - geometry.lower)[axis])
+    held = reduce.total(part_of_sample(geometry, x, lattice.thick))
+    # clear layers of an image are all fluid, whatever the distance of the last particles from the walls along them
+    filled = _filled(lattice, geometry, axis) if geometry.voxel_size is not None else 1.0
+    weight = particles.site_volume / (filled * (box - sample))
+    return Beyond(axis, lower, upper, thick, weight), float(held) * particles.site_volume / sample
+
+
+def _filled(lattice: Lattice, geometry: Geometry, axis: int) -> float:
+    """Share of the cross section of the box along an axis that the cells of sites within it have."""
+    share = 1.0
+    for a in np.flatnonzero(~np.array(geometry.periodic)):
+        if a != axis:
+            layers = np.add.outer(np.arange(lattice.counts[a]), np.unique(lattice.basis[:, a])) * lattice.cell[a]
+            within = (layers + lattice.corner[a] > geometry.lower[a]) & (layers + lattice.corner[a] < geometry.upper[a])
+            share *= float(within.sum() * lattice.thick[a] / (geometry.upper - geometry.lower)[a])
+    return share
 
 
 SPREAD = 10.0  # root mean square speed over the mean of a held flow, at most; in rock it is 2 to 3
@@ -162,9 +174,9 @@ def seam(case: Case, particles: Particles, geometry: Geometry) -> Seam | None:
     fluids = (case.fluid_names.index(case.reservoirs.inlet), case.fluid_names.index(case.reservoirs.outlet))
     length = float(geometry.sample_lower[axis] - geometry.lower[axis])
     depth = min(case.support * case.particles.spacing, 0.5 * length)  # no support at the seam reaches another one
-    sample, fraction, _ = clear_of_the_sample(particles, geometry, axis)
-    area = fraction * float(np.prod(np.delete(geometry.upper - geometry.lower, axis)))
-    return Seam(axis, float(geometry.lower[axis]), float(geometry.upper[axis]), depth, fluids, sample, area)
+    reservoirs, _ = beyond_the_sample(case, particles, geometry, axis)
+    area = float(np.prod(np.delete(geometry.upper - geometry.lower, axis)))
+    return Seam(axis, float(geometry.lower[axis]), float(geometry.upper[axis]), depth, fluids, reservoirs, area)
 
 
 def bounds(case: Case, geometry: Geometry, particles: Particles, u: np.ndarray, rate: HeldVelocity | None,

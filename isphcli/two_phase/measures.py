@@ -17,6 +17,7 @@ from ..domain import reduce
 from ..domain.components import parts_of
 from ..domain.halo import nearest_image
 from ..flow.state import phase_of
+from ..geometry.extents import POINTS, fluid_part_of_sample, part_of_sample
 from ..geometry.protocol import Geometry, inside_sample
 from ..operators.apply import gradient_one_sided
 from .cut_cells import CutCells, outline
@@ -52,18 +53,19 @@ class MeasuredFluid(NamedTuple):
 
 
 class Measures:
-    """fluids: both; phase: (n,) int8 of fluids that differ in name only, else of the start; geometry: Geometry;
-    site_volume: m^dim; flowing: OneFluid or TwoFluids, with the density that `State.p` is over and the tension; held:
-    the flux that is held, whose capillary number is told, or None; amplitude: function of the positions (n, dim),
-    volumes (n,) and volume fractions (n,), m, or None."""
+    """fluids: both; phase: (n,) int8 of fluids that differ in name only, else of the start; geometry: Geometry; size:
+    of a particle, its volume, m^dim, and extents (dim,), m (`geometry.extents`); flowing: OneFluid or TwoFluids, with
+    the density that `State.p` is over and the tension; held: the flux that is held, whose capillary number is told, or
+    None; amplitude: function of the positions (n, dim), volumes (n,) and volume fractions (n,), m, or None."""
 
-    def __init__(self, fluids: Sequence[MeasuredFluid], phase: np.ndarray, geometry: Geometry, site_volume: float,
-                 flowing: Fluids, held: HeldVelocity | None = None,
+    def __init__(self, fluids: Sequence[MeasuredFluid], phase: np.ndarray, geometry: Geometry,
+                 size: tuple[float, np.ndarray], flowing: Fluids, held: HeldVelocity | None = None,
                  amplitude: Callable[[np.ndarray, np.ndarray, np.ndarray], float] | None = None):
         self.names, self.density, self.viscosity = zip(*fluids)
         self.phase, self.geometry, self.tension, self.pressure = phase, geometry, flowing.tension, flowing.reference
-        self.site_volume, self.held, self.amplitude = site_volume, held, amplitude
-        self.distance = site_volume ** (1.0 / geometry.dim)
+        (self.site_volume, self.thick), self.held, self.amplitude = size, held, amplitude
+        self.distance = self.site_volume ** (1.0 / geometry.dim)
+        self._kept: tuple[np.ndarray, np.ndarray] | None = None  # middles of the cells, parts of their fluid
         self.centres: list[Centre | None] = [None, None]
 
     def __call__(self, state: State, config: Configuration, everything: bool = False) -> dict[str, Any]:
@@ -100,17 +102,18 @@ class Measures:
         masks = [phase == k for k in (0, 1)]
         if interface is None:
             x, parts = state.x, [volume * mask for mask in masks]
+            part = fluid_part_of_sample(self.geometry, x, self.thick)
             means = [reduce.mean(state.u[mask]) for mask in masks]
         else:
             cut = _interface(config).cut
             assert cut is not None
             x, parts = cut.cells.middle, [cut.volume, cut.cells.fluid - cut.volume]
-            means = self._mean_velocities(state.u, config, cut)
-        inside = inside_sample(self.geometry, x)
-        sums = reduce.totals(*parts, *(part[inside] for part in parts),
+            means, part = self._mean_velocities(state.u, config, cut), self._fluid_of_sample(cut)
+        inside = part > 0.0
+        sums = reduce.totals(*parts, *(held[inside] * part[inside] for held in parts),
                              *((state.u[mask] ** 2).ravel() for mask in masks))
         whole, sample, square = sums[:2], sums[2:4], sums[4:]
-        centres = self._centres(*((x[part > 0.0], part[part > 0.0], then) for part, then in zip(parts, self.centres)))
+        centres = self._centres(*((x[held > 0.0], held[held > 0.0], then) for held, then in zip(parts, self.centres)))
         for k, name in enumerate(self.names):
             row[f"volume_{name}"] = float(whole[k])
             row[f"saturation_{name}"] = float(sample[k] / (sample[0] + sample[1]))
@@ -119,6 +122,13 @@ class Measures:
             row |= {f"velocity_{a}_{name}": float(v) for a, v in zip("xyz", means[k])}
             row[f"kinetic_energy_{name}"] = float(0.5 * self.density[k] * self.site_volume * square[k])
         return row
+
+    def _fluid_of_sample(self, cut: CutCells) -> np.ndarray:
+        """(n_cells,) parts, 0 to 1, of the fluid in the cells that lie in the sample: found once, the cells stay."""
+        middle = cut.cells.middle
+        if self._kept is None or self._kept[0] is not middle:
+            self._kept = middle, fluid_part_of_sample(self.geometry, middle, cut.cells.side, POINTS)
+        return self._kept[1]
 
     def _mean_velocities(self, u: np.ndarray, config: Configuration, cut: CutCells) -> list[np.ndarray]:
         """Of both fluids over their volumes, (dim,) m/s each; u: (n, dim).
@@ -172,8 +182,9 @@ class Measures:
         assert self.tension is not None
         sigma, interface = self.tension.tension, _interface(config)
         assert interface.cut is not None
-        inside = inside_sample(self.geometry, interface.cut.cells.middle)
-        area, flux = reduce.totals(interface.cut.area[inside], state.u)
+        part = part_of_sample(self.geometry, interface.cut.cells.middle, interface.cut.cells.side)
+        inside = part > 0.0
+        area, flux = reduce.totals(interface.cut.area[inside] * part[inside], state.u)
         area, circularity = float(area), None
         if self.geometry.dim == 2 and any(self._enclosed(state.x[interface.phase == k]) for k in (0, 1)):
             area, within = outline(interface.cut)

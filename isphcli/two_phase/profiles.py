@@ -9,22 +9,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..domain import reduce
+from ..geometry.extents import sections
 from ..geometry.protocol import Geometry
 
 if TYPE_CHECKING:
     from ..flow.state import State
 
-SPACINGS = 2.0  # thickness of a slice: with one, the rows of a lattice fall into slices unevenly as particles move
+SPACINGS = 2.0  # thickness of a slice
 
 
 @dataclass(frozen=True)
 class Profiles:
-    """axis: 0, 1 or 2; names: of both fluids; spacing: of the particles, m; pressure(state): (n,) Pa."""
+    """axis: 0, 1 or 2; names: of both fluids; spacing: of the particles, m; thick: their extent along the axis, m, of
+    which each slice has the part that lies within; pressure(state): (n,) Pa."""
 
     axis: int
     names: Sequence[str]
     geometry: Geometry
     spacing: float
+    thick: float
     pressure: Callable[[State], np.ndarray]
 
     @property
@@ -38,10 +41,11 @@ class Profiles:
         name, lower = "xyz"[self.axis], self.geometry.lower[self.axis]
         length = float(self.geometry.upper[self.axis] - lower)
         count = max(round(length / self.thickness), 1)
-        along = (state.x[:, self.axis] - lower) / length
-        slices, p = np.clip((along * count).astype(int), 0, count - 1), self.pressure(state)
-        masks = [np.ones(len(p), np.bool_), *(phase == k for k in (0, 1))]
-        numbers = [reduce.total_by(slices[mask], labels=count) for mask in masks]
+        # over a seam of reservoirs neither fluid nor pressure is periodic
+        slices, who, part = sections(state.x[:, self.axis], self.thick, (lower, lower + length), count, False)
+        p, held = part * self.pressure(state)[who], phase[who]
+        masks = [np.ones(len(p), np.bool_), *(held == k for k in (0, 1))]
+        numbers = [reduce.total_by(slices[mask], part[mask], count) for mask in masks]
         sums = [reduce.total_by(slices[mask], p[mask], count) for mask in masks]
         for k in range(count):
             row: dict[str, Any] = {"step": state.step, "time": state.time, name: lower + (k + 0.5) * length / count}

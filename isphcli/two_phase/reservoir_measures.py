@@ -11,6 +11,7 @@ import numpy as np
 from ..domain import reduce
 from ..domain.components import parts_of
 from ..flow.state import phase_of
+from ..geometry.extents import fluid_part_of_sample
 from ..geometry.protocol import Geometry, inside_sample, sample_box
 from .measures import SELDOM, linked
 
@@ -24,13 +25,15 @@ class ReservoirMeasures:
     pores that do not lead from one reservoir to the other.
 
     axis: of the reservoirs; ends: fluid of the inlet and of the outlet, 0 or 1; names: of both fluids; site_volume:
-    m^dim; pressure(state): (n,) Pa of the particles, with what falls along the axis."""
+    m^dim; thick: (dim,) m, extents of the particles (`geometry.extents`); pressure(state): (n,) Pa of the particles,
+    with what falls along the axis."""
 
     axis: int
     ends: tuple[int, int]
     names: Sequence[str]
     geometry: Geometry
     site_volume: float
+    thick: np.ndarray
     pressure: Callable[[State], np.ndarray]
 
     def __call__(self, state: State, config: Configuration, everything: bool = False) -> dict[str, Any]:
@@ -39,30 +42,34 @@ class ReservoirMeasures:
         if not (everything or state.step % SELDOM == 0):
             return dict.fromkeys(("capillary_pressure", "closed_pockets", *(f"trapped_{name}" for name in self.names)))
         inside, phase = inside_sample(self.geometry, state.x), _phase(state)
-        joined = [self.joined(state, config, k) for k in (0, 1)]
-        held = [inside & mine for mine in joined]
-        passed = self._lead_through(state, config, inside)
-        all_of_it = max(reduce.count(inside), 1)
-        row: dict[str, Any] = {"capillary_pressure": self._capillary_pressure(state, held),
-                               "closed_pockets": reduce.count(inside & ~passed) / all_of_it}
-        for k, name in enumerate(self.names):
-            cut_off = inside & passed & (phase == k) & ~joined[k]
-            row[f"trapped_{name}"] = reduce.count(cut_off) / all_of_it
-        return row
+        joined, part = [self.joined(state, config, k) for k in (0, 1)], self._parts(state)
+        closed = inside & ~self._lead_through(state, config, inside)
+        cut_off = [~closed & (phase == k) & ~joined[k] for k in (0, 1)]
+        all_of_it, *parts = reduce.totals(part, part[closed], *(part[some] for some in cut_off))
+        shares = [float(some / (all_of_it or 1.0)) for some in parts]
+        return {"capillary_pressure": self._capillary_pressure(state, [part * mine for mine in joined]),
+                "closed_pockets": shares[0],
+                **{f"trapped_{name}": share for name, share in zip(self.names, shares[1:])}}
+
+    def _parts(self, state: State) -> np.ndarray:
+        """(n,) parts, 0 to 1, of the particles that lie in the sample."""
+        return fluid_part_of_sample(self.geometry, state.x, self.thick)
 
     def saturation(self, state: State) -> float:
         """Of the fluid of the inlet, by particles in the sample."""
-        inside = inside_sample(self.geometry, state.x)
-        return reduce.count(inside & (_phase(state) == self.ends[0])) / max(reduce.count(inside), 1)
+        part = self._parts(state)
+        mine, all_of_it = reduce.totals(part[_phase(state) == self.ends[0]], part)
+        return float(mine / (all_of_it or 1.0))
 
     def _capillary_pressure(self, state: State, joined: Sequence[np.ndarray]) -> float | None:
-        """Mean pressure of the fluid of the inlet in the sample less that of the fluid of the outlet, Pa, of what is
-        joined to its reservoir (n,), what viscous flow takes included; None where there is none of one of them."""
+        """Mean pressure of the fluid of the inlet in the sample less that of the fluid of the outlet, Pa, of the parts
+        (n,) that are joined to its reservoir, what viscous flow takes included; None where there is none of one of
+        them."""
         first, last = (joined[k] for k in self.ends)
-        if not (reduce.any_true(first) and reduce.any_true(last)):
+        if not (reduce.any_true(first > 0.0) and reduce.any_true(last > 0.0)):
             return None
         p = self.pressure(state)
-        return float(reduce.mean(p[first]) - reduce.mean(p[last]))
+        return float(reduce.mean(p, first) - reduce.mean(p, last))
 
     def joined(self, state: State, config: Configuration, k: int) -> np.ndarray:
         """Which particles (n,) are of fluid k and joined to a reservoir of it: by particles of it within JOINED mean

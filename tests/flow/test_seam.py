@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from isphcli.flow.held_velocity import Beyond
 from isphcli.flow.seam import Seam
 from isphcli.flow.state import phase_of
 from tests.flow.runs import run
@@ -16,13 +17,13 @@ def test_near_the_seam_all_are_of_the_fluid_of_their_reservoir(inlet, outlet):
     """At their distance from the seam; on the seam itself they have a side too."""
     side, far = (1.0, -1.0), np.array([0.4, -0.4, 0.4, 0.3, -0.3])
     for phi in (far, -far):
-        found = Seam(0, -1.0, 3.0, 0.5, (inlet, outlet), (0.0, 2.0), 1.0).entered(BEHIND, phi)
+        found = Seam(0, -1.0, 3.0, 0.5, (inlet, outlet), Beyond(0, 0.0, 2.0, 0.25, 1.0), 1.0).entered(BEHIND, phi)
         assert found[[0, 2]] == pytest.approx([0.1 * side[inlet], 0.25 * side[outlet]])
         assert phase_of(found[:3]).tolist() == [inlet, inlet, outlet] and found[3:].tolist() == phi[3:].tolist()
 
 
 def test_the_seam_lies_across_its_axis():
-    found = Seam(1, 0.0, 1.0, 0.2, (1, 0), (0.3, 0.7), 1.0).entered(BEHIND, np.full(5, 0.7))
+    found = Seam(1, 0.0, 1.0, 0.2, (1, 0), Beyond(1, 0.3, 0.7, 0.1, 1.0), 1.0).entered(BEHIND, np.full(5, 0.7))
     assert found.tolist() == pytest.approx([0.7, 0.7, 0.7, -0.1, 0.1])
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from isphcli.case.blocks import DriveSteps
 from isphcli.case.load import read_case
-from isphcli.flow.held_velocity import HeldVelocity
+from isphcli.flow.held_velocity import Beyond, HeldVelocity
 from isphcli.flow.state import State
 from isphcli.output.files import read_history
 from isphcli.runs.drive_steps import DriveProgram, begun
@@ -66,7 +66,7 @@ def test_a_step_ends_when_the_saturation_has_settled_and_not_before_it_was_looke
 
 def test_steps_of_flux_hold_their_velocity():
     stepper = Stepper()
-    stepper.held_velocity = HeldVelocity(0, 7.0, -1.0, 1.0, 1.0, 0.5, 4.0)
+    stepper.held_velocity = HeldVelocity(7.0, Beyond(0, -1.0, 1.0, 0.1, 1.0), 0.5, 4.0)
     steps, _ = program(DriveSteps(superficial_velocity=(0.5, 0.0), duration=1.0), stepper=stepper)
     state = steps.begin(rest())
     assert stepper.held_velocity.wanted == 0.5 and steps.window == pytest.approx(0.1)

@@ -5,6 +5,7 @@ import pytest
 
 from isphcli import api
 from isphcli.case.load import read_case
+from isphcli.domain.lattice import make_lattice
 from isphcli.runs.flow_measures import (
     effective_diffusivity,
     profile_rows,
@@ -58,7 +59,7 @@ def test_tortuosity_of_helices():
     velocity = np.stack([np.ones(12), np.cos(angle), np.sin(angle)], axis=1)
     assert tortuosity(velocity, 0) == pytest.approx(np.sqrt(2))
     assert tortuosity(velocity, 1) is None and tortuosity(velocity[:0], 0) is None
-    assert speed_distribution(velocity[:0]) is None
+    assert speed_distribution(velocity[:0], np.ones(0)) is None
 
 
 def test_clear_layers_are_taken_off_the_resistance():
@@ -67,10 +68,11 @@ def test_clear_layers_are_taken_off_the_resistance():
            b"drive: {axes: [x]}\nfluids: {water: {density: 1, viscosity: 1}}\n"
     geometry = build_geometry(read_case(text, "case.yaml"))
     geometry.sample_lower, geometry.sample_upper = np.array([0.25, 0.0]), np.array([0.75, 1.0])
+    lattice = make_lattice("square", [0.0, 0.0], [1.0, 1.0], [True, False], 0.25, 0.0)
     x = np.array([[0.125, 0.5], [0.375, 0.5], [0.625, 0.5], [0.875, 0.5]])
     flux = np.zeros((4, 2))
     flux[:, 0] = [0.4, 0.8, 0.8, 0.4]  # half of the sample is fluid
-    assert effective_diffusivity(geometry, x, flux, 1.0, 0.25, 0) == pytest.approx(0.25)
+    assert effective_diffusivity(geometry, x, flux, 4.0, lattice, 0) == pytest.approx(0.25)
 
 
 def test_no_shear_of_walls_that_slip():
@@ -103,7 +105,7 @@ def test_the_profile_of_a_slit_falls_by_what_drives_it():
     case = {**SLIT, "drive": {"body_force": [0.5, 0.0]}}
     found = api.run(case, quiet=True)
     x, geometry = found.x, found.flow.geometry
-    rows = profile_rows(geometry, x, (found.velocity, found.pressure), 0, 2.0 * 0.5 * 0.25, (1 / 32, 1 / 32**2))
+    rows = profile_rows(geometry, x, (found.velocity, found.pressure), 0, 2.0 * 0.5 * 0.25, (1 / 32, 1 / 32**2, 1 / 32))
     assert len(rows) == 8
     assert np.allclose([row["superficial_velocity"] for row in rows], 2.0 * 0.5 / 36.0, rtol=2e-3)  # h^2 / 12 g / nu
     slope = np.diff([row["pressure"] for row in rows]) / np.diff([row["x"] for row in rows])

@@ -57,6 +57,6 @@ def test_a_velocity_is_held_over_the_pores():
     state, stepper, _ = prepared(CHANNEL)
     held = stepper.held_velocity
     assert (held.axis, held.wanted, held.areal) == (0, 0.3, 6)
-    assert held.fraction == pytest.approx(0.6) and held.speed == pytest.approx(0.5)
+    assert held.flux(state.x, np.ones_like(state.x)) == pytest.approx(0.6) and held.speed == pytest.approx(0.5)
     assert stepper.bounds.other == pytest.approx(SPREAD * 0.5) and state.pressure_gradient == 0
     assert stepper.fluids.held.tolist() == [1, 0] and not stepper.fluids.force.any()

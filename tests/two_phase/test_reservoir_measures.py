@@ -1,5 +1,7 @@
 """Between two reservoirs: what is joined to its own, what is cut off, and their difference of pressure."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,6 +38,19 @@ def row_of(shapes):
 def test_fluids_in_their_own_places_are_joined():
     row = row_of("[{box: {lower: [0, 0], upper: [2.5, 1]}, is: gas}]")
     assert row["trapped_gas"] == row["trapped_water"] == 0.0
+
+
+@pytest.mark.parametrize("first", [1.0, 2.0, 3.0])
+def test_a_saturation_is_where_the_front_is(first):
+    """Rows of particles that pass the ends of the sample, as they do in a run: the saturation grows as the front moves,
+    without steps of a row, and stands still where the front is not in the sample."""
+    *_, state, _, _, between = scene()
+    for way in np.linspace(-0.2, 0.2, 9):
+        x = state.x.copy()
+        x[:, 0] = np.mod(x[:, 0] + way, 4.0)
+        phi = x[:, 0] - first - way
+        moved = replace(state, x=x, phi=np.where((x[:, 0] > 3.6) & (first < 3.5), 1.0, phi))
+        assert between.saturation(moved) == pytest.approx(np.clip((first + way - 1.0) / 2.0, 0.0, 1.0), abs=1e-8)
 
 
 def test_a_drop_and_a_bubble_are_cut_off():
