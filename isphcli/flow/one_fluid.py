@@ -162,7 +162,9 @@ class Terms:
     (n,) bool, where the velocity has no kink, or None; along: (dim,) or (n, dim), acceleration by a unit pressure
     gradient along the axis of a held velocity, or None; interface: of two fluids, or None; kinks: of the velocity,
     where the viscosity jumps, or None; excess: (n,) m2, c of `viscous_solve`, or None where the velocity has kinks and
-    forces jump; drag: (n,) 1/s, -drag u of the forces that resist (`Force`), or None.
+    forces jump; drag: (n,) 1/s, -drag u of the forces that resist (`Force`), or None; drop: (dim,) m/s2, acceleration
+    of the first fluid by a given pressure gradient (it is in `force` too), where densities differ and a pressure
+    gradient drives, given or held; else None.
     """
 
     ops: Operators
@@ -179,6 +181,7 @@ class Terms:
     kinks: KinksOfVelocity | None = None
     excess: np.ndarray | None = None
     drag: np.ndarray | None = None
+    drop: np.ndarray | None = None
 
     @property
     def least_drag(self) -> float:

@@ -3,6 +3,10 @@
     div (grad q) = (g0 rho / dt) div u*,   u = u* - dt grad q / (g0 rho)         (eq. 3)
     p <- p + q - nu rho div u*                                                    (eq. 4, rotational form)
 
+p is the periodic part of the pressure. A pressure gradient that drives the flow is the rest of it, a potential that no
+periodic box holds. Where densities differ the whole pressure has a kink at an interface, and so has p, which neither of
+its parts is without: what is asked of a pressure there is asked of both parts together (`DrivingPressure`).
+
 Pressures are divided by the density of the first fluid (m2/s2). Another projection, P of eqs 25-26, takes the constants
 out of the system for q: `ComponentMeans` of `domain/null_space.py`.
 """
@@ -11,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,6 +26,8 @@ from ..solvers.kept_hierarchies import KeptHierarchies
 from ..solvers.krylov import Apply
 
 if TYPE_CHECKING:
+    from ..operators.div_grad import DivGrad
+    from .one_fluid import Terms
     from .state import Configuration
 
 # Part of a row's weights below which a pair is left out of the matrix that preconditions: at a support of 2.1 spacings
@@ -32,6 +38,16 @@ LEAST_WEIGHT = 0.01
 ODD_EVEN_REMOVED = 0.5
 # Of |A p|: the right-hand side of eq. 3 is a difference of terms of that size, and below this part of it is round-off
 ROUND_OFF = 1e-14
+
+
+class DrivingPressure(NamedTuple):
+    """The potential whose gradient drives the flow: the pressure is p less that potential.
+
+    acceleration: (n, dim) m/s2, of the fluid of each particle; image: (n,) 1/s2, A of the potential.
+    """
+
+    acceleration: np.ndarray
+    image: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -45,12 +61,15 @@ class PressureSystem:
 
     laplacian: (n, n + remote) matrix of the preconditioner, without the pairs of the least weights; apply(p): A p of a
     pressure p (n,), with its gradient (n, dim) where that is known: without walls nothing reads it; scale: (n,) by what
-    the diagonal of A exceeds that of the Laplacian, or None.
+    the diagonal of A exceeds that of the Laplacian, or None; weights: of A beside walls, or None; driving: of the step,
+    where densities differ, or None.
     """
 
     laplacian: sp.csr_matrix
     apply: Callable[..., np.ndarray]
     scale: np.ndarray | None
+    weights: DivGrad | None = None
+    driving: DrivingPressure | None = None
 
 
 def pressure_system(config: Configuration, solvers: KeptHierarchies) -> PressureSystem:
@@ -73,7 +92,28 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
         p = ops.exchange.forward(p)
         return div_grad_rhie_chow(ops, weights, p, terms.ops.gradient_with_remote(p) if gradient is None else gradient)
 
-    return PressureSystem(matrix, apply, scale)
+    return PressureSystem(matrix, apply, scale, weights)
+
+
+def driving_pressure(config: Configuration, system: PressureSystem, slope: np.ndarray) -> DrivingPressure:
+    """The DrivingPressure of a gradient that accelerates the first fluid by slope (dim,), m/s2."""
+    ops, terms = config.ops, config.terms
+    acceleration, image = terms.ops.potential_gradient(slope), -laplacian_of_potential(terms, slope)
+    if system.weights is not None:
+        from ..operators.div_grad import div_grad_rhie_chow
+
+        image += div_grad_rhie_chow(ops, system.weights, np.zeros(ops.n + ops.exchange.remote), acceleration)
+    return DrivingPressure(acceleration, image)
+
+
+def laplacian_of_potential(terms: Terms, slope: np.ndarray) -> np.ndarray:
+    """The Laplacian of eq. 3, (n,) 1/s2, of the potential slope . x: of its differences over the pairs, as
+    `DiscreteOperators.potential_gradient`. slope: (dim,) m/s2."""
+    ops = terms.ops
+    potential, neighbours = ops.neighbours.x @ slope, ops.neighbours
+    across = ops.lap_p if ops.walls is None else ops.walls.symmetric_laplacian
+    rise = potential[neighbours.row] - np.repeat(potential[: ops.n], np.diff(ops.start))
+    return row_sums(ops.start, across * rise)
 
 
 def pressure_increment(config: Configuration, system: PressureSystem, div: np.ndarray,
@@ -94,7 +134,10 @@ def pressure_increment(config: Configuration, system: PressureSystem, div: np.nd
     with solvers.clock("krylov"):
         old, gradient = system.apply(*pressure), pressure[1]
         # eq. 3 for the increment, and the odd-even part of the old pressure taken out
-        odd_even, beside = _odd_even(config, gradient, old, rate, nu_min), np.zeros(len(div))
+        whole, image = gradient, old
+        if system.driving is not None:
+            whole, image = gradient - system.driving.acceleration, old - system.driving.image
+        odd_even, beside = _odd_even(config, whole, image, rate, nu_min), np.zeros(len(div))
         if config.terms.interface is not None:
             own = system.laplacian.diagonal() * (1.0 if system.scale is None else system.scale)
             odd_even, beside = beside, ODD_EVEN_REMOVED * np.divide(odd_even, own, out=beside.copy(), where=own > 0.0)
@@ -139,7 +182,7 @@ def without_constants(config: Configuration, p: np.ndarray) -> np.ndarray:
 def _odd_even(config: Configuration, gradient: np.ndarray, old: np.ndarray, rate: float,
               nu_min: float) -> np.ndarray:
     """-w (A + div grad) p of `pressure_increment`, (n,), which damps the odd-even part of the pressure.
-    gradient: (n, dim) of p; old: (n,) A p.
+    gradient: (n, dim) of p, what drives the flow included; old: (n,) A p, the same.
 
     w is the share of inertia in the resistance of a particle to a force, rate / (rate + nu sum_j lap_ij), nu that of
     the less viscous fluid. Without this term the odd-even part of p, which A sees and the gradient does not, stays from

@@ -34,7 +34,15 @@ from ..operators.pair_weights import build_operators
 from ..solvers.kept_hierarchies import KeptHierarchies
 from ..solvers.krylov import SolveError
 from .held_velocity import HeldVelocity, leads_through
-from .projection import PressureSystem, pressure_increment, pressure_system, solve_pressure, without_constants
+from .projection import (
+    PressureSystem,
+    driving_pressure,
+    laplacian_of_potential,
+    pressure_increment,
+    pressure_system,
+    solve_pressure,
+    without_constants,
+)
 from .shifting import carry, shift
 from .state import Configuration, Handover, State, StepResult
 from .step_limits import Bounds, RunError, StepError
@@ -259,11 +267,13 @@ class Stepper:
         self.solvers.begin(state, dt)
         moved, stopped = self.move(state, config, dt)
         changing = None if moved.phi is None else self.fluids.changing(state.p, moved.phi, config.terms)
+        self._with_what_drives(changing, config, state.pressure_gradient, -1.0)
         del config  # before the next is made
         moved, changing = self.settled(moved, changing)
         config = self.configure(moved.x, state.time + dt, moved.phi, moved.number)
         ratio = dt / state.dt_old if (state.dt_old and self.second_order) else 0.0
         g0 = (1.0 + 2.0 * ratio) / (1.0 + ratio)
+        self._with_what_drives(changing, config, state.pressure_gradient, 1.0)
         p = self.fluids.relabelled(moved.p, changing, config.terms)
         system = pressure_system(config, self.solvers)
         expansion: float | np.ndarray = 0.0
@@ -273,6 +283,9 @@ class Stepper:
         first = not state.dt_old
         if first and self.held_velocity is not None:
             moved = self._set_in_motion(config, system, moved)
+        slope = self._slope(config, state.pressure_gradient)
+        if first and slope is not None and slope.any():
+            p = p + self._balance(config, system, slope)
         # eq. 2 in time: backward differences along the paths
         history = ((1.0 + ratio) * moved.u - ratio * ratio / (1.0 + ratio) * moved.u_old) / dt
         held, known = state.pressure_gradient, history + config.terms.force
@@ -283,7 +296,7 @@ class Stepper:
             if held is not None:
                 assert config.terms.along is not None
                 driven = known + held * config.terms.along
-            u, p = self._project(config, system, moved.u, driven, p, g0 / dt, expansion)
+            u, p = self._project(config, self._driven(config, system, held), moved.u, driven, p, g0 / dt, expansion)
             if held is not None and self.held_velocity is not None:
                 u, p, increment = self._hold(config, system, u, p, g0 / dt)
                 held += increment
@@ -291,6 +304,15 @@ class Stepper:
                     moved.drive_step, moved.number, moved.volume)
         return StepResult(new, config, dt, config.terms.divergence(u), stopped, self.solvers.solves,
                           self.solvers.rebuilt, volume_drift)
+
+    def _with_what_drives(self, changing: np.ndarray | None, config: Configuration, held: float | None,
+                        sign: float) -> None:
+        """Adds the Laplacian of the potential that drives, times sign, to those of the pressure in `changing`
+        (`Fluids.changing`): a particle that comes into the other fluid keeps that of the whole pressure, p less that
+        potential, in which its density weighs both."""
+        slope = self._slope(config, held)
+        if changing is not None and slope is not None:
+            changing[:, 1] += sign * laplacian_of_potential(config.terms, slope)
 
     def _project(self, config: Configuration, system: PressureSystem, guess: np.ndarray, known: np.ndarray,
                  p: np.ndarray, rate: float, expansion: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
@@ -328,6 +350,17 @@ class Stepper:
             self._nothing_flows()
         return replace(moved, u=moved.u + impulse * v, u_old=moved.u_old + impulse * v)
 
+    def _slope(self, config: Configuration, held: float | None) -> np.ndarray | None:
+        """What the pressure gradient that drives accelerates the first fluid by, (dim,) m/s2, where densities differ;
+        else None. held: of `State.pressure_gradient`, m/s2."""
+        given, direction = config.terms.drop, self.fluids.held
+        return given if given is None or held is None or direction is None else given + held * direction
+
+    def _driven(self, config: Configuration, system: PressureSystem, held: float | None) -> PressureSystem:
+        """The system of the step with the DrivingPressure that goes with its pressure."""
+        slope = self._slope(config, held)
+        return system if slope is None else replace(system, driving=driving_pressure(config, system, slope))
+
     @contextmanager
     def _response_tolerance(self) -> Iterator[None]:
         """Solves to UNIT_RESPONSE_TOLERANCE, but for the first one of the pressure: a new hierarchy is judged by it."""
@@ -359,8 +392,8 @@ class Stepper:
         """
         held, terms = self.held_velocity, config.terms
         assert held is not None and terms.along is not None
-        along = np.ascontiguousarray(np.broadcast_to(terms.along, u.shape))
         with self._response_tolerance():
+            along, balance = self._unit_drive(config, system)
             u_star = viscous_solve(terms, self.fluids.nu_max, self.spacing, rate, along, np.zeros_like(u), self.solvers,
                                    False)
             rate += terms.least_drag
@@ -370,8 +403,29 @@ class Stepper:
             raise RunError("the pressure drop that holds drive.superficial_velocity cannot be found: what a step makes "
                            "of a drop is no flow along it; take a smaller particles.spacing if throats are one or two "
                            "particles wide, or drive.pressure_drop where one fluid is far lighter")
-        response = q - terms.rotational_viscosity * div
+        response = balance + q - terms.rotational_viscosity * div
         return u + increment * v, without_constants(config, p + increment * response), increment
+
+    def _unit_drive(self, config: Configuration, system: PressureSystem) -> tuple[np.ndarray, np.ndarray | float]:
+        """(acceleration (n, dim) by a unit pressure gradient, the pressure (n,) that is in it).
+
+        Where densities differ that gradient alone would accelerate a gas a thousand times as much as a liquid: a
+        velocity that jumps as much from particle to particle at the interface, of whose divergence one projection
+        leaves more than what flows through a throat. The pressure that balances it comes from A of the potential
+        itself, with which layers of any density that move with one velocity are exact.
+        """
+        terms, held = config.terms, self.fluids.held
+        assert terms.along is not None and held is not None
+        along = np.ascontiguousarray(np.broadcast_to(terms.along, (config.ops.n, config.ops.dim)))
+        if terms.drop is None:
+            return along, 0.0
+        balance = self._balance(config, system, held)
+        return along - terms.ops.gradient_p(balance), balance
+
+    def _balance(self, config: Configuration, system: PressureSystem, slope: np.ndarray) -> np.ndarray:
+        """The pressure (n,) that is in the flow that a slope (dim,), m/s2, of `_slope` makes at once."""
+        right = config.means.remove(driving_pressure(config, system, slope).image)
+        return solve_pressure(config, system, right, self.solvers.tolerance, self.solvers)
 
     def _nothing_flows(self) -> NoReturn:
         assert self.held_velocity is not None

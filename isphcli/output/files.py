@@ -34,6 +34,7 @@ SUMMARY_KEYS = (
     "permeability_by_spacing", "permeability_by_threshold", "permeability_tensor", "tortuosity", "formation_factor",
     "formation_factor_error", "effective_diffusivity", "effective_diffusivity_error",
     "superficial_velocity", "mean_velocity", "speed", "wall_shear", "pressure_drop",
+    "pressure_drop_mean", "pressure_drop_error", "pressure_drop_scatter",
     "two_fluids", "mass_error", "max_divergence", "iterations", "errors", "cpu_seconds", "wall_seconds",
     "peak_memory_bytes", "threads", "ranks", "versions",
 )  # fmt: skip

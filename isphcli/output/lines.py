@@ -133,8 +133,20 @@ def measure_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def drop_lines(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The pressure drop of a run that finds its own."""
-    drop = summary.get("pressure_drop")
-    return [] if drop is None else [("pressure drop", f"{drop:.4g} Pa over the box, of the last step")]
+    drop, mean = summary.get("pressure_drop"), summary.get("pressure_drop_mean")
+    if drop is None:
+        return []
+    if mean is None:
+        return [("pressure drop", f"{drop:.4g} Pa over the box, of the last step")]
+    found, scatter = with_error(mean, summary["pressure_drop_error"]), summary["pressure_drop_scatter"]
+    return [("pressure drop", f"{found} Pa over the box, mean over the last quarter of the time; single steps are "
+                              f"{scatter:.2g} Pa off it (root mean square)")]
+
+
+def with_error(value: float, error: float) -> str:
+    """'9060 +- 120': a mean and its standard error, with two digits of that, six of the mean at most."""
+    digits = max(min(digits_within(value, error) + 1, 6), 2)
+    return f"{float(f'{value:.{digits - 1}e}'):g} +- {float(f'{error:.1e}'):g}"
 
 
 def two_fluid_lines(names: Iterable[str], summary: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -148,6 +160,8 @@ def two_fluid_lines(names: Iterable[str], summary: Mapping[str, Any]) -> list[tu
                " of the fluid in the sample: no flow passes through them")]
     lines += [("capillary pressure", found.get("capillary_pressure"),
                " Pa between the fluids of inlet and outlet, what viscous flow takes included")]
+    lines += [("  in the mean", found.get("capillary_pressure_mean"),
+               f" +- {found.get('capillary_pressure_error') or 0.0:.2g} Pa over the last quarter of the time")]
     lines += [("pressure jump", found.get("pressure_jump"), f" Pa at the interface, {' less '.join(names)}")]
     lines += [("contact angle", found.get("contact_angle"), f" degrees through {next(iter(names), '')}")]
     return [(head, f"{value:.4g}{unit}") for head, value, unit in lines if value is not None]

@@ -29,9 +29,6 @@ if TYPE_CHECKING:
 # Reynolds number of a check above which a value of the case must be wrong: flow in pores stays far below it, and
 # estimates of free fall and of bubbles, which are too large, reach 1.4e4 in `cases/`
 TURBULENT = 1e5
-# Ratio of densities beyond which the pressure drop that holds a flux in a corner of Berea is noise, between 10 and 100
-# (docs/design_notes.md, a held velocity of fluids of unequal density)
-HELD_RATIO = 30.0
 
 
 def drive_findings(
@@ -62,23 +59,12 @@ def drive_findings(
     pushed = driven or largest_of(forces_of(case, geometry)) > 0.0
     if case.flow == "stokes" and not pushed and not moved:
         result.errors.append("nothing moves the fluid; give a drive or a wall with a velocity")
-    result.warnings += _held_with_a_gas(case, geometry)
     begins = case.initial is not None and case.initial.velocity
     tension = case.interface is not None and len(fluids_there(case, sites)) > 1
     result.warnings += [f"{zero} and drives nothing" for zero in forcing.drives_of_zero(case)]
     if case.flow != "stokes" and not (pushed or moved or held or begins or tension):
         result.warnings.append("nothing moves the fluid, which stays at rest; give a drive, tension of two fluids, "
                                "an initial velocity or a wall with one")
-
-
-def _held_with_a_gas(case: Case, geometry: Geometry) -> Iterator[str]:
-    """A flux that is held of fluids of very unequal density beside solids."""
-    densities = [fluid.density for fluid in case.fluids.values()]
-    ratio = max(densities) / min(densities)
-    if forcing.held_flux(case) is not None and geometry.has_solid and ratio > HELD_RATIO:
-        yield (f"drive.superficial_velocity, with densities that differ {ratio:.3g} times: where throats are a few "
-               "particles wide, the pressure drop that holds the flux is noise, which may grow; drive.pressure_drop "
-               "has none of it")
 
 
 def _open_when_finer(case: Case, geometry: Geometry, axis: int) -> bool:

@@ -28,6 +28,7 @@ from ..scene.place import lattice_at
 from ..scene.prepare import prepare
 from . import ranks
 from .flow_measures import profile_rows, speed_distribution
+from .late_means import LAST, LateMean, late_mean, noise_of_the_drop
 from .permeability import darcy, fluid_cells, mean_velocities
 from .results import (
     CURVE,
@@ -273,6 +274,8 @@ def _program(run: MovingRun, between: ReservoirMeasures | None) -> DriveProgram:
                              ("capillary_pressure", "capillary_pressure")):
             values = [past[column] for past in late if past.get(column) is not None]
             row[name] = float(np.mean(values)) if values else now.get(name)
+            found = late_mean(late, column, state.time - program.window)
+            row[f"{name}_error"] = None if found is None else found.error
         for kind in ("saturation", "ganglia", "trapped"):
             row |= {f"{kind}_{name}": now[f"{kind}_{name}"] for name in measures.names}
         run.tables[CURVE].append(row)
@@ -375,7 +378,7 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
     """Entries of the summary on the flow at the end: velocities, and a permeability where a steady flow has one."""
     stepper, loop, two = run.stepper, run.loop, run.measures is not None
     axis, force = _drive_at_the_end(run, state)
-    held = stepper.held_velocity
+    held, drop = stepper.held_velocity, _late_drop(run, state)
     known = None if held is None else (held.axis, held.flux(state.x, state.u))
     superficial, mean = mean_velocities(run.geometry, state.x, state.u, loop.site_volume, loop.thick, run.cells, known)
     along = None if axis is None else darcy(run.geometry, superficial, axis, force, stepper.fluids.nu_max)
@@ -398,7 +401,20 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
         "superficial_velocity": superficial,
         "mean_velocity": mean,
         "pressure_drop": held.drop(state) if held is not None else None,
+        **_entries_of("pressure_drop", drop),
     }
+
+
+def _late_drop(run: MovingRun, state: State) -> LateMean | None:
+    """The pressure drop of a velocity that is held over the last part of the run."""
+    held = run.stepper.held_velocity
+    return None if held is None else late_mean(run.history, f"pressure_drop_{'xyz'[held.axis]}",
+                                               (1.0 - LAST) * state.time)
+
+
+def _entries_of(name: str, found: LateMean | None) -> dict[str, float]:
+    """Entries of the summary of a mean over the last part of a run; none where there is none."""
+    return {} if found is None else {f"{name}_{part}": value for part, value in found._asdict().items()}
 
 
 def _finish(run: MovingRun, state: State, config: Configuration) -> tuple[Summary, Result]:
@@ -427,6 +443,7 @@ def _finish(run: MovingRun, state: State, config: Configuration) -> tuple[Summar
             name: mean_max([r[f"iterations_{name}"] for r in history]) for name in ("velocity", "pressure")
         },
     }
+    summary["warnings"].extend(filter(None, [noise_of_the_drop(_late_drop(run, state))]))
     if run.measures is not None:
         _add_two_fluids(run, run.measures, summary, state, config)
         result.two_fluids = summary["two_fluids"]
@@ -459,6 +476,8 @@ def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state:
     summary["two_fluids"] = summary_of_two(measures, state, config, run.history, moved)
     if run.between is not None:
         summary["two_fluids"] |= run.between(state, config, everything=True)
+        found = late_mean(run.history, "capillary_pressure", (1.0 - LAST) * state.time)
+        summary["two_fluids"] |= _entries_of("capillary_pressure", found)
     if not moved:
         said = [broke_up(measures.names, run.history, summary["two_fluids"])]
         if case.interface is not None:

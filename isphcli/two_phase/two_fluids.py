@@ -115,6 +115,11 @@ class TwoFluids:
         return float((self.mu / self.density).min())
 
     @property
+    def pressed(self) -> bool:
+        """Whether a pressure gradient drives them, given or such that it holds a velocity."""
+        return self.held is not None or bool(self.drop_force.any())
+
+    @property
     def reference(self) -> float:
         """Density that pressures are divided by, kg/m3."""
         return self.density[0]
@@ -218,7 +223,8 @@ class TwoFluids:
                 jump_acceleration = tension_force
         rules = self.rules
         terms = Terms(weighted, viscous, force, jump_acceleration, laplacian_of_jump, rho if densities_differ else 1.0,
-                      rules.rotational_viscosity / reference, transposed_stress, smooth, along, interface, kinks)
+                      rules.rotational_viscosity / reference, transposed_stress, smooth, along, interface, kinks,
+                      drop=self.drop_force if densities_differ and self.pressed else None)
         return with_forces(terms, self.forces, neighbours.x[: ops.n], mu / rho)
 
     @staticmethod

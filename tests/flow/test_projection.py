@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from isphcli.case.load import read_case
+from isphcli.flow.projection import pressure_system
 from isphcli.flow.state import Handover
 from isphcli.output.clock import Clock
 from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
+from tests.flow.runs import run
 
 
 def advance(stepper, state, config, dt):
@@ -133,3 +135,49 @@ def test_a_step_leaves_fluid_that_turns_with_its_walls():
                                      lambda x: np.stack([1.2 - x[:, 1], x[:, 0] - 1.2], axis=1))
     assert np.abs(ops.total_divergence(before)).max() < 1e-5  # 1e-7 measured
     assert after == pytest.approx(before, abs=1e-6)
+
+
+# Layers of gas and liquid across the way of the flow, in a box without walls: a pressure gradient accelerates both by
+# the drop over their mass per area, whatever their densities.
+
+IN_SERIES = """
+geometry:
+  box: [1, 0.25]
+  periodic: [x, y]
+  fluid: water
+  shapes: [{{box: {{lower: [0, -1], upper: [{0}, 1]}}, is: gas}}]
+particles: {{spacing: 0.0625}}
+fluids: {{water: {{density: {1[0]}, viscosity: 0.5}}, gas: {{density: {1[1]}, viscosity: 0.01}}}}
+drive: {2}
+time: {{end: 100, max_steps: 3}}
+"""
+GAS = 0.375  # m
+DENSITIES = [(1000, 1), (1, 1000)]  # kg/m3
+
+
+def inertia(densities):
+    """Mass per area over the length of the box, kg/m3."""
+    return (1 - GAS) * densities[0] + GAS * densities[1]
+
+
+@pytest.mark.parametrize("densities", DENSITIES)
+def test_a_drop_accelerates_gas_and_liquid_in_series_alike(densities):
+    """1 kPa in three steps: either has the velocity of the drop times the time over the mass per area. It is 1.8 % off
+    at most; the gas had 3.2 and 3.5 times that while the pressure of a step knew nothing of what drives."""
+    state, config, *_ = run(IN_SERIES.format(GAS, densities, "{pressure_drop: {x: 1000}}"))
+    exact = 1000 * state.time / inertia(densities)
+    fluid = config.terms.interface.phase
+    means = [state.u[fluid == k, 0].mean() for k in (0, 1)]
+    assert means == pytest.approx([exact, exact], rel=0.03)
+
+
+@pytest.mark.parametrize("densities", DENSITIES)
+def test_a_unit_gradient_moves_gas_and_liquid_in_series_alike(densities):
+    """What a unit gradient makes of them is one acceleration everywhere, to the tolerance of the solve."""
+    case = read_case(IN_SERIES.format(GAS, densities, "{superficial_velocity: {x: 0.1}}").encode(), "case.yaml")
+    state, stepper, _ = prepare(case, build_geometry(case), Clock())
+    config = stepper.configure(state.x, phi=state.phi)
+    stepper.solvers.begin(state, 1e-3)
+    along, balance = stepper._unit_drive(config, pressure_system(config, stepper.solvers))
+    assert along[:, 0] == pytest.approx(densities[0] / inertia(densities), rel=1e-3)
+    assert np.ptp(balance) > 0.1

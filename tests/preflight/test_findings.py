@@ -115,15 +115,6 @@ def test_a_velocity_can_only_be_held_where_fluid_flows():
     assert "along x" in errors(SLIT, WALL, *held)
 
 
-def test_a_flux_of_gas_and_water_is_better_driven_by_a_pressure():
-    """A gas of a hundredth of the density, in the case or not: it may be what is injected."""
-    gas, time = "fluids.gas={density: 10, viscosity: 1.0e-5}", ("flow=navier_stokes", "time={end: 1}")
-    fluids = ("fluids.water.density=1000", gas, *time)
-    assert "differ 100 times" in findings(SLIT, *fluids, "drive={superficial_velocity: {x: 0.25}}")
-    assert "differ 100 times" not in findings(SLIT, *fluids, "drive={pressure_drop: {x: 0.25}}")
-    assert "times:" not in findings(SLIT, *time, "drive={superficial_velocity: {x: 0.25}}")
-
-
 def test_pockets_between_beads_that_touch_are_those_of_the_lattice():
     """In a body-centred pack all pores are joined; 48 sites of the lattice are not, by their faces."""
     beads = ("{sphere: {centre: [0.13, 0.37, 0.21], radius: 0.4330127}, is: solid}, "
