@@ -155,9 +155,11 @@ def misses(results):
         if setting is None or not setting["levels"]:
             found.append((float("inf"), f"{name} (did not end)"))
         elif not setting["verdict"]["passed"]:
-            error, why = setting["levels"][0]["error"], setting["verdict"]["why"]
+            error, why, word = setting["levels"][0]["error"], setting["verdict"]["why"], setting["verdict"]["word"]
             if error is None:
                 found.append((float("inf"), f"{name} (run failed: {why.split(':')[0]})"))
+            elif word != "FAIL":
+                found.append((float("inf"), f"{name} ({word.lower()}: {why.split(':')[0]})"))
             else:
                 bound = float(why.split("= " if "= " in why else "> ")[1].split(" at")[0])
                 found.append((abs(error) / bound, f"{name} ({error:+.2g}, bound {bound:g})"))
