@@ -7,7 +7,8 @@ usage: PYTHONPATH=. python benchmarks/calibration.py measure FILE.csv WALL[,WALL
 
 measure: solves the bodies of `isphcli.validation.known_bodies` at 1, 2 and 3 particles per voxel edge, as far as they
 have MOST particles, and appends a row a body and wall to FILE.csv; rows that it has are kept. WALL: exact (the surface
-itself), labels, grey, stairs; "finite volumes" and "lattice Boltzmann" are those of benchmarks/finite_volumes.py and
+itself), labels, grey, scan (random bodies, whose grey image is their level function, by the share of solid in a voxel
+as the others), stairs; "finite volumes" and "lattice Boltzmann" are those of benchmarks/finite_volumes.py and
 benchmarks/lattice_boltzmann.py on the labels. report: prints the table of bodies, and what
 `isphcli/runs/expected_error.py` takes from it. volumes: what labels and their smooth body make of the volume of the
 pores of bodies whose k from labels is more than BEYOND (0.03) off.
@@ -23,6 +24,7 @@ import csv
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 import finite_volumes
@@ -43,14 +45,16 @@ from isphcli.validation.markdown import table
 LEVELS = (1, 2, 3)
 MOST = 40_000  # particles of the third level: 3 to 8 CPU seconds
 ELSEWHERE = DATA / "arrays_measured.csv"  # of benchmarks/bars_elsewhere.py: its first line is the command
+HELD_BACK = DATA / "bodies_held_back.csv"  # of benchmarks/bodies_held_back.py
 MANY = 100_000  # cells of the truth of stairs: a minute
+GREY = ("grey", "scan")  # walls of images that are understood by a threshold
 NAMES = ("body", "family", "wall", "truth", "uncertainty", "narrow", "median", "k", "flux", "cpu", "narrow_pores")
 
 
 def case_of(body, wall, folder):
-    image = {"grey": body.grey}.get(wall, body.labels)()
+    image = {"grey": body.grey, "scan": partial(body.grey, scanned=True)}.get(wall, body.labels)()
     np.save(folder / "image.npy", image)
-    what = f"grey: {{threshold: {GREY_LEVEL}, solid: above}}" if wall == "grey" else "labels: {solid: 0, water: 1}"
+    what = f"grey: {{threshold: {GREY_LEVEL}, solid: above}}" if wall in GREY else "labels: {solid: 0, water: 1}"
     stairs = ", wall_distance: stairs" if wall == "stairs" else ""
     text = (f"geometry: {{voxels: {{file: {folder / 'image.npy'}, {what}, voxel_size: 1, axes: xyz}}"
             f", periodic: [x, y, z]{stairs}}}\nparticles: {{spacing: 1}}\n"
@@ -143,7 +147,7 @@ def measure(path, walls, *names):
         for body in bodies():
             if (body.name, wall) in done or (names and body.name not in names):
                 continue
-            if wall == "stairs" and not has_edges(body):
+            if (wall == "stairs" and not has_edges(body)) or (wall == "scan" and not body.field):
                 continue
             row = peer(body, wall) if wall in PEERS else row_of(body, wall)
             new = not Path(path).exists()
@@ -186,10 +190,11 @@ def off(k, truth):
 
 def errors_of(rows, wall, part):
     """(widths, errors, families): of spacings widths of pores or grains in particles, against the truth or the finest
-    spacing; of images mean chords in voxels. Of shapes with those of the scenes at random places."""
+    spacing; of images mean chords in voxels. Of shapes with those of the scenes at random places, of images with the
+    bodies that were held back."""
     widths, errors, families = [], [], []
     for row in rows:
-        if row["wall"] != wall:
+        if row["wall"] not in (GREY if wall == "grey" else (wall,)):
             continue
         k = row["k"]
         if part != "spacing":
@@ -204,6 +209,11 @@ def errors_of(rows, wall, part):
         widths += [row["width"] * level for level in LEVELS[:levels]]
         errors += list(off(k[:levels], limit))
         families += [row["family"]] * levels
+    for row in rows_of(HELD_BACK) if part != "spacing" and wall in ("grey", "labels") else ():
+        if (row[f"{wall}_straight"] == "1") == (part == "straight"):
+            widths.append(float(row[f"{wall}_chord"]))
+            errors.append(float(off(float(row[f"{wall}_k"]), float(row["truth"]))))
+            families.append(row["family"])
     if (wall, part) == ("exact", "spacing"):
         for row in rows_of(ELSEWHERE):
             widths.append(float(row["width"]))
@@ -275,7 +285,7 @@ def by_families(path):
                            "held by it, %", "bar over error by it"], lines)))
 
 
-KINDS = (*WALLS, *PEERS)
+KINDS = ("exact", *GREY, "labels", "stairs", *PEERS)
 
 
 def table_of_bodies(rows):

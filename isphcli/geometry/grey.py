@@ -19,12 +19,13 @@ from .modes import Modes
 from .spline import SEEN, slopes, spline_coefficients
 
 BINS = 1024  # of the histogram of Otsu's threshold: its step is a thousandth of the range of grey values
-VOXEL = 1.0 / 12.0  # square voxels: variance of a uniform distribution over a voxel, over which a scan is averaged
-# voxel^4: weight of the squared Laplacian against the squared misfit. For scans with blurs of 0 to 0.8 voxel
-# and noise of 0 to 10 % of the contrast k errs by -6 to 3 %, with 3e-3 by 1 to 4 %, with 3e-4 by -34 to 2 %, because
-# noise closes the pores (benchmarks/scanner.py auto, docs/design_notes.md)
+# voxel^4: weight of the squared Laplacian against the squared misfit. With 3e-4 noise of 10 % of the contrast closes
+# the pores: k of scans with blurs of 0, 0.5 and 0.8 voxel is 8, 21 and 32 % low, with 1e-3 0 to 2 %
+# (benchmarks/scanner.py, docs/design_notes.md)
 ROUGHNESS = 1e-3
-UNBLURRED = 0.17  # square voxels: variance of an image without blur, 1/12 by the voxel, the rest by the spline
+# square voxels: variance of a step in an image without blur, 1/12 by the average over a voxel, the rest by the spline
+# between samples of it
+UNBLURRED = 0.17
 TWO_VALUED = 0.75  # least share of the variance between the classes where an image counts as one of two grey values
 
 
@@ -142,13 +143,16 @@ def _slopes_of(coefficients: np.ndarray, around: np.ndarray, u: np.ndarray, slab
 
 
 def sharpen(field: np.ndarray, blur: float, around: np.ndarray, slabs: Slabs | None = None) -> np.ndarray:
-    """The field, float32 [z, y, x], without the scanner's Gaussian of `blur` voxels and the average over a voxel.
+    """The field, float32 [z, y, x], without the scanner's Gaussian of `blur` voxels, the average over a voxel and that
+    of the spline.
 
-    The regularised inverse that minimises |H f - field|^2 + ROUGHNESS |lap f|^2 (Tikhonov), H a Gaussian of the
-    variance blur^2 + VOXEL: of every mode H / (H^2 + ROUGHNESS k^4) is kept, k its wave number. Periodic and
-    mirrored as `spline_coefficients` continues the field; slabs: as there.
+    An average of variance s^2 moves a wall with the principal radii of curvature R and Q by s^2 (1/R + 1/Q) / 2 towards
+    its centre: grains and fibres of few voxels become thinner. The regularised inverse that minimises
+    |H f - field|^2 + ROUGHNESS |lap f|^2 (Tikhonov), H a Gaussian of the variance blur^2 + UNBLURRED: of every mode
+    H / (H^2 + ROUGHNESS k^4) is kept, k its wave number. Periodic and mirrored as `spline_coefficients` continues the
+    field; slabs: as there.
     """
     modes = Modes(field.shape if slabs is None else slabs.shape, around, slabs)
     square = (2.0 * np.pi) ** 2 * modes.square_frequencies()
-    left = np.exp(-0.5 * (blur * blur + VOXEL) * square)
+    left = np.exp(-0.5 * (blur * blur + UNBLURRED) * square)
     return modes.filtered(field, (left / (left * left + ROUGHNESS * square * square)).astype(np.float32))

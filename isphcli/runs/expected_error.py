@@ -1,10 +1,10 @@
 """The error to expect of a permeability, by its spacing and by its image: from bodies whose k is known.
 
 `isphcli/data/calibration.csv` holds what `benchmarks/calibration.py` found on the bodies of
-`isphcli/validation/known_bodies.py`: the relative error that 90 % of them, of shapes 90 % of each family, keep within
-is FACTOR / width^POWER. For the error by the spacing the width is `pore_width` or the mean chord of grains, whichever
-is smaller, in particles; for the error by the image the mean chord of pores or of grains, whichever is smaller, in
-voxels.
+`isphcli/validation/known_bodies.py`, of images on those of `benchmarks/bodies_held_back.py` too: the relative error
+that 90 % of them, of shapes 90 % of each family, keep within is FACTOR / width^POWER. For the error by the spacing
+the width is `pore_width` or the mean chord of grains, whichever is smaller, in particles; for the error by the image
+the mean chord of pores or of grains, whichever is smaller, in voxels.
 """
 
 from __future__ import annotations

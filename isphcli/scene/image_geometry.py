@@ -244,7 +244,10 @@ def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, .
         raise VoxelError(
             f"{spec.file}: geometry.voxels.grey.blur: auto needs an image of two grey values; here only "
             f"{100 * share:.0f} % of the variance lies between the two sides of the threshold; give a number of voxels")
-    blur = found if isinstance(grey.blur, str) else grey.blur or None
+    if isinstance(grey.blur, str) or (grey.blur is None and two_valued):
+        blur: float | None = found
+    else:
+        blur = grey.blur or None
     slopes = (f"its slopes at the walls are those of a step blurred by {found:.2f} voxels" if two_valued
               else "it is not one of two grey values")
     taken = f"; {blur:.2f} voxels of blur and the average over a voxel are taken out" if blur is not None else ""

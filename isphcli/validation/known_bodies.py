@@ -32,7 +32,7 @@ class Body:
     family: bodies of like shape; size: (3,) voxels along x, y, z; axis: of the flow, 0, 1 or 2; level: of points (n, 3)
     -> (n,), > 0 in fluid and 0 on the wall; known: (permeability in voxel^2, its relative uncertainty, source) where a
     formula or a publication has it; spheres: (centres (m, 3), radii (m,)) of a body of spheres; field: the grey image
-    is the level function itself, else shares of solid.
+    is the level function itself, unless it is scanned, else shares of solid.
     """
 
     name: str
@@ -55,10 +55,10 @@ class Body:
         """(nx, ny, nz) int8, 1 in pores and 0 in solid, by the middle of a voxel; `finer` points per voxel edge."""
         return (self.levels(finer) > 0.0).astype(np.int8)
 
-    def grey(self) -> np.ndarray:
-        """(nx, ny, nz) uint16, wall at `GREY_LEVEL`, solid above it: the level function, or the share of solid in a
-        voxel as an ideal scanner shows it."""
-        if self.field:
+    def grey(self, scanned: bool = False) -> np.ndarray:
+        """(nx, ny, nz) uint16, wall at `GREY_LEVEL`, solid above it: the share of solid in a voxel as an ideal scanner
+        shows it, or of a `field` the level function, unless it is `scanned`."""
+        if self.field and not scanned:
             value = self.levels(1)
             return np.rint(GREY_LEVEL - value * (32000.0 / np.abs(value).max())).astype(np.uint16)
         solid = (self.levels(PARTS) <= 0.0).reshape(*(e for n in self.size for e in (n, PARTS)))

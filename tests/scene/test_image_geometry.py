@@ -92,6 +92,18 @@ def test_labels_and_stairs(tmp_path):
     assert wall_along_x(smooth) == pytest.approx(5.0, abs=0.05)
 
 
+def test_blur_is_taken_out_of_an_image_of_two_grey_values(tmp_path):
+    """Nothing is taken out of values that are spread, nor where the case says 0."""
+    middles = np.arange(12) + 0.5
+    two = np.clip(5.3 - middles, -0.5, 0.5) * np.where(middles > 9, -1, 1)  # shares of two slabs
+    two = np.broadcast_to(np.round(1000 - 200 * two), (6, 6, 12)).astype(np.uint16)
+    spread = np.round(1000 + 100 * np.random.default_rng(0).standard_normal((6, 6, 12))).astype(np.uint16)
+    grey = "grey: {{threshold: 1000, solid: above{}}}"
+    for values, blur, out in ((two, "", True), (two, ", blur: 0", False), (spread, "", False)):
+        geometry = build_geometry(scan(tmp_path, grey.format(blur), values=values))
+        assert ("taken out" in dict(geometry.described)["sharpness"]) is out
+
+
 def test_what_was_understood_is_said(tmp_path):
     geometry = build_geometry(scan(tmp_path, "grey: {threshold: otsu, solid: above}"))
     said = dict(geometry.described)
