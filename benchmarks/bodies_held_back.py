@@ -3,12 +3,12 @@
 usage: PYTHONPATH=. python benchmarks/bodies_held_back.py FILE.csv [NAME ...]      (all without a name)
 
 Every body is an image of a level function in a periodic box, run as a user does: grey values with one particle per
-voxel and what is printed as range; grey values with `refine: auto`; labels. Of smooth fields the grey image is the
+voxel and what is printed as range; with `refine: auto`; labels, the same. Of smooth fields the grey image is the
 field, of all others the share of solid in a voxel. A value whose range does not hold the truth has a star. Truth: a
 formula, or the exact surface with about PARTICLES particles; its uncertainty is the larger of the change from some
 0.7 of the resolution and, where finite volumes on finer cells (benchmarks/finite_volumes.py, the mean of two
 staircases) differ from it by more than 3 %, that difference over 3. What is in FILE.csv is kept: truths that were
-computed, and the errors of grey images (the finest spacing) and labels, which benchmarks/calibration.py takes for
+computed, and k of grey images and of labels with `refine: auto`, which benchmarks/calibration.py takes for
 what an image leaves open.
 """
 
@@ -273,7 +273,7 @@ def bar_cell(found):
 def main(path, *names):
     path, rows = Path(path), kept(Path(path))
     print("| body | k, voxel^2 | finite volumes, % | grey, 1 a voxel, % | grey, refine: auto, % | its spacings: bar, % "
-          "| labels, % | CPU s: grey, refined, labels |\n" + "|---" * 8 + "|")
+          "| labels, % | labels, refine: auto, % | its spacings: bar, % | CPU s of these |\n" + "|---" * 10 + "|")
     for body in held_back():
         if names and body.name not in names:
             continue
@@ -281,7 +281,7 @@ def main(path, *names):
         truth, unsure, volumes = (float(row[key]) for key in ("truth", "uncertainty", "finite_volumes"))
         cells = [body.name, f"{truth:.4g} +- {100 * unsure:.2g} %", f"{100 * (volumes / truth - 1):+.1f}"]
         runs, warned = [], []
-        for wall, refine in (("grey", None), ("grey", "auto"), ("labels", None)):
+        for wall, refine in (("grey", None), ("grey", "auto"), ("labels", None), ("labels", "auto")):
             runs.append(run(body, wall, refine))
             cells.append(cell(runs[-1], truth, unsure))
             warned.append(f"{wall} {refine or ''}: {runs[-1]['warnings']}")
