@@ -177,9 +177,14 @@ class VoxelGeometry:
         """Voxel coordinates (n, 3); the layer of a 2D image has z = 1/2."""
         x = np.asarray(x, dtype=float)
         u = np.empty((len(x), 3))
-        u[:, self.dim :] = 0.5
-        for axis in range(self.dim):  # rows of three are slow to broadcast over
-            u[:, axis] = (x[:, axis] - self.lower[axis]) / self.voxel_size[axis]
+
+        def fill(rows: tuple[int, int]) -> None:
+            part = slice(*rows)
+            u[part, self.dim :] = 0.5
+            for axis in range(self.dim):  # rows of three are slow to broadcast over
+                u[part, axis] = (x[part, axis] - self.lower[axis]) / self.voxel_size[axis]
+
+        over_rows(fill, len(x))
         return u
 
 
