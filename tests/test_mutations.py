@@ -39,7 +39,8 @@ def test_quick_references_have_cases():
 
 def test_misses_are_told_from_passes():
     def result(error, why, passed):
-        return {"levels": [{"error": error}], "verdict": {"why": why, "passed": passed}}
+        verdict = {"why": why, "passed": passed, "word": "pass" if passed else "FAIL"}
+        return {"levels": [{"error": error}], "verdict": verdict}
 
     results = {
         "fine": result(1e-4, "|0.0001| <= 0.001 at spacing 1", True),

@@ -225,7 +225,7 @@ def _understood(case: Case, spec: Voxels, own: _Layers, periodic: list[bool]) ->
 
 def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, ...],
                      periodic: list[bool]) -> Understood:
-    from ..geometry.grey import TWO_VALUED, estimate_blur, field_of_grey, grey_classes, labels_of_grey, range_of
+    from ..geometry.grey import TWO_VALUED, WIDEST, estimate_blur, field_of_grey, grey_classes, labels_of_grey, range_of
 
     values, otsu = own.values, isinstance(grey.threshold, str)
     threshold = _threshold(grey, values)
@@ -244,7 +244,7 @@ def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, .
         raise VoxelError(
             f"{spec.file}: geometry.voxels.grey.blur: auto needs an image of two grey values; here only "
             f"{100 * share:.0f} % of the variance lies between the two sides of the threshold; give a number of voxels")
-    if isinstance(grey.blur, str) or (grey.blur is None and two_valued):
+    if isinstance(grey.blur, str) or (grey.blur is None and two_valued and found <= WIDEST):
         blur: float | None = found
     else:
         blur = grey.blur or None
