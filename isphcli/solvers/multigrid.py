@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -120,30 +120,31 @@ def cycle(levels: MultilevelSolver) -> Apply:
     by blocks of COARSE_ROWS, so that threads share them too. What a sweep from zero leaves is found from the entries
     beyond the diagonal alone. Matrices have sorted rows.
     """
-    last = len(levels.levels) - 1
     if levels.levels[0].A.shape[0] < 2 * ROWS:
         return _small_cycle(levels)
     swept = [(edges(level.A.shape[0], ROWS if k == 0 else COARSE_ROWS), _csr(level.A), _places(level.A), _csr(level.P),
               _csr(level.R)) for k, level in enumerate(levels.levels[:-1])]
+    return lambda b: _descend(levels, swept, 0, b)
 
-    def descend(k: int, b: np.ndarray) -> np.ndarray:
-        if k == last:
-            return levels.coarse_solver(levels.levels[k].A, b)
-        blocks, matrix, at, p, r = swept[k]
-        x, other = np.empty_like(b), np.empty_like(b)
-        over_blocks(_forward, blocks, matrix, at, b, x)
-        over_blocks(_rest, blocks, matrix, at, x, other)
-        coarse = np.zeros(len(r[0]) - 1)
-        over_rows(_add_product, len(coarse), r, 1.0, other, coarse)
-        y = descend(k + 1, coarse)
-        if k + 1 < last:
-            over_rows(_add_product, len(y), swept[k + 1][1], -1.0, y, coarse)
-            y += descend(k + 1, coarse)
-        over_rows(_add_product, len(x), p, 1.0, y, x)
-        over_blocks(_backward, blocks, matrix, at, b, other, x)
-        return other
 
-    return lambda b: descend(0, b)
+def _descend(levels: MultilevelSolver, swept: list[Any], k: int, b: np.ndarray) -> np.ndarray:
+    """`cycle` from level k on. It is no function within another: one that calls itself there is a circle of references,
+    which would hold the finest matrix of each step until Python looks for such circles."""
+    if k == len(swept):
+        return levels.coarse_solver(levels.levels[k].A, b)
+    blocks, matrix, at, p, r = swept[k]
+    x, other = np.empty_like(b), np.empty_like(b)
+    over_blocks(_forward, blocks, matrix, at, b, x)
+    over_blocks(_rest, blocks, matrix, at, x, other)
+    coarse = np.zeros(len(r[0]) - 1)
+    over_rows(_add_product, len(coarse), r, 1.0, other, coarse)
+    y = _descend(levels, swept, k + 1, coarse)
+    if k + 1 < len(swept):
+        over_rows(_add_product, len(y), swept[k + 1][1], -1.0, y, coarse)
+        y += _descend(levels, swept, k + 1, coarse)
+    over_rows(_add_product, len(x), p, 1.0, y, x)
+    over_blocks(_backward, blocks, matrix, at, b, other, x)
+    return other
 
 
 def _small_cycle(levels: MultilevelSolver) -> Apply:
