@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .steadiness import means_between, off_a_line
+
 LAST = 0.25  # of the time of a run: what its means are taken over
 PARTS = 8  # of that time at most; each has two values at least
 FEWEST_PARTS = 4  # two of which a straight line takes up
@@ -45,11 +47,8 @@ def late_mean(rows: Sequence[Mapping[str, Any]], name: str, since: float) -> Lat
     length = np.diff(times, prepend=since)
     integral = np.append(0.0, np.cumsum(values * length))
     edges = np.linspace(since, times[-1], count + 1)
-    parts = np.diff(np.interp(edges, np.append(since, times), integral)) / np.diff(edges)
-    line = np.arange(count) - 0.5 * (count - 1)
-    about = parts - parts.mean()
-    about -= (about @ line / (line @ line)) * line
-    mean = float(parts.mean())
+    parts = means_between(edges, np.append(since, times), integral)
+    about, mean = off_a_line(parts), float(parts.mean())
     scatter = np.sqrt(((values - mean) ** 2 @ length) / length.sum())
     return LateMean(mean, float(np.sqrt(about @ about / (count - 2) / count)), float(scatter))
 

@@ -68,18 +68,28 @@ class Steady:
         if steps.min() < LEAST:
             return
         times, integrals = np.array(self.kept).T
-        parts = (np.diff(np.interp(edges, times, integrals)) / np.diff(edges)).reshape(WINDOWS, PARTS)
+        parts = means_between(edges, times, integrals).reshape(WINDOWS, PARTS)
         windows, halves = parts.mean(axis=1), parts.reshape(2 * WINDOWS, -1).mean(axis=1)
-        line = np.arange(PARTS) - 0.5 * (PARTS - 1)
-        late = parts[1:] - windows[1:, None]  # the first window may still bend
-        scatter = late - (late @ line / (line @ line))[:, None] * line
-        noise = CONFIDENCE * np.sqrt((scatter * scatter).sum() / (len(late) * (PARTS - 2)) / PARTS)
+        scatter = off_a_line(parts[1:])  # the first window may still bend
+        noise = CONFIDENCE * np.sqrt((scatter * scatter).sum() / (len(scatter) * (PARTS - 2)) / PARTS)
         left = max(
             _left(windows, noise),
             _left(halves[-3:], np.sqrt(2.0) * noise) + 0.5 * abs(halves[-1] - halves[-2]),
         )
         self.mean = float(windows[-1])
         self.error = float(left + noise) if np.isfinite(left) else None
+
+
+def means_between(edges: np.ndarray, times: np.ndarray, integrals: np.ndarray) -> np.ndarray:
+    """Means (m,) of a number between edges (m + 1,), s, from its integrals (n,) up to some times (n,), s."""
+    return np.asarray(np.diff(np.interp(edges, times, integrals)) / np.diff(edges))
+
+
+def off_a_line(parts: np.ndarray) -> np.ndarray:
+    """Means (..., m) of equal parts of a time less the straight line through them, by least squares."""
+    count = parts.shape[-1]
+    line, about = np.arange(count) - 0.5 * (count - 1), parts - parts.mean(axis=-1, keepdims=True)
+    return np.asarray(about - (about @ line / (line @ line))[..., None] * line)
 
 
 def _left(means: np.ndarray, noise: float) -> float:
