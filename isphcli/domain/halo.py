@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .row_threads import over_rows
+from .row_threads import over_slices
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ def build_halo(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, periodic: np
 def _within(column: np.ndarray, shift: float, lower: float, upper: float) -> np.ndarray:
     """Rows of a column (n,) that a shift moves between two bounds."""
 
-    def of(rows: tuple[int, int]) -> np.ndarray:
-        moved = column[slice(*rows)] + shift
-        return rows[0] + np.flatnonzero((moved > lower) & (moved < upper))
+    def of(part: slice) -> np.ndarray:
+        moved = column[part] + shift
+        return part.start + np.flatnonzero((moved > lower) & (moved < upper))
 
-    return np.concatenate(over_rows(of, len(column)))
+    return np.concatenate(over_slices(of, len(column)))

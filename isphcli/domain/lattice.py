@@ -10,7 +10,7 @@ import numpy as np
 
 from . import reduce
 from .cut import Share
-from .row_threads import over_rows
+from .row_threads import over_slices
 
 MOST = 9  # most lattice sites, as a power of ten: far more than fit into the memory of a machine
 CLASSIFY_AT_ONCE = 2_000_000  # lattice sites that the geometry classifies per call: bounds the memory of large scenes
@@ -71,13 +71,12 @@ class Lattice:
         """Positions (k m, dim) of the m sites of each of the cells (k, dim)."""
         x = np.empty((len(index), *self.basis.shape))
 
-        def fill(rows: tuple[int, int]) -> None:
-            part = slice(*rows)  # and axis by axis: rows of three are slow to broadcast over
+        def fill(part: slice) -> None:  # and axis by axis: rows of three are slow to broadcast over
             for axis, (corner, cell) in enumerate(zip(self.corner, self.cell)):
                 for k, place in enumerate(self.basis[:, axis]):
                     x[part, k, axis] = corner + (index[part, axis] + place) * cell
 
-        over_rows(fill, len(index))
+        over_slices(fill, len(index))
         return x.reshape(-1, len(self.counts))
 
     def numbers(self, index: np.ndarray) -> np.ndarray:

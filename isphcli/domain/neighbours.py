@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .row_threads import over_blocks, over_rows
+from .row_threads import over_blocks, over_rows, over_slices
 
 AT_ONCE = 1_000_000  # neighbours found before they are copied to the result; of int32: 4 MB
 # Cells are shorter by this factor along the last axis, along which they are contiguous: fewer candidates are too far.
@@ -87,10 +87,10 @@ def neighbourhood(x: np.ndarray, owner: np.ndarray, n: int, kind: int, support: 
     pairs = find_pairs(x, n, support)
     column = np.empty(len(pairs.index), owner.dtype)
 
-    def put(rows: tuple[int, int]) -> None:  # clip: with any other mode numpy makes a copy first
-        owner.take(pairs.index[slice(*rows)], out=column[slice(*rows)], mode="clip")
+    def put(part: slice) -> None:  # clip: with any other mode numpy makes a copy first
+        owner.take(pairs.index[part], out=column[part], mode="clip")
 
-    over_rows(put, len(column))
+    over_slices(put, len(column))
     return Neighbourhood(pairs.start, column, pairs.index, x, owner, kind, support)
 
 

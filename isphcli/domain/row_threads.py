@@ -27,8 +27,9 @@ APART = 64  # entries between scratch arrays: more than a vectorised loop takes 
 # rows of a range: a row takes 0.03 us and more, and ranges that another thread shares 15 to 20 us
 # (`benchmarks/serial_share.py machine`, 2026-12-01)
 FEWEST = 2048
-ROWS = 8192  # of a block, at least, and
-BLOCKS = 64  # blocks, at most: what is found by blocks does not depend on the threads that share them
+# of a block, at least: several layers of a lattice of 48^3, whose rows then hardly leave their block
+ROWS = 8192
+BLOCKS = 64  # at most: enough for the threads of a machine. What is found by blocks does not depend on these
 RANGES = 2  # ranges per thread, so that no thread waits long for one with long rows
 
 
@@ -47,6 +48,22 @@ def over_rows(kernel: Callable[..., Any], n: int, *arguments: Any, work: Callabl
         return [call((0, n))]
     threads = get_num_threads()
     return _share_out(call, cut(n, min(RANGES * threads, n // FEWEST) if threads > 1 else 1), threads)
+
+
+def over_slices(function: Callable[[slice], Any], n: int) -> list[Any]:
+    """As `over_rows`, of a function of numpy that takes the rows as a slice."""
+    return over_rows(lambda rows: function(slice(*rows)), n)
+
+
+def counted_rows(n: int, find: Callable[..., Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(data, index, first) of a sparse matrix of n rows whose lengths are not known: find(False, first, index, data)
+    puts the numbers of their entries into first[1:], (n,), find(True, first, index, data) these at their places."""
+    first, index, data = np.zeros(n + 1, np.int32), np.empty(0, np.int32), np.empty(0)
+    find(False, first, index, data)
+    np.cumsum(first, out=first)
+    index, data = np.empty(first[-1], np.int32), np.empty(first[-1])
+    find(True, first, index, data)
+    return data, index, first
 
 
 def in_one_piece(*shapes: tuple[int, ...]) -> list[np.ndarray]:

@@ -15,7 +15,7 @@ Pressures here are divided by the density of the first fluid (m2/s2).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NoReturn
@@ -28,7 +28,7 @@ from ..domain.exchange import NO_EXCHANGE
 from ..domain.halo import build_halo, wrap
 from ..domain.neighbours import neighbourhood
 from ..domain.null_space import ComponentMeans
-from ..domain.row_threads import over_rows
+from ..domain.row_threads import over_slices
 from ..operators.moments import particle_volumes
 from ..operators.pair_weights import build_operators
 from ..solvers.kept_hierarchies import KeptHierarchies
@@ -185,7 +185,7 @@ class Stepper:
             displacement[rows] = dt * (u[rows] + 0.5 * ratio * (u[rows] - u_old[rows]))  # eq. 4: old and new velocity
             squares[rows] = _products(v, v)
 
-        _over_slices(set_out, len(u))
+        over_slices(set_out, len(u))
         speed = np.sqrt(reduce.largest(squares))
         flows = 0.0 if self.seam is None else self.seam.flows(state.x, displacement[:, self.seam.axis])
         dr = self._shift(state, config, dt, speed, displacement)
@@ -227,7 +227,7 @@ class Stepper:
             found[rows] = p[rows] + density[rows] * _products(gradient[rows], moved - frame)
             x[rows] = wrap(state.x[rows] + moved, self.geometry.lower, self.geometry.upper, self.geometry.periodic)
 
-        _over_slices(carry_on, len(p))
+        over_slices(carry_on, len(p))
         return found, x
 
     def _shift(self, state: State, config: Configuration, dt: float, speed: float,
@@ -432,11 +432,6 @@ class Stepper:
         axis = "xyz"[self.held_velocity.axis]
         raise RunError(f"no pressure drop moves the fluid along {axis}: no pore leads through the scene, or its "
                        "throats are closed at this spacing")
-
-
-def _over_slices(function: Callable[[slice], None], n: int) -> None:
-    """Calls a function of numpy for slices that make up the rows 0 to n, on all threads."""
-    over_rows(lambda rows: function(slice(*rows)), n)
 
 
 def _products(a: np.ndarray, b: np.ndarray) -> np.ndarray:

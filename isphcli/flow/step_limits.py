@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..domain import reduce
-from ..domain.row_threads import edges_of, over_blocks, over_rows
+from ..domain.row_threads import edges_of, over_blocks, over_slices
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
@@ -98,16 +98,16 @@ class Bounds:
     @staticmethod
     def _refuse_what_is_no_number(new: State) -> None:
         fields = {"position": new.x, "velocity": new.u, "pressure": new.p}
-        counts = [float(sum(over_rows(partial(_without_number, values), len(values)))) for values in fields.values()]
+        counts = [float(sum(over_slices(partial(_without_number, values), len(values)))) for values in fields.values()]
         for (name, values), count in zip(fields.items(), reduce.totals(*counts)):
             if count:
                 raise StepError(f"the {name} of {int(count)} particles is no longer a number",
                                 _no_numbers(values).astype(float))
 
 
-def _without_number(values: np.ndarray, rows: tuple[int, int]) -> int:
+def _without_number(values: np.ndarray, rows: slice) -> int:
     """Of how many rows of values (n,) or (n, k) some entry is no number."""
-    part = values[slice(*rows)]
+    part = values[rows]
     return 0 if np.isfinite(part).all() else int(np.count_nonzero(_no_numbers(part)))
 
 
@@ -119,11 +119,11 @@ def _no_numbers(values: np.ndarray) -> np.ndarray:
 def _largest_of_each(*values: np.ndarray) -> list[float]:
     """`reduce.largest_of_each` of values (n,), and of the sizes of vectors' components (n, dim), on all threads."""
 
-    def largest(some: np.ndarray, rows: tuple[int, int]) -> float:
-        part = some[slice(*rows)]
+    def largest(some: np.ndarray, rows: slice) -> float:
+        part = some[rows]
         return float((np.abs(part) if part.ndim > 1 else part).max(initial=-np.inf))
 
-    return reduce.largest_of_each(*(np.array(over_rows(partial(largest, some), len(some))) for some in values))
+    return reduce.largest_of_each(*(np.array(over_slices(partial(largest, some), len(some))) for some in values))
 
 
 def _root_mean_square(largest: Sequence[float], given: Sequence[tuple[np.ndarray, np.ndarray | float]]) -> list[float]:

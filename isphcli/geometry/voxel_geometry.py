@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from scipy import ndimage
 
-from ..domain.row_threads import over_rows
+from ..domain.row_threads import over_rows, over_slices
 from .faces import AT_REST, Walls, face_distance
 from .labels import ClearLayers, with_clear_layers
 from .protocol import sample_voxels
@@ -178,13 +178,12 @@ class VoxelGeometry:
         x = np.asarray(x, dtype=float)
         u = np.empty((len(x), 3))
 
-        def fill(rows: tuple[int, int]) -> None:
-            part = slice(*rows)
+        def fill(part: slice) -> None:
             u[part, self.dim :] = 0.5
             for axis in range(self.dim):  # rows of three are slow to broadcast over
                 u[part, axis] = (x[part, axis] - self.lower[axis]) / self.voxel_size[axis]
 
-        over_rows(fill, len(x))
+        over_slices(fill, len(x))
         return u
 
 

@@ -15,7 +15,7 @@ from numba import njit
 from ..domain import reduce
 from ..domain.components import pair_components
 from ..domain.null_space import GROUND
-from ..domain.row_threads import over_blocks, over_rows
+from ..domain.row_threads import counted_rows, over_blocks, over_rows
 from .crossings import in_sight
 from .lattice_weights import LatticeWeights, canonical, nearest_weights
 
@@ -80,13 +80,11 @@ class Conductances:
 
     def strong(self, threshold: float) -> sp.csr_matrix:
         """The pattern of the pairs with a_ij^2 >= threshold^2 a_ii a_jj and of the diagonal, of one process alone."""
-        first = np.zeros(self.n + 1, np.int32)
-        index = np.empty(0, np.int32)
-        for fill in (False, True):
+
+        def connect(fill: bool, first: np.ndarray, index: np.ndarray, _: np.ndarray) -> None:
             over_rows(_strong, self.n, self._entries, self.diagonal, threshold**2, fill, first, index)
-            if not fill:
-                np.cumsum(first, out=first)
-                index = np.empty(first[-1], np.int32)
+
+        _, index, first = counted_rows(self.n, connect)
         pattern = sp.csr_matrix((np.ones(len(index), np.int8), index, first), shape=(self.n, self.n))
         pattern.sort_indices()  # aggregates depend on the order
         return pattern
@@ -98,16 +96,13 @@ class Conductances:
 
         aggregate: (n,) int32, -1 of particles in none; size: particles of each.
         """
-        first, length = np.zeros(self.n + 1, np.int32), np.sqrt(size)
-        index, data = np.empty(0, np.int32), np.empty(0)
-        longest = int(np.diff(self._ops.start).max(initial=0)) + 1
-        for fill in (False, True):
+        length, longest = np.sqrt(size), int(np.diff(self._ops.start).max(initial=0)) + 1
+
+        def smooth(fill: bool, *found: np.ndarray) -> None:
             over_rows(_smoothed, self.n, self._entries, self.diagonal, (threshold**2, omega, fill), (aggregate, length),
-                      (first, index, data), work=lambda: (np.empty(longest, np.int32), np.empty(longest)))
-            if not fill:
-                np.cumsum(first, out=first)
-                index, data = np.empty(first[-1], np.int32), np.empty(first[-1])
-        return sp.csr_matrix((data, index, first), shape=(self.n, len(size)))
+                      found, work=lambda: (np.empty(longest, np.int32), np.empty(longest)))
+
+        return sp.csr_matrix(counted_rows(self.n, smooth), (self.n, len(size)))
 
     def sweep_from_zero(self, blocks: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A forward sweep of Gauss and Seidel through blocks of rows (`over_blocks`), and what it leaves of b."""

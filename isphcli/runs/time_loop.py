@@ -10,7 +10,7 @@ import numpy as np
 from ..case.forcing import walls_move
 from ..domain import reduce
 from ..domain.communicator import current
-from ..domain.row_threads import over_rows
+from ..domain.row_threads import over_slices
 from ..flow.attempt import attempt
 from ..flow.forces import largest_of
 from ..flow.state import Handover
@@ -70,11 +70,11 @@ class TimeLoop:
         """{name: step} of everything that bounds the next step, s."""
         stepper = self.stepper
 
-        def squares(rows: tuple[int, int]) -> list[float]:
-            vectors = state.u[slice(*rows)], state.u[slice(*rows)] - state.u_old[slice(*rows)]
+        def squares(part: slice) -> list[float]:
+            vectors = state.u[part], state.u[part] - state.u_old[part]
             return [np.einsum("nk,nk->n", v, v).max(initial=-np.inf) for v in vectors]
 
-        speed, change = np.sqrt(reduce.largest_of_each(*np.array(over_rows(squares, len(state.u))).T))
+        speed, change = np.sqrt(reduce.largest_of_each(*np.array(over_slices(squares, len(state.u))).T))
         speed = float(speed)
         if state.dt_old:
             acceleration = change / state.dt_old

@@ -7,15 +7,11 @@ the time on conversions between forms.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-from typing import Any
-
 import numpy as np
 import scipy.sparse as sp
 from numba import njit
 
-from ..domain.row_threads import over_rows
+from ..domain.row_threads import counted_rows, over_rows
 
 SMOOTHING = 4.0 / 3.0  # of the tentative prolongation, over the largest eigenvalue as the rows bound it
 
@@ -28,16 +24,23 @@ def prolongation(matrix: sp.csr_matrix, near_null: np.ndarray, strength: float) 
     the square root of the product of the diagonals.
     """
     n, bound = matrix.shape[0], (np.abs(matrix.diagonal()), strength**2)
-    aggregate, count = aggregates(_filled((n, n), partial(over_rows, _strong, n, arrays_of(matrix), bound)))
+
+    def connect(fill: bool, *found: np.ndarray) -> None:
+        over_rows(_strong, n, arrays_of(matrix), bound, fill, found)
+
+    aggregate, count = aggregates(sp.csr_matrix(counted_rows(n, connect), (n, n)))
     inside = aggregate >= 0
     length = np.sqrt(np.bincount(aggregate[inside], near_null[inside] ** 2, count))
     tentative = np.divide(near_null, length[aggregate], out=np.zeros(n), where=inside)
     longest = int(np.diff(matrix.indptr).max(initial=0)) + 1
     # aggregates depend on the order of columns: those of coarse matrices on that of the prolongation
     ordered = matrix if matrix.has_sorted_indices else matrix.sorted_indices()
-    smooth = partial(over_rows, _smoothed, n, arrays_of(ordered), bound, (aggregate, tentative, length),
-                     work=lambda: (np.empty(longest, np.int32), np.empty(longest)))
-    return _filled((n, count), smooth), length
+
+    def smooth(fill: bool, *found: np.ndarray) -> None:
+        over_rows(_smoothed, n, arrays_of(ordered), bound, (aggregate, tentative, length), fill, found,
+                  work=lambda: (np.empty(longest, np.int32), np.empty(longest)))
+
+    return sp.csr_matrix(counted_rows(n, smooth), (n, count)), length
 
 
 def aggregates(strong: sp.csr_matrix) -> tuple[np.ndarray, int]:
@@ -57,16 +60,6 @@ def coarse_matrix(restriction: sp.csr_matrix, matrix: sp.csr_matrix, prolongatio
         return (restriction[rows[0] : rows[1]] @ matrix) @ prolongation
 
     return sp.vstack(over_rows(part, restriction.shape[0]), format="csr")
-
-
-def _filled(shape: tuple[int, int], find: Callable[..., Any]) -> sp.csr_matrix:
-    """A matrix of this shape, of which find(fill, arrays) first counts the entries of each row, then finds them."""
-    first, index, data = np.zeros(shape[0] + 1, np.int32), np.empty(0, np.int32), np.empty(0)
-    find(False, (first, index, data))
-    np.cumsum(first, out=first)
-    index, data = np.empty(first[-1], np.int32), np.empty(first[-1])
-    find(True, (first, index, data))
-    return sp.csr_matrix((data, index, first), shape=shape)
 
 
 def arrays_of(matrix: sp.csr_matrix) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from numba import njit
 
 from ..domain.null_space import GROUND
-from ..domain.row_threads import over_blocks, over_rows
+from ..domain.row_threads import ROWS, edges_of, over_blocks, over_rows
 from .aggregation import SMOOTHING, coarse_matrix, prolongation
 from .aggregation import arrays_of as _csr
 
@@ -28,9 +28,9 @@ IMPROVED = 4  # sweeps forth and back that make a vector which the finest matrix
 # rows from which a hierarchy is set up by kernels, in half of the time of PyAMG's 2 us a row (Berea 128^3): those take
 # 0.9 s to compile
 COMPILED = 50_000
-BLOCKS = 64  # of rows, in a sweep, at most: enough for the threads of a machine
-ROWS = 8192  # of a block, at least: several layers of a lattice of 48^3, whose rows then hardly leave their block
-COARSE_ROWS = 1024  # the same below the finest level: four layers of 4681 aggregates, those of 48^3 particles
+# of a block in a sweep below the finest level, whose blocks have ROWS at least: four layers of 4681 aggregates, those
+# of 48^3 particles
+COARSE_ROWS = 1024
 
 
 def hierarchy(matrix: sp.csr_matrix, strength: float = STRENGTH,
@@ -121,9 +121,10 @@ def cycle(levels: MultilevelSolver) -> Apply:
     beyond the diagonal alone. Matrices have sorted rows.
     """
     if levels.levels[0].A.shape[0] < 2 * ROWS:
-        return _small_cycle(levels)
-    swept = [(edges(level.A.shape[0], ROWS if k == 0 else COARSE_ROWS), _csr(level.A), _places(level.A), _csr(level.P),
-              _csr(level.R)) for k, level in enumerate(levels.levels[:-1])]
+        return lambda b: _descend_small(levels, 0, b)
+    least = [ROWS] + [COARSE_ROWS] * len(levels.levels)
+    swept = [(edges_of(level.A.shape[0], rows), _csr(level.A), _places(level.A), _csr(level.P), _csr(level.R))
+             for rows, level in zip(least, levels.levels[:-1])]
     return lambda b: _descend(levels, swept, 0, b)
 
 
@@ -147,26 +148,23 @@ def _descend(levels: MultilevelSolver, swept: list[Any], k: int, b: np.ndarray) 
     return other
 
 
-def _small_cycle(levels: MultilevelSolver) -> Apply:
-    """As `cycle`, by PyAMG's sweeps through all rows one after the other: small systems need no kernels compiled.
+def _descend_small(levels: MultilevelSolver, k: int, b: np.ndarray) -> np.ndarray:
+    """As `_descend`, by PyAMG's sweeps through all rows one after the other: small systems need no kernels compiled.
     PyAMG's smoother takes longer to look at its arguments than its compiled sweep does, which is called here."""
     from pyamg.amg_core import gauss_seidel
 
-    def descend(k: int, b: np.ndarray) -> np.ndarray:
-        level = levels.levels[k]
-        if k == len(levels.levels) - 1:
-            return levels.coarse_solver(level.A, b)
-        x = np.zeros_like(b)
-        gauss_seidel(*_csr(level.A), x, b, 0, len(b), 1)
-        coarse = level.R @ (b - level.A @ x)
-        y = descend(k + 1, coarse)
-        if k + 2 < len(levels.levels):
-            y += descend(k + 1, coarse - levels.levels[k + 1].A @ y)
-        x += level.P @ y
-        gauss_seidel(*_csr(level.A), x, b, len(b) - 1, -1, -1)
-        return x
-
-    return lambda b: descend(0, b)
+    level = levels.levels[k]
+    if k == len(levels.levels) - 1:
+        return levels.coarse_solver(level.A, b)
+    x = np.zeros_like(b)
+    gauss_seidel(*_csr(level.A), x, b, 0, len(b), 1)
+    coarse = level.R @ (b - level.A @ x)
+    y = _descend_small(levels, k + 1, coarse)
+    if k + 2 < len(levels.levels):
+        y += _descend_small(levels, k + 1, coarse - levels.levels[k + 1].A @ y)
+    x += level.P @ y
+    gauss_seidel(*_csr(level.A), x, b, len(b) - 1, -1, -1)
+    return x
 
 
 class BlockCycle:
@@ -184,7 +182,7 @@ class BlockCycle:
     def __init__(self, levels: MultilevelSolver):
         known = [(single(level.A), single(level.P), single(level.R)) for level in levels.levels[:-1]]
         self.levels = [(_csr(a), _csr(p), _csr(r)) for a, p, r in known]
-        self.blocks = [edges(a.shape[0]) for a, _, _ in known]
+        self.blocks = [edges_of(a.shape[0], ROWS) for a, _, _ in known]
         self._diagonals = [_places(a) for a, _, _ in known]
         self.coarse = _pseudo_inverse(levels.levels[-1].A)
 
@@ -205,9 +203,8 @@ class BlockCycle:
             over_rows(_add_product3, len(y), self.levels[k + 1][0], -1.0, y, coarse)
             y += self._descend(k + 1, coarse)
         over_rows(_add_product3, len(x), p, 1.0, y, x)
-        other[:] = x
-        over_blocks(_backward3, blocks, a, at, b, x, other)
-        return x
+        over_blocks(_backward3, blocks, a, at, b, other, x)
+        return other
 
 
 def add_product(matrix: sp.csr_matrix, sign: float, x: np.ndarray, out: np.ndarray) -> None:
@@ -220,11 +217,6 @@ def single(matrix: sp.csr_matrix) -> sp.csr_matrix:
     matrix = matrix.tocsr().astype(np.float32)
     matrix.sort_indices()
     return matrix
-
-
-def edges(n: int, rows: int | None = None) -> np.ndarray:
-    """Where the blocks of n rows begin, and n. rows: of a block, at least, or ROWS."""
-    return np.linspace(0, n, 1 + min(max(n // (rows or ROWS), 1), BLOCKS)).astype(np.int64)
 
 
 def _places(matrix: sp.csr_matrix) -> np.ndarray:

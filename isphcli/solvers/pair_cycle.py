@@ -7,9 +7,9 @@ from typing import Protocol
 import numpy as np
 import scipy.sparse as sp
 
-from ..domain.row_threads import over_parts
+from ..domain.row_threads import ROWS, edges_of, over_parts
 from .aggregation import SMOOTHING, aggregates
-from .multigrid import STRENGTH, add_product, cycle, edges, hierarchy
+from .multigrid import STRENGTH, add_product, cycle, hierarchy
 
 SLAB = 100_000  # rows of the finest matrix that are there at a time, in the triple product
 
@@ -49,7 +49,7 @@ class PairCycle:
     finest level go through blocks of rows, as those of `multigrid.BlockCycle`."""
 
     def __init__(self, matrix: SweptMatrix):
-        self.matrix, self.blocks, n = matrix, edges(matrix.n), matrix.n
+        self.matrix, self.blocks, n = matrix, edges_of(matrix.n, ROWS), matrix.n
         aggregate, count = aggregates(matrix.strong(STRENGTH))
         size = np.bincount(aggregate[aggregate >= 0], minlength=count)
         self.prolongation = matrix.smoothed(aggregate, size, STRENGTH, SMOOTHING)

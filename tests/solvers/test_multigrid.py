@@ -6,6 +6,7 @@ import scipy.sparse as sp
 
 from isphcli.domain.components import pair_components
 from isphcli.domain.null_space import ComponentMeans
+from isphcli.domain.row_threads import BLOCKS
 from isphcli.operators.assemble import assemble
 from isphcli.solvers import multigrid
 from isphcli.solvers.multigrid import hierarchy
@@ -59,7 +60,7 @@ def test_the_bits_of_block_cycles_do_not_depend_on_the_threads(monkeypatch):
     matrix = assemble(ops.start, ops.column, ops.lap, 100.0, 1.0)
     levels = hierarchy(matrix)
     cycle = multigrid.BlockCycle(levels)
-    assert len(cycle.blocks[0]) == multigrid.BLOCKS + 1
+    assert len(cycle.blocks[0]) == BLOCKS + 1
     b = np.random.default_rng(3).standard_normal((ops.n, 3))
     first, *others = on_threads(monkeypatch, lambda: cycle(b))
     assert all(np.array_equal(first, other) for other in others)

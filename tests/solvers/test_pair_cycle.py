@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from isphcli.domain.row_threads import BLOCKS
 from isphcli.operators.conductances import Conductances
 from isphcli.solvers import multigrid, pair_cycle
 from tests.operators.test_lattice_weights import SPACING, both
@@ -27,13 +28,14 @@ def test_it_is_the_cycle_of_the_matrix(monkeypatch):
 def test_the_bits_of_blocks_do_not_depend_on_the_threads(monkeypatch):
     """And it reduces a residual as a cycle does: to less than a third."""
     monkeypatch.setattr(multigrid, "ROWS", 20)
+    monkeypatch.setattr(pair_cycle, "ROWS", 20)
     matrix = conductances()
     b = np.random.default_rng(3).standard_normal(matrix.n)
     b -= b.mean()
 
     def cycled():
         cycle = pair_cycle.PairCycle(matrix)
-        assert len(cycle.blocks) == multigrid.BLOCKS + 1
+        assert len(cycle.blocks) == BLOCKS + 1
         return cycle(b)
 
     first, *others = on_threads(monkeypatch, cycled)
