@@ -29,8 +29,8 @@ UNBLURRED = 0.17
 # voxels: estimated blur up to which an image of two values is sharpened without being asked. Scans with a blur of one
 # voxel have 1.14 at most; fields that rise evenly, such as signed distances, 1.24 and more (docs/design_notes.md)
 WIDEST = 1.2
-# how often the contrast is found anew for the estimate of the blur. Without it scans with blurs of 0.5 and 0.8 voxel are
-# found to have 0 to 0.24 and 0.30 to 0.51, with three 0.26 to 0.35 and 0.64 to 0.78; with more there is no end where
+# how often the contrast is found anew for the estimate of the blur. Without it a blur of 0.5 or 0.8 voxel of scans is
+# found to be 0 to 0.24 and 0.30 to 0.51, with three 0.26 to 0.35 and 0.64 to 0.78; with more there is no end where
 # bodies are as thin as the blur is wide (docs/design_notes.md)
 PASSES = 3
 WIDE = 2.0  # voxels: most that is estimated, and most that `geometry.voxels.grey.blur` takes
