@@ -26,9 +26,14 @@ ROUGHNESS = 1e-3
 # square voxels: variance of a step in an image without blur, 1/12 by the average over a voxel, the rest by the spline
 # between samples of it
 UNBLURRED = 0.17
-# voxels: estimated blur up to which an image of two values is sharpened without being asked. Scans with a blur of 1.3
-# voxels have 0.7 at most, with noise of 10 % too; fields that rise evenly, such as signed distances, 1.2 and more
-WIDEST = 1.0
+# voxels: estimated blur up to which an image of two values is sharpened without being asked. Scans with a blur of one
+# voxel have 1.14 at most; fields that rise evenly, such as signed distances, 1.24 and more (docs/design_notes.md)
+WIDEST = 1.2
+# how often the contrast is found anew for the estimate of the blur. Without it a blur of 0.5 or 0.8 voxel of scans is
+# found to be 0 to 0.24 and 0.30 to 0.51, with three 0.26 to 0.35 and 0.64 to 0.78; with more there is no end where
+# bodies are as thin as the blur is wide (docs/design_notes.md)
+PASSES = 3
+WIDE = 2.0  # voxels: most that is estimated, and most that `geometry.voxels.grey.blur` takes
 TWO_VALUED = 0.75  # least share of the variance between the classes where an image counts as one of two grey values
 
 
@@ -109,14 +114,38 @@ def labels_of_grey(values: np.ndarray, threshold: float, solid: str, fluids: Map
 
 
 def estimate_blur(field: np.ndarray, around: np.ndarray, slabs: Slabs | None = None) -> float:
-    """Standard deviation, voxels, of the Gaussian that has blurred an image of two values; see `field_of_grey`.
+    """Standard deviation, voxels, at most WIDE, of the Gaussian that has blurred an image of two values.
 
-    A step between -1 and 1 that is averaged over a voxel, with a Gaussian of width s and by the spline has the slope
-    sqrt(2 / (pi (s^2 + UNBLURRED))) on its middle; the median of the slopes of the spline where it is zero between
-    neighbouring centres is taken. field: [z, y, x]; around: (3,) bool x, y, z; slabs: how the processes share the
-    field, of which each has its layers; without it one process has all.
+    A step of a field from -c to c that is averaged over a voxel, with a Gaussian of width s and by the spline has the
+    slope c sqrt(2 / (pi (s^2 + UNBLURRED))) on its middle; the median of the slopes of the spline where it is zero
+    between neighbouring centres is taken. The means of the field on the two sides of zero are nearer to each other than
+    2 c, since voxels at walls are in them: by the part that s leaves of the contrast of the segmented image.
+
+    field: [z, y, x], 0 at the threshold; around: (3,) bool x, y, z; slabs: how the processes share the field, of which
+    each has its layers; without it one process has all.
     """
     slabs = slabs or Slabs.whole(field.shape)
+    slope = _slope_at_walls(field, around, slabs)
+    if slope is None:
+        return 0.0
+    low, high, _ = grey_classes(field, 0.0)
+    step = 2.0 / np.pi * (0.5 * (high - low) / slope) ** 2  # square voxels: s^2 + UNBLURRED, c by the means
+    modes = Modes(slabs.shape, around, slabs)
+    square = (2.0 * np.pi) ** 2 * modes.square_frequencies().ravel()
+    power = modes.powers(np.where(field >= 0.0, np.float32(1.0), np.float32(-1.0))).ravel()
+    power[square == 0.0] = 0.0
+    variance, whole = float(step) - UNBLURRED, reduce.total(power)
+    for _ in range(PASSES):
+        # the labels know where walls are to a voxel: they lack its average, 1/12
+        averaged = np.exp(-0.5 * square * (float(np.clip(variance, 0.0, WIDE**2)) + 1.0 / 12.0))
+        variance = float(step) / float(reduce.dot(power, averaged) / whole) ** 2 - UNBLURRED
+    # rounded: processes add up their modes in another order
+    return round(float(np.sqrt(np.clip(variance, 0.0, WIDE**2))), 9)
+
+
+def _slope_at_walls(field: np.ndarray, around: np.ndarray, slabs: Slabs) -> float | None:
+    """Median slope, 1 / voxel, of the spline of a field where it is zero between neighbouring centres, None where it
+    nowhere is; arguments as those of `estimate_blur`."""
     coefficients = spline_coefficients(np.array(field, np.float32), around, slabs)
     places: list[np.ndarray] = [np.empty((0, 3))]
     for axis in range(3):
@@ -132,9 +161,9 @@ def estimate_blur(field: np.ndarray, around: np.ndarray, slabs: Slabs | None = N
         places.append(place[:, ::-1])
     found = _slopes_of(coefficients, around, np.concatenate(places), slabs)
     if not reduce.number(found):
-        return 0.0
+        return None
     median, = reduce.quantiles(found, [0.5])
-    return float(np.sqrt(max(2.0 / (np.pi * float(median) ** 2) - UNBLURRED, 0.0)))
+    return float(median)
 
 
 def _slopes_of(coefficients: np.ndarray, around: np.ndarray, u: np.ndarray, slabs: Slabs) -> np.ndarray:

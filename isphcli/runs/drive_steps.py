@@ -38,6 +38,7 @@ class DriveProgram:
     areal: float
     saturation: Callable[[State], float]
     finished: Callable[[int, float, bool, State, Configuration], None] = lambda *_: None
+    _last: float = 0.0  # begin of the step that ended last, s
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -57,6 +58,11 @@ class DriveProgram:
         """Whether all steps have been taken."""
         return _number(state) >= len(self.values)
 
+    def last_began(self, state: State) -> float:
+        """When the step of a state began, s; after the last one when that began."""
+        assert state.drive_step is not None
+        return self._last if self.done(state) else float(state.drive_step[1])
+
     def due(self, state: State) -> float:
         """When the saturation is looked at next, or the step ends, s."""
         assert state.drive_step is not None
@@ -74,6 +80,7 @@ class DriveProgram:
         if not settled and state.time < (began + self.steps.duration) * (1.0 - 1e-9):
             return replace(state, drive_step=np.array([number, began, state.time, saturation]))
         self.finished(number, self.values[number], settled, state, config)
+        self._last = float(began)
         return self._driven(replace(state, drive_step=begun(number + 1, state.time)))
 
     def drop(self, state: State) -> float:

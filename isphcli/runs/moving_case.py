@@ -408,8 +408,18 @@ def _flow_entries(run: MovingRun, state: State) -> Summary:
 def _late_drop(run: MovingRun, state: State) -> LateMean | None:
     """The pressure drop of a velocity that is held over the last part of the run."""
     held = run.stepper.held_velocity
-    return None if held is None else late_mean(run.history, f"pressure_drop_{'xyz'[held.axis]}",
-                                               (1.0 - LAST) * state.time)
+    return None if held is None else late_mean(run.history, f"pressure_drop_{'xyz'[held.axis]}", _late(run, state))
+
+
+def _late(run: MovingRun, state: State) -> float:
+    """When the last part of a run begins, over which its means are taken, s: of the time under the drive of its end,
+    the last of its steps or what a restart made of it, and not before the history, which a restart in another folder
+    begins anew."""
+    began = [one["time"] for one in run.record["changes"] if any(key.startswith("drive") for key in one["changes"])]
+    if run.loop.program is not None:
+        began.append(run.loop.program.last_began(state))
+    late = state.time - LAST * (state.time - max(began, default=0.0))
+    return float(max([late, *(row["time"] - row["dt"] for row in run.history[:1])]))
 
 
 def _entries_of(name: str, found: LateMean | None) -> dict[str, float]:
@@ -476,7 +486,7 @@ def _add_two_fluids(run: MovingRun, measures: Measures, summary: Summary, state:
     summary["two_fluids"] = summary_of_two(measures, state, config, run.history, moved)
     if run.between is not None:
         summary["two_fluids"] |= run.between(state, config, everything=True)
-        found = late_mean(run.history, "capillary_pressure", (1.0 - LAST) * state.time)
+        found = late_mean(run.history, "capillary_pressure", _late(run, state))
         summary["two_fluids"] |= _entries_of("capillary_pressure", found)
     if not moved:
         said = [broke_up(measures.names, run.history, summary["two_fluids"])]

@@ -17,6 +17,8 @@ from ..geometry.labels import counts_text, guess_labels
 from . import memory
 from .image_file import grey_image, layout_of
 
+LABELS = "labels: {solid: 1, water: 0}"
+GREY = "grey: {threshold: otsu, solid: above}"
 CASE = """\
 geometry:
   voxels: {{file: {file}, {values}, voxel_size: {size}}}   # m
@@ -25,6 +27,8 @@ fluids: {{water: {{density: 1000, viscosity: 1.0e-3}}}}   # kg/m3, Pa s
 flow: stokes
 drive: {{axes: [x]}}
 """
+_SOLID = ("grey values, of which the bright ones are solid; the other way round: "
+          "--set geometry.voxels.grey.solid=below")
 
 
 @dataclass(frozen=True)
@@ -36,8 +40,7 @@ class FirstCase:
     assumed: tuple[str, ...]
 
 
-def case_text(path: Path, values: str = "labels: {solid: 1, water: 0}", size: str = "5.0e-6",
-              spacing: str = "5.0e-6") -> str:
+def case_text(path: Path, values: str = LABELS, size: str = "5.0e-6", spacing: str = "5.0e-6") -> str:
     """The text of a case of an image."""
     return CASE.format(file=repr(path.name), values=values, size=size, spacing=spacing)
 
@@ -49,14 +52,18 @@ def first_case(path: Path, overrides: Sequence[str] = ()) -> FirstCase:
     VoxelError where the size of a voxel is not known or there are several labels, CaseError for wrong overrides.
     """
     case_file = path.with_suffix(".yaml")
-    asked = read_case(case_text(path).encode(), case_file, overrides)
+    said = {text.partition("=")[0].strip() for text in overrides}
+    # a key of `grey` or `labels` is one of the block that the case without it would have
+    values = GREY if any(key.startswith("geometry.voxels.grey") for key in said) else LABELS
+    asked = read_case(case_text(path, values).encode(), case_file, overrides)
     memory.refuse_image(asked)
     spec = asked.geometry.voxels
     assert spec is not None
     image = grey_image(spec.file, layout_of(spec), spec.crop)
-    said = {text.partition("=")[0].strip() for text in overrides}
-    values, assumed = "labels: {solid: 1, water: 0}", []
-    if not any(key.startswith(("geometry.voxels.labels", "geometry.voxels.grey")) for key in said):
+    assumed = []
+    if values == GREY:
+        assumed += [] if said & {"geometry.voxels.grey", "geometry.voxels.grey.solid"} else [_SOLID]
+    elif not any(key.startswith("geometry.voxels.labels") for key in said):
         values, sentence = _understood(path, image)
         assumed.append(sentence)
     if format_of(path).convention and spec.axes is None:
@@ -90,8 +97,7 @@ def _understood(path: Path, image: Image) -> tuple[str, str]:
     """How the values of an image are understood: (entry of the case, sentence)."""
     guess = guess_labels(image.values)
     if guess is None:
-        return ("grey: {threshold: otsu, solid: above}", "grey values, of which the bright ones are solid (Otsu's "
-                "threshold); the other way round: --set geometry.voxels.grey.solid=below")
+        return GREY, _SOLID
     solid, pores, shares = guess
     if len(shares) != 2 or min(shares) < 0:
         named = f"{{solid: {solid}, water: {pores}}}" if pores and min(shares) >= 0 else "{solid: 1, water: 0}"

@@ -238,12 +238,12 @@ def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, .
                          f"lie between {least:g} and {most:g}; try otsu")
     field = field_of_grey(values, threshold, grey.solid)
     labels = labels_of_grey(values, threshold, grey.solid, grey.fluids, names, spec.file)
-    found = estimate_blur(field, np.array([*periodic, True][:3]), own.slabs)
     two_valued = share >= TWO_VALUED
     if isinstance(grey.blur, str) and not two_valued:
         raise VoxelError(
             f"{spec.file}: geometry.voxels.grey.blur: auto needs an image of two grey values; here only "
             f"{100 * share:.0f} % of the variance lies between the two sides of the threshold; give a number of voxels")
+    found = estimate_blur(field, np.array([*periodic, True][:3]), own.slabs) if two_valued else 0.0
     if isinstance(grey.blur, str) or (grey.blur is None and two_valued and found <= WIDEST):
         blur: float | None = found
     else:

@@ -127,3 +127,19 @@ def test_a_restart_takes_further_steps(tmp_path):
     run(tmp_path / "parts", resume=tmp_path / "parts")
     one, other = (read_history(tmp_path / name / "curve.csv") for name in ("whole", "parts"))
     assert one == other and len(one) == 3
+
+
+@pytest.mark.slow
+def test_the_mean_drop_is_that_under_the_last_drive_of_the_history_that_is_there(tmp_path):
+    """Of five steps of a second the last quarter of the last one: from 4.75 s on. A restart at 4.78 s in another folder
+    has a history from there on; one at 4.2 s with another flux takes the last quarter of what is left."""
+    flux, sets = "drive.steps.superficial_velocity=[-0.25, -0.2, -0.3, -0.4, {}]", ("drive.steps.duration=1",
+                                                                                 "time.step=0.025")
+    run(tmp_path / "begun", *sets, flux.format(0.5), "time.end=4.2")
+    run(tmp_path / "whole", *sets, flux.format(0.5), "time.end=4.78", resume=tmp_path / "begun")
+    for folder, before, last, since in (("part", "whole", 0.5, 4.78), ("whole", "whole", 0.5, 4.75),
+                                        ("begun", "begun", 0.6, 4.8)):
+        summary = run(tmp_path / folder, *sets, flux.format(last), resume=tmp_path / before)
+        rows = [row for row in read_history(tmp_path / folder / "history.csv") if row["time"] > since * (1.0 + 1e-9)]
+        drops, length = (np.array([row[name] for row in rows]) for name in ("pressure_drop_x", "dt"))
+        assert summary["pressure_drop_mean"] == pytest.approx(drops @ length / length.sum(), rel=1e-6)

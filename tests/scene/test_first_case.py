@@ -38,6 +38,20 @@ def test_grey_values_are_parted_by_otsu(tmp_path):
     assert np.array_equal(build_geometry(case).labels[:, :, 8] < 0, DUCT[:, :, 0] == 1)
 
 
+@pytest.mark.parametrize("said, solid, threshold, blur, assumed", [
+    ("grey.solid=below", "below", "otsu", None, False),  # the command that the run proposes
+    ("grey.blur=0", "above", "otsu", 0, True),
+    ("grey.threshold=15000", "above", 15000, None, True),
+    ("grey={threshold: 15000, solid: below}", "below", 15000, None, False),
+])
+def test_one_key_of_a_grey_image_leaves_the_others(tmp_path, said, solid, threshold, blur, assumed):
+    grey = np.where(DUCT == 1, 20000, 9000) + np.arange(DUCT.size).reshape(DUCT.shape)
+    found = first_case(saved(tmp_path, grey.astype(np.uint16)), (*SIZE, f"geometry.voxels.{said}"))
+    values = found.case.geometry.voxels.grey
+    assert (values.solid, values.threshold, values.blur) == (solid, threshold, blur)
+    assert any("bright ones are solid" in sentence for sentence in found.assumed) == assumed
+
+
 def test_the_voxel_size_of_the_file_is_that_of_the_particles(tmp_path):
     found = first_case(saved(tmp_path, DUCT, voxel_size=np.array([3e-6, 3e-6, 6e-6])))
     assert found.case.geometry.voxels.voxel_size == (3e-6, 3e-6, 6e-6) and found.case.particles.spacing == 3e-6
