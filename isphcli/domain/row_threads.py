@@ -10,16 +10,18 @@ they sleep or because other programs have the cores, it computes all of them.
 from __future__ import annotations
 
 import math
+import os
 from collections import deque
 from collections.abc import Callable
 from itertools import accumulate
 from operator import itemgetter
 from queue import SimpleQueue
-from threading import Thread
+from threading import Thread, local
 from typing import Any
+from weakref import ReferenceType, ref
 
 import numpy as np
-from numba import get_num_threads, set_num_threads
+from numba import get_num_threads
 
 # LLVM vectorises a sum only if it may reorder it. NaN and infinity keep their meaning (no nnan, no ninf).
 REDUCE = {"reassoc", "contract", "nsz"}
@@ -31,6 +33,13 @@ FEWEST = 2048
 ROWS = 8192
 BLOCKS = 64  # at most: enough for the threads of a machine. What is found by blocks does not depend on these
 RANGES = 2  # ranges per thread, so that no thread waits long for one with long rows
+
+
+def threads_here() -> int:
+    """Threads that a loop begun by this thread is shared between: of a helper its own alone. numba tells the number
+    under a lock of the process, which stays locked for good where an interrupt comes while it is taken: helpers, which
+    get no interrupts, would wait for it and the loop for them."""
+    return 1 if getattr(_THIS, "helps", False) else get_num_threads()
 
 
 def over_rows(kernel: Callable[..., Any], n: int, *arguments: Any, work: Callable[[], Any] | None = None) -> list[Any]:
@@ -46,7 +55,7 @@ def over_rows(kernel: Callable[..., Any], n: int, *arguments: Any, work: Callabl
 
     if n < 2 * FEWEST:  # one range on any number of threads, and to ask numba for that takes 10 us
         return [call((0, n))]
-    threads = get_num_threads()
+    threads = threads_here()
     return _share_out(call, cut(n, min(RANGES * threads, n // FEWEST) if threads > 1 else 1), threads)
 
 
@@ -92,7 +101,7 @@ def over_blocks(kernel: Callable[..., Any], edges: np.ndarray, *arguments: Any) 
     if blocks < 2:
         kernel((0, blocks), edges, *arguments)
         return
-    threads = get_num_threads()
+    threads = threads_here()
     ranges = min(RANGES * threads, blocks) if threads > 1 else 1
     _share_out(lambda rows: kernel(rows, edges, *arguments), cut(blocks, ranges), threads)
 
@@ -100,7 +109,7 @@ def over_blocks(kernel: Callable[..., Any], edges: np.ndarray, *arguments: Any) 
 def over_parts(function: Callable[[tuple[int, int]], Any], parts: list[tuple[int, int]]) -> list[Any]:
     """function((begin, end)) of each part, in their order. It is no kernel, but most of its time is in functions that
     do not hold up other threads, such as SciPy's products of sparse matrices."""
-    return _share_out(function, parts, get_num_threads()) if len(parts) > 1 else [function(part) for part in parts]
+    return _share_out(function, parts, threads_here()) if len(parts) > 1 else [function(part) for part in parts]
 
 
 def cut(n: int, parts: int) -> list[tuple[int, int]]:
@@ -113,7 +122,7 @@ def _share_out(call: Callable[[tuple[int, int]], Any], ranges: list[tuple[int, i
         return [call(rows) for rows in ranges]
     job = _Job(call, ranges)
     for _ in range(_helpers(min(threads, len(ranges)) - 1)):
-        _JOBS.put(job)
+        _JOBS.put(ref(job))  # a helper that comes late finds none, and the arrays of a loop are free when it has ended
     job.work()
     return job.results()
 
@@ -149,19 +158,35 @@ class _Job:
         return [value for _, value, _ in found]
 
 
-_JOBS: SimpleQueue[_Job] = SimpleQueue()
+_JOBS: SimpleQueue[ReferenceType[_Job]] = SimpleQueue()
 _HELPERS: list[Thread] = []
+_THIS = local()  # helps: whether this thread is a helper
 
 
 def _helpers(wanted: int) -> int:
     """So many; starts the threads that are missing, which end with the process."""
     while len(_HELPERS) < wanted:
-        _HELPERS.append(Thread(target=_help, name="rows", daemon=True))
-        _HELPERS[-1].start()
+        thread = Thread(target=_help, name="rows", daemon=True)
+        thread.start()
+        _HELPERS.append(thread)
     return wanted
 
 
 def _help() -> None:
-    set_num_threads(1)  # of this thread: loops in a range are not shared once more
+    _THIS.helps = True
     while True:
-        _JOBS.get().work()
+        job = _JOBS.get()()
+        if job is not None:
+            job.work()
+        del job
+
+
+def _begin_without_helpers() -> None:
+    """In a process that was forked: its helpers are threads of the other one."""
+    global _JOBS
+    _JOBS = SimpleQueue()
+    _HELPERS.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_begin_without_helpers)

@@ -12,10 +12,9 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numba import get_num_threads
 from scipy.spatial import cKDTree
 
-from ..domain.row_threads import over_rows
+from ..domain.row_threads import over_rows, threads_here
 from .faces import block_distance
 from .nearest_ball import BallLists, put_nearest
 
@@ -292,7 +291,7 @@ def _lower_to_nearest(d: np.ndarray, x: np.ndarray, tree: cKDTree, radii: np.nda
     equal = radii.min() == largest
     while len(todo):
         k = min(k, len(radii))
-        distance, index = tree.query(x[todo], k=[*range(1, k + 1)], workers=get_num_threads())
+        distance, index = tree.query(x[todo], k=[*range(1, k + 1)], workers=threads_here())
         d[todo] = np.minimum(d[todo], (distance - radii[index]).min(axis=1))
         if equal or k == len(radii):
             return

@@ -6,9 +6,9 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
-from numba import get_num_threads
 from scipy import fft
 
+from ..domain.row_threads import threads_here
 from ..domain.slabs import Slabs
 
 
@@ -89,7 +89,7 @@ class Modes:
 
     def _to_modes(self, field: np.ndarray, axis: int) -> np.ndarray:
         """Along one axis."""
-        workers = get_num_threads()
+        workers = threads_here()
         if axis in self.mirrored:
             return fft.dct(field, axis=axis, norm="ortho", workers=workers)
         if axis == self.repeats[-1]:
@@ -98,7 +98,7 @@ class Modes:
 
     def _of_modes(self, field: np.ndarray, axis: int) -> np.ndarray:
         """The inverse of `_to_modes`."""
-        workers = get_num_threads()
+        workers = threads_here()
         if axis in self.mirrored:
             return fft.idct(field, axis=axis, norm="ortho", workers=workers, overwrite_x=True)
         if axis == self.repeats[-1]:

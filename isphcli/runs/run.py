@@ -6,6 +6,7 @@ import gc
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
+from threading import get_ident
 from typing import TYPE_CHECKING, Any
 
 from ..case.yaml import CaseError, Problem
@@ -78,19 +79,23 @@ def _compile_listener(clock: Clock, missing: Callable[[], None]) -> Iterator[Non
     the display of kernels that are not in the cache, and calls `missing` then."""
     from numba.core import event
 
-    collects = gc.isenabled()
+    collects, runs = gc.isenabled(), get_ident()
 
     class Compiling(event.Listener):
         depth = 0
         section: AbstractContextManager[None]
 
         def on_start(self, _: event.Event) -> None:
+            if get_ident() != runs:  # threads that share a loop ask for its kernel at the same time
+                return
             if self.depth == 0:
                 self.section = clock("compile")
                 self.section.__enter__()
             self.depth += 1
 
         def on_end(self, _: event.Event) -> None:
+            if get_ident() != runs:
+                return
             self.depth -= 1
             if self.depth == 0:
                 self.section.__exit__(None, None, None)

@@ -1,11 +1,15 @@
+import os
+import weakref
+from contextlib import suppress
 from itertools import pairwise
+from threading import Barrier, current_thread
 
 import numpy as np
 import pytest
 from numba import njit
 
 from isphcli.domain import row_threads
-from isphcli.domain.row_threads import FEWEST, over_rows
+from isphcli.domain.row_threads import FEWEST, over_parts, over_rows
 
 from ..threads import on_threads, one_thread
 
@@ -56,3 +60,46 @@ def test_a_loop_in_a_range_of_another_ends(monkeypatch):
 
     for found in on_threads(monkeypatch, lambda: over_rows(inner, 640)):
         assert set(found) == {640}
+
+
+def test_a_loop_that_has_ended_holds_no_arrays(monkeypatch):
+    """Helpers that never come stand for those that come late."""
+    monkeypatch.setattr(row_threads, "_helpers", lambda wanted: wanted)
+    rows = np.zeros(20 * FEWEST, np.int64)
+    known = weakref.ref(rows)
+    on_threads(monkeypatch, lambda: over_rows(mark, len(known()), known(), work=lambda: np.zeros(1, np.int64)))
+    del rows
+    assert known() is None
+
+
+def test_helpers_ask_numba_for_no_number_of_threads(monkeypatch):
+    asked = []
+    monkeypatch.setattr(row_threads, "get_num_threads", lambda: asked.append(current_thread()) or 2)
+    both = Barrier(2)  # each of two ranges waits for the other to begin
+
+    def outer(part):
+        both.wait(10)
+        return over_rows(lambda rows: rows, 20 * FEWEST)
+
+    over_parts(outer, [(0, 1), (1, 2)])
+    assert set(asked) == {current_thread()}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked here")
+@pytest.mark.filterwarnings("ignore:.*fork")
+def test_a_forked_process_has_helpers_of_its_own(monkeypatch):
+    """The threads of the process that it is a copy of are not there; a range of each of two threads waits for both."""
+    monkeypatch.setattr(row_threads, "get_num_threads", lambda: 2)
+
+    def share_out():
+        both = Barrier(2)
+        return over_parts(lambda part: both.wait(10) in (0, 1), [(0, 1), (1, 2)])
+
+    share_out()
+    child = os.fork()
+    if child == 0:
+        held = False
+        with suppress(Exception):
+            held = all(share_out())
+        os._exit(0 if held else 1)
+    assert os.waitpid(child, 0)[1] == 0

@@ -4,6 +4,7 @@ import gc
 import json
 import subprocess
 import sys
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -290,3 +291,22 @@ def test_the_collector_rests_while_the_compiler_works():
         assert gc.isenabled()
         event.start_event("numba:compile")
     assert gc.isenabled()
+
+
+def test_only_the_compiler_of_the_thread_that_runs_is_counted():
+    """Threads that share the first loop of a kernel wait for numba's lock at the same time: their sections of the clock
+    would end in each other's."""
+    def elsewhere(happens):
+        thread = Thread(target=happens, args=("numba:compiler_lock",))
+        thread.start()
+        thread.join()
+
+    clock = Clock()
+    with _compile_listener(clock, lambda: None):
+        elsewhere(event.start_event)
+        with clock("step"):
+            elsewhere(event.end_event)
+        assert set(clock.wall()) == {"step", "other", "total"}
+        with event.trigger_event("numba:compiler_lock"):
+            pass
+        assert "compile" in clock.wall()
