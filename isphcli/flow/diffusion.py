@@ -18,7 +18,7 @@ from ..geometry.wall_normals import wall_normals
 from ..operators.conductances import Conductances
 from ..operators.lattice_weights import LatticeWeights, divergence_and_rhie_chow
 from ..solvers.engine import ONE_PROCESS, Engine
-from ..solvers.krylov import Limits, SolveError, Watch
+from ..solvers.krylov import Limits, Maps, SolveError, Watch
 
 if TYPE_CHECKING:
     from ..domain.null_space import ComponentMeans
@@ -59,7 +59,7 @@ class DiffusionSystem:
         # round-off of a field without sources, along straight walls, is no right-hand side
         if reduce.largest(np.abs(rhs)) <= 1e-9 * self.spacing:
             return field
-        phi, convergence = self.engine.gmres(self.apply, rhs, self.precondition, limits, watch=watch)
+        phi, convergence = self.engine.gmres(Maps(self.apply, self.precondition), rhs, limits, watch=watch)
         if not convergence.converged:
             raise SolveError("diffusion", convergence)
         return field - self.ops.gradient_p(phi)

@@ -18,7 +18,7 @@ from ..operators.div_grad import div_grad_rhie_chow, div_grad_weights
 from ..operators.mixed_weights import Faces
 from ..operators.pair_weights import Operators
 from ..solvers.engine import ONE_PROCESS, Engine
-from ..solvers.krylov import Convergence, Limits, SolveError, Watch
+from ..solvers.krylov import Convergence, Limits, Maps, SolveError, Watch
 from .stokes import LEAST_RESPONSE, ROUGH, STRENGTH, TAU
 
 
@@ -83,7 +83,7 @@ class MixedStokes:
         ops = self.ops
         along = ops.potential_gradient(np.asarray(force, float))
         rhs = self._joined(along * (self.d**2)[:, None], np.zeros(ops.n))
-        solution, convergence = self.engine.gmres(self.apply, rhs, self.precondition, limits, watch=watch)
+        solution, convergence = self.engine.gmres(Maps(self.apply, self.precondition), rhs, limits, watch=watch)
         if not convergence.converged:
             raise SolveError("Stokes", convergence)
         u, q = self._split(solution)

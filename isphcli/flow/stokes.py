@@ -22,15 +22,15 @@ from ..operators.conductances import Conductances, sparse_pairs
 from ..operators.lattice_weights import (
     LatticeWeights,
     add_gradient_p,
+    coupled,
     divergence_and_rhie_chow,
-    momentum,
     nearest_matrix,
     share_in_sight,
     symmetric_laplacian,
     velocity_matrix,
 )
 from ..solvers.engine import ONE_PROCESS, Engine
-from ..solvers.krylov import Convergence, Limits, SolveError, Watch
+from ..solvers.krylov import Convergence, Limits, Maps, SolveError, Watch
 from .forces import Force, acceleration_of, resistance_of
 
 # Strength of S, of which 0.05 to 0.1 take the fewest iterations; k is 0.04 to 0.44 % larger with 0.1, 0.02 to 0.33 %
@@ -105,28 +105,28 @@ class StokesSystem:
 
     def apply(self, v: np.ndarray) -> np.ndarray:
         """The coupled matrix times v, pressures without their means (eq. 25)."""
-        u, p = self.split(v)
+        return self._apply(v, self.ops.gradient_p(self.split(v)[1]))
+
+    def _apply(self, v: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
+        """The same, with the gradient (n, dim) of the pressure in v."""
+        (u, p), dx = self.split(v), self.spacing
         out = np.empty_like(v)
         forces, mass = self.split(out)
-        dx = self.spacing
-        grad_p = np.empty_like(u)
-        momentum(self.ops, u, p, dx, forces, grad_p)  # eq. 1 without inertia
+        # eq. 1 without inertia; dx div u - tau dx^2 S p
+        forces[:], both = coupled(self.ops, u, (p, grad_p), (dx, dx, -TAU * dx * dx))
         if self.ops.walls.slip is not None:
             forces -= dx**2 * np.einsum("nkm,nm->nk", self.ops.walls.slip, u)
         if self.drag is not None:
             forces += self.drag[:, None] * u
-        both = self._mass(u, p, grad_p)
+            both += self._less_odd_even(u, p, grad_p)
         mass[:] = self.means.remove(both)  # eq. 25
         return out
 
-    def _mass(self, u: np.ndarray, p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
-        """dx div u - tau dx^2 S p, (n,); where a drag holds the fluid back, S by as much less as pressure moves it."""
-        dx, tau, zero = self.spacing, TAU, np.zeros(self.ops.n)
-        if self.drag is None:
-            return divergence_and_rhie_chow(self.ops, u, (p, grad_p), (dx, -tau * dx * dx))
-        odd_even = divergence_and_rhie_chow(self.ops, np.zeros_like(u), (p, grad_p), (0.0, -tau * dx * dx))
-        div = divergence_and_rhie_chow(self.ops, u, (zero, np.zeros_like(u)), (dx, 0.0))
-        return div + odd_even / (1.0 + tau * self.drag)  # tau is 1 / the diagonal of -dx^2 lap, which the drag adds to
+    def _less_odd_even(self, u: np.ndarray, p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
+        """What -tau dx^2 S p, (n,), becomes less by where a drag holds the fluid back: pressure moves it by as much less.
+        tau is 1 / the diagonal of -dx^2 lap, which the drag adds to."""
+        factors, held = (0.0, -TAU * self.spacing**2), TAU * self.drag
+        return divergence_and_rhie_chow(self.ops, u, (p, grad_p), factors) * (-held / (1.0 + held))
 
     def laplacian(self, flow: StokesFlow, force: Sequence[float] | np.ndarray) -> np.ndarray:
         """Laplacian (n, dim) of the velocity of a flow under `force`, 1/(m s), by the balance of momentum."""
@@ -140,7 +140,15 @@ class StokesSystem:
 
     def precondition(self, v: np.ndarray) -> np.ndarray:
         """Block-triangular: the inverse Schur complement as the sum of its limits (Cahouet and Chabard), for short
-        modes 1 - ROUGH dx^2 lap and for long ones Darcy's law; then W-cycles for all velocity components at once."""
+        modes 1 - ROUGH dx^2 lap and for long ones Darcy's law; then cycles for all velocity components at once."""
+        return self._precondition(v)[0]
+
+    def product(self, v: np.ndarray) -> np.ndarray:
+        """`apply` of `precondition`, which both need the gradient of the same pressure."""
+        return self._apply(*self._precondition(v))
+
+    def _precondition(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`precondition`, and the gradient (n, dim) of the pressure in it."""
         forces, mass = self.split(v)
         out = np.empty_like(v)
         u, p = self.split(out)
@@ -150,12 +158,12 @@ class StokesSystem:
         short *= ROUGH * dx * dx
         long -= short
         np.add(mass, self.means.remove(long), out=p)
-        left = forces.copy()
-        add_gradient_p(self.ops, -dx, p, left)
+        grad_p, left = np.empty_like(forces), np.empty_like(forces)
+        add_gradient_p(self.ops, -dx, p, forces, (grad_p, left))
         if self.dim < 3:
             left = np.hstack([left, np.zeros((self.ops.n, 3 - self.dim))])
         u[:] = self._velocity(left)[:, : self.dim]
-        return out
+        return out, grad_p
 
     def balanced_force(self, force: Sequence[float] | np.ndarray) -> np.ndarray:
         """The acceleration `force` (dim,) as the gradient of its potential in the pressure's own operator, (n, dim).
@@ -178,10 +186,10 @@ class StokesSystem:
         forces[:] = self._driven(force) * (self.spacing**2 / self.viscosity)
         forces += self.spacing**2 * ops.walls.lap_velocity
         mass[:] = self.means.remove(-self.spacing * ops.walls.div_velocity)
-        solution, convergence = self.engine.gmres(self.apply, rhs, self.precondition, limits, watch=watch)
+        maps = Maps(self.apply, self.precondition, self.product)
+        solution, convergence = self.engine.gmres(maps, rhs, limits, watch=watch)
         if not convergence.converged:
-            limits = limits.times(2)
-            solution, convergence = self.engine.gmres(self.apply, rhs, self.precondition, limits, solution, watch)
+            solution, convergence = self.engine.gmres(maps, rhs, limits.times(2), solution, watch)
         if not convergence.converged:
             error = SolveError("Stokes", convergence)
             forces, mass = self.split(np.abs(rhs - self.apply(solution)) / reduce.largest(np.abs(rhs)))

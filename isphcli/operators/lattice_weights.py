@@ -87,12 +87,11 @@ class Factors(NamedTuple):
 class WholeRows(NamedTuple):
     """Weights of the particles that see every offset and no wall, row 0 of `Factors`, as kernels take them.
 
-    laplacian: (m,) weights of the m offsets, 1/m2; gradient: (m, 3) of the velocity gradient, 1/m;
-    half_step: (m, 3) half the step times `pair_laplacian`, of any particle. In 2D third columns are zero.
+    weights: (4, m) of the m offsets, the three of the velocity gradient, 1/m, and that of the Laplacian, 1/m2;
+    half_step: (m, 3) half the step times `pair_laplacian`, of any particle. In 2D what is of the third axis is zero.
     """
 
-    laplacian: np.ndarray
-    gradient: np.ndarray
+    weights: np.ndarray
     half_step: np.ndarray
 
 
@@ -141,8 +140,8 @@ class LatticeWeights:
 
     def gradient_p(self, p: np.ndarray) -> np.ndarray:
         """Pressure gradient (n, dim) of p (n,)."""
-        gradient = np.zeros((self.n, self.dim))
-        add_gradient_p(self, 1.0, p, gradient)
+        gradient, zero = np.empty((self.n, self.dim)), np.zeros((self.n, self.dim))
+        add_gradient_p(self, 0.0, p, zero, (gradient, zero))
         return gradient
 
     def potential_gradient(self, force: np.ndarray) -> np.ndarray:
@@ -217,14 +216,14 @@ def _whole_rows(pairs: LatticePairs, tensors: Factors) -> WholeRows:
     m, dim = pairs.step.shape
     half_step = np.zeros((m, 3))
     half_step[:, :dim] = 0.5 * pairs.pair_laplacian[:, None] * pairs.step
-    laplacian, gradient = np.zeros(m), np.zeros((m, 3))
+    weights = np.zeros((4, m))
     if pairs.offset_id.dtype == np.uint8:
         first, second = pairs.first_moment, pairs.second_moment
-        laplacian = second @ tensors.laplace[0, :6] - first @ tensors.laplace[0, 6:]
-        gradient[:, :dim] = first[:, :dim] @ tensors.gradient[0].T
+        weights[3] = second @ tensors.laplace[0, :6] - first @ tensors.laplace[0, 6:]
+        weights[:dim] = tensors.gradient[0] @ first[:, :dim].T
         if len(tensors.k_tensor):
-            gradient[:, :dim] -= second @ tensors.k_tensor[0].T
-    return WholeRows(laplacian, gradient, half_step)
+            weights[:dim] -= tensors.k_tensor[0] @ second.T
+    return WholeRows(weights, half_step)
 
 
 def velocity_matrix(ops: LatticeWeights, dx: float, dtype: type = float) -> sp.csr_matrix:
@@ -284,9 +283,19 @@ def canonical(ops: LatticeWeights, start: np.ndarray, column: np.ndarray, entrie
 
 def divergence_and_rhie_chow(ops: LatticeWeights, u: np.ndarray, pressure: tuple[np.ndarray, np.ndarray],
                              factors: tuple[float, float]) -> np.ndarray:
-    """a div u + b S p without the velocity of the walls, (n,); see `div_grad`.
+    """a div u + b S p without the velocity of the walls, (n,); see `div_grad` and `coupled`.
 
     pressure: p (n,) and its gradient (n, dim); factors: a, b.
+    """
+    return coupled(ops, u, pressure, (0.0, *factors))[1]
+
+
+def coupled(ops: LatticeWeights, u: np.ndarray, pressure: tuple[np.ndarray, np.ndarray],
+            factors: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """-dx^2 lap u + dx grad p, (n, dim), and a div u + b S p, (n,), without the velocity of the walls; both in one
+    pass over the pairs, most of whose time is to read them and the velocities.
+
+    pressure: p (n,) and its gradient (n, dim); factors: dx, a, b.
 
     Where the lattice resolves the pore, div is the consistent one. Narrow particles take minus the adjoint of the
     pressure gradient, sum_i V_i p_i div u_i = -sum_i V_i u_i . grad p_i over them: with the weights b of the gradient
@@ -294,20 +303,20 @@ def divergence_and_rhie_chow(ops: LatticeWeights, u: np.ndarray, pressure: tuple
     in other directions than the walls, and the consistent divergence of a pressure gradient have the wrong sign; that
     of the adjoint has not.
     """
-    out = np.empty(ops.n)
+    forces, mass = np.empty((ops.n, ops.dim)), np.empty(ops.n)
     unknowns = tuple(ops.exchange.forward(values) for values in (u, *pressure))
-    walls = ops.walls.div, ops.narrow
+    walls = ops.walls.lap, ops.walls.div, ops.narrow
     weights = (ops.pairs, ops.tensors, ops.whole), ops.on_lattice
-    over_rows(_divergence_and_rhie_chow, ops.n, weights, walls, unknowns, factors, out, work=partial(_row_weights, ops))
-    return out
+    over_rows(_coupled, ops.n, weights, walls, unknowns, factors, forces, mass, work=partial(_row_weights, ops))
+    return forces, mass
 
 
 def _row_weights(ops: LatticeWeights) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-    """Scratch of `_divergence_and_rhie_chow`: first and second moments, those of an offset or of a pair a column, and
-    weights of one row (3, offsets or places), zeros."""
+    """Scratch of `_coupled`: first and second moments, those of an offset or of a pair a column, and weights of one row
+    (4, offsets or places), zeros: of the gradient and of the Laplacian."""
     first, second = ops.pairs.first_moment.T, ops.pairs.second_moment.T
     m = len(ops.pairs.step) if ops.on_lattice else int(np.diff(ops.start).max(initial=1))
-    first_row, second_row, weights = in_one_piece((3, m), (6, m), (3, m))
+    first_row, second_row, weights = in_one_piece((3, m), (6, m), (4, m))
     weights[:] = 0.0
     if ops.on_lattice:  # few: along the memory
         first_row[:], second_row[:] = first, second
@@ -315,22 +324,15 @@ def _row_weights(ops: LatticeWeights) -> tuple[tuple[np.ndarray, np.ndarray], np
     return (first, second), weights
 
 
-def momentum(ops: LatticeWeights, u: np.ndarray, p: np.ndarray, dx: float, out: np.ndarray, grad_p: np.ndarray) -> None:
-    """-dx^2 lap u + dx grad p into out (n, dim), grad p into grad_p (n, dim)."""
-    u, p = ops.exchange.forward(u), ops.exchange.forward(p)
-    over_rows(_momentum, ops.n, (ops.pairs, ops.tensors, ops.whole), ops.walls.lap, dx, (u, p), out, grad_p)
+def add_gradient_p(ops: LatticeWeights, factor: float, p: np.ndarray, given: np.ndarray,
+                   found: tuple[np.ndarray, np.ndarray]) -> None:
+    """grad p into found[0], given + factor grad p into found[1], (n, dim) each. given may be found[1]."""
+    p, (gradient, out) = ops.exchange.forward(p), found
+    over_rows(_add_gradient_p, ops.n, ops.pairs, (ops.tensors.row, ops.tensors.gradient_p), factor, p, given, found)
     if len(ops.tensors.k_tensor_p):
         more = _second_order(ops.pairs, ops.tensors, p)
-        grad_p -= more
-        out -= dx * more
-
-
-def add_gradient_p(ops: LatticeWeights, factor: float, p: np.ndarray, out: np.ndarray) -> None:
-    """out (n, dim) += factor grad p."""
-    p = ops.exchange.forward(p)
-    over_rows(_add_gradient_p, ops.n, ops.pairs, (ops.tensors.row, ops.tensors.gradient_p), factor, p, out)
-    if len(ops.tensors.k_tensor_p):
-        out -= factor * _second_order(ops.pairs, ops.tensors, p)
+        gradient -= more
+        out -= factor * more
 
 
 def symmetric_laplacian(ops: LatticeWeights, f: np.ndarray) -> np.ndarray:
@@ -598,41 +600,9 @@ def _near_entries(rows, pairs, weight, wall_lap, area, matrix):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _momentum(rows, weights, wall_lap, dx, unknowns, out, grad_p):
-    (pairs, tensors, whole), (u, p) = weights, unknowns
-    start, column, offset_id = pairs.start, pairs.column, pairs.offset_id
-    first, second, laplace, gradient_p = pairs.first_moment, pairs.second_moment, tensors.laplace, tensors.gradient_p
-    dim, last = u.shape[1], u.shape[1] - 1
-    for i in range(rows[0], rows[1]):
-        s0 = s1 = s2 = v0 = v1 = v2 = 0.0
-        u0, u1, u2, pi, o = u[i, 0], u[i, 1], u[i, last], p[i], tensors.row[i]
-        if o == 0:
-            for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
-                j, t = np.uint32(column[q]), np.uint32(offset_id[q])
-                dp, a = p[j] - pi, whole.laplacian[t]
-                s0, s1, s2 = s0 + first[t, 0] * dp, s1 + first[t, 1] * dp, s2 + first[t, 2] * dp
-                v0, v1, v2 = v0 + a * (u[j, 0] - u0), v1 + a * (u[j, 1] - u1), v2 + a * (u[j, last] - u2)
-        else:
-            l0, l1, l2, l3, l4 = laplace[o, 0], laplace[o, 1], laplace[o, 2], laplace[o, 3], laplace[o, 4]
-            l5, b0, b1, b2 = laplace[o, 5], laplace[o, 6], laplace[o, 7], laplace[o, 8]
-            for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
-                j, t = np.uint32(column[q]), np.uint32(offset_id[q])
-                x0, x1, x2, dp = first[t, 0], first[t, 1], first[t, 2], p[j] - pi
-                s0, s1, s2 = s0 + x0 * dp, s1 + x1 * dp, s2 + x2 * dp
-                a = (l0 * second[t, 0] + l1 * second[t, 1] + l2 * second[t, 2] + l3 * second[t, 3] + l4 * second[t, 4]
-                     + l5 * second[t, 5] - b0 * x0 - b1 * x1 - b2 * x2)  # eq. 6 in factors, as `_lap_weight`
-                v0, v1, v2 = v0 + a * (u[j, 0] - u0), v1 + a * (u[j, 1] - u1), v2 + a * (u[j, last] - u2)
-        for k in range(dim):
-            g = gradient_p[o, k, 0] * s0 + gradient_p[o, k, 1] * s1 + (gradient_p[o, k, 2] * s2 if dim == 3 else 0.0)
-            grad_p[i, k] = g
-            v = v0 if k == 0 else v1 if k == 1 else v2
-            out[i, k] = dx * dx * (wall_lap[i] * u[i, k] - v) + dx * g
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _divergence_and_rhie_chow(rows, work, weights, walls, unknowns, factors, out):
-    ((pairs, tensors, whole), on_lattice), (wall_div, narrow), (u, p, grad_p) = weights, walls, unknowns
-    start, column, offset_id, (moments, g), (a, b) = pairs.start, pairs.column, pairs.offset_id, work, factors
+def _coupled(rows, work, weights, walls, unknowns, factors, forces, mass):
+    ((pairs, tensors, whole), on_lattice), (wall_lap, wall_div, narrow), (u, p, grad_p) = weights, walls, unknowns
+    start, column, offset_id, (moments, scratch), (dx, a, b) = pairs.start, pairs.column, pairs.offset_id, work, factors
     half, weight = whole.half_step, pairs.pair_laplacian
     dim, last = u.shape[1], u.shape[1] - 1
     for i in range(rows[0], rows[1]):
@@ -643,39 +613,49 @@ def _divergence_and_rhie_chow(rows, work, weights, walls, unknowns, factors, out
             j, t = np.uint32(column[q]), np.uint32(offset_id[q])
             odd_even += (weight[t] * (p[j] - pi) - half[t, 0] * (q0 + grad_p[j, 0]) - half[t, 1] * (q1 + grad_p[j, 1])
                          - half[t, 2] * (q2 + grad_p[j, last]))
-        if o == 0:
-            own = whole.gradient
-            for q in range(first, end):
-                j, t = np.uint32(column[q]), np.uint32(offset_id[q])
-                divergence += own[t, 0] * (u[j, 0] - u0) + own[t, 1] * (u[j, 1] - u1) + own[t, 2] * (u[j, last] - u2)
-        else:
+        g, begin = whole.weights, 0
+        if o != 0:
+            begin, count = (0, len(weight)) if on_lattice else (start[i], start[i + 1] - start[i])
+            _weights(tensors, o, moments, begin, count, scratch)
+            g = scratch
+        v0 = v1 = v2 = 0.0
+        for q in range(first, end):
+            j, t = np.uint32(column[q]), np.uint32(offset_id[q]) - np.uint32(begin)
+            d0, d1, d2, w = u[j, 0] - u0, u[j, 1] - u1, u[j, last] - u2, g[3, t]
+            divergence += g[0, t] * d0 + g[1, t] * d1 + g[2, t] * d2
+            v0, v1, v2 = v0 + w * d0, v1 + w * d1, v2 + w * d2
+        if o != 0:
+            if narrow[i]:
+                divergence = _adjoint_flux(pairs, tensors, i, u)
             for k in range(dim):
                 divergence -= wall_div[i, k] * u[i, k]
-                if narrow[i]:
-                    divergence += _adjoint_flux(pairs, tensors, i, k, u)
-            if not narrow[i]:
-                begin, count = (0, len(weight)) if on_lattice else (start[i], start[i + 1] - start[i])
-                _gradient_weights(tensors, o, moments, begin, count, g)
-                for q in range(first, end):
-                    j, t = np.uint32(column[q]), np.uint32(offset_id[q]) - np.uint32(begin)
-                    divergence += g[0, t] * (u[j, 0] - u0) + g[1, t] * (u[j, 1] - u1) + g[2, t] * (u[j, last] - u2)
-        out[i] = a * divergence + b * tensors.scale[o] * odd_even
+        mass[i] = a * divergence + b * tensors.scale[o] * odd_even
+        for k in range(dim):
+            v = v0 if k == 0 else v1 if k == 1 else v2
+            forces[i, k] = dx * dx * (wall_lap[i] * u[i, k] - v) + dx * grad_p[i, k]
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def _gradient_weights(tensors, o, moments, begin, count, out):
-    """Weights of the velocity gradient (dim, count) of the pairs whose moments are columns from `begin` on, by the
-    tensors in row o, as `_grad_weight`: all offsets of a lattice, along which they are vectors, take less time than the
-    pairs of a row one by one."""
+def _weights(tensors, o, moments, begin, count, out):
+    """Weights (4, count) of the velocity gradient and, last, of the Laplacian of the pairs whose moments are columns
+    from `begin` on, by the tensors in row o, as `_grad_weight` and `_lap_weight`: all offsets of a lattice, along which
+    they are vectors, take less time than the pairs of a row one by one."""
     first, second = moments
     x0, x1, x2, y0, y1, y2 = first[0], first[1], first[2], second[0], second[1], second[2]
     y3, y4, y5 = second[3], second[4], second[5]
-    for k in range(tensors.gradient.shape[1]):
-        g, weight, c0, c1, c2, c3, c4, c5 = tensors.gradient[o, k], out[k], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        if len(tensors.k_tensor) > 0:
-            c = tensors.k_tensor[o, k]
-            c0, c1, c2, c3, c4, c5 = c[0], c[1], c[2], c[3], c[4], c[5]
-        g0, g1, g2 = g[0], g[1], g[2] if len(g) == 3 else 0.0
+    for k in range(4):
+        if k == 3:
+            c = tensors.laplace[o]  # eq. 6 in factors
+            g0, g1, g2, c0, c1, c2, c3, c4, c5 = -c[6], -c[7], -c[8], -c[0], -c[1], -c[2], -c[3], -c[4], -c[5]
+        elif k >= tensors.gradient.shape[1]:
+            continue
+        else:
+            g, c0, c1, c2, c3, c4, c5 = tensors.gradient[o, k], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            g0, g1, g2 = g[0], g[1], g[2] if len(g) == 3 else 0.0
+            if len(tensors.k_tensor) > 0:
+                c = tensors.k_tensor[o, k]
+                c0, c1, c2, c3, c4, c5 = c[0], c[1], c[2], c[3], c[4], c[5]
+        weight = out[k]
         for t in range(np.uint64(count)):
             q = np.uint64(begin) + t
             weight[t] = (g0 * x0[q] + g1 * x1[q] + g2 * x2[q] - c0 * y0[q] - c1 * y1[q] - c2 * y2[q] - c3 * y3[q]
@@ -683,25 +663,26 @@ def _gradient_weights(tensors, o, moments, begin, count, out):
 
 
 @njit(cache=True, error_model="numpy", fastmath=False)
-def _adjoint_flux(pairs, tensors, i, k, u):
-    """Part of component k in the adjoint divergence of particle i: a_ji V_j = -a_ij V_i, T_ji V_j = T_ij V_i."""
-    first, second = pairs.first_moment, pairs.second_moment
+def _adjoint_flux(pairs, tensors, i, u):
+    """The adjoint divergence of particle i: a_ji V_j = -a_ij V_i, T_ji V_j = T_ij V_i."""
+    first, second, dim = pairs.first_moment, pairs.second_moment, u.shape[1]
     gradient_p, k_tensor_p, o, flux = tensors.gradient_p, tensors.k_tensor_p, tensors.row[i], 0.0
     for q in range(pairs.start[i], pairs.start[i + 1]):
         j, t = pairs.column[q], pairs.offset_id[q]
         n = tensors.row[j]
-        for m in range(u.shape[1]):
-            flux += first[t, m] * (gradient_p[o, k, m] * u[i, k] + gradient_p[n, k, m] * u[j, k])
-        if len(k_tensor_p) > 0:
-            for v in range(6):
-                flux -= second[t, v] * (k_tensor_p[o, k, v] * u[i, k] - k_tensor_p[n, k, v] * u[j, k])
+        for k in range(dim):
+            for m in range(dim):
+                flux += first[t, m] * (gradient_p[o, k, m] * u[i, k] + gradient_p[n, k, m] * u[j, k])
+            if len(k_tensor_p) > 0:
+                for v in range(6):
+                    flux -= second[t, v] * (k_tensor_p[o, k, v] * u[i, k] - k_tensor_p[n, k, v] * u[j, k])
     return flux
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _add_gradient_p(rows, pairs, tensors, factor, p, out):
+def _add_gradient_p(rows, pairs, tensors, factor, p, given, found):
     start, column, offset_id, first_moment = pairs.start, pairs.column, pairs.offset_id, pairs.first_moment
-    (row, gradient_p), dim = tensors, out.shape[1]
+    (row, gradient_p), dim, (gradient, out) = tensors, given.shape[1], found
     for i in range(rows[0], rows[1]):
         s0, s1, s2, pi = 0.0, 0.0, 0.0, p[i]
         for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
@@ -712,7 +693,8 @@ def _add_gradient_p(rows, pairs, tensors, factor, p, out):
         o = row[i]
         for k in range(dim):
             g = gradient_p[o, k]
-            out[i, k] += factor * (g[0] * s0 + g[1] * s1 + (g[2] * s2 if dim == 3 else 0.0))
+            along = g[0] * s0 + g[1] * s1 + (g[2] * s2 if dim == 3 else 0.0)
+            gradient[i, k], out[i, k] = along, given[i, k] + factor * along
 
 
 @njit(cache=True, nogil=True)

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from ..domain.communicator import current
 from ..domain.exchange import Exchange
-from .krylov import Apply, Convergence, Limits, Watch, gmres, gmres_from_the_right
+from .krylov import Apply, Convergence, Limits, Maps, Watch, gmres, gmres_from_the_right
 from .multigrid import BlockCycle, cycle, grounded, hierarchy
 from .pair_cycle import PairCycle, SweptMatrix
 
@@ -49,8 +49,8 @@ class Engine(Protocol):
         own settings."""
         ...
 
-    def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
-              start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
+    def gmres(self, maps: Maps, rhs: np.ndarray, limits: Limits, start: np.ndarray | None = None,
+              watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
         """See `krylov.gmres_from_the_right`."""
         ...
 
@@ -77,10 +77,10 @@ class OneProcess:
         """See `Engine`."""
         return BlockCycle(hierarchy(matrix, strength))
 
-    def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
-              start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
+    def gmres(self, maps: Maps, rhs: np.ndarray, limits: Limits, start: np.ndarray | None = None,
+              watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
         """See `Engine`."""
-        return gmres_from_the_right(apply, rhs, precondition, limits, start, watch)
+        return gmres_from_the_right(maps, rhs, limits, start, watch)
 
     def keep(self, matrix: sp.csr_matrix, exchange: Exchange) -> Kept:
         """See `Engine`."""

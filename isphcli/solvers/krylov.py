@@ -50,6 +50,19 @@ class SolveError(RuntimeError):
         )
 
 
+class Maps(NamedTuple):
+    """A system (m, m) as functions of vectors (m,): apply; precondition, an approximate inverse; and, where they share
+    work, apply of precondition as one."""
+
+    apply: Apply
+    precondition: Apply
+    product: Apply | None = None
+
+    def both(self, v: np.ndarray) -> np.ndarray:
+        """apply of precondition, (m,)."""
+        return self.apply(self.precondition(v)) if self.product is None else self.product(v)
+
+
 class Limits(NamedTuple):
     """Where a solve ends: at a residual of `tolerance` times the right-hand side, or after max_iterations; restart:
     Krylov vectors."""
@@ -124,18 +137,18 @@ def gmres(apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
     return solution, convergence_of(count, residual, tolerance)
 
 
-def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
-                         start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
+def gmres_from_the_right(maps: Maps, rhs: np.ndarray, limits: Limits, start: np.ndarray | None = None,
+                         watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
     """GMRES preconditioned from the right, which makes the true residual small.
 
-    Arguments and results as those of `gmres`. scipy's preconditions from the left: the residual that it watches is
+    Results and the other arguments as those of `gmres`. scipy's preconditions from the left: the residual that it watches is
     another one, and meeting it too early costs a restart; and its vectors are twice as long as a `KrylovBasis`.
     """
     tolerance, restart, max_iterations = limits
     count, norm = 0, reduce.norm(rhs)
     if norm == 0.0:
         return np.zeros_like(rhs), Convergence(0, 0.0, tolerance, "zero right-hand side")
-    solution, rest = _first_guess(apply, rhs, start)
+    solution, rest = _first_guess(maps.apply, rhs, start)
     residual = reduce.norm(rest) / norm
 
     def each(relative: float) -> None:
@@ -146,12 +159,12 @@ def gmres_from_the_right(apply: Apply, rhs: np.ndarray, precondition: Apply, lim
 
     while residual > tolerance and count < max_iterations:
         most = min(restart, reduce.number(rhs), max_iterations - count)
-        space = KrylovSpace(lambda v: apply(precondition(v)), rest, KrylovBasis(most + 1, len(rest)), most)
+        space = KrylovSpace(maps.both, rest, KrylovBasis(most + 1, len(rest)), most)
         space.grow(tolerance * norm, each)
         y = space.best()
         del space
-        solution += precondition(y)
-        rest = rhs - apply(solution)
+        solution += maps.precondition(y)
+        rest = rhs - maps.apply(solution)
         before, residual = residual, reduce.norm(rest) / norm
         if not residual < before:  # also where it is not finite
             break

@@ -17,7 +17,7 @@ from ..domain import reduce
 from ..domain.communicator import INSTALL, Ranks, RanksError, current
 from ..domain.exchange import Exchange
 from ..domain.migration import Numbered
-from .krylov import Apply, Convergence, Limits, Watch, convergence_of, gmres_from_the_right
+from .krylov import Apply, Convergence, Limits, Maps, Watch, convergence_of, gmres_from_the_right
 from .multigrid import grounded
 from .pair_cycle import SweptMatrix
 
@@ -114,10 +114,10 @@ class Petsc:
         if hasattr(PETSc, "garbage_cleanup"):
             PETSc.garbage_cleanup(self.comm)
 
-    def gmres(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
-              start: np.ndarray | None = None, watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
+    def gmres(self, maps: Maps, rhs: np.ndarray, limits: Limits, start: np.ndarray | None = None,
+              watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
         """See `engine.Engine`: in vectors of single precision, where PETSc's are 32 bytes a particle and iteration."""
-        return gmres_from_the_right(apply, rhs, precondition, limits, start, watch)
+        return gmres_from_the_right(maps, rhs, limits, start, watch)
 
     def gmres_of_step(self, apply: Apply, rhs: np.ndarray, precondition: Apply, limits: Limits,
                       start: np.ndarray | None = None) -> tuple[np.ndarray, Convergence]:

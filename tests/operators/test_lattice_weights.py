@@ -43,8 +43,8 @@ def test_factors_are_the_weights(dim, jitter, slip, order):
     rng = np.random.default_rng(0)
     u, p = rng.standard_normal((ops.n, dim)), rng.standard_normal(ops.n)
     assert (len(rows.pairs.step) < 40) == (jitter == 0.0)  # a lattice has few offsets
-    out, grad = np.empty_like(u), np.empty_like(u)
-    factored.momentum(rows, u, p, SPACING, out, grad)
+    grad = rows.gradient_p(p)
+    out, _ = factored.coupled(rows, u, (p, grad), (SPACING, 0.0, 0.0))
     expected = laplacian(ops, u) - ops.walls.lap[:, None] * u
     whole = rows.walls.lap_velocity - rows.walls.lap[:, None] * u
     if slip:
@@ -85,8 +85,7 @@ def test_the_matrix_is_what_the_rows_apply():
     ops, rows = both(3, 0.0)
     p = np.random.default_rng(0).standard_normal(ops.n)
     u = np.stack([p] * 3, axis=1)
-    out = np.empty_like(u)
-    factored.momentum(rows, u, np.zeros(ops.n), SPACING, out, np.empty_like(u))
+    out, _ = factored.coupled(rows, u, (np.zeros(ops.n), np.zeros_like(u)), (SPACING, 0.0, 0.0))
     np.testing.assert_allclose(factored.velocity_matrix(rows, SPACING) @ p, out[:, 0], atol=1e-12 * np.abs(out).max())
 
 
@@ -154,9 +153,9 @@ def test_bits_do_not_depend_on_the_threads(monkeypatch):
     def results():
         ops, rows = both(3, 0.0)
         u, p = np.random.default_rng(0).standard_normal((ops.n, 3)), np.random.default_rng(1).standard_normal(ops.n)
-        out, grad = np.empty_like(u), np.empty_like(u)
-        factored.momentum(rows, u, p, SPACING, out, grad)
-        return [ops.lap, ops.grad_p, out, grad, rows.total_divergence(u), rows.gradient_p(p),
+        grad = rows.gradient_p(p)
+        out, mass = factored.coupled(rows, u, (p, grad), (SPACING, SPACING, 1.0))
+        return [ops.lap, ops.grad_p, out, mass, grad, rows.total_divergence(u),
                 factored.nearest_matrix(rows, SPACING).data]
 
     first, *others = on_threads(monkeypatch, results)

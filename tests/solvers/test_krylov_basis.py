@@ -5,7 +5,7 @@ import pytest
 
 from isphcli.operators.assemble import assemble
 from isphcli.solvers import krylov_basis
-from isphcli.solvers.krylov import Limits, gmres_from_the_right
+from isphcli.solvers.krylov import Limits, Maps, gmres_from_the_right
 from isphcli.solvers.krylov_basis import CHUNK, DoubleBasis, KrylovBasis
 from tests.solvers.systems import operators
 from tests.threads import on_threads
@@ -67,7 +67,7 @@ def test_solves_reach_what_was_asked(tolerance):
     matrix = assemble(ops.start, ops.column, ops.lap, 100.0, 1.0)
     rhs = np.random.default_rng(0).normal(size=ops.n)
     seen = []
-    found, report = gmres_from_the_right(matrix.dot, rhs, lambda v: v, Limits(tolerance, 100, 400),
+    found, report = gmres_from_the_right(Maps(matrix.dot, lambda v: v), rhs, Limits(tolerance, 100, 400),
                                          watch=lambda *a: seen.append(a))
     assert report.converged and np.linalg.norm(rhs - matrix @ found) <= tolerance * np.linalg.norm(rhs)
     assert [k for k, _ in seen] == list(range(1, report.iterations + 1))
@@ -76,6 +76,6 @@ def test_solves_reach_what_was_asked(tolerance):
 
 def test_an_operator_that_maps_to_a_multiple_ends_after_one_product():
     rhs = np.random.default_rng(3).normal(size=SIZE)
-    found, report = gmres_from_the_right(lambda v: 2.0 * v, rhs, lambda v: v, Limits(1e-6, 10, 10))
+    found, report = gmres_from_the_right(Maps(lambda v: 2.0 * v, lambda v: v), rhs, Limits(1e-6, 10, 10))
     assert report.converged and report.iterations == 1
     np.testing.assert_allclose(found, 0.5 * rhs, atol=1e-6 * np.abs(rhs).max())
