@@ -275,7 +275,7 @@ def _program(run: MovingRun, between: ReservoirMeasures | None) -> DriveProgram:
             values = [past[column] for past in late if past.get(column) is not None]
             row[name] = float(np.mean(values)) if values else now.get(name)
             found = late_mean(late, column, state.time - program.window)
-            row[f"{name}_error"] = None if found is None else found.error
+            row |= {f"{name}_error": None} if found is None else {name: found.mean, f"{name}_error": found.error}
         for kind in ("saturation", "ganglia", "trapped"):
             row |= {f"{kind}_{name}": now[f"{kind}_{name}"] for name in measures.names}
         run.tables[CURVE].append(row)

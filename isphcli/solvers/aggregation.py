@@ -31,6 +31,8 @@ def prolongation(matrix: sp.csr_matrix, near_null: np.ndarray, strength: float) 
     aggregate, count = aggregates(sp.csr_matrix(counted_rows(n, connect), (n, n)))
     inside = aggregate >= 0
     length = np.sqrt(np.bincount(aggregate[inside], near_null[inside] ** 2, count))
+    inside &= length[aggregate] > 0.0  # where the vector vanishes on all of an aggregate nothing is left of it
+    aggregate[~inside] = -1
     tentative = np.divide(near_null, length[aggregate], out=np.zeros(n), where=inside)
     longest = int(np.diff(matrix.indptr).max(initial=0)) + 1
     # aggregates depend on the order of columns: those of coarse matrices on that of the prolongation

@@ -22,9 +22,22 @@ def test_hierarchies_are_those_of_pyamg(monkeypatch, strength):
     """Aggregates and the order of columns are the same, entries to round-off: the bound is on sums of some ten numbers
     of order one."""
     near_null = 1.0 + np.random.default_rng(5).random(14**3)
-    expected = multigrid.hierarchy(matrix(), strength, near_null)
+    assert_same(monkeypatch, matrix(), strength, near_null)
+
+
+def test_a_vector_that_vanishes_on_a_whole_aggregate_leaves_no_entries_there(monkeypatch):
+    """Two particles that see each other alone."""
+    system, near_null = matrix().tolil(), np.ones(14**3)
+    system[:2, :], system[:, :2], near_null[:2] = 0.0, 0.0, 0.0
+    system[:2, :2] = [[2.0, -1.0], [-1.0, 2.0]]
+    monkeypatch.setattr(multigrid, "IMPROVED", 0)
+    assert_same(monkeypatch, system.tocsr(), 0.02, near_null)
+
+
+def assert_same(monkeypatch, matrix, strength, near_null):
+    expected = multigrid.hierarchy(matrix, strength, near_null)
     monkeypatch.setattr(multigrid, "COMPILED", 0)
-    found = multigrid.hierarchy(matrix(), strength, near_null)
+    found = multigrid.hierarchy(matrix, strength, near_null)
     assert len(found.levels) == len(expected.levels) > 1
     for one, other in zip(found.levels, expected.levels):
         for part in "APR" if hasattr(other, "P") else "A":
