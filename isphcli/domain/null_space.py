@@ -27,12 +27,12 @@ class ComponentMeans:
         # a block has a sum of each component: all blocks together not more than there are particles
         self._edges = edges_of(len(labels), max(ROWS, len(self.count)))
 
-    def remove(self, v: np.ndarray) -> np.ndarray:
-        """v without its mean over each component, (n,)."""
+    def remove(self, v: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """v without its mean over each component, (n,), in `out` where that is given, which may be v."""
         if len(self.count) == 1:
-            return v - reduce.total(v) / self.count[0]  # eq. 26
+            return np.subtract(v, reduce.total(v) / self.count[0], out=out)  # eq. 26
         # eq. 26, with one constant vector per component
-        sums, out = np.zeros((len(self._edges) - 1, len(self.count))), np.empty(len(v))
+        sums, out = np.zeros((len(self._edges) - 1, len(self.count))), np.empty(len(v)) if out is None else out
         over_blocks(_sums, self._edges, self.labels, v, sums)
         over_rows(_less, len(v), self.labels, reduce.total(sums) / self.count, v, out)
         return out

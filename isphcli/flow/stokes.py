@@ -22,11 +22,11 @@ from ..operators.conductances import Conductances, sparse_pairs
 from ..operators.lattice_weights import (
     LatticeWeights,
     add_gradient_p,
+    add_symmetric_laplacian,
     coupled,
     divergence_and_rhie_chow,
     nearest_matrix,
     share_in_sight,
-    symmetric_laplacian,
     velocity_matrix,
 )
 from ..solvers.engine import ONE_PROCESS, Engine
@@ -105,27 +105,27 @@ class StokesSystem:
 
     def apply(self, v: np.ndarray) -> np.ndarray:
         """The coupled matrix times v, pressures without their means (eq. 25)."""
-        return self._apply(v, self.ops.gradient_p(self.split(v)[1]))
+        u, p = self.split(v)
+        return self._apply(u, p, self.ops.gradient_p(p))
 
-    def _apply(self, v: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
-        """The same, with the gradient (n, dim) of the pressure in v."""
-        (u, p), dx = self.split(v), self.spacing
-        out = np.empty_like(v)
+    def _apply(self, u: np.ndarray, p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
+        """The same of the parts of v, with the gradient (n, dim) of the pressure."""
+        out, dx = np.empty(self.ops.n * (self.dim + 1)), self.spacing
         forces, mass = self.split(out)
         # eq. 1 without inertia; dx div u - tau dx^2 S p
-        forces[:], both = coupled(self.ops, u, (p, grad_p), (dx, dx, -TAU * dx * dx))
+        coupled(self.ops, u, (p, grad_p), (dx, dx, -TAU * dx * dx), (forces, mass))
         if self.ops.walls.slip is not None:
             forces -= dx**2 * np.einsum("nkm,nm->nk", self.ops.walls.slip, u)
         if self.drag is not None:
             forces += self.drag[:, None] * u
-            both += self._less_odd_even(u, p, grad_p)
-        mass[:] = self.means.remove(both)  # eq. 25
+            mass += self._less_odd_even(self.drag, u, p, grad_p)
+        self.means.remove(mass, out=mass)  # eq. 25
         return out
 
-    def _less_odd_even(self, u: np.ndarray, p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
-        """What -tau dx^2 S p, (n,), becomes less by where a drag holds the fluid back: pressure moves it by as much less.
+    def _less_odd_even(self, drag: np.ndarray, u: np.ndarray, p: np.ndarray, grad_p: np.ndarray) -> np.ndarray:
+        """What -tau dx^2 S p, (n,), becomes less by where a drag holds the fluid back: pressure moves it as much less.
         tau is 1 / the diagonal of -dx^2 lap, which the drag adds to."""
-        factors, held = (0.0, -TAU * self.spacing**2), TAU * self.drag
+        factors, held = (0.0, -TAU * self.spacing**2), TAU * drag
         return divergence_and_rhie_chow(self.ops, u, (p, grad_p), factors) * (-held / (1.0 + held))
 
     def laplacian(self, flow: StokesFlow, force: Sequence[float] | np.ndarray) -> np.ndarray:
@@ -141,29 +141,26 @@ class StokesSystem:
     def precondition(self, v: np.ndarray) -> np.ndarray:
         """Block-triangular: the inverse Schur complement as the sum of its limits (Cahouet and Chabard), for short
         modes 1 - ROUGH dx^2 lap and for long ones Darcy's law; then cycles for all velocity components at once."""
-        return self._precondition(v)[0]
+        u, p, _ = self._precondition(v)
+        return np.concatenate([u.ravel(), p])
 
     def product(self, v: np.ndarray) -> np.ndarray:
         """`apply` of `precondition`, which both need the gradient of the same pressure."""
         return self._apply(*self._precondition(v))
 
-    def _precondition(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`precondition`, and the gradient (n, dim) of the pressure in it."""
-        forces, mass = self.split(v)
-        out = np.empty_like(v)
-        u, p = self.split(out)
-        dx = self.spacing
+    def _precondition(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The velocities (n, dim) and pressures (n,) of `precondition`, and the gradient (n, dim) of the pressures."""
+        (forces, mass), dx = self.split(v), self.spacing
         mass = self.means.remove(mass)
-        long, short = self._darcy(mass), symmetric_laplacian(self.ops, mass)
-        short *= ROUGH * dx * dx
-        long -= short
-        np.add(mass, self.means.remove(long), out=p)
+        p = self._darcy(mass)
+        add_symmetric_laplacian(self.ops, -ROUGH * dx * dx, mass, p)
+        self.means.remove(p, out=p)
+        p += mass
         grad_p, left = np.empty_like(forces), np.empty_like(forces)
         add_gradient_p(self.ops, -dx, p, forces, (grad_p, left))
         if self.dim < 3:
             left = np.hstack([left, np.zeros((self.ops.n, 3 - self.dim))])
-        u[:] = self._velocity(left)[:, : self.dim]
-        return out, grad_p
+        return self._velocity(left)[:, : self.dim], p, grad_p
 
     def balanced_force(self, force: Sequence[float] | np.ndarray) -> np.ndarray:
         """The acceleration `force` (dim,) as the gradient of its potential in the pressure's own operator, (n, dim).

@@ -25,6 +25,7 @@ from numba import njit
 
 from ..domain import reduce
 from ..domain.exchange import NO_EXCHANGE, Exchange
+from ..domain.neighbours import Neighbourhood
 from ..domain.row_threads import edges_of, in_one_piece, over_blocks, over_rows
 from .crossings import MEETS_WALL, WallStencils, in_sight
 from .kernel import normalisation, slope
@@ -161,16 +162,16 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1,
     """(LatticeWeights, row of each pair in the table of positions). order: of the velocity gradient, 1 (eq. 5) or 2."""
     everyone, walls, links, volume = stencils.neighbours, stencils.walls, stencils.links, stencils.volume
     x, n = everyone.x, everyone.n
-    start, row = np.zeros(n + 1, np.int64), everyone.row[links.link != MEETS_WALL]
+    start = np.zeros(n + 1, np.int64)
     np.cumsum(in_sight(everyone.start, links.link), out=start[1:])
-    offset_id, step = _numbered(x, start, row, 1e-6 * everyone.support)
+    row, column, offset_id, step = _pairs_in_sight(everyone, links.link, start)
     largest = reduce.largest(volume)
     on_lattice = reduce.largest(np.array([len(step)])) <= MOST_OFFSETS and reduce.smallest(volume) == largest
     if on_lattice:
         weight = np.full(len(step), largest)
     else:
         offset_id = np.arange(len(row), dtype=np.int32)
-        step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[everyone.owner[row]]
+        step, weight = x[row] - np.repeat(x[:n], np.diff(start), axis=0), volume[column]
     m = len(step)
     moments = first_moment, second_moment, pair_laplacian = np.zeros((m, 3)), np.zeros((m, 6)), np.zeros(m)
     _offset_weights(step, weight, everyone.kind, everyone.support, np.zeros(3), moments)
@@ -183,7 +184,7 @@ def build_lattice_weights(stencils: WallStencils, order: int = 1,
     sums, narrow = new_boundary_sums(n, dim, walls.slip_length), np.zeros(n, np.bool_)
     deficient = over_rows(_factors, rows, (which, everyone, links, volume, walls), order, tensors, narrow, sums,
                           work=partial(new_workspace, everyone))
-    pairs = LatticePairs(start, everyone.owner[row], offset_id, step, first_moment, second_moment, pair_laplacian)
+    pairs = LatticePairs(start, column, offset_id, step, first_moment, second_moment, pair_laplacian)
     wall_sums = WallSums(*boundary_sums(sums))
     return LatticeWeights(pairs, _with_remote(tensors, exchange), wall_sums, int(reduce.total(np.array(deficient))),
                           narrow, _whole_rows(pairs, tensors), exchange), row
@@ -287,13 +288,15 @@ def divergence_and_rhie_chow(ops: LatticeWeights, u: np.ndarray, pressure: tuple
 
     pressure: p (n,) and its gradient (n, dim); factors: a, b.
     """
-    return coupled(ops, u, pressure, (0.0, *factors))[1]
+    forces, mass = np.empty((ops.n, ops.dim)), np.empty(ops.n)
+    coupled(ops, u, pressure, (0.0, *factors), (forces, mass))
+    return mass
 
 
 def coupled(ops: LatticeWeights, u: np.ndarray, pressure: tuple[np.ndarray, np.ndarray],
-            factors: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """-dx^2 lap u + dx grad p, (n, dim), and a div u + b S p, (n,), without the velocity of the walls; both in one
-    pass over the pairs, most of whose time is to read them and the velocities.
+            factors: tuple[float, float, float], found: tuple[np.ndarray, np.ndarray]) -> None:
+    """-dx^2 lap u + dx grad p into found[0] (n, dim) and a div u + b S p into found[1] (n,), without the velocity of
+    the walls; both in one pass over the pairs, most of whose time is to read them and the velocities.
 
     pressure: p (n,) and its gradient (n, dim); factors: dx, a, b.
 
@@ -303,12 +306,10 @@ def coupled(ops: LatticeWeights, u: np.ndarray, pressure: tuple[np.ndarray, np.n
     in other directions than the walls, and the consistent divergence of a pressure gradient have the wrong sign; that
     of the adjoint has not.
     """
-    forces, mass = np.empty((ops.n, ops.dim)), np.empty(ops.n)
     unknowns = tuple(ops.exchange.forward(values) for values in (u, *pressure))
     walls = ops.walls.lap, ops.walls.div, ops.narrow
     weights = (ops.pairs, ops.tensors, ops.whole), ops.on_lattice
-    over_rows(_coupled, ops.n, weights, walls, unknowns, factors, forces, mass, work=partial(_row_weights, ops))
-    return forces, mass
+    over_rows(_coupled, ops.n, weights, walls, unknowns, factors, found, work=partial(_row_weights, ops))
 
 
 def _row_weights(ops: LatticeWeights) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
@@ -337,9 +338,15 @@ def add_gradient_p(ops: LatticeWeights, factor: float, p: np.ndarray, given: np.
 
 def symmetric_laplacian(ops: LatticeWeights, f: np.ndarray) -> np.ndarray:
     """sum_j symmetric_ij (f_j - f_i), (n,)."""
-    f, out = ops.exchange.forward(f), np.empty(ops.n)
-    over_rows(_symmetric, ops.n, ops.pairs, (ops.tensors.row, ops.tensors.scale), f, out)
+    out = np.zeros(ops.n)
+    add_symmetric_laplacian(ops, 1.0, f, out)
     return out
+
+
+def add_symmetric_laplacian(ops: LatticeWeights, factor: float, f: np.ndarray, out: np.ndarray) -> None:
+    """out (n,) += factor times the symmetric Laplacian of f (n,)."""
+    scales = ops.tensors.row, ops.tensors.scale
+    over_rows(_add_symmetric, ops.n, ops.pairs, scales, factor, ops.exchange.forward(f), out)
 
 
 def share_in_sight(ops: LatticeWeights) -> np.ndarray:
@@ -361,23 +368,26 @@ def _second_order(pairs: LatticePairs, tensors: Factors, p: np.ndarray) -> np.nd
 # --- building ----------------------------------------------------------------------------------------------------
 
 
-def _numbered(x: np.ndarray, start: np.ndarray, row: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """(number of the offset of each pair (n_pairs,) uint8, offsets (m, dim), m), in the order of the pairs that have
-    them first; offsets that differ by less than the tolerance, m, are one. Of more than MOST_OFFSETS only m is told.
+def _pairs_in_sight(everyone: Neighbourhood, link: np.ndarray,
+                    start: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(row, column, number of the offset, uint8, of each pair of `everyone` that no wall hides (n_pairs,); the offsets
+    (m, dim), m), numbered in the order of the pairs that have them first. Those that differ by less than round-off of
+    the places are one; of more than MOST_OFFSETS only m is told. start: (n + 1,) of those pairs.
 
     Blocks of rows begin with the offsets of the first one and number those that they have beyond them by themselves;
     these are joined in the order of the blocks.
     """
-    edges, dim = edges_of(len(start) - 1), x.shape[1]
-    offset_id, step = np.empty(len(row), np.uint8), np.empty((len(edges) - 1, MOST_OFFSETS, dim))
-    counts, pairs = np.zeros(len(step), np.int64), (x, start, row, tolerance)
-    _offsets((0, 1), edges, pairs, offset_id, step, counts)
+    edges, dim, tolerance = edges_of(len(start) - 1), everyone.x.shape[1], 1e-6 * everyone.support
+    row, column = np.empty(start[-1], np.int32), np.empty(start[-1], np.int32)
+    offset_id, step = np.empty(start[-1], np.uint8), np.empty((len(edges) - 1, MOST_OFFSETS, dim))
+    counts, given = np.zeros(len(step), np.int64), (everyone, link, start, tolerance)
+    _offsets((0, 1), edges, given, (row, column, offset_id), step, counts)
     common = min(int(counts[0]), MOST_OFFSETS)
-    if common == counts[0] and len(step) > 1:
-        step[1:], counts[1:] = step[0], common
-        over_blocks(_offsets, edges[1:], pairs, offset_id, step[1:], counts[1:])
+    if len(step) > 1:
+        step[1:], counts[1:] = step[0], counts[0]
+        over_blocks(_offsets, edges[1:], given, (row, column, offset_id), step[1:], counts[1:])
     if counts.max() > MOST_OFFSETS:
-        return offset_id, np.empty((MOST_OFFSETS + 1, dim))
+        return row, column, offset_id, np.empty((MOST_OFFSETS + 1, dim))
     every = step[0, :common]
     for k in np.flatnonzero(counts > common):
         number = np.arange(MOST_OFFSETS + 1)
@@ -387,24 +397,29 @@ def _numbered(x: np.ndarray, start: np.ndarray, row: np.ndarray, tolerance: floa
             number[own] = same[0] if len(same) else len(every) - 1
         block = slice(start[edges[k]], start[edges[k + 1]])
         offset_id[block] = number[offset_id[block]]
-    return offset_id, every.copy()
+    return row, column, offset_id, every.copy()
 
 
 @njit(cache=True, nogil=True)
-def _offsets(blocks, edges, pairs, offset_id, step, counts):
-    """Numbers of the offsets of the pairs of each block of rows, and its offsets, step (blocks, MOST_OFFSETS, dim);
-    counts (blocks,): of those, given and left. A block gives up beyond MOST_OFFSETS."""
-    x, start, row, tolerance = pairs
-    dim = x.shape[1]
+def _offsets(blocks, edges, given, pairs, step, counts):
+    """Rows, columns and numbers of the offsets of the pairs in sight of each block of rows, and its offsets, step
+    (blocks, MOST_OFFSETS, dim); counts (blocks,): of those, given and left, MOST_OFFSETS + 1 where there are more."""
+    (everyone, link, start, tolerance), (row, column, offset_id) = given, pairs
+    x, owner, dim = everyone.x, everyone.owner, everyone.x.shape[1]
     for block in range(blocks[0], blocks[1]):
         count = counts[block]
         for i in range(edges[block], edges[block + 1]):
-            guess = 0  # rows list their neighbours in the same order
+            q, guess = start[i], 0  # rows list their neighbours in the same order
             own_x, own_y, own_z = x[i, 0], x[i, 1], x[i, dim - 1]
-            for q in range(start[i], start[i + 1]):
-                j = row[q]
+            for p in range(everyone.start[i], everyone.start[i + 1]):
+                if link[p] == MEETS_WALL:
+                    continue
+                j, found, at = everyone.row[p], -1, q
+                row[at], column[at] = j, owner[j]
+                q += 1
+                if count > MOST_OFFSETS:
+                    continue
                 x_step, y_step, z_step = x[j, 0] - own_x, x[j, 1] - own_y, x[j, dim - 1] - own_z
-                found = -1
                 for tried in range(count):
                     t = guess + tried
                     if t >= count:
@@ -414,19 +429,15 @@ def _offsets(blocks, edges, pairs, offset_id, step, counts):
                     if off < tolerance:
                         found = t
                         break
-                if found < 0 and count < MOST_OFFSETS:
-                    for k in range(dim):
-                        step[block, count, k] = x[j, k] - x[i, k]
+                if found < 0:
+                    if count < MOST_OFFSETS:
+                        for k in range(dim):
+                            step[block, count, k] = x[j, k] - x[i, k]
                     found = count
                     count += 1
-                elif found < 0:
-                    counts[block] = MOST_OFFSETS + 1
-                    break
-                offset_id[q] = found
+                offset_id[at] = found
                 guess = found + 1
-            if counts[block] > MOST_OFFSETS:
-                break
-        counts[block] = max(count, counts[block])
+        counts[block] = count
 
 
 @njit(cache=True)
@@ -600,10 +611,10 @@ def _near_entries(rows, pairs, weight, wall_lap, area, matrix):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _coupled(rows, work, weights, walls, unknowns, factors, forces, mass):
+def _coupled(rows, work, weights, walls, unknowns, factors, found):
     ((pairs, tensors, whole), on_lattice), (wall_lap, wall_div, narrow), (u, p, grad_p) = weights, walls, unknowns
     start, column, offset_id, (moments, scratch), (dx, a, b) = pairs.start, pairs.column, pairs.offset_id, work, factors
-    half, weight = whole.half_step, pairs.pair_laplacian
+    half, weight, (forces, mass) = whole.half_step, pairs.pair_laplacian, found
     dim, last = u.shape[1], u.shape[1] - 1
     for i in range(rows[0], rows[1]):
         odd_even, divergence, pi, o = 0.0, 0.0, p[i], tensors.row[i]
@@ -732,14 +743,14 @@ def _potential_gradient(rows, pairs, tensors, force, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _symmetric(rows, pairs, scales, f, out):
+def _add_symmetric(rows, pairs, scales, factor, f, out):
     row, scale = scales
     start, column, offset_id, pair_laplacian = pairs.start, pairs.column, pairs.offset_id, pairs.pair_laplacian
     for i in range(rows[0], rows[1]):
         s, fi = 0.0, f[i]
         for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
             s += pair_laplacian[np.uint32(offset_id[q])] * (f[np.uint32(column[q])] - fi)
-        out[i] = scale[row[i]] * s
+        out[i] += factor * scale[row[i]] * s
 
 
 @njit(cache=True, nogil=True)

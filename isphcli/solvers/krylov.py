@@ -141,8 +141,9 @@ def gmres_from_the_right(maps: Maps, rhs: np.ndarray, limits: Limits, start: np.
                          watch: Watch | None = None) -> tuple[np.ndarray, Convergence]:
     """GMRES preconditioned from the right, which makes the true residual small.
 
-    Results and the other arguments as those of `gmres`. scipy's preconditions from the left: the residual that it watches is
-    another one, and meeting it too early costs a restart; and its vectors are twice as long as a `KrylovBasis`.
+    Results and the other arguments as those of `gmres`. scipy's preconditions from the left: the residual that it
+    watches is another one, and meeting it too early costs a restart; and its vectors are twice as long as a
+    `KrylovBasis`.
     """
     tolerance, restart, max_iterations = limits
     count, norm = 0, reduce.norm(rhs)
@@ -159,7 +160,7 @@ def gmres_from_the_right(maps: Maps, rhs: np.ndarray, limits: Limits, start: np.
 
     while residual > tolerance and count < max_iterations:
         most = min(restart, reduce.number(rhs), max_iterations - count)
-        space = KrylovSpace(maps.both, rest, KrylovBasis(most + 1, len(rest)), most)
+        space = KrylovSpace(maps.both, rest.copy() if rest is rhs else rest, KrylovBasis(most + 1, len(rest)), most)
         space.grow(tolerance * norm, each)
         y = space.best()
         del space
@@ -180,7 +181,7 @@ def _first_guess(apply: Apply, rhs: np.ndarray, start: np.ndarray | None) -> tup
 
 class KrylovSpace:
     """The space of a vector `rest` (m,) and its products with an operator, at most `most` of them, as Arnoldi makes it,
-    and the vector in it whose product is nearest to `rest`.
+    and the vector in it whose product is nearest to `rest`, which is written to.
 
     basis: an empty one, for most + 1 vectors. known: products so far; left: norm of what the best vector leaves of
     `rest`; complete: no further product can be taken.

@@ -102,11 +102,10 @@ class KrylovBasis:
 
     def append(self, vector: np.ndarray, length: float) -> np.ndarray:
         """The next vector, of this length and orthogonal to the others; returns it as it is stored, in double precision
-        and of length one, (size,)."""
-        out = np.empty(len(vector))
-        over_rows(_store, len(vector), vector, 1.0 / length, self._vectors[self.count], out)
+        and of length one, (size,), in its place."""
+        over_rows(_store, len(vector), vector, 1.0 / length, self._vectors[self.count])
         self.count += 1
-        return out
+        return vector
 
     def orthogonalise(self, vector: np.ndarray) -> tuple[np.ndarray, float]:
         """Takes the coefficients along the basis out of a vector in place: (coefficients (count,), length of the rest).
@@ -132,11 +131,11 @@ class KrylovBasis:
 
 
 @njit(cache=True, nogil=True)
-def _store(rows, vector, factor, stored, out):
-    """The vector times the factor into single precision, and from there."""
+def _store(rows, vector, factor, stored):
+    """The vector times the factor into single precision, and from there back."""
     for k in range(np.uint64(rows[0]), np.uint64(rows[1])):
         stored[k] = factor * vector[k]
-        out[k] = stored[k]
+        vector[k] = stored[k]
 
 
 @njit(cache=True, nogil=True, fastmath=REDUCE, forceinline=True)

@@ -6,11 +6,13 @@ import pytest
 from isphcli.domain.exchange import NeighbourExchange
 from isphcli.domain.halo import wrap
 from isphcli.domain.lattice import make_lattice
+from isphcli.domain.neighbours import Neighbourhood
 from isphcli.geometry.bodies import Shape, Sphere
 from isphcli.geometry.faces import Walls
 from isphcli.geometry.shape_geometry import ShapeGeometry
 from isphcli.operators import lattice_weights as factored
 from isphcli.operators.apply import laplacian
+from isphcli.operators.crossings import SHARES_PRESSURE
 from isphcli.operators.wall_scene import WallScene
 from isphcli.operators.wall_weights import build_wall_operators
 from isphcli.scene.place import place
@@ -44,7 +46,8 @@ def test_factors_are_the_weights(dim, jitter, slip, order):
     u, p = rng.standard_normal((ops.n, dim)), rng.standard_normal(ops.n)
     assert (len(rows.pairs.step) < 40) == (jitter == 0.0)  # a lattice has few offsets
     grad = rows.gradient_p(p)
-    out, _ = factored.coupled(rows, u, (p, grad), (SPACING, 0.0, 0.0))
+    out = np.empty_like(u)
+    factored.coupled(rows, u, (p, grad), (SPACING, 0.0, 0.0), (out, np.empty(ops.n)))
     expected = laplacian(ops, u) - ops.walls.lap[:, None] * u
     whole = rows.walls.lap_velocity - rows.walls.lap[:, None] * u
     if slip:
@@ -71,21 +74,27 @@ def test_numbers_of_offsets_depend_on_the_order_of_pairs_alone(monkeypatch):
     near = np.abs(x[:, None] - x).max(axis=2) <= 1.0
     near[:12] &= (x[:12, None] <= x).all(axis=2)  # neighbours ahead alone
     start, row = np.concatenate([[0], np.cumsum(near.sum(axis=1))]), np.nonzero(near)[1].astype(np.int32)
-    expected, step = factored._numbered(x, start, row, 1e-6)
-    assert len(step) == 9
-    assert np.array_equal(step[expected], x[row] - x.repeat(near.sum(axis=1), axis=0))
+
+    def found(x):
+        owner, link = np.arange(len(x), dtype=np.int32), np.full(len(row), SHARES_PRESSURE, np.int8)
+        return factored._pairs_in_sight(Neighbourhood(start, row, row, x, owner, 0, 1.5), link, start)
+
+    *pairs, number, step = found(x)
+    assert len(step) == 9 and all(np.array_equal(part, row) for part in pairs)
+    assert np.array_equal(step[number], x[row] - x.repeat(near.sum(axis=1), axis=0))
     monkeypatch.setattr(factored, "edges_of", lambda n: np.linspace(0, n, 21).astype(np.int64))
-    for found, others in on_threads(monkeypatch, lambda: factored._numbered(x, start, row, 1e-6)):
-        assert np.array_equal(found, expected) and np.array_equal(others, step)
-    _, off_lattice = factored._numbered(x + np.random.default_rng(0).random(x.shape), start, row, 1e-6)
-    assert len(off_lattice) > factored.MOST_OFFSETS
+    for _, _, other, others in on_threads(monkeypatch, lambda: found(x)):
+        assert np.array_equal(other, number) and np.array_equal(others, step)
+    *pairs, _, off_lattice = found(x + np.random.default_rng(0).random(x.shape))
+    assert len(off_lattice) > factored.MOST_OFFSETS and all(np.array_equal(part, row) for part in pairs)
 
 
 def test_the_matrix_is_what_the_rows_apply():
     ops, rows = both(3, 0.0)
     p = np.random.default_rng(0).standard_normal(ops.n)
     u = np.stack([p] * 3, axis=1)
-    out, _ = factored.coupled(rows, u, (np.zeros(ops.n), np.zeros_like(u)), (SPACING, 0.0, 0.0))
+    out, zeros = np.empty_like(u), (np.zeros(ops.n), np.zeros_like(u))
+    factored.coupled(rows, u, zeros, (SPACING, 0.0, 0.0), (out, np.empty(ops.n)))
     np.testing.assert_allclose(factored.velocity_matrix(rows, SPACING) @ p, out[:, 0], atol=1e-12 * np.abs(out).max())
 
 
@@ -153,8 +162,8 @@ def test_bits_do_not_depend_on_the_threads(monkeypatch):
     def results():
         ops, rows = both(3, 0.0)
         u, p = np.random.default_rng(0).standard_normal((ops.n, 3)), np.random.default_rng(1).standard_normal(ops.n)
-        grad = rows.gradient_p(p)
-        out, mass = factored.coupled(rows, u, (p, grad), (SPACING, SPACING, 1.0))
+        grad, out, mass = rows.gradient_p(p), np.empty_like(u), np.empty(ops.n)
+        factored.coupled(rows, u, (p, grad), (SPACING, SPACING, 1.0), (out, mass))
         return [ops.lap, ops.grad_p, out, mass, grad, rows.total_divergence(u),
                 factored.nearest_matrix(rows, SPACING).data]
 

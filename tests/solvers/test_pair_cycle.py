@@ -20,7 +20,7 @@ def test_it_is_the_cycle_of_the_matrix(monkeypatch):
     b = np.random.default_rng(1).standard_normal(matrix.n)
     b -= b.mean()
     expected, found = multigrid.cycle(multigrid.hierarchy(matrix.tocsr()))(b), pair_cycle.PairCycle(matrix)(b)
-    # constants are divided by GROUND, 1e-6, their round-off too: 6e-8 of it are seen
+    # constants are divided by GROUND, 1e-6, their round-off too
     expected, found = expected - expected.mean(), found - found.mean()
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
 
