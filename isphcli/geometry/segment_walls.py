@@ -1,6 +1,4 @@
-"""The first wall along a segment between shapes: exact chords, found by walking a grid of their convex pieces
-(Amanatides and Woo 1987).
-"""
+"""The first wall along a segment between shapes: exact chords in their convex pieces, which a grid lists by cells."""
 
 from __future__ import annotations
 
@@ -12,6 +10,7 @@ from numba import njit
 
 from .bodies import BALL, BLOCK, CYLINDER, HALF_SPACE, ROUND_OFF
 
+BALLS = 64  # solid balls near a point that are looked through together; what is beyond goes with the other pieces
 CELLS_A_PIECE = 8  # cells of the grid per piece: a bead then lies in about three cells along each axis
 
 
@@ -29,8 +28,9 @@ def extent_of(piece: np.ndarray) -> np.ndarray:
 
 def periodic_images(
     piece: np.ndarray, shape: np.ndarray, lower: np.ndarray, upper: np.ndarray, around: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Pieces with their periodic images, as far as they reach into the box, and their shapes."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(pieces with their periodic images, as far as they reach into the box; their shapes; (m, 3) centres of the pieces
+    that they are images of, and (m, 3) int64 how many boxes away from those)."""
     size, extent = upper - lower, extent_of(piece)
     piece = piece.copy()
     moves = np.isfinite(extent) & around
@@ -38,6 +38,7 @@ def periodic_images(
     centre[:] = np.where(moves, lower + np.mod(centre - lower, size), centre)
     reach = np.ceil(np.max(np.where(moves, extent, 0.0), axis=0, initial=0.0) / size).astype(int)
     found, owner = [np.zeros((0, 8))], [np.zeros(0, dtype=np.int64)]
+    origin, turns = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)]
     for shift in itertools.product(*(range(-r, r + 1) for r in reach)):
         at = centre + np.array(shift) * size
         slack = extent + ROUND_OFF * size
@@ -45,7 +46,9 @@ def periodic_images(
         keep &= (moves | (np.array(shift) == 0)).all(axis=1)
         found.append(np.column_stack([piece[keep, 0], at[keep], piece[keep, 4:]]))
         owner.append(shape[keep])
-    return np.concatenate(found), np.concatenate(owner)
+        origin.append(centre[keep])
+        turns.append(np.broadcast_to(np.array(shift), origin[-1].shape))
+    return np.concatenate(found), np.concatenate(owner), np.concatenate(origin), np.concatenate(turns)
 
 
 @njit(cache=True)
@@ -88,119 +91,239 @@ def fill_cells(piece, extent, lower, edge, counts):
     return start, entry
 
 
-class Line(NamedTuple):
-    """A segment x + t dx, 0 <= t <= 1, and how it walks through the cells of a grid, for kernels.
+class Surroundings(NamedTuple):
+    """Pieces near the point x (3,) that segments begin in, for kernels.
 
-    x, dx (3,): m; walk (3, 3): cell, step and steps left of each axis; face (3,): t of the next cell face of each axis;
-    local (3,): x relative to the cell, without whole box lengths.
+    x: m, within the box along periodic axes; ball: those that are balls and surely solid, BALLS at most: the way to x
+    from their centres, three (BALLS,), m, and its square less that of the radius, (BALLS,) m2, and room for where they
+    are met; around (m, 14): the others, rows as in `Region.pieces`, with the way from the centre of the piece to x in
+    the place of that centre, then the lower and upper corner, from x, of the box that the piece is taken from, infinite
+    along closed axes; number (m, 5) int64: the piece, along each axis how many boxes away from that of x it is taken,
+    its shape; cells (3, 3) int64, way (3,): scratch.
     """
 
     x: np.ndarray
-    dx: np.ndarray
-    walk: np.ndarray
-    face: np.ndarray
-    local: np.ndarray
+    ball: tuple[np.ndarray, ...]
+    around: np.ndarray
+    number: np.ndarray
+    cells: np.ndarray
+    way: np.ndarray
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def put_crossings(rows, xi, xj, grid, t):
-    """Fraction of the way from xi to xj (n, dim) to the first wall into t (n,); grid: a `shape_geometry.PieceGrid`."""
-    dim = xi.shape[1]
-    lower, edge, counts, around = grid.lower, grid.edge, grid.counts, grid.around
-    line = Line(np.zeros(3), np.zeros(3), np.zeros((3, 3), np.int64), np.zeros(3), np.zeros(3))
-    x, dx, states = line.x, line.dx, (grid.solid, grid.outside, grid.filled)
+    """Fraction of the way from xi to xj (n, dim) to the first wall into t (n,); grid: a `shape_geometry.PieceGrid`.
+    Segments one after the other that begin in one point, as those to the neighbours of a particle, are looked up
+    together; what one of them meets does not depend on the others."""
+    dim, k = xi.shape[1], rows[0]
+    lower, edge, counts, periodic = grid.lower, grid.edge, grid.counts, grid.around
+    lower, edge, counts, periodic = grid.lower, grid.edge, grid.counts, grid.around
+    reach = np.zeros((2, 3))
+    ball = np.zeros(BALLS), np.zeros(BALLS), np.zeros(BALLS), np.zeros(BALLS), np.zeros(BALLS)
+    near = Surroundings(np.zeros(3), ball, np.zeros((32, 14)), np.zeros((32, 5), np.int64), np.zeros((3, 3), np.int64),
+                        np.zeros(3))
     chords, owner = np.zeros((32, 2)), np.zeros(32, np.int64)
-    for k in range(rows[0], rows[1]):
-        end, r2 = 1.0, 0.0
+    while k < rows[1]:
+        first = k
         for a in range(dim):
-            x[a], dx[a] = xi[k, a], xj[k, a] - xi[k, a]
-            r2 += dx[a] * dx[a]
-            if around[a]:
+            near.x[a] = xi[first, a]
+            if periodic[a]:
                 period = edge[a] * counts[a]
-                x[a] -= np.floor((x[a] - lower[a]) / period) * period
-            elif dx[a] != 0.0:
+                near.x[a] -= np.floor((near.x[a] - lower[a]) / period) * period
+        k += 1
+        while k < rows[1] and _same(xi, first, k):
+            k += 1
+        longest = _reach_of(xi, xj, (first, k), reach)
+        balls, m, near = _pieces_near(near, reach, longest, grid)
+        if m > len(owner):
+            chords, owner = np.zeros((len(near.around), 2)), np.zeros(len(near.around), np.int64)
+        _put_first_walls((first, k, balls, m), (xi, xj), near, grid, (chords, owner), longest, t)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _same(x, i, k):
+    same = True
+    for a in range(x.shape[1]):
+        same &= x[i, a] == x[k, a]
+    return same
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _reach_of(xi, xj, rows, reach):
+    """The greatest length of some segments, m; how far they go down and up along each axis into reach (2, 3), m."""
+    longest = 0.0
+    reach[:] = 0.0
+    for k in range(rows[0], rows[1]):
+        r2 = 0.0
+        for a in range(xi.shape[1]):
+            way = xj[k, a] - xi[k, a]
+            r2 += way * way
+            reach[0, a], reach[1, a] = min(reach[0, a], way), max(reach[1, a], way)
+        longest = max(longest, r2)
+    return np.sqrt(longest)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _pieces_near(near, reach, longest, grid):
+    """(balls, others, Surroundings) with the pieces that segments from near.x may meet, in longer arrays where those
+    given are full. reach (2, 3): from x to the lowest and the highest of their ends along each axis, longest: their
+    greatest length, m."""
+    x, (ball_x, ball_y, ball_z, power, _), around, number, cells, _ = near
+    lower, edge, counts, piece, entry, balls, m = grid.lower, grid.edge, grid.counts, grid.piece, grid.entry, 0, 0
+    shape, sure, periodic, longest = grid.shape, grid.sure, grid.around, longest * (1.0 + 1e-9)
+    origin, turns = grid.origin, grid.turns
+    for a in range(3):
+        for side in range(2):
+            at = int(np.floor((x[a] + reach[side, a] - lower[a]) / edge[a]))
+            cells[side, a] = at if periodic[a] else min(max(at, 0), counts[a] - 1)
+    for z in range(cells[0, 2], cells[1, 2] + 1):
+        for y in range(cells[0, 1], cells[1, 1] + 1):
+            for first in range(cells[0, 0], cells[1, 0] + 1):
+                cell = 0
+                for a in range(2, -1, -1):
+                    i = first if a == 0 else y if a == 1 else z
+                    # a division takes ten times as long
+                    cells[2, a] = 0 if 0 <= i < counts[a] else i // counts[a]
+                    cell = cell * counts[a] + i - cells[2, a] * counts[a]
+                for q in range(grid.start[cell], grid.start[cell + 1]):
+                    p = entry[q]
+                    # from the piece itself: the same digits by whichever of its images it is found
+                    w0 = x[0] - (origin[p, 0] + (turns[p, 0] + cells[2, 0]) * (edge[0] * counts[0]))
+                    w1 = x[1] - (origin[p, 1] + (turns[p, 1] + cells[2, 1]) * (edge[1] * counts[1]))
+                    w2, known = x[2] - (origin[p, 2] + (turns[p, 2] + cells[2, 2]) * (edge[2] * counts[2])), False
+                    if piece[p, 0] == BALL:
+                        far, away2 = longest + piece[p, 4] * (1.0 + 1e-9), w0 * w0 + w1 * w1 + w2 * w2
+                        if away2 > far * far:
+                            continue
+                        if sure[shape[p]] and balls < BALLS:
+                            for c in range(balls):
+                                known |= ball_x[c] == w0 and ball_y[c] == w1 and ball_z[c] == w2
+                            if not known:
+                                ball_x[balls], ball_y[balls], ball_z[balls] = w0, w1, w2
+                                power[balls] = away2 - piece[p, 4] * piece[p, 4]
+                                balls += 1
+                            continue
+                    for c in range(m):
+                        same = number[c, 0] == p
+                        for a in range(3):
+                            same &= number[c, 1 + a] == cells[2, a]
+                        known |= same
+                    if known:
+                        continue
+                    if m == len(around):
+                        around = np.concatenate((around, np.zeros_like(around)))
+                        number = np.concatenate((number, np.zeros_like(number)))
+                    number[m, 0], around[m, 0], around[m, 1], around[m, 2], around[m, 3] = p, piece[p, 0], w0, w1, w2
+                    number[m, 4] = shape[p]
+                    for a in range(3):
+                        period = edge[a] * counts[a]
+                        number[m, 1 + a] = cells[2, a]
+                        low = lower[a] + cells[2, a] * period - x[a]
+                        around[m, 8 + a], around[m, 11 + a] = (low, low + period) if periodic[a] else (-np.inf, np.inf)
+                    for a in range(4, 8):
+                        around[m, a] = piece[p, a]
+                    m += 1
+    return balls, m, Surroundings(x, near.ball, around, number, cells, near.way)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _holding_all(around, number, m, longest, chords, owner):
+    """(held, rest) of m pieces: those that hold every segment of at most `longest`, m, from x, such as the column round
+    a pack, have endless chords; the rest, so many, comes before in the list."""
+    held, longest = 0, longest * (1.0 + 1e-9)
+    for p in range(m - 1, -1, -1):
+        kind, axis, across2, depth = int(around[p, 0]), int(around[p, 7]), 0.0, np.inf
+        for a in range(3):
+            way = around[p, 1 + a]
+            if kind == BALL or (kind == CYLINDER and a != axis):
+                across2 += way * way
+            elif kind == BLOCK:
+                depth = min(depth, around[p, 4 + a] - abs(way))
+            elif kind == CYLINDER:
+                depth = min(depth, around[p, 5] - abs(way))
+        if kind == BALL or kind == CYLINDER:
+            depth = min(depth, around[p, 4] - np.sqrt(across2))
+        if kind != HALF_SPACE and depth > longest:
+            chords[held, 0], chords[held, 1], owner[held] = -np.inf, np.inf, number[p, 4]
+            held, m = held + 1, m - 1
+            for a in range(14):
+                around[p, a] = around[m, a]
+            for a in range(5):
+                number[p, a] = number[m, a]
+    return held, m
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _put_first_walls(numbers, ends, near, grid, found, longest, t):
+    """Puts the first wall of some segments into t: those from numbers[0] to numbers[1], of at most `longest`, m, that
+    begin in near.x, beside numbers[2] solid balls and numbers[3] other pieces. ends: xi, xj of `put_crossings`; found:
+    room for the chords (t_in, t_out) of a segment and the shapes that they are of.
+
+    One function for all of them, because a tuple of arrays that is made in a loop takes longer than a piece.
+    """
+    (first, last, balls, m), (xi, xj), (chords, owner), dim = numbers, ends, found, ends[0].shape[1]
+    lower, edge, counts, periodic, sure = grid.lower, grid.edge, grid.counts, grid.around, grid.sure
+    x, (ball_x, ball_y, ball_z, power, met), around, number, states = near.x, near.ball, near.around, near.number, (
+        grid.solid, grid.outside, grid.filled)
+    held, m = _holding_all(around, number, m, longest, chords, owner)
+    walled = _first_solid(chords, owner, held, 1.0, 0.0, states) < 1.0  # where no other piece is
+    dx = near.way
+    for q in range(first, last):
+        end, step2, many = 1.0, 0.0, held
+        for a in range(dim):
+            dx[a] = xj[q, a] - xi[q, a]
+            step2 += dx[a] * dx[a]
+            if not periodic[a] and dx[a] != 0.0:
                 wall = lower[a] + edge[a] * counts[a] if dx[a] > 0 else lower[a]
                 end = min(end, max((wall - x[a]) / dx[a], 0.0))
-        if r2 > 0.0:
-            least = grid.round_off / np.sqrt(r2)
-            end, m, chords, owner = _chords(line, end, least, grid, chords, owner)
-            end = _first_solid(chords, owner, m, end, least, states)
-        t[k] = max(end, ROUND_OFF)
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _chords(line, end, least, grid, chords, owner):
-    """Chords (t_in, t_out) of a segment in the pieces of the cells that it passes (Amanatides and Woo 1987).
-
-    Returns (end, m, chords, owner): where a piece that is surely solid begins, the number of chords before,
-    the chords and their shapes, in longer arrays where those given are full.
-    """
-    x, dx, walk, face, local = line
-    edge, counts, around, piece, shape = grid.edge, grid.counts, grid.around, grid.piece, grid.shape
-    lower, start, entry, sure = grid.lower, grid.start, grid.entry, grid.sure
-    m = 0
-    for a in range(3):
-        first = int(np.floor((x[a] - lower[a]) / edge[a]))
-        last = int(np.floor((x[a] + end * dx[a] - lower[a]) / edge[a]))
-        if not around[a]:
-            first, last = min(max(first, 0), counts[a] - 1), min(max(last, 0), counts[a] - 1)
-        walk[a, 0], walk[a, 1], walk[a, 2] = first, 1 if last > first else -1, abs(last - first)
-        face[a] = _cell_face(line, grid, a)
-    entered = 0.0
-    while True:
-        axis = 0 if face[0] <= face[1] and face[0] <= face[2] else 1 if face[1] <= face[2] else 2
-        left = min(max(face[axis], entered), end)
-        cell = 0
-        for a in range(2, -1, -1):
-            turns = 0 if 0 <= walk[a, 0] < counts[a] else walk[a, 0] // counts[a]  # a division takes ten times as long
-            cell = cell * counts[a] + walk[a, 0] - turns * counts[a]
-            local[a] = x[a] - turns * (edge[a] * counts[a])
-        for q in range(start[cell], start[cell + 1]):
-            p = entry[q]
-            t_in, t_out = _chord(piece, p, local, dx)
-            if piece[p, 0] == HALF_SPACE:  # a half-space has no images: it is cut where points are wrapped
-                t_in, t_out = max(t_in, entered), min(t_out, left)
-            if t_in >= t_out or t_in >= end or t_out <= 0.0:
-                continue
-            if sure[shape[p]]:
-                if t_out - max(t_in, 0.0) > least:
+        if step2 == 0.0:
+            t[q] = 1.0
+            continue
+        least, dx0, dx1, dx2 = grid.round_off / np.sqrt(step2), dx[0], dx[1], dx[2]
+        for c in range(balls):  # as `_chord`, without branches, so that it is vectors
+            along = ball_x[c] * dx0 + ball_y[c] * dx1 + ball_z[c] * dx2
+            root = along * along - step2 * power[c]
+            far = np.sqrt(max(root, 0.0)) + abs(along)
+            outer, inner = far / step2, power[c] / far
+            t_in, t_out = (inner, outer) if along < 0.0 else (-outer, -inner)
+            t_in = max(t_in, 0.0)
+            met[c] = t_in if root > 0.0 and t_out - t_in > least else np.inf
+        for c in range(balls):
+            end = min(end, met[c])
+        for p in range(m):
+            t_in, t_out = _chord(around, p, dx)
+            if around[p, 0] == HALF_SPACE:  # it has no images: it ends where points are wrapped
+                for a in range(3):
+                    low, high = around[p, 8 + a], around[p, 11 + a]
+                    if dx[a] != 0.0:
+                        t_in = max(t_in, min(low / dx[a], high / dx[a]))
+                        t_out = min(t_out, max(low / dx[a], high / dx[a]))
+                    elif low > 0.0 or high < 0.0:
+                        t_out = -np.inf
+            of, known = number[p, 4], t_in >= t_out or t_in >= end or t_out <= 0.0
+            if sure[of]:
+                if not known and t_out - max(t_in, 0.0) > least:
                     end = max(t_in, 0.0)
                 continue
-            known = False
-            for c in range(m):
-                known |= chords[c, 0] == t_in and chords[c, 1] == t_out and owner[c] == shape[p]
-            if known:
-                continue
-            if m == len(chords):
-                chords = np.concatenate((chords, np.zeros_like(chords)))
-                owner = np.concatenate((owner, np.zeros_like(owner)))
-            chords[m, 0], chords[m, 1], owner[m] = t_in, t_out, shape[p]
-            m += 1
-        if walk[0, 2] + walk[1, 2] + walk[2, 2] == 0 or left >= end:
-            return end, m, chords, owner
-        entered = left
-        walk[axis, 0] += walk[axis, 1]
-        walk[axis, 2] -= 1
-        face[axis] = _cell_face(line, grid, axis)
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _cell_face(line, grid, a):
-    """Place along the segment of the next cell face of axis a; infinite when no face is left."""
-    walk = line.walk
-    if walk[a, 2] == 0:
-        return np.inf
-    return (grid.lower[a] + (walk[a, 0] + (1 if walk[a, 1] > 0 else 0)) * grid.edge[a] - line.x[a]) / line.dx[a]
+            for c in range(held, many):
+                known |= chords[c, 0] == t_in and chords[c, 1] == t_out and owner[c] == of
+            if not known:
+                chords[many, 0], chords[many, 1], owner[many] = t_in, t_out, of
+                many += 1
+        if many > held or walled:
+            end = _first_solid(chords, owner, many, end, least, states)
+        t[q] = max(end, ROUND_OFF)
 
 
 @njit(cache=True, error_model="numpy")
-def _chord(piece, p, x, dx):
-    """Where the line x + t dx enters and leaves piece p; (inf, -inf) if it misses it."""
+def _chord(piece, p, dx):
+    """Where the line x + t dx enters and leaves a piece; (inf, -inf) if it misses it. Row p of piece: as in
+    `Surroundings.around`."""
     kind, axis = int(piece[p, 0]), int(piece[p, 7])
     if kind == HALF_SPACE:
         height, rise = 0.0, 0.0
         for a in range(3):
-            height += (x[a] - piece[p, 1 + a]) * piece[p, 4 + a]
+            height += piece[p, 1 + a] * piece[p, 4 + a]
             rise += dx[a] * piece[p, 4 + a]
         if rise == 0.0:
             return (-np.inf, np.inf) if height < 0.0 else (np.inf, -np.inf)
@@ -208,13 +331,13 @@ def _chord(piece, p, x, dx):
     t_in, t_out = -np.inf, np.inf
     if kind == BLOCK:
         for a in range(3):
-            low, high = _slab(x[a] - piece[p, 1 + a], dx[a], piece[p, 4 + a])
+            low, high = _slab(piece[p, 1 + a], dx[a], piece[p, 4 + a])
             t_in, t_out = max(t_in, low), min(t_out, high)
         return t_in, t_out
     away2, along, step2 = 0.0, 0.0, 0.0
     for a in range(3):
         if kind == BALL or a != axis:
-            away = x[a] - piece[p, 1 + a]
+            away = piece[p, 1 + a]
             away2 += away * away
             along += away * dx[a]
             step2 += dx[a] * dx[a]
@@ -231,7 +354,7 @@ def _chord(piece, p, x, dx):
         q = np.sqrt(root) + abs(along)  # without cancellation
         t_in, t_out = (power / q, q / step2) if along < 0.0 else (-q / step2, -power / q)
     if kind == CYLINDER:
-        low, high = _slab(x[axis] - piece[p, 1 + axis], dx[axis], piece[p, 5])
+        low, high = _slab(piece[p, 1 + axis], dx[axis], piece[p, 5])
         t_in, t_out = max(t_in, low), min(t_out, high)
     return t_in, t_out
 

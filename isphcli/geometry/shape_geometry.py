@@ -229,7 +229,8 @@ class PieceGrid(NamedTuple):
     """Convex pieces of a scene and their images, listed by the cells of a grid over the box; axes x, y, z.
 
     lower, edge (3,): of cells, m; counts, around (3,): cells and periodicity; start, entry: pieces of each
-    cell; piece (m, 8): see `Region.pieces`; shape (m,): the shape each is of; solid, outside, sure: of each
+    cell; piece (m, 8): see `Region.pieces`; shape (m,): the shape each is of; origin, turns (m, 3): see
+    `periodic_images`; solid, outside, sure: of each
     shape, sure: what is in its pieces is solid whatever the other shapes; dim: of the scene, whose third axis is a
     thin layer in 2D; filled: solid fills the box where no shape is; round_off, probe: m, lengths that are nothing, and
     how far from a point its surroundings are looked at.
@@ -243,6 +244,8 @@ class PieceGrid(NamedTuple):
     entry: np.ndarray
     piece: np.ndarray
     shape: np.ndarray
+    origin: np.ndarray
+    turns: np.ndarray
     solid: np.ndarray
     outside: np.ndarray
     sure: np.ndarray
@@ -262,7 +265,7 @@ class PieceGrid(NamedTuple):
         of_shape = [s.body.pieces(geometry.period) for s in geometry.shapes]
         piece = np.concatenate([np.zeros((0, 8)), *of_shape])
         shape = np.repeat(np.arange(len(of_shape)), [len(p) for p in of_shape])
-        piece, shape = periodic_images(piece, shape, lower, upper, around)
+        piece, shape, origin, turns = periodic_images(piece, shape, lower, upper, around)
         size = upper - lower
         edge = (size[: geometry.dim].prod() / (CELLS_A_PIECE * max(len(piece), 1))) ** (1 / geometry.dim)
         counts = np.clip(np.round(size / edge), 1, 500).astype(np.int64)
@@ -272,8 +275,8 @@ class PieceGrid(NamedTuple):
         outside = np.array([s.outside for s in geometry.shapes], dtype=np.bool_)
         sure = solid & ~outside & np.logical_and.accumulate(solid[::-1])[::-1]
         start, entry = fill_cells(piece, extent_of(piece), lower, edge, counts)
-        return cls(lower, edge, counts, around, start, entry, piece, shape, solid, outside, sure, geometry.dim,
-                   geometry.fluid < 0, geometry.round_off, PROBE / ROUND_OFF * geometry.round_off)
+        return cls(lower, edge, counts, around, start, entry, piece, shape, origin, turns, solid, outside, sure,
+                   geometry.dim, geometry.fluid < 0, geometry.round_off, PROBE / ROUND_OFF * geometry.round_off)
 
 
 ON_FACE = 1000  # points at which the two sides of a periodic face are compared

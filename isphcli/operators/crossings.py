@@ -13,13 +13,12 @@ import numpy as np
 from numba import njit
 
 from ..domain.neighbours import Neighbourhood
-from ..domain.row_threads import over_parts, over_rows
+from ..domain.row_threads import cut, over_parts, over_rows
 
 if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
-AT_ONCE = 65_536  # pairs that a thread asks of the geometry in one go: bounds the memory of large scenes
-SCANNED = 500 * AT_ONCE  # pairs looked through for those to ask about
+AT_ONCE = 2048  # particles whose pairs a thread asks of the geometry in one go: bounds the memory of large scenes
 NEAREST_CROSSING = 0.02  # smallest t of a pair at a wall; smaller ones triple the iterations and change k by 1e-5
 # What links a pair: a wall is met on the way; the two see each other but share no pressure (`narrow_pores`); they do
 MEETS_WALL, IN_SIGHT, SHARES_PRESSURE = 0, 1, 2
@@ -73,33 +72,32 @@ class WallStencils:
 
 def crossings(geometry: Geometry, neighbours: Neighbourhood, walls: WallTable) -> Links:
     """Where each pair meets a wall: its t and MEETS_WALL, or SHARES_PRESSURE for fluid pairs in sight."""
-    x, start = neighbours.x, neighbours.start
-    t, link = [np.zeros(0)], np.full(len(neighbours.row), SHARES_PRESSURE, np.int8)
-    suspect = np.empty(len(neighbours.row), np.bool_)
-    over_rows(_may_cross_a_wall, len(start) - 1, neighbours, walls.fluid, walls.distance, suspect)
+    x, start, n = neighbours.x, neighbours.start, neighbours.n
+    link, suspect = np.full(len(neighbours.row), SHARES_PRESSURE, np.int8), np.empty(len(neighbours.row), np.bool_)
+    many = np.empty(n, np.int64)
+    over_rows(_may_cross_a_wall, n, neighbours, walls.fluid, walls.distance, suspect, many)
 
     def met_walls(part: tuple[int, int]) -> np.ndarray:
-        some = ask[part[0] : part[1]]
-        i, j = np.searchsorted(start, some, side="right") - 1, neighbours.row[some]
-        met = geometry.crossing(x[i], x[j])
+        some = start[part[0]] + np.flatnonzero(suspect[start[part[0]] : start[part[1]]])
+        j = neighbours.row[some]
+        met = geometry.crossing(np.repeat(x[slice(*part)], many[slice(*part)], axis=0), x[j])
         # a pair with a dummy always meets a wall: at the place of the dummy, t = 1, where the geometry finds none
         wall = ~(walls.fluid[j] & (met >= 1.0))
         link[some[wall]] = MEETS_WALL
         return np.clip(met[wall], NEAREST_CROSSING, 1.0)
 
-    for begin in range(0, len(suspect), SCANNED):
-        ask = begin + np.flatnonzero(suspect[begin : begin + SCANNED])
-        t += over_parts(met_walls, [(k, min(k + AT_ONCE, len(ask))) for k in range(0, len(ask), AT_ONCE)])
+    t = over_parts(met_walls, cut(n, -(-n // AT_ONCE)))
     first = np.concatenate([[0], np.cumsum(np.diff(start) - in_sight(start, link))])
-    return Links(link, np.concatenate(t), first)
+    return Links(link, np.concatenate([np.zeros(0), *t]), first)
 
 
 @njit(cache=True, nogil=True)
-def _may_cross_a_wall(rows, neighbours, fluid, distance, keep):
+def _may_cross_a_wall(rows, neighbours, fluid, distance, keep, many):
     """Which pairs may cross a wall, into keep (n_pairs,) bool: those with a dummy, and fluid pairs that two free balls
-    do not cover."""
+    do not cover. How many of each particle goes into many (n,)."""
     x, start, index = neighbours.x, neighbours.start, neighbours.row
     for i in range(rows[0], rows[1]):
+        count = 0
         for p in range(start[i], start[i + 1]):
             j = index[p]
             keep[p] = not fluid[j]
@@ -109,6 +107,8 @@ def _may_cross_a_wall(rows, neighbours, fluid, distance, keep):
                     r2 += (x[j, k] - x[i, k]) ** 2
                 clear = (distance[i] + distance[j]) * (1.0 + 1e-9)
                 keep[p] = clear * clear < r2
+            count += keep[p]
+        many[i] = count
 
 
 def in_sight(start: np.ndarray, link: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The walk of a segment through the pieces of shapes: chords by hand, images, and cells that hold what they must."""
+"""Segments through the pieces of shapes: chords by hand, images, and cells that hold what they must."""
 
 import itertools
 
@@ -17,35 +17,42 @@ def piece(body):
     return found[None]
 
 
-@pytest.mark.parametrize(("body", "x", "dx", "chord"), [
+def chord(pieces, x, dx):
+    """Of the line x + t dx in the first of some pieces (m, 8): the kernel takes the way from its centre to x."""
+    around = pieces.copy()
+    around[:, 1:4] = x - pieces[:, 1:4]
+    return _chord(around, 0, np.asarray(dx, float))
+
+
+@pytest.mark.parametrize(("body", "x", "dx", "ends"), [
     (Sphere((0, 0, 0), 1.0), (-3, 0, 0), (2, 0, 0), (1.0, 2.0)),
     (Sphere((0, 0, 0), 1.0), (-3, 0.6, 0), (1, 0, 0), (2.2, 3.8)),
     (Box((-1, -1, -1), (1, 1, 1)), (-2, -2, 0), (1, 1, 0), (1.0, 3.0)),
     (Cylinder(2, (0, 0, 0), 1.0), (0, -2, 5), (0, 1, 1), (1.0, 3.0)),
     (Cylinder(2, (0, 0, 0), 1.0, (-1, 1)), (0, 0, -3), (0, 0, 1), (2.0, 4.0)),
 ])
-def test_chords_by_hand(body, x, dx, chord):
-    found = _chord(piece(body), 0, np.array(x, float), np.array(dx, float))
-    assert found == pytest.approx(chord, abs=1e-15)
-    back = _chord(piece(body), 0, np.array(x, float) + 5 * np.array(dx, float), -np.array(dx, float))
-    assert back == pytest.approx((5 - chord[1], 5 - chord[0]), abs=1e-14)  # the same chord the other way
+def test_chords_by_hand(body, x, dx, ends):
+    assert chord(piece(body), x, dx) == pytest.approx(ends, abs=1e-15)
+    back = chord(piece(body), np.array(x, float) + 5 * np.array(dx, float), -np.array(dx, float))
+    assert back == pytest.approx((5 - ends[1], 5 - ends[0]), abs=1e-14)  # the same chord the other way
 
 
 def test_a_line_that_misses_or_runs_along():
     ball, wall = piece(Sphere((0, 0, 0), 1.0)), piece(HalfSpace((0, 0, 0), (0, 0, 1)))
     away = np.array([0.0, 2.0, 0.0]), np.array([1.0, 0.0, 0.0])
-    t_in, t_out = _chord(ball, 0, *away)
+    t_in, t_out = chord(ball, *away)
     assert t_in > t_out
-    below = _chord(wall, 0, np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]))
-    above = _chord(wall, 0, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))
+    below = chord(wall, [0, 0, -1], [1, 0, 0])
+    above = chord(wall, [0, 0, 1], [1, 0, 0])
     assert below == (-np.inf, np.inf) and above[0] > above[1]
-    assert _chord(wall, 0, np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, -4.0])) == (0.5, np.inf)
+    assert chord(wall, [0, 0, 2], [0, 0, -4]) == (0.5, np.inf)
 
 
 def test_images_are_those_that_reach_into_the_box():
     """A ball near a corner of a periodic square prism: itself and three images; not those along the closed axis."""
-    pieces, shape = periodic_images(piece(Sphere((0.1, 0.05, 0.1), 0.2)), np.array([7]), np.zeros(3), np.ones(3),
-                            np.array([True, True, False]))
+    ball, periodic = piece(Sphere((0.1, 0.05, 0.1), 0.2)), np.array([True, True, False])
+    pieces, shape, origin, turns = periodic_images(ball, np.array([7]), np.zeros(3), np.ones(3), periodic)
+    assert np.allclose(origin + turns, pieces[:, 1:4], rtol=0, atol=1e-15) and np.all(origin == [0.1, 0.05, 0.1])
     assert sorted(map(tuple, np.round(pieces[:, 1:4], 12))) == [(0.1, 0.05, 0.1), (0.1, 1.05, 0.1), (1.1, 0.05, 0.1),
                                                                (1.1, 1.05, 0.1)]
     assert shape.tolist() == [7] * 4
@@ -76,3 +83,26 @@ def test_a_long_segment_through_many_cells_meets_the_first_ball():
         xi = np.array([[first, 0.5, 0.5]])
         t = geometry.crossing(xi, xi + [[7.5 * way, 0, 0]])
         assert t == pytest.approx([0.2 / 7.5], abs=1e-15)
+
+
+def test_segments_from_one_point_meet_what_each_meets_alone():
+    """Among more balls than are looked through together, balls cut out of them, a block, a tube round all and a
+    half-space that ends at the periodic faces; to all digits, and with the first change of the label along samples."""
+    rng = np.random.default_rng(5)
+    balls = [Shape(Sphere(tuple(c), 0.12)) for c in rng.random((90, 3))]
+    others = [Shape(Sphere((0.5, 0.5, 0.5), 0.3), 0), Shape(Box((0.4, 0.4, 0.0), (0.6, 0.6, 0.3))),
+              Shape(HalfSpace((0.5, 0.5, 0.9), (0, 0, -1))), Shape(Cylinder(2, (0.5, 0.5, 0), 0.45), outside=True)]
+    geometry = ShapeGeometry((0, 0, 0), (1, 1, 1), (False, True, True), shapes=balls + others)
+    x = rng.random((4000, 3))
+    x = x[geometry.phase(x) >= 0][:20]
+    xi = np.repeat(x, 20, axis=0)
+    xj = xi + rng.uniform(-1, 1, xi.shape) * np.repeat(rng.choice([0.1, 0.3, 0.6], len(x)), 20)[:, None]
+    t, order = geometry.crossing(xi, xj), rng.permutation(len(xi))
+    assert len(x) == 20 and 0.5 < np.mean(t < 1) < 0.99
+    assert np.all(geometry.crossing(xi[order], xj[order]) == t[order])
+    fine = np.linspace(0, 1, 301)
+    points = xi[::2, None] + fine[:, None] * (xj - xi)[::2, None]
+    walled = (points[..., 0] > 1) | (points[..., 0] < 0)
+    walled |= geometry.phase(points.reshape(-1, 3)).reshape(walled.shape) < 0
+    first = np.where(walled.any(axis=1), fine[walled.argmax(axis=1)], 1.0)
+    assert np.max(np.abs(t[::2] - first + 0.5 / 300)) <= 0.5 / 300 + 1e-12
