@@ -5,8 +5,10 @@ usage: PYTHONPATH=. python benchmarks/scanner.py [VARIANT ...]        (all)
 A voxel of the scan has the share of solid in it (counted on 4^3 cells of the exact field), averaged with a Gaussian of
 `blur` voxels, and normal noise of `noise` times the contrast; threshold half-way, one particle per voxel. Mean of the
 signed errors of k over the bodies, in per cent, and their root mean square, for: the image as it is; denoised with a
-Gaussian of half a voxel; sharpened by the estimated (`auto`) and by the known blur, without and with that Gaussian
-before; and labels (the scan segmented at the threshold).
+Gaussian of half a voxel; sharpened by the blur that is found and corrected until its own scan is the image (`auto`,
+`geometry/scan_fit.py`), or by the known blur (`known`); sharpened only by the blur that is found, after that Gaussian;
+and labels (the scan segmented at the threshold). Grey values are in units of half the contrast between the means of
+the two sides, as a case takes them.
 """
 
 import sys
@@ -14,8 +16,9 @@ import sys
 import numpy as np
 from walls_from_labels import ROUND, labels_of, permeability  # sets the number of threads before numba is there
 
-from isphcli.geometry.grey import estimate_blur
+from isphcli.geometry.grey import field_of_grey, sharpen
 from isphcli.geometry.iso_surface import ImageField, IsoSurfaceGeometry
+from isphcli.geometry.scan_fit import fit_scan
 from isphcli.geometry.spline import average
 from isphcli.validation.known_bodies import body
 
@@ -26,25 +29,25 @@ DENOISE = 0.5  # voxels
 
 
 def scan(body, blur, noise):
-    """The scan of a body, [z, y, x], solid -1, fluid 1 where there is neither blur nor noise."""
+    """The scan of a body, [z, y, x], > 0 in fluid."""
     cells = body.labels(FINER).transpose(2, 1, 0)
     shares = cells.reshape([e for n in body.size[::-1] for e in (n, FINER)]).mean(axis=(1, 3, 5))
     image = average((2.0 * shares - 1.0).astype(np.float32), blur, AROUND)
     rng = np.random.default_rng(sum(body.size) + BODIES.index(body))
-    return (image + 2.0 * noise * rng.standard_normal(image.shape)).astype(np.float32)
+    return -field_of_grey(image + 2.0 * noise * rng.standard_normal(image.shape), 0.0, "above")
 
 
-def iso(image, gaussian=0.0, blur=None):
-    return IsoSurfaceGeometry(labels_of(image), ImageField(image, gaussian, blur), 1.0, ROUND)
+def iso(image, gaussian=0.0):
+    return IsoSurfaceGeometry(labels_of(image), ImageField(image, gaussian), 1.0, ROUND)
 
 
 VARIANTS = {
     "as it is": lambda image, blur: iso(image),
     "denoised": lambda image, blur: iso(image, DENOISE),
-    "auto": lambda image, blur: iso(image, 0.0, estimate_blur(image, AROUND)),
-    "known": lambda image, blur: iso(image, 0.0, blur),
-    "denoised, auto": lambda image, blur: iso(image, DENOISE, estimate_blur(image, AROUND)),
-    "denoised, known": lambda image, blur: iso(image, DENOISE, blur),
+    "auto": lambda image, blur: iso(fit_scan(image, AROUND).field),
+    "known": lambda image, blur: iso(fit_scan(image, AROUND, None, blur).field),
+    "denoised, auto": lambda image, blur: iso(sharpen(average(image, DENOISE, AROUND), fit_scan(image, AROUND).blur,
+                                                      AROUND)),
     "labels": lambda image, blur: IsoSurfaceGeometry(labels_of(image), None, 1.0, ROUND),
 }
 
@@ -56,7 +59,7 @@ def main(*names):
     for blur in (0.0, 0.5, 0.8):
         for noise in (0.0, 0.05, 0.1):
             images = [scan(body, blur, noise) for body in BODIES]
-            guesses = [estimate_blur(image, AROUND) for image in images]
+            guesses = [fit_scan(image, AROUND).blur for image in images]
             cells = []
             for make in chosen.values():
                 errors = [100.0 * (permeability(make(image, blur), 1) / k - 1.0) for image, k in zip(images, truths)]

@@ -20,7 +20,6 @@ import numpy as np
 from ..domain import reduce
 from ..domain.slabs import Shared, Slabs
 from .faces import AT_REST, Walls
-from .grey import sharpen
 from .iso_surface import ImageField, IsoSurfaceGeometry
 from .label_field import most_probable_field
 from .labels import ClearLayers, faces_and_pairs, runs_straight
@@ -164,8 +163,7 @@ class SmoothBrick(ImageBrick, IsoSurfaceGeometry):
             pores = values[values > 0].astype(float)
             fluid = float(reduce.quantiles(pores, [0.5])[0]) if reduce.number(pores) else 1.0
         values = self._slabs.padded(values, self._widths, fluid)
-        values = average(values, field.gaussian, self._around, self._slabs)
-        return values if field.blur is None else sharpen(values, field.blur, self._around, self._slabs)
+        return average(values, field.gaussian, self._around, self._slabs)
 
     def ways(self) -> SurfaceWays:
         """See `IsoSurfaceGeometry`."""

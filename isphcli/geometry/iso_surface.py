@@ -15,7 +15,6 @@ from numba import njit
 
 from ..domain.row_threads import over_rows
 from .faces import AT_REST, Walls
-from .grey import sharpen
 from .iso_crossings import first_zero, put_first_zeros
 from .label_field import most_probable_field
 from .labels import ClearLayers, with_clear_layers
@@ -36,12 +35,11 @@ class ImageField:
     """A field on the voxel centres whose zero is the wall.
 
     values: [z, y, x] or [y, x], > 0 in fluid; gaussian: width in voxels of the Gaussian that they are averaged with, 0:
-    none; blur: width in voxels of the scanner's Gaussian, removed with the average over a voxel, None: nothing.
+    none.
     """
 
     values: np.ndarray
     gaussian: float = 0.0
-    blur: float | None = None
 
 
 class IsoSurfaceGeometry(VoxelGeometry):
@@ -72,16 +70,14 @@ class IsoSurfaceGeometry(VoxelGeometry):
                 raise ValueError(f"a field of shape {values.shape} for labels of shape {np.shape(labels)}")
             fluid = float(np.median(values[values > 0])) if layers is not None and (values > 0).any() else 1.0
             whole = with_clear_layers(values, layers, fluid).reshape(self._grid.shape)
-            self._image_field = ImageField(whole, field.gaussian, field.blur)
+            self._image_field = ImageField(whole, field.gaussian)
 
     @cached_property
     def field(self) -> np.ndarray:
-        """Field on the voxel centres, float32 [z, y, x], > 0 in fluid; averaged or sharpened as asked."""
+        """Field on the voxel centres, float32 [z, y, x], > 0 in fluid; averaged as asked."""
         if self._image_field is None:
             return most_probable_field(self._grid >= 0, self._around, self._sample)
-        found = average(self._image_field.values, self._image_field.gaussian, self._around)
-        blur = self._image_field.blur
-        return found if blur is None else sharpen(found, blur, self._around)
+        return average(self._image_field.values, self._image_field.gaussian, self._around)
 
     @cached_property
     def _pores(self) -> np.ndarray:

@@ -12,12 +12,12 @@ from ..case.reader import Table
 from ..domain.lattice import ParticleError
 from ..output import progress
 from ..scene.build_geometry import build_geometry
-from ..scene.image_geometry import threshold_of
+from ..scene.image_geometry import settled
 from ..solvers.krylov import SolveError
 from . import steady
 
 if TYPE_CHECKING:
-    from ..case.blocks import Case
+    from ..case.blocks import Case, Grey
     from ..output.clock import Clock
 
 
@@ -33,11 +33,14 @@ def by_threshold(case: Case, axes: Iterable[tuple[int | None, np.ndarray]], know
     off = case.geometry.voxels.grey.uncertainty
     if off is None:
         return None
-    own = threshold_of(case)
+    # one threshold, and one blur: with one of their own the two ends would be of images that are sharpened differently
+    grey = replace(settled(case), uncertainty=None, fluids=Table())  # a steady solve has one fluid
+    own = grey.threshold
+    assert not isinstance(own, str)
     driven = [(axis, force) for axis, force in axes if axis is not None and axis in known]
     beside: list[dict[int, float]] = []  # {axis: m2} at the lower and the upper threshold
     for threshold in (own - off, own + off):
-        found, failed = _permeabilities(case, threshold, driven, clock, quiet)
+        found, failed = _permeabilities(case, replace(grey, threshold=threshold), driven, clock, quiet)
         for axis, error in failed.items():
             warnings.append("geometry.voxels.grey.uncertainty: no permeability along "
                             f"{'xyz'[axis]} with it: {error}")
@@ -48,21 +51,20 @@ def by_threshold(case: Case, axes: Iterable[tuple[int | None, np.ndarray]], know
             "permeability": {"xyz"[axis]: [low[axis], known[axis], high[axis]] for axis, _ in driven}}
 
 
-def _permeabilities(case: Case, threshold: float, axes: Iterable[tuple[int, np.ndarray]], clock: Clock,
+def _permeabilities(case: Case, grey: Grey, axes: Iterable[tuple[int, np.ndarray]], clock: Clock,
                     quiet: bool) -> tuple[dict[int, float], dict[int, Exception]]:
-    """({axis: m2, 0 where nothing flows}, {axis: why its solve failed}) at another threshold.
+    """({axis: m2, 0 where nothing flows}, {axis: why its solve failed}) of an image understood otherwise.
 
     An image that repeats along all axes has one geometry and one set of matrices for all of them.
     """
     voxels = case.geometry.voxels
-    assert voxels is not None and voxels.grey is not None
-    grey = replace(voxels.grey, threshold=threshold, uncertainty=None, fluids=Table())  # a steady solve has one fluid
+    assert voxels is not None
     other = replace(case, geometry=replace(case.geometry, voxels=replace(voxels, grey=grey)))
     found: dict[int, float] = {}
     failed: dict[int, Exception] = {}
     scene: steady.SteadyScene | None = None
     for axis, force in axes:
-        with progress.stage(f"flow along {'xyz'[axis]} at threshold {threshold:g}", quiet):
+        with progress.stage(f"flow along {'xyz'[axis]} at threshold {grey.threshold:g}", quiet):
             try:
                 if scene is None or not all(a in case.geometry.repeats for a in "xyz"[: scene.geometry.dim]):
                     scene = None  # frees the matrices of the axis before

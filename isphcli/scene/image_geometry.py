@@ -41,8 +41,6 @@ class Understood:
     field: np.ndarray | None
     words: str
     described: tuple[tuple[str, str], ...] = ()
-    blur: float | None = None
-    denoise: float = 0.0
     microporous: np.ndarray | None = None
 
 
@@ -164,7 +162,7 @@ def _with_walls(case: Case, understood: Understood, own: _Layers, edges: np.ndar
         geometry = (VoxelGeometry(labels, edges, periodic, layers, walls) if alone else
                     ImageBrick(shared, edges, periodic, layers, walls))
     else:
-        smooth = ImageField(field, understood.denoise, understood.blur) if field is not None else None
+        smooth = ImageField(field) if field is not None else None
         geometry = surface = (IsoSurfaceGeometry(labels, smooth, edges, periodic, layers, walls) if alone else
                               SmoothBrick(shared, smooth, edges, periodic, layers, walls))
         ways = surface.ways()
@@ -225,7 +223,7 @@ def _understood(case: Case, spec: Voxels, own: _Layers, periodic: list[bool]) ->
 
 def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, ...],
                      periodic: list[bool]) -> Understood:
-    from ..geometry.grey import TWO_VALUED, WIDEST, estimate_blur, field_of_grey, grey_classes, labels_of_grey, range_of
+    from ..geometry.grey import field_of_grey, grey_classes, labels_of_grey, range_of
 
     values, otsu = own.values, isinstance(grey.threshold, str)
     threshold = _threshold(grey, values)
@@ -236,36 +234,61 @@ def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, .
         given = f"{threshold:g}" + (f" +- {off:g}" if off else "")
         raise VoxelError(f"{spec.file}: geometry.voxels.grey.threshold {given} parts nothing: the grey values "
                          f"lie between {least:g} and {most:g}; try otsu")
-    field = field_of_grey(values, threshold, grey.solid)
     labels = labels_of_grey(values, threshold, grey.solid, grey.fluids, names, spec.file)
-    two_valued = share >= TWO_VALUED
-    if isinstance(grey.blur, str) and not two_valued:
-        raise VoxelError(
-            f"{spec.file}: geometry.voxels.grey.blur: auto needs an image of two grey values; here only "
-            f"{100 * share:.0f} % of the variance lies between the two sides of the threshold; give a number of voxels")
-    found = estimate_blur(field, np.array([*periodic, True][:3]), own.slabs) if two_valued else 0.0
-    if isinstance(grey.blur, str) or (grey.blur is None and two_valued and found <= WIDEST):
-        blur: float | None = found
-    else:
-        blur = grey.blur or None
-    slopes = (f"its slopes at the walls are those of a step blurred by {found:.2f} voxels" if two_valued
-              else "it is not one of two grey values")
-    taken = f"; {blur:.2f} voxels of blur and the average over a voxel are taken out" if blur is not None else ""
+    field, words, _ = _field_of(spec, field_of_grey(values, threshold, grey.solid), own.slabs,
+                             np.array([*periodic, True][:3]), share)
     described = (
         ("wall", f"surface of grey value {threshold:g} ({'Otsu' if otsu else 'given'}); the means below and above it "
                  f"are {low:g} and {high:g}, {100 * share:.0f} % of the variance lies between them"),
-        ("sharpness", f"{slopes}{taken}"),
+        ("sharpness", words),
     )  # fmt: skip
-    return Understood(labels, field, f"solid {grey.solid} {threshold:g}", described, blur, grey.denoise)
+    return Understood(labels, field, f"solid {grey.solid} {threshold:g}", described)
 
 
-def threshold_of(case: Case) -> float:
-    """Grey value of the wall of a grey image of a case, as `image_geometry` takes it."""
+def _field_of(spec: Voxels, field: np.ndarray, slabs: Slabs, around: np.ndarray,
+              share: float) -> tuple[np.ndarray, str, float]:
+    """(the field whose zero is the wall, what was taken out of the image, in words, and as `geometry.voxels.grey.blur`
+    says it) of `field_of_grey`; share: of the variance of the grey values, between the two sides of the threshold."""
+    from ..geometry.grey import TWO_VALUED, WIDEST, sharpen
+    from ..geometry.scan_fit import fit_scan
+    from ..geometry.spline import average
+
+    grey = spec.grey
+    assert grey is not None
+    if isinstance(grey.blur, str) and share < TWO_VALUED:
+        raise VoxelError(
+            f"{spec.file}: geometry.voxels.grey.blur: auto needs an image of two grey values; here only "
+            f"{100 * share:.0f} % of the variance lies between the two sides of the threshold; give a number of voxels")
+    if grey.blur == 0.0:
+        return average(field, grey.denoise, around, slabs), "taken as it is", 0.0
+    if grey.blur is None and share < TWO_VALUED:
+        return average(field, grey.denoise, around, slabs), "it is not one of two grey values: taken as it is", 0.0
+    found = fit_scan(field, around, slabs, None if isinstance(grey.blur, str) else grey.blur)
+    scan = (f"the scan of a body with a blur of {found.blur:.2f} voxels but for {50 * found.misfit:.2g} % of the "
+            "contrast at the walls")
+    if grey.blur is None and (found.blur > WIDEST or not found.is_scan):
+        return average(field, grey.denoise, around, slabs), f"nearest to {scan}: taken as it is", 0.0
+    taken = f"{scan}; the blur and the average over a voxel are taken out"
+    if grey.denoise > 0.0:  # what an average takes from corners cannot be told from noise
+        field = sharpen(average(field, grey.denoise, around, slabs), found.blur, around, slabs)
+        return field, taken, max(found.blur, SOME)
+    return found.field, taken, max(found.blur, SOME)
+
+
+def settled(case: Case) -> Grey:
+    """`geometry.voxels.grey` of a case with the threshold and the blur that `image_geometry` takes."""
+    from ..geometry.grey import field_of_grey, grey_classes
+
     spec = case.geometry.voxels
     assert spec is not None and spec.grey is not None
-    if not isinstance(spec.grey.threshold, str):
-        return spec.grey.threshold
-    return _threshold(spec.grey, _layers_of(case, spec).values)
+    own = _layers_of(case, spec)
+    values, threshold = own.values, _threshold(spec.grey, own.values)
+    around = np.array([*("xyz"[a] in case.geometry.repeats for a in range(own.dim)), True][:3])
+    blur = spec.grey.blur
+    if blur is None or isinstance(blur, str):
+        field = field_of_grey(values, threshold, spec.grey.solid)
+        *_, blur = _field_of(spec, field, own.slabs, around, grey_classes(values, threshold)[2])
+    return replace(spec.grey, threshold=threshold, blur=blur)
 
 
 def _threshold(grey: Grey, values: np.ndarray) -> float:
@@ -274,6 +297,7 @@ def _threshold(grey: Grey, values: np.ndarray) -> float:
     return otsu_threshold(values) if isinstance(grey.threshold, str) else grey.threshold
 
 
+SOME = 1e-3  # voxels of blur, least of a scan: with 0 nothing is taken out
 SI_DENSITY = (300.0, 20_000.0)  # kg/m3 of liquids: a case that has one counts in SI units and not in its own
 SI_VISCOSITY = (5e-6, 5e-5)  # Pa s of gases
 MOST_POROUS = 0.6  # above it hardly any rock is found

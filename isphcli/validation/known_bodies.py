@@ -21,7 +21,7 @@ from ..references.published import DATA
 
 Level = Callable[[np.ndarray], np.ndarray]
 GREY_LEVEL = 32767.5  # grey value of the wall in all grey images; above it is solid
-PARTS = 6  # points along an edge of a voxel by which its share of solid is counted: steps of 1/216
+PARTS = 6  # cells along an edge of a voxel whose shares of solid are those beside a plane wall
 FINER = 4  # grid points per voxel edge between which a random field is a cubic spline: off by less than 1e-4 of it
 
 
@@ -61,8 +61,12 @@ class Body:
         if self.field and not scanned:
             value = self.levels(1)
             return np.rint(GREY_LEVEL - value * (32000.0 / np.abs(value).max())).astype(np.uint16)
-        solid = (self.levels(PARTS) <= 0.0).reshape(*(e for n in self.size for e in (n, PARTS)))
-        return np.rint(solid.mean(axis=(1, 3, 5)) * 2 * GREY_LEVEL).astype(np.uint16)
+        # counted by the middles of cells the place of a wall along the voxels would be known to 1 / PARTS only
+        level = self.levels(PARTS)
+        steepness = sum((np.roll(level, -1, axis) - np.roll(level, 1, axis)) ** 2 for axis in range(3)) ** 0.5 / 2
+        solid = np.clip(0.5 - level / np.maximum(steepness, 1e-12), 0.0, 1.0)
+        shares = solid.reshape(*(e for n in self.size for e in (n, PARTS))).mean(axis=(1, 3, 5))
+        return np.rint(shares * 2 * GREY_LEVEL).astype(np.uint16)
 
     def levels(self, finer: int = 1) -> np.ndarray:
         """Level function in the middles of voxels, (nx, ny, nz) * finer; `finer` points per voxel edge."""

@@ -13,7 +13,6 @@ from isphcli.geometry.grey import (
     sharpen,
 )
 from isphcli.geometry.images.image import VoxelError
-from isphcli.geometry.iso_surface import ImageField, IsoSurfaceGeometry
 from isphcli.geometry.spline import average
 from tests.geometry.fields import waves
 
@@ -84,20 +83,3 @@ def test_sharpening_does_not_make_much_of_noise():
 def test_sharpening_leaves_a_constant():
     field = np.full((6, 6, 6), 0.3, np.float32)
     assert np.allclose(sharpen(field, 0.8, ROUND), field, atol=1e-6)
-
-
-def test_a_ball_of_few_voxels_keeps_its_volume():
-    """A ball of radius 2 by the share of solid in each voxel: the average over a voxel and the spline take a tenth of
-    it, and of that at most a third is left. Volume at 4 points a voxel edge."""
-    n, fine, radius = 8, 6, 2.0
-    x = np.moveaxis(np.indices((n * fine,) * 3), 0, -1) / fine + 0.5 / fine - (4.27, 4.11, 3.9)
-    solid = (np.linalg.norm(x, axis=-1) < radius).reshape((n, fine) * 3).mean(axis=(1, 3, 5))
-    field = (1.0 - 2.0 * solid).astype(np.float32)
-    labels = np.where(field > 0, np.int8(0), np.int8(-1))
-    points = (np.moveaxis(np.indices((n * 4,) * 3), 0, -1).reshape(-1, 3) + 0.5) / 4
-    lost = []
-    for blur in (None, 0.0):
-        geometry = IsoSurfaceGeometry(labels, ImageField(field, 0.0, blur), 1.0, (True,) * 3)
-        volume = n**3 * np.mean(geometry.phase(points) < 0)
-        lost.append(1.0 - volume / (4 / 3 * np.pi * radius**3))
-    assert abs(lost[1]) < lost[0] / 3

@@ -85,10 +85,10 @@ def test_a_brick_is_the_whole_within_reach(periodic, layers):
 
 @pytest.mark.parametrize("periodic, layers", [((True, True, True), None), ((False, False, False), ClearLayers(0, 4)),
                                               ((True, True, False), ClearLayers(2, 3))])
-@pytest.mark.parametrize("field", [None, ImageField, "sharp"])
+@pytest.mark.parametrize("field", [None, ImageField])
 def test_a_brick_of_a_smooth_wall(periodic, layers, field):
     """Coefficients of the spline are those of one process to the last bit, and so is what the surface opens and closes.
-    Of labels, and of grey values averaged or sharpened."""
+    Of labels, and of grey values that are averaged."""
     labels = body((20, 25, 23), seed=2)
     values = None
     if field is not None:
@@ -96,9 +96,7 @@ def test_a_brick_of_a_smooth_wall(periodic, layers, field):
         values = np.where(grey > 0, 1.0, grey).astype(np.float32)  # one value in fluid: the clear layers have it too
 
     def given(part):
-        if field is None:
-            return None
-        return ImageField(part, 0.0, 0.5) if field == "sharp" else ImageField(part, 0.7)
+        return None if field is None else ImageField(part, 0.7)
 
     whole = IsoSurfaceGeometry(labels, given(values), SIZE, periodic, layers)
     ways = whole.ways()

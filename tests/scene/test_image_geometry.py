@@ -104,6 +104,17 @@ def test_blur_is_taken_out_of_an_image_of_two_grey_values(tmp_path):
         assert ("taken out" in dict(geometry.described)["sharpness"]) is out
 
 
+@pytest.mark.parametrize(("slope", "least", "most"), [(400, 1e-3, 0.2), (100, 0.0, 0.0)])
+def test_the_blur_is_settled_once(tmp_path, slope, least, most):
+    """Of shares of solid a number, of a ramp 0: with these another threshold is understood in the same way."""
+    middles = np.arange(12) + 0.5
+    level = np.minimum(middles - 2.3, 8.3 - middles)
+    level = np.clip(level, -0.5, 0.5) if slope == 400 else level
+    values = np.broadcast_to(np.round(1000 + slope * level), (6, 6, 12)).astype(np.uint16)
+    grey = image_geometry.settled(scan(tmp_path, "grey: {threshold: otsu, solid: above}", values=values))
+    assert least <= grey.blur <= most and not isinstance(grey.threshold, str)
+
+
 def test_what_was_understood_is_said(tmp_path):
     geometry = build_geometry(scan(tmp_path, "grey: {threshold: otsu, solid: above}"))
     said = dict(geometry.described)

@@ -1,0 +1,110 @@
+"""The body that a scan shows: its own scan is the image."""
+
+import numpy as np
+import pytest
+
+from isphcli.domain.slabs import Slabs
+from isphcli.geometry.grey import field_of_grey, sharpen
+from isphcli.geometry.scan_fit import Scanner, fit_scan
+from isphcli.geometry.spline import average, spline_coefficients
+from tests.domain.several import on_threads
+from tests.geometry.fields import waves
+from tests.geometry.test_image_brick import own
+
+ROUND = np.ones(3, bool)
+UP = 6  # cells along an edge of a voxel, of the images here
+
+
+def scan(inside, blur=0.0):
+    """The scan of a body of cells, bool [z, y, x], UP along an edge of a voxel; blur: voxels."""
+    shares = average(2.0 * inside.astype(np.float32) - 1.0, blur * UP, ROUND)
+    n = [size // UP for size in shares.shape]
+    shares = shares.reshape([k for size in n for k in (size, UP)]).mean(axis=(1, 3, 5))
+    return -field_of_grey(shares, 0.0, "above")
+
+
+def cells(n):
+    """Middles (n * UP, ..., 3) of the cells of n^3 voxels, x, y, z, in voxels."""
+    return np.moveaxis(np.indices((n * UP,) * 3)[::-1], 0, -1) / UP + 0.5 / UP
+
+
+def volume(field, n):
+    """Of the solid of a field, voxels: its share in the voxels of its own scan."""
+    return n**3 * (0.5 - 0.5 * np.mean(Scanner(ROUND, Slabs.whole(field.shape)).scanned(field, 0.0)))
+
+
+@pytest.fixture(scope="module")
+def rough():
+    """A random body of pores and grains of 3 voxels, by its cells."""
+    return waves(12, 12, 4, 1, 0.45, UP) > 0
+
+
+def test_the_scan_of_a_ball_holds_its_volume():
+    """Of the distance to a ball of radius 4.2: 3^3 plane walls a voxel, of the spline, are 0.006 voxel off."""
+    x = np.moveaxis(np.indices((12, 12, 12)), 0, -1) + 0.5 - (6.27, 6.11, 5.9)
+    found = volume((np.linalg.norm(x, axis=-1) - 4.2).astype(np.float32), 12)
+    assert found == pytest.approx(4 / 3 * np.pi * 4.2**3, rel=4e-3)
+
+
+@pytest.mark.parametrize("blur", [0.0, 0.5])
+def test_walls_along_the_voxels_are_found_within_them(blur):
+    """Solid from 3 + 1/3 to 8 + 5/6 voxels along x. Sharpened only, a wall is a tenth of a voxel off."""
+    x = np.arange(12 * UP) / UP + 0.5 / UP
+    inside = np.broadcast_to((x < 3 + 1 / 3) | (x > 8 + 5 / 6), (4 * UP, 4 * UP, 12 * UP))
+    spline = spline_coefficients(fit_scan(scan(inside, blur), ROUND).field, ROUND)[0, 0]
+    f = (np.roll(spline, 1) + 4 * spline + np.roll(spline, -1)) / 6
+    walls = [i + 0.5 + f[i] / (f[i] - f[i + 1]) for i in np.flatnonzero(f[:-1] * f[1:] < 0)]
+    assert walls == pytest.approx([3 + 1 / 3, 8 + 5 / 6], abs=0.05)  # 0.05: of straight lines for the spline
+
+
+@pytest.mark.parametrize(("shape", "better"), [("ball", 4), ("cube", 3)])
+def test_small_grains_keep_their_volume(shape, better):
+    """A ball of radius 2 and a cube of edge 4 that is turned by 45 degrees: several times better than sharpened."""
+    x = cells(9) - (4.77, 4.61, 4.4)
+    turned = np.stack([x[..., 0] + x[..., 1], x[..., 0] - x[..., 1], np.sqrt(2) * x[..., 2]], axis=-1) / np.sqrt(2)
+    solid = np.linalg.norm(x, axis=-1) < 2.0 if shape == "ball" else np.abs(turned).max(axis=-1) < 2.0
+    image, true = scan(~solid), solid.mean() * 9**3
+    off = [abs(volume(field, 9) / true - 1) for field in (sharpen(image, 0.0, ROUND), fit_scan(image, ROUND).field)]
+    assert off[1] < off[0] / better
+
+
+@pytest.mark.parametrize("blur", [0.0, 0.5, 0.8])
+def test_the_blur_is_found_in_narrow_pores(rough, blur):
+    """Voxels of pure fluid are rare there, and the means of the two sides are nearer to each other than fluid and
+    solid. By the slopes at the walls 0.5 voxel was taken for 0 to 0.2 and 0.8 for 0.3 to 0.5. 0.15: the square of that
+    is a tenth of the variance of 0.5."""
+    assert fit_scan(scan(rough, blur), ROUND).blur == pytest.approx(blur, abs=0.15)
+
+
+def test_nothing_is_fitted_to_noise(rough):
+    """Of a tenth of the contrast: it is found within a tenth, in half contrasts of pure fluid and solid, and the field
+    is the sharpened image."""
+    image = scan(rough)
+    noisy = image + 0.2 * np.random.default_rng(0).standard_normal(image.shape).astype(np.float32)
+    found = fit_scan(noisy, ROUND)
+    assert found.noise == pytest.approx(0.2 / image.max(), rel=0.1) and found.is_scan
+    assert np.array_equal(found.field, sharpen(noisy, found.blur, ROUND))
+
+
+def test_a_distance_is_no_scan():
+    """Cut off at a voxel it has the steps of a scan with a blur of 0.5 voxel, but no body has it as its scan."""
+    x = np.linalg.norm(cells(14) - (7.27, 7.11, 6.9), axis=-1)
+    cut = np.clip(x[UP // 2 :: UP, UP // 2 :: UP, UP // 2 :: UP] - 4.5, -1.0, 1.0)
+    assert not fit_scan(-field_of_grey(cut, 0.0, "above"), ROUND).is_scan
+    assert fit_scan(scan(x > 4.5, 0.5), ROUND).is_scan
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("around", [ROUND, np.array([True, False, False])])
+def test_processes_find_the_field_of_one(rough, around):
+    """But for sums in another order."""
+    image = scan(rough, 0.5)
+    whole = fit_scan(image, around)
+
+    def part(ranks):
+        slabs = Slabs(image.shape, ranks=ranks)
+        return fit_scan(own(image, slabs), around, slabs)
+
+    found = on_threads(3, part)
+    assert [one.blur for one in found] == pytest.approx([whole.blur] * 3, abs=1e-4)
+    assert np.concatenate([one.field for one in found]) == pytest.approx(whole.field, abs=1e-4)
