@@ -123,8 +123,11 @@ def _share_out(call: Callable[[tuple[int, int]], Any], ranges: list[tuple[int, i
     job = _Job(call, ranges)
     for _ in range(_helpers(min(threads, len(ranges)) - 1)):
         _JOBS.put(ref(job))  # a helper that comes late finds none, and the arrays of a loop are free when it has ended
-    job.work()
-    return job.results()
+    try:
+        job.work()
+        return job.results()
+    finally:
+        job.left.clear()  # of an interrupt: nobody begins another range, nor is waited for
 
 
 class _Job:
@@ -133,7 +136,7 @@ class _Job:
     def __init__(self, call: Callable[[tuple[int, int]], Any], ranges: list[tuple[int, int]]):
         self.call, self.ranges = call, ranges
         self.left = deque(range(len(ranges)))
-        self.done: SimpleQueue[tuple[int, Any, BaseException | None]] = SimpleQueue()
+        self.done: SimpleQueue[tuple[int, Any, Exception | None]] = SimpleQueue()
 
     def work(self) -> None:
         """Computes ranges until none is left that no thread has begun."""
@@ -145,7 +148,7 @@ class _Job:
             found, error = None, None
             try:
                 found = self.call(self.ranges[k])
-            except BaseException as raised:  # the thread that asked raises it
+            except Exception as raised:  # the thread that asked raises it; interrupts come to no other
                 error = raised
             self.done.put((k, found, error))
 

@@ -2,7 +2,7 @@ import os
 import weakref
 from contextlib import suppress
 from itertools import pairwise
-from threading import Barrier, current_thread
+from threading import Barrier, Event, current_thread
 
 import numpy as np
 import pytest
@@ -45,6 +45,25 @@ def test_what_a_kernel_raises_comes_out(monkeypatch, threads):
     with pytest.raises(ValueError, match="row"):
         over_rows(fails, 20 * FEWEST)
     assert sum(end - begin for begin, end in over_rows(lambda rows: rows, 20 * FEWEST)) == 20 * FEWEST
+
+
+def test_an_interrupt_waits_for_no_range(monkeypatch):
+    """Neither for those that are left, nor for one that a helper has begun."""
+    monkeypatch.setattr(row_threads, "get_num_threads", lambda: 2)
+    asked, begun, interrupted, calls = current_thread(), Event(), Event(), []
+
+    def call(part):
+        calls.append(part)
+        if current_thread() is asked:
+            begun.wait(10)
+            raise KeyboardInterrupt
+        begun.set()
+        interrupted.wait(10)
+
+    with pytest.raises(KeyboardInterrupt):
+        over_parts(call, [(k, k + 1) for k in range(8)])
+    assert len(calls) == 2
+    interrupted.set()
 
 
 def test_what_calls_return_is_in_the_order_of_their_ranges(monkeypatch):
