@@ -110,7 +110,7 @@ class StokesSystem:
         return v[: n * self.dim].reshape(n, self.dim), v[n * self.dim :]
 
     def apply(self, v: np.ndarray) -> np.ndarray:
-        """The coupled matrix times v, pressures without their means (eq. 25)."""
+        """The coupled matrix times v: eq. 1 without inertia, and the mass balance without its means (eq. 25)."""
         u, p = self.split(v)
         return self._apply(u, p, self.ops.gradient_p(p))
 
