@@ -39,6 +39,11 @@ TAU = 0.05
 # The Schur complement falls from 1 for long pressure modes to 0.2 for those that alternate from particle to particle,
 # where little but S is left. Its inverse is 1 - ROUGH dx^2 lap to within 30 % on a lattice.
 ROUGH = 0.4
+# The same for the Laplacian of nearest neighbours on a lattice, a fifth of the pairs, which is larger for short modes.
+# Iterations of Berea 128^3, spheres 0.216 at 64 and the 64^3 corner: with ROUGH and all pairs 35, 24, 26; with 0.2
+# 35, 23, 26; with this 34, 23, 26, the bead pack 59 for 58 (0.12 and 0.09: spheres 23, 24, the corner 26, 25;
+# 2026-12-01, a script that is not kept)
+ROUGH_NEAREST = 0.15
 # Aggregates of the velocity hierarchy, from 16 to 64 spacings a cell of the sphere array: 16 to 19 iterations; with
 # `multigrid.STRENGTH` 18 to 21
 STRENGTH = 0.05
@@ -78,6 +83,7 @@ class StokesSystem:
             matrix = matrix + sp.csr_matrix((self.drag, own[:-1], own), shape=matrix.shape)
         self._velocity = engine.block_cycle(matrix, ops.exchange, STRENGTH)
         del matrix
+        self._near, self._rough = (sparse_pairs(ops, spacing), ROUGH_NEAREST) if ops.on_lattice else (ops, ROUGH)
         self._darcy = engine.cycle(self._conductance(), ops.exchange)
 
     def _conductance(self) -> Conductances:
@@ -92,7 +98,7 @@ class StokesSystem:
         # of a strong drag w is its inverse
         least = LEAST_RESPONSE if self.drag is None else LEAST_RESPONSE / np.maximum(1.0, 1e-2 * self.drag)
         w = np.maximum(self._velocity(np.ones((self.ops.n, 3)))[:, 0], least)
-        ops = sparse_pairs(self.ops, self.spacing) if self.ops.on_lattice else self.ops
+        ops = self._near
         share = share_in_sight(ops)
         few = ops.narrow & (share > 0.0)
         w[few] /= share[few]
@@ -104,7 +110,7 @@ class StokesSystem:
         return v[: n * self.dim].reshape(n, self.dim), v[n * self.dim :]
 
     def apply(self, v: np.ndarray) -> np.ndarray:
-        """The coupled matrix times v, pressures without their means (eq. 25)."""
+        """The coupled matrix times v: eq. 1 without inertia, and the mass balance without its means (eq. 25)."""
         u, p = self.split(v)
         return self._apply(u, p, self.ops.gradient_p(p))
 
@@ -153,7 +159,7 @@ class StokesSystem:
         (forces, mass), dx = self.split(v), self.spacing
         mass = self.means.remove(mass)
         p = self._darcy(mass)
-        add_symmetric_laplacian(self.ops, -ROUGH * dx * dx, mass, p)
+        add_symmetric_laplacian(self._near, -self._rough * dx * dx, mass, p)
         self.means.remove(p, out=p)
         p += mass
         grad_p, left = np.empty_like(forces), np.empty_like(forces)

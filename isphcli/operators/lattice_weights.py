@@ -409,10 +409,11 @@ def _offsets(blocks, edges, given, pairs, step, counts):
     for block in range(blocks[0], blocks[1]):
         count = counts[block]
         for i in range(edges[block], edges[block + 1]):
-            q, guess = start[i], 0  # rows list their neighbours in the same order
+            q, guess = start[i], 0  # rows list their neighbours in the same order, those beyond walls among them
             own_x, own_y, own_z = x[i, 0], x[i, 1], x[i, dim - 1]
             for p in range(everyone.start[i], everyone.start[i + 1]):
                 if link[p] == MEETS_WALL:
+                    guess = guess + 1 if guess + 1 < count else 0
                     continue
                 j, found, at = everyone.row[p], -1, q
                 row[at], column[at] = j, owner[j]

@@ -112,6 +112,11 @@ def grounded(matrix: sp.csr_matrix) -> sp.csr_matrix:
     return raised
 
 
+def by_kernels(levels: MultilevelSolver) -> bool:
+    """Whether `cycle` sweeps by kernels, which take entries of any type, or by PyAMG, which takes those of vectors."""
+    return levels.levels[0].A.shape[0] >= 2 * ROWS
+
+
 def cycle(levels: MultilevelSolver) -> Apply:
     """One W-cycle of a hierarchy from a zero guess, as a function of the right-hand side.
 
@@ -120,7 +125,7 @@ def cycle(levels: MultilevelSolver) -> Apply:
     by blocks of COARSE_ROWS, so that threads share them too. What a sweep from zero leaves is found from the entries
     beyond the diagonal alone. Matrices have sorted rows.
     """
-    if levels.levels[0].A.shape[0] < 2 * ROWS:
+    if not by_kernels(levels):
         return lambda b: _descend_small(levels, 0, b)
     least = [ROWS] + [COARSE_ROWS] * len(levels.levels)
     swept = [(edges_of(level.A.shape[0], rows), _csr(level.A), _places(level.A), _csr(level.P), _csr(level.R))

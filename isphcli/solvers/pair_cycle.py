@@ -9,7 +9,7 @@ import scipy.sparse as sp
 
 from ..domain.row_threads import ROWS, edges_of, over_parts
 from .aggregation import SMOOTHING, aggregates
-from .multigrid import STRENGTH, add_product, cycle, hierarchy, single
+from .multigrid import STRENGTH, add_product, by_kernels, cycle, hierarchy, single
 
 # Threshold of aggregation below the finest level: smaller aggregates, of some 17 rows for 22. Iterations of Berea 128^3
 # (with a V-cycle of the velocity): 40 with STRENGTH, 36 with 0.035 and 0.05; with 0.1 it does not converge, few
@@ -64,8 +64,10 @@ class PairCycle:
             coarse = coarse + part
         self.levels = hierarchy(coarse, COARSE_STRENGTH, np.sqrt(size))
         del coarse
-        for level in self.levels.levels[:-1]:  # entries alone: vectors in single precision would not be linear maps
-            level.A, level.P, level.R = single(level.A), single(level.P), single(level.R)
+        # entries alone: cycles of vectors in single precision would be no linear maps; PyAMG's sweeps take one type
+        if by_kernels(self.levels):
+            for level in self.levels.levels[:-1]:
+                level.A, level.P, level.R = single(level.A), single(level.P), single(level.R)
         self.prolongation = single(self.prolongation)
         self.restriction = self.prolongation.T.tocsr()
         self._coarse, self._inner = self.levels.levels[0].A, cycle(self.levels)

@@ -1,6 +1,7 @@
 """A cycle whose finest matrix is not stored is the cycle of that matrix."""
 
 import numpy as np
+import pytest
 
 from isphcli.domain.row_threads import BLOCKS
 from isphcli.operators.conductances import Conductances
@@ -14,8 +15,15 @@ def conductances():
     return Conductances(rows, 1.0 + np.random.default_rng(0).random(rows.n), SPACING)
 
 
-def test_it_is_the_cycle_of_the_matrix(monkeypatch):
+@pytest.mark.parametrize("rows", [20, multigrid.ROWS])
+def test_it_is_the_cycle_of_the_matrix(monkeypatch, rows):
+    """By kernels, whose coarse entries are in single precision, and by PyAMG's sweeps."""
     monkeypatch.setattr(pair_cycle, "SLAB", 300)  # several slabs make one coarse matrix
+    monkeypatch.setattr(pair_cycle, "COARSE_STRENGTH", multigrid.STRENGTH)
+    monkeypatch.setattr(multigrid, "MAX_COARSE", 20)
+    for module in (multigrid, pair_cycle):
+        monkeypatch.setattr(module, "ROWS", rows)
+    monkeypatch.setattr(multigrid, "COARSE_ROWS", rows)
     matrix = conductances()
     b = np.random.default_rng(1).standard_normal(matrix.n)
     b -= b.mean()
