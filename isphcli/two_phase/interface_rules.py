@@ -43,7 +43,7 @@ def interface_rules(density: Sequence[float] | np.ndarray, viscosity: Sequence[f
 
 
 def lacking_viscosity(density: Sequence[float] | np.ndarray, viscosity: Sequence[float] | np.ndarray) -> float:
-    """Kinematic viscosity, m2/s, that the rotational term lacks in the fluid of least dynamic viscosity, the lighter one
+    """Kinematic viscosity, m2/s, that the rotational term lacks in the fluid of least dynamic viscosity, the lighter
     of two: 0 of fluids of one density, and where that fluid has the least kinematic viscosity too. Arguments as
     those of `interface_rules`."""
     density, viscosity = np.asarray(density, float), np.asarray(viscosity, float)
