@@ -115,6 +115,10 @@ class Fluids(Protocol):
     def nu_min(self) -> float:
         """Smallest kinematic viscosity, m2/s."""
 
+    @property
+    def nu_lacking(self) -> float:
+        """Kinematic viscosity that the rotational term of eq. 4 lacks, m2/s; see `StepLengths`."""
+
     def terms(self, ops: Operators, neighbours: Neighbourhood, phi: np.ndarray | None = None) -> Terms:
         """Terms of one configuration. neighbours: all of them, dummies included; phi: (n,) of `State`."""
 
@@ -247,6 +251,11 @@ class OneFluid:
     def nu_min(self) -> float:
         """Smallest kinematic viscosity, m2/s."""
         return self.viscosity
+
+    @property
+    def nu_lacking(self) -> float:
+        """None is: the term has the viscosity of the fluid."""
+        return 0.0
 
     def driven_by(self, body: np.ndarray, drop_force: np.ndarray) -> OneFluid:
         """The same fluid under other forces; see `Fluids.driven_by`."""

@@ -52,7 +52,12 @@ def expected_steps(case: Case, geometry: Geometry, motion: Motion, fluids: list[
     which the flow comes nearer to its steady value by a factor e, s, or None."""
     time, there = case.time, [case.fluids[name] for name in fluids]
     assert time is not None
-    lengths = step_lengths(case, min(f.nu for f in there), _capillary_step(case, fluids), geometry.has_solid)
+    lacking = 0.0
+    if len(there) == 2:
+        from ..two_phase.interface_rules import lacking_viscosity
+
+        lacking = lacking_viscosity([f.density for f in there], [f.density * f.nu for f in there])
+    lengths = step_lengths(case, min(f.nu for f in there), _capillary_step(case, fluids), geometry.has_solid, lacking)
     drive, end = None if time.step else _timed_drive(case, geometry), forcing.longest_time(case)
     end = math.inf if end is None else end
     run, most = _Taken(Counter()), MOST if drive is None else MOST_FOLLOWED

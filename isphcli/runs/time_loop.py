@@ -62,7 +62,7 @@ class TimeLoop:
         self.along = _free_direction(case, stepper)
         fluids = stepper.fluids
         self.lengths = step_lengths(case, fluids.nu_min, fluids.tension.largest_step if fluids.tension else None,
-                                    stepper.geometry.has_solid)
+                                    stepper.geometry.has_solid, fluids.nu_lacking)
         self.last: Saved | None = None
         self.outcome = "finished"
 

@@ -42,6 +42,18 @@ def interface_rules(density: Sequence[float] | np.ndarray, viscosity: Sequence[f
     return InterfaceRules(max(OHNESORGE_MIN * unit - float(np.mean(viscosity)), 0.0), rotational)
 
 
+def lacking_viscosity(density: Sequence[float] | np.ndarray, viscosity: Sequence[float] | np.ndarray) -> float:
+    """Kinematic viscosity, m2/s, that the rotational term lacks in the fluid of least dynamic viscosity, the lighter
+    of two: 0 of fluids of one density, and where that fluid has the least kinematic viscosity too. Arguments as
+    those of `interface_rules`."""
+    density, viscosity = np.asarray(density, float), np.asarray(viscosity, float)
+    least = float(viscosity.min())
+    lacking = least - interface_rules(density, viscosity).rotational_viscosity
+    if lacking <= 1e-9 * least:  # round-off
+        return 0.0
+    return lacking / float(density[viscosity == least].min())
+
+
 def capillary_step(density: Sequence[float] | np.ndarray, spacing: float, tension: float) -> float:
     """sqrt(rho dx^3 / (2 pi sigma)), rho the mean density, s: the limit of Brackbill, Kothe and Zemach (1992).
     density: (2,) kg/m3; spacing: m; tension: N/m."""

@@ -30,7 +30,7 @@ from ..flow.state import phase_of
 from ..operators.protocol import WallSums
 from .cut_cells import Cells, cut
 from .interface import MOST, RATE, Interface, UnlikePairs, carried, find_interface, strain
-from .interface_rules import FIRST_PASSES, interface_rules
+from .interface_rules import FIRST_PASSES, interface_rules, lacking_viscosity
 from .kept_volumes import kept_volumes
 from .kinks import Kinks
 from .transposed_stress import TransposedStress
@@ -113,6 +113,11 @@ class TwoFluids:
     def nu_min(self) -> float:
         """Smallest kinematic viscosity, m2/s."""
         return float((self.mu / self.density).min())
+
+    @property
+    def nu_lacking(self) -> float:
+        """See `lacking_viscosity`."""
+        return lacking_viscosity(self.density, self.mu)
 
     @property
     def pressed(self) -> bool:

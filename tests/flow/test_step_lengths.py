@@ -20,6 +20,10 @@ def test_the_decay_counts_in_a_run_to_a_steady_state_only_where_nothing_moves():
     assert lengths(steady=True).limits(0.0, 0.0, 1.0)["viscous"] == 0.5
 
 
+def test_the_pressure_keeps_up_in_runs_to_a_steady_state_too():
+    assert lengths(steady=True, pressure=0.004).limits(1.0, 0.0, 1.0)["pressure"] == 0.004
+
+
 def test_a_drive_is_followed_within_the_other_limits():
     found = lengths(capillary=0.3).limits(1.0, 0.0, 1.0, follow=lambda dt: 0.5 * dt)
     assert found == {"cfl": 0.02, "viscous": 0.5, "drive": 0.01, "capillary": 0.3, "start": STEP_GROWTH}

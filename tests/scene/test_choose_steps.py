@@ -17,3 +17,7 @@ def test_limits_of_a_case():
     assert found.fixed is None and not found.steady
     steady = step_lengths(read_case(CASE, "case.yaml", ("time={steady: 0.1, step: 0.7}",)), 2e-3, None, walls=False)
     assert steady.steady and steady.fixed == 0.7 and steady.capillary is None
+    assert steady.pressure is None
+    gas = step_lengths(read_case(CASE, "case.yaml", ()), 2e-3, None, walls=True, lacking=0.5)
+    assert gas.pressure == 4 * 0.1**2 / 0.5
+    assert step_lengths(read_case(CASE, "case.yaml", ()), 2e-3, 0.5, walls=True, lacking=0.5).pressure is None

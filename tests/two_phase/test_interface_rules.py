@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isphcli.two_phase.interface_rules import OHNESORGE_MIN, interface_rules
+from isphcli.two_phase.interface_rules import OHNESORGE_MIN, interface_rules, lacking_viscosity
 
 
 @pytest.mark.parametrize("density", [(1.0, 1.0), (1000.0, 1.0)])
@@ -23,3 +23,13 @@ def test_the_rotational_viscosity_is_at_most_that_of_either_fluid():
     """And that of one fluid where both are alike."""
     assert interface_rules((3.0, 3.0), (0.5, 0.5)).rotational_viscosity == 0.5
     assert interface_rules((1000.0, 1.0), (1e-3, 2e-5)).rotational_viscosity == pytest.approx(1e-6)
+
+
+@pytest.mark.parametrize("density, viscosity, lacking", [
+    ((1000.0, 1.0), (1e-3, 2e-5), 1.9e-5),  # water and air: nearly all of that of air
+    ((1000.0, 500.0), (1e-3, 1e-4), 0.0),  # brine and CO2: the thinner one in both ways
+    ((800.0, 800.0), (0.3, 1e-3), 0.0),
+    ((1.0, 0.1), (1.0, 1.0), 9.0),
+])
+def test_what_the_rotational_term_lacks_in_the_thinner_fluid(density, viscosity, lacking):
+    assert lacking_viscosity(density, viscosity) == pytest.approx(lacking, rel=1e-9)
