@@ -99,7 +99,7 @@ class Surroundings(NamedTuple):
     are met; around (m, 14): the others, rows as in `Region.pieces`, with the way from the centre of the piece to x in
     the place of that centre, then the lower and upper corner, from x, of the box that the piece is taken from, infinite
     along closed axes; number (m, 5) int64: the piece, along each axis how many boxes away from that of x it is taken,
-    its shape; cells (3, 3) int64, way (3,): scratch.
+    its shape; cells (2, 3) int64, way (3,): scratch.
     """
 
     x: np.ndarray
@@ -120,7 +120,7 @@ def put_crossings(rows, xi, xj, grid, t):
     lower, edge, counts, periodic = grid.lower, grid.edge, grid.counts, grid.around
     reach = np.zeros((2, 3))
     ball = np.zeros(BALLS), np.zeros(BALLS), np.zeros(BALLS), np.zeros(BALLS), np.zeros(BALLS)
-    near = Surroundings(np.zeros(3), ball, np.zeros((32, 14)), np.zeros((32, 5), np.int64), np.zeros((3, 3), np.int64),
+    near = Surroundings(np.zeros(3), ball, np.zeros((32, 14)), np.zeros((32, 5), np.int64), np.zeros((2, 3), np.int64),
                         np.zeros(3))
     chords, owner = np.zeros((32, 2)), np.zeros(32, np.int64)
     while k < rows[1]:
@@ -171,26 +171,26 @@ def _pieces_near(near, reach, longest, grid):
     x, (ball_x, ball_y, ball_z, power, _), around, number, cells, _ = near
     lower, edge, counts, piece, entry, balls, m = grid.lower, grid.edge, grid.counts, grid.piece, grid.entry, 0, 0
     shape, sure, periodic, longest = grid.shape, grid.sure, grid.around, longest * (1.0 + 1e-9)
-    origin, turns = grid.origin, grid.turns
+    origin, turns, start = grid.origin, grid.turns, grid.start
     for a in range(3):
         for side in range(2):
             at = int(np.floor((x[a] + reach[side, a] - lower[a]) / edge[a]))
             cells[side, a] = at if periodic[a] else min(max(at, 0), counts[a] - 1)
     for z in range(cells[0, 2], cells[1, 2] + 1):
+        z_turns = 0 if 0 <= z < counts[2] else z // counts[2]  # a division takes ten times as long
+        layer = (z - z_turns * counts[2]) * counts[1]
         for y in range(cells[0, 1], cells[1, 1] + 1):
-            for first in range(cells[0, 0], cells[1, 0] + 1):
-                cell = 0
-                for a in range(2, -1, -1):
-                    i = first if a == 0 else y if a == 1 else z
-                    # a division takes ten times as long
-                    cells[2, a] = 0 if 0 <= i < counts[a] else i // counts[a]
-                    cell = cell * counts[a] + i - cells[2, a] * counts[a]
-                for q in range(grid.start[cell], grid.start[cell + 1]):
+            y_turns = 0 if 0 <= y < counts[1] else y // counts[1]
+            line = (layer + y - y_turns * counts[1]) * counts[0]
+            for i in range(cells[0, 0], cells[1, 0] + 1):
+                x_turns = 0 if 0 <= i < counts[0] else i // counts[0]
+                cell = line + i - x_turns * counts[0]
+                for q in range(start[cell], start[cell + 1]):
                     p = entry[q]
                     # from the piece itself: the same digits by whichever of its images it is found
-                    w0 = x[0] - (origin[p, 0] + (turns[p, 0] + cells[2, 0]) * (edge[0] * counts[0]))
-                    w1 = x[1] - (origin[p, 1] + (turns[p, 1] + cells[2, 1]) * (edge[1] * counts[1]))
-                    w2, known = x[2] - (origin[p, 2] + (turns[p, 2] + cells[2, 2]) * (edge[2] * counts[2])), False
+                    w0 = x[0] - (origin[p, 0] + (turns[p, 0] + x_turns) * (edge[0] * counts[0]))
+                    w1 = x[1] - (origin[p, 1] + (turns[p, 1] + y_turns) * (edge[1] * counts[1]))
+                    w2, known = x[2] - (origin[p, 2] + (turns[p, 2] + z_turns) * (edge[2] * counts[2])), False
                     if piece[p, 0] == BALL:
                         far, away2 = longest + piece[p, 4] * (1.0 + 1e-9), w0 * w0 + w1 * w1 + w2 * w2
                         if away2 > far * far:
@@ -204,21 +204,18 @@ def _pieces_near(near, reach, longest, grid):
                                 balls += 1
                             continue
                     for c in range(m):
-                        same = number[c, 0] == p
-                        for a in range(3):
-                            same &= number[c, 1 + a] == cells[2, a]
-                        known |= same
+                        known |= number[c, 0] == p and number[c, 1] == x_turns and number[c, 2] == y_turns and (
+                            number[c, 3] == z_turns)
                     if known:
                         continue
                     if m == len(around):
                         around = np.concatenate((around, np.zeros_like(around)))
                         number = np.concatenate((number, np.zeros_like(number)))
                     number[m, 0], around[m, 0], around[m, 1], around[m, 2], around[m, 3] = p, piece[p, 0], w0, w1, w2
-                    number[m, 4] = shape[p]
+                    number[m, 1], number[m, 2], number[m, 3], number[m, 4] = x_turns, y_turns, z_turns, shape[p]
                     for a in range(3):
                         period = edge[a] * counts[a]
-                        number[m, 1 + a] = cells[2, a]
-                        low = lower[a] + cells[2, a] * period - x[a]
+                        low = lower[a] + number[m, 1 + a] * period - x[a]
                         around[m, 8 + a], around[m, 11 + a] = (low, low + period) if periodic[a] else (-np.inf, np.inf)
                     for a in range(4, 8):
                         around[m, a] = piece[p, a]

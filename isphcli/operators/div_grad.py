@@ -149,7 +149,8 @@ def adjoint_divergence(ops: Operators) -> None:
     narrow = np.flatnonzero(walls.narrow)
     if isinstance(ops.exchange, Numbered):
         _adjoint_of_remote(ops, ops.exchange, walls.narrow)
-    _adjoint_divergence(ops.neighbours, ops.volume, ops.grad_p, narrow, ops.grad, walls.div, walls.div_velocity)
+    over_rows(_adjoint_divergence, len(narrow), ops.neighbours, ops.volume, ops.grad_p, narrow,
+              (ops.grad, walls.div, walls.div_velocity))
 
 
 def _adjoint_of_remote(ops: Operators, exchange: Numbered, narrow: np.ndarray) -> None:
@@ -162,11 +163,13 @@ def _adjoint_of_remote(ops: Operators, exchange: Numbered, narrow: np.ndarray) -
     ops.grad[which[asked]] = found / ops.volume[row[asked], None]
 
 
-@njit(cache=True)
-def _adjoint_divergence(neighbours, volume, grad_p, narrow, grad, wall_div, wall_div_velocity):
+@njit(cache=True, nogil=True)
+def _adjoint_divergence(rows, neighbours, volume, grad_p, narrow, out):
+    grad, wall_div, wall_div_velocity = out
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     dim = x.shape[1]
-    for i in narrow:
+    for r in range(rows[0], rows[1]):
+        i = narrow[r]
         for k in range(dim):
             wall_div[i, k] = 0.0
         wall_div_velocity[i] = 0.0

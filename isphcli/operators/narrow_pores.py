@@ -38,9 +38,9 @@ def classify_neighbourhoods(stencils: WallStencils, exchange: Exchange = NO_EXCH
     found[smallest < NARROW_SHARE] = NARROW
     isolated = largest < THIN
     if reduce.any_true(isolated):
-        _share_no_pressure(start, column, link, exchange.forward(isolated))
+        over_rows(_share_no_pressure, neighbours.n, start, column, link, exchange.forward(isolated))
         isolated |= _behind(start, column, link, exchange) & ~isolated
-        _share_no_pressure(start, column, link, exchange.forward(isolated))
+        over_rows(_share_no_pressure, neighbours.n, start, column, link, exchange.forward(isolated))
         found[isolated] = ISOLATED
     return found
 
@@ -100,9 +100,9 @@ def _shares(rows, neighbours, link, volume, smallest, largest, walled):
             smallest[i], largest[i] = low / whole, high / whole
 
 
-@njit(cache=True)
-def _share_no_pressure(start, column, link, isolated):
-    for i in range(len(start) - 1):
+@njit(cache=True, nogil=True)
+def _share_no_pressure(rows, start, column, link, isolated):
+    for i in range(rows[0], rows[1]):
         for p in range(start[i], start[i + 1]):
             if link[p] != MEETS_WALL and (isolated[i] or isolated[column[p]]):
                 link[p] = IN_SIGHT
