@@ -14,9 +14,7 @@ from ..domain import reduce
 from ..domain.communicator import current
 from ..domain.slabs import Slabs
 from .images.image import VoxelError
-from .labels import unlike_next
 from .modes import Modes
-from .spline import SEEN, slopes, spline_coefficients
 
 BINS = 1024  # of the histogram of Otsu's threshold: its step is a thousandth of the range of grey values
 # voxel^4: weight of the squared Laplacian against the squared misfit. With 3e-4 noise of 10 % of the contrast closes
@@ -26,14 +24,9 @@ ROUGHNESS = 1e-3
 # square voxels: variance of a step in an image without blur, 1/12 by the average over a voxel, the rest by the spline
 # between samples of it
 UNBLURRED = 0.17
-# voxels: estimated blur up to which an image of two values is sharpened without being asked. Scans with a blur of one
-# voxel have 1.14 at most; fields that rise evenly, such as signed distances, 1.24 and more (docs/design_notes.md)
+# voxels: blur up to which an image of two values is sharpened without being asked. Scans with a blur of one voxel are
+# found to have 0.9 to 1.0, smooth fields such as a gyroid 2 (docs/design_notes.md)
 WIDEST = 1.2
-# how often the contrast is found anew for the estimate of the blur. Without it a blur of 0.5 or 0.8 voxel of scans is
-# found to be 0 to 0.24 and 0.30 to 0.51, with three 0.26 to 0.35 and 0.64 to 0.78; with more there is no end where
-# bodies are as thin as the blur is wide (docs/design_notes.md)
-PASSES = 3
-WIDE = 2.0  # voxels: most that is estimated, and most that `geometry.voxels.grey.blur` takes
 TWO_VALUED = 0.75  # least share of the variance between the classes where an image counts as one of two grey values
 
 
@@ -111,67 +104,6 @@ def labels_of_grey(values: np.ndarray, threshold: float, solid: str, fluids: Map
         raise VoxelError(f"{path}: grey values of the pores from {low:g} to {high:g} belong to no fluid; widen "
                          "geometry.voxels.grey.fluids")
     return phases
-
-
-def estimate_blur(field: np.ndarray, around: np.ndarray, slabs: Slabs | None = None) -> float:
-    """Standard deviation, voxels, at most WIDE, of the Gaussian that has blurred an image of two values.
-
-    A step of a field from -c to c that is averaged over a voxel, with a Gaussian of width s and by the spline has the
-    slope c sqrt(2 / (pi (s^2 + UNBLURRED))) on its middle; the median of the slopes of the spline where it is zero
-    between neighbouring centres is taken. The means of the field on the two sides of zero are nearer to each other than
-    2 c, since voxels at walls are in them: by the part that s leaves of the contrast of the segmented image.
-
-    field: [z, y, x], 0 at the threshold; around: (3,) bool x, y, z; slabs: how the processes share the field, of which
-    each has its layers; without it one process has all.
-    """
-    slabs = slabs or Slabs.whole(field.shape)
-    slope = _slope_at_walls(field, around, slabs)
-    if slope is None:
-        return 0.0
-    low, high, _ = grey_classes(field, 0.0)
-    step = 2.0 / np.pi * (0.5 * (high - low) / slope) ** 2  # square voxels: s^2 + UNBLURRED, c by the means
-    modes = Modes(slabs.shape, around, slabs)
-    square = (2.0 * np.pi) ** 2 * modes.square_frequencies().ravel()
-    power = modes.powers(np.where(field >= 0.0, np.float32(1.0), np.float32(-1.0))).ravel()
-    power[square == 0.0] = 0.0
-    variance, whole = float(step) - UNBLURRED, reduce.total(power)
-    for _ in range(PASSES):
-        # the labels know where walls are to a voxel: they lack its average, 1/12
-        averaged = np.exp(-0.5 * square * (float(np.clip(variance, 0.0, WIDE**2)) + 1.0 / 12.0))
-        variance = float(step) / float(reduce.dot(power, averaged) / whole) ** 2 - UNBLURRED
-    # rounded: processes add up their modes in another order
-    return round(float(np.sqrt(np.clip(variance, 0.0, WIDE**2))), 9)
-
-
-def _slope_at_walls(field: np.ndarray, around: np.ndarray, slabs: Slabs) -> float | None:
-    """Median slope, 1 / voxel, of the spline of a field where it is zero between neighbouring centres, None where it
-    nowhere is; arguments as those of `estimate_blur`."""
-    coefficients = spline_coefficients(np.array(field, np.float32), around, slabs)
-    places: list[np.ndarray] = [np.empty((0, 3))]
-    for axis in range(3):
-        if slabs.shape[axis] < 2:
-            continue
-        lines = slabs.beside(field, 0, 1, False)[0] if axis == 0 else field
-        index = np.argwhere(unlike_next(lines > 0, axis, False))
-        f = lines[tuple(index.T)].astype(float)
-        index[:, axis] += 1
-        g = lines[tuple(index.T)]
-        place = index + 0.5
-        place[:, axis] += f / (f - g) - 1.0
-        places.append(place[:, ::-1])
-    found = _slopes_of(coefficients, around, np.concatenate(places), slabs)
-    if not reduce.number(found):
-        return None
-    median, = reduce.quantiles(found, [0.5])
-    return float(median)
-
-
-def _slopes_of(coefficients: np.ndarray, around: np.ndarray, u: np.ndarray, slabs: Slabs) -> np.ndarray:
-    """`slopes` at points u (n, 3) of the own layers of a spline, z from the first of them."""
-    if slabs.ranks.size > 1:
-        coefficients, first = slabs.beside(coefficients, SEEN, SEEN, bool(around[2]))
-        u, around = u + [0.0, 0.0, slabs.own[0] - first], np.array([*around[:2], False])
-    return slopes(coefficients, around, u)
 
 
 def sharpen(field: np.ndarray, blur: float, around: np.ndarray, slabs: Slabs | None = None) -> np.ndarray:

@@ -48,36 +48,16 @@ class Modes:
         if self.repeats:  # the waves of a real field come in pairs: `rfft` keeps half of them
             last = self.repeats[-1]
             every[last] = fft.rfftfreq(self.shape[last])
-        return sum_of_squares(self._own(every))
-
-    def powers(self, field: np.ndarray) -> np.ndarray:
-        """Square of every mode of this process, of both waves of a pair: their sum is that of the squares of the field
-        but for a factor."""
-        pairs = [np.ones(n) for n in self.shape]
-        if self.repeats:
-            last = self.repeats[-1]
-            n = self.shape[last]
-            pairs[last] = np.where(np.arange(n // 2 + 1) * 2 % n == 0, 1.0, 2.0)
-        found = self._all_modes(field)
-        return np.asarray(np.square(np.abs(found)) * functools.reduce(np.multiply.outer, self._own(pairs)))
-
-    def _own(self, every: list[np.ndarray]) -> list[np.ndarray]:
-        """Of one entry a mode along each axis those of the modes of this process."""
         if 0 in self._order:
             every[1] = every[1][self.slabs.columns]
         elif self.slabs.ranks.size > 1:
             every[0] = every[0][slice(*self.slabs.own)]
-        return every
-
-    def _all_modes(self, field: np.ndarray) -> np.ndarray:
-        """The modes of this process of a field of which it has its layers."""
-        for a in self._order:
-            field = self._to_modes(self.slabs.turned(field) if a == 0 else field, a)
-        return field
+        return sum_of_squares(every)
 
     def filtered(self, field: np.ndarray, share: np.ndarray) -> np.ndarray:
         """The field with `share` of each of its modes; of several processes their own layers, and their own modes."""
-        field = self._all_modes(field)
+        for a in self._order:
+            field = self._to_modes(self.slabs.turned(field) if a == 0 else field, a)
         if self._order:
             field *= share  # what was transformed is an array of its own
         else:

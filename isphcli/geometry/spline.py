@@ -12,7 +12,6 @@ import numpy as np
 from numba import njit
 from scipy import ndimage
 
-from ..domain.row_threads import over_rows
 from ..domain.slabs import Slabs
 
 SEEN = 2  # layers of coefficients on either side of a voxel that values in it, and on the way to the next centre, need
@@ -124,17 +123,3 @@ def value_and_slope(c, around, ux, uy, uz):
         dz += sz[m] * layer
         m += 1
     return value, dx, dy, dz
-
-
-def slopes(c: np.ndarray, around: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Slopes per voxel (n,) of the spline with coefficients c at points u (n, 3), in voxel coordinates x, y, z."""
-    out = np.empty(len(u))
-    over_rows(_put_slopes, len(u), c, around, np.ascontiguousarray(u), out)
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _put_slopes(rows, c, around, u, out):
-    for k in range(rows[0], rows[1]):
-        _, dx, dy, dz = value_and_slope(c, around, u[k, 0], u[k, 1], u[k, 2])
-        out[k] = np.sqrt(dx * dx + dy * dy + dz * dz)

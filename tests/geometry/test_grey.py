@@ -1,11 +1,10 @@
-"""Grey images: thresholds, classes, blur."""
+"""Grey images: thresholds, classes, what sharpening does."""
 
 import numpy as np
 import pytest
 
 from isphcli.geometry.grey import (
     UNBLURRED,
-    estimate_blur,
     field_of_grey,
     grey_classes,
     labels_of_grey,
@@ -17,13 +16,6 @@ from isphcli.geometry.spline import average
 from tests.geometry.fields import waves
 
 ROUND = np.ones(3, bool)
-
-
-def two_values(n=24, up=4, blur=0.0):
-    """Shares of fluid in the voxels of a random body, as a field from -1 to 1, blurred by `blur` voxels."""
-    fine = (waves(n, n, 6, 1, 0.45, up) > 0).astype(np.float32) * 2 - 1
-    share = fine.reshape(n, up, n, up, n, up).mean(axis=(1, 3, 5))
-    return average(share, blur, ROUND)
 
 
 def test_otsu_finds_the_valley_between_two_classes():
@@ -54,14 +46,6 @@ def test_fluids_by_ranges_of_grey_values():
         labels_of_grey(values, 30, "above", {"gas": (0, 10)}, ("water", "gas"))
     with pytest.raises(VoxelError, match="no voxel of the pores has a grey value of 'gas'"):
         labels_of_grey(values, 30, "above", {"gas": (0, 2), "water": (2, 30)}, ("water", "gas"))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("blur", [0.0, 0.5, 0.8])
-def test_the_blur_of_an_image_of_two_values_is_estimated(blur):
-    """In any unit of grey values. 0.2 voxels: walls are curved and lie near each other, the slopes of grey values are
-    coarse. By the means of the two sides, voxels at walls included, a blur of 0.8 is found to be 0.5."""
-    assert estimate_blur(70.0 * two_values(blur=blur), ROUND) == pytest.approx(blur, abs=0.2)
 
 
 @pytest.mark.parametrize("around", [ROUND, np.array([True, False, False])])

@@ -15,17 +15,6 @@ def test_all_of_every_mode_is_the_field(shape, around):
     assert modes.dim == 3 - shape.count(1)
 
 
-@pytest.mark.parametrize("around", [(True, True, True), (True, False, True), (False, True, False), (False,) * 3])
-@pytest.mark.parametrize("shape", [(6, 8, 10), (5, 7, 9), (1, 8, 6)])
-def test_a_filter_leaves_of_the_squares_what_it_leaves_of_the_powers(shape, around):
-    """Parseval, up to a factor: with the pairs of waves of which `rfft` keeps one."""
-    field = np.random.default_rng(0).standard_normal(shape)
-    modes = Modes(shape, np.array(around))
-    share, power = np.exp(-9.0 * modes.square_frequencies()), modes.powers(field.copy())
-    left = np.sum(power * share**2) / np.sum(power)
-    assert left == pytest.approx(np.sum(modes.filtered(field.copy(), share) ** 2) / np.sum(field**2), rel=1e-9)
-
-
 @pytest.mark.parametrize("periodic", [True, False])
 def test_frequencies_are_those_of_waves_and_cosines(periodic):
     """Minus the Laplacian of a wave is its square wave number times itself."""

@@ -104,7 +104,7 @@ def test_blur_is_taken_out_of_an_image_of_two_grey_values(tmp_path):
         assert ("taken out" in dict(geometry.described)["sharpness"]) is out
 
 
-@pytest.mark.parametrize(("slope", "least", "most"), [(400, 1e-3, 0.2), (100, 0.0, 0.0)])
+@pytest.mark.parametrize(("slope", "least", "most"), [(400, 1e-3, 0.25), (100, 0.0, 0.0)])
 def test_the_blur_is_settled_once(tmp_path, slope, least, most):
     """Of shares of solid a number, of a ramp 0: with these another threshold is understood in the same way."""
     middles = np.arange(12) + 0.5
