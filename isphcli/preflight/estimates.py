@@ -41,10 +41,10 @@ SECONDS_RUN = 0.17
 SECONDS_STEP, SECONDS_STEP_TWO = 2.3e-3, 4.0e-3
 MICROSECONDS_MOVING = {(2, False): 2.7, (2, True): 5.5, (3, False): 4.3, (3, True): 15.0}
 MICROSECONDS_TWO = {(2, False): 3.2, (2, True): 5.1, (3, False): 11.5, (3, True): 27.0}
-# Of steady flow a particle: once, and an iteration for each axis (0.68 on an array of spheres, 0.70 in Berea sandstone,
-# 0.98 in a pack of beads by benchmarks/stokes.py on a busy machine); in 2D an axis. Iterations are 16 to 22 in wide
-# pores, 40 in Berea sandstone, 28 with two particles per voxel, 58 in a pack of beads: see `_iterations`
-MICROSECONDS_ONCE, MICROSECONDS_ITERATION, MICROSECONDS_STEADY_2D = 12.0, 0.85, 27.0
+# Of steady flow a particle: once, and an iteration for each axis (0.45 on an array of spheres and in a corner of Berea
+# sandstone, 0.5 in all of it, twice the pairs in a pack of beads, by benchmarks/stokes.py on a busy machine); in 2D an
+# axis. Iterations are 18 to 24 in wide pores, 34 in Berea sandstone, 59 in a pack of beads: see `_iterations`
+MICROSECONDS_ONCE, MICROSECONDS_ITERATION, MICROSECONDS_STEADY_2D = 12.0, 0.62, 27.0
 ITERATIONS, ITERATIONS_OF_THROATS, HALF = 9.0, 50.0, 2.5  # HALF: particles
 # Of steady flow past shapes a dummy particle: distances to walls, where pairs cross them, and means over cells that
 # they cut; cases/bead_pack.yaml takes 15.3 s for 409,273 (geometry in summary.json, load 8 to 10 on two cores)
