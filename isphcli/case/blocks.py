@@ -81,10 +81,9 @@ class Grey:
     )
     blur: float | str | None = key(
         "width of the scanner's blur (standard deviation of a Gaussian) that is taken out of the image, with the "
-        "average over a voxel, in voxels, or auto: estimated from the slope of the image at the walls, for images of "
-        "two grey values. 0: nothing is taken out, of a field whose zero is the wall, such as a signed distance. "
-        "Without it: auto of an image of two grey values with steps of a few voxels at the walls, else 0; the run says "
-        "which",
+        "average over a voxel, in voxels, or auto: that of the body whose own scan is nearest to the image, for images "
+        "of two grey values. 0: nothing is taken out, of a field whose zero is the wall, such as a signed distance. "
+        "Without it: auto of an image of two grey values that is the scan of a body, else 0; the run says which",
         default=None,
         at_least=0,
         at_most=2,

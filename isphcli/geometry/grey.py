@@ -24,9 +24,10 @@ ROUGHNESS = 1e-3
 # square voxels: variance of a step in an image without blur, 1/12 by the average over a voxel, the rest by the spline
 # between samples of it
 UNBLURRED = 0.17
-# voxels: blur up to which an image of two values is sharpened without being asked. Scans with a blur of one voxel are
-# found to have 0.9 to 1.0, smooth fields such as a gyroid 2 (docs/design_notes.md)
-WIDEST = 1.2
+# voxels: blur by `scan_fit` up to which an image of two values is taken for a scan without being asked. Scans with a
+# blur of 1 voxel have 0.95 to 0.99; gyroids 1.2 and more, fields that rise evenly over 4 voxels 1.1 and more
+# (docs/design_notes.md)
+WIDEST = 1.1
 TWO_VALUED = 0.75  # least share of the variance between the classes where an image counts as one of two grey values
 
 

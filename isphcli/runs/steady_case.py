@@ -443,8 +443,9 @@ def _with_throats(found: AxisResult, throats: InThroats, spacing: float, pores: 
                             f"everywhere): {sentence}")
 
 
-def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen, porosity: float) -> None:
-    """Adds to `seen` what the solves along an axis show: whether it is open, and a warning of narrow pores."""
+def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen, porosity: float, longer: float = 1.0) -> None:
+    """Adds to `seen` what the solves along an axis show: whether it is open, and a warning of narrow pores. longer: the
+    tortuosity, by whose square k is less in pores of one width that do not lie along the axis."""
     name, axis, opened = found.name, "xyz".index(found.name), len(found.shut) < len(case.spacings)
     if found.shut:
         where = f"at the spacing {', '.join(f'{h:g}' for h in found.shut)} " if opened else ""
@@ -459,8 +460,8 @@ def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen, porosity: f
         finest = min(h for h in case.spacings if h not in found.shut)
         if case.refine == "throats" and found.bar is not None:
             finest *= 0.5  # in throats particles have half the spacing
-        narrow = too_narrow(f"the flow along {name} sees pores (sqrt(12 k / porosity))",
-                            pore_width(found.permeability, porosity), finest)
+        narrow = too_narrow(f"the flow along {name} sees pores (tortuosity sqrt(12 k / porosity))",
+                            longer * pore_width(found.permeability, porosity), finest)
         seen.warnings += [narrow] if narrow else []
 
 
@@ -472,8 +473,9 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
     grain = grain_chord(main.geometry, min(case.spacings))
     results = [_axis_result(case, axis, flows, main.geometry, filled, grain)
                for axis, _ in axes if axis is not None]
+    ways = _tortuosities(flows)
     for along in results:
-        _tell(along, case, found.closed, seen, filled)
+        _tell(along, case, found.closed, seen, filled, ways.get(along.name) or 1.0)
     if main.geometry.has_solid:
         scene["open_axes"] = seen.open_axes
     permeability = {along.name: along.permeability for along in results}
@@ -512,7 +514,7 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
         "permeability_by_spacing": ({along.name: along.by_spacing for along in results}
                                     if len(case.spacings) > 1 or case.refine == "throats" else None),
         "permeability_tensor": tensor,
-        **_measures(case, flows),
+        **_measures(case, flows, ways),
         "superficial_velocity": main.superficial,
         "mean_velocity": main.mean,
         "mass_error": max(flow.mass_error for flow in finest),
@@ -524,15 +526,23 @@ def _sum_up(case: Case, axes: Drives, found: Found, seen: Seen) -> tuple[dict[st
     return summary, result
 
 
-def _measures(case: Case, flows: Flows) -> dict[str, Any]:
+def _tortuosities(flows: Flows) -> dict[str, float | None]:
+    """By the name of the axis, of the flows at the finest spacing along one."""
+    finest, ways = min(h for _, h in flows), {}
+    for (axis, h), flow in sorted(flows.items(), key=str):
+        if axis is not None and h == finest:
+            cells, velocity = flow.all_cells
+            ways["xyz"[axis]] = tortuosity(velocity, axis, part_of_sample(flow.geometry, cells, flow.thick))
+    return ways
+
+
+def _measures(case: Case, flows: Flows, ways: dict[str, float | None]) -> dict[str, Any]:
     """Entries of the summary on the flows at the finest spacing: tortuosity, formation factor, and of the flow that is
-    written the distribution of the speed and the wall shear."""
+    written the distribution of the speed and the wall shear. ways: see `_tortuosities`."""
     finest = min(h for _, h in flows)
     driven = {axis: flow for (axis, h), flow in sorted(flows.items(), key=str) if axis is not None and h == finest}
-    ways, factors, bars = {}, {}, {}
+    factors, bars = {}, {}
     for axis, flow in driven.items():
-        cells, velocity = flow.all_cells
-        ways["xyz"[axis]] = tortuosity(velocity, axis, part_of_sample(flow.geometry, cells, flow.thick))
         if flow.diffusivity:
             factors["xyz"[axis]] = 1.0 / flow.diffusivity
             known = {h: other.diffusivity for (a, h), other in flows.items() if a == axis and other.diffusivity}

@@ -17,8 +17,19 @@ def test_pores_that_the_flow_sees_narrower_than_the_check(across, median, told):
     case = read(SLIT)
     h, seen = case.particles.spacing, Seen(throats={"median": median})
     _tell(AxisResult("x", 0.3 * (across * h) ** 2 / 12, {}, []), case, {}, seen, 0.3)
-    assert any(f"the flow along x sees pores (sqrt(12 k / porosity)) {across:.3g} particles" in text
+    assert any(f"the flow along x sees pores (tortuosity sqrt(12 k / porosity)) {across:.3g} particles" in text
                for text in seen.warnings) == told
+
+
+def test_pores_across_the_axis_are_as_wide_as_those_along_it():
+    """Slits at 45 degrees have half the permeability of those along the axis, and their flow is as well resolved."""
+    case = read(SLIT)
+    h, warned = case.particles.spacing, []
+    for longer in (1.0, 2**0.5):
+        seen = Seen(throats={"median": 4.0})
+        _tell(AxisResult("x", 0.5 * 0.3 * (3.1 * h) ** 2 / 12, {}, []), case, {}, seen, 0.3, longer)
+        warned.append(bool(seen.warnings))
+    assert warned == [True, False]
 
 
 def test_an_interrupted_ladder_keeps_the_spacings_that_are_solved(tmp_path, monkeypatch):
