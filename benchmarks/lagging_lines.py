@@ -2,6 +2,7 @@
 drop that is set in motion on a wall comes to rest.
 
 usage: python benchmarks/lagging_lines.py [DIM [ANGLE ...]]     (2 or 3, degrees through the fluid around; 2 60 90 120)
+    KICK and END of the environment: velocity at the start, 0.01, and end of the run, 4
 
 A drop of the volume of half a ball of 5 spacings in radius, at its contact angle, on one of two plates 10 spacings
 apart, density and tension 1, viscosity 0.03 in and around it. Its interface is drawn exactly.
@@ -10,11 +11,12 @@ force: where the front of the drop stays behind in the row of particles at the w
 of tension along the wall, to the front, less that of the exact drop, over e times the tension (in 3D times the diameter
 too). Tension acts on the fluid along the wall as the angle at the line says, whatever shape the interface has, so that
 none is right; what is above zero pushes the drop on.
-velocity: of the drop, which begins with that of a parabola over the height, largest 0.01, at t = 1, 2, ... over that at
+velocity: of the drop, which begins with that of a parabola over the height, largest KICK, at t = 1, 2, ... over that at
 the start; and the capillary number of the largest speed at the end. Without tension it would fall by a quarter in 1.
 """
 
 import math
+import os
 import sys
 from dataclasses import replace
 
@@ -29,7 +31,8 @@ from isphcli.scene.build_geometry import build_geometry
 from isphcli.scene.prepare import prepare
 from isphcli.two_phase.interface import reach_of
 
-ACROSS, MU, KICK, END, LAG = 10, 0.03, 0.01, 4.0, 0.02  # lag in spacings
+ACROSS, MU, LAG = 10, 0.03, 0.02  # lag in spacings
+KICK, END = float(os.environ.get("KICK", "0.01")), float(os.environ.get("END", "4"))
 
 
 class Drop:
