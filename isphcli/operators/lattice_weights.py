@@ -380,7 +380,9 @@ def _pairs_in_sight(everyone: Neighbourhood, link: np.ndarray,
     edges, dim, tolerance = edges_of(len(start) - 1), everyone.x.shape[1], 1e-6 * everyone.support
     row, column = np.empty(start[-1], np.int32), np.empty(start[-1], np.int32)
     offset_id, step = np.empty(start[-1], np.uint8), np.empty((len(edges) - 1, MOST_OFFSETS, dim))
-    counts, given = np.zeros(len(step), np.int64), (everyone, link, start, tolerance)
+    # one more than there are numbers, for what follows the last one
+    behind = np.zeros((len(step), MOST_OFFSETS + 2), np.uint8)
+    counts, given = np.zeros(len(step), np.int64), (everyone, link, start, tolerance, behind)
     _offsets((0, 1), edges, given, (row, column, offset_id), step, counts)
     common = min(int(counts[0]), MOST_OFFSETS)
     if len(step) > 1:
@@ -404,16 +406,18 @@ def _pairs_in_sight(everyone: Neighbourhood, link: np.ndarray,
 def _offsets(blocks, edges, given, pairs, step, counts):
     """Rows, columns and numbers of the offsets of the pairs in sight of each block of rows, and its offsets, step
     (blocks, MOST_OFFSETS, dim); counts (blocks,): of those, given and left, MOST_OFFSETS + 1 where there are more."""
-    (everyone, link, start, tolerance), (row, column, offset_id) = given, pairs
+    (everyone, link, start, tolerance, behind), (row, column, offset_id) = given, pairs
     x, owner, dim = everyone.x, everyone.owner, everyone.x.shape[1]
     for block in range(blocks[0], blocks[1]):
         count = counts[block]
         for i in range(edges[block], edges[block + 1]):
-            q, guess = start[i], 0  # rows list their neighbours in the same order, those beyond walls among them
+            # rows list their neighbours in the same order, those beyond walls among them: an offset is guessed by the
+            # one before it, behind which it stood the last time
+            q, before, known = start[i], MOST_OFFSETS + 1, True
             own_x, own_y, own_z = x[i, 0], x[i, 1], x[i, dim - 1]
             for p in range(everyone.start[i], everyone.start[i + 1]):
                 if link[p] == MEETS_WALL:
-                    guess = guess + 1 if guess + 1 < count else 0
+                    before, known = np.int64(behind[block, before]), False
                     continue
                 j, found, at = everyone.row[p], -1, q
                 row[at], column[at] = j, owner[j]
@@ -421,6 +425,7 @@ def _offsets(blocks, edges, given, pairs, step, counts):
                 if count > MOST_OFFSETS:
                     continue
                 x_step, y_step, z_step = x[j, 0] - own_x, x[j, 1] - own_y, x[j, dim - 1] - own_z
+                guess = np.int64(behind[block, before])
                 for tried in range(count):
                     t = guess + tried
                     if t >= count:
@@ -437,7 +442,9 @@ def _offsets(blocks, edges, given, pairs, step, counts):
                     found = count
                     count += 1
                 offset_id[at] = found
-                guess = found + 1
+                if known:
+                    behind[block, before] = found
+                before, known = found, True
         counts[block] = count
 
 
