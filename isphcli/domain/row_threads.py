@@ -53,7 +53,7 @@ def over_rows(kernel: Callable[..., Any], n: int, *arguments: Any, work: Callabl
     def call(rows: tuple[int, int]) -> Any:
         return kernel(rows, *arguments) if work is None else kernel(rows, work(), *arguments)
 
-    if n < 2 * FEWEST:  # one range on any number of threads, and to ask numba for that takes 10 us
+    if n < 2 * FEWEST:  # one range on any number of threads, and to ask numba for that takes 2 us
         return [call((0, n))]
     threads = threads_here()
     return _share_out(call, cut(n, min(RANGES * threads, n // FEWEST) if threads > 1 else 1), threads)
