@@ -53,12 +53,14 @@ def late_mean(rows: Sequence[Mapping[str, Any]], name: str, since: float) -> Lat
     return LateMean(mean, float(np.sqrt(about @ about / (count - 2) / count)), float(scatter))
 
 
-def noise_of_the_drop(found: LateMean | None) -> str | None:
-    """A sentence on a pressure drop that holds a flux, Pa, and is noise; None of others."""
+def noise_of_the_drop(found: LateMean | None, walls: bool = True) -> str | None:
+    """A sentence on a pressure drop that holds a flux, Pa, and is noise; None of others. walls: whether any hold the
+    flux back."""
     if found is None or not found.is_noise:
         return None
     value = f"{found.mean:.3g} Pa +- {found.error:.2g}"
+    what = ("no capillary pressure of a single step means more. A smaller particles.spacing resolves throats; with "
+            "drive.pressure_drop no drop is to be found" if walls else
+            "nothing takes a pressure drop in a box without walls, once the flux is there")
     return (f"the pressure drop that holds the flux is noise: {value} in the mean over the last quarter of the time, "
-            f"with single steps {found.scatter:.2g} Pa off it (root mean square); no "
-            "capillary pressure of a single step means more. A smaller particles.spacing resolves throats; with "
-            "drive.pressure_drop no drop is to be found")
+            f"with single steps {found.scatter:.2g} Pa off it (root mean square); {what}")

@@ -453,7 +453,7 @@ def _finish(run: MovingRun, state: State, config: Configuration) -> tuple[Summar
             name: mean_max([r[f"iterations_{name}"] for r in history]) for name in ("velocity", "pressure")
         },
     }
-    summary["warnings"].extend(filter(None, [noise_of_the_drop(_late_drop(run, state))]))
+    summary["warnings"].extend(filter(None, [noise_of_the_drop(_late_drop(run, state), run.geometry.has_solid)]))
     if run.measures is not None:
         _add_two_fluids(run, run.measures, summary, state, config)
         result.two_fluids = summary["two_fluids"]

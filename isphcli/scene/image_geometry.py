@@ -112,6 +112,7 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
         *odd,
         *unusual,
         *_unusual_porosity(porosity),
+        *_open_edges(understood.labels, periodic),
         *faces_that_differ(understood.labels < 0, periodic, own.slabs),
         *(ways.warnings() if ways is not None else ()),
     )
@@ -301,6 +302,7 @@ SOME = 1e-3  # voxels of blur, least of a scan: with 0 nothing is taken out
 SI_DENSITY = (300.0, 20_000.0)  # kg/m3 of liquids: a case that has one counts in SI units and not in its own
 SI_VISCOSITY = (5e-6, 5e-5)  # Pa s of gases
 MOST_POROUS = 0.6  # above it hardly any rock is found
+LONG = 8  # voxels: shorter edges may be pore by chance, all four of an image of half pores in one of 2^32
 
 
 def image_voxel_size(spec: Voxels) -> np.ndarray:
@@ -356,6 +358,19 @@ def _unusual_porosity(porosity: _Porosity) -> tuple[str, ...]:
         f"porosity {100 * porosity.pores:.1f} %: more than rock has; check which values are solid ("
         f"{porosity.words}; the other way round it is {100 * solid:.1f} %)",
     )
+
+
+def _open_edges(labels: np.ndarray, periodic: list[bool]) -> tuple[str, ...]:
+    """A warning where the four edges of an image [z, y, x] along z, the axis of most scans, are pore all along, and
+    nothing repeats beyond them: in rock as long as LONG voxels no edge is."""
+    if labels.ndim < 3 or any(periodic[:2]):
+        return ()
+    edges = labels[:, [0, 0, -1, -1], [0, -1, 0, -1]].ravel() >= 0
+    if reduce.number(edges) < 4 * LONG or reduce.count(edges) < reduce.number(edges):
+        return ()
+    return ("the four edges of the image along z are pore from end to end, as the air or the mask around a round core "
+            "is; it counts as pore, and water flows through it. If so take a part inside the core: "
+            "geometry.voxels.crop",)
 
 
 def _labels_in_words(labels: Mapping[str, tuple[int, ...]]) -> str:

@@ -47,11 +47,11 @@ def lacking_viscosity(density: Sequence[float] | np.ndarray, viscosity: Sequence
     of two: 0 of fluids of one density, and where that fluid has the least kinematic viscosity too. Arguments as
     those of `interface_rules`."""
     density, viscosity = np.asarray(density, float), np.asarray(viscosity, float)
-    least = float(viscosity.min())
+    least, its_density = min(zip(viscosity.tolist(), density.tolist()))
     lacking = least - interface_rules(density, viscosity).rotational_viscosity
     if lacking <= 1e-9 * least:  # round-off
         return 0.0
-    return lacking / float(density[viscosity == least].min())
+    return lacking / its_density
 
 
 def capillary_step(density: Sequence[float] | np.ndarray, spacing: float, tension: float) -> float:

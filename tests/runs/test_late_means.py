@@ -46,3 +46,4 @@ def test_a_drop_whose_steps_scatter_by_more_than_its_mean_is_noise(size, is_nois
     assert found.is_noise == is_noise == (said is not None)
     if said:
         assert f"{found.mean:.3g} Pa +- {found.error:.2g}" in said
+        assert "resolves throats" in said and "resolves throats" not in noise_of_the_drop(found, walls=False)

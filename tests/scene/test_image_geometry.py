@@ -133,3 +133,26 @@ def test_what_was_understood_is_said(tmp_path):
 def test_grey_values_that_cannot_be_meant(tmp_path, image, words):
     with pytest.raises(VoxelError, match=words):
         build_geometry(scan(tmp_path, image))
+
+
+@pytest.mark.parametrize("rim, periodic, warns", [(0, "", True), (1, "", False), (0, ", periodic: [x, y]", False)])
+def test_air_around_a_round_core_is_told(tmp_path, rim, periodic, warns):
+    """A core of pores and grains, and what is beside it: pore as the air is, or solid."""
+    y, x = np.indices((12, 12)) - 5.5
+    core = np.random.default_rng(0).integers(0, 2, (10, 12, 12))
+    np.save(tmp_path / "core.npy", np.where(x**2 + y**2 < 36, core, rim).astype(np.uint8))
+    text = (f"geometry: {{voxels: {{file: {tmp_path / 'core.npy'}, labels: {{solid: 1, water: 0}}, voxel_size: 1}}"
+            f"{periodic}}}\nparticles: {{spacing: 1}}\nfluids: {{water: {{density: 1, viscosity: 1}}}}\n"
+            "flow: stokes\ndrive: {axes: [z]}\n")
+    geometry = build_geometry(read_case(text.encode(), tmp_path / "case.yaml"))
+    assert any("round core" in sentence for sentence in geometry.warnings) == warns
+
+
+def test_grey_values_of_half_precision(tmp_path):
+    values = np.where(np.arange(8) < 4, 900.0, 60.0) + np.arange(512).reshape(8, 8, 8) % 5
+    np.save(tmp_path / "half.npy", values.astype(np.float16))
+    text = (f"geometry: {{voxels: {{file: {tmp_path / 'half.npy'}, grey: {{threshold: otsu, solid: above}}, "
+            "voxel_size: 1}}\nparticles: {spacing: 1}\nfluids: {water: {density: 1, viscosity: 1}}\n"
+            "flow: stokes\ndrive: {axes: [y]}\n")
+    geometry = build_geometry(read_case(text.encode(), tmp_path / "case.yaml"))
+    assert np.count_nonzero(geometry.labels < 0) == 256  # clear layers beside them

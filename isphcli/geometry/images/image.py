@@ -100,8 +100,8 @@ def as_labels(path: Path, values: np.ndarray, grey: bool) -> np.ndarray:
     if values.dtype.kind == "f" and not np.isfinite(values).all():
         what = "NaN" if np.isnan(values).any() else "infinite values"
         raise VoxelError(f"{path}: holds {what}; replace them before the conversion")
-    if grey:
-        return values
+    if grey:  # of half precision no histogram can be made
+        return values.astype(np.float32) if values.dtype == np.float16 else values
     if values.dtype.kind == "f":
         raise VoxelError(
             f"{path}: holds {values.dtype} numbers; save integer labels or convert with a threshold"
