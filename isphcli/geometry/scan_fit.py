@@ -118,16 +118,18 @@ def _find_blur(image: np.ndarray, scanner: Scanner) -> float:
 def _noise_of(left: np.ndarray, seen: np.ndarray, slabs: Slabs) -> float:
     """Standard deviation of the noise in what an image has beside the scan of a field, by the differences between
     neighbours that hold little of a wall."""
-    found = [np.empty(0)]
+    squares, pairs = 0.0, 0
     for axis in range(3):
         value, scan = (slabs.beside(v, 0, 1, False)[0] if axis == 0 and slabs.ranks.size > 1 else v
                        for v in (left, seen))
         flat = np.abs(scan) > FLAT
         lower, upper = (tuple(part if a == axis else slice(None) for a in range(3))
                         for part in (slice(None, -1), slice(1, None)))
-        pairs = flat[lower] & flat[upper] & (scan[lower] * scan[upper] > 0.0)
-        found.append((value[upper] - value[lower])[pairs].astype(float))
-    return _root_mean_square(np.concatenate(found)) / 2**0.5
+        alike = flat[lower] & flat[upper] & (scan[lower] * scan[upper] > 0.0)
+        changes = value[upper][alike] - value[lower][alike]
+        squares += float(reduce.total(np.square(changes)))
+        pairs += reduce.number(changes)
+    return float(np.sqrt(0.5 * squares / max(pairs, 1)))
 
 
 class Scanner:
@@ -154,8 +156,9 @@ class Scanner:
     def wider(self, left: np.ndarray, seen: np.ndarray) -> float:
         """By how much the variance of the blur, voxel^2, has to be larger so that a scan comes nearest to an image that
         has so much beside it: least squares of `left` by the derivative of the scan, half its Laplacian."""
-        slope = self._modes.filtered(seen, -0.5 * self._square).ravel().astype(float)
-        return float(reduce.dot(left.ravel().astype(float), slope) / max(reduce.dot(slope, slope), 1e-30))
+        slope = self._modes.filtered(seen, -0.5 * self._square)
+        squares = float(reduce.total(np.square(slope).ravel()))
+        return float(reduce.total((left * slope).ravel())) / max(squares, 1e-30)
 
 
 def _beside(image: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -167,13 +170,12 @@ def _beside(image: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 def _value_of(image: np.ndarray, seen: np.ndarray) -> np.float32:
     """The number by which values seen (n,) are nearest to those of the image, 1 where there are none."""
-    seen = seen.astype(float)
-    squares = reduce.dot(seen, seen)
-    return np.float32(reduce.dot(image.astype(float), seen) / squares if squares > 0.0 else 1.0)
+    squares = reduce.total(np.square(seen))
+    return np.float32(reduce.total(image * seen) / squares if squares > 0.0 else 1.0)
 
 
 def _root_mean_square(values: np.ndarray) -> float:
-    return float(np.sqrt(reduce.mean(np.square(values.astype(float)))) if reduce.number(values) else 0.0)
+    return float(np.sqrt(reduce.mean(np.square(values)))) if reduce.number(values) else 0.0
 
 
 @njit(cache=True, nogil=True)
