@@ -2,9 +2,9 @@
 
 usage: python benchmarks/gradient_over_layers.py [ACROSS ...]     (spacings across the box; 32 64 without them)
 
-Two layers in a periodic box, each a half of it, under a unit pressure gradient along them. Printed: the sum of mass times
-acceleration over the particles, over the gradient times the volume, which should be 1, where the interfaces lie by a
-part of a spacing off the middle between two rows. Nothing moves: it is that of the first step.
+Two layers in a periodic box, each a half of it, under a unit pressure gradient along them. Printed: the sum of mass
+times acceleration over the particles, over the gradient times the volume, which should be 1, where the interfaces lie
+by a part of a spacing off the middle between two rows. Nothing moves: it is that of the first step.
 """
 
 import sys
