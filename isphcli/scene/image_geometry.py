@@ -214,7 +214,7 @@ def _understood(case: Case, spec: Voxels, own: _Layers, periodic: list[bool]) ->
         labels = apply_labels(own.values, spec.labels, names, spec.file, dict(sorted(counts.items())))
         known = Understood(labels, None, _labels_in_words(spec.labels))
     else:
-        known = _understood_grey(spec, spec.grey, own, names, periodic)
+        known = _understood_grey(spec, spec.grey, own, names, None if case.wall_distance == "stairs" else periodic)
     if not case.microporous:
         return known
     filled = known.labels >= fluids  # rock is numbered behind the fluids; the first of them seeps through it
@@ -223,7 +223,8 @@ def _understood(case: Case, spec: Voxels, own: _Layers, periodic: list[bool]) ->
 
 
 def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, ...],
-                     periodic: list[bool]) -> Understood:
+                     periodic: list[bool] | None) -> Understood:
+    """periodic: along x, y(, z), of the field whose zero is the wall; None of walls on the faces of voxels."""
     from ..geometry.grey import field_of_grey, grey_classes, labels_of_grey, range_of
 
     values, otsu = own.values, isinstance(grey.threshold, str)
@@ -236,13 +237,15 @@ def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, .
         raise VoxelError(f"{spec.file}: geometry.voxels.grey.threshold {given} parts nothing: the grey values "
                          f"lie between {least:g} and {most:g}; try otsu")
     labels = labels_of_grey(values, threshold, grey.solid, grey.fluids, names, spec.file)
-    field, words, _ = _field_of(spec, field_of_grey(values, threshold, grey.solid), own.slabs,
-                             np.array([*periodic, True][:3]), share)
-    described = (
+    described: tuple[tuple[str, str], ...] = (
         ("wall", f"surface of grey value {threshold:g} ({'Otsu' if otsu else 'given'}); the means below and above it "
                  f"are {low:g} and {high:g}, {100 * share:.0f} % of the variance lies between them"),
-        ("sharpness", words),
     )  # fmt: skip
+    field = None
+    if periodic is not None:
+        field, words, _ = _field_of(spec, field_of_grey(values, threshold, grey.solid), own.slabs,
+                                    np.array([*periodic, True][:3]), share)
+        described = (*described, ("sharpness", words))
     return Understood(labels, field, f"solid {grey.solid} {threshold:g}", described)
 
 
