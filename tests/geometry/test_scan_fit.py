@@ -84,7 +84,7 @@ def test_nothing_is_fitted_to_noise(rough, blur, noise):
     noisy = image + noise * np.random.default_rng(0).standard_normal(image.shape).astype(np.float32)
     found = fit_scan(noisy, ROUND)
     assert found.noise == pytest.approx(noise / image.max(), rel=0.2) and found.is_scan
-    assert found.misfit >= min(found.first, 0.95 * noise / image.max())
+    assert found.misfit >= min(found.first, 0.8 * noise / image.max())  # 12^3 voxels know it to a sixth
 
 
 def test_a_distance_is_no_scan():
