@@ -9,6 +9,7 @@ and not of the field).
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,6 +101,7 @@ def _find_blur(image: np.ndarray, scanner: Scanner) -> float:
     the last of WIDTHS^2. The means of the two sides of the threshold do not tell it: in narrow pores and thin grains no
     voxel is pure fluid or solid. The least width is taken: what is sharpened far too much has other ones."""
 
+    @functools.cache  # `brentq` asks for the ends anew
     def wider(square: float) -> float:
         seen = scanner.scanned(sharpen(image, square**0.5, scanner.around, scanner.slabs), square)
         return scanner.wider(_beside(image, seen), seen)
