@@ -32,9 +32,9 @@ SAMPLE = 64  # voxels along each axis, of the middle of an image, that the blur 
 CORRECTIONS = 8
 PURE = 0.999  # of the scan of a field, -1 to 1: voxels beyond hold no wall, and what they differ by is noise
 FLAT = 0.9  # of the same: between neighbours beyond, what they differ by changes by noise alone
-# Corrections end where the misfit is so many times the noise before the first of them (Morozov's discrepancy
-# principle): what is left later has noise that is fitted already. With a blur of 1 voxel and noise of 5 % of the
-# contrast k of blobs 14 is +3.8 % off, with 1 in place of 1.05 -6.7 %, with the noise of what is left each time -56 %
+# Corrections end where the misfit is so many times the noise (Morozov's discrepancy principle): noise that is fitted is
+# missing in what is left. With a blur of 1 voxel and noise of 5 % of the contrast k of blobs 14 is +3.7 % off, with 1 in
+# place of 1.05 -56 % (docs/design_notes.md)
 AS_NOISE = 1.05
 WIDTHS = (0.4, 0.8, 1.2, 2.0)  # voxels, between which the width of the blur is looked for
 STILL = 0.02  # square voxels, to which the variance of the blur is found before the corrections, which go on with it
@@ -85,9 +85,9 @@ def fit_scan(image: np.ndarray, around: np.ndarray, slabs: Slabs | None = None, 
         misfit = _root_mean_square(left[~pure])
         if best is not None and misfit >= best.misfit:
             break
-        first, noise = (misfit, _noise_of(left, seen, slabs)) if best is None else (best.first, best.noise)
-        best = ScanFit(field, square**0.5, first, misfit, noise, _root_mean_square(left[pure]))
-        if misfit <= AS_NOISE * noise:
+        best = ScanFit(field, square**0.5, misfit if best is None else best.first, misfit,
+                       _noise_of(left, seen, slabs), _root_mean_square(left[pure]))
+        if misfit <= AS_NOISE * best.noise:
             break
         field = field + np.where(pure, np.float32(0.0), left)
         square = square if blur is not None else max(square + scanner.wider(left, seen), 0.0)
