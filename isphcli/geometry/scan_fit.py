@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from scipy.optimize import brentq
+from scipy.special import ndtri
 
 from ..domain import reduce
 from ..domain.row_threads import in_one_piece, over_rows
@@ -32,12 +33,15 @@ SAMPLE = 64  # voxels along each axis, of the middle of an image, that the blur 
 CORRECTIONS = 8
 PURE = 0.999  # of the scan of a field, -1 to 1: voxels beyond hold no wall, and what they differ by is noise
 FLAT = 0.9  # of the same: between neighbours beyond, what they differ by changes by noise alone
-# Corrections end where the misfit is so many times the noise (Morozov's discrepancy principle): noise that is fitted is
-# missing in what is left. With a blur of 1 voxel and noise of 5 % of the contrast k of blobs 14 is +3.7 % off, with 1 in
-# place of 1.05 -56 % (docs/design_notes.md)
+# Corrections end where the misfit is so many times the noise (Morozov's discrepancy principle): noise that is fitted
+# is missing in what is left. With a blur of 1 voxel and noise of 5 % of the contrast k of blobs 14 is +3.7 % off, with
+# 1 in place of 1.05 -56 % (docs/design_notes.md)
 AS_NOISE = 1.05
 WIDTHS = (0.4, 0.8, 1.2, 2.0)  # voxels, between which the width of the blur is looked for
 STILL = 0.02  # square voxels, to which the variance of the blur is found before the corrections, which go on with it
+MOST_CUT = 0.7  # share of pure voxels with the last value, beyond which it is that of a scan without noise
+RARE = 0.05  # share of the voxels: noise is not told by pure ones where they are fewer
+CENTRED = 2  # steps to the value half-way: Otsu's is 3 to 10 % of half the contrast off, after them a sixth of that
 # An image is no scan where corrections leave more than the share LEFT of the misfit, and that is more than MISFIT half
 # contrasts and OF_NOISE times the noise. Scans without noise: 0.5 of it at most; signed distances to a sphere and an
 # ellipse that are cut off at 1 and 1.5 voxels: 0.9 to 1, and 0.047 half contrasts or more (docs/design_notes.md)
@@ -50,7 +54,8 @@ class ScanFit:
 
     field: float32 [z, y, x], > 0 in fluid; blur: of the scanner, voxels; first, misfit: root mean square of the image
     less the scan of the field over the voxels at walls, before and after the corrections, in half contrasts; noise,
-    pure: standard deviation of its white noise, and of what voxels without a wall differ by.
+    pure: of what it has beside any body, and of what voxels without a wall differ by in the end; zero: the value of the
+    image half-way between fluid and solid.
     """
 
     field: np.ndarray
@@ -59,6 +64,7 @@ class ScanFit:
     misfit: float
     noise: float
     pure: float
+    zero: float
 
     @property
     def is_scan(self) -> bool:
@@ -66,16 +72,22 @@ class ScanFit:
         return self.misfit <= max(LEFT * self.first, MISFIT, OF_NOISE * max(self.noise, self.pure))
 
 
-def fit_scan(image: np.ndarray, around: np.ndarray, slabs: Slabs | None = None, blur: float | None = None) -> ScanFit:
+def fit_scan(image: np.ndarray, around: np.ndarray, slabs: Slabs | None = None, blur: float | None = None,
+             centred: bool = False) -> ScanFit:
     """The field whose scan is an image of two values, see `field_of_grey`.
 
-    blur: width in voxels of the scanner's Gaussian, None: found with the corrections, by least squares. Nothing is
-    fitted to noise: corrections end where what is left is no more than it. Periodic and mirrored as
-    `spline_coefficients` continues the field; slabs: as there.
+    blur: width in voxels of the scanner's Gaussian, None: found with the corrections, by least squares. centred: the
+    wall is at the value half-way between fluid and solid, which is found too, and not at 0. Nothing is fitted to noise:
+    corrections end where what is left is no more than it. Periodic and mirrored as `spline_coefficients` continues the
+    field; slabs: as there.
     """
     slabs = slabs or Slabs.whole(image.shape)
     scanner = Scanner(around, slabs)
     square = _find_blur(image, around, slabs) if blur is None else blur * blur
+    zero = 0.0
+    for _ in range(CENTRED if centred else 0):
+        off = _half_way(image, scanner.scanned(sharpen(image, square**0.5, around, slabs), square))
+        image, zero = image - np.float32(off), zero + off
     field = sharpen(image, square**0.5, around, slabs)
     best: ScanFit | None = None
     for _ in range(CORRECTIONS + 1):
@@ -85,9 +97,10 @@ def fit_scan(image: np.ndarray, around: np.ndarray, slabs: Slabs | None = None, 
         misfit = _root_mean_square(left[~pure])
         if best is not None and misfit >= best.misfit:
             break
-        best = ScanFit(field, square**0.5, misfit if best is None else best.first, misfit,
-                       _noise_of(left, seen, slabs), _root_mean_square(left[pure]))
-        if misfit <= AS_NOISE * best.noise:
+        noise = max(_noise_of(left, seen, slabs), _noise_of_pure(image, left, seen))
+        best = ScanFit(field, square**0.5, misfit if best is None else best.first, misfit, noise,
+                       _root_mean_square(left[pure]), zero + (0.0 if centred else _half_way(image, seen)))
+        if misfit <= AS_NOISE * noise:
             break
         field = field + np.where(pure, np.float32(0.0), left)
         square = square if blur is not None else max(square + scanner.wider(left, seen), 0.0)
@@ -138,6 +151,33 @@ def _noise_of(left: np.ndarray, seen: np.ndarray, slabs: Slabs) -> float:
     return float(np.sqrt(0.5 * squares / max(pairs, 1)))
 
 
+def _noise_of_pure(image: np.ndarray, left: np.ndarray, seen: np.ndarray) -> float:
+    """Standard deviation of what an image has beside the scan of a field where there is no wall: of noise whose
+    neighbours are alike, of rings and of a drift of the brightness too. Where values end at the least or the largest
+    that a voxel can have, the noise beyond is lost there, and not at the walls: it is that of a normal distribution
+    that is cut off at the share of voxels which have this value. Where most have it there is hardly any noise. 0
+    where voxels without a wall are rare: those that seem so are chosen by their noise, and it was 1.3 times the true
+    one."""
+    squares, whole, counted = 0.0, 0.0, 0
+    for side, end in ((seen > PURE, reduce.largest(image.ravel())), (seen < -PURE, reduce.smallest(image.ravel()))):
+        count = reduce.number(left[side])
+        if count:
+            cut = float(reduce.total((image[side] == end).astype(float))) / count
+            squares += float(reduce.total(np.square(left[side])))
+            whole += count * (_variance_cut_off(cut) if cut < MOST_CUT else 1.0)
+        counted += count
+    return float(np.sqrt(squares / whole)) if counted >= RARE * reduce.number(image.ravel()) > 0 else 0.0
+
+
+def _variance_cut_off(share: float) -> float:
+    """Variance of normal noise of variance 1 whose lowest `share` is put at the quantile of that share."""
+    if share <= 0.0:
+        return 1.0
+    z = float(ndtri(share))
+    density = float(np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi))
+    return z * z * share + 1.0 - share + z * density - (density + z * share) ** 2
+
+
 class Scanner:
     """What makes scans of fields [z, y, x]; around, slabs: see `spline_coefficients`; parts: cells along an edge of a
     voxel whose shares of fluid are found one by one."""
@@ -177,6 +217,11 @@ def _beside(image: np.ndarray, seen: np.ndarray) -> np.ndarray:
     the scan, the values of its fluid and its solid are the best by least squares."""
     fluid, solid = (_value_of(image[side], seen[side]) for side in (seen > 0, seen <= 0))
     return image / np.where(image > 0, fluid, solid) - seen
+
+
+def _half_way(image: np.ndarray, seen: np.ndarray) -> float:
+    """The value of an image half-way between its fluid and its solid, by the scan of a field."""
+    return 0.5 * float(_value_of(image[seen > 0], seen[seen > 0]) - _value_of(image[seen <= 0], seen[seen <= 0]))
 
 
 def _value_of(image: np.ndarray, seen: np.ndarray) -> np.float32:

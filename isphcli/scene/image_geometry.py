@@ -223,11 +223,11 @@ def _understood(case: Case, spec: Voxels, own: _Layers, periodic: list[bool]) ->
 
 
 def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, ...],
-                     periodic: list[bool] | None) -> Understood:
+                      periodic: list[bool] | None) -> Understood:
     """periodic: along x, y(, z), of the field whose zero is the wall; None of walls on the faces of voxels."""
-    from ..geometry.grey import field_of_grey, grey_classes, labels_of_grey, range_of
+    from ..geometry.grey import grey_classes, labels_of_grey, range_of
 
-    values, otsu = own.values, isinstance(grey.threshold, str)
+    values = own.values
     threshold = _threshold(grey, values)
     off = grey.uncertainty or 0.0
     low, high, share = grey_classes(values, threshold)
@@ -236,63 +236,91 @@ def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, .
         given = f"{threshold:g}" + (f" +- {off:g}" if off else "")
         raise VoxelError(f"{spec.file}: geometry.voxels.grey.threshold {given} parts nothing: the grey values "
                          f"lie between {least:g} and {most:g}; try otsu")
-    labels = labels_of_grey(values, threshold, grey.solid, grey.fluids, names, spec.file)
-    described: tuple[tuple[str, str], ...] = (
-        ("wall", f"surface of grey value {threshold:g} ({'Otsu' if otsu else 'given'}); the means below and above it "
-                 f"are {low:g} and {high:g}, {100 * share:.0f} % of the variance lies between them"),
-    )  # fmt: skip
-    field = None
+    field, wall, how = None, threshold, "Otsu" if isinstance(grey.threshold, str) else "given"
+    sharpness: tuple[tuple[str, str], ...] = ()
     if periodic is not None:
-        field, words, _ = _field_of(spec, field_of_grey(values, threshold, grey.solid), own.slabs,
-                                    np.array([*periodic, True][:3]), share)
-        described = (*described, ("sharpness", words))
-    return Understood(labels, field, f"solid {grey.solid} {threshold:g}", described)
+        found = _field_of(spec, values, threshold, own.slabs, np.array([*periodic, True][:3]))
+        field, wall, how, sharpness = found.field, found.threshold, found.how, (("sharpness", found.words),)
+    labels = labels_of_grey(values, wall, grey.solid, grey.fluids, names, spec.file)
+    described = (
+        ("wall", f"surface of grey value {wall:g} ({how}); the means below and above {threshold:g} "
+                 f"are {low:g} and {high:g}, {100 * share:.0f} % of the variance lies between them"),
+        *sharpness,
+    )  # fmt: skip
+    return Understood(labels, field, f"solid {grey.solid} {wall:g}", described)
 
 
-def _field_of(spec: Voxels, field: np.ndarray, slabs: Slabs, around: np.ndarray,
-              share: float) -> tuple[np.ndarray, str, float]:
-    """(the field whose zero is the wall, what was taken out of the image, in words, and as `geometry.voxels.grey.blur`
-    says it) of `field_of_grey`; share: of the variance of the grey values, between the two sides of the threshold."""
-    from ..geometry.grey import TWO_VALUED, WIDEST, sharpen
+@dataclass(frozen=True)
+class _GreyField:
+    """The field whose zero is the wall of a grey image.
+
+    field: float32 of the shape of the image, > 0 in fluid; threshold: grey value of the wall; how: where that is from,
+    in words; words: what was taken out of the image; blur: that as `geometry.voxels.grey.blur` says it.
+    """
+
+    field: np.ndarray
+    threshold: float
+    how: str
+    words: str
+    blur: float
+
+
+def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, around: np.ndarray) -> _GreyField:
+    """Of grey values [z, y, x] and a threshold, that of the case or Otsu's.
+
+    Where the case asks for Otsu's, the wall of a scan is at the value half-way between its fluid and its solid: where
+    there is more of the one than of the other, Otsu's is 1 to 5 % of the contrast off, and k by several times that.
+    """
+    from ..geometry.grey import TWO_VALUED, WIDEST, field_of_grey, grey_classes, sharpen
     from ..geometry.scan_fit import fit_scan
     from ..geometry.spline import average
 
     grey = spec.grey
     assert grey is not None
+    low, high, share = grey_classes(values, threshold)
+    field = field_of_grey(values, threshold, grey.solid)
+    how = "Otsu" if isinstance(grey.threshold, str) else "given"
     if isinstance(grey.blur, str) and share < TWO_VALUED:
         raise VoxelError(
             f"{spec.file}: geometry.voxels.grey.blur: auto needs an image of two grey values; here only "
             f"{100 * share:.0f} % of the variance lies between the two sides of the threshold; give a number of voxels")
+
+    def as_it_is(words: str) -> _GreyField:
+        return _GreyField(average(field, grey.denoise, around, slabs), threshold, how, words, 0.0)
+
     if grey.blur == 0.0:
-        return average(field, grey.denoise, around, slabs), "taken as it is", 0.0
+        return as_it_is("taken as it is")
     if grey.blur is None and share < TWO_VALUED:
-        return average(field, grey.denoise, around, slabs), "it is not one of two grey values: taken as it is", 0.0
-    found = fit_scan(field, around, slabs, None if isinstance(grey.blur, str) else grey.blur)
+        return as_it_is("it is not one of two grey values: taken as it is")
+    centred = how == "Otsu" and not grey.fluids  # of two fluids there is no one value of fluid
+    found = fit_scan(field, around, slabs, None if isinstance(grey.blur, str) else grey.blur, centred)
     scan = (f"the scan of a body with a blur of {found.blur:.2f} voxels but for {50 * found.misfit:.2g} % of the "
             "contrast at the walls")
     if grey.blur is None and (found.blur > WIDEST or not found.is_scan):
-        return average(field, grey.denoise, around, slabs), f"nearest to {scan}: taken as it is", 0.0
-    taken = f"{scan}; the blur and the average over a voxel are taken out"
+        return as_it_is(f"nearest to {scan}: taken as it is")
+    half_way = threshold + 0.5 * (high - low) * (-found.zero if grey.solid == "above" else found.zero)
+    words = f"{scan}; the blur and the average over a voxel are taken out"
+    if centred:
+        field, threshold, how = (field - np.float32(found.zero), half_way,
+                                 f"half-way between fluid and solid of the scan; Otsu {threshold:g}")
+    elif not grey.fluids:
+        how += f"; half-way between fluid and solid of the scan {half_way:g}"
     if grey.denoise > 0.0:  # what an average takes from corners cannot be told from noise
         field = sharpen(average(field, grey.denoise, around, slabs), found.blur, around, slabs)
-        return field, taken, max(found.blur, SOME)
-    return found.field, taken, max(found.blur, SOME)
+    else:
+        field = found.field
+    return _GreyField(field, threshold, how, words, max(found.blur, SOME))
 
 
 def settled(case: Case) -> Grey:
     """`geometry.voxels.grey` of a case with the threshold and the blur that `image_geometry` takes."""
-    from ..geometry.grey import field_of_grey, grey_classes
-
     spec = case.geometry.voxels
     assert spec is not None and spec.grey is not None
     own = _layers_of(case, spec)
     values, threshold = own.values, _threshold(spec.grey, own.values)
     around = np.array([*("xyz"[a] in case.geometry.repeats for a in range(own.dim)), True][:3])
-    blur = spec.grey.blur
-    if blur is None or isinstance(blur, str):
-        field = field_of_grey(values, threshold, spec.grey.solid)
-        *_, blur = _field_of(spec, field, own.slabs, around, grey_classes(values, threshold)[2])
-    return replace(spec.grey, threshold=threshold, blur=blur)
+    found = _field_of(spec, values, threshold, own.slabs, around)
+    return replace(spec.grey, threshold=found.threshold, blur=found.blur)
 
 
 def _threshold(grey: Grey, values: np.ndarray) -> float:

@@ -7,6 +7,7 @@ import pytest
 
 from isphcli.case.load import read_case
 from isphcli.domain import slabs
+from isphcli.geometry.grey import otsu_threshold
 from isphcli.geometry.images.image import VoxelError
 from isphcli.geometry.iso_surface import IsoSurfaceGeometry
 from isphcli.geometry.voxel_geometry import VoxelGeometry
@@ -113,6 +114,18 @@ def test_the_blur_is_settled_once(tmp_path, slope, least, most):
     values = np.broadcast_to(np.round(1000 + slope * level), (6, 6, 12)).astype(np.uint16)
     grey = image_geometry.settled(scan(tmp_path, "grey: {threshold: otsu, solid: above}", values=values))
     assert least <= grey.blur <= most and not isinstance(grey.threshold, str)
+
+
+def test_a_scan_has_its_wall_half_way_between_fluid_and_solid(tmp_path):
+    """Shares of a ball, a seventh of the box: between values of 100 and 300 Otsu's threshold is higher than 200."""
+    middles = np.arange(12) + 0.5
+    x, y, z = np.meshgrid(middles, middles[:6], middles[:6], indexing="ij")
+    shares = np.clip(3.0 - np.sqrt((x - 6) ** 2 + (y - 3) ** 2 + (z - 3) ** 2), 0, 1).T
+    values = np.round(100 + 200 * shares).astype(np.uint16)
+    settled = image_geometry.settled(scan(tmp_path, "grey: {threshold: otsu, solid: above}", values=values))
+    said = dict(build_geometry(scan(tmp_path, "grey: {threshold: otsu, solid: above}", values=values)).described)
+    assert f"grey value {settled.threshold:g} (half-way between fluid and solid of the scan; Otsu" in said["wall"]
+    assert abs(settled.threshold - 200) < 0.5 * abs(otsu_threshold(values) - 200)
 
 
 def test_what_was_understood_is_said(tmp_path):
