@@ -27,7 +27,7 @@ from .spline import SEEN, neighbours, spline_coefficients, weights_in_voxel
 # Cells along an edge of a voxel whose shares are taken from the value and the slope in their middles; fewer while the
 # blur is looked for: with 2 it is found 0.01 to 0.02 voxel larger than with 3, with 1 up to 0.12 (docs/design_notes.md)
 PARTS, ROUGH_PARTS = 3, 2
-SAMPLE = 64  # voxels along each axis, of the middle of an image, that the blur is looked for in before the corrections
+SAMPLE = 64  # voxels along each axis, of the middle of an image, that the blur is looked for in; see `_middle`
 # Corrections at most. Errors of k of 24 perfect scans in per cent, median and root mean square: with none 3.7, 6.3,
 # with 4 0.45, 3.4, with 8 0.31, 3.0 (docs/design_notes.md)
 CORRECTIONS = 8
@@ -112,10 +112,7 @@ def _find_blur(image: np.ndarray, around: np.ndarray, slabs: Slabs) -> float:
     """Variance, square voxels, of the Gaussian with which the scan of the sharpened image is nearest to the image, 0 to
     the last of WIDTHS^2. The means of the two sides of the threshold do not tell it: in narrow pores and thin grains no
     voxel is pure fluid or solid. The least width is taken: what is sharpened far too much has other ones."""
-    edges = [min(n, SAMPLE) for n in slabs.shape]
-    around = around & (np.array(edges) == slabs.shape)[::-1]  # a part is mirrored at its faces
-    starts = [(n - edge) // 2 for n, edge in zip(slabs.shape, edges)]
-    image, slabs = slabs.part(image, tuple(slice(first, first + edge) for first, edge in zip(starts, edges)))
+    image, around, slabs = _middle(image, around, slabs)
     scanner = Scanner(around, slabs, ROUGH_PARTS)
 
     @functools.cache  # `brentq` asks for the ends anew
@@ -132,6 +129,24 @@ def _find_blur(image: np.ndarray, around: np.ndarray, slabs: Slabs) -> float:
             return float(brentq(wider, low, high, xtol=STILL))
         low = high
     return low
+
+
+def _middle(image: np.ndarray, around: np.ndarray, slabs: Slabs) -> tuple[np.ndarray, np.ndarray, Slabs]:
+    """The middle of an image, with what `fit_scan` takes beside it: SAMPLE voxels along each axis, twice as many where
+    a grain or a pore fills it, so that the rarer of the two has at least half of its share in all of the image."""
+
+    def rarer(values: np.ndarray) -> float:
+        fluid = float(reduce.mean(values.ravel() > 0))
+        return min(fluid, 1.0 - fluid)
+
+    edge, least = SAMPLE, 0.5 * rarer(image)
+    while True:
+        edges = [min(n, edge) for n in slabs.shape]
+        starts = [(n - size) // 2 for n, size in zip(slabs.shape, edges)]
+        part, of_part = slabs.part(image, tuple(slice(a, a + size) for a, size in zip(starts, edges)))
+        if rarer(part) >= least:
+            return part, around & (np.array(edges) == slabs.shape)[::-1], of_part  # a part is mirrored at its faces
+        edge *= 2
 
 
 def _noise_of(left: np.ndarray, seen: np.ndarray, slabs: Slabs) -> float:

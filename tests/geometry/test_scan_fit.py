@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from isphcli.domain.slabs import Slabs
+from isphcli.geometry import scan_fit
 from isphcli.geometry.grey import field_of_grey, sharpen
 from isphcli.geometry.scan_fit import Scanner, fit_scan
 from isphcli.geometry.spline import average, spline_coefficients
@@ -74,6 +75,13 @@ def test_the_blur_is_found_in_narrow_pores(rough, blur):
     solid. By the slopes at the walls 0.5 voxel was taken for 0 to 0.2 and 0.8 for 0.3 to 0.5. 0.15: the square of that
     is a tenth of the variance of 0.5."""
     assert fit_scan(scan(rough, blur), ROUND).blur == pytest.approx(blur, abs=0.15)
+
+
+def test_the_blur_is_found_where_a_grain_fills_the_middle(monkeypatch):
+    """Without a wall in the part that is looked at a blur of 0 was taken, and corrections come to 0.67 from it."""
+    monkeypatch.setattr(scan_fit, "SAMPLE", 4)
+    image = scan(np.linalg.norm(cells(14) - (7.27, 7.11, 6.9), axis=-1) > 4.5, 0.8)
+    assert fit_scan(image, ROUND).blur == pytest.approx(0.8, abs=0.05)
 
 
 @pytest.mark.parametrize(("blur", "noise"), [(0.0, 0.2), (1.0, 0.1)])
