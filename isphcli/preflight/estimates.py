@@ -37,10 +37,23 @@ SAID = 0.05  # of the expected velocity: a cause of a smaller share is not named
 # particle at support 2.1 (square or cubic lattice), of which a denser one or a wider support has more neighbours; by
 # dimension and whether there are walls. SECONDS_RUN: modules, files and small arrays of any run (slit, taylor_couette
 # and taylor_green_2d take 0.18 to 0.21 s in all beside a load of 7, `python benchmarks/estimates.py slit`)
-SECONDS_RUN = 0.17
+# SECONDS_KERNELS: kernels that two fluids read from their files, 0.3 to 0.5 s: `isph run` in a process of its own less
+# the second run in the same
+SECONDS_RUN, SECONDS_KERNELS = 0.17, 0.3
 SECONDS_STEP, SECONDS_STEP_TWO = 2.3e-3, 4.0e-3
 MICROSECONDS_MOVING = {(2, False): 2.7, (2, True): 5.5, (3, False): 4.3, (3, True): 15.0}
-MICROSECONDS_TWO = {(2, False): 3.2, (2, True): 5.1, (3, False): 11.5, (3, True): 27.0}
+MICROSECONDS_TWO = {(2, False): 3.2, (2, True): 5.1, (3, False): 9.5, (3, True): 9.5}
+# Of two fluids in 3D a dummy particle, which stands for the walls: steps of berea_drainage, berea_injection and
+# co2_bubbles, with 0.53, 1.04 and 0.28 of them a fluid particle, take 25, 26 to 30 and 31 us a fluid particle (the last
+# with twice the neighbours; 2026-12-01, loads of 2 to 4)
+MICROSECONDS_WALLS_TWO = 22.0
+# What two fluids take before their second step, in steps. FROM_LABELS: where a flood, reservoirs or labels say which
+# fluid is where, 40 passes smooth the first distances (`scene/first_interface.py`), which with the rest of the geometry
+# take 6.0 and 5.8 steps in berea_drainage and berea_injection. HELD: passes of a first step whose flux is held, and
+# those that set the fluid in motion: 4.1 and 2.8 steps more than one. `isph run` with time.max_steps of 1, 5 and 20 or
+# 24, cpu_seconds of summary.json (2026-12-01, load 4): drainage 5.8, 8.4 and 15.5 s, of which 3.05 geometry, injection
+# 1.88, 2.55 and 5.99 s, of which 1.03
+FROM_LABELS, HELD = 6.0, 3.5
 # Of steady flow a particle: once, and an iteration for each axis (0.45 on an array of spheres and in a corner of Berea
 # sandstone, 0.5 in all of it, twice the pairs in a pack of beads, by benchmarks/stokes.py on a busy machine); in 2D an
 # axis. Iterations are 18 to 24 in wide pores, 34 in Berea sandstone, 59 in a pack of beads: see `_iterations`
@@ -262,7 +275,19 @@ def _seconds(result: CheckResult, geometry: Geometry, fluid: float) -> float | N
         return SECONDS_RUN + sum(_solve_seconds(result, geometry, spacing) for spacing in result.spacings)
     if result.steps is None or result.steps.count is None:
         return None
-    two = len(result.case.fluids) > 1
-    each = (MICROSECONDS_TWO if two else MICROSECONDS_MOVING)[dim, geometry.has_solid]
-    step = (SECONDS_STEP_TWO if two else SECONDS_STEP) + fluid * pairs * each
-    return SECONDS_RUN + result.steps.count * step
+    count = result.steps.count
+    if len(case.fluids) < 2:
+        return SECONDS_RUN + count * (SECONDS_STEP + fluid * pairs * MICROSECONDS_MOVING[dim, geometry.has_solid])
+    each = MICROSECONDS_TWO[dim, geometry.has_solid]
+    if dim == 3 and fluid:
+        each += MICROSECONDS_WALLS_TWO * result.particles.get("dummy", 0) / result.particles["fluid"]
+    step = SECONDS_STEP_TWO + fluid * pairs * each
+    return SECONDS_RUN + SECONDS_KERNELS + (count + _before_the_second_step(case, geometry)) * step
+
+
+def _before_the_second_step(case: Case, geometry: Geometry) -> float:
+    """Steps that would take as long as what two fluids take once: the first interface, and more passes of the first
+    step."""
+    flooded = case.initial is not None and case.initial.flood is not None
+    labels = flooded or case.reservoirs is not None or geometry.voxel_size is not None
+    return FROM_LABELS * labels + HELD * (forcing.held_flux(case) is not None)

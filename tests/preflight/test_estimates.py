@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isphcli.preflight.check import check
-from isphcli.preflight.estimates import BYTES_PICTURES, SECONDS_RUN
+from isphcli.preflight.estimates import BYTES_PICTURES, FROM_LABELS, HELD, SECONDS_KERNELS, SECONDS_RUN
 from tests.preflight.cases import DROP, SLIT, SPHERE, read
 
 
@@ -134,3 +134,18 @@ time: {{end: 0.1}}
 """))
     fastest = 0.98 * 900 / 1100 * 0.1 if what else 0.0  # at the end, with 900 / 1100 of g
     assert found.flow.motion.driven == pytest.approx(fastest)
+
+
+def test_what_two_fluids_take_before_their_second_step():
+    """The first distances, where a flood says which fluid is where, and the passes of a first step whose flux is held:
+    as many steps more, however many follow."""
+    flood = ("geometry.shapes=[]", "initial={flood: {fluid: oil, from: x_min, saturation: 0.3}}")
+    drives = "drive={pressure_drop: {x: 1}}", "drive={superficial_velocity: {x: 0.1}}"
+    seconds = np.array([[check(read(DROP, *flood, drive, f"time.max_steps={n}")).seconds for n in (1, 3)]
+                        for drive in drives])
+    step = (seconds[:, 1] - seconds[:, 0]) / 2
+    assert step[1] == pytest.approx(step[0])
+    once = seconds[:, 0] - step - SECONDS_RUN - SECONDS_KERNELS
+    assert once / step == pytest.approx([FROM_LABELS, FROM_LABELS + HELD])
+    one, three = (check(read(DROP, f"time.max_steps={n}")).seconds for n in (1, 3))
+    assert one - (three - one) / 2 == pytest.approx(SECONDS_RUN + SECONDS_KERNELS)
