@@ -223,7 +223,7 @@ def _understood(case: Case, spec: Voxels, own: _Layers, periodic: list[bool]) ->
 
 
 def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, ...],
-                      periodic: list[bool] | None) -> Understood:
+                     periodic: list[bool] | None) -> Understood:
     """periodic: along x, y(, z), of the field whose zero is the wall; None of walls on the faces of voxels."""
     from ..geometry.grey import grey_classes, labels_of_grey, range_of
 
