@@ -40,7 +40,7 @@ WIDTHS = (0.4, 0.8, 1.2, 2.0)  # voxels, between which the width of the blur is 
 STILL = 0.02  # square voxels, to which the variance of the blur is found before the corrections, which go on with it
 MOST_CUT = 0.7  # share of pure voxels with the last value, beyond which it is that of a scan without noise
 RARE = 0.05  # share of the voxels: noise is not told by pure ones where they are fewer
-CENTRED = 2  # steps to the value half-way: Otsu's is 3 to 10 % of half the contrast off, after them a sixth of that
+CENTRED = 2  # steps to the value half-way: Otsu's is 1 to 15 % of the contrast off (docs/design_notes.md), a sixth is left
 # An image is no scan where corrections leave more than the share LEFT of the misfit, and that is more than MISFIT half
 # contrasts and OF_NOISE times the noise. Scans without noise: 0.5 of it at most; signed distances to a sphere and an
 # ellipse that are cut off at 1 and 1.5 voxels: 0.9 to 1, and 0.047 half contrasts or more (docs/design_notes.md)
@@ -151,7 +151,7 @@ def _noise_of_pure(image: np.ndarray, left: np.ndarray, seen: np.ndarray) -> flo
     neighbours are alike, of rings and of a drift of the brightness too. Where values end at the least or the largest
     that a voxel can have, the noise beyond is lost there, and not at the walls: it is that of a normal distribution
     that is cut off at the share of voxels which have this value. Where most have it there is hardly any noise. 0
-    where voxels without a wall are rare: those that seem so are chosen by their noise, and it was 1.3 times too much."""
+    where voxels without a wall are rare: noise chooses those that seem so, and it was 1.3 times too much."""
     squares, whole, counted = 0.0, 0.0, 0
     for side, end in ((seen > PURE, reduce.largest(image.ravel())), (seen < -PURE, reduce.smallest(image.ravel()))):
         count = reduce.number(left[side])

@@ -264,7 +264,7 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
     """Of grey values [z, y, x] and a threshold, that of the case or Otsu's.
 
     Where the case asks for Otsu's, the wall of a scan is at the value half-way between its fluid and its solid: where
-    there is more of the one than of the other, Otsu's is 1 to 5 % of the contrast off, and k by several times that.
+    there is more of the one than of the other, Otsu's is 1 to 15 % of the contrast off (docs/design_notes.md).
     """
     from ..geometry.grey import TWO_VALUED, WIDEST, field_of_grey, grey_classes, sharpen
     from ..geometry.scan_fit import fit_scan
