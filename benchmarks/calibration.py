@@ -47,8 +47,8 @@ MOST = 40_000  # particles of the third level: 3 to 8 CPU seconds
 ELSEWHERE = DATA / "arrays_measured.csv"  # of benchmarks/bars_elsewhere.py: its first line is the command
 HELD_BACK = DATA / "bodies_held_back.csv"  # of benchmarks/bodies_held_back.py
 # Least factor of what a grey image leaves open: the scans here have neither noise nor blur, and of them 0.065 and 0.104
-# (straight) hold. k of scans with a blur of 0.5 voxel and noise of 5 to 10 % is 3.5 % off (root mean square; chords of 4
-# to 9 voxels, benchmarks/scanner.py), of which 0.283 holds nine in ten
+# (straight) hold. k of six bodies with chords of 4 to 9 voxels, scanned with a blur of 0.5 voxel and noise of 5 and
+# 10 %, is 3.4 and 3.5 % off (root mean square, as benchmarks/scanner.py does it), of which 0.283 holds nine in ten
 NOISY = 0.283
 MANY = 100_000  # cells of the truth of stairs: a minute
 GREY = ("grey", "scan")  # walls of images that are understood by a threshold

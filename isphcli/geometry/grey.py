@@ -49,6 +49,8 @@ def _histogram(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     low, high = range_of(values)
     if low == high:
         raise VoxelError(f"all grey values are {low:g}: there is nothing to part; check the image")
+    if values.dtype == np.float32:  # its edges would be of single precision: too few between 1 and 1.0001
+        values = values.astype(np.float64)
     counts, edges = np.histogram(values, BINS, (low, high))
     return current().sum(counts.astype(float)), 0.5 * (edges[1:] + edges[:-1])
 

@@ -9,6 +9,7 @@ and not of the field).
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,30 +18,31 @@ from scipy.optimize import brentq
 from scipy.special import ndtri
 
 from ..domain import reduce
-from ..domain.row_threads import over_rows
+from ..domain.row_threads import in_one_piece, over_rows
 from ..domain.slabs import Slabs
 from .grey import sharpen
 from .modes import Modes
-from .spline import SEEN, spline_coefficients, value_and_slope
+from .spline import SEEN, neighbours, spline_coefficients, weights_in_voxel
 
-PARTS = 3  # cells along an edge of a voxel whose shares are taken from the value and the slope in their middles
-# Voxels from the middle of a voxel to the wall by value and slope, beyond which it is pure: it ends at 0.87 voxel, and
-# slopes fall with the distance
-FAR = 1.5
+# Cells along an edge of a voxel whose shares are taken from the value and the slope in their middles; fewer while the
+# blur is looked for: with 2 it is found 0.01 to 0.02 voxel larger than with 3, with 1 up to 0.12 (docs/design_notes.md)
+PARTS, ROUGH_PARTS = 3, 2
+SAMPLE = 64  # voxels along each axis, of the middle of an image, that the blur is looked for in before the corrections
 # Corrections at most. Errors of k of 24 perfect scans in per cent, median and root mean square: with none 3.7, 6.3,
 # with 4 0.45, 3.4, with 8 0.31, 3.0 (docs/design_notes.md)
 CORRECTIONS = 8
 PURE = 0.999  # of the scan of a field, -1 to 1: voxels beyond hold no wall, and what they differ by is noise
 FLAT = 0.9  # of the same: between neighbours beyond, what they differ by changes by noise alone
-# Corrections end where the misfit is so many times the noise before the first of them (Morozov's discrepancy
-# principle): what is left later has noise that is fitted already. With a blur of 1 voxel and noise of 5 % of the
-# contrast k of blobs 14 is +3.8 % off, with 1 in place of 1.05 -6.7 %, with the noise of what is left each time -56 %
+# Corrections end where the misfit is so many times the noise (Morozov's discrepancy principle): noise that is fitted is
+# missing in what is left. With a blur of 1 voxel and noise of 5 % of the contrast k of blobs 14 is +3.7 % off, with 1
+# in place of 1.05 -56 % (docs/design_notes.md)
 AS_NOISE = 1.05
 WIDTHS = (0.4, 0.8, 1.2, 2.0)  # voxels, between which the width of the blur is looked for
 STILL = 0.02  # square voxels, to which the variance of the blur is found before the corrections, which go on with it
 MOST_CUT = 0.7  # share of pure voxels with the last value, beyond which it is that of a scan without noise
 RARE = 0.05  # share of the voxels: noise is not told by pure ones where they are fewer
-CENTRED = 2  # steps to the value half-way: Otsu's is 1 to 15 % of the contrast off (docs/design_notes.md), a sixth is left
+# Steps to the value half-way, of which a sixth of what Otsu's threshold is off is left (docs/design_notes.md)
+CENTRED = 2
 # An image is no scan where corrections leave more than the share LEFT of the misfit, and that is more than MISFIT half
 # contrasts and OF_NOISE times the noise. Scans without noise: 0.5 of it at most; signed distances to a sphere and an
 # ellipse that are cut off at 1 and 1.5 voxels: 0.9 to 1, and 0.047 half contrasts or more (docs/design_notes.md)
@@ -81,9 +83,8 @@ def fit_scan(image: np.ndarray, around: np.ndarray, slabs: Slabs | None = None, 
     field; slabs: as there.
     """
     slabs = slabs or Slabs.whole(image.shape)
-    scanner, square = Scanner(around, slabs), 0.0 if blur is None else blur * blur
-    if blur is None:
-        square = _find_blur(image, scanner)
+    scanner = Scanner(around, slabs)
+    square = _find_blur(image, around, slabs) if blur is None else blur * blur
     zero = 0.0
     for _ in range(CENTRED if centred else 0):
         off = _half_way(image, scanner.scanned(sharpen(image, square**0.5, around, slabs), square))
@@ -97,10 +98,9 @@ def fit_scan(image: np.ndarray, around: np.ndarray, slabs: Slabs | None = None, 
         misfit = _root_mean_square(left[~pure])
         if best is not None and misfit >= best.misfit:
             break
-        if best is None:
-            first, noise = misfit, max(_noise_of(left, seen, slabs), _noise_of_pure(image, left, seen))
-        best = ScanFit(field, square**0.5, first, misfit, noise, _root_mean_square(left[pure]),
-                       zero + (0.0 if centred else _half_way(image, seen)))
+        noise = max(_noise_of(left, seen, slabs), _noise_of_pure(image, left, seen))
+        best = ScanFit(field, square**0.5, misfit if best is None else best.first, misfit, noise,
+                       _root_mean_square(left[pure]), zero + (0.0 if centred else _half_way(image, seen)))
         if misfit <= AS_NOISE * noise:
             break
         field = field + np.where(pure, np.float32(0.0), left)
@@ -109,13 +109,19 @@ def fit_scan(image: np.ndarray, around: np.ndarray, slabs: Slabs | None = None, 
     return best
 
 
-def _find_blur(image: np.ndarray, scanner: Scanner) -> float:
+def _find_blur(image: np.ndarray, around: np.ndarray, slabs: Slabs) -> float:
     """Variance, square voxels, of the Gaussian with which the scan of the sharpened image is nearest to the image, 0 to
     the last of WIDTHS^2. The means of the two sides of the threshold do not tell it: in narrow pores and thin grains no
     voxel is pure fluid or solid. The least width is taken: what is sharpened far too much has other ones."""
+    edges = [min(n, SAMPLE) for n in slabs.shape]
+    around = around & (np.array(edges) == slabs.shape)[::-1]  # a part is mirrored at its faces
+    starts = [(n - edge) // 2 for n, edge in zip(slabs.shape, edges)]
+    image, slabs = slabs.part(image, tuple(slice(first, first + edge) for first, edge in zip(starts, edges)))
+    scanner = Scanner(around, slabs, ROUGH_PARTS)
 
+    @functools.cache  # `brentq` asks for the ends anew
     def wider(square: float) -> float:
-        seen = scanner.scanned(sharpen(image, square**0.5, scanner.around, scanner.slabs), square)
+        seen = scanner.scanned(sharpen(image, square**0.5, around, slabs), square)
         return scanner.wider(_beside(image, seen), seen)
 
     low = 0.0
@@ -173,10 +179,12 @@ def _variance_cut_off(share: float) -> float:
 
 
 class Scanner:
-    """What makes scans of fields [z, y, x]; around, slabs: see `spline_coefficients`."""
+    """What makes scans of fields [z, y, x]; around, slabs: see `spline_coefficients`; parts: cells along an edge of a
+    voxel whose shares of fluid are found one by one."""
 
-    def __init__(self, around: np.ndarray, slabs: Slabs):
+    def __init__(self, around: np.ndarray, slabs: Slabs, parts: int = PARTS):
         self.around, self.slabs = around, slabs
+        self._weights = weights_in_voxel(parts), weights_in_voxel(parts if slabs.shape[0] > 1 else 1)
         self._modes = Modes(slabs.shape, around, slabs)
         self._square = ((2.0 * np.pi) ** 2 * self._modes.square_frequencies()).astype(np.float32)
 
@@ -190,7 +198,10 @@ class Scanner:
             fluid, _ = self.slabs.beside(fluid, SEEN, SEEN, bool(here[2]))
             here = np.array([*here[:2], False])  # the layers beyond the own ones are there
         out = np.empty(field.shape, np.float32)
-        over_rows(_put_shares, field.size, coefficients, fluid, here, self.slabs.own[0] - first, out)
+        (parts, _), (deep, _), nx = *(weights[0].shape for weights in self._weights), field.shape[2]
+        over_rows(_put_shares, field.shape[0] * field.shape[1], (coefficients, fluid), here, self.slabs.own[0] - first,
+                  self._weights, out,
+                  work=lambda: tuple(in_one_piece((2, deep, 5, nx), (3, deep, parts, nx + 4), (nx,))))
         return self._modes.filtered(out, np.exp(-0.5 * square * self._square)) if square > 0.0 else out
 
     def wider(self, left: np.ndarray, seen: np.ndarray) -> float:
@@ -224,23 +235,92 @@ def _root_mean_square(values: np.ndarray) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _put_shares(rows, c, fluid, around, first, out):
-    """Shares of fluid less those of solid in the voxels of the layers from `first` on, into out [own z, y, x]. c and
-    fluid, of the voxel centres, have the layers beside them. A voxel all of whose neighbours are alike is pure."""
-    _, ny, nx = out.shape
-    deep = PARTS if c.shape[0] > 1 else 1
+def _put_shares(rows, work, body, around, first, weights, out):
+    """Shares of fluid less those of solid in the voxels of lines along x, into out [own z, y, x]. A voxel all of whose
+    neighbours are alike is pure.
+
+    body: coefficients, and whether there is fluid at the voxel centres, both with the layers beside the own ones, which
+    begin at `first`; weights: of `weights_in_voxel`, along x and y, and along z; work: see `_sum_shares`.
+    """
+    (c, fluid), (_, ny, nx), sums = body, out.shape, work[2]
+    cells = len(weights[0][0]) ** 2 * len(weights[1][0])
     for row in range(rows[0], rows[1]):
-        k, j, i = row // (ny * nx) + first, row // nx % ny, row % nx
-        if _alike(fluid, around, k, j, i) or _far(c, around, i + 0.5, j + 0.5, k + 0.5):
-            share = 1.0 if fluid[k, j, i] else -1.0
-        else:
-            share = 0.0
-            for z in range(deep):
-                for y in range(PARTS):
-                    for x in range(PARTS):
-                        share += _share(c, around, i + (x + 0.5) / PARTS, j + (y + 0.5) / PARTS, k + (z + 0.5) / deep)
-            share /= deep * PARTS * PARTS
-        out[k - first, j, i] = share
+        k, j = row // ny + first, row % ny
+        line = out[k - first, j]
+        walls = False
+        for i in range(nx):
+            line[i] = 0.0 if not _alike(fluid, around, k, j, i) else 1.0 if fluid[k, j, i] else -1.0
+            walls |= line[i] == 0.0
+        if walls:
+            _sum_shares(c, neighbours(k, c.shape[0], around[2]), neighbours(j, ny, around[1]), around[0], weights, work)
+            for i in range(nx):
+                line[i] = sums[i] / cells if line[i] == 0.0 else line[i]
+
+
+@njit(cache=True)
+def _sum_shares(c, zs, ys, repeats, weights, work):
+    """Sums over the cells of each voxel of a line along x of the share of fluid less that of solid: of a plane wall
+    across an edge exactly, of others with the right variance of the step. The spline is taken axis by axis at the
+    middles of the cells.
+
+    zs, ys: five layers and lines of coefficients round the line; work: [2, r, y, x] values and slopes along z at the
+    r-th middle along z; [3, r, q, x + 4] values and slopes along y and z at the q-th middle along y, with two voxels
+    more at either end; (nx,) the sums.
+    """
+    (w, s), (w_deep, s_deep) = weights
+    lines, places, sums = work
+    nx, parts, deep = len(sums), len(w), len(w_deep)
+    for b in range(5):
+        for r in range(deep):
+            for kind in range(2):
+                t = w_deep[r] if kind == 0 else s_deep[r]
+                _weigh(t, c[zs[0], ys[b]], c[zs[1], ys[b]], c[zs[2], ys[b]], c[zs[3], ys[b]], c[zs[4], ys[b]],
+                       lines[kind, r, b])
+    for r in range(deep):
+        values, slopes = lines[0, r], lines[1, r]
+        for q in range(parts):
+            for kind in range(3):
+                t = s[q] if kind == 1 else w[q]
+                u = slopes if kind == 2 else values
+                place = places[kind, r, q]
+                _weigh(t, u[0], u[1], u[2], u[3], u[4], place[2 : nx + 2])
+                _, _, _, place[nx + 2], place[nx + 3] = _around(place, nx, nx - 1, repeats)
+                place[0], place[1], _, _, _ = _around(place, nx, 0, repeats)
+    sums[:] = 0.0
+    for r in range(deep):
+        for q in range(parts):
+            for p in range(parts):
+                _add_shares(w[p], s[p], places[0, r, q], places[1, r, q], places[2, r, q], 2.0 * parts, sums)
+
+
+@njit(cache=True)
+def _around(place, nx, i, repeats):
+    """Values at the five neighbours of voxel i of a line that begins at place[2]."""
+    a, b, d, e, f = neighbours(i, nx, repeats)
+    return place[a + 2], place[b + 2], place[d + 2], place[e + 2], place[f + 2]
+
+
+@njit(cache=True)
+def _weigh(t, a, b, d, e, f, out):
+    """The sum of five lines with the weights t (5,)."""
+    t0, t1, t2, t3, t4 = t[0], t[1], t[2], t[3], t[4]
+    for i in range(len(out)):
+        out[i] = t0 * a[i] + t1 * b[i] + t2 * d[i] + t3 * e[i] + t4 * f[i]
+
+
+@njit(cache=True)
+def _add_shares(w, s, value, along_y, along_z, steepness, sums):
+    """Adds the shares in the cells at one place of each voxel of a line. w, s: (5,) weights of the place along x."""
+    w0, w1, w2, w3, w4 = w[0], w[1], w[2], w[3], w[4]
+    s0, s1, s2, s3, s4 = s[0], s[1], s[2], s[3], s[4]
+    for i in range(len(sums)):
+        f0, f1, f2, f3, f4 = value[i], value[i + 1], value[i + 2], value[i + 3], value[i + 4]
+        f = w0 * f0 + w1 * f1 + w2 * f2 + w3 * f3 + w4 * f4
+        x = s0 * f0 + s1 * f1 + s2 * f2 + s3 * f3 + s4 * f4
+        y = w0 * along_y[i] + w1 * along_y[i + 1] + w2 * along_y[i + 2] + w3 * along_y[i + 3] + w4 * along_y[i + 4]
+        z = w0 * along_z[i] + w1 * along_z[i + 1] + w2 * along_z[i + 2] + w3 * along_z[i + 3] + w4 * along_z[i + 4]
+        slope = np.sqrt(x * x + y * y + z * z) + 1e-30  # a flat field is pure
+        sums[i] += min(max(steepness * f / slope, -1.0), 1.0)
 
 
 @njit(cache=True)
@@ -256,25 +336,7 @@ def _alike(fluid, around, k, j, i):
     return True
 
 
-@njit(cache=True)
-def _far(c, around, x, y, z):
-    """Whether the value at a point, over the slope there, is more than FAR voxels."""
-    value, a, b, d = value_and_slope(c, around, x, y, z)
-    return value * value > FAR * FAR * (a * a + b * b + d * d)
-
-
 @njit(cache=True, inline="always")
 def _index(i, n, repeats):
     """Of a voxel beside an axis of n: that of its periodic image, else the last before the face."""
     return i % n if repeats else min(max(i, 0), n - 1)
-
-
-@njit(cache=True)
-def _share(c, around, x, y, z):
-    """Share of fluid less that of solid in a cell of 1 / PARTS of a voxel round a point: of a plane wall across an
-    edge exactly, of others with the right variance of the step."""
-    value, a, b, d = value_and_slope(c, around, x, y, z)
-    slope = np.sqrt(a * a + b * b + d * d)
-    if slope == 0.0:
-        return 1.0 if value > 0.0 else -1.0
-    return min(max(2.0 * PARTS * value / slope, -1.0), 1.0)

@@ -117,7 +117,6 @@ def put_crossings(rows, xi, xj, grid, t):
     together; what one of them meets does not depend on the others."""
     dim, k = xi.shape[1], rows[0]
     lower, edge, counts, periodic = grid.lower, grid.edge, grid.counts, grid.around
-    lower, edge, counts, periodic = grid.lower, grid.edge, grid.counts, grid.around
     reach = np.zeros((2, 3))
     ball = np.zeros(BALLS), np.zeros(BALLS), np.zeros(BALLS), np.zeros(BALLS), np.zeros(BALLS)
     near = Surroundings(np.zeros(3), ball, np.zeros((32, 14)), np.zeros((32, 5), np.int64), np.zeros((2, 3), np.int64),
@@ -295,7 +294,7 @@ def _put_first_walls(numbers, ends, near, grid, found, longest, t):
                     if dx[a] != 0.0:
                         t_in = max(t_in, min(low / dx[a], high / dx[a]))
                         t_out = min(t_out, max(low / dx[a], high / dx[a]))
-                    elif low > 0.0 or high < 0.0:
+                    elif low > 0.0 or high <= 0.0:  # a point on a face is wrapped to the lower one
                         t_out = -np.inf
             of, known = number[p, 4], t_in >= t_out or t_in >= end or t_out <= 0.0
             if sure[of]:

@@ -123,3 +123,23 @@ def value_and_slope(c, around, ux, uy, uz):
         dz += sz[m] * layer
         m += 1
     return value, dx, dy, dz
+
+
+@njit(cache=True)
+def neighbours(i, n, repeats):
+    """Indices of the five coefficients along an axis of n voxels that the spline in voxel i has."""
+    if i >= 2 and i + 2 < n:
+        return i - 2, i - 1, i, i + 1, i + 2
+    if repeats:
+        return (i - 2) % n, (i - 1) % n, i, (i + 1) % n, (i + 2) % n
+    return _mirror(i - 2, n), _mirror(i - 1, n), i, _mirror(i + 1, n), _mirror(i + 2, n)
+
+
+def weights_in_voxel(parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """(weights, weights of the slope per voxel) (parts, 5) of `neighbours` at the middles of equal parts of a voxel."""
+    value, slope = np.zeros((parts, 5)), np.zeros((parts, 5))
+    for p in range(parts):
+        at = (p + 0.5) / parts - 0.5  # from the centre of the voxel
+        first = 1 if at >= 0.0 else 0
+        value[p, first : first + 4], slope[p, first : first + 4] = _weights.py_func(at + 1.0 - first)
+    return value, slope

@@ -214,7 +214,7 @@ def _understood(case: Case, spec: Voxels, own: _Layers, periodic: list[bool]) ->
         labels = apply_labels(own.values, spec.labels, names, spec.file, dict(sorted(counts.items())))
         known = Understood(labels, None, _labels_in_words(spec.labels))
     else:
-        known = _understood_grey(spec, spec.grey, own, names, periodic)
+        known = _understood_grey(spec, spec.grey, own, names, None if case.wall_distance == "stairs" else periodic)
     if not case.microporous:
         return known
     filled = known.labels >= fluids  # rock is numbered behind the fluids; the first of them seeps through it
@@ -223,7 +223,8 @@ def _understood(case: Case, spec: Voxels, own: _Layers, periodic: list[bool]) ->
 
 
 def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, ...],
-                     periodic: list[bool]) -> Understood:
+                     periodic: list[bool] | None) -> Understood:
+    """periodic: along x, y(, z), of the field whose zero is the wall; None of walls on the faces of voxels."""
     from ..geometry.grey import grey_classes, labels_of_grey, range_of
 
     values = own.values
@@ -235,14 +236,18 @@ def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, .
         given = f"{threshold:g}" + (f" +- {off:g}" if off else "")
         raise VoxelError(f"{spec.file}: geometry.voxels.grey.threshold {given} parts nothing: the grey values "
                          f"lie between {least:g} and {most:g}; try otsu")
-    found = _field_of(spec, values, threshold, own.slabs, np.array([*periodic, True][:3]))
-    labels = labels_of_grey(values, found.threshold, grey.solid, grey.fluids, names, spec.file)
+    first, how, field = threshold, _how(grey), None
+    sharpness: tuple[tuple[str, str], ...] = ()
+    if periodic is not None:
+        found = _field_of(spec, values, threshold, own.slabs, np.array([*periodic, True][:3]))
+        threshold, how, field, sharpness = found.threshold, found.how, found.field, (("sharpness", found.words),)
+    labels = labels_of_grey(values, threshold, grey.solid, grey.fluids, names, spec.file)
     described = (
-        ("wall", f"surface of grey value {found.threshold:g} ({found.how}); the means below and above {threshold:g} "
-                 f"are {low:g} and {high:g}, {100 * share:.0f} % of the variance lies between them"),
-        ("sharpness", found.words),
+        ("wall", f"surface of grey value {threshold:g} ({how}); the means below and above {first:g} are {low:g} and "
+                 f"{high:g}, {100 * share:.0f} % of the variance lies between them"),
+        *sharpness,
     )  # fmt: skip
-    return Understood(labels, found.field, f"solid {grey.solid} {found.threshold:g}", described)
+    return Understood(labels, field, f"solid {grey.solid} {threshold:g}", described)
 
 
 @dataclass(frozen=True)
@@ -274,7 +279,7 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
     assert grey is not None
     low, high, share = grey_classes(values, threshold)
     field = field_of_grey(values, threshold, grey.solid)
-    how = "Otsu" if isinstance(grey.threshold, str) else "given"
+    how = _how(grey)
     if isinstance(grey.blur, str) and share < TWO_VALUED:
         raise VoxelError(
             f"{spec.file}: geometry.voxels.grey.blur: auto needs an image of two grey values; here only "
@@ -287,7 +292,7 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
         return as_it_is("taken as it is")
     if grey.blur is None and share < TWO_VALUED:
         return as_it_is("it is not one of two grey values: taken as it is")
-    centred = how == "Otsu" and not grey.fluids  # of two fluids there is no one value of fluid
+    centred = isinstance(grey.threshold, str) and not grey.fluids  # of two fluids there is no one value of fluid
     found = fit_scan(field, around, slabs, None if isinstance(grey.blur, str) else grey.blur, centred)
     scan = (f"the scan of a body with a blur of {found.blur:.2f} voxels but for {50 * found.misfit:.2g} % of the "
             "contrast at the walls")
@@ -305,6 +310,10 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
     else:
         field = found.field
     return _GreyField(field, threshold, how, words, max(found.blur, SOME))
+
+
+def _how(grey: Grey) -> str:
+    return "Otsu" if isinstance(grey.threshold, str) else "given"
 
 
 def settled(case: Case) -> Grey:

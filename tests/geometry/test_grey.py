@@ -26,6 +26,11 @@ def test_otsu_finds_the_valley_between_two_classes():
     assert otsu_threshold(np.array([[0, 0, 255], [255, 0, 255]], np.uint8)) == pytest.approx(127.5, abs=1)
 
 
+def test_otsu_parts_values_that_differ_in_their_last_digits():
+    """Refractive indices in single precision: between 1 and 1.0001 there are fewer of these than bins."""
+    assert otsu_threshold(np.array([1.0, 1.0001], np.float32)) == pytest.approx(1.00005, abs=1e-6)
+
+
 def test_an_image_of_one_value_has_no_threshold():
     with pytest.raises(VoxelError, match="all grey values are 7"):
         otsu_threshold(np.full((3, 3), 7))

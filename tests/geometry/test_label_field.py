@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from isphcli.geometry.label_field import most_probable_field
 from tests.geometry.fields import plane, sphere, waves
@@ -66,6 +67,19 @@ def test_clear_layers_leave_the_walls_where_they_are():
         layered = np.pad(fluid, ((0, 0), (0, 0), (deep, deep)), constant_values=True)
         found.append(zeros_along_x(most_probable_field(layered, np.array([True, False, False]), part)[part])[0])
     assert np.sqrt(np.mean((found[0] - found[1]) ** 2)) < 0.01
+
+
+def test_walls_do_not_see_the_other_end_through_thin_layers():
+    """Of pores that lead into the layers: the field between layers of 1, 2 and 12 voxels. Without more fluid behind
+    thin layers it differs by 0.037 and 0.016 (rms, in standard deviations of the field)."""
+    fluid = gaussian_filter(np.random.default_rng(3).standard_normal((20,) * 3), 3, mode="wrap") > 0
+    found = []
+    for deep in (1, 2, 12):
+        part = (slice(0, 20), slice(0, 20), slice(deep, deep + 20))
+        layered = np.pad(fluid, ((0, 0), (0, 0), (deep, deep)), constant_values=True)
+        found.append(most_probable_field(layered, np.array([True, False, False]), part)[part])
+    assert (found[0] == found[1]).all()
+    assert np.sqrt(np.mean((found[0] - found[2]) ** 2)) < 0.005
 
 
 def test_all_solid_and_all_fluid():

@@ -85,6 +85,17 @@ def test_a_long_segment_through_many_cells_meets_the_first_ball():
         assert t == pytest.approx([0.2 / 7.5], abs=1e-15)
 
 
+@pytest.mark.parametrize("towards", [1.0, -1.0])
+def test_along_a_periodic_face_that_cuts_a_half_space_the_label_of_the_face_counts(towards):
+    """Fluid on one side of the face, solid on the other: a point on it is wrapped to the lower one. Other segments from
+    the point, which reach to both sides, change nothing."""
+    geometry = ShapeGeometry((0, 0), (1, 1), (True, False), shapes=[Shape(HalfSpace((0.3, 0.5), (-towards, 0)))])
+    xi = np.repeat([[0.0, 0.25], [1.0, 0.25]], 3, axis=0)
+    t = geometry.crossing(xi, xi + np.array([[0.0, 0.5], [-0.2, 0.1], [0.2, 0.1]] * 2))[::3]
+    fluid = geometry.phase(xi[::3]) >= 0
+    assert fluid.tolist() == [towards > 0] * 2 and np.all((t == 1.0) == fluid)
+
+
 def test_segments_from_one_point_meet_what_each_meets_alone():
     """Among more balls than are looked through together, balls cut out of them, a block, a tube round all and a
     half-space that ends at the periodic faces; to all digits, and with the first change of the label along samples."""
