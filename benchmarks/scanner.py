@@ -7,8 +7,9 @@ A voxel of the scan has the share of solid in it (counted on 4^3 cells of the ex
 signed errors of k over the bodies, in per cent, and their root mean square, for: the image as it is; denoised with a
 Gaussian of half a voxel; sharpened by the blur that is found and corrected until its own scan is the image (`auto`,
 `geometry/scan_fit.py`), or by the known blur (`known`); sharpened only by the blur that is found, after that Gaussian;
-and labels (the scan segmented at the threshold). Grey values are in units of half the contrast between the means of
-the two sides, as a case takes them.
+labels (the scan segmented at the threshold); and as `auto` with the
+wall at Otsu's threshold, and half-way between fluid and solid of the scan, which is what the threshold `otsu` takes.
+Grey values are in units of half the contrast between the means of the two sides, as a case takes them.
 """
 
 import sys
@@ -16,7 +17,7 @@ import sys
 import numpy as np
 from walls_from_labels import ROUND, labels_of, permeability  # sets the number of threads before numba is there
 
-from isphcli.geometry.grey import field_of_grey, sharpen
+from isphcli.geometry.grey import field_of_grey, otsu_threshold, sharpen
 from isphcli.geometry.iso_surface import ImageField, IsoSurfaceGeometry
 from isphcli.geometry.scan_fit import fit_scan
 from isphcli.geometry.spline import average
@@ -41,6 +42,11 @@ def iso(image, gaussian=0.0):
     return IsoSurfaceGeometry(labels_of(image), ImageField(image, gaussian), 1.0, ROUND)
 
 
+def by_otsu(image):
+    """The image with its zero at Otsu's threshold."""
+    return field_of_grey(image, otsu_threshold(image), "below")
+
+
 VARIANTS = {
     "as it is": lambda image, blur: iso(image),
     "denoised": lambda image, blur: iso(image, DENOISE),
@@ -48,6 +54,8 @@ VARIANTS = {
     "known": lambda image, blur: iso(fit_scan(image, AROUND, None, blur).field),
     "denoised, auto": lambda image, blur: iso(sharpen(average(image, DENOISE, AROUND), fit_scan(image, AROUND).blur,
                                                       AROUND)),
+    "Otsu": lambda image, blur: iso(fit_scan(by_otsu(image), AROUND).field),
+    "half-way": lambda image, blur: iso(fit_scan(by_otsu(image), AROUND, centred=True).field),
     "labels": lambda image, blur: IsoSurfaceGeometry(labels_of(image), None, 1.0, ROUND),
 }
 

@@ -64,7 +64,8 @@ class Grey:
 
     threshold: float | str = key(
         "grey value of the wall, or otsu: the value that parts the histogram into the two classes that differ most "
-        "(Otsu 1979); the run says which it took",
+        "(Otsu 1979), in an image that is the scan of a body (`blur`) that half-way between its fluid and its solid; "
+        "the run says which it took",
         choices=("otsu",),
     )
     solid: str = key("which side of the threshold is solid: above (bright) or below", choices=("above", "below"))

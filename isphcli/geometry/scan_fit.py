@@ -41,7 +41,8 @@ WIDTHS = (0.4, 0.8, 1.2, 2.0)  # voxels, between which the width of the blur is 
 STILL = 0.02  # square voxels, to which the variance of the blur is found before the corrections, which go on with it
 MOST_CUT = 0.7  # share of pure voxels with the last value, beyond which it is that of a scan without noise
 RARE = 0.05  # share of the voxels: noise is not told by pure ones where they are fewer
-CENTRED = 2  # steps to the value half-way: Otsu's is 3 to 10 % of half the contrast off, after them a sixth of that
+# Steps to the value half-way, of which a sixth of what Otsu's threshold is off is left (docs/design_notes.md)
+CENTRED = 2
 # An image is no scan where corrections leave more than the share LEFT of the misfit, and that is more than MISFIT half
 # contrasts and OF_NOISE times the noise. Scans without noise: 0.5 of it at most; signed distances to a sphere and an
 # ellipse that are cut off at 1 and 1.5 voxels: 0.9 to 1, and 0.047 half contrasts or more (docs/design_notes.md)

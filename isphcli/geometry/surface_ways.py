@@ -35,8 +35,9 @@ class SurfaceWays:
 
     def described(self) -> str:
         """Half a sentence for `Geometry.described`."""
-        return (f"smooth, through the labels: {self.moved} voxels change sides, pores in {_parts(self.parts)} (faces "
-                f"of voxels {self.label_parts}), {self.opened} contacts at edges open, {self.closed} at faces shut")
+        return (f"smooth: the centres of {self.moved} voxels lie on the other side than their own values say, pores in "
+                f"{_parts(self.parts)} (faces of voxels {self.label_parts}), {self.opened} contacts at edges open, "
+                f"{self.closed} at faces shut")
 
     def warnings(self) -> tuple[str, ...]:
         """Sentences on the axes along which only one of the two leads through."""

@@ -236,18 +236,18 @@ def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, .
         given = f"{threshold:g}" + (f" +- {off:g}" if off else "")
         raise VoxelError(f"{spec.file}: geometry.voxels.grey.threshold {given} parts nothing: the grey values "
                          f"lie between {least:g} and {most:g}; try otsu")
-    field, wall, how = None, threshold, "Otsu" if isinstance(grey.threshold, str) else "given"
+    first, how, field = threshold, _how(grey), None
     sharpness: tuple[tuple[str, str], ...] = ()
     if periodic is not None:
         found = _field_of(spec, values, threshold, own.slabs, np.array([*periodic, True][:3]))
-        field, wall, how, sharpness = found.field, found.threshold, found.how, (("sharpness", found.words),)
-    labels = labels_of_grey(values, wall, grey.solid, grey.fluids, names, spec.file)
+        threshold, how, field, sharpness = found.threshold, found.how, found.field, (("sharpness", found.words),)
+    labels = labels_of_grey(values, threshold, grey.solid, grey.fluids, names, spec.file)
     described = (
-        ("wall", f"surface of grey value {wall:g} ({how}); the means below and above {threshold:g} "
-                 f"are {low:g} and {high:g}, {100 * share:.0f} % of the variance lies between them"),
+        ("wall", f"surface of grey value {threshold:g} ({how}); the means below and above {first:g} are {low:g} and "
+                 f"{high:g}, {100 * share:.0f} % of the variance lies between them"),
         *sharpness,
     )  # fmt: skip
-    return Understood(labels, field, f"solid {grey.solid} {wall:g}", described)
+    return Understood(labels, field, f"solid {grey.solid} {threshold:g}", described)
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
     """Of grey values [z, y, x] and a threshold, that of the case or Otsu's.
 
     Where the case asks for Otsu's, the wall of a scan is at the value half-way between its fluid and its solid: where
-    there is more of the one than of the other, Otsu's is 1 to 5 % of the contrast off, and k by several times that.
+    there is more of the one than of the other, Otsu's is 1 to 15 % of the contrast off (docs/design_notes.md).
     """
     from ..geometry.grey import TWO_VALUED, WIDEST, field_of_grey, grey_classes, sharpen
     from ..geometry.scan_fit import fit_scan
@@ -279,7 +279,7 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
     assert grey is not None
     low, high, share = grey_classes(values, threshold)
     field = field_of_grey(values, threshold, grey.solid)
-    how = "Otsu" if isinstance(grey.threshold, str) else "given"
+    how = _how(grey)
     if isinstance(grey.blur, str) and share < TWO_VALUED:
         raise VoxelError(
             f"{spec.file}: geometry.voxels.grey.blur: auto needs an image of two grey values; here only "
@@ -292,7 +292,7 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
         return as_it_is("taken as it is")
     if grey.blur is None and share < TWO_VALUED:
         return as_it_is("it is not one of two grey values: taken as it is")
-    centred = how == "Otsu" and not grey.fluids  # of two fluids there is no one value of fluid
+    centred = isinstance(grey.threshold, str) and not grey.fluids  # of two fluids there is no one value of fluid
     found = fit_scan(field, around, slabs, None if isinstance(grey.blur, str) else grey.blur, centred)
     scan = (f"the scan of a body with a blur of {found.blur:.2f} voxels but for {50 * found.misfit:.2g} % of the "
             "contrast at the walls")
@@ -310,6 +310,10 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
     else:
         field = found.field
     return _GreyField(field, threshold, how, words, max(found.blur, SOME))
+
+
+def _how(grey: Grey) -> str:
+    return "Otsu" if isinstance(grey.threshold, str) else "given"
 
 
 def settled(case: Case) -> Grey:

@@ -28,6 +28,14 @@ def test_dump_reads_back_to_an_equal_case(text, files):
     assert "interface" not in yaml.safe_load(dump_case(read(MINIMAL)))
 
 
+def test_the_case_of_a_grey_image_reads_back(files):
+    """Its labels are dumped as an empty block, beside the grey values: a restart reads it."""
+    case = read(BEADS.replace("labels: {solid: [1, 3], brine: 0, co2: 2}", "grey: {threshold: otsu, solid: above}"))
+    assert case.geometry.voxels.grey is not None
+    (files / "again.yaml").write_text(dump_case(case))
+    assert load_case(files / "again.yaml") == case
+
+
 @pytest.mark.parametrize("name", ["missing.yaml", ".", "nul\0"])
 def test_a_case_that_cannot_be_read(name):
     with pytest.raises(CaseError, match="cannot be read"):
