@@ -43,9 +43,9 @@ ITERATIONS, MOST = 43, 120
 START = 0.4  # factor of the filtered labels for the first field; with 1 twice as many iterations are needed
 LEAST = 0.05  # standard deviations of the field: least value at a centre, so that every label keeps its sign
 # Least clear fluid that the field sees at either end of an image with clear layers, correlation lengths, so that the
-# walls do not depend on how thick the layers are. Within 8 voxels of the ends 0.3 to 0.6 % of the pores of Berea
-# (l = 4) lie on the other side of the wall with layers of 3 voxels than with 8 l, 0.02 to 0.14 % with 2 l and 0.02 to
-# 0.06 % with 4 l (`python benchmarks/clear_layers.py walls`)
+# walls do not depend on how thick the layers are. Within 8 voxels of the ends 0.26 and 0.32 % of the pores of Berea
+# (l = 4) lie on the other side of the wall with layers of 3 voxels than with 8 l, 0.03 and 0.04 % with 2 l and 0.02 %
+# with 4 l (`python benchmarks/clear_layers.py walls`)
 DEEP = 2.0
 CERTAIN = 6.0  # standard deviations of the noise beyond which a label changes nothing (1e-8)
 
