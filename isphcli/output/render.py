@@ -6,13 +6,14 @@ a crash or a hang, leaves the run and its results alone. Title, scales and capti
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -164,51 +165,77 @@ def _spread(share: np.ndarray, fluid: np.ndarray) -> np.ndarray:
 # -- what the run calls ------------------------------------------------------------------------------------
 
 
-def render(scene: Scene3D, frame: Frame, targets: Mapping[str, str | os.PathLike],
-           names: Sequence[str] = ("", "")) -> None:
-    """Draw pictures of a scene. targets: {FLOW, SHEAR or FLUIDS: file}; names: of the fluids, for FLUIDS.
+@contextlib.contextmanager
+def rendering(scene: Scene3D, frame: Frame, targets: Mapping[str, str | os.PathLike],
+              names: Sequence[str] = ("", "")) -> Iterator[None]:
+    """Draws pictures of a scene while the block goes on; they exist after it. targets: {FLOW, SHEAR or FLUIDS: file};
+    names: of the fluids, for FLUIDS.
 
     Raises RenderError, and leaves no picture, where pyvista is not installed or cannot draw here.
     """
-    with tempfile.TemporaryDirectory(prefix="isph-render-") as folder:
-        facts = _hand_over(scene, list(targets), Path(folder))
+    with _other_process(scene, list(targets)) as (wait, folder):
+        yield
+        facts = wait()
         for name, path in targets.items():
-            image = np.load(Path(folder, f"{name}.npy"), allow_pickle=False)
+            image = np.load(folder / f"{name}.npy", allow_pickle=False)
             frame_picture(path, image, frame, _key_of(name, facts[name], names, frame, scene.body))
 
 
 def draw_images(scene: Scene3D, names: Sequence[str]) -> dict[str, np.ndarray]:
     """The bare pictures, (height, width, 3) uint8, by name. Raises RenderError."""
-    with tempfile.TemporaryDirectory(prefix="isph-render-") as folder:
-        _hand_over(scene, names, Path(folder))
-        return {name: np.load(Path(folder, f"{name}.npy"), allow_pickle=False) for name in names}
+    with _other_process(scene, names) as (wait, folder):
+        wait()
+        return {name: np.load(folder / f"{name}.npy", allow_pickle=False) for name in names}
 
 
-def _hand_over(scene: Scene3D, names: Sequence[str], folder: Path) -> dict[str, Any]:
-    """Lets the other process draw `<name>.npy` into a folder; returns what it says of them."""
+@contextlib.contextmanager
+def _other_process(scene: Scene3D, names: Sequence[str]) -> Iterator[tuple[Callable[[], dict[str, Any]], Path]]:
+    """Starts the process that draws `<name>.npy` into a folder; yields a function that waits for it and returns what it
+    says of the pictures, and the folder. A process that is not waited for is ended with the block."""
+    with tempfile.TemporaryDirectory(prefix="isph-render-") as place:
+        folder = Path(place)
+        np.savez(folder / "scene.npz", **_arrays_of(scene))
+        command = [sys.executable, "-W", "ignore", "-m", "isphcli.output.render", place, *names]
+        root = str(Path(__file__).resolve().parents[2])
+        path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
+        # windows of another machine's screen are not for pictures in files
+        environment = {k: v for k, v in os.environ.items() if k != "DISPLAY"} | {"PYTHONPATH": path}
+        process: subprocess.Popen[str] | OSError
+        try:
+            process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                                       text=True)
+        except OSError as error:
+            process = error
+        try:
+            yield lambda: _answer(process, SECONDS * len(names), folder), folder
+        finally:
+            if isinstance(process, subprocess.Popen):
+                process.kill()
+                process.communicate()
+
+
+def _arrays_of(scene: Scene3D) -> dict[str, Any]:
     arrays: dict[str, Any] = {"lower": scene.lower, "cell": scene.cell, "wall": scene.wall.astype(np.float32),
               "velocity": scene.velocity.astype(np.float32), "axis": np.array(scene.axis), "body": np.array(scene.body)}
     if scene.phase is not None:
         arrays["phase"] = scene.phase.astype(np.float32)
     if scene.shear is not None:
         arrays["points"], arrays["stress"] = scene.shear
-    np.savez(folder / "scene.npz", **arrays)
-    command = [sys.executable, "-W", "ignore", "-m", "isphcli.output.render", str(folder), *names]
-    root = str(Path(__file__).resolve().parents[2])
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
-    # windows of another machine's screen are not for pictures in files
-    environment = {k: v for k, v in os.environ.items() if k != "DISPLAY"} | {"PYTHONPATH": path}
+    return arrays
+
+
+def _answer(process: subprocess.Popen[str] | OSError, seconds: float, folder: Path) -> dict[str, Any]:
+    """What the process, or the error of its start, says of its pictures, when they are drawn. seconds: to wait."""
+    if isinstance(process, OSError):
+        raise RenderError(str(process))
     try:
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=SECONDS * len(names),
-                              check=False)
+        _, errors = process.communicate(timeout=seconds)
     except subprocess.TimeoutExpired:
-        raise RenderError(f"it took more than {SECONDS:g} s") from None
-    except OSError as error:
-        raise RenderError(str(error)) from None
+        raise RenderError(f"it took more than {seconds:g} s") from None
     answer = folder / "facts.json"
-    if done.returncode or not answer.is_file():
-        said = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-        raise RenderError(said[-1] if said else f"it ended with code {done.returncode}")
+    if process.returncode or not answer.is_file():
+        said = [line.strip() for line in errors.splitlines() if line.strip()]
+        raise RenderError(said[-1] if said else f"it ended with code {process.returncode}")
     return json.loads(answer.read_text(encoding="utf-8"))
 
 

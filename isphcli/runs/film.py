@@ -108,14 +108,15 @@ def _particles(path: Path, dim: int) -> dict[str, np.ndarray]:
 def _draw_3d(path: Path, case: Case, geometry: Geometry, found: dict[str, np.ndarray], frame: Frame,
              body: int | None) -> int:
     """Draws a snapshot; returns the fluid that was drawn as a body: the same one in the snapshots that follow."""
-    from ..output.render import FLOW, FLUIDS, render, scene_of
+    from ..output.render import FLOW, FLUIDS, rendering, scene_of
 
     two = len(case.fluids) > 1
     axis = frame.flow_axis if frame.flow_axis is not None else 0
     if not two:
         found = {name: found[name] for name in ("x", "velocity")}
     scene = scene_of(geometry, found, frame.spacing, axis, body=body)
-    render(scene, frame, {FLUIDS if two else FLOW: path}, case.fluid_names if two else ())
+    with rendering(scene, frame, {FLUIDS if two else FLOW: path}, case.fluid_names if two else ()):
+        pass
     return scene.body
 
 

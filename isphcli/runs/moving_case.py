@@ -40,7 +40,7 @@ from .results import (
     compare_with_reference,
     counts_of,
     draw_distributions,
-    draw_in_3d,
+    drawing_in_3d,
     finish,
     grids_of,
     mean_max,
@@ -513,16 +513,16 @@ def _pictures(run: MovingRun, state: State, permeability: float | None) -> None:
     phase = run.particles_at(state).phase
     frame = Frame(geometry.dim, case.particles.spacing, case.title, geometry.lower, geometry.upper, geometry.periodic,
                   geometry.distance if geometry.has_solid else None)
-    plot_slice(run.directory / "slice.png", state.x, state.u, frame, permeability=permeability,
-               phase=phase if two else None)
     flow = {"x": state.x, "velocity": state.u} | ({"phase": phase} if two else {})
-    draw_in_3d(run.directory, frame, geometry, flow, run.seen.warnings, case.fluid_names if two else ())
-    draw_distributions(run.directory, case, geometry, state.x, state.u, case.particles.spacing)
-    if two:
-        plot_phases(run.directory / "phases.png", state.x, phase, case.fluid_names, frame, walls=geometry.has_solid)
-    plot_histories(run.directory / "histories.png", run.history, case.title)
-    plot_numerics(run.directory / "numerics.png", run.history, case.title)
-    for name, plot in ((PROFILES, plot_profiles), (CURVE, plot_curve)):
-        rows = read_history(run.directory / name) if name in run.tables and run.tables[name].rows else []
-        if rows:
-            plot((run.directory / name).with_suffix(".png"), rows, case.fluid_names, case.title)
+    with drawing_in_3d(run.directory, frame, geometry, flow, run.seen.warnings, case.fluid_names if two else ()):
+        plot_slice(run.directory / "slice.png", state.x, state.u, frame, permeability=permeability,
+                   phase=phase if two else None)
+        draw_distributions(run.directory, case, geometry, state.x, state.u, case.particles.spacing)
+        if two:
+            plot_phases(run.directory / "phases.png", state.x, phase, case.fluid_names, frame, walls=geometry.has_solid)
+        plot_histories(run.directory / "histories.png", run.history, case.title)
+        plot_numerics(run.directory / "numerics.png", run.history, case.title)
+        for name, plot in ((PROFILES, plot_profiles), (CURVE, plot_curve)):
+            rows = read_history(run.directory / name) if name in run.tables and run.tables[name].rows else []
+            if rows:
+                plot((run.directory / name).with_suffix(".png"), rows, case.fluid_names, case.title)

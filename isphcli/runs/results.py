@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,16 +62,20 @@ def files_of(case: Case) -> list[str]:
     return names
 
 
-def draw_in_3d(directory: Path, frame: Frame, geometry: Geometry, flow: Mapping[str, np.ndarray], warnings: list[str],
-               names: Sequence[str] = (), stress: tuple[np.ndarray, np.ndarray] | None = None) -> None:
-    """Pictures of a scene in three dimensions that is deep enough: streamlines, the shear at the walls where stress is
-    given (`wall_stress`), two fluids where names are. flow: `x`, `velocity` and, of two fluids, `phase`.
+@contextlib.contextmanager
+def drawing_in_3d(directory: Path, frame: Frame, geometry: Geometry, flow: Mapping[str, np.ndarray],
+                  warnings: list[str], names: Sequence[str] = (),
+                  stress: tuple[np.ndarray, np.ndarray] | None = None) -> Iterator[None]:
+    """Draws pictures of a scene in three dimensions that is deep enough while the block draws others: streamlines, the
+    shear at the walls where stress is given (`wall_stress`), two fluids where names are. flow: `x`, `velocity` and, of
+    two fluids, `phase`.
 
     Where they cannot be drawn, a sentence is added to warnings: the pictures of a plane exist in any case.
     """
     from ..output import render
 
     if not render.deep_enough(geometry, frame.spacing):
+        yield
         return
     targets = {} if names else {render.FLOW: directory / "flow_3d.png"}
     if names:
@@ -81,7 +86,8 @@ def draw_in_3d(directory: Path, frame: Frame, geometry: Geometry, flow: Mapping[
     if axis is None:
         axis = int(np.argmax(np.abs(flow["velocity"].mean(axis=0))))
     try:
-        render.render(render.scene_of(geometry, flow, frame.spacing, axis, stress), frame, targets, names)
+        with render.rendering(render.scene_of(geometry, flow, frame.spacing, axis, stress), frame, targets, names):
+            yield
     except render.RenderError as error:
         warnings.append(f"no pictures in 3D: {error}; slice.png shows a plane")
 

@@ -47,7 +47,7 @@ from .results import (
     compare_with_reference,
     counts_of,
     draw_distributions,
-    draw_in_3d,
+    drawing_in_3d,
     finish,
     grids_of,
     mean_max,
@@ -623,13 +623,13 @@ def _pictures(case: Case, directory: Path, flow: steady.StokesResult, flows: Flo
                   geometry.distance, flow_axis=flow.axis)
     k = summary["permeability"]
     k = k.get("xyz"[flow.axis or 0]) if isinstance(k, dict) else k
-    plot_slice(directory / "slice.png", x, flow.velocity, frame, permeability=k)
-    draw_in_3d(directory, frame, geometry, {"x": x, "velocity": flow.velocity}, summary["warnings"],
-               stress=flow.stress)
-    draw_distributions(directory, case, geometry, x, flow.cell_velocity, flow.spacing)
-    if rows:
-        plot_flow_profile((directory / PROFILES).with_suffix(".png"), rows, flow.mass_error, case.title)
-    _plot_numerics(directory / "numerics.png", case, flows, summary, rows)
+    with drawing_in_3d(directory, frame, geometry, {"x": x, "velocity": flow.velocity}, summary["warnings"],
+                       stress=flow.stress):
+        plot_slice(directory / "slice.png", x, flow.velocity, frame, permeability=k)
+        draw_distributions(directory, case, geometry, x, flow.cell_velocity, flow.spacing)
+        if rows:
+            plot_flow_profile((directory / PROFILES).with_suffix(".png"), rows, flow.mass_error, case.title)
+        _plot_numerics(directory / "numerics.png", case, flows, summary, rows)
 
 
 def _plot_numerics(path: Path, case: Case, flows: Flows, summary: dict[str, Any],

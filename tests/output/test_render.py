@@ -1,6 +1,8 @@
 """Pictures in 3D: what they show, by a coarse hash, and what is said where they cannot be drawn."""
 
 import os
+import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -116,7 +118,8 @@ def test_framed_pictures_are_whole_files(tmp_path, geometry, particles):
 
     frame = Frame(3, 1 / N, "spheres", geometry.lower, geometry.upper, geometry.periodic, flow_axis=0)
     scene = render.scene_of(geometry, particles, 1 / N, 0)
-    render.render(scene, frame, {render.FLOW: tmp_path / "flow.png"})
+    with render.rendering(scene, frame, {render.FLOW: tmp_path / "flow.png"}):
+        pass
     assert min(imread(tmp_path / "flow.png").shape[:2]) > 600
     assert [path.name for path in tmp_path.iterdir()] == ["flow.png"]
 
@@ -127,10 +130,39 @@ def test_without_pyvista_a_sentence_says_so(tmp_path, geometry, particles, monke
     (tmp_path / "pyvista.py").write_text("raise ImportError('no such library here')\n")
     monkeypatch.setattr(sys, "executable", str(_python(tmp_path)))
     scene = render.scene_of(geometry, {"x": particles["x"], "velocity": particles["velocity"]}, 1 / N, 0)
-    with pytest.raises(render.RenderError, match="no such library here"):
-        render.render(scene, Frame(3, 1 / N, lower=geometry.lower, upper=geometry.upper),
-                      {render.FLOW: tmp_path / "flow.png"})
+    frame = Frame(3, 1 / N, lower=geometry.lower, upper=geometry.upper)
+    with (pytest.raises(render.RenderError, match="no such library here"),
+          render.rendering(scene, frame, {render.FLOW: tmp_path / "flow.png"})):
+        pass
     assert not (tmp_path / "flow.png").exists()
+
+
+def test_an_interrupted_block_leaves_no_process(tmp_path, geometry, particles, monkeypatch):
+    started = []
+
+    class Kept(subprocess.Popen):
+        def __init__(self, *args, **kwargs):
+            super().__init__(*args, **kwargs)
+            started.append(self)
+
+    monkeypatch.setattr(subprocess, "Popen", Kept)
+    scene = render.scene_of(geometry, particles, 1 / N, 0)
+    frame = Frame(3, 1 / N, lower=geometry.lower, upper=geometry.upper)
+    with pytest.raises(KeyboardInterrupt), render.rendering(scene, frame, {render.FLOW: tmp_path / "flow.png"}):
+        raise KeyboardInterrupt
+    assert [process.poll() for process in started] == [-signal.SIGKILL]
+    assert not (tmp_path / "flow.png").exists()
+
+
+def test_a_process_that_cannot_start_leaves_the_block_alone(tmp_path, geometry, particles, monkeypatch):
+    """The pictures of a plane are drawn in the block: it is not left out where those in 3D cannot be had."""
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "no such python"))
+    scene = render.scene_of(geometry, particles, 1 / N, 0)
+    frame, reached = Frame(3, 1 / N, lower=geometry.lower, upper=geometry.upper), []
+    with (pytest.raises(render.RenderError, match="no such python"),
+          render.rendering(scene, frame, {render.FLOW: tmp_path / "flow.png"})):
+        reached.append(True)
+    assert reached
 
 
 def _python(folder):
