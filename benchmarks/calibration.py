@@ -46,10 +46,6 @@ LEVELS = (1, 2, 3)
 MOST = 40_000  # particles of the third level: 3 to 8 CPU seconds
 ELSEWHERE = DATA / "arrays_measured.csv"  # of benchmarks/bars_elsewhere.py: its first line is the command
 HELD_BACK = DATA / "bodies_held_back.csv"  # of benchmarks/bodies_held_back.py
-# Least factor of what a grey image leaves open: the scans here have neither noise nor blur, and of them 0.065 and 0.104
-# (straight) hold. k of six bodies with chords of 4 to 9 voxels, scanned with a blur of 0.5 voxel and noise of 5 and
-# 10 %, is 3.4 and 3.5 % off (root mean square, as benchmarks/scanner.py does it), of which 0.283 holds nine in ten
-NOISY = 0.283
 MANY = 100_000  # cells of the truth of stairs: a minute
 GREY = ("grey", "scan")  # walls of images that are understood by a threshold
 NAMES = ("body", "family", "wall", "truth", "uncertainty", "narrow", "median", "k", "flux", "cpu", "narrow_pores")
@@ -344,7 +340,6 @@ def report(path):
                 # smooth walls of every kind the order is that of the bars
                 power = 1.0 if part != "spacing" else ORDER if wall != "stairs" else None
                 factor, power = fit(widths, errors, families if wall == "exact" else None, power)
-                factor = max(factor, NOISY) if wall == "grey" and part != "spacing" else factor
                 count = len(widths) if part != "spacing" else len({r["body"] for r in rows if r["wall"] == wall})
                 count += len(rows_of(ELSEWHERE)) // len(LEVELS) if (wall, part) == ("exact", "spacing") else 0
                 print(f"{wall},{part},{factor:.3g},{power:g},{count},{widths.max():.3g}")

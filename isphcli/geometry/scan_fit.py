@@ -10,6 +10,7 @@ and not of the field).
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,7 @@ from scipy.special import ndtri
 from ..domain import reduce
 from ..domain.row_threads import in_one_piece, over_rows
 from ..domain.slabs import Slabs
-from .grey import sharpen
+from .grey import UNBLURRED, sharpen
 from .modes import Modes
 from .spline import SEEN, neighbours, spline_coefficients, weights_in_voxel
 
@@ -33,20 +34,29 @@ SAMPLE = 64  # voxels along each axis, of the middle of an image, that the blur 
 CORRECTIONS = 8
 PURE = 0.999  # of the scan of a field, -1 to 1: voxels beyond hold no wall, and what they differ by is noise
 FLAT = 0.9  # of the same: between neighbours beyond, what they differ by changes by noise alone
-# Corrections end where the misfit is so many times the noise (Morozov's discrepancy principle): noise that is fitted
-# is missing in what is left. With a blur of 1 voxel and noise of 5 % of the contrast k of blobs 14 is +3.7 % off, with
-# 1 in place of 1.05 -56 % (docs/design_notes.md)
-AS_NOISE = 1.05
+# Corrections end before one that leaves more of the misfit than GAIN; where that is AS_NOISE times the noise or less
+# (Morozov's discrepancy principle), more than GAIN_OF_NOISE: noise that is fitted is missing in what is left. With a
+# blur of 1 voxel and noise of 5 % of the contrast k of blobs 14 is +3.7 % off, with 1 in place of 1.05 -56 %
+# (docs/design_notes.md). What leaves more than GAIN fits noise, or grey values that no body of one solid has: with a
+# seventh of the solid 2.5 times as bright, a blur of 0.9 voxel and noise of 5 % k of blobs 17 was -49 % off without it,
+# and is -15 % (benchmarks/noisy_scans.py). What sharpening leaves round walls along the voxels seems noise, and falls
+# faster than noise: k of the slit of 5.3 voxels was 4.5 % off by AS_NOISE alone
+AS_NOISE, GAIN, GAIN_OF_NOISE = 1.05, 0.95, 0.8
 WIDTHS = (0.4, 0.8, 1.2, 2.0)  # voxels, between which the width of the blur is looked for
 STILL = 0.02  # square voxels, to which the variance of the blur is found before the corrections, which go on with it
 MOST_CUT = 0.7  # share of pure voxels with the last value, beyond which it is that of a scan without noise
 RARE = 0.05  # share of the voxels: noise is not told by pure ones where they are fewer
 # Steps to the value half-way, of which a sixth of what Otsu's threshold is off is left (docs/design_notes.md)
 CENTRED = 2
-# An image is no scan where corrections leave more than the share LEFT of the misfit, and that is more than MISFIT half
-# contrasts and OF_NOISE times the noise. Scans without noise: 0.5 of it at most; signed distances to a sphere and an
-# ellipse that are cut off at 1 and 1.5 voxels: 0.9 to 1, and 0.047 half contrasts or more (docs/design_notes.md)
-LEFT, MISFIT, OF_NOISE = 0.7, 0.03, 1.5
+# An image is no scan where the corrections leave more than MISFIT half contrasts and OF_NOISE times the noise. Scans
+# without noise, at thresholds of 0.3 to 0.7 of the contrast too: 0.036 at most, with as much where there is no wall;
+# signed distances that are cut off at 1 and 1.5 voxels 0.032 to 0.08, random fields 0.043 and more
+# (docs/design_notes.md)
+MISFIT, OF_NOISE = 0.035, 1.5
+# half contrasts: of more noise than a quarter of the contrast values on one side of the threshold are not of one fluid
+# or solid. 0.44 to 0.63 of distances to a ball, ramps and waves, 0.31 at most of scans with noise of 10 % at thresholds
+# of 0.3 to 0.7 of the contrast (docs/design_notes.md)
+NOISIEST = 0.5
 
 
 @dataclass(frozen=True)
@@ -68,9 +78,23 @@ class ScanFit:
     zero: float
 
     @property
+    def worth_a_correction(self) -> float:
+        """The part of the misfit that the next correction may leave."""
+        return GAIN_OF_NOISE if self.misfit <= AS_NOISE * self.noise else GAIN
+
+    @property
+    def off(self) -> float:
+        """How far the walls may be off, voxels: what the image has beside the scan, at walls or where there are none
+        if that is more, over the slope of a step that the scanner, the average over a voxel and the spline have made
+        wide."""
+        wide = math.sqrt(0.5 * math.pi * (self.blur * self.blur + UNBLURRED))
+        return max(self.misfit, self.pure) * wide
+
+    @property
     def is_scan(self) -> bool:
-        """False of an image that no body and no blur make, such as a signed distance: corrections then do not help."""
-        return self.misfit <= max(LEFT * self.first, MISFIT, OF_NOISE * max(self.noise, self.pure))
+        """False of an image that no body and no blur make, such as a signed distance."""
+        noise = max(self.noise, self.pure)
+        return self.misfit <= max(MISFIT, OF_NOISE * noise) and noise <= NOISIEST
 
 
 def fit_scan(image: np.ndarray, around: np.ndarray, slabs: Slabs | None = None, blur: float | None = None,
@@ -96,13 +120,11 @@ def fit_scan(image: np.ndarray, around: np.ndarray, slabs: Slabs | None = None, 
         left = _beside(image, seen)
         pure = np.abs(seen) > PURE
         misfit = _root_mean_square(left[~pure])
-        if best is not None and misfit >= best.misfit:
+        if best is not None and misfit > best.misfit * best.worth_a_correction:
             break
         noise = max(_noise_of(left, seen, slabs), _noise_of_pure(image, left, seen))
         best = ScanFit(field, square**0.5, misfit if best is None else best.first, misfit, noise,
                        _root_mean_square(left[pure]), zero + (0.0 if centred else _half_way(image, seen)))
-        if misfit <= AS_NOISE * noise:
-            break
         field = field + np.where(pure, np.float32(0.0), left)
         square = square if blur is not None else max(square + scanner.wider(left, seen), 0.0)
     assert best is not None

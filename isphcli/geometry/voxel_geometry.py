@@ -30,12 +30,14 @@ class VoxelGeometry:
     layers: of fluid 0, which the image gets at both ends of an axis; that becomes periodic, and sample_lower,
     sample_upper (dim,) is the box of the image itself. walls: of the faces, and the slip length of all others.
     The wall distances are computed when they are first asked for. Raises ValueError where these do not fit each other.
+    off: of a grey image, `ScanFit.off`, voxels; None where no scan was looked for.
     """
 
     level_walls = True
     warnings: tuple[str, ...] = ()
     described: tuple[tuple[str, str], ...] = ()
     wall_spin: np.ndarray | None = None
+    off: float | None = None
     _microporous: np.ndarray | None = None  # see `fill_with`
 
     def __init__(

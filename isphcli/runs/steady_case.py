@@ -391,7 +391,8 @@ def _axis_result(case: Case, axis: int, flows: Flows, geometry: Geometry, porosi
                  grain: float) -> AxisResult:
     """AxisResult of the flows along an axis; of spacings, those count at which there is a path. grain: m, see
     `grain_chord`."""
-    name, spacings, wall, scan = "xyz"[axis], case.spacings, wall_of(case), scan_of(geometry)
+    name, spacings, wall = "xyz"[axis], case.spacings, wall_of(case)
+    scan = scan_of(geometry, wall == "grey")
     slip = slip_of(geometry)
     known = {h: _along(flows[axis, h], axis) if (axis, h) in flows else 0.0 for h in spacings}
     open_at = [h for h in spacings if (axis, h) in flows]

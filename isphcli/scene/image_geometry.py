@@ -34,7 +34,8 @@ class Understood:
 
     labels: int8 [z, y, x] or [y, x], -1 solid, else the index of a fluid; field: None, or float32 of that shape, > 0 in
     fluid, whose zero is the wall; words: which values are solid; described: see `protocol.Geometry`; microporous: int8
-    of the same shape, index of the rock, -1 for none; None where a case has none.
+    of the same shape, index of the rock, -1 for none; None where a case has none; off: see
+    `VoxelGeometry.off`.
     """
 
     labels: np.ndarray
@@ -42,6 +43,7 @@ class Understood:
     words: str
     described: tuple[tuple[str, str], ...] = ()
     microporous: np.ndarray | None = None
+    off: float | None = None
 
 
 def _along_xyz(image: Image) -> list[int]:
@@ -106,6 +108,7 @@ def image_geometry(case: Case, axis: int | None, walls: Walls) -> Geometry:
     unusual = _unusual_size(case, edges)
     layers = _layers_that_fit(case, understood.labels, own, axis, edges, periodic, unusual)
     geometry, ways = _with_walls(case, understood, own, edges, periodic, layers, walls)
+    geometry.off = understood.off
     porosity = _porosity_of(understood, tuple(case.microporous))
     geometry.warnings = (
         *own.image.warnings,
@@ -236,18 +239,19 @@ def _understood_grey(spec: Voxels, grey: Grey, own: _Layers, names: tuple[str, .
         given = f"{threshold:g}" + (f" +- {off:g}" if off else "")
         raise VoxelError(f"{spec.file}: geometry.voxels.grey.threshold {given} parts nothing: the grey values "
                          f"lie between {least:g} and {most:g}; try otsu")
-    first, how, field = threshold, _how(grey), None
+    first, how, field, off_by = threshold, _how(grey), None, None
     sharpness: tuple[tuple[str, str], ...] = ()
     if periodic is not None:
         found = _field_of(spec, values, threshold, own.slabs, np.array([*periodic, True][:3]))
         threshold, how, field, sharpness = found.threshold, found.how, found.field, (("sharpness", found.words),)
+        off_by = found.off
     labels = labels_of_grey(values, threshold, grey.solid, grey.fluids, names, spec.file)
     described = (
         ("wall", f"surface of grey value {threshold:g} ({how}); the means below and above {first:g} are {low:g} and "
                  f"{high:g}, {100 * share:.0f} % of the variance lies between them"),
         *sharpness,
     )  # fmt: skip
-    return Understood(labels, field, f"solid {grey.solid} {threshold:g}", described)
+    return Understood(labels, field, f"solid {grey.solid} {threshold:g}", described, off=off_by)
 
 
 @dataclass(frozen=True)
@@ -255,7 +259,8 @@ class _GreyField:
     """The field whose zero is the wall of a grey image.
 
     field: float32 of the shape of the image, > 0 in fluid; threshold: grey value of the wall; how: where that is from,
-    in words; words: what was taken out of the image; blur: that as `geometry.voxels.grey.blur` says it.
+    in words; words: what was taken out of the image; blur: that as `geometry.voxels.grey.blur` says it; off: see
+    `VoxelGeometry.off`.
     """
 
     field: np.ndarray
@@ -263,6 +268,7 @@ class _GreyField:
     how: str
     words: str
     blur: float
+    off: float | None = None
 
 
 def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, around: np.ndarray) -> _GreyField:
@@ -271,8 +277,8 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
     Where the case asks for Otsu's, the wall of a scan is at the value half-way between its fluid and its solid: where
     there is more of the one than of the other, Otsu's is 1 to 15 % of the contrast off (docs/design_notes.md).
     """
-    from ..geometry.grey import TWO_VALUED, WIDEST, field_of_grey, grey_classes, sharpen
-    from ..geometry.scan_fit import fit_scan
+    from ..geometry.grey import TWO_VALUED, WIDEST, field_of_grey, grey_classes, otsu_threshold, sharpen
+    from ..geometry.scan_fit import WIDTHS, fit_scan
     from ..geometry.spline import average
 
     grey = spec.grey
@@ -280,24 +286,25 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
     low, high, share = grey_classes(values, threshold)
     field = field_of_grey(values, threshold, grey.solid)
     how = _how(grey)
-    if isinstance(grey.blur, str) and share < TWO_VALUED:
-        raise VoxelError(
-            f"{spec.file}: geometry.voxels.grey.blur: auto needs an image of two grey values; here only "
-            f"{100 * share:.0f} % of the variance lies between the two sides of the threshold; give a number of voxels")
 
-    def as_it_is(words: str) -> _GreyField:
-        return _GreyField(average(field, grey.denoise, around, slabs), threshold, how, words, 0.0)
+    def as_it_is(words: str, off: float | None = None) -> _GreyField:
+        return _GreyField(average(field, grey.denoise, around, slabs), threshold, how, words, 0.0, off)
 
     if grey.blur == 0.0:
         return as_it_is("taken as it is")
+    if share < TWO_VALUED:  # a threshold may be given far from the one that parts an image best
+        share = max(share, grey_classes(values, otsu_threshold(values))[2])
     if grey.blur is None and share < TWO_VALUED:
         return as_it_is("it is not one of two grey values: taken as it is")
     centred = isinstance(grey.threshold, str) and not grey.fluids  # of two fluids there is no one value of fluid
     found = fit_scan(field, around, slabs, None if isinstance(grey.blur, str) else grey.blur, centred)
     scan = (f"the scan of a body with a blur of {found.blur:.2f} voxels but for {50 * found.misfit:.2g} % of the "
             "contrast at the walls")
+    if isinstance(grey.blur, str) and (share < TWO_VALUED or found.blur >= WIDTHS[-1] or not found.is_scan):
+        raise VoxelError(f"{spec.file}: geometry.voxels.grey.blur: auto needs the scan of a body of one solid; this "
+                         f"image is nearest to {scan}; give a number of voxels, or 0 to take it as it is")
     if grey.blur is None and (found.blur > WIDEST or not found.is_scan):
-        return as_it_is(f"nearest to {scan}: taken as it is")
+        return as_it_is(f"nearest to {scan}: taken as it is", found.off)
     half_way = threshold + 0.5 * (high - low) * (-found.zero if grey.solid == "above" else found.zero)
     words = f"{scan}; the blur and the average over a voxel are taken out"
     if centred:
@@ -309,7 +316,7 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
         field = sharpen(average(field, grey.denoise, around, slabs), found.blur, around, slabs)
     else:
         field = found.field
-    return _GreyField(field, threshold, how, words, max(found.blur, SOME))
+    return _GreyField(field, threshold, how, words, max(found.blur, SOME), found.off)
 
 
 def _how(grey: Grey) -> str:

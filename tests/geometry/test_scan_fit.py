@@ -125,6 +125,27 @@ def test_a_distance_is_no_scan():
     assert fit_scan(scan(x > 4.5, 0.5), ROUND).is_scan
 
 
+def test_a_second_mineral_is_not_taken_for_noise_nor_for_walls(rough):
+    """A seventh of the volume 1.6 times as bright: corrections, which no body of one solid needs, end at once, and the
+    doubt of the walls is that of the mineral, not that of the noise."""
+    mineral = waves(12, 6, 3, 2, 0.15, UP) > 0
+    image = average(np.where(rough, 0.0, np.where(mineral, 1.6, 1.0)).astype(np.float32), 0.5 * UP, ROUND)
+    image = image.reshape(12, UP, 12, UP, 12, UP).mean(axis=(1, 3, 5))
+    noisy = image + 0.02 * np.random.default_rng(0).standard_normal(image.shape)
+    found, plain = (fit_scan(field_of_grey(v, 0.5, "above"), ROUND) for v in (noisy, np.minimum(noisy, 1.0)))
+    assert found.misfit == found.first and found.is_scan
+    assert found.off > 2.0 * plain.off
+
+
+def test_a_threshold_far_from_half_way_leaves_a_scan_a_scan(rough):
+    """0.3 and 0.7 of the way: what is above is another body, whose scan the image is but for the noise."""
+    image = scan(rough, 0.9)
+    noisy = image + 0.1 * np.random.default_rng(0).standard_normal(image.shape).astype(np.float32)
+    for level in (-0.4, 0.0, 0.4):
+        found = fit_scan(noisy - np.float32(level * image.max()), ROUND)
+        assert found.is_scan and found.blur == pytest.approx(0.9, abs=0.2)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("around", [ROUND, np.array([True, False, False])])
 def test_processes_find_the_field_of_one(rough, around):

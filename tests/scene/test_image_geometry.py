@@ -139,7 +139,7 @@ def test_what_was_understood_is_said(tmp_path):
     ("image", "words"),
     [
         ("grey: {threshold: 60000, solid: above}", "parts nothing"),
-        ("grey: {threshold: 1000, solid: above, blur: auto}", "blur: auto needs an image of two grey values"),
+        ("grey: {threshold: 1000, solid: above, blur: auto}", "blur: auto needs the scan of a body of one solid"),
         ("grey: {threshold: 1000, solid: above, fluids: {gas: [0, 700]}}", "belong to no fluid"),
     ],
 )
