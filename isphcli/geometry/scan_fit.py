@@ -34,13 +34,13 @@ SAMPLE = 64  # voxels along each axis, of the middle of an image, that the blur 
 CORRECTIONS = 8
 PURE = 0.999  # of the scan of a field, -1 to 1: voxels beyond hold no wall, and what they differ by is noise
 FLAT = 0.9  # of the same: between neighbours beyond, what they differ by changes by noise alone
-# Corrections end before one that leaves more of the misfit than GAIN; where that is AS_NOISE times the noise or less
-# (Morozov's discrepancy principle), more than GAIN_OF_NOISE: noise that is fitted is missing in what is left. With a
-# blur of 1 voxel and noise of 5 % of the contrast k of blobs 14 is +3.7 % off, with 1 in place of 1.05 -56 %
-# (docs/design_notes.md). What leaves more than GAIN fits noise, or grey values that no body of one solid has: with a
-# seventh of the solid 2.5 times as bright, a blur of 0.9 voxel and noise of 5 % k of blobs 17 was -49 % off without it,
-# and is -15 % (benchmarks/noisy_scans.py). What sharpening leaves round walls along the voxels seems noise, and falls
-# faster than noise: k of the slit of 5.3 voxels was 4.5 % off by AS_NOISE alone
+# Corrections end before one that leaves more of the misfit than GAIN, where it is OF_NOISE times the noise or less,
+# and than GAIN_OF_NOISE where it is AS_NOISE times that (Morozov's discrepancy principle): noise that is fitted is
+# missing in what is left. With a blur of 1 voxel and noise of 5 % of the contrast k of blobs 14 is +3.7 % off, with 1 in
+# place of 1.05 -56 % (docs/design_notes.md). What leaves more than GAIN fits noise, or grey values that no body of one
+# solid has: with a seventh of the solid 2.5 times as bright, a blur of 0.9 voxel and noise of 5 % k of blobs 17 was
+# -49 % off without it, and is -15 % (benchmarks/noisy_scans.py). What sharpening leaves round walls along the voxels
+# seems noise, and falls faster than noise: k of the slit of 5.3 voxels was 4.5 % off by AS_NOISE alone
 AS_NOISE, GAIN, GAIN_OF_NOISE = 1.05, 0.95, 0.8
 WIDTHS = (0.4, 0.8, 1.2, 2.0)  # voxels, between which the width of the blur is looked for
 STILL = 0.02  # square voxels, to which the variance of the blur is found before the corrections, which go on with it
@@ -49,10 +49,9 @@ RARE = 0.05  # share of the voxels: noise is not told by pure ones where they ar
 # Steps to the value half-way, of which a sixth of what Otsu's threshold is off is left (docs/design_notes.md)
 CENTRED = 2
 # An image is no scan where the corrections leave more than MISFIT half contrasts and OF_NOISE times the noise. Scans
-# without noise, at thresholds of 0.3 to 0.7 of the contrast too: 0.036 at most, with as much where there is no wall;
-# signed distances that are cut off at 1 and 1.5 voxels 0.032 to 0.08, random fields 0.043 and more
-# (docs/design_notes.md)
-MISFIT, OF_NOISE = 0.035, 1.5
+# without noise leave 0.036 at most, but 0.047 of touching spheres (0.5236), signed distances that are cut off at 1 and
+# 1.5 voxels 0.032 to 0.08, random fields 0.043 and more (docs/design_notes.md)
+MISFIT, OF_NOISE = 0.04, 1.5
 # half contrasts: of more noise than a quarter of the contrast values on one side of the threshold are not of one fluid
 # or solid. 0.44 to 0.63 of distances to a ball, ramps and waves, 0.31 at most of scans with noise of 10 % at thresholds
 # of 0.3 to 0.7 of the contrast (docs/design_notes.md)
@@ -80,7 +79,9 @@ class ScanFit:
     @property
     def worth_a_correction(self) -> float:
         """The part of the misfit that the next correction may leave."""
-        return GAIN_OF_NOISE if self.misfit <= AS_NOISE * self.noise else GAIN
+        if self.misfit <= AS_NOISE * self.noise:
+            return GAIN_OF_NOISE
+        return GAIN if self.misfit <= OF_NOISE * max(self.noise, self.pure) else 1.0
 
     @property
     def off(self) -> float:
@@ -120,7 +121,7 @@ def fit_scan(image: np.ndarray, around: np.ndarray, slabs: Slabs | None = None, 
         left = _beside(image, seen)
         pure = np.abs(seen) > PURE
         misfit = _root_mean_square(left[~pure])
-        if best is not None and misfit > best.misfit * best.worth_a_correction:
+        if best is not None and misfit >= best.misfit * best.worth_a_correction:
             break
         noise = max(_noise_of(left, seen, slabs), _noise_of_pure(image, left, seen))
         best = ScanFit(field, square**0.5, misfit if best is None else best.first, misfit, noise,
