@@ -36,9 +36,9 @@ PURE = 0.999  # of the scan of a field, -1 to 1: voxels beyond hold no wall, and
 FLAT = 0.9  # of the same: between neighbours beyond, what they differ by changes by noise alone
 # Corrections end before one that leaves more of the misfit than GAIN, where it is OF_NOISE times the noise or less,
 # and than GAIN_OF_NOISE where it is AS_NOISE times that (Morozov's discrepancy principle): noise that is fitted is
-# missing in what is left. With a blur of 1 voxel and noise of 5 % of the contrast k of blobs 14 is +3.7 % off, with 1 in
-# place of 1.05 -56 % (docs/design_notes.md). What leaves more than GAIN fits noise, or grey values that no body of one
-# solid has: with a seventh of the solid 2.5 times as bright, a blur of 0.9 voxel and noise of 5 % k of blobs 17 was
+# missing in what is left. With a blur of 1 voxel and noise of 5 % of the contrast k of blobs 14 is +3.7 % off, with 1
+# in place of 1.05 -56 % (docs/design_notes.md). What leaves more than GAIN fits noise, or grey values that no body of
+# one solid has: with a seventh of the solid 2.5 times as bright, a blur of 0.9 voxel and noise of 5 % k of blobs 17 was
 # -49 % off without it, and is -15 % (benchmarks/noisy_scans.py). What sharpening leaves round walls along the voxels
 # seems noise, and falls faster than noise: k of the slit of 5.3 voxels was 4.5 % off by AS_NOISE alone
 AS_NOISE, GAIN, GAIN_OF_NOISE = 1.05, 0.95, 0.8
