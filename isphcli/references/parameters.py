@@ -60,7 +60,8 @@ PARAMETERS: dict[str, dict[str, str]] = {
     "contact_angle": {
         **_DROP,
         "angle": "degrees, through the drop; without it that of the interface",
-        "wall": "face of the box that the drop sits on: y_min, ...; without it y_min",
+        "wall": "face of the box that the drop sits on: y_min, ...; without it y_min, where the scene repeats along y "
+        "the lower face of the last axis along which it does not",
         "at": "coordinate of that wall along its normal, m; without it that of the face",
         "tilt": "degrees by which the wall is turned from y_min, counter-clockwise; needs `at`; without it 0",
     },

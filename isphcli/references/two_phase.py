@@ -140,12 +140,16 @@ def static_drop_errors(case: Case, result: Result) -> Errors:
 
 def contact_angle_errors(case: Case, result: Result) -> Errors:
     """Contact angle of a drop on a wall: as the run measured it, and of the cap whose centre of mass is as high."""
+    assert case.reference is not None
     drop = _drop(case, result)
     dim = result.x.shape[1]
     size, errors = _size(case, result, drop)
     asked = case.interface.contact_angle if case.interface else None
     asked = number(case, "angle", asked if asked is None or drop == 0 else 180.0 - asked)  # through the drop
-    wall = str(parameter(case, "wall", "y_min"))
+    wall = str(parameter(case, "wall", _lower_wall(case, dim)))
+    if wall[0] in case.geometry.repeats and "at" not in case.reference.parameters:
+        raise CompareError(f"the face {wall} is no wall: the scene repeats along {wall[0]}; name the wall that the "
+                           "drop sits on, reference.parameters.wall, or where it is, reference.parameters.at")
     if wall not in [f"{axis}_{end}" for axis in AXES[:dim] for end in ("min", "max")] or not 0 < asked < 180:
         raise CompareError(f"a drop on the wall {wall} at {asked:g} degrees has no cap to compare with")
     axis, lowest = AXES.index(wall[0]), wall.endswith("min")
@@ -173,6 +177,12 @@ def contact_angle_errors(case: Case, result: Result) -> Errors:
         **_spurious(result),
         "main": "angle_relative",
     }
+
+
+def _lower_wall(case: Case, dim: int) -> str:
+    """y_min, or where the scene repeats along y the lower face of the last axis along which it does not."""
+    ends = [axis for axis in AXES[:dim] if axis not in case.geometry.repeats]
+    return "y_min" if "y" in ends or not ends else f"{ends[-1]}_min"
 
 
 def _angle_of_cap(centre: float, size: float, dim: int) -> float:

@@ -129,6 +129,23 @@ def test_contact_angle_of_a_cap_of_particles(angle, drop, through_first):
     assert flat["angle_of_cap_relative"] == pytest.approx(1 / angle - 1)
 
 
+def test_a_cap_sits_on_a_face_that_is_a_wall():
+    """Where the scene repeats along y that is x_min: by the height over a face that is none a cap of 60 degrees had
+    179 (3D, walls along z)."""
+    case = two_fluids("contact_angle", "{drop: brine}")
+    case = replace(case, geometry=replace(case.geometry, periodic=("y",)))
+    cap = drops.drop_on_wall(0.04, 60.0)
+    end = {"volume_brine": 0.04, "volume_oil": 0.9, "centre_x_brine": cap["centre"], "centre_y_brine": 0.5}
+    x = np.array([[cap["height"] - 0.01, 0.5], [0.8, 0.5]])
+    phase = np.array([case.fluid_names.index("brine"), case.fluid_names.index("oil")])
+    made = result_of(case, x, phase=phase, history=rows(contact_angle=60.0, **end), spacing=0.02)
+    errors = compare(case, made)
+    assert abs(errors["angle_of_cap_relative"]) < 1e-6 and abs(errors["height_relative"]) < 1e-6
+    wrong = replace(case, reference=replace(case.reference, parameters={"drop": "brine", "wall": "y_min"}))
+    with pytest.raises(CompareError, match="the face y_min is no wall: the scene repeats along y"):
+        compare(wrong, made)
+
+
 def test_the_error_of_the_angle_is_of_the_angle_that_is_printed():
     """The history has it every 20 steps: its last one is of an earlier state than the summary's."""
     case = two_fluids("contact_angle", "{drop: brine}")
