@@ -203,7 +203,7 @@ def test_a_run_in_three_dimensions_leaves_its_pictures_and_a_report_with_them(tm
     def fails(*words, **more):
         raise render.RenderError("no screen")
 
-    monkeypatch.setattr(render, "render", fails)
+    monkeypatch.setattr(render, "_answer", fails)
     summary = run(tmp_path, ROCK, "drive={axes: [z]}", "output.plots=true")
     assert any("no pictures in 3D: no screen" in text for text in summary["warnings"])
     assert {path.name for path in (tmp_path / "out").glob("*.png")} == {
