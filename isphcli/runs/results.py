@@ -123,12 +123,12 @@ def write_case(directory: Path, case: Case, changes: Sequence[Mapping[str, Any]]
 class Seen:
     """Findings of the check of a scene before it runs (preflight.look); empty without a check.
 
-    warnings: sentences; open_axes: axes along which fluid can flow through the sample, of a scene with walls;
-    throats: {what: width in particles} or None.
+    warnings: sentences; open_axes: axes along which fluid can flow through the sample, of a scene with walls, None
+    where nothing was asked; throats: {what: width in particles} or None.
     """
 
     warnings: list[str] = field(default_factory=list)
-    open_axes: list[str] = field(default_factory=list)
+    open_axes: list[str] | None = None
     throats: dict[str, float] | None = None
 
 
