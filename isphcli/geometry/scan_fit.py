@@ -53,8 +53,8 @@ CENTRED = 2
 # 1.5 voxels 0.032 to 0.08, random fields 0.043 and more (docs/design_notes.md)
 MISFIT, OF_NOISE = 0.04, 1.5
 # half contrasts: of more noise than a quarter of the contrast values on one side of the threshold are not of one fluid
-# or solid. 0.44 to 0.63 of distances to a ball, ramps and waves, 0.31 at most of scans with noise of 10 % at thresholds
-# of 0.3 to 0.7 of the contrast (docs/design_notes.md)
+# or solid. 0.31 at most of scans with noise of 10 % at thresholds of 0.3 to 0.7 of the contrast; 0.54 to 0.63 of ramps
+# and waves (docs/design_notes.md)
 NOISIEST = 0.5
 
 
