@@ -78,6 +78,7 @@ class Slabs:
         """All layers [z, own y, x], of the lines along z that this process gets."""
         if self.ranks.size == 1:
             return values
+        assert values.shape[1] == self.shape[1], "of another array: what processes give and take would not fit"
         out = np.empty((self.shape[0], self.columns.stop - self.columns.start, values.shape[2]), values.dtype)
         self._swap([values[:, a:b] for a, b in zip(self._columns, self._columns[1:])],
                    [out[a:b] for a, b in zip(self.ends, self.ends[1:])])

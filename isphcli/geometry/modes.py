@@ -26,7 +26,8 @@ class Modes:
     """The modes of fields of a shape [z, y, x]. around: (3,) bool x, y, z, periodic; axes of one voxel have none.
 
     slabs: how the processes share the fields; the modes that a process has are then those of its part along y, of all
-    layers, where there are modes along z. Without it one process has all.
+    layers, where there are modes along z. Without it one process has all. Of the waves of a real field, which come in
+    pairs, one axis has half.
     """
 
     def __init__(self, shape: tuple[int, ...], around: np.ndarray, slabs: Slabs | None = None):
@@ -36,6 +37,9 @@ class Modes:
         self.mirrored = [a for a in axes if not around[2 - a]]
         # waves last, since what they make is complex; but lines along z, for which processes change parts, in the end
         self._order = sorted([*self.mirrored, *reversed(self.repeats)], key=lambda a: a == 0)
+        halved = [n // 2 + 1 if a in self.repeats[-1:] else n for a, n in enumerate(shape)]
+        # how the processes share what is left to transform along z
+        self._before_z = Slabs([shape[0], *halved[1:]], self.slabs.ends, self.slabs.ranks)
 
     @property
     def dim(self) -> int:
@@ -45,11 +49,11 @@ class Modes:
     def square_frequencies(self) -> np.ndarray:
         """Sum of the squares of the frequencies, 1 / voxel^2, of every mode of this process."""
         every = [frequencies(n, a in self.repeats) if n > 1 else np.zeros(1) for a, n in enumerate(self.shape)]
-        if self.repeats:  # the waves of a real field come in pairs: `rfft` keeps half of them
+        if self.repeats:
             last = self.repeats[-1]
             every[last] = fft.rfftfreq(self.shape[last])
         if 0 in self._order:
-            every[1] = every[1][self.slabs.columns]
+            every[1] = every[1][self._before_z.columns]
         elif self.slabs.ranks.size > 1:
             every[0] = every[0][slice(*self.slabs.own)]
         return sum_of_squares(every)
@@ -57,14 +61,14 @@ class Modes:
     def filtered(self, field: np.ndarray, share: np.ndarray) -> np.ndarray:
         """The field with `share` of each of its modes; of several processes their own layers, and their own modes."""
         for a in self._order:
-            field = self._to_modes(self.slabs.turned(field) if a == 0 else field, a)
+            field = self._to_modes(self._before_z.turned(field) if a == 0 else field, a)
         if self._order:
             field *= share  # what was transformed is an array of its own
         else:
             field = field * share
         for a in reversed(self._order):
             field = self._of_modes(field, a)
-            field = self.slabs.back(field) if a == 0 else field
+            field = self._before_z.back(field) if a == 0 else field
         return field
 
     def _to_modes(self, field: np.ndarray, axis: int) -> np.ndarray:
