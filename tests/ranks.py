@@ -72,7 +72,10 @@ FILES = {"berea": ("berea", BEREA), "spheres": ("sphere_array", ["drive.axes=[x]
          "smooth": ("berea", [*BEREA, "geometry.wall_distance=smooth"]),
          "throats": ("berea", ["geometry.voxels.crop=[[20,60],[35,43],[90,98]]", "geometry.voxels.clear_layer=1.2e-5",
                                "refine=throats", "solver.tolerance=1e-8"]),
-         "grey": ("grey_blobs", ["geometry.voxels.grey.uncertainty=2000"])}
+         "grey": ("grey_blobs", ["geometry.voxels.grey.uncertainty=2000"]),
+         # corrected until its own scan is the image, and mirrored at its faces but those of y
+         "scan": ("grey_blobs", ["geometry.voxels.grey.blur=0.5", "geometry.periodic=[y]", "drive.axes=[x, y]",
+                                 "reference=null"])}
 
 
 def cases():

@@ -20,14 +20,19 @@ from .communicator import current
 
 def total(values: np.ndarray) -> Any:
     """Sum over the particles of values (n,) or (n, k): a number or (k,)."""
-    return current().sum(values.sum(axis=0))
+    return current().sum(values.sum(axis=0, dtype=_summed_in(values)))
 
 
 def totals(*values: np.ndarray | float) -> list[Any]:
     """Sums over the particles of several arrays (n,) or (n, k), and over the processes of numbers, which each has:
     between processes in one message, in double precision."""
-    sums = [part.sum(axis=0) if isinstance(part, np.ndarray) else part for part in values]
+    sums = [part.sum(axis=0, dtype=_summed_in(part)) if isinstance(part, np.ndarray) else part for part in values]
     return sums if current().size == 1 else _each(current().sum(_joined(sums)), sums)
+
+
+def _summed_in(values: np.ndarray) -> Any:
+    """The type in which values are summed: single ones in double, so that sums hardly depend on their parts."""
+    return float if values.dtype == np.float32 else None
 
 
 def largest_of_each(*values: np.ndarray) -> list[float]:
@@ -49,7 +54,7 @@ def _each(joined: np.ndarray, like: Sequence[Any]) -> list[Any]:
 def mean(values: np.ndarray, weights: np.ndarray | None = None) -> Any:
     """Mean over the particles of values (n,) or (n, k), a number or (k,); with weights (n,) of values (n,) only."""
     if current().size == 1:
-        return values.mean(axis=0) if weights is None else np.average(values, weights=weights)
+        return values.mean(axis=0, dtype=_summed_in(values)) if weights is None else np.average(values, weights=weights)
     if weights is None:
         whole, count = totals(values, len(values))
     else:

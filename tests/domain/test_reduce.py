@@ -8,6 +8,7 @@ Compiled loops are left out: they take a particle and its neighbours.
 import ast
 
 import numpy as np
+import pytest
 
 from isphcli.domain import reduce
 from tests.paths import ROOT
@@ -317,3 +318,12 @@ def test_the_fewest_values_that_hold_a_share():
         assert share == 0.0 or values[values > least].sum() < share * whole
     assert reduce.least_of_largest(np.array([4.0, 1.0, 4.0, 4.0]), 0.5) == 4.0
     assert reduce.least_of_largest(np.zeros(3), 0.9) == reduce.least_of_largest(np.zeros(0), 0.9) == 0.0
+
+
+def test_single_precision_is_summed_in_double():
+    """Otherwise sums over processes, which add up parts, would differ from those of one in the seventh digit."""
+    values = np.full(4097, 0.1, np.float32)
+    wanted = 4097 * float(values[0])
+    assert reduce.total(values) == pytest.approx(wanted, rel=1e-14)
+    assert reduce.totals(values, 1.0)[0] == pytest.approx(wanted, rel=1e-14)
+    assert reduce.mean(values) == pytest.approx(float(values[0]), rel=1e-14)
