@@ -79,8 +79,7 @@ def _own_weights(rows, neighbours, weights):
         own[i, 0], own[i, 1], own[i, last], total[i] = s0, s1, s2, s
 
 
-# Without fastmath, so that every kernel rounds them alike. Of grad p_i + share (grad p_j - grad p_i) the difference goes
-# with the pair, the rest with i.
+# Without fastmath, so that every kernel rounds them alike.
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -92,8 +91,8 @@ def _share(rho_i, rho_j, w, w_p):
 
 @njit(cache=True, forceinline=True)
 def _of_pair(g, share, w, along):
-    """The weight of a pair of the difference of one component of the gradient over it. g: weight of the divergence;
-    along: x_j - x_i, m."""
+    """The weight of a pair of the difference of one component of the gradient over it: of
+    grad p_i + share (grad p_j - grad p_i) the rest goes with i. g: weight of the divergence; along: x_j - x_i, m."""
     return g - share * (w * along)
 
 
