@@ -60,7 +60,9 @@ def div_grad_rhie_chow(ops: Operators, weights: DivGrad, p: np.ndarray, grad_p: 
     """-div(grad p) - S p beside walls, (n,). p: (n + remote,); grad_p: (n, dim), its gradient."""
     out = np.empty(ops.n)
     grad_p = ops.exchange.forward(grad_p)
-    over_rows(_div_grad_rhie_chow, ops.n, ops.neighbours, weights, p, grad_p, out)
+    both = np.empty((len(p), 4))  # what a pair reads of its neighbour, in one piece
+    both[:, :ops.dim], both[:, 3] = grad_p, p
+    over_rows(_div_grad_rhie_chow, ops.n, ops.neighbours, weights, both, out)
     return out
 
 
@@ -82,14 +84,14 @@ def _own_weights(rows, neighbours, weights):
 # Without fastmath, so that every kernel rounds them alike.
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", fastmath=False, forceinline=True)
 def _share(rho_i, rho_j, w, w_p):
     """(1 - t) rho_j / r_ij, a half where there is no interface between i and j. w, w_p: symmetric and symmetric_p of
     `DivGrad`."""
     return 0.5 if rho_i == rho_j or w == 0.0 else rho_j * (rho_i * w_p / w - 1.0) / (rho_i - rho_j)
 
 
-@njit(cache=True, forceinline=True)
+@njit(cache=True, error_model="numpy", fastmath=False, forceinline=True)
 def _of_pair(g, share, w, along):
     """The weight of a pair of the difference of one component of the gradient over it: of
     grad p_i + share (grad p_j - grad p_i) the rest goes with i. g: weight of the divergence; along: x_j - x_i, m."""
@@ -97,22 +99,22 @@ def _of_pair(g, share, w, along):
 
 
 @njit(cache=True, nogil=True, fastmath=REDUCE)
-def _div_grad_rhie_chow(rows, neighbours, weights, p, grad_p, out):
+def _div_grad_rhie_chow(rows, neighbours, weights, both, out):
     start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
     grad, symmetric, symmetric_p, rho, own, _ = weights
-    dim = grad_p.shape[1]
+    dim = x.shape[1]
     last, differ = dim - 1, len(rho) > 0
     for i in range(rows[0], rows[1]):
-        s0, s1, s2, s3, pi = 0.0, 0.0, 0.0, 0.0, p[i]
-        g0, g1, g2, x0, x1, x2 = grad_p[i, 0], grad_p[i, 1], grad_p[i, last], x[i, 0], x[i, 1], x[i, last]
+        s0, s1, s2, s3, pi = 0.0, 0.0, 0.0, 0.0, both[i, 3]
+        g0, g1, g2, x0, x1, x2 = both[i, 0], both[i, 1], both[i, last], x[i, 0], x[i, 1], x[i, last]
         for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
             share, j, r, w = 0.5, np.uint32(column[q]), np.uint32(row[q]), symmetric[q]
             if differ:
                 share = _share(rho[i], rho[j], w, symmetric_p[q])
-            s0 += _of_pair(grad[q, 0], share, w, x[r, 0] - x0) * (grad_p[j, 0] - g0)
-            s1 += _of_pair(grad[q, 1], share, w, x[r, 1] - x1) * (grad_p[j, 1] - g1)
-            s2 += _of_pair(grad[q, last], share, w, x[r, last] - x2) * (grad_p[j, last] - g2)
-            s3 += symmetric_p[q] * (p[j] - pi)
+            s0 += _of_pair(grad[q, 0], share, w, x[r, 0] - x0) * (both[j, 0] - g0)
+            s1 += _of_pair(grad[q, 1], share, w, x[r, 1] - x1) * (both[j, 1] - g1)
+            s2 += _of_pair(grad[q, last], share, w, x[r, last] - x2) * (both[j, last] - g2)
+            s3 += symmetric_p[q] * (both[j, 3] - pi)
         total = s0 + s1 + s3 - own[i, 0] * g0 - own[i, 1] * g1
         out[i] = -(total + s2 - own[i, last] * g2 if dim == 3 else total)  # eq. 3 beside walls: -(div grad p + S p)
 
