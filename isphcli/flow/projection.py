@@ -77,7 +77,11 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
     ops, terms = config.ops, config.terms
     with solvers.clock("assembly"):
         # weights before densities divide them: the same pairs are left out on both sides of an interface
-        matrix = assemble_near(ops.start, ops.column, terms.ops.lap_p, ops.lap_p, LEAST_WEIGHT, ops.exchange.remote)
+        sizes = ops.lap_p
+        lap_p = sizes if terms.ops is ops else terms.ops.lap_p
+        matrix = assemble_near(ops.start, ops.column, lap_p, sizes, LEAST_WEIGHT, ops.exchange.remote)
+        own = np.empty(0) if ops.walls is None else row_sums(ops.start, lap_p)
+        del sizes, lap_p  # beside walls nobody else has them
     if ops.walls is None:  # eq. 3 by the Laplacian of eq. 6
         return PressureSystem(matrix, lambda p, gradient=None: -terms.ops.laplacian_p(p), None)
     from ..operators.div_grad import diagonal, div_grad_rhie_chow, div_grad_weights
@@ -85,7 +89,7 @@ def pressure_system(config: Configuration, solvers: KeptHierarchies) -> Pressure
     assert terms.ops.walls is not None
     with solvers.clock("assembly"):
         weights = div_grad_weights(ops, terms.ops.walls.symmetric_laplacian, terms.density)
-        exact, own = diagonal(ops, weights, terms.ops.grad_p), row_sums(ops.start, terms.ops.lap_p)
+        exact = diagonal(ops, weights, terms.ops.grad_p)
         scale = np.where(exact > own, exact / np.where(own > 0.0, own, 1.0), 1.0)
 
     def apply(p: np.ndarray, gradient: np.ndarray | None = None) -> np.ndarray:

@@ -29,13 +29,18 @@ if TYPE_CHECKING:
 
 
 class DivGrad(NamedTuple):
-    """-div(grad p) - S p beside walls in weights, made once a configuration.
+    """-div(grad p) - S p beside walls, made once a configuration. The weights of the pairs are computed where they are
+    needed (`_of_pair`): to store them would take as much as the gradient does.
 
-    pair: (n_pairs, dim + 1), of the differences of the gradient and of p over each pair; own: (n, dim), of the gradient
-    of the particle; total: (n,), sum of the weights of p of its pairs.
+    grad: (n_pairs, dim), of the velocity; symmetric, symmetric_p: (n_pairs,) w_ij, and what it is over the density of
+    the pair; rho: (n + remote,) where densities differ, else (0,); own: (n, dim), of the gradient of the particle;
+    total: (n,), sum of the weights of p of its pairs.
     """
 
-    pair: np.ndarray
+    grad: np.ndarray
+    symmetric: np.ndarray
+    symmetric_p: np.ndarray
+    rho: np.ndarray
     own: np.ndarray
     total: np.ndarray
 
@@ -45,9 +50,9 @@ def div_grad_weights(ops: Operators, symmetric_p: np.ndarray, density: np.ndarra
     the weights are for then being over the density; density: (n,) where it varies, in the unit of symmetric_p."""
     walls = ops.walls
     assert walls is not None
-    found = DivGrad(np.empty((len(ops.column), ops.dim + 1)), walls.div.copy(), np.empty(ops.n))
     rho = ops.exchange.forward(density) if isinstance(density, np.ndarray) else np.empty(0)
-    over_rows(_div_grad_weights, ops.n, ops.neighbours, (ops.grad, walls.symmetric_laplacian, symmetric_p), rho, *found)
+    found = DivGrad(ops.grad, walls.symmetric_laplacian, symmetric_p, rho, walls.div.copy(), np.empty(ops.n))
+    over_rows(_own_weights, ops.n, ops.neighbours, found)
     return found
 
 
@@ -55,43 +60,61 @@ def div_grad_rhie_chow(ops: Operators, weights: DivGrad, p: np.ndarray, grad_p: 
     """-div(grad p) - S p beside walls, (n,). p: (n + remote,); grad_p: (n, dim), its gradient."""
     out = np.empty(ops.n)
     grad_p = ops.exchange.forward(grad_p)
-    over_rows(_div_grad_rhie_chow, ops.n, (ops.start, ops.column), weights.pair, weights.own, p, grad_p, out)
+    both = np.empty((len(p), 4))  # what a pair reads of its neighbour, in one piece
+    both[:, :ops.dim], both[:, 3] = grad_p, p
+    over_rows(_div_grad_rhie_chow, ops.n, ops.neighbours, weights, both, out)
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _div_grad_weights(rows, neighbours, weights, rho, pair, own, total):
-    start, row, column, x = neighbours.start, neighbours.row, neighbours.column, neighbours.x
-    grad, symmetric, symmetric_p = weights
-    dim, last = x.shape[1], x.shape[1] - 1  # in 2D the third column is the second again, and not summed up
+@njit(cache=True, nogil=True)
+def _own_weights(rows, neighbours, weights):
+    """The weights of the gradient of the particle itself, and the sums of those of p."""
+    start, row, x = neighbours.start, neighbours.row, neighbours.x
+    symmetric, symmetric_p, own, total = weights.symmetric, weights.symmetric_p, weights.own, weights.total
+    last = x.shape[1] - 1  # in 2D the third column is the second again, and not summed up
     for i in range(rows[0], rows[1]):
         s, s0, s1, s2, x0, x1, x2 = 0.0, own[i, 0], own[i, 1], own[i, last], x[i, 0], x[i, 1], x[i, last]
         for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
-            share, j, r, w = 0.5, np.uint32(column[q]), np.uint32(row[q]), symmetric[q]
-            if len(rho) > 0 and rho[i] != rho[j] and w != 0.0:
-                # (1 - t) rho_j / r_ij
-                share = rho[j] * (rho[i] * symmetric_p[q] / w - 1.0) / (rho[i] - rho[j])
-            # of grad p_i + share (grad p_j - grad p_i) the difference goes with the pair, the rest with i
+            r, w = np.uint32(row[q]), symmetric[q]
             w0, w1, w2 = w * (x[r, 0] - x0), w * (x[r, 1] - x1), w * (x[r, last] - x2)
-            pair[q, 0], pair[q, 1] = grad[q, 0] - share * w0, grad[q, 1] - share * w1
-            pair[q, last], pair[q, dim] = grad[q, last] - share * w2, symmetric_p[q]
             s, s0, s1, s2 = s + symmetric_p[q], s0 + w0, s1 + w1, s2 + w2
         own[i, 0], own[i, 1], own[i, last], total[i] = s0, s1, s2, s
 
 
+# Without fastmath, so that every kernel rounds them alike.
+
+
+@njit(cache=True, error_model="numpy", fastmath=False, forceinline=True)
+def _share(rho_i, rho_j, w, w_p):
+    """(1 - t) rho_j / r_ij, a half where there is no interface between i and j. w, w_p: symmetric and symmetric_p of
+    `DivGrad`."""
+    return 0.5 if rho_i == rho_j or w == 0.0 else rho_j * (rho_i * w_p / w - 1.0) / (rho_i - rho_j)
+
+
+@njit(cache=True, error_model="numpy", fastmath=False, forceinline=True)
+def _of_pair(g, share, w, along):
+    """The weight of a pair of the difference of one component of the gradient over it: of
+    grad p_i + share (grad p_j - grad p_i) the rest goes with i. g: weight of the divergence; along: x_j - x_i, m."""
+    return g - share * (w * along)
+
+
 @njit(cache=True, nogil=True, fastmath=REDUCE)
-def _div_grad_rhie_chow(rows, pairs, pair, own, p, grad_p, out):
-    (start, column), dim = pairs, grad_p.shape[1]
-    last = dim - 1
+def _div_grad_rhie_chow(rows, neighbours, weights, both, out):
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    grad, symmetric, symmetric_p, rho, own, _ = weights
+    dim = x.shape[1]
+    last, differ = dim - 1, len(rho) > 0
     for i in range(rows[0], rows[1]):
-        s0, s1, s2, s3, pi = 0.0, 0.0, 0.0, 0.0, p[i]
-        g0, g1, g2 = grad_p[i, 0], grad_p[i, 1], grad_p[i, last]
+        s0, s1, s2, s3, pi = 0.0, 0.0, 0.0, 0.0, both[i, 3]
+        g0, g1, g2, x0, x1, x2 = both[i, 0], both[i, 1], both[i, last], x[i, 0], x[i, 1], x[i, last]
         for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
-            j = np.uint32(column[q])
-            s0 += pair[q, 0] * (grad_p[j, 0] - g0)
-            s1 += pair[q, 1] * (grad_p[j, 1] - g1)
-            s2 += pair[q, last] * (grad_p[j, last] - g2)
-            s3 += pair[q, dim] * (p[j] - pi)
+            share, j, r, w = 0.5, np.uint32(column[q]), np.uint32(row[q]), symmetric[q]
+            if differ:
+                share = _share(rho[i], rho[j], w, symmetric_p[q])
+            s0 += _of_pair(grad[q, 0], share, w, x[r, 0] - x0) * (both[j, 0] - g0)
+            s1 += _of_pair(grad[q, 1], share, w, x[r, 1] - x1) * (both[j, 1] - g1)
+            s2 += _of_pair(grad[q, last], share, w, x[r, last] - x2) * (both[j, last] - g2)
+            s3 += symmetric_p[q] * (both[j, 3] - pi)
         total = s0 + s1 + s3 - own[i, 0] * g0 - own[i, 1] * g1
         out[i] = -(total + s2 - own[i, last] * g2 if dim == 3 else total)  # eq. 3 beside walls: -(div grad p + S p)
 
@@ -102,13 +125,13 @@ def diagonal(ops: Operators, weights: DivGrad, grad_p: np.ndarray) -> np.ndarray
     walls = ops.walls
     assert walls is not None
     out = weights.total.copy()
-    over_rows(_diagonal, ops.n, (ops.start, ops.column), weights.pair, weights.own, grad_p, walls.near_wall, out)
+    over_rows(_diagonal, ops.n, ops.neighbours, weights, grad_p, walls.near_wall, out)
     if isinstance(ops.exchange, Numbered):
-        _add_remote_rows(ops, ops.exchange, weights.pair, grad_p, out)
+        _add_remote_rows(ops, ops.exchange, weights, grad_p, out)
     return out
 
 
-def _add_remote_rows(ops: Operators, exchange: Numbered, pair: np.ndarray, grad_p: np.ndarray, out: np.ndarray) -> None:
+def _add_remote_rows(ops: Operators, exchange: Numbered, weights: DivGrad, grad_p: np.ndarray, out: np.ndarray) -> None:
     """What the rows of remote particles, which are with their owners, add to the diagonal out (n,)."""
     assert ops.walls is not None
     n, dim, near = ops.n, ops.dim, ops.walls.near_wall
@@ -120,8 +143,22 @@ def _add_remote_rows(ops: Operators, exchange: Numbered, pair: np.ndarray, grad_
     several = np.unique(row[asked] * (n + exchange.remote) + column[asked], return_inverse=True)[1]
     whole = np.zeros((len(back), dim))
     np.add.at(whole, several, back)
-    over = np.einsum("qk,qk->q", pair[which[asked], :dim], whole[several])
+    pair = np.empty((len(asked), dim))
+    _some_pairs(row[asked], which[asked], ops.neighbours, weights, pair)
+    over = np.einsum("qk,qk->q", pair, whole[several])
     out -= np.bincount(row[asked], over, n)
+
+
+@njit(cache=True)
+def _some_pairs(rows, which, neighbours, weights, pair):
+    """The weights of `_of_pair` of pairs which (m,) of particles rows (m,) into pair (m, dim)."""
+    row, x, (grad, symmetric, symmetric_p, rho, _, _) = neighbours.row, neighbours.x, weights
+    for m in range(len(which)):
+        i, q, share = rows[m], which[m], 0.5
+        if len(rho) > 0:
+            share = _share(rho[i], rho[neighbours.column[q]], symmetric[q], symmetric_p[q])
+        for k in range(pair.shape[1]):
+            pair[m, k] = _of_pair(grad[q, k], share, symmetric[q], x[row[q], k] - x[i, k])
 
 
 def _remote_pairs(ops: Operators) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -194,32 +231,42 @@ def _adjoint_divergence(rows, neighbours, volume, grad_p, narrow, out):
 
 
 @njit(cache=True, nogil=True)
-def _diagonal(rows, pairs, pair, own, grad_p, near_wall, out):
+def _diagonal(rows, neighbours, weights, grad_p, near_wall, out):
     """Adds to out (n,), the sums of the weights of p, what goes through the gradients."""
-    (start, column), last = pairs, own.shape[1] - 1
+    start, column, row, x = neighbours.start, neighbours.column, neighbours.row, neighbours.x
+    grad, symmetric, symmetric_p, rho, own, _ = weights
+    last, differ = own.shape[1] - 1, len(rho) > 0
     for i in range(rows[0], rows[1]):
         if not near_wall[i]:
             continue
         # div a + S p = sum_j pair_ij . a_j - (own + sum_j pair_ij) . a_i + sum_j w_ij (p_j - p_i)
-        w0, w1, w2, s0, s1, s2 = own[i, 0], own[i, 1], own[i, last], 0.0, 0.0, 0.0
-        for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
-            w0, w1, w2 = w0 + pair[q, 0], w1 + pair[q, 1], w2 + pair[q, last]
-            s0, s1, s2 = s0 - grad_p[q, 0], s1 - grad_p[q, 1], s2 - grad_p[q, last]
-        found = w0 * s0 + w1 * s1 + (w2 * s2 if last == 2 else 0.0)
-        for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
-            j = column[q]
-            if j >= len(start) - 1:  # a remote row, see `_add_remote_rows`
-                continue
-            many, first, end = 0, np.uint64(start[j]), np.uint64(start[j + 1])
-            place = np.uint64(0)
-            for back in range(first, end):  # without a break, so that LLVM makes vectors of it
-                many += column[back] == np.int32(i)
-                place += back if column[back] == np.int32(i) else np.uint64(0)
-            if many == 1:
-                first, end = place, place + np.uint64(1)
-            for back in range(first, end):
-                if column[back] == i:  # in a thin box j may see several images of i
-                    found -= pair[q, 0] * grad_p[back, 0] + pair[q, 1] * grad_p[back, 1]
-                    if last == 2:
-                        found -= pair[q, 2] * grad_p[back, 2]
+        w0, w1, w2, s0, s1, s2, found = own[i, 0], own[i, 1], own[i, last], 0.0, 0.0, 0.0, 0.0
+        for turn in range(2):
+            for q in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+                share, j, r, w = 0.5, column[q], np.uint32(row[q]), symmetric[q]
+                if differ:
+                    share = _share(rho[i], rho[j], w, symmetric_p[q])
+                a0 = _of_pair(grad[q, 0], share, w, x[r, 0] - x[i, 0])
+                a1 = _of_pair(grad[q, 1], share, w, x[r, 1] - x[i, 1])
+                a2 = _of_pair(grad[q, last], share, w, x[r, last] - x[i, last])
+                if turn == 0:
+                    w0, w1, w2 = w0 + a0, w1 + a1, w2 + a2
+                    s0, s1, s2 = s0 - grad_p[q, 0], s1 - grad_p[q, 1], s2 - grad_p[q, last]
+                    continue
+                if j >= len(start) - 1:  # a remote row, see `_add_remote_rows`
+                    continue
+                many, first, end = 0, np.uint64(start[j]), np.uint64(start[j + 1])
+                place = np.uint64(0)
+                for back in range(first, end):  # without a break, so that LLVM makes vectors of it
+                    many += column[back] == np.int32(i)
+                    place += back if column[back] == np.int32(i) else np.uint64(0)
+                if many == 1:
+                    first, end = place, place + np.uint64(1)
+                for back in range(first, end):
+                    if column[back] == i:  # in a thin box j may see several images of i
+                        found -= a0 * grad_p[back, 0] + a1 * grad_p[back, 1]
+                        if last == 2:
+                            found -= a2 * grad_p[back, 2]
+            if turn == 0:
+                found = w0 * s0 + w1 * s1 + (w2 * s2 if last == 2 else 0.0)
         out[i] += found

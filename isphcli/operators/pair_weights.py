@@ -29,7 +29,9 @@ class Operators:
 
     neighbours: fluid neighbours in sight;
     lap: (n_pairs,) weights of the velocity Laplacian, 1/m2; grad: (n_pairs, dim) of its gradient, 1/m;
-    lap_p, grad_p: the same for the pressure (the very same arrays where a scene has no walls);
+    grad_p: the same for the pressure (the very same array where a scene has no walls); lap_far: (n_pairs,) weights of
+    the Laplacian of the pressure of rows that see no wall, see `lap_p`: lap over the density, the very same array
+    where that is 1;
     volume: (n + remote,) m^dim; deficient: particles that fell back on a simpler correction;
     walls: sums over the neighbours beyond a wall, and what pairs and particles are beside walls, or None;
     exchange: where the values of remote particles come from, whose columns are n and more.
@@ -38,7 +40,7 @@ class Operators:
     neighbours: Neighbourhood
     lap: np.ndarray
     grad: np.ndarray
-    lap_p: np.ndarray
+    lap_far: np.ndarray
     grad_p: np.ndarray
     volume: np.ndarray
     deficient: int = 0
@@ -64,6 +66,16 @@ class Operators:
     def column(self) -> np.ndarray:
         """(n_pairs,) int32 particles that the neighbours are or image."""
         return self.neighbours.column
+
+    @property
+    def lap_p(self) -> np.ndarray:
+        """(n_pairs,) weights of the pressure Laplacian, 1/m2; of rows that see a wall those of the symmetric form,
+        which they share with `walls`, so that an array of all is made only where it is asked for."""
+        if self.walls is None:
+            return self.lap_far
+        lap_p = self.lap_far.copy()
+        over_rows(_put_rows_of, self.n, self.start, self.walls.near_wall, self.walls.symmetric_laplacian, lap_p)
+        return lap_p
 
     def gradient_p(self, p: np.ndarray) -> np.ndarray:
         """Pressure gradient (n, dim) of p (n,)."""
@@ -125,6 +137,15 @@ def _store(out, begin, end, support, lap, grad):
         grad[p, 0], grad[p, 1] = out[1, k] * per_length, out[2, k] * per_length
         if grad.shape[1] == 3:
             grad[p, 2] = out[3, k] * per_length
+
+
+@njit(cache=True, nogil=True)
+def _put_rows_of(rows, start, which, values, out):
+    """The values (n_pairs,) of rows which (n,) to their places in out (n_pairs,)."""
+    for i in range(rows[0], rows[1]):
+        if which[i]:
+            for p in range(start[i], start[i + 1]):
+                out[p] = values[p]
 
 
 @dataclass(frozen=True)

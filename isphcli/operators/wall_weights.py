@@ -39,11 +39,11 @@ def build_wall_operators(stencil: WallStencils, order: int = 1, classes: np.ndar
     np.cumsum(in_sight(everyone.start, stencil.links.link), out=start[1:])
     pairs, dim = int(start[n]), everyone.x.shape[1]
     column, row = np.empty(pairs, np.int32), np.empty(pairs, np.int32)
-    lap, lap_p, symmetric = np.empty(pairs), np.empty(pairs), np.empty(pairs)
+    lap, symmetric = np.empty(pairs), np.empty(pairs)
     grad, grad_p = np.empty((pairs, dim)), np.empty((pairs, dim))
     near_wall, slope_velocity = np.zeros(n, np.bool_), np.zeros((n, dim, dim))
     sums = new_boundary_sums(n, dim, walls.slip_length)
-    out = start, column, row, lap, grad, lap_p, grad_p, symmetric
+    out = start, column, row, lap, grad, grad_p, symmetric
     deficient = over_rows(_wall_rows, n, (everyone, stencil.links, stencil.volume, walls), order, out, near_wall,
                           (sums, slope_velocity), work=partial(new_workspace, everyone))
     wall_sums = boundary_sums(sums)
@@ -51,7 +51,7 @@ def build_wall_operators(stencil: WallStencils, order: int = 1, classes: np.ndar
     found = WallRows(*wall_sums, symmetric, near_wall, classes, slope_velocity if wall_sums[-1] is None else None,
                      walls.distance[: n + exchange.remote])
     seen = everyone._replace(start=start, column=column, row=row)
-    return Operators(seen, lap, grad, lap_p, grad_p, stencil.volume[: n + exchange.remote],
+    return Operators(seen, lap, grad, lap, grad_p, stencil.volume[: n + exchange.remote],
                      int(reduce.total(np.array(deficient))), found, exchange)
 
 
@@ -181,7 +181,7 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
     neighbours, links, volume, walls = given
     start, per_length, t, link = neighbours.start, 1.0 / neighbours.support, links.t, links.link
     owner, first = neighbours.owner, links.first
-    seen_start, column, row, lap, grad, lap_p, grad_p, symmetric = out
+    seen_start, column, row, lap, grad, grad_p, symmetric = out
     ex, ey, ez, s, w = work.stencil
     dim, moments, weights, g_p, along = grad.shape[1], work.moments, work.weights, work.g_p, work.wall[2]
     per_area, deficient = per_length * per_length, 0
@@ -198,7 +198,7 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
                 p = at + np.uint64(k)
                 row[p] = neighbours.row[begin + k]
                 column[p] = owner[row[p]]
-                lap[p] = lap_p[p] = weights[0, k] * per_area
+                lap[p] = weights[0, k] * per_area
                 symmetric[p] = 2.0 * dim * per_area * w[k] / (whole * s[k]) if w[k] > 0.0 else 0.0
                 grad[p, 0] = grad_p[p, 0] = weights[1, k] * per_length
                 grad[p, 1] = grad_p[p, 1] = weights[2, k] * per_length
@@ -221,7 +221,6 @@ def _wall_rows(rows, work, given, order, out, near_wall, boundary):
                 shared = link[begin + k] == SHARES_PRESSURE
                 # eq. 3 beside walls: no flux through them, so that only fluid neighbours count
                 symmetric[at] = 2.0 * dim * per_area * w[k] / (whole * s[k]) if w[k] > 0.0 and shared else 0.0
-                lap_p[at] = symmetric[at]
                 for m in range(dim):
                     grad[at, m] = weights[1 + m, k]
                     b = g_p[m, 0] * ex[k] + g_p[m, 1] * ey[k] + g_p[m, 2] * ez[k]

@@ -15,28 +15,28 @@ if TYPE_CHECKING:
     from ..geometry.protocol import Geometry
 
 PAIRS = {2: 2.72, 3: 3.46}  # neighbours over support^dim at one site a spacing^dim: 32 in 3D at 2.1
-# Bytes per pair by flow and walls. stokes: 10 of its row; navier_stokes, from the peaks of two steps on 2026-11-30,
-# less BYTES_PROGRAM: 3.0 kB per particle of cases/taylor_green_3d.yaml (spacing 0.02) and 6.2 of
-# cases/sphere_array.yaml (flow: navier_stokes, spacing 1.5625e-5)
+# Bytes per pair by flow and walls. stokes: 10 of its row; navier_stokes, with BYTES_MATRIX, from the peaks of three
+# steps less BYTES_PROGRAM: 2.4 kB per particle of a cube without walls, 4.2 to 4.8 beside walls
+# (benchmarks/moving_memory.py, 2026-12-01)
 BYTES_PAIR = {
     ("stokes", True): 10,
     ("stokes", False): 10,
-    ("navier_stokes", True): 158,
-    ("navier_stokes", False): 52,
+    ("navier_stokes", True): 106,
+    ("navier_stokes", False): 33,
 }
 # Bytes per neighbour of moving particles, also behind a wall or a dummy: its row and its column
 BYTES_NEIGHBOUR = 8
 # Bytes per pair in matrices and hierarchies. stokes: with the rest 1.7 kB per particle off walls; the peaks were 1.68
 # (sphere array of 64 spacings), 1.92 (Berea 128^3, 46 iterations) and 2.28 kB (bead pack, 56): benchmarks/memory.py,
 # 2026-11-29
-BYTES_MATRIX = {"stokes": 14, "navier_stokes": 18}
+BYTES_MATRIX = {"stokes": 14, "navier_stokes": 12}
 # Bytes per pair where PETSc solves: hypre stores the matrix that PyAMG's cycle computes from pairs. An eighth of table
 # 1 of the paper and Berea 64^3 on two processes held 0.70 and 0.39 GB each (benchmarks/memory.py, 2026-11-30)
 BYTES_PETSC = 26
 # Bytes per pair that a second fluid adds to moving particles, by walls: weighted operators, transposed stress, normals.
-# A drop in a cube of 125,000 particles takes 6.2 kB per particle, beside walls 8.6 (two steps, 2026-11-30): 100 and 70;
-# more where all fluid is beside walls
-BYTES_SECOND_FLUID = {False: 110, True: 150}
+# Of 3D cubes of 50 spacings with a drop of ten times the density and viscosity a particle takes 7.6 kB, beside walls
+# 11.4 (scene "drop" of benchmarks/step_cost.py, 2026-12-01; 6.9 and 10.2 are said); in rock 8.2, for which 9.4 are said
+BYTES_SECOND_FLUID = {False: 130, True: 160}
 BYTES_ROW = {"stokes": 350, "navier_stokes": 0}  # bytes per particle, beside its pairs
 # Krylov vectors of a steady solve: 18 to 30 in wide pores, 46 to 56 in rock and packs of beads; those of a long restart
 # are allocated but never touched

@@ -6,6 +6,7 @@ preconditioner as functions; what they solve is the same.
 
 from __future__ import annotations
 
+import copy
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -93,15 +94,19 @@ class OneProcess:
 
 
 class Levels:
-    """A hierarchy of PyAMG, of which the finest matrix is renewed."""
+    """A hierarchy of PyAMG without its finest matrix, which each step brings: that of the step before would be held
+    beside the operators of the next."""
 
     def __init__(self, levels: MultilevelSolver):
         self.levels = levels
+        levels.levels[0].A = None
 
     def cycle(self, matrix: sp.csr_matrix, exchange: Exchange) -> Apply:
         """See `Kept`."""
-        self.levels.levels[0].A = matrix
-        return cycle(self.levels)
+        whole, finest = copy.copy(self.levels), copy.copy(self.levels.levels[0])
+        finest.A = matrix
+        whole.levels = [finest, *self.levels.levels[1:]]
+        return cycle(whole)
 
     def release(self) -> None:
         """See `Kept`."""

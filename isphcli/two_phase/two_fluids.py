@@ -237,22 +237,22 @@ class TwoFluids:
                densities_differ: bool) -> tuple[Operators, ViscousWeights]:
         """The operators with the density in the weights of the pressure, and the weights of the viscous term."""
         walls, viscous_walls = ops.walls, None
-        symmetric = ops.lap_p if walls is None else walls.symmetric_laplacian
+        symmetric = ops.lap_far if walls is None else walls.symmetric_laplacian
         lap = np.empty(len(ops.lap))
         over_rows(_weigh_viscous, ops.n, (ops.start, ops.column), unlike, (rho, mu), ops.lap, lap)
-        lap_p, grad_p = ops.lap_p, ops.grad_p
+        lap_far, grad_p = ops.lap_far, ops.grad_p
         if densities_differ:
-            weights = lap_p, grad_p, symmetric
-            lap_p, grad_p = np.empty_like(lap_p), np.empty_like(grad_p)
-            symmetric = lap_p if walls is None else np.empty_like(symmetric)
+            weights = lap_far, grad_p, symmetric
+            lap_far, grad_p = np.empty_like(lap_far), np.empty_like(grad_p)
+            symmetric = lap_far if walls is None else np.empty_like(symmetric)
             over_rows(_weigh_pressure, ops.n, (ops.start, ops.column), unlike, rho, weights,
-                      (lap_p, grad_p, symmetric))
+                      (lap_far, grad_p, symmetric))
         if walls is not None:
             nu = mu[: ops.n] / rho[: ops.n]
             viscous_walls = WallSums(nu * walls.lap, nu[:, None] * walls.lap_velocity, walls.div, walls.div_velocity,
                                      None if walls.slip is None else nu[:, None, None] * walls.slip)
             walls = replace(walls, symmetric_laplacian=symmetric)
-        return replace(ops, lap_p=lap_p, grad_p=grad_p, walls=walls), ViscousWeights(1.0, lap, viscous_walls)
+        return replace(ops, lap_far=lap_far, grad_p=grad_p, walls=walls), ViscousWeights(1.0, lap, viscous_walls)
 
 
 def _row_laplacians(terms: Terms, p: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -290,19 +290,19 @@ def _weigh_viscous(rows, pairs, unlike, given, lap, new_lap):
 def _weigh_pressure(rows, pairs, unlike, rho, weights, new):
     """The weights of the pressure over the density between the two particles."""
     (start, column), (first, pair, fraction) = pairs, unlike
-    lap_p, grad_p, symmetric = weights
-    new_lap_p, new_grad_p, new_symmetric = new
+    lap_far, grad_p, symmetric = weights
+    new_lap_far, new_grad_p, new_symmetric = new
     for i in range(rows[0], rows[1]):
         light = 1.0 / rho[i]
         for p in range(start[i], start[i + 1]):
-            new_lap_p[p] = lap_p[p] * light  # eq. 3: div(grad q / rho)
+            new_lap_far[p] = lap_far[p] * light  # eq. 3: div(grad q / rho)
             new_symmetric[p] = symmetric[p] * light
             for k in range(grad_p.shape[1]):
                 new_grad_p[p, k] = grad_p[p, k] * light
         for q in range(first[i], first[i + 1]):
             p, t = pair[q], fraction[q]
             light = 1.0 / (t * rho[i] + (1.0 - t) * rho[column[p]])
-            new_lap_p[p] = lap_p[p] * light
+            new_lap_far[p] = lap_far[p] * light
             new_symmetric[p] = symmetric[p] * light
             for k in range(grad_p.shape[1]):
                 new_grad_p[p, k] = grad_p[p, k] * light

@@ -110,7 +110,7 @@ ALLOWED = {
     ("operators.cell_means", "np.array(list(itertools.product((-0.5, 0.5), repeat=len(ways)))) @ ways"): BASIS,
     ("operators.cell_means", "np.sqrt((corners ** 2).sum(axis=1)).max()"): BASIS,
     ("operators.cell_means", "signs @ ways"): BASIS,
-    ("operators.div_grad", "np.einsum('qk,qk->q', pair[which[asked], :dim], whole[several])"): OWN,
+    ("operators.div_grad", "np.einsum('qk,qk->q', pair, whole[several])"): OWN,
     ("operators.div_grad", "np.bincount(row[asked], over, n)"): "over the pairs of each row",
     ("operators.conductances", "np.diff(self._ops.start).max(initial=0)"): SCRATCH,
     ("operators.mixed_weights", "(found * beyond).sum(axis=1)"): MIXED,
