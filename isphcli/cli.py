@@ -83,6 +83,7 @@ def message(error: BaseException) -> str:
     left = f"\nrestart file: {restart}" if restart else ""
     worst = getattr(error, "worst", None)
     left += f"\nworst particles: {worst}" if worst else ""
+    left += f"\n{found}" if (found := getattr(error, "found", "")) else ""
     if isinstance(error, KeyboardInterrupt):
         results = getattr(error, "results", None)
         return f"interrupted{left}" + (f"\nresults: {results}" if results else "")
