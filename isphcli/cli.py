@@ -8,6 +8,7 @@ stdout, everything else to stderr. Exit codes: see `EXIT_CODES`.
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import math
 import os
@@ -82,6 +83,7 @@ def message(error: BaseException) -> str:
     left = f"\nrestart file: {restart}" if restart else ""
     worst = getattr(error, "worst", None)
     left += f"\nworst particles: {worst}" if worst else ""
+    left += f"\n{found}" if (found := getattr(error, "found", "")) else ""
     if isinstance(error, KeyboardInterrupt):
         results = getattr(error, "results", None)
         return f"interrupted{left}" + (f"\nresults: {results}" if results else "")
@@ -89,6 +91,8 @@ def message(error: BaseException) -> str:
         return "error: out of memory; `isph validate --check-only` estimates what a case needs"
     code = exit_code(error)
     text = str(error) or type(error).__name__
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        text = f"{text}; make room there, or choose a folder on another disk (--out)"
     if code == INTERNAL:
         return (
             f"internal error: {type(error).__name__}: {text}\nplease report it; --debug shows the traceback"
@@ -536,6 +540,14 @@ def lengths(text: str) -> tuple[float, ...]:
     return tuple(number_in(part, "m") for part in text.split(","))
 
 
+def radius_of(text: str) -> float:
+    """'0.1mm' as a length in m; raises ValueError for what is none or not above 0."""
+    (radius,) = lengths(text)
+    if not 0 < radius < math.inf:
+        raise ValueError
+    return radius
+
+
 def pairs(text: str, between: str) -> tuple[tuple[int, int], ...]:
     """'a:b,c:d' as ((a, b), (c, d))."""
     split = (part.split(between) for part in text.split(","))
@@ -741,9 +753,9 @@ def relative_table(found: Sequence[Relative]) -> str:
 @click.argument("source", metavar="[IMAGE | SPHERES]", type=click.Path(path_type=Path), required=False)
 @click.argument("target", metavar="[CASE]", type=click.Path(path_type=Path), required=False)
 @click.option("--drop", is_flag=True, help="A drop in a throat, two fluids, in place of a file: --drop [CASE].")
-@click.option("--voxel-size", callback=parser(numbers, "5e-6 or 5e-6,5e-6,1e-5"), metavar="M",
+@click.option("--voxel-size", callback=parser(lengths, "5e-6, 5um or 5e-6,5e-6,1e-5"), metavar="M",
               help="Edge of a voxel of IMAGE, m; one number or x,y,z.")  # fmt: skip
-@click.option("--radius", type=click.FloatRange(0, min_open=True), metavar="M",
+@click.option("--radius", callback=parser(radius_of, "1e-4 or 0.1mm, above 0"), metavar="M",
               help="Radius of all SPHERES, m, where the file has no column for it.")  # fmt: skip
 @guarded
 def init(source: Path | None, target: Path | None, drop: bool, voxel_size: tuple[float, ...] | None,
@@ -774,10 +786,21 @@ def init(source: Path | None, target: Path | None, drop: bool, voxel_size: tuple
         made = new_case.case_for_spheres(source, path.parent, radius)  # type: ignore[arg-type]
     else:
         made = new_case.case_for_image(source, path.parent, voxel_size)  # type: ignore[arg-type]
-    path.write_text(made.text, encoding="utf-8")
+    write_whole(path, made.text)
     for note in made.notes:
         complain(f"note: {note}")
-    click.echo(f"{path} written; now: isph validate --check-only {path}")
+    click.echo(f"{path} written; now: isph validate --check-only {shlex.quote(str(path))}")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Writes a new file, or none: what a full disk cut short would be refused later as there already."""
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            if path.stat().st_size < len(text):
+                path.unlink()
+        raise Unusable(f"{path}: cannot be written ({error.strerror}); name another file for the case") from None
 
 
 @main.command(epilog=EXIT_CODES, short_help="List the cases that come with isph, or copy one.")

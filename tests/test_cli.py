@@ -668,6 +668,30 @@ def test_init_of_spheres_and_of_a_drop(folder):
     assert isph("init", "missing.npy").exit_code == BAD_INPUT
 
 
+def test_init_takes_lengths_with_their_units(folder):
+    (folder / "pack.csv").write_text("0,0,0\n1e-3,0,0\n0,1e-3,0\n")
+    assert isph("init", "pack.csv", "--radius", "0.5mm").exit_code == 0
+    assert "radius: 0.0005}" in (folder / "pack.yaml").read_text()
+    for wrong in ("-0.5mm", "0", "5 kg", "1mm,2mm", "inf"):
+        assert isph("init", "pack.csv", "other.yaml", "--radius", wrong).exit_code == BAD_INPUT
+
+
+def test_init_that_fills_the_disk_leaves_no_case(folder, monkeypatch):
+    """What is left half-written would be refused the next time as there already."""
+    (folder / "pack.csv").write_text("0,0,0,1\n1,0,0,1\n0,1,0,1\n")
+
+    def full(path, text, **_):
+        path.touch()
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "write_text", full)
+        done = isph("init", "pack.csv", "my case.yaml")
+    assert done.exit_code == BAD_INPUT and "No space left" in done.output
+    again = isph("init", "pack.csv", "my case.yaml")
+    assert again.exit_code == 0 and "--check-only 'my case.yaml'" in again.output
+
+
 def test_examples_are_listed_printed_and_copied(folder):
     listed = isph("examples").output
     assert "berea " in listed and "Berea sandstone" in listed

@@ -18,6 +18,7 @@ from ..domain.lattice import ParticleError
 from ..geometry.extents import part_of_sample
 from ..output import folder, progress
 from ..output.files import write_rows
+from ..output.lines import permeability_lines, table
 from ..references.result import Result
 from ..scene import memory
 from ..scene.build_geometry import build_geometry
@@ -134,11 +135,15 @@ def run_steady(case: Case, clock: Clock, quiet: bool, look: Look | None) -> tupl
         return _finish_ranks(case, summary, result, found, clock), result
     assert case.output.directory is not None
     directory = folder.prepare(case.output.directory)
-    with clock("output"), progress.stage("files", quiet):
-        _write_fields(case, directory, main, result.x)
-        rows = _profile(main)
-        write_rows(directory / "history.csv", found.history)
-        write_rows(directory / PROFILES, rows)
+    rows = _profile(main)
+    try:
+        with clock("output"), progress.stage("files", quiet):
+            _write_fields(case, directory, main, result.x)
+            write_rows(directory / "history.csv", found.history)
+            write_rows(directory / PROFILES, rows)
+    except OSError as error:  # a full disk: what was solved for is said at least
+        error.found = table(permeability_lines(summary))  # type: ignore[attr-defined]  # for `cli`
+        raise
 
     def draw() -> None:
         with progress.stage("pictures", quiet):

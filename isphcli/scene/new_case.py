@@ -37,7 +37,7 @@ def is_list_of_spheres(file: Path) -> bool:
     with open(file, "rb") as stream:
         head = stream.read(4096)
     try:
-        head[: head.rfind(b"\n") + 1].decode("utf-8-sig")
+        head[: head.rfind(b"\n") + 1 or len(head)].decode("utf-8-sig")
     except UnicodeDecodeError:
         return False
     return b"\0" not in head
@@ -100,8 +100,8 @@ def case_for_image(file: Path, folder: Path, voxel_size: float | Sequence[float]
 
 
 def case_for_spheres(file: Path, folder: Path, radius: float | None = None) -> NewCase:
-    """A steady permeability of the spheres of a table or dump, periodic along all axes, in the box of a dump that
-    repeats, else in the one that they fill.
+    """A steady permeability of the spheres of a table or dump, periodic along all axes. The box is that of a dump
+    along the axes that it repeats along, else what the spheres fill.
 
     radius: m, of a file without such a column. Raises ShapeError.
     """
@@ -109,10 +109,11 @@ def case_for_spheres(file: Path, folder: Path, radius: float | None = None) -> N
 
     found = spheres_of_file(file, 3, radius)
     radii = np.ravel(np.asarray(found.radii, float))
-    given = box_of_dump(file)
-    filled = (found.centres - radii[:, None]).min(axis=0), (found.centres + radii[:, None]).max(axis=0)
-    lower, upper = filled if given is None else given
-    whose = "what the spheres fill; CHECK, of a periodic pack its periods" if given is None else "that of the dump"
+    lower, upper = (found.centres - radii[:, None]).min(axis=0), (found.centres + radii[:, None]).max(axis=0)
+    if (given := box_of_dump(file)) is not None:
+        lower, upper = np.where(given[2], given[:2], (lower, upper))
+    of_spheres = [a for k, a in enumerate("xyz") if given is None or not given[2][k]]
+    whose = _whose(of_spheres)
     size = upper - lower
     share = float((4 / 3 * np.pi * np.broadcast_to(radii, len(found.centres)) ** 3).sum() / np.prod(size))
     median = float(np.median(radii))
@@ -124,7 +125,7 @@ def case_for_spheres(file: Path, folder: Path, radius: float | None = None) -> N
         "# `isph keys` explains every key.\n"
         f"title: Permeability of {file.stem}\n"
         "geometry:\n"
-        f"  box: {_list(size)}      # m: {whose}\n"
+        f"  box: {_list(size)}      # m: {''.join(whose)}\n"
         f"  origin: {_list(lower)}   # m, lower corner\n"
         "  periodic: [x, y, z]   # along the others the faces are walls\n"
         "  shapes:\n"
@@ -136,9 +137,18 @@ def case_for_spheres(file: Path, folder: Path, radius: float | None = None) -> N
         "# refine: auto   # two more spacings: gives the permeability its error bar\n"
         "# output: {grid: auto}   # VTI beside the particles, for streamlines in ParaView\n")
     solid = f"{100 * share:.0f} % of it solid if none overlap"
-    note = (f"the box is what the spheres fill, {solid}, and periodic along x, y, z: check both" if given is None
-            else f"the box is that of the dump, {solid}; lengths are taken as metres: scale is the key of other units")
-    return NewCase(text, (note,))
+    note = f"the box is {whose[0]}, {solid}; it repeats along x, y, z{': check both' if of_spheres else ''}"
+    metres = "" if given is None else "; lengths are taken as metres: scale is the key of other units"
+    return NewCase(text, (note + metres,))
+
+
+def _whose(of_spheres: list[str]) -> tuple[str, str]:
+    """Where the box comes from, in words, and what to look at; of_spheres: the axes along which no dump gave it."""
+    if not of_spheres:
+        return "that of the dump", ""
+    filled = "what the spheres fill"
+    where = filled if len(of_spheres) == 3 else f"that of the dump, along {', '.join(of_spheres)} {filled}"
+    return where, "; CHECK, of a periodic pack its periods"
 
 
 def _spacing_that_divides(box: np.ndarray, about: float) -> float:

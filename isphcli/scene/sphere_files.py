@@ -46,7 +46,7 @@ def spheres_of_file(path: str | Path, dim: int = 3, radius: float | None = None,
         raise ShapeError(f"{path}: its header names the unit of its lengths; remove the key 'scale'")
     values = table.values * (1.0 if scale is None else scale)
     if values.shape[1] == dim and radius is None:
-        raise ShapeError(f"{path}: has no column of radii; add one or give the key 'radius'")
+        raise ShapeError(f"{path}: has no column of radii; add one or give the key 'radius' (init: --radius 1e-4)")
     radii = values[:, dim] if values.shape[1] > dim else np.full(len(values), float(radius))  # type: ignore[arg-type]
     if not np.isfinite(values).all() or not (radii > 0).all():
         raise ShapeError(f"{path}: radius {radii.min()} is not positive, or a length leaves the range of numbers")
@@ -60,16 +60,16 @@ def read_spheres(path: str | Path, dim: int = 3, radius: float | None = None) ->
     return found.centres, np.broadcast_to(np.asarray(found.radii, float), len(found.centres))
 
 
-def box_of_dump(path: str | Path) -> tuple[np.ndarray, np.ndarray] | None:
-    """Corners (3,) of the box of the last step of a dump that repeats along all axes, in its unit; None of other files.
-
-    Raises ShapeError.
+def box_of_dump(path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Corners (3,) of the box of the last step of a dump, in its unit, and along which axes it repeats; None of other
+    files. Raises ShapeError.
     """
     path = Path(path)
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     heads = {line[5:].strip(): k for k, line in enumerate(lines) if line.startswith("ITEM:")}  # the last of each
     bounds = next((name for name in reversed(heads) if name.startswith("BOX BOUNDS")), "")
-    return _bounds(path, lines, heads, 3) if bounds.split()[2:] == ["pp"] * 3 else None
+    repeats = np.array([side == "pp" for side in bounds.split()[2:]])
+    return (*_bounds(path, lines, heads, 3), repeats) if len(repeats) == 3 else None
 
 
 @dataclass(frozen=True)

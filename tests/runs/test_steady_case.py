@@ -1,6 +1,7 @@
 """What a steady case says of its results."""
 
 import json
+import re
 
 import pytest
 
@@ -51,3 +52,17 @@ def test_an_interrupted_ladder_keeps_the_spacings_that_are_solved(tmp_path, monk
     assert summary["status"] == "interrupted" and summary["permeability_error"] is None
     alone, _ = module.run_steady(read(SLIT, *plain, f"output.directory={tmp_path / 'alone'}"), Clock(), True, None)
     assert summary["permeability"] == alone["permeability"] > 0.0
+
+
+def test_a_full_disk_does_not_take_the_permeability_with_it(tmp_path, monkeypatch):
+    """A slit between plates D apart has k = D^2 / 12 of its width: the error names it where the files cannot be."""
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(module, "_write_fields", full)
+    with pytest.raises(OSError, match="No space left") as caught:
+        module.run_steady(read(SLIT, "output.plots=false", f"output.directory={tmp_path}"), Clock(), True, None)
+    found = re.search(r"permeability\s+(\S+) m2", caught.value.found)
+    box = read(SLIT).geometry.box
+    assert found is not None and float(found[1]) == pytest.approx(box[1] ** 2 / 12, rel=0.01)

@@ -83,9 +83,11 @@ ITEM: ATOMS id x y z radius
 """
 
 
-@pytest.mark.parametrize(("sides", "box"), [("pp pp pp", (1.0, 2.0, 2.0)), ("pp pp ff", (0.9, 1.9, 0.8))])
+@pytest.mark.parametrize(("sides", "box"), [
+    ("pp pp pp", (1.0, 2.0, 2.0)), ("pp pp ff", (1.0, 2.0, 0.8)), ("ff ff ff", (0.9, 1.9, 0.8)),
+])
 def test_a_dump_has_its_box_where_that_repeats(tmp_path, sides, box):
-    """Else it is what the spheres fill."""
+    """Along the other axes it is what the spheres fill."""
     (tmp_path / "pack.dump").write_text(DUMP.format(sides=sides), encoding="utf-8")
     assert is_list_of_spheres(tmp_path / "pack.dump")
     case = load_case(written(case_for_spheres(tmp_path / "pack.dump", tmp_path), tmp_path))
@@ -109,6 +111,8 @@ def test_the_spacing_of_a_pack_divides_its_box(tmp_path, box, radius, spacing):
 
 def test_what_is_no_text_is_no_list_of_spheres(tmp_path):
     (tmp_path / "scan.dcm").write_bytes(b"DICM\0\1\xff")
+    (tmp_path / "scan").write_bytes(b"\xa2\xb1" * 3000)  # grey values without a zero or a line break
+    assert not is_list_of_spheres(tmp_path / "scan")
     assert not is_list_of_spheres(tmp_path / "scan.dcm") and not is_list_of_spheres(tmp_path / "missing.npy")
 
 

@@ -27,7 +27,11 @@ _WORDS = {
     "32bit": "float32", "f32": "float32", "float64": "float64", "double": "float64", "int64": "int64",
     "uint64": "uint64",
 }  # fmt: skip
-
+# a type and the order of its bytes: uint16be, 16bit_be, float32-bigendian
+_ORDER = re.compile(
+    r"(u?int\d+|[uf]\d+|\d+bits?|float\d*|u?short|double)[ _-]?"
+    r"(be|le|big[ _-]?endian|little[ _-]?endian)(?![a-z0-9])"
+)
 
 # the options that give the shape of an image without a header, for messages
 SIZES = "--set 'geometry.voxels.shape=[100, 100, 50]' (convert-voxels: --shape 100,100,50)"
@@ -60,7 +64,8 @@ def open_raw(path: Path, layout: Layout) -> Stored:
             f"give the type ({', '.join(DTYPES)}: geometry.voxels.dtype, --dtype), and an offset if there "
             "is a header"
         )
-    kind = np.dtype(dtype).newbyteorder(">" if layout.byte_order == "big" else "<")
+    order = layout.byte_order or order_of_name(path.stem)
+    kind = np.dtype(dtype).newbyteorder(">" if order == "big" else "<")
     if offset + voxels * kind.itemsize != size:
         raise VoxelError(
             f"{path}: holds {size} bytes; {sizes} voxels of {dtype} after {offset} bytes are "
@@ -76,10 +81,12 @@ def open_raw(path: Path, layout: Layout) -> Stored:
 
     array = array_shape(shape, layout.axes or "zyx")
     asked = [key for key, value in (("shape", layout.shape), ("dtype", layout.dtype)) if value is None]
+    asked += ["byte_order"] if layout.byte_order is None and order == "big" else []
     note: tuple[str, ...] = ()
     if asked:
-        along, order = ", ".join("xyz"[: len(shape)]), layout.byte_order or "little"
-        said = f"{path.name}: {' and '.join(asked)} by its name and size: {sizes} voxels along {along}, {dtype}"
+        along = ", ".join("xyz"[: len(shape)])
+        keys = " and ".join(asked) if len(asked) < 3 else "shape, dtype and byte_order"
+        said = f"{path.name}: {keys} by its name and size: {sizes} voxels along {along}, {dtype}"
         note = (said + ("" if kind.itemsize == 1 else f", {order} endian"),)
     return Stored(
         array, kind, stored_part(path, data, kind, array), info={"format": "raw", "shape": array}, warnings=note
@@ -95,8 +102,15 @@ def of_name(stem: str) -> tuple[tuple[int, ...] | None, str | None]:
     """Sizes along x, y(, z) and type in a name such as rock_1000x1000x800_uint8, each None where it is not there."""
     found = _SIZES.findall(stem)
     sizes = [tuple(int(n) for n in numbers if n) for numbers in found]
-    words = [_WORDS[word] for word in re.split(r"[^a-z0-9]+", stem.lower()) if word in _WORDS]
+    plain = _ORDER.sub(lambda found: found[1], stem.lower())
+    words = [_WORDS[word] for word in re.split(r"[^a-z0-9]+", plain) if word in _WORDS]
     return (max(sizes, key=len) if sizes else None), (words[-1] if words else None)
+
+
+def order_of_name(stem: str) -> str:
+    """'big' or 'little': the order of bytes behind the type in a name such as rock_10x10x10_uint16be, else little."""
+    found = _ORDER.search(stem.lower())
+    return "big" if found and found[2].startswith("b") else "little"
 
 
 def _header_beside(path: Path) -> Stored | None:

@@ -82,7 +82,8 @@ def format_of(path: Path) -> Format:
         raise VoxelError(f"{path}: no such file; give the path of an image ({known}) or of a folder of slices")
     found = FORMATS.get(path.suffix.lower())
     if found is None:
-        raise VoxelError(f"{path}: '{path.suffix}' images are not read; give {known}, or a folder of slices")
+        raise VoxelError(f"{path}: '{path.suffix}' images are not read; give {known}, or a folder of slices; "
+            "a file of bare values is read as .raw")
     return found
 
 

@@ -347,6 +347,18 @@ def test_what_a_name_tells_of_a_raw_file_is_said(tmp_path):
     assert signed.values.min() == -50 and signed.values.dtype == np.int16
 
 
+@pytest.mark.parametrize(("name", "kind"), [
+    ("rock_9x7x6_uint16be.raw", ">u2"), ("rock_9x7x6_16bit_BE.raw", ">u2"),
+    ("rock_9x7x6_float32-big-endian.raw", ">f4"),
+    ("rock_9x7x6_uint16le.raw", "<u2"), ("be_9x7x6_uint16.raw", "<u2"), ("berea_9x7x6_16bit_best.raw", "<u2"),
+])  # fmt: skip
+def test_the_order_of_bytes_in_the_name_of_a_raw_file(tmp_path, name, kind):
+    image = read_image(raw(tmp_path, name, VALUES.astype(kind)), grey=True)
+    assert np.array_equal(image.values, VALUES)
+    asked = "shape, dtype and byte_order" if ">" in kind else "shape and dtype"
+    assert asked in image.warnings[0] and ("big endian" in image.warnings[0]) == (">" in kind)
+
+
 def test_a_header_beside_a_raw_file(tmp_path):
     path = raw(tmp_path, "scan.raw")
     (tmp_path / "scan.mhd").write_text(
