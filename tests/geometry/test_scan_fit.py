@@ -177,8 +177,10 @@ def test_processes_find_the_field_of_one(rough, around):
 
     def part(ranks):
         slabs = Slabs(image.shape, ranks=ranks)
-        return fit_scan(own(image, slabs), around, slabs)
+        found = fit_scan(own(image, slabs), around, slabs)
+        return found, apart(own(image, slabs), found.field, slabs)
 
-    found = on_threads(3, part)
+    found, distances = zip(*on_threads(3, part))
+    assert list(distances) == pytest.approx([apart(image, whole.field, Slabs.whole(image.shape))] * 3, rel=1e-5)
     assert [one.blur for one in found] == pytest.approx([whole.blur] * 3, abs=1e-9)
     assert np.concatenate([one.field for one in found]) == pytest.approx(whole.field, abs=1e-6)
