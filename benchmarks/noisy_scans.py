@@ -5,10 +5,11 @@ usage: PYTHONPATH=. python benchmarks/noisy_scans.py [NAME ...]        (the bodi
 A voxel of the scan has the share of solid in it, counted on 6^3 cells of the exact field, that in places of a second
 mineral (waves on MINERAL of the volume, as long as a quarter of the body and less) counted `bright` times, averaged
 with a Gaussian of `blur` voxels, and normal noise of `noise` times the contrast between fluid and the first mineral;
-threshold half-way between those two, one particle per voxel. Prints, for each kind of scan, the error of k as the image
-is and by `geometry/scan_fit.py` (root mean square and largest, per cent), how far the walls may be off (voxels), of how
-many of them the part of the range by the image holds the truth (`runs/expected_error.py`), and the error times the
-chord that holds nine in ten; then the same by how far the walls may be off.
+one particle per voxel. Prints, for each kind of scan, the error of k as the image is with a threshold half-way between
+those two, by `geometry/scan_fit.py` with that threshold, and with `threshold: otsu` (root mean square and largest, per
+cent); of the latter how far the walls may be off (voxels), of how many bodies the part of the range by the image holds
+the truth (`runs/expected_error.py`), and the error times the chord that holds nine in ten; then the same by how far the
+walls may be off.
 """
 
 import itertools
@@ -17,7 +18,7 @@ import sys
 import numpy as np
 from walls_from_labels import ROUND, labels_of, permeability  # sets the number of threads before numba is there
 
-from isphcli.geometry.grey import field_of_grey
+from isphcli.geometry.grey import field_of_grey, otsu_threshold
 from isphcli.geometry.iso_surface import ImageField, IsoSurfaceGeometry
 from isphcli.geometry.scan_fit import fit_scan
 from isphcli.geometry.spline import average
@@ -30,6 +31,7 @@ FINER = 6  # cells a voxel edge of which partial volumes are counted
 MINERAL = 0.15
 AROUND = np.ones(3, bool)
 BLURS, NOISES, BRIGHT = (0.0, 0.5, 0.9), (0.0, 0.02, 0.05, 0.1), (1.0, 1.3, 1.6, 2.5)
+NOISES_OF_TWO = (0.02, 0.05)  # of scans with a second mineral
 EDGES = (0.0, 0.01, 0.02, 0.04, 0.08, 0.16, 0.5)  # voxels, of how far walls may be off, that are shown together
 
 
@@ -53,30 +55,34 @@ def scan(solid, mineral, kind):
 
 
 def measured(one, kind):
-    """(relative error of k as the image is, of the body that is found, `ScanFit.off`, range by the image, chord)."""
+    """(relative error of k as the image is, of the body that is found by a threshold half-way, by Otsu's, `ScanFit.off`
+    of the latter, range by the image, chord)."""
     solid = 1.0 - one.labels(FINER).transpose(2, 1, 0)
     rng = np.random.default_rng(sum(one.size))
     mineral = waves(solid.shape, max(solid.shape) / 4, rng) > 0.0
-    image = field_of_grey(scan(solid, mineral, (*kind, rng)), 0.5, "above")
-    true, pores, found = one.truth()[0], one.labels() == 1, fit_scan(image, AROUND)
-    geometries = (IsoSurfaceGeometry(labels_of(image), ImageField(field), 1.0, ROUND) for field in (image, found.field))
+    values, true, pores = scan(solid, mineral, (*kind, rng)), one.truth()[0], one.labels() == 1
+    image, by_otsu = (field_of_grey(values, t, "above") for t in (0.5, otsu_threshold(values)))
+    found = fit_scan(by_otsu, AROUND, centred=True)
+    fields = image, fit_scan(image, AROUND).field, found.field
+    geometries = (IsoSurfaceGeometry(labels_of(field), ImageField(field), 1.0, ROUND) for field in fields)
     errors = [permeability(geometry, 1, one.axis) / true - 1.0 for geometry in geometries]
     what = Scan(mean_chord(pores), is_straight(pores), found.off)
     return (*errors, found.off, expected("grey", true, 0.5, 1.0, scan=what).image, what.chord)
 
 
 def line(name, rows):
-    as_it_is, error, off, image, chord = rows.T
-    of_each = "  ".join(f"{100 * np.sqrt(np.mean(e * e)):5.1f} {100 * np.abs(e).max():5.1f}" for e in (as_it_is, error))
+    *errors, off, image, chord = rows.T
+    error = errors[-1]
+    of_each = "  ".join(f"{100 * np.sqrt(np.mean(e * e)):5.1f} {100 * np.abs(e).max():5.1f}" for e in errors)
     print(f"{name:30s}{of_each}   {off.mean():.3f}   {np.mean(np.abs(error) <= image):4.0%}"
           f"   {np.quantile(np.abs(error) * chord, 0.9):.3f}", flush=True)
 
 
 def main(*names):
-    print(f"{'blur  noise  bright':30s}as it is      found         off     held  factor")
+    print(f"{'blur  noise  bright':30s}as it is      half-way     otsu          off     held  factor")
     every = []
     for bright in BRIGHT:
-        for noise in NOISES:
+        for noise in NOISES if bright == 1.0 else NOISES_OF_TWO:
             for blur in BLURS:
                 rows = np.array([measured(body(name), (blur, noise, bright)) for name in names or NAMES])
                 line(f"{blur:4.1f}  {noise:5.2f}  {bright:6.1f}", rows)
@@ -84,7 +90,7 @@ def main(*names):
     found = np.concatenate(every)
     print()
     for low, high in itertools.pairwise(EDGES):
-        some = found[(found[:, 2] >= low) & (found[:, 2] < high)]
+        some = found[(found[:, 3] >= low) & (found[:, 3] < high)]
         if len(some):
             line(f"off {low} to {high}, {len(some)} scans", some)
     line(f"all {len(found)}", found)

@@ -4,11 +4,11 @@ usage: PYTHONPATH=. python benchmarks/scanner.py [VARIANT ...]        (all)
 
 A voxel of the scan has the share of solid in it (counted on 4^3 cells of the exact field), averaged with a Gaussian of
 `blur` voxels, and normal noise of `noise` times the contrast; threshold half-way, one particle per voxel. Mean of the
-signed errors of k over the bodies, in per cent, and their root mean square, for: the image as it is; denoised with a
-Gaussian of half a voxel; sharpened by the blur that is found and corrected until its own scan is the image (`auto`,
-`geometry/scan_fit.py`), or by the known blur (`known`); sharpened only by the blur that is found, after that Gaussian;
-labels (the scan segmented at the threshold); and as `auto` with the
-wall at Otsu's threshold, and half-way between fluid and solid of the scan, which is what the threshold `otsu` takes.
+signed errors of k over the bodies, in per cent, and their root mean square, for: the image as it is; averaged with a
+Gaussian of half a voxel (`denoised`); sharpened by the blur that is found and corrected until its own scan is the image
+(`auto`, `geometry/scan_fit.py`), or by the known blur (`known`); the same of the averaged image (`denoised, auto`);
+labels (the scan segmented at the threshold); and as `auto` with the wall at Otsu's threshold, and half-way between
+fluid and solid of the scan, which is what the threshold `otsu` takes.
 Grey values are in units of half the contrast between the means of the two sides, as a case takes them.
 """
 
@@ -17,7 +17,7 @@ import sys
 import numpy as np
 from walls_from_labels import ROUND, labels_of, permeability  # sets the number of threads before numba is there
 
-from isphcli.geometry.grey import field_of_grey, otsu_threshold, sharpen
+from isphcli.geometry.grey import field_of_grey, otsu_threshold
 from isphcli.geometry.iso_surface import ImageField, IsoSurfaceGeometry
 from isphcli.geometry.scan_fit import fit_scan
 from isphcli.geometry.spline import average
@@ -52,8 +52,7 @@ VARIANTS = {
     "denoised": lambda image, blur: iso(image, DENOISE),
     "auto": lambda image, blur: iso(fit_scan(image, AROUND).field),
     "known": lambda image, blur: iso(fit_scan(image, AROUND, None, blur).field),
-    "denoised, auto": lambda image, blur: iso(sharpen(average(image, DENOISE, AROUND), fit_scan(image, AROUND).blur,
-                                                      AROUND)),
+    "denoised, auto": lambda image, blur: iso(fit_scan(average(image, DENOISE, AROUND), AROUND).field),
     "Otsu": lambda image, blur: iso(fit_scan(by_otsu(image), AROUND).field),
     "half-way": lambda image, blur: iso(fit_scan(by_otsu(image), AROUND, centred=True).field),
     "labels": lambda image, blur: IsoSurfaceGeometry(labels_of(image), None, 1.0, ROUND),

@@ -91,7 +91,8 @@ class Grey:
         choices=("auto",),
     )
     denoise: float = key(
-        "width of a Gaussian that the image is averaged with against noise, in voxels; it opens throats as a blur does",
+        "width of a Gaussian that the image is averaged with against noise, in voxels; of an image that is the scan of "
+        "a body it is taken out again with the blur of the scanner, of others it opens throats as a blur does",
         default=0.0,
         at_least=0,
         at_most=2,

@@ -52,6 +52,9 @@ CENTRED = 2
 # without noise leave 0.036 at most, but 0.047 of touching spheres (0.5236), signed distances that are cut off at 1 and
 # 1.5 voxels 0.032 to 0.08, random fields 0.043 and more (docs/design_notes.md)
 MISFIT, OF_NOISE = 0.04, 1.5
+# voxels a square voxel of blur: the part of `ScanFit.off` of scans without noise, whose blur is not known exactly
+# (benchmarks/noisy_scans.py)
+OF_BLUR = 0.04
 # half contrasts: of more noise than a quarter of the contrast values on one side of the threshold are not of one fluid
 # or solid. 0.31 at most of scans with noise of 10 % at thresholds of 0.3 to 0.7 of the contrast; 0.54 to 0.63 of ramps
 # and waves (docs/design_notes.md)
@@ -87,9 +90,9 @@ class ScanFit:
     def off(self) -> float:
         """How far the walls may be off, voxels: what the image has beside the scan, at walls or where there are none
         if that is more, over the slope of a step that the scanner, the average over a voxel and the spline have made
-        wide."""
-        wide = math.sqrt(0.5 * math.pi * (self.blur * self.blur + UNBLURRED))
-        return max(self.misfit, self.pure) * wide
+        wide, times that width, as what takes the blur out enlarges it; and a part of the blur itself."""
+        square = self.blur * self.blur
+        return max(self.misfit, self.pure) * 0.5 * math.pi * (square + UNBLURRED) + OF_BLUR * square
 
     @property
     def is_scan(self) -> bool:
@@ -215,6 +218,23 @@ def _variance_cut_off(share: float) -> float:
     z = float(ndtri(share))
     density = float(np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi))
     return z * z * share + 1.0 - share + z * density - (density + z * share) ** 2
+
+
+def apart(field: np.ndarray, other: np.ndarray, slabs: Slabs) -> float:
+    """How far apart the walls of two fields [z, y, x] are, voxels: root mean square of the first at the walls of the
+    other, over that of its changes from voxel to voxel there; of walls along the voxels the distance, else up to 1.4
+    times that."""
+    values, changes = 0.0, 0.0
+    for axis in range(3):
+        a, b = (slabs.beside(v, 0, 1, False)[0] if axis == 0 and slabs.ranks.size > 1 else v for v in (field, other))
+        lower, upper = (tuple(part if k == axis else slice(None) for k in range(3))
+                        for part in (slice(None, -1), slice(1, None)))
+        wall = (b[lower] > 0.0) != (b[upper] > 0.0)
+        own, change, there = a[lower][wall], (a[upper] - a[lower])[wall], b[lower][wall]
+        own = own + there / (there - b[upper][wall]) * change
+        values += float(reduce.total(np.square(own)))
+        changes += float(reduce.total(np.square(change)))
+    return math.sqrt(values / changes) if changes > 0.0 else 0.0
 
 
 class Scanner:

@@ -6,7 +6,7 @@ import pytest
 from isphcli.domain.slabs import Slabs
 from isphcli.geometry import scan_fit
 from isphcli.geometry.grey import field_of_grey, sharpen
-from isphcli.geometry.scan_fit import Scanner, fit_scan
+from isphcli.geometry.scan_fit import Scanner, apart, fit_scan
 from isphcli.geometry.spline import average, spline_coefficients
 from tests.domain.several import on_threads
 from tests.geometry.fields import waves
@@ -45,6 +45,15 @@ def test_the_scan_of_a_ball_holds_its_volume():
     x = np.moveaxis(np.indices((12, 12, 12)), 0, -1) + 0.5 - (6.27, 6.11, 5.9)
     found = volume((np.linalg.norm(x, axis=-1) - 4.2).astype(np.float32), 12)
     assert found == pytest.approx(4 / 3 * np.pi * 4.2**3, rel=4e-3)
+
+
+def test_walls_of_two_fields_are_apart_by_their_distance():
+    """Planes 0.3 voxel apart, one of which also changes half as fast; across the axes at most 1.4 times that."""
+    x, y, _ = np.moveaxis(np.indices((9, 12, 12))[::-1], 0, 0).astype(np.float32)
+    slabs = Slabs.whole(x.shape)
+    assert apart(0.5 * (x - 5.2), x - 5.5, slabs) == pytest.approx(0.3, rel=1e-5)
+    across = (x + y) / np.sqrt(2.0)
+    assert apart(across - 8.2, across - 8.5, slabs) == pytest.approx(0.3 * np.sqrt(2.0), rel=1e-4)
 
 
 @pytest.mark.parametrize("blur", [0.0, 0.5])
@@ -117,6 +126,19 @@ def test_the_wall_is_half_way_between_fluid_and_solid(rough):
     assert volume(found.field, 12) == pytest.approx(volume(fit_scan(image, ROUND).field, 12), rel=0.01)
 
 
+def test_an_average_against_noise_is_taken_out_with_the_blur():
+    """Of a ball of radius 4.2 in a box of 12 voxels, with noise of a twentieth of the contrast: a Gaussian of a voxel
+    moves its wall by a quarter of a voxel."""
+    x = np.linalg.norm(cells(12) - (6.27, 6.11, 5.9), axis=-1)
+    noise = np.random.default_rng(0).standard_normal((12,) * 3).astype(np.float32)
+    averaged = average(scan(x > 4.2, 0.5) + np.float32(0.1) * noise, 1.0, ROUND)
+    true = 4 / 3 * np.pi * 4.2**3
+    found = fit_scan(averaged, ROUND)
+    assert volume(found.field, 12) == pytest.approx(true, rel=0.03)
+    assert abs(volume(averaged, 12) / true - 1.0) > 0.06
+    assert found.blur == pytest.approx(np.hypot(0.46, 1.0), abs=0.15)
+
+
 def test_a_distance_is_no_scan():
     """Cut off at a voxel it has the steps of a scan with a blur of 0.5 voxel, but no body has it as its scan."""
     x = np.linalg.norm(cells(14) - (7.27, 7.11, 6.9), axis=-1)
@@ -155,8 +177,10 @@ def test_processes_find_the_field_of_one(rough, around):
 
     def part(ranks):
         slabs = Slabs(image.shape, ranks=ranks)
-        return fit_scan(own(image, slabs), around, slabs)
+        found = fit_scan(own(image, slabs), around, slabs)
+        return found, apart(own(image, slabs), found.field, slabs)
 
-    found = on_threads(3, part)
+    found, distances = zip(*on_threads(3, part))
+    assert list(distances) == pytest.approx([apart(image, whole.field, Slabs.whole(image.shape))] * 3, rel=1e-5)
     assert [one.blur for one in found] == pytest.approx([whole.blur] * 3, abs=1e-9)
     assert np.concatenate([one.field for one in found]) == pytest.approx(whole.field, abs=1e-6)

@@ -10,6 +10,7 @@ from isphcli.domain import slabs
 from isphcli.geometry.grey import otsu_threshold
 from isphcli.geometry.images.image import VoxelError
 from isphcli.geometry.iso_surface import IsoSurfaceGeometry
+from isphcli.geometry.spline import average
 from isphcli.geometry.voxel_geometry import VoxelGeometry
 from isphcli.scene import image_geometry
 from isphcli.scene.build_geometry import build_geometry
@@ -126,6 +127,47 @@ def test_a_scan_has_its_wall_half_way_between_fluid_and_solid(tmp_path):
     said = dict(build_geometry(scan(tmp_path, "grey: {threshold: otsu, solid: above}", values=values)).described)
     assert f"grey value {settled.threshold:g} (half-way between fluid and solid of the scan; Otsu" in said["wall"]
     assert abs(settled.threshold - 200) < 0.5 * abs(otsu_threshold(values) - 200)
+
+
+def ball(up=4):
+    """Shares of the solid round a ball of fluid of radius 4.3 in 12^3 voxels, by `up` cells along a voxel."""
+    middles = (np.arange(12 * up) + 0.5) / up
+    x, y, z = np.meshgrid(middles, middles, middles, indexing="ij")
+    inside = (x - 6.1) ** 2 + (y - 5.9) ** 2 + (z - 6.2) ** 2 < 4.3**2
+    return 1.0 - inside.reshape(12, up, 12, up, 12, up).mean(axis=(1, 3, 5))
+
+
+@pytest.mark.parametrize(("blur", "words", "least", "most"), [(0.5, "taken out", 0.0, 0.04),
+                                                              (1.5, "say blur: auto", 0.3, 1.0)])
+def test_a_wide_blur_is_left_in_and_counts_as_doubt_of_the_walls(tmp_path, blur, words, least, most):
+    """Of a Gaussian of 1.5 voxels nothing tells whether it is the scanner's: what it moves the walls by is in doubt."""
+    values = np.round(1000 * average(ball().astype(np.float32), blur, np.ones(3, bool))).astype(np.uint16)
+    found = build_geometry(scan(tmp_path, "grey: {threshold: otsu, solid: above}", values=values))
+    assert words in dict(found.described)["sharpness"] and least < found.off < most
+
+
+@pytest.mark.parametrize("denoise", [0.0, 0.8])
+def test_a_scan_has_the_same_wall_where_noise_is_averaged(tmp_path, denoise):
+    """A Gaussian of 0.8 voxel would move the wall of the ball by 0.15 voxel, a tenth of its volume."""
+    values = np.round(1000 * ball() + 20 * np.random.default_rng(0).standard_normal((12,) * 3) + 200).astype(np.uint16)
+    case = scan(tmp_path, f"grey: {{threshold: otsu, solid: above, denoise: {denoise}}}", values=values)
+    found = build_geometry(case)
+    x = (np.moveaxis(np.indices((24,) * 3), 0, -1).reshape(-1, 3) + 0.5) / 2
+    fluid = np.mean(found.phase(x * 1e-6) >= 0) * 12**3
+    assert fluid == pytest.approx(4 / 3 * np.pi * 4.3**3, rel=0.02)
+
+
+@pytest.mark.parametrize(("threshold", "warns"), [(510, False), (350, True)])
+def test_a_threshold_far_from_half_way_is_told(tmp_path, threshold, warns):
+    values = np.round(1000 * ball()).astype(np.uint16)
+    found = build_geometry(scan(tmp_path, f"grey: {{threshold: {threshold}, solid: above}}", values=values))
+    assert any("half-way between fluid and solid" in text for text in found.warnings) is warns
+
+
+def test_grey_values_of_a_segmented_image_are_told(tmp_path):
+    values = np.where(ball() > 0.5, 255, 0).astype(np.uint8)
+    found = build_geometry(scan(tmp_path, "grey: {threshold: otsu, solid: above}", values=values))
+    assert any("geometry.voxels.labels" in text for text in found.warnings)
 
 
 def test_what_was_understood_is_said(tmp_path):
