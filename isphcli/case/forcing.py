@@ -300,7 +300,9 @@ def why_closed(case: Case, *axes: int) -> str:
         )
         found.append(f"nothing can flow along {names}: both faces are walls; {image}add {names} to geometry.periodic")
     if blocked := [axis for axis in axes if axis not in walled]:
-        what = "geometry.shapes" if case.geometry.voxels is None else "geometry.voxels.labels"
+        voxels = case.geometry.voxels
+        what = ("geometry.shapes" if voxels is None else
+                "geometry.voxels." + ("labels" if voxels.grey is None else "grey.threshold and grey.solid"))
         found.append(
             f"no fluid path leads through the scene along {_listed(blocked)}: the permeability is zero; check {what}, "
             "or take a smaller particles.spacing if the lattice closes the throats"
