@@ -324,8 +324,8 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
                         "range of k does not count that: take otsu, unless this value is known better",)
     noise = max(found.noise, found.pure)
     if noise > TURNS_VOXELS:
-        warnings += (f"{spec.file}: noise of {50 * noise:.0f} % of the contrast or more puts single voxels on the wrong "
-                     "side of the threshold: k may be far too low, and its range does not count that; take "
+        warnings += (f"{spec.file}: noise of {50 * noise:.0f} % of the contrast or more puts single voxels on the "
+                     "wrong side of the threshold: k may be far too low, and its range does not count that; take "
                      "geometry.voxels.grey.denoise: 1",)
     words = f"{scan}; the blur and the average over a voxel are taken out"
     return _GreyField(found.field, threshold, how, words, max(blur, SOME), found.off, warnings)
