@@ -192,18 +192,19 @@ def draw_images(scene: Scene3D, names: Sequence[str]) -> dict[str, np.ndarray]:
 def _other_process(scene: Scene3D, names: Sequence[str]) -> Iterator[tuple[Callable[[], dict[str, Any]], Path]]:
     """Starts the process that draws `<name>.npy` into a folder; yields a function that waits for it and returns what it
     says of the pictures, and the folder. A process that is not waited for is ended with the block."""
-    with tempfile.TemporaryDirectory(prefix="isph-render-") as place:
-        folder = Path(place)
-        np.savez(folder / "scene.npz", **_arrays_of(scene))
-        command = [sys.executable, "-W", "ignore", "-m", "isphcli.output.render", place, *names]
-        root = str(Path(__file__).resolve().parents[2])
-        path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
-        # windows of another machine's screen are not for pictures in files
-        environment = {k: v for k, v in os.environ.items() if k != "DISPLAY"} | {"PYTHONPATH": path}
-        process: subprocess.Popen[str] | OSError
-        try:
-            process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-                                       text=True)
+    command = [sys.executable, "-W", "ignore", "-m", "isphcli.output.render"]
+    root = str(Path(__file__).resolve().parents[2])
+    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
+    # windows of another machine's screen are not for pictures in files
+    environment = {k: v for k, v in os.environ.items() if k != "DISPLAY"} | {"PYTHONPATH": path}
+    process: subprocess.Popen[str] | OSError
+    with contextlib.ExitStack() as places:
+        folder = Path()
+        try:  # a full disk too is told by who waits: what the block does needs no other process
+            folder = Path(places.enter_context(tempfile.TemporaryDirectory(prefix="isph-render-")))
+            np.savez(folder / "scene.npz", **_arrays_of(scene))
+            process = subprocess.Popen([*command, str(folder), *names], env=environment, stdout=subprocess.DEVNULL,
+                                       stderr=subprocess.PIPE, text=True)
         except OSError as error:
             process = error
         try:

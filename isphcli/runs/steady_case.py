@@ -456,11 +456,10 @@ def _tell(found: AxisResult, case: Case, closed: Closed, seen: Seen, porosity: f
     if found.shut:
         where = f"at the spacing {', '.join(f'{h:g}' for h in found.shut)} " if opened else ""
         seen.warnings.append(where + (closed[axis, found.shut[0]] or why_closed(case, axis)))
-    known = seen.open_axes or []
     if opened:  # by pairs of particles, although it may be closed by faces of lattice sites
-        seen.open_axes = [a for a in "xyz" if a == name or a in known]
-    else:
-        seen.open_axes = [a for a in known if a != name]
+        seen.open_axes = [a for a in "xyz" if a == name or a in (seen.open_axes or [])]
+    elif seen.open_axes is not None:  # without a check, a closed axis says nothing of those that were not solved
+        seen.open_axes = [a for a in seen.open_axes if a != name]
     told = seen.throats is not None and seen.throats["median"] < THINNEST  # the check has warned of the same pores
     resists = case.microporous or case.geometry.depth  # drag besides that of walls: k gives no width
     if found.permeability > 0.0 and not told and not resists:

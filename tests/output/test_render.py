@@ -1,5 +1,6 @@
 """Pictures in 3D: what they show, by a coarse hash, and what is said where they cannot be drawn."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -160,6 +161,19 @@ def test_a_process_that_cannot_start_leaves_the_block_alone(tmp_path, geometry, 
     scene = render.scene_of(geometry, particles, 1 / N, 0)
     frame, reached = Frame(3, 1 / N, lower=geometry.lower, upper=geometry.upper), []
     with (pytest.raises(render.RenderError, match="no such python"),
+          render.rendering(scene, frame, {render.FLOW: tmp_path / "flow.png"})):
+        reached.append(True)
+    assert reached
+
+
+def test_a_full_disk_leaves_the_block_alone(tmp_path, geometry, particles, monkeypatch):
+    def full(*args, **arrays):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    scene = render.scene_of(geometry, particles, 1 / N, 0)
+    monkeypatch.setattr(np, "savez", full)
+    frame, reached = Frame(3, 1 / N, lower=geometry.lower, upper=geometry.upper), []
+    with (pytest.raises(render.RenderError, match="No space left"),
           render.rendering(scene, frame, {render.FLOW: tmp_path / "flow.png"})):
         reached.append(True)
     assert reached
