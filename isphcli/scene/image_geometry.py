@@ -295,7 +295,10 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
     if share < TWO_VALUED:  # a threshold may be given far from the one that parts an image best
         share = max(share, grey_classes(values, otsu_threshold(values))[2])
     if grey.blur is None and share < TWO_VALUED:
-        return _GreyField(field, threshold, how, "it is not one of two grey values: taken as it is")
+        # an average takes noise away and leaves a smooth field, whose share stays
+        noisy = grey_classes(average(field, 1.0, around, slabs), 0.0)[2] >= TWO_VALUED
+        return _GreyField(field, threshold, how, "it is not one of two grey values: taken as it is",
+                          warnings=(_much_noise(spec, "so much noise that its two grey values"),) if noisy else ())
     centred = isinstance(grey.threshold, str) and not grey.fluids  # of two fluids there is no one value of fluid
     # the average against noise is a blur like that of the scanner, and is taken out with it
     known = math.hypot(grey.blur, grey.denoise) if isinstance(grey.blur, float) else None
@@ -324,11 +327,15 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
                         "range of k does not count that: take otsu, unless this value is known better",)
     noise = max(found.noise, found.pure)
     if noise > TURNS_VOXELS:
-        warnings += (f"{spec.file}: noise of {50 * noise:.0f} % of the contrast or more puts single voxels on the "
-                     "wrong side of the threshold: k may be far too low, and its range does not count that; take "
-                     "geometry.voxels.grey.denoise: 1",)
+        warnings += (_much_noise(spec, f"noise of {50 * noise:.0f} % of the contrast or more: single voxels"),)
     words = f"{scan}; the blur and the average over a voxel are taken out"
     return _GreyField(found.field, threshold, how, words, max(blur, SOME), found.off, warnings)
+
+
+def _much_noise(spec: Voxels, what: str) -> str:
+    """The warning of noise that hides on which side of the threshold a voxel is; what: does."""
+    return (f"{spec.file}: {what} are on either side of the threshold: k may be far too low, and its range does not "
+            "count that; take geometry.voxels.grey.denoise: 1")
 
 
 def _how(grey: Grey) -> str:

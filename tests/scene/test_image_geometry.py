@@ -164,10 +164,12 @@ def test_a_threshold_far_from_half_way_is_told(tmp_path, threshold, warns):
     assert any("half-way between fluid and solid" in text for text in found.warnings) is warns
 
 
-@pytest.mark.parametrize(("noise", "denoise", "warns"), [(50, 0.0, False), (200, 0.0, True), (200, 1.0, False)])
+@pytest.mark.parametrize(("noise", "denoise", "warns"), [(50, 0.0, False), (200, 0.0, True), (200, 1.0, False),
+                                                         (400, 0.0, True)])
 def test_noise_that_turns_voxels_is_told(tmp_path, noise, denoise, warns):
-    """Of noise of a fifth of the contrast some voxels are on the wrong side; averaged over a voxel none is."""
-    values = np.round(1000 * ball() + noise * np.random.default_rng(0).standard_normal((12,) * 3) + 1000)
+    """Of noise of a fifth of the contrast some voxels are on the wrong side; averaged over a voxel none is. Noise of
+    two fifths hides that there are two values."""
+    values = np.round(1000 * ball() + noise * np.random.default_rng(0).standard_normal((12,) * 3) + 3000)
     found = build_geometry(scan(tmp_path, f"grey: {{threshold: otsu, solid: above, denoise: {denoise}}}",
                                 values=values.astype(np.uint16)))
     assert any("denoise: 1" in text for text in found.warnings) is warns
