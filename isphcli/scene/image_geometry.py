@@ -313,6 +313,7 @@ def _field_of(spec: Voxels, values: np.ndarray, threshold: float, slabs: Slabs, 
         words, off = f"nearest to {scan}: taken as it is", None
         if is_scan:  # or a smooth field: nothing in the image tells which
             words += "; if it is that scan, say blur: auto"
+        if found.blur < WIDTHS[-1]:
             off = found.off + AS_IT_IS * apart(field, found.field, slabs)
         return _GreyField(field, threshold, how, words, off=off)
     half_way = threshold + 0.5 * (high - low) * (-found.zero if grey.solid == "above" else found.zero)
@@ -359,9 +360,9 @@ def _threshold(grey: Grey, values: np.ndarray) -> float:
     return otsu_threshold(values) if isinstance(grey.threshold, str) else grey.threshold
 
 
-# What the walls of a smooth field and those of the body whose scan it may be are apart counts so often in `off`: of
-# scans with a blur of 0 to 1.5 voxels that are taken as they are k then is in the range of nine in ten
-# (benchmarks/noisy_scans.py)
+# What the walls of an image that is taken as it is and those of the body that was found are apart counts so often in
+# `off`: of scans with a blur of 0 to 1.5 voxels nine in ten then are in the range of k (docs/design_notes.md), and of
+# bodies half of whose solid is 2.5 times as bright
 AS_IT_IS = 1.5
 # half contrasts: a threshold that is given farther from half-way has a warning: of four per cent of the contrast k of
 # cases/grey_blobs.yaml is a fifth off
