@@ -146,14 +146,14 @@ def contact_angle_errors(case: Case, result: Result) -> Errors:
     size, errors = _size(case, result, drop)
     asked = case.interface.contact_angle if case.interface else None
     asked = number(case, "angle", asked if asked is None or drop == 0 else 180.0 - asked)  # through the drop
-    wall = str(parameter(case, "wall", _lower_wall(case, dim)))
+    tilt = math.radians(number(case, "tilt", 0.0))
+    wall = str(parameter(case, "wall", "y_min" if tilt else _lower_wall(case, dim)))
+    if wall not in [f"{axis}_{end}" for axis in AXES[:dim] for end in ("min", "max")] or not 0 < asked < 180:
+        raise CompareError(f"a drop on the wall {wall} at {asked:g} degrees has no cap to compare with")
     if wall[0] in case.geometry.repeats and "at" not in case.reference.parameters:
         raise CompareError(f"the face {wall} is no wall: the scene repeats along {wall[0]}; name the wall that the "
                            "drop sits on, reference.parameters.wall, or where it is, reference.parameters.at")
-    if wall not in [f"{axis}_{end}" for axis in AXES[:dim] for end in ("min", "max")] or not 0 < asked < 180:
-        raise CompareError(f"a drop on the wall {wall} at {asked:g} degrees has no cap to compare with")
     axis, lowest = AXES.index(wall[0]), wall.endswith("min")
-    tilt = math.radians(number(case, "tilt", 0.0))
     if tilt and (dim == 3 or wall != "y_min"):
         raise CompareError("reference.parameters.tilt turns the wall y_min of a scene of two axes")
     up = np.eye(dim)[axis] if tilt == 0.0 else np.array([-math.sin(tilt), math.cos(tilt)])
